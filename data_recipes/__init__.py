@@ -1,0 +1,1 @@
+"""Where ground truth comes from: rigs r(p), and the poses that drive them."""

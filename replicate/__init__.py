@@ -1,0 +1,1 @@
+"""The paper: *Fast and Deep Facial Deformations*, a module an idea."""

@@ -1,0 +1,1 @@
+"""What is drawn: renders, heatmaps and the figures of the paper."""
