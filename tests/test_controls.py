@@ -1,0 +1,67 @@
+"""Controls: names, counts, ranges, and what a bad recipe hears."""
+
+import re
+
+import pytest
+
+from data_recipes.controls import Control, control_groups, control_index, handle_names, make_controls
+from replicate.errors import InputError
+
+ALL = {group: len(controls) for group, controls in control_groups().items()}
+
+
+def test_the_full_list_has_258_controls_with_distinct_plain_names():
+    controls = make_controls(ALL)
+    assert len(controls) == 258
+    assert len({c.name for c in controls}) == 258
+    assert all(re.fullmatch(r"[a-z][a-z0-9_]*", c.name) for c in controls)
+
+
+def test_every_default_is_zero_and_inside_its_range():
+    assert all(c.lower <= c.default == 0 <= c.upper for c in make_controls(ALL))
+
+
+def test_each_left_control_has_a_right_twin_of_the_same_range():
+    by_name = {c.name: c for c in make_controls(ALL)}
+    lefts = [c for c in by_name.values() if "left" in c.name]
+    assert len(lefts) > 80
+    for left in lefts:
+        right = by_name[left.name.replace("left", "right")]
+        assert (right.lower, right.upper) == (left.lower, left.upper)
+        assert right.region == left.region.replace("left", "right")
+
+
+def test_a_smaller_rig_takes_the_first_controls_of_each_group():
+    small = make_controls({"face": 4, "jaw": 1, "handles": 6})
+    assert [c.name for c in small][:5] == [
+        "brow_inner_up_left", "brow_inner_up_right", "brow_outer_up_left", "brow_outer_up_right", "jaw_open",
+    ]  # fmt: skip
+    assert handle_names(small) == ["brow_left_02", "brow_right_02"]
+    assert control_index(small)["jaw_open"] == 4
+
+
+@pytest.mark.parametrize(
+    "counts, part",
+    [
+        ({"whiskers": 3}, "whiskers is no group"),
+        ({"face": 53}, "controls.face is 53"),
+        ({"jaw": -1}, "from 0 to 16"),
+        ({"jaw": 2.5}, "controls.jaw is 2.5"),
+        ({"jaw": True}, "controls.jaw is True"),
+        ({}, "at least one control"),
+    ],
+)
+def test_bad_counts_are_named(counts, part):
+    with pytest.raises(InputError, match=re.escape(part)) as caught:
+        make_controls(counts, "teen.toml")
+    assert str(caught.value).startswith("teen.toml")
+
+
+@pytest.mark.parametrize(
+    "numbers, part",
+    [((1.0, 1.0, 1.0), "empty"), ((2.0, 0.0, -2.0), "empty"), ((0.0, 2.0, 1.0), "outside"), ((0.0, 0.0, float("nan")), "finite")],
+)
+def test_a_control_with_an_empty_range_or_no_number_is_refused(numbers, part):
+    with pytest.raises(InputError, match=part) as caught:
+        Control("jaw_open", *numbers, "jaw")
+    assert "'jaw_open'" in str(caught.value)
