@@ -29,10 +29,11 @@ class Mesh:
     Raises InputError, naming the first offending index, for anything else.
     """
 
-    neutral: Float[np.ndarray, "n 3"]
-    faces: Int[np.ndarray, "f 3"]
-    uv: Float[np.ndarray, "n 2"]
-    segment: Int[np.ndarray, "n"]
+    # Plain arrays: __post_init__ checks the shapes of what users bring, and says more than a type error could.
+    neutral: np.ndarray
+    faces: np.ndarray
+    uv: np.ndarray
+    segment: np.ndarray
     segment_names: tuple[str, ...]
 
     def __post_init__(self) -> None:
@@ -43,7 +44,7 @@ class Mesh:
         _check_values(self)
 
     @property
-    def face_segment(self) -> Int[np.ndarray, "f"]:
+    def face_segment(self) -> Int[np.ndarray, " f"]:
         """The segment of each face: that of two of its vertices, or of its first where all three differ."""
         a, b, c = self.segment[self.faces].T
         return np.where(b == c, b, a).astype(np.int32)
