@@ -1,0 +1,242 @@
+"""Every number that a run can be given, as frozen dataclasses whose defaults are the paper's values.
+
+A profile overrides some of them, a TOML file (`CONFIG=file.toml`) may override more; an unknown key or a value
+out of range is an InputError. The resolved configuration is stored with every artefact and decides its key.
+"""
+
+import dataclasses
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from replicate.checked import Checked, number
+from replicate.errors import InputError
+from replicate.paths import character_names, recipe_file
+
+
+@dataclass(frozen=True)
+class SamplesConfig(Checked):
+    """How the training and test poses are made (§3.5, §5.1)."""
+
+    count: int = number(50_000, 1)
+    low: float = number(0.25, 0.0)  # the factors of Eq. 5
+    high: float = number(3.0, 0.0)
+    bins: int = number(16, 1)
+    split: Literal["frames", "clips"] = "frames"
+    held_out: float = number(0.1, 0.001, 0.9)  # share of the animation that makes the test poses
+    uniform_test: int = number(5_000, 1)  # test poses of a rig without clips
+
+    def __post_init__(self):
+        super().__post_init__()
+        if self.high < self.low:
+            raise InputError(f"high is {self.high!r}: allowed is a number of at least low, {self.low}")
+
+
+@dataclass(frozen=True)
+class TrainingConfig(Checked):
+    """The schedule of one network's training (§3.5; D2)."""
+
+    schedule: Literal["paper", "one_cycle"] = "paper"
+    steps: int = number(70_000, 1)
+    batch: int = number(8, 1)
+    rates: tuple[float, ...] = number((1e-3, 1e-4, 1e-5), 1e-9, 1.0)  # "paper": one after the other
+    shares: tuple[float, ...] = number((5.0, 1.0, 1.0), 0.0)  # of the steps that each rate gets
+    peak_rate: float = number(2e-3, 1e-9, 1.0)  # "one_cycle": linear warm-up to it, cosine decay from it
+    warm_up: float = number(0.05, 0.0, 0.9)  # share of the steps
+
+    def __post_init__(self):
+        super().__post_init__()
+        if len(self.shares) != len(self.rates) or sum(self.shares) <= 0:
+            raise InputError(
+                f"shares is {self.shares!r}: allowed is a list of {len(self.rates)} numbers, as many as rates, not all 0"
+            )
+
+
+def _check_map_size(size: int) -> None:
+    if size & (size - 1):
+        raise InputError(f"map_size is {size}: allowed is a power of two, since each level doubles the 8×8 maps")
+
+
+@dataclass(frozen=True)
+class CoarseConfig(Checked):
+    """The coarse approximation: a CNN per segment (§3.1–3.2, Fig. 3)."""
+
+    map_size: int = number(32, 16, 1024)
+    channels: int = number(16, 1)
+    hidden: tuple[int, ...] = number((256, 512), 1)
+    leaky_slope: float = number(0.2, 0.0, 1.0)
+    normal_weight: float = number(5.0, 0.0)  # α of Eq. 1, with positions in mm
+    training: TrainingConfig = TrainingConfig()
+
+    def __post_init__(self):
+        super().__post_init__()
+        _check_map_size(self.map_size)
+
+
+@dataclass(frozen=True)
+class RefinementConfig(Checked):
+    """The refinement: where it is needed, and its CNNs (§3.3)."""
+
+    map_size: int = number(64, 16, 1024)
+    channels: int = number(16, 1)
+    hidden: tuple[int, ...] = number((256, 512), 1)
+    leaky_slope: float = number(0.2, 0.0, 1.0)
+    normal_weight: float = number(5.0, 0.0)
+    square: float = number(0.25, 0.01, 1.0)  # side of a segment, of the width of the UVs
+    clusters_max: int = number(10, 2, 64)  # the elbow is looked for up to so many clusters
+    poses: int = number(1_000, 1)  # training poses that Eq. 2 is averaged over
+    training: TrainingConfig = TrainingConfig()
+
+    def __post_init__(self):
+        super().__post_init__()
+        _check_map_size(self.map_size)
+
+
+@dataclass(frozen=True)
+class DenseConfig(Checked):
+    """The dense baseline: an MLP per segment (§5.1)."""
+
+    hidden: tuple[int, ...] = number((256, 256), 1)
+    leaky_slope: float = number(0.2, 0.0, 1.0)
+    normal_weight: float = number(5.0, 0.0)
+    training: TrainingConfig = TrainingConfig()
+
+
+@dataclass(frozen=True)
+class RigidConfig(Checked):
+    """The rigid segments and what they are attached to (§3.4)."""
+
+    tau_mm: float = number(0.3, 0.0)  # on the mean of Eq. 3
+    attachments: int = number(10, 3)  # c of Eq. 4
+    poses: int = number(200, 2)  # training poses that Eq. 3 and 4 are evaluated on
+
+
+@dataclass(frozen=True)
+class LbsConfig(Checked):
+    """Linear blend skinning fitted by SSDR (§5.1; Le and Deng 2012)."""
+
+    bones: tuple[int, ...] = number((16, 24, 32), 1)
+    influences: int = number(8, 1)
+    samples: int = number(1_000, 2)
+    iterations: int = number(100, 1)
+    refit_sweeps: int = number(200, 1)  # the most sweeps over the bones of a test pose
+    refit_tolerance: float = number(1e-4, 0.0)  # relative change of the error at which they stop
+
+
+@dataclass(frozen=True)
+class EvaluationConfig(Checked):
+    """What is measured and shown (§5.1)."""
+
+    test_poses: int = number(0, 0)  # a random subset of so many unique test poses; 0 takes them all, as the paper
+    batch: int = number(32, 1)  # test poses predicted at a time
+    floor_poses: int = number(0, 0)  # test poses that the projection floor is measured on; 0 takes them all
+    heatmap_deg: float = number(10.0, 0.1)  # upper end of the colours, shared by all panels
+
+
+@dataclass(frozen=True)
+class Config(Checked):
+    """A run for one character."""
+
+    character: str
+    profile: str = "paper"
+    seed: int = number(0, 0, 2**32 - 1)
+    device: Literal["cpu", "cuda"] = "cpu"
+    samples: SamplesConfig = SamplesConfig()
+    coarse: CoarseConfig = CoarseConfig()
+    refinement: RefinementConfig = RefinementConfig()
+    dense: DenseConfig = DenseConfig()
+    rigid: RigidConfig = RigidConfig()
+    lbs: LbsConfig = LbsConfig()
+    evaluation: EvaluationConfig = EvaluationConfig()
+
+    def __post_init__(self):
+        super().__post_init__()
+        if not recipe_file(self.character).is_file():
+            raise InputError(
+                f"character {self.character!r} has no recipe: allowed are {', '.join(character_names())}, "
+                "or the path of a .toml recipe"
+            )
+
+
+def _one_cycle(steps: int, peak_rate: float = 2e-3) -> dict:
+    return {"training": {"schedule": "one_cycle", "steps": steps, "peak_rate": peak_rate}}
+
+
+PROFILES: dict[str, dict] = {
+    "quick": {
+        "samples": {"count": 1_500, "uniform_test": 200},
+        "coarse": _one_cycle(1_200, 5e-3),
+        "refinement": {"poses": 200, **_one_cycle(800, 5e-3)},
+        "dense": _one_cycle(800),
+        "rigid": {"poses": 100},
+        "lbs": {"samples": 200, "iterations": 15, "refit_sweeps": 40},
+        "evaluation": {"test_poses": 200, "floor_poses": 50},
+    },
+    "laptop": {
+        "samples": {"count": 10_000, "uniform_test": 1_000},
+        "coarse": _one_cycle(10_000),
+        "refinement": _one_cycle(6_000),
+        "dense": _one_cycle(6_000),
+        "evaluation": {"floor_poses": 200},
+    },
+    "paper": {},
+}
+
+
+def resolve(
+    character: str, profile: str = "paper", overrides: dict | None = None, file: Path | None = None, **values
+) -> Config:
+    """Return the configuration of one character: the paper's values, then the profile, a file, and single values.
+
+    character: a name from `paths.character_names()`, or the path of a recipe. overrides: a nested dict as a TOML
+    file would give. file: a TOML file of overrides. values: top-level fields, e.g. `seed=3`; None leaves a field.
+    Raises InputError for an unknown profile or key and for a value out of range.
+    """
+    if profile not in PROFILES:
+        raise InputError(f"profile {profile!r} is unknown: allowed are {', '.join(PROFILES)}")
+    config = _replace(Config(character=character, profile=profile), PROFILES[profile], "")
+    if file is not None:
+        config = _replace_from(config, read_overrides(file), str(file))
+    if overrides:
+        config = _replace_from(config, overrides, "overrides")
+    return _replace(config, {name: value for name, value in values.items() if value is not None}, "")
+
+
+def read_overrides(file: Path) -> dict:
+    """Read a TOML file of overrides; raises InputError if it is missing or no TOML."""
+    try:
+        return tomllib.loads(Path(file).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{file}: there is no such file") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{file}: not a readable TOML file ({error})") from None
+
+
+def _replace_from(config: Config, overrides: dict, source: str) -> Config:
+    for fixed in ("character", "profile"):  # the command line's; a file for several characters can't name them
+        if fixed in overrides:
+            raise InputError(f"{source}: {fixed} can't be set here: use {fixed.upper()}{'S' * (fixed == 'character')}=")
+    try:
+        return _replace(config, overrides, "")
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+
+
+def _replace(config, overrides: dict, prefix: str):
+    """Return `config` with nested overrides applied; `prefix` names the section in errors."""
+    names = [entry.name for entry in dataclasses.fields(config)]
+    changes = {}
+    for name, value in overrides.items():
+        if name not in names:
+            raise InputError(f"unknown key {prefix}{name}: allowed are {', '.join(names)}")
+        current = getattr(config, name)
+        if dataclasses.is_dataclass(current):
+            if not isinstance(value, dict):
+                raise InputError(f"{prefix}{name} is {value!r}: allowed is a table")
+            value = _replace(current, value, f"{prefix}{name}.")
+        changes[name] = tuple(value) if isinstance(value, list) else value
+    try:
+        return dataclasses.replace(config, **changes)
+    except InputError as error:
+        raise InputError(f"{prefix}{error}") from None

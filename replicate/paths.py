@@ -1,0 +1,31 @@
+"""Where things lie: the project, the recipes, the cache and the results."""
+
+import os
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+RECIPES = ROOT / "data_recipes"
+RESULTS = ROOT / "results"
+PAPER = RESULTS / "paper"
+REFERENCE = RESULTS / "reference"
+
+
+def cache_folder() -> Path:
+    """Return the folder of all artefacts: `$REPLICATE_CACHE`, else `.cache` in the project; it need not exist."""
+    named = os.environ.get("REPLICATE_CACHE", "").strip()
+    return Path(named).expanduser().resolve() if named else ROOT / ".cache"
+
+
+def run_folder(profile: str) -> Path:
+    """Return the folder that a run with this profile writes its tables and figures to."""
+    return RESULTS / "runs" / profile
+
+
+def character_names() -> tuple[str, ...]:
+    """Return the names of the characters: one recipe file each."""
+    return tuple(sorted(path.stem for path in RECIPES.glob("*.toml")))
+
+
+def recipe_file(character: str) -> Path:
+    """Return the recipe of a character, given by its name or as the path of a `.toml` file of one's own."""
+    return Path(character).resolve() if character.endswith(".toml") else RECIPES / f"{character}.toml"
