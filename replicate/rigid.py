@@ -1,0 +1,168 @@
+"""Mesh segments that move rigidly, and their placement from vertices near them (§3.4).
+
+Teeth need no network: once the deformable part of a mesh is approximated, each tooth follows the rotation and
+translation of a handful of deformable vertices that move as it does. Which segments are rigid (Eq. 3) and which
+vertices carry them (Eq. 4) is found from example poses. All lengths are millimetres; rotations act on row vectors,
+V @ R + t.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from replicate.errors import InputError
+from replicate.mesh import Mesh
+
+
+def align(
+    source: Float[np.ndarray, "*#batch n 3"],
+    target: Float[np.ndarray, "*#batch n 3"],
+    weights: Float[np.ndarray, "*#batch n"] | None = None,
+) -> tuple[Float[np.ndarray, "*batch 3 3"], Float[np.ndarray, "*batch 3"]]:
+    """Return the rotation R and translation t that best align two point sets (Eq. 3).
+
+    They minimise Σ_i weights_i ‖source_i R + t − target_i‖² with R in SO(3): a mirrored or flat target yields the best
+    proper rotation, never a reflection. Where the points leave a freedom (all on a line, or all in one place) the
+    rotation nearest to the identity is taken. Leading axes are batches and broadcast; the work is done in float64.
+    """
+    source, target = np.asarray(source, np.float64), np.asarray(target, np.float64)
+    if weights is None:
+        share = np.full(source.shape[-2:-1], 1.0 / source.shape[-2])
+    else:
+        share = weights / np.sum(weights, axis=-1, keepdims=True, dtype=np.float64)
+    source_centre = np.einsum("...n,...nk->...k", share, source)
+    target_centre = np.einsum("...n,...nk->...k", share, target)
+    centred = (source - source_centre[..., None, :]) * share[..., None]
+    covariance = np.swapaxes(centred, -1, -2) @ (target - target_centre[..., None, :])
+    rotation = nearest_rotation(covariance)
+    translation = target_centre - (source_centre[..., None, :] @ rotation)[..., 0, :]
+    return rotation, translation
+
+
+def nearest_rotation(matrix: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3 3"]:
+    """Return the R in SO(3) that maximises tr(Rᵀ matrix).
+
+    A rank-deficient matrix leaves R undetermined; 1e-12 of its size is added along the identity to settle that.
+    """
+    size = np.linalg.norm(matrix, axis=(-2, -1), keepdims=True)
+    settled = matrix + (1e-12 * size + np.finfo(np.float64).tiny) * np.eye(3)
+    left, _, right = np.linalg.svd(settled)
+    sign = np.ones(left.shape[:-1])
+    sign[..., 2] = np.where(np.linalg.det(left) * np.linalg.det(right) < 0, -1.0, 1.0)
+    return (left * sign[..., None, :]) @ right
+
+
+def segment_errors(mesh: Mesh, vertices: Float[np.ndarray, "b n 3"]) -> Float[np.ndarray, "b k"]:
+    """Return how far each segment is from a rigid motion in each pose: Eq. 3's residual as an RMS in millimetres.
+
+    Eq. 3 is a sum of squares over a segment's vertices, which grows with their number and is no length, while the
+    paper's threshold is one; so the mean over vertices is taken and then the root (DEVIATIONS, rigid segments). A
+    segment is a column, in the order of `mesh.segment_names`.
+    """
+    errors = np.empty((len(vertices), len(mesh.segment_names)))
+    for k in range(len(mesh.segment_names)):
+        rest, posed = mesh.neutral[mesh.segment == k], vertices[:, mesh.segment == k]
+        rotation, translation = align(rest, posed)
+        residual = rest @ rotation + translation[:, None, :] - posed
+        errors[:, k] = np.sqrt((residual**2).sum(-1).mean(-1))
+    return errors
+
+
+@dataclass(frozen=True)
+class Attachments:
+    """Rigid segments and the deformable vertices that carry them (r segments, c vertices each).
+
+    segment: index into the mesh's segments. vertex: indices into the mesh, best first. error_mm: their root of
+    Eq. 4's ε_rj. rigid_error_mm: the segment's own mean residual of Eq. 3. spread_mm: standard deviations of the
+    carrying vertices along their three principal axes at rest, largest first: a placement is only as well conditioned
+    as the second of them is large.
+    """
+
+    segment: Int[np.ndarray, " r"]
+    vertex: Int[np.ndarray, "r c"]
+    error_mm: Float[np.ndarray, "r c"]
+    rigid_error_mm: Float[np.ndarray, " r"]
+    spread_mm: Float[np.ndarray, "r 3"]
+
+    def save(self, path: Path) -> None:
+        """Write the five arrays as one npz file."""
+        np.savez(path, **vars(self))
+
+    @staticmethod
+    def load(path: Path) -> "Attachments":
+        """Read what `save` wrote."""
+        with np.load(path, allow_pickle=False) as arrays:
+            return Attachments(**{name: arrays[name] for name in arrays.files})
+
+
+def find_attachments(
+    mesh: Mesh, vertices: Float[np.ndarray, "b n 3"], tau_mm: float = 0.3, count: int = 10
+) -> Attachments:
+    """Find the rigid segments (mean of Eq. 3 below τ) and the `count` vertices that best follow each (Eq. 4).
+
+    vertices: example poses (b, n, 3) mm of the rig itself. Vertices of rigid segments carry nothing. Raises InputError
+    when there are rigid segments but fewer deformable vertices than `count`.
+    """
+    errors = segment_errors(mesh, vertices).mean(0)
+    rigid = np.flatnonzero(errors < tau_mm)
+    candidates = np.flatnonzero(~np.isin(mesh.segment, rigid))
+    if len(rigid) and len(candidates) < count:
+        raise InputError(
+            f"rigid segments: {len(candidates)} deformable vertices are left to carry {len(rigid)} rigid segments, "
+            f"at least {count} are needed"
+        )
+    chosen = np.empty((len(rigid), count), np.int64)
+    follow = np.empty((len(rigid), count))
+    spread = np.empty((len(rigid), 3))
+    for row, k in enumerate(rigid):
+        motion = align(mesh.neutral[mesh.segment == k], vertices[:, mesh.segment == k])
+        error = following_errors(mesh.neutral[candidates], vertices[:, candidates], *motion)
+        best = np.argsort(error, kind="stable")[:count]
+        chosen[row], follow[row] = candidates[best], error[best]
+        rest = mesh.neutral[chosen[row]].astype(np.float64)
+        variance = np.linalg.eigvalsh(np.cov(rest.T, bias=True))[::-1]
+        spread[row] = np.sqrt(np.maximum(variance, 0.0))
+    return Attachments(rigid, chosen, follow, errors[rigid], spread)
+
+
+def following_errors(
+    neutral: Float[np.ndarray, "n 3"],
+    vertices: Float[np.ndarray, "b n 3"],
+    rotation: Float[np.ndarray, "b 3 3"],
+    translation: Float[np.ndarray, "b 3"],
+) -> Float[np.ndarray, " n"]:
+    """Return for each vertex how badly it follows a rigid motion, √ε_rj of Eq. 4, in millimetres."""
+    total = np.zeros(len(neutral))
+    for pose, turn, shift in zip(vertices, rotation, translation, strict=True):
+        total += ((neutral @ turn + shift - pose) ** 2).sum(-1)
+    return np.sqrt(total / len(vertices))
+
+
+def attach(
+    mesh: Mesh, attachments: Attachments, vertices: Float[np.ndarray, "b n 3"]
+) -> Float[np.ndarray, "b n 3"]:
+    """Return the poses with every rigid segment placed by the vertices that carry it (§3.4).
+
+    vertices: (b, n, 3) mm, right on the deformable segments; whatever they hold on rigid ones is replaced.
+    """
+    placed = np.array(vertices, np.float32)
+    rotation, translation = align(mesh.neutral[attachments.vertex], vertices[:, attachments.vertex])  # (b, r, 3, 3)
+    for row, k in enumerate(attachments.segment):
+        members = np.flatnonzero(mesh.segment == k)
+        placed[:, members] = mesh.neutral[members] @ rotation[:, row] + translation[:, row, None, :]
+    return placed
+
+
+def placement_errors(
+    mesh: Mesh, attachments: Attachments, placed: Float[np.ndarray, "b n 3"], vertices: Float[np.ndarray, "b n 3"]
+) -> Float[np.ndarray, "b r"]:
+    """Return each rigid segment's mean distance in millimetres between where it was placed and where it belongs."""
+    distance = np.linalg.norm(placed - vertices, axis=-1)
+    return np.stack([distance[:, mesh.segment == k].mean(-1) for k in attachments.segment], axis=-1)
+
+
+def rigid_vertices(mesh: Mesh, attachments: Attachments) -> Bool[np.ndarray, " n"]:
+    """Return which vertices belong to rigid segments."""
+    return np.isin(mesh.segment, attachments.segment)
