@@ -1,8 +1,15 @@
-"""The one kind of error that a user can mend by changing what they gave us."""
+"""The errors that end a command with one sentence instead of a traceback."""
 
 
 class InputError(ValueError):
     """Bad input: one sentence that names the file, the key or index, what was found and what is allowed.
 
     The command line prints the sentence alone and exits with code 2; nothing has been written by then.
+    """
+
+
+class RunError(RuntimeError):
+    """A run that could not go on, for a reason outside its input: a stage failed or was killed, or the disk is full.
+
+    The command line prints the one sentence and exits with code 1; what was finished by then stays in the cache.
     """
