@@ -20,13 +20,15 @@ _BINS = 32 * _BINS_PER_OCTAVE
 
 
 def vertex_error(
-    predicted: Float[np.ndarray, "*b n 3"], target: Float[np.ndarray, "*b n 3"]
-) -> Float[np.ndarray, "*b n"]:
+    predicted: Float[np.ndarray, "*#b n 3"], target: Float[np.ndarray, "*#b n 3"]
+) -> Float[np.ndarray, "... n"]:
     """Return the distance of each predicted vertex from the true one, in the unit given (Table 2, "distance error")."""
     return np.linalg.norm(predicted - target, axis=-1)
 
 
-def angle_between(a: Float[np.ndarray, "*b 3"], b: Float[np.ndarray, "*b 3"]) -> Float[np.ndarray, "*b"]:
+def angle_between(
+    a: Float[np.ndarray, "*#b 3"], b: Float[np.ndarray, "*#b 3"]
+) -> Float[np.ndarray, "..."]:
     """Return the angle between vectors of any length in degrees; NaN where one of them is zero.
 
     Eq. 11 has arccos(n·n'), which loses half of its digits near zero and is undefined when rounding makes the product
@@ -42,8 +44,10 @@ def angle_between(a: Float[np.ndarray, "*b 3"], b: Float[np.ndarray, "*b 3"]) ->
 
 
 def normal_error(
-    predicted: Float[np.ndarray, "*b n 3"], target: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]
-) -> Float[np.ndarray, "*b f"]:
+    predicted: Float[np.ndarray, "*#b n 3"],
+    target: Float[np.ndarray, "*#b n 3"],
+    faces: Int[np.ndarray, "f 3"],
+) -> Float[np.ndarray, "... f"]:
     """Return the angle between each face's predicted and true normal, in degrees (the terms of Eq. 11).
 
     A face that has no area in either mesh has no normal, so its term is NaN. `tally_add` leaves NaN out and counts it,
@@ -81,10 +85,18 @@ class Summary:
 def new_tally(groups: int) -> Tally:
     """Return an empty tally for that many groups."""
     integers = np.zeros((2, groups), np.int64)
-    return Tally(np.zeros(groups), integers[0], integers[1], np.zeros(groups), np.zeros((groups, _BINS), np.int64))
+    return Tally(
+        np.zeros(groups),
+        integers[0],
+        integers[1],
+        np.zeros(groups),
+        np.zeros((groups, _BINS), np.int64),
+    )
 
 
-def tally_add(tally: Tally, errors: Float[np.ndarray, "b k"], group: Int[np.ndarray, " k"]) -> None:
+def tally_add(
+    tally: Tally, errors: Float[np.ndarray, "b k"], group: Int[np.ndarray, " k"]
+) -> None:
     """Add the errors (≥ 0, or NaN to be left out) of b poses and k elements to their elements' groups."""
     groups = len(tally.total)
     errors = errors.astype(np.float32, copy=False)
@@ -97,7 +109,9 @@ def tally_add(tally: Tally, errors: Float[np.ndarray, "b k"], group: Int[np.ndar
     np.maximum.at(tally.largest, group, known.max(0, initial=0))
     bins = np.clip((known.view(np.int32) >> _SHIFT) - _LOWEST, 0, _BINS - 1)
     keys = (bins + group.astype(np.int64) * _BINS)[valid]
-    tally.histogram[:] += np.bincount(keys, minlength=groups * _BINS).reshape(groups, _BINS)
+    tally.histogram[:] += np.bincount(keys, minlength=groups * _BINS).reshape(
+        groups, _BINS
+    )
 
 
 def summary(tally: Tally, group: int | None = None) -> Summary:
@@ -112,7 +126,9 @@ def summary(tally: Tally, group: int | None = None) -> Summary:
         return Summary(np.nan, np.nan, np.nan, 0, left_out)
     largest = float(tally.largest[rows].max())
     p95 = min(_percentile(tally.histogram[rows].sum(0), 0.95), largest)
-    return Summary(float(tally.total[rows].sum()) / count, p95, largest, count, left_out)
+    return Summary(
+        float(tally.total[rows].sum()) / count, p95, largest, count, left_out
+    )
 
 
 def _percentile(histogram: np.ndarray, fraction: float) -> float:

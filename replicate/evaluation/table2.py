@@ -1,0 +1,173 @@
+"""Table 2, printed: ours beside the paper's, with the rows that the paper lacks and what they mean."""
+
+from collections.abc import Iterable, Sequence
+
+from replicate.evaluation.results import Row, find
+from replicate.evaluation.tables import Table, published, rounded
+
+STANDS_FOR = {"teen": "Hiccup", "woman": "Valka", "dragon": "Toothless", "toon": "Ray"}
+
+# The paper's methods in its order, then the rows that it lacks.
+METHODS = {
+    "coarse": "Coarse",
+    "refined": "Refined",
+    "dense": "Dense",
+    "lbs16": "LBS: 16 bones †",
+    "lbs24": "LBS: 24 bones †",
+    "lbs32": "LBS: 32 bones †",
+    "floor": "Floor, coarse maps ‡",
+    "floor_refined": "Floor, refined maps ‡",
+    "neutral": "Neutral pose §",
+}
+OURS_ALONE = ("floor", "floor_refined", "neutral")
+NOTES = {
+    "†": "An oracle: its bones are refitted to the true mesh of each test pose; it is no function of rig parameters.",
+    "‡": "An oracle: the true mesh projected onto the deformation maps, the least error that their resolution allows.",
+    "§": "The neutral pose as prediction: how much the test poses move.",
+}
+STATISTICS = ("mean", "p95", "max")
+
+
+def table2(ours: Iterable[Row], paper: Sequence[Row], character: str) -> Table:
+    """Return one character's errors in full, with the column of the film character that it stands for."""
+    rows = [row for row in ours if row.table == "table2" and row.character == character]
+    theirs = STANDS_FOR.get(character)
+    present = [
+        method for method in METHODS if any(row.method == method for row in rows)
+    ]
+    body = [
+        _line(rows, paper, character, theirs, method)
+        for method in present
+        if method not in OURS_ALONE
+    ]
+    extra = [
+        _line(rows, paper, character, theirs, method)
+        for method in present
+        if method in OURS_ALONE
+    ]
+    name = theirs or "paper"
+    headers = (
+        (
+            "",
+            "distance error, mm",
+            "",
+            "",
+            "",
+            "normal angle error, degrees",
+            "",
+            "",
+            "",
+            "texels",
+        ),
+        ("", *STATISTICS, name, *STATISTICS, name, "/vertex"),
+    )
+    rule = [None] if body and extra else []
+    title = f"Table 2: {character}" + (
+        f" beside the paper's {theirs}" if theirs else ""
+    )
+    return Table(
+        title,
+        headers,
+        (*body, *rule, *extra),
+        (_about(rows, theirs), *_notes(rows, present)),
+    )
+
+
+def table2_overview(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
+    """Return the paper's Table 2: the means of every character beside those of the one that it stands for."""
+    rows = [row for row in ours if row.table == "table2"]
+    characters = [c for c in STANDS_FOR if any(row.character == c for row in rows)]
+    present = [
+        method for method in METHODS if any(row.method == method for row in rows)
+    ]
+    body: list[tuple[str, ...] | None] = []
+    for kind, unit, title in (
+        ("vertex", "mm", "Distance error, mm"),
+        ("normal", "deg", "Normal angle error, degrees"),
+    ):
+        body += [None] if body else []
+        body.append((title, *[""] * (2 * len(characters))))
+        for method in present:
+            cells = [METHODS[method]]
+            for character in characters:
+                mine = find(rows, "table2", character, method, f"{kind}_error_mean")
+                cells.append(rounded(mine.value, unit, mine.sd) if mine else "–")
+                cells.append(
+                    published(
+                        find(
+                            paper,
+                            "table2",
+                            STANDS_FOR[character],
+                            method,
+                            f"{kind}_error_mean",
+                        )
+                    )
+                )
+            body.append(tuple(cells))
+    header = ("", *(name for c in characters for name in (c, STANDS_FOR[c])))
+    title = "Table 2: mean errors of our characters beside the paper's"
+    return Table(
+        title, (header,), tuple(body), (_about(rows, "Each"), *_notes(rows, present))
+    )
+
+
+def _line(
+    rows, paper, character: str, theirs: str | None, method: str
+) -> tuple[str, ...]:
+    cells = [METHODS[method]]
+    for kind, unit in (("vertex", "mm"), ("normal", "deg")):
+        for statistic in STATISTICS:
+            row = find(rows, "table2", character, method, f"{kind}_error_{statistic}")
+            cells.append(rounded(row.value, unit, row.sd) if row else "–")
+        cells.append(
+            published(find(paper, "table2", theirs or "", method, f"{kind}_error_mean"))
+        )
+    texels = find(rows, "table2", character, method, "texels_per_vertex")
+    return (*cells, rounded(texels.value, "ratio") if texels else "")
+
+
+def _about(rows: Sequence[Row], theirs: str | None) -> str:
+    about = []
+    if poses := max((row.poses or 0 for row in rows), default=0):
+        about.append(f"{poses:,} unique test poses")
+    if seeds := max((row.seeds or 0 for row in rows), default=0):
+        about.append(
+            f"{seeds} seeds, ± their standard deviation" if seeds > 1 else "one seed"
+        )
+    about += [f"profile {name}" for name in sorted({row.profile for row in rows})]
+    if theirs:
+        about.append(
+            f"{theirs} is another rig: compare orderings and ratios, not millimetres"
+        )
+    return "; ".join(about) + "."
+
+
+def _notes(rows: Sequence[Row], present: Sequence[str]) -> tuple[str, ...]:
+    notes = [
+        f"{mark} {note}"
+        for mark, note in NOTES.items()
+        if any(mark in METHODS[method] for method in present)
+    ]
+    left_out = [
+        row for row in rows if row.metric == "normal_faces_left_out" and row.value
+    ]
+    if left_out:
+        worst = max(left_out, key=lambda row: row.value)
+        notes.append(
+            f"Eq. 11 leaves out faces that have no area in the true or the predicted mesh: {worst.value:,.0f} (face, pose) "
+            f"pairs at most ({METHODS.get(worst.method, worst.method)})."
+        )
+    for character in sorted({row.character for row in rows}):
+        counts = {
+            row.method: row.poses
+            for row in rows
+            if row.character == character and row.poses
+        }
+        fewer = [
+            m for m in present if counts.get(m, 0) and counts[m] < max(counts.values())
+        ]
+        notes += [
+            f"{METHODS[m]}: on {counts[m]:,} of {character}'s poses only."
+            for m in fewer
+        ]
+    return tuple(notes)
