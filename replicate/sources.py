@@ -113,16 +113,14 @@ def _reached(tree: ast.Module, name: str, module: str, is_package: bool) -> tupl
             loose.append(statement)
     if name not in bindings:
         return [], set()
-    reached, pending = [], [*bindings[name], *loose]
+    found: set[ast.stmt] = set()
+    pending = {*bindings[name], *loose}
     while pending:
         statement = pending.pop()
-        if statement in reached:
-            continue
-        reached.append(statement)
-        for node in ast.walk(statement):
-            if isinstance(node, ast.Name):
-                pending += bindings.get(node.id, [])
-    reached.sort(key=lambda statement: statement.lineno)
+        found.add(statement)
+        named = {node.id for node in ast.walk(statement) if isinstance(node, ast.Name)}
+        pending |= {bound for name in named for bound in bindings.get(name, [])} - found
+    reached = sorted(found, key=lambda statement: statement.lineno)
     imports = set().union(*(_imports(statement, module, is_package) for statement in reached))
     kept = [s for s in reached if not isinstance(s, (ast.Import, ast.ImportFrom))]
     return [ast.dump(statement) for statement in kept], imports

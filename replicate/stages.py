@@ -47,6 +47,7 @@ class Stage:
             "config": to_json(self.config),
             "inputs": [stage.key for stage in self.inputs],
             "sources": sources_digest(self.function),
+            "draws": sources_digest(f"{__name__}:stream_rng"),
             "files": [hashlib.sha256(Path(file).read_bytes()).hexdigest() for file in self.files],
         }
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]

@@ -22,7 +22,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from replicate.errors import RunError
+from replicate.errors import InputError, RunError
 from replicate.paths import cache_folder
 
 MANIFEST = "manifest.json"
@@ -33,6 +33,14 @@ _NEARLY_FULL_BYTES = 32 << 20  # below this, a write that failed without a reaso
 def artefact_folder(identifier: str) -> Path:
     """Return where an artefact stands, or will."""
     return cache_folder() / identifier
+
+
+def make_cache_folder() -> None:
+    """Make the cache's folder; raises InputError where that can't be."""
+    try:
+        cache_folder().mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"the cache folder {cache_folder()} can't be made ({error.strerror}): set REPLICATE_CACHE") from None
 
 
 def scratch_folder(identifier: str) -> Path:

@@ -1,0 +1,98 @@
+"""Where numbers come from: the commit, the machine, the versions and the times behind a run."""
+
+import importlib.metadata
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+
+from replicate.paths import ROOT
+from replicate.stages import Stage, in_order
+from replicate.store import artefact_folder, read_manifest
+
+PACKAGES = ("jax", "jaxlib", "numba", "numpy", "scikit-learn", "scipy", "torch")  # those that numbers pass through
+
+
+def provenance(command: list[str], profile: str, seeds: list[int], workers: int) -> dict:
+    """Return what a manifest tells of a run: commit, command, profile, seeds, versions, processor, threads, GPU.
+
+    command: the arguments as typed. workers: processes side by side, each with one thread unless a stage's own
+    manifest says more. The GPU is named only if torch is loaded in this process: asking loads it otherwise.
+    """
+    return {
+        "git": git_state(),
+        "command": " ".join(command),
+        "profile": profile,
+        "seeds": list(seeds),
+        "python": platform.python_version(),
+        "packages": package_versions(),
+        "system": platform.system(),
+        "processor": processor(),
+        "cores": core_count(),
+        "workers": workers,
+        "gpu": gpu(),
+    }
+
+
+def git_state(folder: Path = ROOT) -> dict | None:
+    """Return {"commit", "clean"} of the checkout that `folder` is the root of; None outside a checkout."""
+    if not (folder / ".git").exists():  # without it, git would answer for a repository further up
+        return None
+    try:
+        commit = _git(folder, "rev-parse", "HEAD")
+        return {"commit": commit, "clean": not _git(folder, "status", "--porcelain")}
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def _git(folder: Path, *arguments: str) -> str:
+    command = ["git", "-C", str(folder), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=20).stdout.strip()
+
+
+def package_versions() -> dict[str, str]:
+    """Return the installed versions of the packages that numbers pass through."""
+    versions = {}
+    for package in PACKAGES:
+        try:
+            versions[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return versions
+
+
+def processor() -> str:
+    """Return the processor's name as the system gives it."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    if sys.platform == "darwin":
+        answer = subprocess.run(["sysctl", "-n", "machdep.cpu.brand_string"], capture_output=True, text=True)
+        if answer.returncode == 0 and answer.stdout.strip():
+            return answer.stdout.strip()
+    return platform.processor() or platform.machine()
+
+
+def core_count() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def gpu() -> str | None:
+    """Return the GPU's name if torch is loaded here and sees one."""
+    torch = sys.modules.get("torch")
+    return torch.cuda.get_device_name(0) if torch is not None and torch.cuda.is_available() else None
+
+
+def stage_facts(stages: list[Stage]) -> dict[str, dict]:
+    """Return, for every stage of a finished graph by its title, its key, wall time and what it noted."""
+    facts = {}
+    for stage in in_order(stages):
+        manifest = read_manifest(artefact_folder(stage.identifier))
+        kept = ("key", "wall_s", "resumed", "threads", "peak_memory_mb", "gpu", "notes")
+        facts[stage.title] = {name: manifest[name] for name in kept if manifest.get(name) not in (None, {}, False)}
+    return facts

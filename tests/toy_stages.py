@@ -1,0 +1,100 @@
+"""Small stages that stand in for the real ones, so that the machinery can be tested in seconds."""
+
+import json
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from replicate.checked import Checked, number
+from replicate.errors import InputError
+from replicate.stages import Stage
+
+
+@dataclass(frozen=True)
+class ToyConfig(Checked):
+    """What a toy stage does."""
+
+    seed: int = 0
+    steps: int = number(3, 0)
+    pause_s: float = number(0.0, 0.0)
+    fault: str = ""
+
+
+def numbers(context) -> None:
+    """Write random numbers, a step at a time, with a checkpoint after every step."""
+    checkpoint = context.scratch / "steps.json"
+    done = json.loads(checkpoint.read_text()) if checkpoint.exists() else []
+    with context.progress(context.config.steps, "counting", len(done)) as bar:
+        for step in range(len(done), context.config.steps):
+            time.sleep(context.config.pause_s)
+            done.append(float(context.rng(f"step {step}").normal()))
+            beside = checkpoint.with_suffix(".new")
+            beside.write_text(json.dumps(done))
+            os.replace(beside, checkpoint)
+            bar.update()
+    (context.out / "numbers.json").write_text(json.dumps(done))
+    context.note(count=len(done))
+
+
+def total(context) -> None:
+    """Add up what the inputs hold."""
+    folders = sorted(set(context.inputs.values()))
+    time.sleep(context.config.pause_s)
+    sums = [sum(json.loads((folder / "numbers.json").read_text())) for folder in folders]
+    (context.out / "numbers.json").write_text(json.dumps(sums))
+    (context.out / "folder").mkdir()
+    (context.out / "folder" / "nested.txt").write_text("nested")
+
+
+def faulty(context) -> None:
+    """Fail in the way that the configuration names."""
+    (context.out / "half.txt").write_text("half")
+    if context.config.fault == "input":
+        raise InputError("head.toml: teeth is 3: allowed is an even number")
+    if context.config.fault == "full":
+        with open("/dev/full", "wb") as stream:
+            stream.write(b"x" * 100_000)
+    if context.config.fault == "kill":
+        os.kill(os.getpid(), 9)
+    if context.config.fault == "hang":
+        (context.scratch / "process").write_text(str(os.getpid()))
+        time.sleep(60)
+    raise RuntimeError("the fault that was asked for")
+
+
+def environment(context) -> None:
+    """Write down what a worker sees of its environment."""
+    (context.out / "environment.json").write_text(json.dumps(dict(os.environ)))
+
+
+def toy_graph(pause_s: float = 0.0, steps: int = 3, seed: int = 0) -> list[Stage]:
+    """Return a diamond: one stage, three side by side that read it, one that reads those."""
+    here = f"{__name__}:"
+    first = Stage("first", here + "numbers", ToyConfig(seed, steps, pause_s))
+    middle = tuple(
+        Stage("middle", here + "numbers", ToyConfig(seed + k, steps, pause_s), (first,), label=f"{k}") for k in range(3)
+    )
+    return [Stage("last", here + "total", ToyConfig(seed, steps, pause_s), middle)]
+
+
+def faulty_graph(fault: str) -> list[Stage]:
+    """Return a stage that fails, beside one that would take a minute."""
+    slow = Stage("slow", f"{__name__}:numbers", ToyConfig(steps=600, pause_s=0.1))
+    return [slow, Stage("faulty", f"{__name__}:faulty", ToyConfig(fault=fault))]
+
+
+def run_toys(pause_s: str, steps: str, workers: str) -> None:
+    """Run the diamond from a command line, and print what the last stage wrote."""
+    from replicate.scheduler import run
+
+    folders = run(toy_graph(float(pause_s), int(steps)), int(workers))
+    print(Path(folders["last"], "numbers.json").read_text())
+
+
+if __name__ == "__main__":
+    import sys
+
+    import toy_stages  # under its own name, as the workers import it
+
+    toy_stages.run_toys(*sys.argv[1:])
