@@ -1,0 +1,91 @@
+"""Flesh: delta mush, which evens out a deformation and keeps the resting detail (layer 7).
+
+The posed skin is smoothed, and the detail that smoothing took from the *resting* skin is put back in the frames of
+the smoothed pose. What the layers before left uneven is gone; what the sculptor gave the neutral is not.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Array, Float, Int
+
+from data_recipes.deformers.planes import cross, dot, place_of, spread, unit
+from data_recipes.deformers.surface_operators import padded_neighbours, vertex_normals
+
+PASSES = 6
+WIDTH = 6  # neighbours used per vertex
+
+
+def _opposite_neighbours(
+    vertices: np.ndarray, normals: np.ndarray, neighbours: np.ndarray, weight: np.ndarray
+) -> Int[np.ndarray, "4 s"]:
+    """Return two crossing pairs of neighbours a, b and c, d per vertex: ordered by angle, a and b face each other."""
+    s = len(vertices)
+    chosen = np.tile(np.arange(s), (4, 1))
+    for i in range(s):
+        ring = neighbours[i][weight[i] > 0]
+        if len(ring) < 3:
+            continue
+        arms = vertices[ring] - vertices[i]
+        first = arms[0] - normals[i] * (arms[0] @ normals[i])
+        second = np.cross(normals[i], first)
+        ring = ring[np.argsort(np.arctan2(arms @ second, arms @ first))]
+        half, quarter = len(ring) // 2, max(len(ring) // 4, 1)
+        chosen[:, i] = ring[0], ring[half], ring[quarter], ring[(quarter + half) % len(ring)]
+    return chosen
+
+
+def smooth(constants: dict[str, Array], x: Float[Array, "b 3 s"]) -> Float[Array, "b 3 s"]:
+    """Return positions after PASSES of moving half-way to the mean of the neighbours, the border held."""
+    index, weight = constants["neighbour"], constants["neighbour_weight"]
+    for _ in range(PASSES):
+        mean = sum(x[:, :, index[k]] * weight[k] for k in range(index.shape[0]))
+        x = x + constants["pull"] * (mean - x)
+    return x
+
+
+def frames(constants: dict[str, Array], smoothed: Float[Array, "b 3 s"]) -> tuple[Array, Array, Array]:
+    """Return the orthonormal frames (tangent, second tangent, normal), each (b, 3, s), of a smoothed skin."""
+    a, b, c, d = constants["across"]
+    first = unit(smoothed[:, :, b] - smoothed[:, :, a])
+    second = smoothed[:, :, d] - smoothed[:, :, c]
+    normal = unit(cross(first, second))
+    return first, cross(normal, first), normal
+
+
+def prepare(
+    neutral: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "f 3"],
+    graph: sp.csr_matrix,
+    weight: Float[np.ndarray, "n"],
+) -> dict[str, np.ndarray]:
+    """Return the constants for the skin where `weight` (0 … 1, how far mush replaces the input) is above 0."""
+    # A corner of the mesh has too few neighbours for a frame.
+    inside = (weight > 1e-3) & (np.asarray(graph.sum(axis=1)).ravel() >= 3)
+    support = np.flatnonzero(inside | ((graph @ inside) > 0))
+    x = neutral[support]
+    index, share = padded_neighbours(graph[support][:, support].tocsr(), WIDTH)
+    constants = {
+        "support": support.astype(np.int32),
+        "place": place_of(support, len(neutral)),
+        "neighbour": np.ascontiguousarray(index.T),
+        "neighbour_weight": np.ascontiguousarray(share.T),
+        "pull": (0.5 * inside[support]).astype(np.float32),
+        "weight": np.where(inside, weight, 0)[support].astype(np.float32),
+        "across": _opposite_neighbours(x, vertex_normals(neutral, faces)[support], index, share).astype(np.int32),
+    }
+    rest = jnp.asarray(x.T[None], jnp.float32)
+    smoothed = smooth(constants, rest)
+    detail = jnp.stack([dot(rest - smoothed, axis)[0] for axis in frames(constants, smoothed)])
+    return constants | {"detail": np.asarray(detail)}
+
+
+def mush(constants: dict[str, Array], x: Float[Array, "b 3 n"]) -> Float[Array, "b 3 n"]:
+    """Return positions after the delta mush."""
+    held = x[:, :, constants["support"]]
+    smoothed = smooth(constants, held)
+    detail = constants["detail"]
+    target = smoothed + sum(axis * detail[k] for k, axis in enumerate(frames(constants, smoothed)))
+    return x + spread(constants["weight"] * (target - held), constants["place"])

@@ -1,0 +1,85 @@
+"""The jaw: rotation about its pivot and translation, shared out by harmonic weights (layer 4).
+
+A vertex of weight w turns by w times the jaw's rotation vector, so that cheeks stretch along arcs and not along chords.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Array, Float, Int
+
+from data_recipes.deformers.planes import cross, place_of, spread
+from data_recipes.deformers.surface_operators import harmonic, smooth_values
+
+SMOOTHING_PASSES = 14
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class JawMotion:
+    """A batch of jaw poses: rotation vector (b, 3) in radians about the pivot, then translation (b, 3) in mm."""
+
+    rotation: Float[Array, "b 3"]
+    translation: Float[Array, "b 3"]
+
+
+def jaw_weights(
+    graph: sp.csr_matrix,
+    fixed: Int[np.ndarray, "k"],
+    values: Float[np.ndarray, "k"],
+    keep: Int[np.ndarray, "j"],
+    passes: int = SMOOTHING_PASSES,
+) -> Float[np.ndarray, "n"]:
+    """Return harmonic weights through `values` at `fixed`, smoothed `passes` times except at the vertices `keep`."""
+    weight = harmonic(graph, fixed, values)
+    kept = np.zeros(len(weight), bool)
+    kept[keep] = True
+    return np.clip(smooth_values(weight, graph, passes, kept), 0, 1)
+
+
+def prepare(weight: Float[np.ndarray, "n"], pivot: Float[np.ndarray, "3"]) -> dict[str, np.ndarray]:
+    """Return the jaw's constants for weights (n,) and the pivot in mm."""
+    support = np.flatnonzero(weight > 1e-4)
+    return {
+        "support": support.astype(np.int32),
+        "place": place_of(support, len(weight)),
+        "weight": weight[support].astype(np.float32),
+        "pivot": np.asarray(pivot, np.float32),
+    }
+
+
+def turn(vectors: Float[Array, "b 3 s"], rotation: Float[Array, "b 3 s"]) -> Float[Array, "b 3 s"]:
+    """Return v turned by rotation vectors r (Rodrigues): v + sin φ/φ r×v + (1 − cos φ)/φ² r×(r×v), φ = |r|.
+
+    The two quotients are power series in φ², exact to float32 up to one radian and free of 0/0.
+    """
+    q = (rotation * rotation).sum(axis=-2, keepdims=True)
+    sine = 1 - q / 6 * (1 - q / 20 * (1 - q / 42 * (1 - q / 72)))
+    versine = 0.5 * (1 - q / 12 * (1 - q / 30 * (1 - q / 56 * (1 - q / 90))))
+    once = cross(rotation, vectors)
+    return vectors + sine * once + versine * cross(rotation, once)
+
+
+def open_jaw(constants: dict[str, Array], x: Float[Array, "b 3 n"], motion: JawMotion) -> Float[Array, "b 3 n"]:
+    """Return positions with the jaw's motion applied, each vertex by its weight."""
+    held = x[:, :, constants["support"]]
+    pivot = constants["pivot"][:, None]
+    rotation = motion.rotation[:, :, None] * constants["weight"]
+    moved = turn(held - pivot, rotation) + pivot + motion.translation[:, :, None] * constants["weight"]
+    return x + spread(moved - held, constants["place"])
+
+
+def undo_jaw(pivot: Float[Array, "3"], x: Float[Array, "b 3 s"], motion: JawMotion) -> Float[Array, "b 3 s"]:
+    """Return positions in the resting jaw's frame: the inverse of weight 1."""
+    back = x - motion.translation[:, :, None] - pivot[:, None]
+    return turn(back, jnp.broadcast_to(-motion.rotation[:, :, None], back.shape)) + pivot[:, None]
+
+
+def turn_with_jaw(vectors: Float[Array, "b 3 s"], motion: JawMotion) -> Float[Array, "b 3 s"]:
+    """Return directions turned from the resting jaw's frame into the posed one."""
+    return turn(vectors, jnp.broadcast_to(motion.rotation[:, :, None], vectors.shape))

@@ -1,0 +1,130 @@
+"""Discrete operators on a triangle mesh, built once with numpy and scipy: areas, gradients, Laplacians, neighbours.
+
+All functions take vertices (n, 3) in mm and faces (f, 3); indices are vertex indices of that mesh. Sub-meshes carry
+their own numbering, made by `submesh`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg
+from jaxtyping import Float, Int
+from scipy.sparse.csgraph import dijkstra
+
+
+def submesh(
+    faces: Int[np.ndarray, "f 3"], vertices: Int[np.ndarray, "s"], n: int
+) -> tuple[Int[np.ndarray, "g 3"], Int[np.ndarray, "g"]]:
+    """Return the faces whose corners all lie in `vertices`, renumbered by position there, and which faces they are."""
+    place = np.full(n, -1)
+    place[vertices] = np.arange(len(vertices))
+    inside = np.flatnonzero((place[faces] >= 0).all(axis=1))
+    return place[faces[inside]], inside
+
+
+def face_gradients(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]
+) -> tuple[Float[np.ndarray, "f 3 3"], Float[np.ndarray, "f"]]:
+    """Return the gradients of the three hat functions on each face, [face, corner, xyz] in 1/mm, and areas in mm²."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    double_area = np.linalg.norm(normal, axis=1)
+    unit = normal / np.maximum(double_area, 1e-12)[:, None]
+    opposite = np.stack([c - b, a - c, b - a], axis=1)
+    gradients = np.cross(unit[:, None], opposite) / np.maximum(double_area, 1e-12)[:, None, None]
+    return gradients, 0.5 * double_area
+
+
+def vertex_areas(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "n"]:
+    """Return a third of the area of each vertex's faces (the lumped mass M), in mm²; at least 1e-6."""
+    _, area = face_gradients(vertices, faces)
+    return np.maximum(np.bincount(faces.ravel(), np.repeat(area / 3, 3), len(vertices)), 1e-6)
+
+
+def stiffness(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> sp.csr_matrix:
+    """Return the cotangent stiffness matrix K (n, n): positive semi-definite, rows sum to 0, no unit."""
+    gradients, area = face_gradients(vertices, faces)
+    local = np.einsum("fid,fjd->fij", gradients, gradients) * area[:, None, None]
+    rows = np.repeat(faces, 3, axis=1).ravel()
+    columns = np.tile(faces, (1, 3)).ravel()
+    return sp.csr_matrix((local.ravel(), (rows, columns)), shape=(len(vertices),) * 2)
+
+
+def adjacency(faces: Int[np.ndarray, "f 3"], n: int) -> sp.csr_matrix:
+    """Return the symmetric 0/1 matrix (n, n) of the mesh's edges."""
+    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    matrix = sp.csr_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    matrix.data[:] = 1.0
+    return matrix
+
+
+def quad_adjacency(quads: Int[np.ndarray, "q 4"], n: int) -> sp.csr_matrix:
+    """Return the symmetric 0/1 matrix (n, n) of a quad mesh's edges, without diagonals."""
+    pairs = np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)])
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    matrix = sp.csr_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    matrix.data[:] = 1.0
+    return matrix
+
+
+def padded_neighbours(graph: sp.csr_matrix, width: int) -> tuple[Int[np.ndarray, "n w"], Float[np.ndarray, "n w"]]:
+    """Return each vertex's first `width` neighbours and their weights 1/degree; the padding is the vertex itself at 0."""
+    n = graph.shape[0]
+    degree = np.minimum(np.diff(graph.indptr), width)
+    slots = np.arange(width)[None, :] < degree[:, None]
+    index = np.broadcast_to(np.arange(n)[:, None], (n, width)).copy()
+    take = graph.indptr[:-1, None] + np.arange(width)[None, :]
+    index[slots] = graph.indices[take[slots]]
+    weight = slots / np.maximum(degree, 1)[:, None]
+    return index.astype(np.int32), weight.astype(np.float32)
+
+
+def geodesic(
+    vertices: Float[np.ndarray, "n 3"], graph: sp.csr_matrix, sources: Int[np.ndarray, "k"], limit_mm: float = np.inf
+) -> Float[np.ndarray, "n"]:
+    """Return each vertex's distance along edges to the nearest source, in mm; infinite beyond `limit_mm`."""
+    edges = graph.tocoo()
+    length = np.linalg.norm(vertices[edges.row] - vertices[edges.col], axis=1)
+    weighted = sp.csr_matrix((length, (edges.row, edges.col)), shape=graph.shape)
+    return dijkstra(weighted, indices=np.atleast_1d(sources), min_only=True, limit=limit_mm)
+
+
+def smooth_values(values: np.ndarray, graph: sp.csr_matrix, passes: int, keep: np.ndarray | None = None) -> np.ndarray:
+    """Return (n, …) values after `passes` of half-way neighbour averaging; rows where `keep` is true stay."""
+    degree = np.maximum(np.asarray(graph.sum(axis=1)).ravel(), 1)
+    average = sp.diags(1 / degree) @ graph
+    result = values.astype(np.float64)
+    for _ in range(passes):
+        step = 0.5 * (result + average @ result)
+        result = step if keep is None else np.where(keep if result.ndim == 1 else keep[:, None], result, step)
+    return result
+
+
+def vertex_normals(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "n 3"]:
+    """Return area-weighted unit normals; vertices without area get a zero vector."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    total = np.stack([np.bincount(faces.ravel(), np.repeat(normal[:, d], 3), len(vertices)) for d in range(3)], axis=1)
+    return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
+
+
+def harmonic(
+    graph: sp.csr_matrix, fixed: Int[np.ndarray, "k"], values: Float[np.ndarray, "k"]
+) -> Float[np.ndarray, "n"]:
+    """Return the function whose every free value is the mean of its neighbours' and which takes `values` at `fixed`.
+
+    Vertices that no path joins to a fixed one get 0.
+    """
+    n = graph.shape[0]
+    free = np.ones(n, bool)
+    free[fixed] = False
+    degree = np.asarray(graph.sum(axis=1)).ravel()
+    # The tiny screen keeps islands solvable and pulls them to 0; elsewhere it is far below rounding of the result.
+    laplacian = (sp.diags(degree + 1e-9) - graph).tocsr()
+    result = np.zeros(n)
+    result[fixed] = values
+    right = -laplacian[free][:, ~free] @ result[~free]
+    result[free] = sp.linalg.spsolve(laplacian[free][:, free].tocsc(), right)
+    return result

@@ -1,0 +1,74 @@
+"""Teeth: each takes one rigid transformation, that of the jaw and the rigid part of the head's shape (layer 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from data_recipes.deformers.jaw import JawMotion, turn
+from data_recipes.deformers.planes import place_of, spread
+
+PROBE_MM = 2.0
+POLAR_STEPS = 6
+
+
+def prepare(
+    neutral: Float[np.ndarray, "n 3"], teeth: list[Int[np.ndarray, "s"]], lower: list[bool], pivot: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Return the constants for teeth given as lists of vertices; `lower` says which belong to the jaw."""
+    support = np.concatenate(teeth) if teeth else np.zeros(0, int)
+    owner = np.repeat(np.arange(len(teeth)), [len(t) for t in teeth]).astype(np.int32)
+    centre = np.stack([neutral[t].mean(axis=0) for t in teeth]) if teeth else np.zeros((0, 3))
+    return {
+        "place": place_of(support, len(neutral)),
+        "owner": owner,
+        "centre": centre.T.astype(np.float32),
+        "local": (neutral[support] - centre[owner]).T.astype(np.float32),
+        "lower": np.asarray(lower, np.float32),
+        "pivot": np.asarray(pivot, np.float32),
+    }
+
+
+def polar_rotation(matrix: Float[Array, "*b 3 3"]) -> Float[Array, "*b 3 3"]:
+    """Return the rotation nearest to a matrix of positive determinant: Newton's iteration R ← ½(R + R⁻ᵀ)."""
+    r = matrix
+    for _ in range(POLAR_STEPS):
+        rows = [r[..., i, :] for i in range(3)]
+        cofactor = jnp.stack([jnp.cross(rows[(i + 1) % 3], rows[(i + 2) % 3]) for i in range(3)], axis=-2)
+        determinant = (rows[0] * cofactor[..., 0, :]).sum(axis=-1)[..., None, None]
+        r = 0.5 * (r + cofactor / determinant)
+    return r
+
+
+def place_teeth(
+    constants: dict[str, Array],
+    x: Float[Array, "b 3 n"],
+    motion: JawMotion,
+    warp: Callable[[Float[Array, "b 3 s"]], Float[Array, "b 3 s"]],
+) -> Float[Array, "b 3 n"]:
+    """Return positions in which every tooth's vertices are a rigid image of the resting tooth.
+
+    warp: the head's map of space; a tooth's centre goes through it, its orientation through its rotation there.
+    """
+    count = constants["centre"].shape[1]
+    if count == 0:
+        return x
+    batch = len(x)
+    lower = constants["lower"]
+    pivot = constants["pivot"][:, None]
+    rotation = motion.rotation[:, :, None] * lower
+    centre = jnp.broadcast_to(constants["centre"], (batch, 3, count))
+    centre = turn(centre - pivot, rotation) + pivot + motion.translation[:, :, None] * lower
+    probes = [centre] + [centre + sign * PROBE_MM * jnp.eye(3)[i][:, None] for i in range(3) for sign in (1.0, -1.0)]
+    seen = warp(jnp.concatenate(probes, axis=2)).reshape(batch, 3, 7, count)
+    columns = [(seen[:, :, 1 + 2 * i] - seen[:, :, 2 + 2 * i]) / (2 * PROBE_MM) for i in range(3)]
+    spin = polar_rotation(jnp.stack(columns, axis=-1).transpose(0, 2, 1, 3))  # (b, tooth, row, column)
+
+    owner = constants["owner"]
+    local = turn(jnp.broadcast_to(constants["local"], (batch, *constants["local"].shape)), rotation[:, :, owner])
+    spun = jnp.einsum("bsij,bjs->bis", spin[:, owner], local)
+    inside = constants["place"] < len(owner)
+    return jnp.where(inside, spread(spun + seen[:, :, 0][:, :, owner], constants["place"]), x)

@@ -1,0 +1,73 @@
+"""Wrinkles: no strain, no fold; a known compression, the known amplitude."""
+
+import jax.numpy as jnp
+import numpy as np
+from test_deformers_surface_operators import plane
+
+from data_recipes.deformers import wrinkles
+
+
+def region(vertices: np.ndarray, wavelength: float = 6.0) -> wrinkles.Region:
+    n = len(vertices)
+    return wrinkles.Region(
+        name="patch",
+        vertices=np.arange(n),
+        fibre=np.tile([0.0, 1.0, 0.0], (n, 1)),
+        wavelength_mm=wavelength,
+        pattern=np.ones(n),
+        threshold=0.012,
+        gain_columns=np.array([0]),
+        gain_weights=np.ones((1, n)),
+    )
+
+
+def compressed(vertices: np.ndarray, share: float) -> jnp.ndarray:
+    return jnp.asarray((vertices * np.array([1, 1 - share, 1])).T[None], jnp.float32)
+
+
+def test_at_rest_and_under_stretch_the_skin_is_exactly_smooth():
+    vertices, faces = plane(12, 12)
+    constants = wrinkles.prepare([region(vertices)], vertices, faces)
+    for share in (0.0, -0.2):
+        x = compressed(vertices, share)
+        np.testing.assert_array_equal(wrinkles.wrinkle(constants, x, jnp.zeros((1, 1))), x)
+
+
+def test_even_compression_is_measured_exactly_and_only_along_the_fibre():
+    vertices, faces = plane(12, 12)
+    constants = wrinkles.prepare_region(region(vertices), vertices, faces)
+    np.testing.assert_allclose(wrinkles.compression(constants, compressed(vertices, 0.15)), 0.15, atol=1e-5)
+    across = jnp.asarray((vertices * np.array([0.5, 1, 1])).T[None], jnp.float32)
+    np.testing.assert_allclose(wrinkles.compression(constants, across), 0.0, atol=1e-5)
+
+
+def test_a_constant_pattern_rises_by_the_buckling_amplitude():
+    vertices, faces = plane(12, 12)
+    constants = wrinkles.prepare([region(vertices)], vertices, faces)
+    x = compressed(vertices, 0.15)
+    lift = (wrinkles.wrinkle(constants, x, jnp.zeros((1, 1))) - x)[0, 2]
+    y = 0.15 - 0.012
+    excess = 0.5 * (y + np.sqrt(y * y + 2e-4)) - 0.004
+    np.testing.assert_allclose(lift, 6.0 / np.pi * np.sqrt(excess), rtol=1e-4)
+
+
+def test_the_gain_control_switches_wrinkles_off_and_doubles_them():
+    vertices, faces = plane(12, 12)
+    constants = wrinkles.prepare([region(vertices)], vertices, faces)
+    x = jnp.concatenate([compressed(vertices, 0.15)] * 3)
+    lift = (wrinkles.wrinkle(constants, x, jnp.array([[-1.0], [0.0], [1.0]])) - x)[:, 2]
+    np.testing.assert_allclose(lift[0], 0, atol=1e-6)
+    np.testing.assert_allclose(lift[2], 2 * lift[1], rtol=1e-5)
+
+
+def test_where_regions_overlap_heights_add_up():
+    vertices, faces = plane(12, 12)
+    one = region(vertices)
+    other = wrinkles.Region(**{**vars(one), "name": "other", "vertices": np.arange(60), "fibre": one.fibre[:60],
+                               "pattern": np.zeros(60), "gain_weights": np.ones((1, 60))})  # fmt: skip
+    x = compressed(vertices, 0.15)
+    alone = wrinkles.wrinkle(wrinkles.prepare([one], vertices, faces), x, jnp.zeros((1, 1)))
+    both = wrinkles.wrinkle(wrinkles.prepare([one, other], vertices, faces), x, jnp.zeros((1, 1)))
+    np.testing.assert_allclose(both, alone, atol=1e-6)
+    twice = wrinkles.prepare([one, wrinkles.Region(**{**vars(one), "name": "again"})], vertices, faces)
+    np.testing.assert_allclose(wrinkles.wrinkle(twice, x, jnp.zeros((1, 1))) - x, 2 * (alone - x), atol=1e-5)
