@@ -53,7 +53,8 @@ def _allowed(value, hint, bounds) -> str:
 
 def _words(hint, bounds) -> str:
     lower, upper = bounds
-    kind = {float: "a number", int: "a whole number", str: "text", bool: "true or false"}.get(hint, f"a {hint.__name__}")
+    kinds = {float: "a number", int: "a whole number", str: "text", bool: "true or false"}
+    kind = kinds.get(hint, f"a {hint.__name__}")
     if lower is not None:
         kind += f" of at least {lower}"
     return kind + (f" and at most {upper}" if upper is not None else "")

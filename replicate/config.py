@@ -49,7 +49,7 @@ class TrainingConfig(Checked):
         super().__post_init__()
         if len(self.shares) != len(self.rates) or sum(self.shares) <= 0:
             raise InputError(
-                f"shares is {self.shares!r}: allowed is a list of {len(self.rates)} numbers, as many as rates, not all 0"
+                f"shares is {self.shares!r}: allowed are {len(self.rates)} numbers, as many as rates, not all of them 0"
             )
 
 

@@ -50,7 +50,7 @@ class StageDisplay:
         self._close()
         seconds = time.monotonic() - self.started
         if seconds >= DELAY_S:
-            self._line(f"{outcome} in {_duration(seconds)}")
+            self._line(f"{outcome} in {duration(seconds)}")
 
     def _draw(self, done: float, total: float) -> None:
         if self._bar is None:
@@ -68,7 +68,7 @@ class StageDisplay:
 
     def _time_left(self, done: float, total: float) -> str:
         elapsed, here = time.monotonic() - self._label_started, done - self._label_initial
-        return f", about {_duration(elapsed * (total - done) / here)} left" if here > 0 else ""
+        return f", about {duration(elapsed * (total - done) / here)} left" if here > 0 else ""
 
     def _line(self, text: str) -> None:
         self._spoken = time.monotonic()
@@ -81,7 +81,8 @@ class StageDisplay:
             self._bar = None
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
+    """Return a time in words that are short enough for a line of progress."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60)

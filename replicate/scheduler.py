@@ -13,11 +13,11 @@ from pathlib import Path
 
 from replicate import store
 from replicate.checked import to_json
-from replicate.display import StageDisplay
+from replicate.display import StageDisplay, duration
 from replicate.errors import InputError, RunError
 from replicate.paths import ROOT
 from replicate.provenance import core_count
-from replicate.sources import project_roots
+from replicate.sources import project_roots, sources_digest
 from replicate.stages import Stage, in_order, input_names
 
 
@@ -48,7 +48,8 @@ def run(stages: list[Stage], workers: int | None = None, facts: dict | None = No
     else:
         with _ended_by_signals():
             _make(missing, workers, facts or {})
-        print(f"made {len(missing)} of {len(wanted)} artefacts in {time.monotonic() - started:.0f} s; the rest were up to date", flush=True)
+        took = duration(time.monotonic() - started)
+        print(f"made {len(missing)} of {len(wanted)} artefacts in {took}; the rest were up to date", flush=True)
     return {stage.title: store.artefact_folder(stage.identifier) for stage in wanted}
 
 
@@ -107,6 +108,7 @@ def _start(stage: Stage, slot: int, workers: int, facts: dict) -> _Worker:
         "name": stage.name,
         "key": stage.key,
         "function": stage.function,
+        "sources": sources_digest(stage.function),
         "config": to_json(stage.config),
         "inputs": {name: needed.identifier for name, needed in input_names(stage.inputs).items()},
         "threads": threads,

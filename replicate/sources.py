@@ -9,7 +9,7 @@ from pathlib import Path
 
 from replicate.paths import ROOT
 
-# They carry a stage and check its configuration, but its numbers don't pass through them: a change leaves artefacts valid.
+# They carry a stage and check its configuration, but its numbers don't pass through them.
 MACHINERY = frozenset(
     f"replicate.{name}"
     for name in "checked config display errors paths progress provenance scheduler sources stages store worker".split()
@@ -50,13 +50,12 @@ def _packages(module: str) -> set[str]:
 
 @functools.cache
 def _roots(path: tuple[str, ...]) -> tuple[Path, ...]:
-    installed = [os.path.realpath(prefix) for prefix in (sys.prefix, sys.base_prefix)]
-    outside = [p for p in path if p and not any(os.path.realpath(p).startswith(prefix + os.sep) for prefix in installed)]
-    return (ROOT, *(Path(p) for p in outside))
+    installed = [os.path.realpath(prefix) + os.sep for prefix in (sys.prefix, sys.base_prefix)]
+    return (ROOT, *(Path(p) for p in path if p and not os.path.realpath(p).startswith(tuple(installed))))
 
 
 def project_roots() -> tuple[Path, ...]:
-    """Return the folders that sources are looked for in: the project, and what else is on the path but not installed."""
+    """Return the folders that sources are looked for in: the project, and what else on the path isn't installed."""
     return _roots(tuple(sys.path))
 
 
@@ -74,10 +73,9 @@ def _module_file(module: str) -> Path | None:
 def _parse(file: Path) -> ast.Module:
     tree = ast.parse(file.read_text(encoding="utf-8"), str(file))
     for node in ast.walk(tree):
-        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
-            first = node.body[0] if node.body else None
-            if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and isinstance(first.value.value, str):
-                node.body = node.body[1:]
+        documented = isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef))
+        if documented and ast.get_docstring(node, clean=False) is not None:
+            node.body = node.body[1:]
     return tree
 
 

@@ -40,7 +40,8 @@ def make_cache_folder() -> None:
     try:
         cache_folder().mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"the cache folder {cache_folder()} can't be made ({error.strerror}): set REPLICATE_CACHE") from None
+        reason = f"the cache folder {cache_folder()} can't be made ({error.strerror})"
+        raise InputError(f"{reason}: set REPLICATE_CACHE to one that can") from None
 
 
 def scratch_folder(identifier: str) -> Path:

@@ -63,7 +63,7 @@ def _build(orders: dict, out: Path, scratch: Path) -> dict:
     inputs = {name: store.load(identifier) for name, identifier in orders["inputs"].items()}
     for name, folder in inputs.items():
         if folder is None:
-            raise RunError(f"{orders['title']}: its input {name} is damaged or gone; run the same command to make it again")
+            raise RunError(f"{orders['title']}: input {name} is damaged or gone; run the same command to make it again")
     resumed = any(scratch.iterdir())
     config = from_json(orders["config"])
     context = StageContext(orders["name"], config, inputs, out, scratch, orders["threads"])
@@ -73,6 +73,7 @@ def _build(orders: dict, out: Path, scratch: Path) -> dict:
         "stage": orders["title"],
         "key": orders["key"],
         "function": orders["function"],
+        "sources": orders["sources"],
         "config": orders["config"],
         "inputs": orders["inputs"],
         "notes": context.notes,

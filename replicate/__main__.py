@@ -1,0 +1,157 @@
+"""The command line, which `make` calls: `python -m replicate <command>`."""
+
+import argparse
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from replicate import paths, store
+from replicate.config import PROFILES, Config, resolve
+from replicate.device import choose_device
+from replicate.errors import InputError, RunError
+from replicate.provenance import core_count, provenance
+
+_EPILOG = """\
+Artefacts are kept in .cache, or in $REPLICATE_CACHE, and reused for as long as their configuration, inputs and
+sources stay the same. Exit codes: 0 done, 1 a stage failed or the disk is full, 2 bad input, 130 interrupted.
+"""
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command of the command line: what it does, in words and as a function, and which options it takes."""
+
+    about: str
+    function: Callable[[argparse.Namespace], None]
+    options: tuple[str, ...] = ()
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command and return its exit code; whoever made a mistake is told in one sentence."""
+    options = _parser().parse_args(arguments)
+    try:
+        COMMANDS[options.command].function(options)
+    except (InputError, RunError) as error:
+        print(" ".join(str(error).split()), file=sys.stderr)
+        return 2 if isinstance(error, InputError) else 1
+    except KeyboardInterrupt:
+        print("interrupted: what is finished is kept, and the same command goes on from there", file=sys.stderr)
+        return 130
+    except OSError as error:
+        if not store.is_disk_full(error):
+            raise
+        print(f"the disk is full ({error.filename or paths.ROOT}): make room and run the same command", file=sys.stderr)
+        return 1
+    return 0
+
+
+def configurations(options: argparse.Namespace) -> list[Config]:
+    """Return the configuration of every character that the command line names."""
+    device = choose_device(options.device)
+    characters = list(dict.fromkeys(" ".join(options.characters).replace(",", " ").split()))
+    if not characters:
+        raise InputError(f"no character is named: allowed are {', '.join(paths.character_names())}")
+    overrides = {"samples": {"split": options.split}} if options.split else None
+    file = Path(options.config) if options.config else None
+    return [
+        resolve(character, options.profile, overrides, file, seed=options.seed, device=device)
+        for character in characters
+    ]
+
+
+def _table2(options: argparse.Namespace) -> None:
+    from replicate import pipeline
+    from replicate.scheduler import run
+
+    configs = configurations(options)
+    workers = _workers(options)
+    stages = [stage for config in configs for stage in pipeline.table2_graph(config)]
+    command = ["python", "-m", "replicate", *sys.argv[1:]]
+    facts = provenance(command, options.profile, sorted({config.seed for config in configs}), workers)
+    run(stages, workers, facts)
+    pipeline.publish_table2(configs, stages, facts)
+
+
+def _compare(options: argparse.Namespace) -> None:
+    from replicate.evaluation.compare import compare_folders
+    from replicate.evaluation.tables import as_text
+
+    _check_profile(options.profile)
+    for table in compare_folders(paths.PAPER, paths.REFERENCE, paths.run_folder(options.profile)):
+        print(as_text(table))
+
+
+def _status(options: argparse.Namespace) -> None:
+    from replicate import pipeline
+    from replicate.inventory import inventory, states
+
+    for config in configurations(options):
+        for stage, state in states(pipeline.table2_graph(config)):
+            print(f"{stage.title:24} {stage.key}  {state}")
+    entries = inventory()
+    print(f"\n{paths.cache_folder()}")
+    for state in ("current", "stale", "damaged", "unfinished"):
+        sizes = [entry.size_bytes for entry in entries if entry.state == state]
+        print(f"{state:24} {len(sizes):4} folders {sum(sizes) / 1e6:10,.1f} MB")
+
+
+def _clean_cache(options: argparse.Namespace) -> None:
+    from replicate.inventory import clean
+
+    count, size_bytes = clean(options.all)
+    print(f"removed {count} folders, {size_bytes / 1e6:,.1f} MB, from {paths.cache_folder()}")
+
+
+_RUN_OPTIONS = ("profile", "characters", "seed", "device", "config", "split")
+COMMANDS = {
+    "table2": Command(
+        "make Table 2: approximation errors on held-out poses, beside the paper's", _table2, (*_RUN_OPTIONS, "jobs")
+    ),
+    "compare": Command("print the paper's numbers, the reference results and yours", _compare, ("profile",)),
+    "status": Command("list the artefacts of Table 2 and what else the cache holds", _status, _RUN_OPTIONS),
+    "clean-cache": Command("remove what is stale, damaged or unfinished from the cache", _clean_cache, ("all",)),
+}
+_OPTIONS = {
+    "profile": {"default": "laptop", "help": f"one of {', '.join(PROFILES)} (default: laptop)"},
+    "characters": {
+        "default": ["teen"],
+        "nargs": "+",
+        "help": f"names, of {', '.join(paths.character_names())}, or paths of .toml recipes (default: teen)",
+    },
+    "seed": {"type": int, "help": "the seed that all random streams come from (default: 0)"},
+    "device": {"default": "auto", "help": "auto, cpu or cuda (default: CUDA if there is one, else the CPU)"},
+    "jobs": {"type": int, "help": f"processes side by side (default: one a core, here {core_count()})"},
+    "config": {"metavar": "FILE", "help": "a TOML file whose keys override the profile's, as [coarse] map_size = 64"},
+    "split": {"help": "frames (as in the paper) or clips: what is held out for the test"},
+    "all": {"action": "store_true", "help": "remove everything that this suite has put there"},
+}
+
+
+def _parser() -> argparse.ArgumentParser:
+    plain = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser("python -m replicate", description=__doc__, epilog=_EPILOG, formatter_class=plain)
+    subparsers = parser.add_subparsers(dest="command", required=True, metavar="command")
+    for name, command in COMMANDS.items():
+        about = command.about[0].upper() + command.about[1:] + "."
+        subparser = subparsers.add_parser(
+            name, help=command.about, description=about, epilog=_EPILOG, formatter_class=plain
+        )
+        for option in command.options:
+            subparser.add_argument(f"--{option}", **_OPTIONS[option])
+    return parser
+
+
+def _workers(options: argparse.Namespace) -> int:
+    if options.jobs is not None and options.jobs < 1:
+        raise InputError(f"jobs is {options.jobs}: allowed is a whole number of at least 1")
+    return options.jobs or core_count()
+
+
+def _check_profile(profile: str) -> None:
+    if profile not in PROFILES:
+        raise InputError(f"profile {profile!r} is unknown: allowed are {', '.join(PROFILES)}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

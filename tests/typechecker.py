@@ -1,0 +1,5 @@
+"""beartype as the tests use it: a whole number may stand where a float is asked for, as Python's own checkers have it."""
+
+from beartype import BeartypeConf, beartype
+
+check = beartype(conf=BeartypeConf(is_pep484_tower=True))
