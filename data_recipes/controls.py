@@ -35,7 +35,7 @@ class Control:
             raise InputError(f"control '{self.name}': lower, default, upper are {numbers}, but must be finite numbers.")
         if not self.lower < self.upper:
             raise InputError(
-                f"control '{self.name}': its range [{self.lower:g}, {self.upper:g}] is empty; lower must be below upper."
+                f"control '{self.name}': its range [{self.lower:g}, {self.upper:g}] is empty; lower < upper is allowed."
             )
         if not self.lower <= self.default <= self.upper:
             raise InputError(
@@ -208,7 +208,9 @@ def control_groups() -> dict[str, list[Control]]:
         "lids": [Control(name, -1.0, 0.0, 1.0, region) for name, region in _sided(eyes)],
         "lips": [Control(f"{point}_{axis}", -1.0, 0.0, 1.0, "mouth") for point in LIP_POINTS for axis in AXES],
         "handles": [
-            Control(f"handle_{name}_{axis}", -1.0, 0.0, 1.0, region) for name, region in _sided(HANDLES) for axis in AXES
+            Control(f"handle_{name}_{axis}", -1.0, 0.0, 1.0, region)
+            for name, region in _sided(HANDLES)
+            for axis in AXES
         ],
         "wrinkles": [Control(name, -1.0, 0.0, 1.0, region) for name, region in WRINKLES],
         "head": [Control(name, -1.0, 0.0, 1.0, "head") for name in HEAD],

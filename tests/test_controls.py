@@ -59,7 +59,12 @@ def test_bad_counts_are_named(counts, part):
 
 @pytest.mark.parametrize(
     "numbers, part",
-    [((1.0, 1.0, 1.0), "empty"), ((2.0, 0.0, -2.0), "empty"), ((0.0, 2.0, 1.0), "outside"), ((0.0, 0.0, float("nan")), "finite")],
+    [
+        ((1.0, 1.0, 1.0), "empty"),
+        ((2.0, 0.0, -2.0), "empty"),
+        ((0.0, 2.0, 1.0), "outside"),
+        ((0.0, 0.0, float("nan")), "finite"),
+    ],
 )
 def test_a_control_with_an_empty_range_or_no_number_is_refused(numbers, part):
     with pytest.raises(InputError, match=part) as caught:

@@ -94,7 +94,8 @@ def test_the_jaw_moves_its_vertices_rigidly_and_half_weights_turn_half_way():
     back = jaw.undo_jaw(constants["pivot"], jnp.asarray(moved[:, :, 2:5]), motion)
     np.testing.assert_allclose(back, points[:, :, 2:5], atol=1e-4)
     half = JawMotion(motion.rotation / 2, motion.translation / 2)
-    np.testing.assert_allclose(moved[0, :, 5], jaw.open_jaw(jaw.prepare(np.ones(6), constants["pivot"]), points, half)[0, :, 5], atol=1e-4)
+    whole = jaw.prepare(np.ones(6), constants["pivot"])
+    np.testing.assert_allclose(moved[0, :, 5], jaw.open_jaw(whole, points, half)[0, :, 5], atol=1e-4)
 
 
 def test_delta_mush_keeps_a_rigidly_moved_rest_pose_and_evens_out_a_spike():
@@ -111,7 +112,7 @@ def test_delta_mush_keeps_a_rigidly_moved_rest_pose_and_evens_out_a_spike():
     assert float(jnp.abs(flesh.mush(constants, spiked) - rest).max()) < 1.5
 
 
-SHAPE = head_shape.prepare(-115, 0, -64, np.array([0, -88.0, 70]), np.array([40, -30.0, 60]), 0.0)
+SHAPE = head_shape.prepare(-115.0, 0.0, -64.0, np.array([0, -88.0, 70]), np.array([40, -30.0, 60]), 0.0)
 
 
 def shape_values(**given: float) -> head_shape.ShapeValues:

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Array, Float, Int
 
-from data_recipes.deformers.planes import cross, dot, place_of, spread, unit
+from data_recipes.deformers.planes import Constants, Values, cross, dot, place_of, spread, unit
 from data_recipes.deformers.surface_operators import padded_neighbours, vertex_normals
 
 PASSES = 6
@@ -37,7 +37,7 @@ def _opposite_neighbours(
     return chosen
 
 
-def smooth(constants: dict[str, Array], x: Float[Array, "b 3 s"]) -> Float[Array, "b 3 s"]:
+def smooth(constants: Constants, x: Float[Values, "b 3 s"]) -> Float[Values, "b 3 s"]:
     """Return positions after PASSES of moving half-way to the mean of the neighbours, the border held."""
     index, weight = constants["neighbour"], constants["neighbour_weight"]
     for _ in range(PASSES):
@@ -46,7 +46,7 @@ def smooth(constants: dict[str, Array], x: Float[Array, "b 3 s"]) -> Float[Array
     return x
 
 
-def frames(constants: dict[str, Array], smoothed: Float[Array, "b 3 s"]) -> tuple[Array, Array, Array]:
+def frames(constants: Constants, smoothed: Float[Values, "b 3 s"]) -> tuple[Array, Array, Array]:
     """Return the orthonormal frames (tangent, second tangent, normal), each (b, 3, s), of a smoothed skin."""
     a, b, c, d = constants["across"]
     first = unit(smoothed[:, :, b] - smoothed[:, :, a])
@@ -59,7 +59,7 @@ def prepare(
     neutral: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "f 3"],
     graph: sp.csr_matrix,
-    weight: Float[np.ndarray, "n"],
+    weight: Float[np.ndarray, " n"],
 ) -> dict[str, np.ndarray]:
     """Return the constants for the skin where `weight` (0 … 1, how far mush replaces the input) is above 0."""
     # A corner of the mesh has too few neighbours for a frame.
@@ -82,7 +82,7 @@ def prepare(
     return constants | {"detail": np.asarray(detail)}
 
 
-def mush(constants: dict[str, Array], x: Float[Array, "b 3 n"]) -> Float[Array, "b 3 n"]:
+def mush(constants: Constants, x: Float[Values, "b 3 n"]) -> Float[Values, "b 3 n"]:
     """Return positions after the delta mush."""
     held = x[:, :, constants["support"]]
     smoothed = smooth(constants, held)

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
-from data_recipes.deformers.planes import place_of, spread
+from data_recipes.deformers.planes import Constants, Values, place_of, spread
 
 
 def wendland(distance: Float[np.ndarray, "*s"], radius: float) -> Float[np.ndarray, "*s"]:
@@ -30,9 +30,9 @@ def weights(
 
 def prepare(
     neutral: Float[np.ndarray, "n 3"],
-    handles: Int[np.ndarray, "h"],
+    handles: Int[np.ndarray, " h"],
     radius_mm: float,
-    mask: Float[np.ndarray, "n"],
+    mask: Float[np.ndarray, " n"],
     columns: Int[np.ndarray, "h 3"],
     reach_mm: Float[np.ndarray, "h 3"],
 ) -> dict[str, np.ndarray]:
@@ -50,7 +50,7 @@ def prepare(
     }
 
 
-def move(constants: dict[str, Array], u: Float[Array, "b m"]) -> Float[Array, "b 3 n"]:
+def move(constants: Constants, u: Float[Values, "b m"]) -> Float[Values, "b 3 n"]:
     """Return the displacement of every vertex at controls u."""
     padded = jnp.concatenate([u, jnp.zeros_like(u[:, :1])], axis=1)
     travel = padded[:, constants["columns"]] * constants["reach"]  # (b, h, 3)

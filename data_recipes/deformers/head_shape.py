@@ -13,6 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from data_recipes.deformers.planes import Constants, Values
+
 SQUASH = 0.24  # at control value 1, the height loses this share
 PART_SQUASH = 0.16
 BEND_RAD = np.deg2rad(14.0)
@@ -43,12 +45,12 @@ def prepare(
 ) -> dict[str, np.ndarray]:
     """Return the maps' landmarks in mm: where the neck holds still, heights of eyes and mouth, chin and a cheek."""
     return {
-        "base_y": np.float32(base_y),
-        "eye_y": np.float32(eye_y),
-        "mouth_y": np.float32(mouth_y),
+        "base_y": np.asarray(base_y, np.float32),
+        "eye_y": np.asarray(eye_y, np.float32),
+        "mouth_y": np.asarray(mouth_y, np.float32),
         "chin": np.asarray(chin, np.float32),
         "cheek": np.asarray(cheek, np.float32),
-        "axis_z": np.float32(axis_z),
+        "axis_z": np.asarray(axis_z, np.float32),
     }
 
 
@@ -68,10 +70,10 @@ def _bump(distance_squared: Array, radius: float) -> Array:
     return jnp.exp(-distance_squared / radius**2)
 
 
-def warp(constants: dict[str, Array], values: ShapeValues, points: Float[Array, "b 3 s"]) -> Float[Array, "b 3 s"]:
+def warp(constants: Constants, values: ShapeValues, points: Float[Values, "b 3 s"]) -> Float[Values, "b 3 s"]:
     """Return points after shape, squash, bend and twist, in this order; the identity when all values are 0."""
     x, y, z = points[:, 0], points[:, 1], points[:, 2]
-    base, eye, mouth, middle = (constants[k] for k in ("base_y", "eye_y", "mouth_y", "axis_z"))
+    base, eye, mouth, middle = (jnp.asarray(constants[k]) for k in ("base_y", "eye_y", "mouth_y", "axis_z"))
     chin, cheek = constants["chin"], constants["cheek"]
     v = values
 

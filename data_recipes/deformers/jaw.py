@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
-from data_recipes.deformers.planes import cross, place_of, spread
+from data_recipes.deformers.planes import Constants, Values, cross, place_of, spread
 from data_recipes.deformers.surface_operators import harmonic, smooth_values
 
 SMOOTHING_PASSES = 14
@@ -24,17 +24,17 @@ SMOOTHING_PASSES = 14
 class JawMotion:
     """A batch of jaw poses: rotation vector (b, 3) in radians about the pivot, then translation (b, 3) in mm."""
 
-    rotation: Float[Array, "b 3"]
-    translation: Float[Array, "b 3"]
+    rotation: Float[Values, "b 3"]
+    translation: Float[Values, "b 3"]
 
 
 def jaw_weights(
     graph: sp.csr_matrix,
-    fixed: Int[np.ndarray, "k"],
-    values: Float[np.ndarray, "k"],
-    keep: Int[np.ndarray, "j"],
+    fixed: Int[np.ndarray, " k"],
+    values: Float[np.ndarray, " k"],
+    keep: Int[np.ndarray, " j"],
     passes: int = SMOOTHING_PASSES,
-) -> Float[np.ndarray, "n"]:
+) -> Float[np.ndarray, " n"]:
     """Return harmonic weights through `values` at `fixed`, smoothed `passes` times except at the vertices `keep`."""
     weight = harmonic(graph, fixed, values)
     kept = np.zeros(len(weight), bool)
@@ -42,7 +42,7 @@ def jaw_weights(
     return np.clip(smooth_values(weight, graph, passes, kept), 0, 1)
 
 
-def prepare(weight: Float[np.ndarray, "n"], pivot: Float[np.ndarray, "3"]) -> dict[str, np.ndarray]:
+def prepare(weight: Float[np.ndarray, " n"], pivot: Float[np.ndarray, " 3"]) -> dict[str, np.ndarray]:
     """Return the jaw's constants for weights (n,) and the pivot in mm."""
     support = np.flatnonzero(weight > 1e-4)
     return {
@@ -53,7 +53,7 @@ def prepare(weight: Float[np.ndarray, "n"], pivot: Float[np.ndarray, "3"]) -> di
     }
 
 
-def turn(vectors: Float[Array, "b 3 s"], rotation: Float[Array, "b 3 s"]) -> Float[Array, "b 3 s"]:
+def turn(vectors: Float[Values, "b 3 s"], rotation: Float[Values, "b 3 s"]) -> Float[Values, "b 3 s"]:
     """Return v turned by rotation vectors r (Rodrigues): v + sin φ/φ r×v + (1 − cos φ)/φ² r×(r×v), φ = |r|.
 
     The two quotients are power series in φ², exact to float32 up to one radian and free of 0/0.
@@ -65,7 +65,7 @@ def turn(vectors: Float[Array, "b 3 s"], rotation: Float[Array, "b 3 s"]) -> Flo
     return vectors + sine * once + versine * cross(rotation, once)
 
 
-def open_jaw(constants: dict[str, Array], x: Float[Array, "b 3 n"], motion: JawMotion) -> Float[Array, "b 3 n"]:
+def open_jaw(constants: Constants, x: Float[Values, "b 3 n"], motion: JawMotion) -> Float[Values, "b 3 n"]:
     """Return positions with the jaw's motion applied, each vertex by its weight."""
     held = x[:, :, constants["support"]]
     pivot = constants["pivot"][:, None]
@@ -74,12 +74,12 @@ def open_jaw(constants: dict[str, Array], x: Float[Array, "b 3 n"], motion: JawM
     return x + spread(moved - held, constants["place"])
 
 
-def undo_jaw(pivot: Float[Array, "3"], x: Float[Array, "b 3 s"], motion: JawMotion) -> Float[Array, "b 3 s"]:
+def undo_jaw(pivot: Float[Values, " 3"], x: Float[Values, "b 3 s"], motion: JawMotion) -> Float[Values, "b 3 s"]:
     """Return positions in the resting jaw's frame: the inverse of weight 1."""
     back = x - motion.translation[:, :, None] - pivot[:, None]
     return turn(back, jnp.broadcast_to(-motion.rotation[:, :, None], back.shape)) + pivot[:, None]
 
 
-def turn_with_jaw(vectors: Float[Array, "b 3 s"], motion: JawMotion) -> Float[Array, "b 3 s"]:
+def turn_with_jaw(vectors: Float[Values, "b 3 s"], motion: JawMotion) -> Float[Values, "b 3 s"]:
     """Return directions turned from the resting jaw's frame into the posed one."""
     return turn(vectors, jnp.broadcast_to(motion.rotation[:, :, None], vectors.shape))

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+# Arrays are numpy's when fresh or loaded, JAX's inside a compiled function. `Constants` are a deformer's prepared ones.
+Values = Array | np.ndarray
+Constants = Mapping[str, Values]
 
-def place_of(support: Int[np.ndarray, "s"], n: int) -> Int[np.ndarray, "n"]:
+
+def place_of(support: Int[np.ndarray, " s"], n: int) -> Int[np.ndarray, " n"]:
     """Return, for each of n vertices, its position in `support`, or s (one past the end) outside it."""
     place = np.full(n, len(support), np.int32)
     place[support] = np.arange(len(support))
     return place
 
 
-def spread(values: Float[Array, "*b s"], place: Int[Array, "n"]) -> Float[Array, "*b n"]:
+def spread(values: Float[Values, "*b s"], place: Int[Values, " n"]) -> Float[Values, "*b n"]:
     """Return values on all n vertices: those of the support at their vertices, 0 elsewhere.
 
     place: from `place_of`. This is a gather; scattering on a CPU takes several times as long.
@@ -23,18 +29,18 @@ def spread(values: Float[Array, "*b s"], place: Int[Array, "n"]) -> Float[Array,
     return padded[..., place]
 
 
-def dot(a: Float[Array, "b 3 s"], b: Float[Array, "*b 3 s"]) -> Float[Array, "b s"]:
+def dot(a: Float[Values, "b 3 s"], b: Float[Values, "*b 3 s"]) -> Float[Values, "b s"]:
     """Return the scalar products of two fields of vectors."""
     return (a * b).sum(axis=-2)
 
 
-def cross(a: Float[Array, "*b 3 s"], b: Float[Array, "*b 3 s"]) -> Float[Array, "*b 3 s"]:
+def cross(a: Float[Values, "*b 3 s"], b: Float[Values, "*b 3 s"]) -> Float[Values, "*b 3 s"]:
     """Return the cross products of two fields of vectors."""
     ax, ay, az = a[..., 0, :], a[..., 1, :], a[..., 2, :]
     bx, by, bz = b[..., 0, :], b[..., 1, :], b[..., 2, :]
     return jnp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-2)
 
 
-def unit(a: Float[Array, "*b 3 s"]) -> Float[Array, "*b 3 s"]:
+def unit(a: Float[Values, "*b 3 s"]) -> Float[Values, "*b 3 s"]:
     """Return the vectors at length 1; shorter than 1e-6 they shrink to 0 smoothly."""
     return a / jnp.sqrt((a * a).sum(axis=-2, keepdims=True) + 1e-12)

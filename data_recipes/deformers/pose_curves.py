@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from data_recipes.deformers.planes import place_of, spread
+from data_recipes.deformers.planes import Constants, Values, place_of, spread
 
 
 @dataclass
@@ -65,7 +65,7 @@ class PoseFields:
         }
 
 
-def coefficients(constants: dict[str, Array], u: Float[Array, "b m"]) -> Float[Array, "b k"]:
+def coefficients(constants: Constants, u: Float[Values, "b m"]) -> Float[Values, "b k"]:
     """Return each field's coefficient: u, 4u(1 − u), or a product of controls."""
     padded = jnp.concatenate([u, jnp.ones_like(u[:, :1])], axis=1)
     first, second, third = (padded[:, constants["factor"][:, i]] for i in range(3))
@@ -73,7 +73,7 @@ def coefficients(constants: dict[str, Array], u: Float[Array, "b m"]) -> Float[A
     return jnp.where(constants["between"] > 0, 4 * first * (1 - first), product)
 
 
-def move(constants: dict[str, Array], u: Float[Array, "b m"]) -> Float[Array, "b 3 n"]:
+def move(constants: Constants, u: Float[Values, "b m"]) -> Float[Values, "b 3 n"]:
     """Return the displacement that the fields give every vertex at controls u."""
     flat = coefficients(constants, u) @ constants["fields"]
     return spread(flat.reshape(len(u), 3, -1), constants["place"])

@@ -5,7 +5,9 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
+
+from data_recipes.deformers.planes import Constants, Values
 
 REACH = 1.3  # the furthest effective value, in units of the control's own limit
 SLACK = 0.12  # how far a one-sided control gives way on its closed side
@@ -23,7 +25,7 @@ def limits(lower: np.ndarray, upper: np.ndarray, default: np.ndarray) -> dict[st
     }
 
 
-def saturate(limit: dict[str, Array], params: Float[Array, "b m"]) -> Float[Array, "b m"]:
+def saturate(limit: Constants, params: Float[Values, "b m"]) -> Float[Values, "b m"]:
     """Return p − default bent towards its limits: x (1 + (x/c)⁶)^(−1/6), the identity to sixth order at 0.
 
     c is the limit on x's side; below c/2 the change is under 0.3 %, and |result| < c up to |x| = 1000 c.
@@ -35,12 +37,12 @@ def saturate(limit: dict[str, Array], params: Float[Array, "b m"]) -> Float[Arra
     return x * (1 + ratio**SHARPNESS) ** (-1 / SHARPNESS)
 
 
-def positive_part(x: Float[Array, "*s"], softness: float) -> Float[Array, "*s"]:
+def positive_part(x: Float[Values, "*s"], softness: float) -> Float[Values, "*s"]:
     """Return ½(x + √(x² + s²)), a smooth max(x, 0) that is s/2 at 0 and tends to 0 below."""
     return 0.5 * (x + jnp.sqrt(x * x + softness * softness))
 
 
-def hinge(x: Float[Array, "*s"], width: float) -> Float[Array, "*s"]:
+def hinge(x: Float[Values, "*s"], width: float) -> Float[Values, "*s"]:
     """Return max(x, 0) with a quadratic start over `width`: exactly 0 below 0, x − width/2 beyond `width`, C¹."""
     y = jax.nn.relu(x)
     return jnp.where(y < width, y * y / (2 * width), y - width / 2)

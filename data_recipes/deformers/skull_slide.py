@@ -11,9 +11,9 @@ from collections.abc import Callable
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from data_recipes.deformers.planes import place_of, spread
+from data_recipes.deformers.planes import Constants, Values, place_of, spread
 
 STEP_MM = 4.0
 # Radii of curvature below this (mm) are features such as a nose wing, which skin does not slide over.
@@ -47,7 +47,7 @@ def quadratic_model(
 
 
 def prepare(
-    sdf: Callable[[np.ndarray], np.ndarray], neutral: Float[np.ndarray, "n 3"], weight: Float[np.ndarray, "n"]
+    sdf: Callable[[np.ndarray], np.ndarray], neutral: Float[np.ndarray, "n 3"], weight: Float[np.ndarray, " n"]
 ) -> dict[str, np.ndarray]:
     """Return the slide's constants for the vertices where `weight` (0 free … 1 glued to the skull) is above 0."""
     support = np.flatnonzero(weight > 1e-3)
@@ -62,7 +62,7 @@ def prepare(
     }
 
 
-def slide(constants: dict[str, Array], offset: Float[Array, "b 3 n"]) -> Float[Array, "b 3 n"]:
+def slide(constants: Constants, offset: Float[Values, "b 3 n"]) -> Float[Values, "b 3 n"]:
     """Return what to add to offsets from the neutral so that the skin keeps its distance from the skull."""
     t = offset[:, :, constants["support"]]
     gradient = constants["gradient"]

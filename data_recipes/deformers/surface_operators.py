@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-import scipy.sparse.linalg
 from jaxtyping import Float, Int
 from scipy.sparse.csgraph import dijkstra
 
 
 def submesh(
-    faces: Int[np.ndarray, "f 3"], vertices: Int[np.ndarray, "s"], n: int
-) -> tuple[Int[np.ndarray, "g 3"], Int[np.ndarray, "g"]]:
+    faces: Int[np.ndarray, "f 3"], vertices: Int[np.ndarray, " s"], n: int
+) -> tuple[Int[np.ndarray, "g 3"], Int[np.ndarray, " g"]]:
     """Return the faces whose corners all lie in `vertices`, renumbered by position there, and which faces they are."""
     place = np.full(n, -1)
     place[vertices] = np.arange(len(vertices))
@@ -25,7 +24,7 @@ def submesh(
 
 def face_gradients(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]
-) -> tuple[Float[np.ndarray, "f 3 3"], Float[np.ndarray, "f"]]:
+) -> tuple[Float[np.ndarray, "f 3 3"], Float[np.ndarray, " f"]]:
     """Return the gradients of the three hat functions on each face, [face, corner, xyz] in 1/mm, and areas in mm²."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
@@ -36,7 +35,7 @@ def face_gradients(
     return gradients, 0.5 * double_area
 
 
-def vertex_areas(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "n"]:
+def vertex_areas(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " n"]:
     """Return a third of the area of each vertex's faces (the lumped mass M), in mm²; at least 1e-6."""
     _, area = face_gradients(vertices, faces)
     return np.maximum(np.bincount(faces.ravel(), np.repeat(area / 3, 3), len(vertices)), 1e-6)
@@ -70,7 +69,7 @@ def quad_adjacency(quads: Int[np.ndarray, "q 4"], n: int) -> sp.csr_matrix:
 
 
 def padded_neighbours(graph: sp.csr_matrix, width: int) -> tuple[Int[np.ndarray, "n w"], Float[np.ndarray, "n w"]]:
-    """Return each vertex's first `width` neighbours and their weights 1/degree; the padding is the vertex itself at 0."""
+    """Return each vertex's first `width` neighbours and weights 1/degree; it pads with the vertex itself at weight 0."""
     n = graph.shape[0]
     degree = np.minimum(np.diff(graph.indptr), width)
     slots = np.arange(width)[None, :] < degree[:, None]
@@ -82,8 +81,8 @@ def padded_neighbours(graph: sp.csr_matrix, width: int) -> tuple[Int[np.ndarray,
 
 
 def geodesic(
-    vertices: Float[np.ndarray, "n 3"], graph: sp.csr_matrix, sources: Int[np.ndarray, "k"], limit_mm: float = np.inf
-) -> Float[np.ndarray, "n"]:
+    vertices: Float[np.ndarray, "n 3"], graph: sp.csr_matrix, sources: Int[np.ndarray, " k"], limit_mm: float = np.inf
+) -> Float[np.ndarray, " n"]:
     """Return each vertex's distance along edges to the nearest source, in mm; infinite beyond `limit_mm`."""
     edges = graph.tocoo()
     length = np.linalg.norm(vertices[edges.row] - vertices[edges.col], axis=1)
@@ -111,8 +110,8 @@ def vertex_normals(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f
 
 
 def harmonic(
-    graph: sp.csr_matrix, fixed: Int[np.ndarray, "k"], values: Float[np.ndarray, "k"]
-) -> Float[np.ndarray, "n"]:
+    graph: sp.csr_matrix, fixed: Int[np.ndarray, " k"], values: Float[np.ndarray, " k"]
+) -> Float[np.ndarray, " n"]:
     """Return the function whose every free value is the mean of its neighbours' and which takes `values` at `fixed`.
 
     Vertices that no path joins to a fixed one get 0.

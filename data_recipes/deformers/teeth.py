@@ -6,17 +6,17 @@ from collections.abc import Callable
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from data_recipes.deformers.jaw import JawMotion, turn
-from data_recipes.deformers.planes import place_of, spread
+from data_recipes.deformers.planes import Constants, Values, place_of, spread
 
 PROBE_MM = 2.0
 POLAR_STEPS = 6
 
 
 def prepare(
-    neutral: Float[np.ndarray, "n 3"], teeth: list[Int[np.ndarray, "s"]], lower: list[bool], pivot: np.ndarray
+    neutral: Float[np.ndarray, "n 3"], teeth: list[Int[np.ndarray, " s"]], lower: list[bool], pivot: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Return the constants for teeth given as lists of vertices; `lower` says which belong to the jaw."""
     support = np.concatenate(teeth) if teeth else np.zeros(0, int)
@@ -32,7 +32,7 @@ def prepare(
     }
 
 
-def polar_rotation(matrix: Float[Array, "*b 3 3"]) -> Float[Array, "*b 3 3"]:
+def polar_rotation(matrix: Float[Values, "*b 3 3"]) -> Float[Values, "*b 3 3"]:
     """Return the rotation nearest to a matrix of positive determinant: Newton's iteration R ← ½(R + R⁻ᵀ)."""
     r = matrix
     for _ in range(POLAR_STEPS):
@@ -44,11 +44,11 @@ def polar_rotation(matrix: Float[Array, "*b 3 3"]) -> Float[Array, "*b 3 3"]:
 
 
 def place_teeth(
-    constants: dict[str, Array],
-    x: Float[Array, "b 3 n"],
+    constants: Constants,
+    x: Float[Values, "b 3 n"],
     motion: JawMotion,
-    warp: Callable[[Float[Array, "b 3 s"]], Float[Array, "b 3 s"]],
-) -> Float[Array, "b 3 n"]:
+    warp: Callable[[Float[Values, "b 3 s"]], Float[Values, "b 3 s"]],
+) -> Float[Values, "b 3 n"]:
     """Return positions in which every tooth's vertices are a rigid image of the resting tooth.
 
     warp: the head's map of space; a tooth's centre goes through it, its orientation through its rotation there.

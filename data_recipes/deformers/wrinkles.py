@@ -8,13 +8,14 @@ Diffusion and averaging, and the bending solve, are dense matrices on the region
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
-from data_recipes.deformers.planes import cross, spread, unit
+from data_recipes.deformers.planes import Constants, Values, cross, spread, unit
 from data_recipes.deformers.surface_operators import face_gradients, stiffness, submesh, vertex_areas
 
 DIFFUSION_MM2 = 30.0
@@ -71,13 +72,13 @@ def prepare_region(
         "diffuse": diffuse.T.astype(np.float32),
         # The pattern and λ/π ride inside the bending operator: h = √c₊ · gain @ raise.
         "raise": (raise_ * (region.wavelength_mm / np.pi * region.pattern)).T.astype(np.float32),
-        "threshold": np.float32(max(region.threshold, SMALLEST_THRESHOLD)),
+        "threshold": np.asarray(max(region.threshold, SMALLEST_THRESHOLD), np.float32),
         "gain_columns": region.gain_columns.astype(np.int32),
         "gain_weights": region.gain_weights.astype(np.float32),
     }
 
 
-def compression(constants: dict[str, Array], x: Float[Array, "b 3 n"]) -> Float[Array, "b s"]:
+def compression(constants: Constants, x: Float[Values, "b 3 n"]) -> Float[Values, "b s"]:
     """Return the diffused compression c̃ of a region's vertices; 0.1 means a tenth shorter."""
     i, j, k = constants["corners"]
     gi, gj, gk = constants["directional"]
@@ -86,19 +87,19 @@ def compression(constants: dict[str, Array], x: Float[Array, "b 3 n"]) -> Float[
     return (1 - stretch) @ constants["diffuse"]
 
 
-def excess(compressed: Float[Array, "b s"], threshold: Float[Array, ""]) -> Float[Array, "b s"]:
+def excess(compressed: Float[Values, "b s"], threshold: Float[Values, ""]) -> Float[Values, "b s"]:
     """Return c₊, the compression beyond the threshold: exactly 0 at rest."""
     y = compressed - threshold
     return jnp.maximum(0.0, 0.5 * (y + jnp.sqrt(y * y + 2e-4)) - 0.004)
 
 
-def gains(u: Float[Array, "b m"], columns: Int[Array, "g"]) -> Float[Array, "b g"]:
+def gains(u: Float[Values, "b m"], columns: Int[Values, " g"]) -> Float[Values, "b g"]:
     """Return the gain of each control: 0 at −1, 1 at 0, 2 at 1, and never below 0; a missing control gives 1."""
     padded = jnp.concatenate([u, jnp.zeros_like(u[:, :1])], axis=1)
     return jnp.maximum(0.0, 1.0 + padded[:, columns])
 
 
-def heights(constants: dict[str, Array], x: Float[Array, "b 3 n"], u: Float[Array, "b m"]) -> Float[Array, "b s"]:
+def heights(constants: Constants, x: Float[Values, "b 3 n"], u: Float[Values, "b m"]) -> Float[Values, "b s"]:
     """Return the height h (mm) of a region's wrinkles at positions x and controls u."""
     c = excess(compression(constants, x), constants["threshold"])
     folded = c > 0
@@ -107,7 +108,7 @@ def heights(constants: dict[str, Array], x: Float[Array, "b 3 n"], u: Float[Arra
     return (root * gain) @ constants["raise"]
 
 
-def normals(constants: dict[str, Array], x: Float[Array, "b 3 n"]) -> Float[Array, "b 3 s"]:
+def normals(constants: Constants, x: Float[Values, "b 3 n"]) -> Float[Values, "b 3 s"]:
     """Return unit vertex normals on the union of the regions, area-weighted over the (padded) incident faces."""
     i, j, k = constants["corners"]
     a = x[:, :, i]
@@ -117,7 +118,7 @@ def normals(constants: dict[str, Array], x: Float[Array, "b 3 n"]) -> Float[Arra
 
 
 def prepare_normals(
-    support: Int[np.ndarray, "s"], faces: Int[np.ndarray, "f 3"], n: int
+    support: Int[np.ndarray, " s"], faces: Int[np.ndarray, "f 3"], n: int
 ) -> dict[str, np.ndarray]:
     """Return the faces around the support's vertices and, per vertex, the slots of its incident faces."""
     wanted = np.zeros(n, bool)
@@ -160,8 +161,8 @@ def prepare(
 
 
 def wrinkle(
-    constants: dict[str, dict[str, Array]], x: Float[Array, "b 3 n"], u: Float[Array, "b m"]
-) -> Float[Array, "b 3 n"]:
+    constants: Mapping[str, Constants], x: Float[Values, "b 3 n"], u: Float[Values, "b m"]
+) -> Float[Values, "b 3 n"]:
     """Return positions with every region's wrinkles: X += Σ h n."""
     names = [name for name in constants if name != "surface"]
     if not names:
