@@ -1,0 +1,100 @@
+"""How a face gets from one pose to the next: eased keys with anticipation and overshoot, blinks, drift, holds.
+
+Poses are rows (m,) of control values; time is counted in frames at 24 a second.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float, Float64, Int
+from scipy.interpolate import PchipInterpolator
+
+FRAMES_PER_SECOND = 24
+SIDES = ("left", "right")
+
+
+def pose(columns: Mapping[str, int], amounts: Mapping[str, float]) -> Float64[np.ndarray, " m"]:
+    """Return a pose from amounts by name; "*" means both sides, and controls that the rig lacks are left out.
+
+    columns: control name → column of p.
+    """
+    values = np.zeros(len(columns))
+    for name, amount in amounts.items():
+        for side in SIDES if "*" in name else ("",):
+            column = columns.get(name.replace("*", side))
+            if column is not None:
+                values[column] = amount
+    return values
+
+
+def move_keys(
+    start: float,
+    length: float,
+    before: Float[np.ndarray, " m"],
+    after: Float[np.ndarray, " m"],
+    anticipation: float,
+    overshoot: float,
+) -> list[tuple[float, np.ndarray]]:
+    """Return (time, pose) keys of one move: a little the other way, past the goal, and back to it.
+
+    anticipation, overshoot: shares of the way from `before` to `after`. The last key, the goal, is at start + length.
+    """
+    way = after - before
+    keys = [(start, before)]
+    if anticipation > 0:
+        keys.append((start + 0.25 * length, before - anticipation * way))
+    if overshoot > 0:
+        keys.append((start + 0.75 * length, after + overshoot * way))
+    return [*keys, (start + length, after)]
+
+
+def through(
+    keys: Sequence[tuple[float, np.ndarray]], frames: int, lag: Int[np.ndarray, " m"]
+) -> Float64[np.ndarray, "frames m"]:
+    """Interpolate keys by monotone cubics, which ease in and out of every extreme and never ring.
+
+    keys: (time, pose) in time order; times that coincide keep the later pose. lag: frames by which each control
+    drags behind, so that parts of the face overlap in time. Before the first and after the last key the pose holds.
+    """
+    merged = {float(time): value for time, value in keys}
+    times = np.array(sorted(merged))
+    poses = np.stack([merged[time] for time in times])
+    if len(times) == 1:
+        return np.repeat(poses, frames, axis=0)
+    values = np.empty((frames, poses.shape[1]))
+    for late in np.unique(lag):
+        chosen = lag == late
+        when = np.clip(np.arange(frames) - late, times[0], times[-1])
+        values[:, chosen] = PchipInterpolator(times, poses[:, chosen], axis=0)(when)
+    return values
+
+
+def blink_profile(frames: int, starts: Sequence[float], slowness: float = 1.0) -> Float64[np.ndarray, " frames"]:
+    """Return how far lids are closed by blinks (0 … 1): two frames down, one shut, four up, times `slowness`."""
+    shape_time = np.array([0.0, 2.0, 3.2, 5.0, 7.5]) * slowness
+    closed = PchipInterpolator(shape_time, [0.0, 1.0, 1.0, 0.35, 0.0])
+    profile = np.zeros(frames)
+    for start in starts:
+        time = np.arange(frames) - start
+        during = (time > 0) & (time < shape_time[-1])
+        profile[during] = np.maximum(profile[during], closed(time[during]))
+    return profile
+
+
+def drift(
+    frames: int, count: int, period: float, generator: np.random.Generator
+) -> Float64[np.ndarray, "frames count"]:
+    """Return slow noise of unit size, a column a control: random keys `period` frames apart, eased."""
+    keys = generator.normal(size=(int(frames / period) + 3, count))
+    start = generator.uniform(0, period)
+    return PchipInterpolator(np.arange(len(keys)) * period - start, keys, axis=0)(np.arange(frames))
+
+
+def freeze(
+    values: Float[np.ndarray, "frames m"], holds: Mapping[int, int]
+) -> Float[np.ndarray, "longer m"]:
+    """Repeat some frames: `holds` maps a frame to the number of frames for which everything stands still there."""
+    repeats = np.ones(len(values), dtype=int)
+    for frame, count in holds.items():
+        repeats[min(frame, len(values) - 1)] += count
+    return np.repeat(values, repeats, axis=0)
