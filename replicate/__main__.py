@@ -27,10 +27,15 @@ class Command:
     options: tuple[str, ...] = ()
 
 
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str):
+        raise InputError(f"{message}; `{self.prog} --help` lists what is allowed")
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code; whoever made a mistake is told in one sentence."""
-    options = _parser().parse_args(arguments)
     try:
+        options = _parser().parse_args(arguments)
         COMMANDS[options.command].function(options)
     except (InputError, RunError) as error:
         print(" ".join(str(error).split()), file=sys.stderr)
@@ -130,7 +135,7 @@ _OPTIONS = {
 
 def _parser() -> argparse.ArgumentParser:
     plain = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser("python -m replicate", description=__doc__, epilog=_EPILOG, formatter_class=plain)
+    parser = _Parser("python -m replicate", description=__doc__, epilog=_EPILOG, formatter_class=plain)
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="command")
     for name, command in COMMANDS.items():
         about = command.about[0].upper() + command.about[1:] + "."

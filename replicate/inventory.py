@@ -1,6 +1,5 @@
 """What the cache holds, and which of it is still of use."""
 
-import json
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ _UNFINISHED = ("partial", "scratch", "logs")
 
 @dataclass(frozen=True)
 class Entry:
-    """One folder of the cache. state: "current", "stale" (its sources have changed since), "damaged" or "unfinished"."""
+    """One folder of the cache; its state is "current", "stale" (sources have changed), "damaged" or "unfinished"."""
 
     folder: Path
     state: str

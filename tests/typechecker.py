@@ -1,4 +1,4 @@
-"""beartype as the tests use it: a whole number may stand where a float is asked for, as Python's own checkers have it."""
+"""beartype as the tests use it: a whole number may stand where a float is asked for (PEP 484)."""
 
 from beartype import BeartypeConf, beartype
 

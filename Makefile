@@ -1,0 +1,83 @@
+# The front door. Everything is done by `python -m replicate`; this file finds or makes the Python to run it with.
+# For GNU make 3.81 and newer.
+
+PROFILE    ?= laptop
+CHARACTERS ?= teen
+SEED       ?=
+JOBS       ?=
+DEVICE     ?=
+CONFIG     ?=
+SPLIT      ?=
+PYTHON     ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && exit; done; echo python3)
+
+# An active environment is used as it is if it has all packages, and .venv otherwise.
+MODULES := beartype filelock ipykernel jax jaxtyping jupyter matplotlib nbclient nbformat numba numpy pandas PIL \
+	psutil pytest pyvista ruff safetensors sklearn scipy threadpoolctl torch tqdm trimesh
+COMPLETE := import sys, importlib.util as u; \
+	print(*["yes"] * (sys.version_info >= (3, 11) and all(u.find_spec(m) for m in sys.argv[1:])))
+ACTIVE := $(or $(VIRTUAL_ENV),$(CONDA_PREFIX))
+ifneq ($(ACTIVE),)
+USABLE := $(shell "$(ACTIVE)/bin/python" -c '$(COMPLETE)' $(MODULES) 2>/dev/null)
+endif
+ifeq ($(USABLE),yes)
+RUN := "$(ACTIVE)/bin/python"
+ENVIRONMENT :=
+else
+RUN := .venv/bin/python
+ENVIRONMENT := .venv/installed
+endif
+
+RUN_OPTIONS = --profile "$(PROFILE)" --characters "$(CHARACTERS)" $(if $(SEED),--seed "$(SEED)") \
+	$(if $(DEVICE),--device "$(DEVICE)") $(if $(CONFIG),--config "$(CONFIG)") $(if $(SPLIT),--split "$(SPLIT)")
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.SUFFIXES:
+.PHONY: help environment table2 compare status test lint bench-rig clean clean-all
+
+help: ## print this help
+	@echo "usage: make <target> [VARIABLE=value ...]"
+	@echo
+	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  %-14s %s\n", $$1, $$2 }' Makefile
+	@echo
+	@echo "  PROFILE=$(PROFILE)    quick, laptop or paper: how many samples and steps"
+	@echo "  CHARACTERS=$(CHARACTERS)   names, or paths of .toml recipes, separated by commas or spaces"
+	@echo "  SEED=  JOBS=  DEVICE=  CONFIG=  SPLIT=   as \`python -m replicate table2 --help\` says"
+	@echo "  PYTHON=         the Python, 3.11 or newer, that .venv is made with"
+
+environment: $(ENVIRONMENT) ## make .venv with the exact packages, unless an active environment has them
+
+table2: $(ENVIRONMENT) ## approximation errors on held-out poses, beside the paper's
+	@$(RUN) -m replicate table2 $(RUN_OPTIONS) $(if $(JOBS),--jobs "$(JOBS)")
+
+compare: $(ENVIRONMENT) ## print the paper's numbers, the reference results and yours
+	@$(RUN) -m replicate compare --profile "$(PROFILE)"
+
+status: $(ENVIRONMENT) ## list which artefacts are up to date, and what the cache holds
+	@$(RUN) -m replicate status $(RUN_OPTIONS)
+
+test: $(ENVIRONMENT) ## run all tests
+	$(RUN) -m pytest
+
+lint: $(ENVIRONMENT) ## check the style of the sources
+	$(RUN) -m ruff check .
+	$(RUN) -m ruff format --check .
+
+bench-rig: $(ENVIRONMENT) ## poses per second of the rigs, batched and one at a time
+	@$(RUN) -m replicate.benchmarks.rig
+
+clean: $(ENVIRONMENT) ## remove stale, damaged and unfinished artefacts from the cache
+	@$(RUN) -m replicate clean-cache
+
+clean-all: $(ENVIRONMENT) ## remove all artefacts and your own results
+	@$(RUN) -m replicate clean-cache --all
+	rm -rf results/runs
+
+.venv/installed: requirements.lock
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { echo "Python 3.11 or newer is \
+	needed, and $(PYTHON) is `$(PYTHON) --version 2>&1 | head -n 1`: name one with PYTHON=/path/to/python3" \
+	| tr -s '\t ' ' ' >&2; exit 2; }
+	$(PYTHON) -m venv .venv
+	.venv/bin/python -m pip install --disable-pip-version-check -r requirements.lock
+	@touch $@
