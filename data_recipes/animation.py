@@ -46,9 +46,9 @@ class Acting:
 
 # What a shot is: how many of ten shots, and how it is played.
 KINDS = {
-    "emotion": {"share": 4, "gain": 1.0, "move": (7, 15), "stay": (6, 24)},
-    "dialogue": {"share": 3, "gain": 0.55, "move": (8, 16), "stay": (14, 40)},
-    "take": {"share": 2, "gain": 1.15, "move": (6, 10), "stay": (8, 22)},
+    "emotion": {"share": 4, "gain": 1.0, "move": (7, 15), "stay": (3, 12)},
+    "dialogue": {"share": 3, "gain": 0.55, "move": (8, 16), "stay": (14, 36)},
+    "take": {"share": 2, "gain": 1.15, "move": (6, 10), "stay": (4, 12)},
     "exercise": {"share": 1, "gain": 1.0, "move": (6, 10), "stay": (2, 6)},
 }
 DECIMALS = 4  # of a key's value; without them a pose at rest would differ from another by rounding alone
@@ -119,7 +119,7 @@ def _shot(kind, cast, nudged, columns, acting, generator) -> Float64[np.ndarray,
     if kind == "dialogue":
         values = _talk(values, settled, columns, acting, generator)
     values += _breathe(frames, columns, generator)
-    values = _look_and_blink(values, columns, acting, generator)
+    values = _look_and_blink(values, list(holds), columns, acting, generator)
     return freeze(values, {frame: count for frame, count in holds.items() if frame < frames - 14 or frame == 0})
 
 
@@ -201,8 +201,8 @@ def _curtain(frames) -> Float64[np.ndarray, " t"]:
     return np.clip(np.minimum(time - 3, frames - 4 - time) / 10, 0, 1)
 
 
-def _look_and_blink(values, columns, acting, generator) -> Float64[np.ndarray, "t m"]:
-    """Add gaze and blinks, and what lids and brows do with them."""
+def _look_and_blink(values, holds, columns, acting, generator) -> Float64[np.ndarray, "t m"]:
+    """Add gaze and blinks, and what lids and brows do with them; no blink is caught half-way by a hold."""
     frames = len(values)
     darts, keys, time = [], [(0.0, np.zeros(2))], generator.uniform(8, 40)
     while time < frames - 16:
@@ -219,7 +219,8 @@ def _look_and_blink(values, columns, acting, generator) -> Float64[np.ndarray, "
 
     expected = acting.blinks_per_minute * frames / (60 * FRAMES_PER_SECOND)
     starts = list(generator.uniform(4, max(5, frames - 12), size=generator.poisson(expected)))
-    starts += [dart for dart in darts if generator.random() < 0.35]  # eyes that travel like to blink
+    starts += [dart for dart in darts if generator.random() < 0.2]  # eyes that travel like to blink
+    starts = [start for start in starts if not any(start - 2 < hold < start + 12 for hold in holds)]
     shut = blink_profile(frames, starts, generator.uniform(1.0, 1.4))[:, None]
     late = blink_profile(frames, [start + generator.uniform(-0.7, 0.7) for start in starts], 1.1)[:, None]
     left, right = pose(columns, {"blink_left": 1.0}), pose(columns, {"blink_right": 1.0})

@@ -61,10 +61,10 @@ def schedule(
             vowel = shape in VOWELS
             stress = 1.25 if vowel and generator.random() < 0.25 else 1.0
             length = (generator.uniform(4, 6) if vowel else generator.uniform(2, 3)) * stress / tempo
-            entries.append((shape, time + length / 2, 0.6 * length, stress * generator.uniform(0.75, 1.1)))
+            entries.append((shape, time + length / 2, 0.45 * length, stress * generator.uniform(0.75, 1.1)))
             time += length
         if generator.random() < 0.35:
-            entries.append(("rest", time + PAUSE_FRAMES / 2, 0.5 * PAUSE_FRAMES, 1.0))
+            entries.append(("rest", time + PAUSE_FRAMES / 2, 0.4 * PAUSE_FRAMES, 1.0))
             time += PAUSE_FRAMES
     return entries
 
