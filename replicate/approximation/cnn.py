@@ -1,0 +1,149 @@
+"""The coarse approximation: a small CNN a segment turns rig parameters into a deformation map (§3.1, §3.5, Fig. 3).
+
+`MapNetwork.maps` is the figure, layer by layer. Training and inference go through `forward`, the same function
+rearranged: nearest upsampling and the 3×3 convolution after it become one transposed convolution, and the maps are
+sampled before the last 1×1 convolution, not after; both are exact, since all of these are linear.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import nn
+from torch.nn import functional
+
+from replicate.approximation import sampling_kernel
+from replicate.approximation.model import SegmentedModel, load_model, parameter_scaling, save_model, target_lengths
+from replicate.approximation.segments import Segment
+from replicate.approximation.supervision import Supervision
+from replicate.approximation.training import prepare, train
+from replicate.deformation_map import bilinear, sample
+from replicate.errors import InputError
+
+START = 8  # pixels a side of the maps that the dense layers make
+
+# A nearest-upsampled image under a 3×3 kernel shows each output pixel 2×2 source pixels. The weights of the 4×4 kernel
+# that does it in one stride-2 transposed convolution are T w Tᵀ: a source pixel meets the taps that fall on its copies.
+_T = torch.tensor([[1.0, 0, 0], [1, 1, 0], [0, 1, 1], [0, 0, 1]]).flip(0)
+
+
+class MapNetwork(nn.Module):
+    """f(p; θ) of Fig. 3 and the sampling g: (b, j) scaled parameters → (b, k, 3) offsets of one segment.
+
+    uv: (k, 2), where the segment's vertices read the map. map_size: 8·2^levels pixels. hidden: widths of the dense
+    layers; the last is reshaped to 8×8 with hidden[-1] / 64 channels. All layers but that one and the last are followed
+    by a leaky ReLU.
+    """
+
+    def __init__(self, inputs: int, uv: np.ndarray, map_size: int, channels: int, hidden: Sequence[int], slope: float):
+        super().__init__()
+        if hidden[-1] % START**2:
+            raise InputError(f"hidden is {list(hidden)}: allowed as its last width are multiples of {START**2}.")
+        self.slope, self.map_size = slope, map_size
+        widths = (inputs, *hidden)
+        self.dense = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(widths))
+        levels = (map_size // START).bit_length() - 1
+        depths = [hidden[-1] // START**2] + [channels] * levels
+        self.upsampled = nn.ModuleList(nn.Conv2d(a, channels, 3, padding=1) for a in depths[:-1])
+        self.last = nn.Conv2d(depths[-1], channels, 3, padding=1)
+        self.output = nn.Conv2d(channels, 3, 1)
+        grid = bilinear(uv, map_size)
+        self.register_buffer("pixels", torch.from_numpy(grid.pixels), persistent=False)
+        self.register_buffer("weights", torch.from_numpy(grid.weights), persistent=False)
+
+    def _start(self, params: torch.Tensor) -> torch.Tensor:
+        x = params
+        for layer in self.dense[:-1]:
+            x = functional.leaky_relu(layer(x), self.slope)
+        return self.dense[-1](x).view(len(x), START, START, -1).permute(0, 3, 1, 2)
+
+    def maps(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b size size 3"]:
+        """Return the deformation maps I_k, as Fig. 3 has them: the clear twin."""
+        x = self._start(params)
+        for layer in self.upsampled:
+            x = functional.leaky_relu(layer(functional.interpolate(x, scale_factor=2, mode="nearest")), self.slope)
+        return self.output(functional.leaky_relu(self.last(x), self.slope)).permute(0, 2, 3, 1)
+
+    def forward(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b k 3"]:
+        """Return the offsets that the vertices read from the maps."""
+        x = self._start(params)
+        for layer in self.upsampled:
+            x = functional.leaky_relu(upsampling_convolution(x, layer.weight, layer.bias), self.slope)
+        x = functional.leaky_relu(self.last(x), self.slope).permute(0, 2, 3, 1)
+        read = sampling_kernel.sample if x.device.type == "cpu" else sample
+        return functional.linear(read(x, self.pixels, self.weights), self.output.weight[:, :, 0, 0], self.output.bias)
+
+
+def upsampling_convolution(
+    x: Float[torch.Tensor, "b c s s"], weight: Float[torch.Tensor, "o c 3 3"], bias: Float[torch.Tensor, " o"]
+) -> Float[torch.Tensor, "b o 2*s 2*s"]:
+    """Return the 3×3 convolution of x nearest-upsampled by two, at 4/9 of the work, with channels last in memory."""
+    t = _T.to(weight)
+    folded = torch.einsum("ui,ocij,vj->couv", t, weight, t).contiguous(memory_format=torch.channels_last)
+    return functional.conv_transpose2d(x, folded, bias, stride=2, padding=1)
+
+
+def initialise(model: nn.Module, slope: float, generator: torch.Generator) -> None:
+    """Draw weights that keep the variance through leaky ReLUs (He et al. 2015); biases start at zero."""
+    gain = (2 / (1 + slope**2)) ** 0.5
+    with torch.no_grad():
+        for layer in model.modules():
+            if isinstance(layer, nn.Linear | nn.Conv2d):
+                layer.weight.normal_(0, gain / layer.weight[0].numel() ** 0.5, generator=generator)
+                layer.bias.zero_()
+
+
+def make_network(segment: Segment, facts: dict) -> MapNetwork:
+    """Return a network for a segment; facts: map_size, channels, hidden, leaky_slope."""
+    shape = (facts["map_size"], facts["channels"], tuple(facts["hidden"]), facts["leaky_slope"])
+    return MapNetwork(len(segment.parameters), segment.uv, *shape)
+
+
+def train_coarse(mesh, segments: Sequence[Segment], samples, config, scratch: Path, progress, seed: int, device="cpu"):
+    """Train the coarse model of a character; return (SegmentedModel, log).
+
+    segments: from `coarse_segments`. samples: a SampleSet. config: a CoarseConfig. scratch: a folder of this training's
+    own, continued from if it holds a checkpoint. progress: as for `training.train`. The log's mm and degrees are
+    measured on a few held-out poses, over all segments.
+    """
+    device = prepare(device)
+    moved = np.concatenate([segment.vertices for segment in segments])
+    supervision = Supervision(mesh, samples, moved, config.normal_weight, device)
+    _, offsets = supervision.statistics()
+    facts = shape_facts(config)
+    networks = [make_network(segment, facts) for segment in segments]
+    initialise(nn.ModuleList(networks), config.leaky_slope, torch.Generator().manual_seed(seed))
+    lengths = target_lengths(segments, offsets)
+    scaling = parameter_scaling(samples.params)
+    model = SegmentedModel(networks, segments, *scaling, lengths, len(mesh.neutral)).to(device)
+
+    def loss_of_step(step: int) -> torch.Tensor:
+        params, target = supervision.batch(seed, "coarse", step, config.training.batch)
+        return supervision.loss(model(params), target)
+
+    held_out = supervision.held_out()
+    log = train(model, loss_of_step, config.training, scratch, progress, "coarse", lambda: held_out(model.offsets))
+    return model, log
+
+
+def shape_facts(config) -> dict:
+    """Return what `make_network` needs of a CoarseConfig or RefinementConfig, JSON-ready."""
+    return {
+        "map_size": config.map_size,
+        "channels": config.channels,
+        "hidden": list(config.hidden),
+        "leaky_slope": config.leaky_slope,
+    }
+
+
+def save(model: SegmentedModel, folder: Path, config) -> None:
+    """Write a coarse or refinement model to a folder."""
+    save_model(model, folder, shape_facts(config))
+
+
+def load_coarse(folder: Path) -> SegmentedModel:
+    """Read a coarse model; its `.offsets(params)` predicts. Raises InputError when there is none."""
+    return load_model(folder, make_network)

@@ -1,0 +1,75 @@
+"""The dense baseline: a multilayer perceptron a segment, every coordinate of every vertex an output (§5.1)."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from torch import nn
+from torch.nn import functional
+
+from replicate.approximation.cnn import initialise
+from replicate.approximation.model import SegmentedModel, load_model, parameter_scaling, save_model, target_lengths
+from replicate.approximation.segments import Segment, segment_vertices
+from replicate.approximation.supervision import Supervision
+from replicate.approximation.training import prepare, train
+
+
+class DenseNetwork(nn.Module):
+    """(b, j) scaled parameters → (b, k, 3) offsets through hidden layers with leaky ReLU and a linear output."""
+
+    def __init__(self, inputs: int, vertices: int, hidden: Sequence[int], slope: float):
+        super().__init__()
+        widths = (inputs, *hidden, 3 * vertices)
+        self.layers = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(widths))
+        self.slope = slope
+
+    def forward(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b k 3"]:
+        x = params
+        for layer in self.layers[:-1]:
+            x = functional.leaky_relu(layer(x), self.slope)
+        return self.layers[-1](x).unflatten(1, (-1, 3))
+
+
+def make_network(segment: Segment, facts: dict) -> DenseNetwork:
+    """Return a network for a segment; facts: hidden, leaky_slope."""
+    return DenseNetwork(len(segment.parameters), len(segment.vertices), facts["hidden"], facts["leaky_slope"])
+
+
+def train_dense(mesh, segments: Sequence[Segment], samples, config, scratch: Path, progress, seed: int, device="cpu"):
+    """Train the dense baseline with the CNN's loss, samples and loop; return (SegmentedModel, log).
+
+    config: a DenseConfig; the other arguments as in `cnn.train_coarse`.
+    """
+    device = prepare(device)
+    supervision = Supervision(mesh, samples, segment_vertices(segments), config.normal_weight, device)
+    _, offsets = supervision.statistics()
+    networks = [make_network(segment, shape_facts(config)) for segment in segments]
+    initialise(nn.ModuleList(networks), config.leaky_slope, torch.Generator().manual_seed(seed))
+    lengths = target_lengths(segments, offsets)
+    scaling = parameter_scaling(samples.params)
+    model = SegmentedModel(networks, segments, *scaling, lengths, len(mesh.neutral)).to(device)
+
+    def loss_of_step(step: int) -> torch.Tensor:
+        params, target = supervision.batch(seed, "dense", step, config.training.batch)
+        return supervision.loss(model(params), target)
+
+    held_out = supervision.held_out()
+    log = train(model, loss_of_step, config.training, scratch, progress, "dense", lambda: held_out(model.offsets))
+    return model, log
+
+
+def shape_facts(config) -> dict:
+    """Return what `make_network` needs of a DenseConfig, JSON-ready."""
+    return {"hidden": list(config.hidden), "leaky_slope": config.leaky_slope}
+
+
+def save(model: SegmentedModel, folder: Path, config) -> None:
+    """Write a dense model to a folder."""
+    save_model(model, folder, shape_facts(config))
+
+
+def load_dense(folder: Path) -> SegmentedModel:
+    """Read a dense model; its `.offsets(params)` predicts. Raises InputError when there is none."""
+    return load_model(folder, make_network)

@@ -1,0 +1,119 @@
+"""A trained approximation: one network a segment, from raw rig parameters to vertex offsets in millimetres.
+
+Coarse, refinement and dense models differ only in their networks; what surrounds them is here: which parameters
+each sees and how they are scaled, which vertices it moves, and how all of it is saved.
+
+Parameters go in as (p − mean) / scale, over the training poses; each network's output is multiplied by one fixed
+length, the RMS of its segment's targets, so that fresh weights already give millimetres of the right size. The paper is
+silent on both (DEVIATIONS.md).
+"""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32
+from safetensors.torch import load_file, save_file
+from torch import nn
+
+from replicate.approximation.segments import Segment, segment_vertices
+from replicate.errors import InputError
+
+SPARSE_SHARE = 0.2  # of the largest deviation: the least scale of a parameter, so that a rarely used one stays bounded
+
+
+class SegmentedModel(nn.Module):
+    """Networks side by side, each (b, j) scaled parameters → (b, k, 3) offsets of its segment.
+
+    mean, scale: (m,) of the rig parameters. lengths: (segments,) mm. vertex_count: n of the whole mesh.
+    """
+
+    def __init__(
+        self, networks: Sequence[nn.Module], segments: Sequence[Segment], mean, scale, lengths, vertex_count: int
+    ):
+        super().__init__()
+        self.networks, self.segments, self.vertex_count = nn.ModuleList(networks), tuple(segments), vertex_count
+        self.lengths = [float(length) for length in lengths]
+        self.vertices = segment_vertices(segments)
+        self.register_buffer("mean", torch.as_tensor(np.asarray(mean), dtype=torch.float32))
+        self.register_buffer("scale", torch.as_tensor(np.asarray(scale), dtype=torch.float32))
+        for k, segment in enumerate(segments):
+            self.register_buffer(f"parameters_{k}", torch.from_numpy(segment.parameters).long(), persistent=False)
+
+    def forward(self, params: Float[torch.Tensor, "b m"]) -> Float[torch.Tensor, "b v 3"]:
+        """Return the offsets (mm) of `self.vertices` for raw rig parameters, differentiable in both."""
+        scaled = (params - self.mean) / self.scale
+        seen = (scaled[:, getattr(self, f"parameters_{k}")] for k in range(len(self.segments)))
+        return torch.cat([n(p) * s for n, p, s in zip(self.networks, seen, self.lengths, strict=True)], dim=1)
+
+    def offsets(self, params, batch: int = 32) -> Float32[np.ndarray, "b n 3"]:
+        """Return full-mesh offsets for raw rig parameters (b, m); zero on vertices of no segment."""
+        params = np.asarray(params, np.float32)
+        out = np.zeros((len(params), self.vertex_count, 3), np.float32)
+        with torch.no_grad():
+            for start in range(0, len(params), batch):
+                part = torch.from_numpy(params[start : start + batch]).to(self.mean.device)
+                out[start : start + batch, self.vertices] = self(part).cpu().numpy()
+        return out
+
+    def part(self, kept: Sequence[int]) -> "SegmentedModel":
+        """Return the model of some segments only, sharing the networks."""
+        networks, segments, lengths = zip(
+            *[(self.networks[k], self.segments[k], self.lengths[k]) for k in kept], strict=True
+        )
+        scaling = (self.mean.cpu(), self.scale.cpu())
+        return SegmentedModel(networks, segments, *scaling, lengths, self.vertex_count).to(self.mean.device)
+
+    def size_mb(self) -> float:
+        """Return the size of all trained weights as float32, in MB of 10⁶ bytes (Table 1)."""
+        return sum(weight.numel() for weight in self.networks.parameters()) * 4 / 1e6
+
+
+def parameter_scaling(params: Float[np.ndarray, "N m"]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean and the scale of each rig parameter over the training poses; a constant one has scale 1."""
+    params = np.asarray(params, np.float64)
+    mean = params.mean(0)
+    scale = np.maximum(params.std(0), SPARSE_SHARE * np.abs(params - mean).max(0))
+    return mean.astype(np.float32), np.where(scale > 0, scale, 1.0).astype(np.float32)
+
+
+def target_lengths(segments: Sequence[Segment], offsets: Float[np.ndarray, "b n 3"]) -> list[float]:
+    """Return the RMS of each segment's offsets in mm over some poses; 1 for a segment that never moves."""
+    lengths = [float(np.sqrt(np.mean(np.square(offsets[:, s.vertices], dtype=np.float64)))) for s in segments]
+    return [length if length > 0 else 1.0 for length in lengths]
+
+
+def save_model(model: SegmentedModel, folder: Path, facts: dict) -> None:
+    """Write weights.safetensors and model.json (facts: what `load_model`'s maker needs, JSON-ready)."""
+    arrays = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
+    for k, segment in enumerate(model.segments):
+        for field in ("vertices", "uv", "parameters"):
+            arrays[f"segment.{k}.{field}"] = torch.from_numpy(getattr(segment, field))
+    save_file(arrays, Path(folder) / "weights.safetensors")
+    names = [segment.name for segment in model.segments]
+    description = {"segments": names, "lengths_mm": model.lengths, "vertex_count": model.vertex_count, **facts}
+    (Path(folder) / "model.json").write_text(json.dumps(description, indent=1) + "\n")
+
+
+def load_model(folder: Path, make_network: Callable[[Segment, dict], nn.Module]) -> SegmentedModel:
+    """Read what `save_model` wrote. make_network: (segment, facts) → a network of the saved shape.
+
+    Raises InputError, naming the folder, when it holds no such model.
+    """
+    try:
+        facts = json.loads((Path(folder) / "model.json").read_text())
+        arrays = load_file(Path(folder) / "weights.safetensors")
+    except Exception as error:  # safetensors raises its own class for a damaged file, Python others for a missing one
+        raise InputError(f"{folder}: found no readable model there ({error}).") from error
+    segments = [
+        Segment(name, *(arrays.pop(f"segment.{k}.{field}").numpy() for field in ("vertices", "uv", "parameters")))
+        for k, name in enumerate(facts["segments"])
+    ]
+    networks = [make_network(segment, facts) for segment in segments]
+    model = SegmentedModel(
+        networks, segments, arrays["mean"], arrays["scale"], facts["lengths_mm"], facts["vertex_count"]
+    )
+    model.load_state_dict(arrays)
+    return model

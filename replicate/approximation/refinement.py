@@ -1,0 +1,189 @@
+"""The refinement: where coarse maps are too coarse, larger maps over small squares add the residual (§3.2, §3.3)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Float32, Float64, Int
+from sklearn.cluster import KMeans
+from threadpoolctl import threadpool_limits
+from torch import nn
+
+from replicate.approximation.cnn import initialise, make_network, shape_facts
+from replicate.approximation.model import SegmentedModel, load_model, parameter_scaling, target_lengths
+from replicate.approximation.segments import Segment, make_segment, segment_vertices
+from replicate.approximation.supervision import Supervision
+from replicate.approximation.training import prepare, train
+from replicate.deformation_map import bilinear, polyharmonic_map, sampling_matrix
+
+UNCOVERED = 0.25  # squared distance, in widths of a chart, of a vertex whose chart has no cluster: half a width
+STARTS = 4  # k-means runs, of which the best counts
+
+
+@dataclass(frozen=True)
+class Elbow:
+    """How the number of clusters was chosen: inertia[k − 1] is that of k clusters; `clusters` lies at the knee."""
+
+    inertia: tuple[float, ...]
+    clusters: int
+
+
+def map_error(segments: Sequence[Segment], offsets: Float[np.ndarray, "p n 3"], size: int) -> Float64[np.ndarray, " n"]:
+    """Return e_i of Eq. 2 in mm²: what each vertex loses on the way to a map of `size` pixels and back, over p poses.
+
+    Offsets go through the maps, not positions, because offsets are what the networks' maps hold. Zero outside the
+    segments.
+    """
+    errors = np.zeros(offsets.shape[1])
+    for segment in segments:
+        truth = offsets[:, segment.vertices].transpose(1, 0, 2).reshape(len(segment.vertices), -1)  # (k, 3p)
+        pixels = polyharmonic_map(segment.uv, truth, size).reshape(size**2, -1)
+        lost = truth - sampling_matrix(bilinear(segment.uv, size)) @ pixels
+        errors[segment.vertices] = (lost**2).sum(1) / len(offsets)
+    return errors
+
+
+def select(
+    segments: Sequence[Segment],
+    errors: Float[np.ndarray, " n"],
+    influence: Bool[np.ndarray, "n m"],
+    config,
+    seed: int = 0,
+) -> tuple[tuple[Segment, ...], Elbow]:
+    """Return the refinement segments (§3.3), and how many clusters the elbow method found.
+
+    k-means of each chart's texture coordinates weighted by e_i; vertices within a square of side `config.square` around
+    the nearest centroid form a segment, whose coordinates are stretched to fill its map. A cluster belongs to one chart,
+    since charts are separate planes: k clusters go to where they lower the summed inertia most, and a vertex in a chart
+    without one counts as UNCOVERED. config: a RefinementConfig.
+    """
+    weights = [errors[segment.vertices] for segment in segments]
+    centroids, found_elbow = clusters([segment.uv for segment in segments], weights, config, seed)
+    found = []
+    for segment, centres in zip(segments, centroids, strict=True):
+        if len(centres) == 0:
+            continue
+        apart = np.abs(segment.uv[:, None] - centres)  # (k, c, 2)
+        nearest = (apart**2).sum(2).argmin(1)
+        inside = apart[np.arange(len(apart)), nearest].max(1) <= config.square / 2
+        for c in range(len(centres)):
+            chosen = inside & (nearest == c)
+            if chosen.sum() >= 3:
+                name = f"{segment.name}_{c + 1}"
+                found.append(make_segment(name, segment.vertices[chosen], _stretched(segment.uv[chosen]), influence))
+    return tuple(found), found_elbow
+
+
+def _stretched(uv: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 2"]:
+    low, high = uv.min(0), uv.max(0)
+    return (uv - low) / np.where(high > low, high - low, 1)
+
+
+def clusters(
+    charts: Sequence[np.ndarray], weights: Sequence[np.ndarray], config, seed: int
+) -> tuple[list[Float64[np.ndarray, "c 2"]], Elbow]:
+    """Return each chart's centroids (c may be 0) for the number of clusters at the elbow."""
+    most = config.clusters_max
+    fits = [_chart_fits(uv, weight, most, seed) for uv, weight in zip(charts, weights, strict=True)]
+    costs = [[UNCOVERED * float(w.sum())] + [cost for cost, _ in fit] for w, fit in zip(weights, fits, strict=True)]
+    dealt = [0] * len(charts)
+    inertia, history = [], []
+    for _ in range(most):
+        gains = [cost[d] - cost[d + 1] if d + 1 < len(cost) else -np.inf for cost, d in zip(costs, dealt, strict=True)]
+        dealt[int(np.argmax(gains))] += 1
+        history.append(tuple(dealt))
+        inertia.append(sum(cost[d] for cost, d in zip(costs, dealt, strict=True)))
+    count = elbow(inertia)
+    chosen = [fit[d - 1][1] if d else np.zeros((0, 2)) for fit, d in zip(fits, history[count - 1], strict=True)]
+    return chosen, Elbow(tuple(inertia), count)
+
+
+def _chart_fits(uv: np.ndarray, weight: np.ndarray, most: int, seed: int) -> list[tuple[float, np.ndarray]]:
+    """Return (inertia, centroids) of one chart for 1, 2, … clusters."""
+    fits = []
+    distinct = len(np.unique(uv[weight > 0], axis=0))
+    with threadpool_limits(1):
+        for k in range(1, min(most, distinct) + 1):
+            means = KMeans(k, n_init=STARTS, random_state=seed).fit(uv.astype(np.float64), sample_weight=weight)
+            fits.append((float(means.inertia_), means.cluster_centers_))
+    return fits
+
+
+def elbow(inertia: Sequence[float]) -> int:
+    """Return the number of clusters, from 1, at the knee of an inertia curve: farthest below the chord of its ends."""
+    curve = np.asarray(inertia, np.float64)
+    chord = np.linspace(curve[0], curve[-1], len(curve))
+    return int(np.argmax(chord - curve)) + 1
+
+
+class RefinedModel:
+    """The full approximation Δ + δ: a coarse model and the refinement's residual on top."""
+
+    def __init__(self, coarse: SegmentedModel, residual: SegmentedModel):
+        self.coarse, self.residual = coarse, residual
+
+    def offsets(self, params, batch: int = 32) -> Float32[np.ndarray, "b n 3"]:
+        """Return full-mesh offsets (mm) for raw rig parameters (b, m); zero on vertices of no segment."""
+        return self.coarse.offsets(params, batch) + self.residual.offsets(params, batch)
+
+    def size_mb(self) -> float:
+        """Return the size of all weights of both stages in MB of 10⁶ bytes."""
+        return self.coarse.size_mb() + self.residual.size_mb()
+
+
+def train_refined(
+    mesh,
+    coarse: SegmentedModel,
+    segments: Sequence[Segment],
+    samples,
+    config,
+    scratch: Path,
+    progress,
+    seed: int,
+    device="cpu",
+):
+    """Train the refinement networks on the residual of a fixed coarse model; return (RefinedModel, log).
+
+    The loss is Eq. 1 of Δ + δ, restricted to the faces that touch a refined vertex, since nothing else can change. The
+    coarse networks that reach those faces are evaluated with every batch: for a few charts of a face that costs a
+    millisecond, and no table of predictions for all samples has to be kept. Other arguments as in `train_coarse`.
+    """
+    device = prepare(device)
+    changed = segment_vertices(segments)
+    supervision = Supervision(mesh, samples, coarse.vertices, config.normal_weight, device, changed)
+    params, offsets = supervision.statistics()
+    lengths = target_lengths(segments, offsets - coarse.offsets(params))
+    networks = [make_network(segment, shape_facts(config)) for segment in segments]
+    initialise(nn.ModuleList(networks), config.leaky_slope, torch.Generator().manual_seed(seed))
+    scaling = parameter_scaling(samples.params)
+    residual = SegmentedModel(networks, segments, *scaling, lengths, len(mesh.neutral)).to(device)
+    coarse = coarse.to(device)
+    kept = [k for k, s in enumerate(coarse.segments) if np.isin(s.vertices, supervision.vertices).any()]
+    below = coarse.part(kept)
+    source = _positions(below.vertices, supervision.vertices, device)
+    target = _positions(supervision.vertices, changed, device)
+
+    def loss_of_step(step: int) -> torch.Tensor:
+        given, truth = supervision.batch(seed, "refined", step, config.training.batch)
+        with torch.no_grad():
+            base = below(given)[:, source]
+        return supervision.loss(base.index_add(1, target, residual(given)), truth)
+
+    held_out = supervision.held_out(coarse.offsets)
+    measure = partial(held_out, residual.offsets)
+    log = train(residual, loss_of_step, config.training, scratch, progress, "refined", measure)
+    return RefinedModel(coarse, residual), log
+
+
+def _positions(among: Int[np.ndarray, " a"], wanted: Int[np.ndarray, " w"], device) -> torch.Tensor:
+    """Return where each of `wanted` stands in `among`, which holds them all."""
+    order = np.argsort(among)
+    return torch.from_numpy(order[np.searchsorted(among, wanted, sorter=order)]).to(device)
+
+
+def load_refined(folder: Path, coarse: SegmentedModel) -> RefinedModel:
+    """Read a refinement that `cnn.save(model.residual, …)` wrote. Raises InputError when there is none."""
+    return RefinedModel(coarse, load_model(folder, make_network))

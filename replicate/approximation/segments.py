@@ -1,0 +1,77 @@
+"""Which vertices, texture coordinates and rig parameters each network sees (§3.1, §3.2)."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from replicate.errors import InputError
+from replicate.mesh import Mesh
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A set of vertices that one network deforms.
+
+    vertices: (k,) int32, ascending indices into the mesh. uv: (k, 2) float32 in [0, 1], their places in the map, U_k.
+    parameters: (j,) int32, indices of the rig parameters that can move one of them; at least one.
+    """
+
+    name: str
+    vertices: np.ndarray
+    uv: np.ndarray
+    parameters: np.ndarray
+
+
+def make_segment(name: str, vertices: np.ndarray, uv: np.ndarray, influence: Bool[np.ndarray, "n m"]) -> Segment:
+    """Return a segment that sees the parameters with influence on any of its vertices (§3.1).
+
+    A segment that nothing moves gets every parameter: its network then learns the zero offsets that it should.
+    """
+    moves = influence[vertices].any(0)
+    parameters = np.flatnonzero(moves) if moves.any() else np.arange(influence.shape[1])
+    return Segment(name, vertices.astype(np.int32), np.ascontiguousarray(uv, np.float32), parameters.astype(np.int32))
+
+
+def coarse_segments(
+    mesh: Mesh, rigid_segments: Collection[int], influence: Bool[np.ndarray, "n m"]
+) -> tuple[Segment, ...]:
+    """Return the mesh's own segments without the rigid ones, in the mesh's order.
+
+    rigid_segments: indices into `mesh.segment_names` (found by §3.4). influence: which parameter can move which vertex.
+    Raises InputError when the influence is not of this mesh or every segment is rigid.
+    """
+    if len(influence) != len(mesh.neutral):
+        raise InputError(f"influence: found {len(influence)} vertices, where the mesh has {len(mesh.neutral)}.")
+    kept = [k for k in range(len(mesh.segment_names)) if k not in set(rigid_segments)]
+    if not kept:
+        raise InputError(f"mesh: all {len(mesh.segment_names)} segments are rigid, where one that deforms is needed.")
+    vertices = [np.flatnonzero(mesh.segment == k) for k in kept]
+    names = [mesh.segment_names[k] for k in kept]
+    return tuple(make_segment(name, v, mesh.uv[v], influence) for name, v in zip(names, vertices, strict=True))
+
+
+def segment_vertices(segments: Sequence[Segment]) -> Int[np.ndarray, " v"]:
+    """Return the vertices of all segments, one segment after the other: the order of the networks' outputs."""
+    return np.concatenate([segment.vertices for segment in segments])
+
+
+def faces_within(faces: Int[np.ndarray, "f 3"], vertices: Int[np.ndarray, " v"], count: int) -> Int[np.ndarray, "g 3"]:
+    """Return the faces all of whose corners are among `vertices`, as positions in `vertices`.
+
+    count: n, the number of the mesh's vertices.
+    """
+    place = np.full(count, -1, np.int32)
+    place[vertices] = np.arange(len(vertices), dtype=np.int32)
+    placed = place[faces]
+    return placed[(placed >= 0).all(1)]
+
+
+def faces_touching(
+    faces: Int[np.ndarray, "f 3"], vertices: Int[np.ndarray, " v"], count: int
+) -> Bool[np.ndarray, " f"]:
+    """Return which faces have a corner among `vertices`."""
+    chosen = np.zeros(count, bool)
+    chosen[vertices] = True
+    return chosen[faces].any(1)

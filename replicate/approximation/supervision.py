@@ -1,0 +1,83 @@
+"""What a network is held to: batches of training samples, Eq. 1 over its part of the mesh, a held-out check."""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+
+from replicate.approximation.segments import faces_touching, faces_within
+from replicate.losses import FacialLoss
+from replicate.mesh import Mesh
+from replicate.metrics import normal_error, vertex_error
+
+HELD_OUT = 48  # test poses that the training log is measured on, spread over the test set; they steer nothing
+STATISTICS = 512  # training samples, spread over the set, that output lengths are taken from
+
+
+class Supervision:
+    """Eq. 1 on `vertices`, in that order, against training samples drawn as §3.5 says.
+
+    moved: (v,) the vertices that some network moves; its size, and the number of faces within, are Eq. 1's n and f.
+    changed: (k,) the vertices that the network in training can change, all of `moved` by default. Only faces that touch
+    one of those are in the loss; the rest of Eq. 1 is a constant. `vertices` are the corners of those faces.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        samples,
+        moved: Int[np.ndarray, " v"],
+        normal_weight: float,
+        device: torch.device,
+        changed: Int[np.ndarray, " k"] | None = None,
+    ):
+        self.mesh, self.samples, self.device, self.moved = mesh, samples, device, moved
+        n = len(mesh.neutral)
+        within = moved[faces_within(mesh.faces, moved, n)]  # (f, 3)
+        self.faces = within
+        self.vertices = moved
+        if changed is not None:
+            touched = within[faces_touching(within, changed, n)]
+            self.vertices = np.union1d(touched, changed)
+            within = touched
+        placed = faces_within(within, self.vertices, n)
+        self.loss = FacialLoss(mesh.neutral[self.vertices], placed, normal_weight, len(moved), len(self.faces))
+
+    def batch(self, seed: int, stream: str, step: int, size: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the raw rig parameters (b, m) and true offsets (b, v, 3), mm, of one step."""
+        indices = self.samples.draw_for_step(seed, stream, step, size)
+        params = np.asarray(self.samples.params[indices], np.float32)
+        return self._tensor(params), self._tensor(self.samples.vertices_subset(indices, self.vertices))
+
+    def _tensor(self, array: np.ndarray) -> torch.Tensor:
+        return torch.from_numpy(np.ascontiguousarray(array, np.float32)).to(self.device)
+
+    def held_out(
+        self, base: Callable[[np.ndarray], np.ndarray] | None = None
+    ) -> Callable[[Callable[[np.ndarray], np.ndarray]], tuple[float, float]]:
+        """Return a function from a predictor of offsets to its mean errors (mm, degrees) on some test poses.
+
+        base: a fixed predictor, evaluated once, that the measured one adds to.
+        """
+        chosen = spread(len(self.samples.test_params), HELD_OUT)
+        params = np.asarray(self.samples.test_params[chosen])
+        truth = self.mesh.neutral + np.asarray(self.samples.test_offsets[chosen])
+        start = self.mesh.neutral + (base(params) if base else np.float32(0))
+
+        def measure(predict: Callable[[np.ndarray], np.ndarray]) -> tuple[float, float]:
+            posed = start + predict(params)
+            distance = vertex_error(posed[:, self.moved], truth[:, self.moved]).mean(dtype=np.float64)
+            return float(distance), float(np.nanmean(normal_error(posed, truth, self.faces), dtype=np.float64))
+
+        return measure
+
+    def statistics(self) -> tuple[np.ndarray, Float[np.ndarray, "s n 3"]]:
+        """Return parameters and true offsets of some training samples, spread over the set."""
+        chosen = spread(len(self.samples.params), STATISTICS)
+        return np.asarray(self.samples.params[chosen]), self.samples.offsets(chosen)
+
+
+def spread(count: int, most: int) -> Int[np.ndarray, " k"]:
+    """Return up to `most` indices, evenly spaced over range(count)."""
+    return np.linspace(0, count - 1, min(count, most)).round().astype(np.int64)

@@ -1,0 +1,125 @@
+"""The one training loop, for every network: Adam, a schedule, checkpoints (§3.5).
+
+Nothing random happens here. A step's batch is a function of (seed, stream, step), so that a run that is stopped at any
+moment and started again goes through the same numbers, bit for bit, as one that never stopped.
+"""
+
+import csv
+import json
+import math
+import os
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from safetensors import safe_open
+from safetensors.torch import save_file
+from torch import nn
+
+CHECKPOINT_S = 30.0
+ROWS = 25  # of the log; each one costs a measurement on held-out poses
+LOG_COLUMNS = ("step", "loss", "mm", "degrees")
+
+
+def learning_rate(config, step: int) -> float:
+    """Return the rate of one step (0 ≤ step < config.steps).
+
+    "paper": config.rates one after the other, each for its share of the steps. "one_cycle": linear warm-up to
+    peak_rate, then a cosine down to nothing.
+    """
+    if config.schedule == "paper":
+        ends = np.cumsum(config.shares) / sum(config.shares) * config.steps
+        return config.rates[min(int(np.searchsorted(ends, step, side="right")), len(config.rates) - 1)]
+    warm_up = max(1, round(config.warm_up * config.steps))
+    if step < warm_up:
+        return config.peak_rate * (step + 1) / warm_up
+    return config.peak_rate * 0.5 * (1 + math.cos(math.pi * (step - warm_up) / max(1, config.steps - warm_up)))
+
+
+def prepare(device: str) -> torch.device:
+    """Return the device, with torch set to one thread (stages run side by side) and denormals flushed to zero.
+
+    Adam's second moments of weights that rest decay into denormals, which cost a hundred cycles each.
+    """
+    torch.set_num_threads(1)
+    torch.set_flush_denormal(True)
+    return torch.device(device)
+
+
+def train(
+    model: nn.Module,
+    loss_of_step: Callable[[int], torch.Tensor],
+    config,
+    scratch: Path,
+    progress: Callable,
+    label: str,
+    measure: Callable[[], tuple[float, float]],
+) -> list[dict]:
+    """Minimise a loss over a model's weights, in place, and return the log: one dict of LOG_COLUMNS a row.
+
+    loss_of_step: the differentiable loss of one step's batch. config: a TrainingConfig. scratch: a folder of this
+    training's own, kept until its result is safe; a checkpoint in it is continued. progress: (total, label, initial)
+    → a context manager with update(k). measure: () → (mm, degrees) on held-out poses, for the log.
+    """
+    weights = dict(model.named_parameters())
+    optimiser = torch.optim.Adam(weights.values(), lr=config.peak_rate, fused=True)
+    checkpoint = Path(scratch) / "checkpoint.safetensors"
+    first, log, running = _resume(checkpoint, weights, optimiser)
+    every = max(1, config.steps // ROWS)
+    saved = time.monotonic()
+    with progress(config.steps, label, first) as bar:
+        for step in range(first, config.steps):
+            optimiser.param_groups[0]["lr"] = learning_rate(config, step)
+            optimiser.zero_grad(set_to_none=True)
+            loss = loss_of_step(step)
+            loss.backward()
+            optimiser.step()
+            running.append(loss.item())
+            if (step + 1) % every == 0 or step + 1 == config.steps:
+                row = (step + 1, math.fsum(running) / len(running), *measure())
+                log.append(dict(zip(LOG_COLUMNS, row, strict=True)))
+                running = []
+            if time.monotonic() - saved > CHECKPOINT_S or step + 1 == config.steps:
+                _save(checkpoint, weights, optimiser, step + 1, log, running)
+                saved = time.monotonic()
+            bar.update(1)
+    return log
+
+
+def _save(checkpoint: Path, weights: dict, optimiser, step: int, log: list, running: list) -> None:
+    """Write one file beside and rename it, so that there is always a whole checkpoint or none."""
+    arrays = {}
+    for name, weight in weights.items():
+        state = optimiser.state[weight]
+        arrays |= {name: weight.detach(), f"{name}:m": state["exp_avg"], f"{name}:v": state["exp_avg_sq"]}
+    checkpoint.parent.mkdir(parents=True, exist_ok=True)
+    beside = checkpoint.with_suffix(".new")
+    facts = {"step": str(step), "log": json.dumps(log), "running": json.dumps(running)}
+    save_file({name: array.cpu().contiguous() for name, array in arrays.items()}, beside, metadata=facts)
+    os.replace(beside, checkpoint)
+
+
+def _resume(checkpoint: Path, weights: dict, optimiser) -> tuple[int, list, list]:
+    """Restore weights and moments from a checkpoint, if there is one of these weights; return (step, log, running)."""
+    if not checkpoint.is_file():
+        return 0, [], []
+    with safe_open(checkpoint, framework="pt") as file, torch.no_grad():
+        facts = file.metadata()
+        for name, weight in weights.items():
+            weight.copy_(file.get_tensor(name))
+            optimiser.state[weight] = {
+                "step": torch.tensor(float(facts["step"])).to(weight.device),
+                "exp_avg": torch.empty_like(weight).copy_(file.get_tensor(f"{name}:m")),
+                "exp_avg_sq": torch.empty_like(weight).copy_(file.get_tensor(f"{name}:v")),
+            }
+    return int(facts["step"]), json.loads(facts["log"]), json.loads(facts["running"])
+
+
+def write_log(log: Sequence[dict], file: Path) -> None:
+    """Write a training log as CSV: step, mean loss since the row before, mm and degrees on held-out poses."""
+    with open(file, "w", newline="", encoding="utf-8") as out:
+        writer = csv.DictWriter(out, LOG_COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(log)
