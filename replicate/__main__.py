@@ -36,6 +36,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code; whoever made a mistake is told in one sentence."""
     try:
         options = _parser().parse_args(arguments)
+        options.typed = ["python", "-m", "replicate", *(sys.argv[1:] if arguments is None else arguments)]
         COMMANDS[options.command].function(options)
     except (InputError, RunError) as error:
         print(" ".join(str(error).split()), file=sys.stderr)
@@ -72,8 +73,7 @@ def _table2(options: argparse.Namespace) -> None:
     configs = configurations(options)
     workers = _workers(options)
     stages = [stage for config in configs for stage in pipeline.table2_graph(config)]
-    command = ["python", "-m", "replicate", *sys.argv[1:]]
-    facts = provenance(command, options.profile, sorted({config.seed for config in configs}), workers)
+    facts = provenance(options.typed, options.profile, sorted({config.seed for config in configs}), workers)
     run(stages, workers, facts)
     pipeline.publish_table2(configs, stages, facts)
 

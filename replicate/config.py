@@ -150,6 +150,11 @@ class Config(Checked):
     lbs: LbsConfig = LbsConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
 
+    @property
+    def label(self) -> str:
+        """The character's name, also where it was given as the path of a recipe."""
+        return Path(self.character).stem if self.character.endswith(".toml") else self.character
+
     def __post_init__(self):
         super().__post_init__()
         if not recipe_file(self.character).is_file():

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from typing import TextIO
+from io import TextIOBase
 
 from tqdm import tqdm
 
@@ -14,7 +14,7 @@ LINE_EVERY_S = 30.0  # between two lines on the same stage, when there is no ter
 class StageDisplay:
     """The bar, or the lines, of one running stage; silent for its first two seconds."""
 
-    def __init__(self, title: str, slot: int, stream: TextIO | None = None):
+    def __init__(self, title: str, slot: int, stream: TextIOBase | None = None):
         self.title, self.slot = title, slot
         self.stream = stream or sys.stderr
         self.started = self._spoken = time.monotonic()

@@ -3,6 +3,7 @@
 import hashlib
 import importlib
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -33,6 +34,10 @@ class Stage:
     label: str = ""
     files: tuple[Path, ...] = ()
     threads: int = 1
+
+    def __post_init__(self):
+        if not re.fullmatch(r"[\w.-]+", self.title):
+            raise ValueError(f"stage {self.title!r}: names and labels name folders; use letters, digits, _, . and -")
 
     @property
     def title(self) -> str:

@@ -9,6 +9,8 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 import pytest
 from jaxtyping import install_import_hook
 
+import replicate.config  # noqa: F401, loaded before the hook: it checks its values itself, with sentences that are tested
+
 _hook = install_import_hook(["replicate", "data_recipes"], "typechecker.check")
 
 

@@ -23,6 +23,9 @@ class ToyConfig(Checked):
 
 def numbers(context) -> None:
     """Write random numbers, a step at a time, with a checkpoint after every step."""
+    if "TOY_BUILDS" in os.environ:
+        with open(os.environ["TOY_BUILDS"], "a") as stream:
+            stream.write(f"{context.name} {context.config.seed}\n")
     checkpoint = context.scratch / "steps.json"
     done = json.loads(checkpoint.read_text()) if checkpoint.exists() else []
     with context.progress(context.config.steps, "counting", len(done)) as bar:

@@ -1,0 +1,149 @@
+"""The command line: one sentence for a mistake, and no work that was done before."""
+
+import subprocess
+import sys
+import types
+
+import pytest
+from toy_stages import ToyConfig, faulty_graph
+
+import replicate
+from replicate import __main__ as cli
+from replicate import paths
+from replicate.inventory import inventory
+from replicate.stages import Stage
+
+
+@pytest.fixture
+def recipes(tmp_path, monkeypatch):
+    """Three characters, whatever the project has."""
+    folder = tmp_path / "recipes"
+    folder.mkdir()
+    for name in ("dragon", "teen", "woman"):
+        (folder / f"{name}.toml").write_text("")
+    monkeypatch.setattr(paths, "RECIPES", folder)
+
+
+@pytest.fixture
+def pipeline(monkeypatch, recipes):
+    """A pipeline of two toy stages a character; returns what was published."""
+    published = []
+
+    def graph(config):
+        rig = Stage("rig", "toy_stages:numbers", ToyConfig(seed=config.seed), label=config.character)
+        return [Stage("errors", "toy_stages:total", ToyConfig(seed=config.seed), (rig,), label=config.character)]
+
+    module = types.ModuleType("replicate.pipeline")
+    module.table2_graph = graph
+    module.publish_table2 = lambda configs, stages, facts: published.append((configs, stages, facts))
+    monkeypatch.setitem(sys.modules, "replicate.pipeline", module)
+    monkeypatch.setattr(replicate, "pipeline", module, raising=False)
+    return published
+
+
+def refused(capsys, *arguments):
+    """Return the one sentence with which a command line is refused."""
+    assert cli.main(list(arguments)) == 2
+    told = capsys.readouterr()
+    assert told.out == "" and told.err.count("\n") == 1 and "Traceback" not in told.err
+    return told.err
+
+
+def test_an_unknown_character_is_refused_with_those_there_are(capsys, pipeline):
+    sentence = refused(capsys, "table2", "--characters", "hiccup")
+    assert "'hiccup'" in sentence and "dragon, teen, woman" in sentence
+
+
+@pytest.mark.parametrize("command", ["table2", "compare", "status"])
+def test_an_unknown_profile_is_refused_with_those_there_are(capsys, pipeline, command):
+    sentence = refused(capsys, command, "--profile", "fast")
+    assert "'fast'" in sentence and "quick, laptop, paper" in sentence
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--jobs", "0"], ["jobs is 0", "at least 1"]),
+        (["--seed", "-1"], ["seed is -1", "at least 0"]),
+        (["--seed", "one"], ["--seed", "'one'"]),
+        (["--device", "tpu"], ["'tpu'", "auto, cpu, cuda"]),
+        (["--split", "poses"], ["'poses'", "frames, clips"]),
+        (["--config", "nowhere.toml"], ["nowhere.toml", "no such file"]),
+        (["--characters", ","], ["no character", "teen"]),
+        (["--colour", "red"], ["--colour"]),
+    ],
+)
+def test_a_bad_option_is_refused_with_what_is_allowed(capsys, pipeline, cache, arguments, named):
+    sentence = refused(capsys, "table2", *arguments)
+    assert all(part in sentence for part in named), sentence
+    assert not cache.exists(), "something was written"
+
+
+def test_an_unknown_command_is_refused(capsys):
+    assert "table9" in refused(capsys, "table9")
+
+
+def test_table2_runs_the_graph_of_every_character_and_publishes_once(capfd, cache, pipeline):
+    assert cli.main(["table2", "--profile", "quick", "--characters", "teen,dragon", "woman", "--seed", "4"]) == 0
+    ((configs, stages, facts),) = pipeline
+    assert [config.character for config in configs] == ["teen", "dragon", "woman"]
+    assert {(config.profile, config.seed) for config in configs} == {("quick", 4)}
+    assert len(stages) == 3 and facts["seeds"] == [4] and facts["command"].startswith("python -m replicate table2 ")
+    assert "made 6 of 6 artefacts" in capfd.readouterr().out
+
+
+def test_table2_again_has_nothing_to_do(capfd, cache, pipeline):
+    cli.main(["table2"])
+    capfd.readouterr()
+    assert cli.main(["table2"]) == 0
+    assert "nothing to do: 2 artefacts up to date" in capfd.readouterr().out
+
+
+def test_a_failing_stage_is_one_sentence_and_exit_code_1(capfd, cache, pipeline, monkeypatch):
+    monkeypatch.setattr(sys.modules["replicate.pipeline"], "table2_graph", lambda config: faulty_graph("error"))
+    assert cli.main(["table2"]) == 1
+    told = capfd.readouterr().err
+    assert "stage faulty failed" in told and "Traceback" not in told
+    assert not pipeline, "a run that failed was published"
+
+
+def test_status_tells_what_is_there_from_what_is_not(capfd, cache, pipeline):
+    assert cli.main(["status"]) == 0
+    assert capfd.readouterr().out.count("missing") == 2
+    cli.main(["table2"])
+    file = next(cache.glob("rig-teen-*")) / "numbers.json"
+    file.write_text(file.read_text()[:-1])
+    capfd.readouterr()
+    cli.main(["status"])
+    told = capfd.readouterr().out
+    assert told.count("up to date") == 1 and "damaged: numbers.json" in told
+
+
+def test_clean_cache_keeps_what_is_current_and_all_keeps_nothing(capfd, cache, pipeline, monkeypatch):
+    cli.main(["table2"])
+    (cache / "scratch" / "left-over").mkdir(parents=True)
+    assert cli.main(["clean-cache"]) == 0
+    assert [entry.state for entry in inventory()] == ["current", "current"]
+    monkeypatch.setattr("replicate.inventory.sources_digest", lambda function: "changed")
+    assert [entry.state for entry in inventory()] == ["stale", "stale"]
+    assert cli.main(["clean-cache", "--all"]) == 0
+    assert inventory() == []
+
+
+def test_clean_cache_leaves_alone_what_the_suite_did_not_make(capfd, cache):
+    (cache / "photographs").mkdir(parents=True)
+    (cache / "notes.txt").write_text("mine")
+    assert cli.main(["clean-cache", "--all"]) == 0
+    assert (cache / "photographs").is_dir() and (cache / "notes.txt").is_file()
+
+
+@pytest.mark.parametrize("command", [[], *([name] for name in cli.COMMANDS)])
+def test_every_command_has_help(command):
+    told = subprocess.run(
+        [sys.executable, "-m", "replicate", *command, "--help"],
+        cwd=paths.ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "usage:" in told.stdout and "REPLICATE_CACHE" in told.stdout

@@ -1,0 +1,124 @@
+"""The paper's numbers are the defaults; whatever is unknown or out of range is one sentence."""
+
+import dataclasses
+
+import pytest
+
+from replicate import config, paths
+from replicate.checked import from_json, to_json
+from replicate.config import Config, resolve
+from replicate.errors import InputError
+
+
+@pytest.fixture
+def recipe(tmp_path):
+    file = tmp_path / "someone.toml"
+    file.write_text("")
+    return str(file)
+
+
+def overriding(tmp_path, recipe, text):
+    file = tmp_path / "mine.toml"
+    file.write_text(text)
+    return resolve(recipe, "laptop", file=file)
+
+
+def test_the_defaults_are_the_papers(recipe):
+    paper = resolve(recipe, "paper")
+    assert paper == Config(recipe, profile="paper")
+    assert (paper.samples.count, paper.samples.bins, paper.samples.split) == (50_000, 16, "frames")
+    assert (paper.samples.low, paper.samples.high, paper.samples.held_out) == (0.25, 3.0, 0.1)
+    assert (paper.coarse.map_size, paper.refinement.map_size, paper.refinement.square) == (32, 64, 0.25)
+    assert (paper.coarse.normal_weight, paper.coarse.training.batch) == (5.0, 8)
+    assert (paper.coarse.training.schedule, paper.coarse.training.rates) == ("paper", (1e-3, 1e-4, 1e-5))
+    assert paper.dense.hidden == (256, 256)
+    assert (paper.rigid.tau_mm, paper.rigid.attachments) == (0.3, 10)
+    assert (paper.lbs.bones, paper.lbs.influences, paper.lbs.samples) == ((16, 24, 32), 8, 1_000)
+    assert paper.evaluation.test_poses == 0
+
+
+@pytest.mark.parametrize("profile", config.PROFILES)
+def test_every_profile_resolves_and_keeps_its_name(recipe, profile):
+    assert resolve(recipe, profile, seed=3).profile == profile
+
+
+def test_a_file_overrides_a_profile_and_values_override_both(tmp_path, recipe):
+    file = tmp_path / "mine.toml"
+    file.write_text("seed = 7\n[coarse]\nmap_size = 64\n[coarse.training]\nsteps = 5\n[lbs]\nbones = [4, 6]\n")
+    mine = resolve(recipe, "laptop", file=file, seed=9)
+    assert (mine.coarse.map_size, mine.coarse.training.steps, mine.seed) == (64, 5, 9)
+    assert mine.coarse.training.schedule == "one_cycle", "the profile's other values stay"
+    assert mine.lbs.bones == (4, 6)
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("colour = 1", ["unknown key colour", "samples"]),
+        ("[coarse]\nmapsize = 32", ["unknown key coarse.mapsize", "map_size"]),
+        ("[coarse.training]\nbatch = 0", ["coarse.training.batch is 0", "at least 1"]),
+        ("[coarse.training]\nbatch = 8.5", ["coarse.training.batch is 8.5", "whole number"]),
+        ("[coarse.training]\nbatch = true", ["coarse.training.batch is True", "whole number"]),
+        ("[coarse.training]\nrates = [1e-3]", ["coarse.training.shares", "1 numbers"]),
+        ("[coarse.training]\nschedule = 'cosine'", ["coarse.training.schedule is 'cosine'", "paper, one_cycle"]),
+        ("[coarse]\nmap_size = 33", ["coarse.map_size is 33", "power of two"]),
+        ("[coarse]\nnormal_weight = nan", ["coarse.normal_weight is nan", "number"]),
+        ("[coarse]\nnormal_weight = inf", ["coarse.normal_weight is inf", "number"]),
+        ("coarse = 3", ["coarse is 3", "a table"]),
+        ("[samples]\nhigh = 0.1", ["samples.high is 0.1", "at least low"]),
+        ("[samples]\nsplit = 'poses'", ["samples.split is 'poses'", "frames, clips"]),
+        ("[samples]\nheld_out = 1.0", ["samples.held_out is 1.0", "at most 0.9"]),
+        ("[lbs]\nbones = []", ["lbs.bones is ()", "at least one"]),
+        ("[lbs]\nbones = [16, 'x']", ["lbs.bones", "whole number"]),
+        ("profile = 'quick'", ["profile can't be set here", "PROFILE="]),
+        ("character = 'teen'", ["character can't be set here", "CHARACTERS="]),
+        ("seed = -1", ["seed is -1", "at least 0"]),
+        ("device = 'tpu'", ["device is 'tpu'", "cpu, cuda"]),
+        ("[coarse\n", ["not a readable TOML file"]),
+    ],
+)
+def test_a_bad_override_is_one_sentence_naming_file_key_value_and_what_is_allowed(tmp_path, recipe, text, named):
+    with pytest.raises(InputError) as told:
+        overriding(tmp_path, recipe, text)
+    sentence = str(told.value)
+    assert sentence.startswith(str(tmp_path / "mine.toml"))
+    assert all(part in sentence for part in named), sentence
+    assert "\n" not in sentence
+
+
+def test_a_missing_override_file_is_named(recipe, tmp_path):
+    with pytest.raises(InputError, match=r"mine\.toml: there is no such file"):
+        resolve(recipe, "laptop", file=tmp_path / "mine.toml")
+
+
+def test_an_unknown_profile_lists_those_there_are(recipe):
+    with pytest.raises(InputError, match="'fast' is unknown: allowed are quick, laptop, paper"):
+        resolve(recipe, "fast")
+
+
+def test_an_unknown_character_lists_those_there_are(tmp_path, monkeypatch):
+    for name in ("teen", "tiny"):
+        (tmp_path / f"{name}.toml").write_text("")
+    monkeypatch.setattr(paths, "RECIPES", tmp_path)
+    assert resolve("tiny").character == "tiny"
+    with pytest.raises(InputError, match="'hiccup' has no recipe: allowed are teen, tiny"):
+        resolve("hiccup")
+
+
+def test_a_character_given_as_a_recipe_is_labelled_by_its_name(recipe):
+    assert resolve(recipe).label == "someone"
+
+
+def test_a_configuration_survives_json(recipe):
+    quick = resolve(recipe, "quick", seed=5)
+    assert from_json(to_json(quick)) == quick
+
+
+def test_whole_numbers_and_floats_of_one_value_are_one_configuration():
+    assert to_json(config.CoarseConfig(normal_weight=5)) == to_json(config.CoarseConfig(normal_weight=5.0))
+    assert isinstance(config.TrainingConfig(shares=(5, 1, 1)).shares[0], float)
+
+
+def test_configurations_are_frozen(recipe):
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        resolve(recipe).seed = 1

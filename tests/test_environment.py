@@ -1,0 +1,115 @@
+"""What is installed, where from and with which command, is said in several files that must agree."""
+
+import os
+import re
+import shutil
+import subprocess
+import tomllib
+
+import pytest
+
+from replicate.paths import ROOT
+
+MODULE_NAMES = {"pillow": "PIL", "scikit-learn": "sklearn"}  # where a package is imported by another name
+TEXT = {"", ".cff", ".csv", ".ipynb", ".json", ".lock", ".md", ".py", ".toml", ".yml"}
+
+
+def locked():
+    lines = (ROOT / "requirements.lock").read_text().splitlines()
+    return dict(line.split("==") for line in lines if not line.startswith("#"))
+
+
+def direct():
+    return tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+
+
+def tracked():
+    """Return the project's text files: what git tracks, or in an unpacked archive what is there."""
+    if (ROOT / ".git").exists() and shutil.which("git"):
+        command = ["git", "-C", str(ROOT), "ls-files", "-z"]
+        names = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split("\0")
+        files = [ROOT / name for name in names if name]
+    else:
+        hidden = {".venv", ".cache", "__pycache__", "runs", ".pytest_cache", ".ruff_cache"}
+        files = [path for path in ROOT.rglob("*") if not hidden & set(path.relative_to(ROOT).parts)]
+    return [path for path in files if path.is_file() and path.suffix in TEXT]
+
+
+def make(*arguments, folder=ROOT, **variables):
+    if shutil.which("make") is None:
+        pytest.skip("needs make")
+    outside = {
+        name: value for name, value in os.environ.items() if name not in ("VIRTUAL_ENV", "CONDA_PREFIX", "MAKEFLAGS")
+    }
+    return subprocess.run(["make", *arguments], cwd=folder, env=outside | variables, capture_output=True, text=True)
+
+
+def test_every_locked_version_is_exact_and_from_no_particular_place():
+    for package, version in locked().items():
+        assert re.fullmatch(r"[A-Za-z0-9._-]+", package) and re.fullmatch(r"[0-9][0-9a-z.]*", version), package
+        assert not package.lower().startswith(("nvidia", "cuda", "triton")), package
+
+
+def test_every_direct_dependency_is_locked():
+    names = {package.lower() for package in locked()}
+    assert set(direct()) <= names and direct() == sorted(direct())
+
+
+def test_conda_installs_the_locked_versions():
+    lines = (ROOT / "environment.yml").read_text().splitlines()
+    pinned = dict(line.split("- ")[1].split("==") for line in lines if "==" in line)
+    assert set(pinned) == set(direct())
+    versions = {package.lower(): version for package, version in locked().items()}
+    assert pinned == {package: versions[package] for package in direct()}
+
+
+def test_make_looks_for_every_direct_dependency_in_an_active_environment():
+    text = (ROOT / "Makefile").read_text().replace("\\\n", " ")
+    modules = re.search(r"^MODULES := (.*)$", text, re.MULTILINE).group(1).split()
+    assert set(modules) == {MODULE_NAMES.get(package, package) for package in direct()}
+
+
+def test_make_alone_prints_every_target_and_does_nothing(tmp_path):
+    shutil.copy(ROOT / "Makefile", tmp_path)
+    told = make(folder=tmp_path)
+    assert told.returncode == 0, told.stderr
+    targets = re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE).group(1).split()
+    assert "table2" in targets
+    for target in targets:
+        assert re.search(rf"^  {target} +\S", told.stdout, re.MULTILINE), f"{target} has no help"
+    assert os.listdir(tmp_path) == ["Makefile"]
+
+
+def test_an_old_python_is_refused_in_one_sentence(tmp_path):
+    for name in ("Makefile", "requirements.lock"):
+        shutil.copy(ROOT / name, tmp_path)
+    old = tmp_path / "python3.9"
+    old.write_text('#!/bin/sh\n[ "$1" = --version ] && echo "Python 3.9.1" && exit\nexit 1\n')
+    old.chmod(0o755)
+    told = make("environment", f"PYTHON={old}", folder=tmp_path)
+    sentence = told.stderr.splitlines()[0]
+    assert told.returncode != 0 and not (tmp_path / ".venv").exists()
+    assert sentence.startswith("Python 3.11 or newer is needed") and "3.9.1" in sentence and "PYTHON=" in sentence
+
+
+def test_variables_reach_the_command_line(tmp_path):
+    shutil.copy(ROOT / "Makefile", tmp_path)
+    (tmp_path / ".venv").mkdir()
+    (tmp_path / "requirements.lock").write_text("")
+    (tmp_path / ".venv" / "installed").write_text("")
+    values = {"PROFILE": "quick", "CHARACTERS": "teen woman", "SEED": "3", "JOBS": "1", "DEVICE": "cpu"}
+    told = make("-n", "table2", *(f"{name}={value}" for name, value in values.items()), folder=tmp_path).stdout
+    for option in ('--profile "quick"', '--characters "teen woman"', '--seed "3"', '--jobs "1"', '--device "cpu"'):
+        assert option in told
+    assert "--config" not in told and "--split" not in told
+
+
+@pytest.mark.parametrize("path", tracked(), ids=lambda path: str(path.relative_to(ROOT)))
+def test_tracked_files_keep_the_house_rules(path):
+    text = path.read_text(encoding="utf-8")
+    pieces = ("TO" + "DO", "FIX" + "ME", "import pick" + "le", "allow_pick" + "le=True", "torch.load(")
+    assert not [piece for piece in pieces if piece in text]
+    hosts = ("pypi" + ".org", "python" + "hosted.org", "download.py" + "torch.org")
+    assert not [host for host in hosts if host in text], "a registry is the user's choice"
+    homes = re.findall(r"(?<![\w.~])/(?:home|root|Users|work)/\w+", text)
+    assert not homes, f"paths of one machine: {homes}"

@@ -1,0 +1,101 @@
+"""Imports run one way, and what needs a screen or a mesh library is loaded by nothing that doesn't."""
+
+import ast
+import subprocess
+import sys
+
+import pytest
+
+from replicate.paths import ROOT
+from replicate.sources import MACHINERY
+
+SOURCES = sorted(path for folder in ("replicate", "data_recipes") for path in (ROOT / folder).rglob("*.py"))
+GROUND_FLOOR = {"replicate.errors", *MACHINERY, "replicate.device", "replicate.inventory"}
+FOR_RECIPES = {f"replicate.{name}" for name in ("checked", "config", "errors", "mesh", "paths", "provenance", "store")}
+DISPLAY_ONLY = {"pyvista", "trimesh", "vtk", "vtkmodules"}
+
+
+def module_name(path):
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_name(path) for path in SOURCES}
+
+
+def imports(path, only_at_the_top=False):
+    """Return the modules that a file imports; anywhere, or only those that importing it loads."""
+    tree = ast.parse(path.read_text())
+    package = module_name(path).split(".")[: None if path.name == "__init__.py" else -1]
+    inside = {id(n) for f in ast.walk(tree) if isinstance(f, (ast.FunctionDef, ast.Lambda)) for n in ast.walk(f)}
+    found = set()
+    for node in ast.walk(tree):
+        if only_at_the_top and id(node) in inside:
+            continue
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            base = ".".join([*base, *([node.module] if node.module else [])])
+            submodules = {f"{base}.{alias.name}" for alias in node.names} & MODULES
+            whole = {base} if len(submodules) < len(node.names) else set()
+            found |= submodules | whole
+    return found
+
+
+def floor(module):
+    """Return how far up a module stands; imports go down, or stay on a floor."""
+    package = module.split(".")[1] if "." in module else ""
+    if module == "replicate" or module in GROUND_FLOOR:
+        return 0
+    return {"approximation": 2, "inverse": 3, "evaluation": 4, "figures": 4}.get(
+        package, 5 if package in ("benchmarks", "pipeline", "__main__") else 1
+    )
+
+
+@pytest.mark.parametrize("path", [path for path in SOURCES if path.parts[-2] != ""], ids=module_name)
+def test_imports_run_one_way(path):
+    module = module_name(path)
+    for imported in imports(path):
+        if imported.split(".")[0] == "data_recipes" and module.startswith("replicate"):
+            assert imported == "data_recipes.rig", f"{module} may see no more of data_recipes than its rig"
+        elif imported.split(".")[0] == "replicate" and module.startswith("data_recipes"):
+            assert imported in FOR_RECIPES, f"{module} may not import {imported}"
+        elif imported.split(".")[0] == "replicate" and module not in ("replicate.worker", "replicate.inventory"):
+            assert floor(imported) <= floor(module), f"{module} may not import {imported}, which stands above it"
+
+
+def test_the_floors_tell_up_from_down():
+    assert floor("replicate.store") < floor("replicate.mesh") < floor("replicate.approximation.cnn")
+    assert floor("replicate.inverse.ik") < floor("replicate.figures.figure01") < floor("replicate.pipeline")
+
+
+def test_only_figures_load_what_draws():
+    for path in SOURCES:
+        loaded = {name.split(".")[0] for name in imports(path, only_at_the_top=True)}
+        assert not loaded & DISPLAY_ONLY or "figures" in path.parts, (
+            f"{module_name(path)} loads {loaded & DISPLAY_ONLY}"
+        )
+
+
+def test_everything_but_figures_works_without_pyvista_and_trimesh():
+    left_out = ("replicate.figures", "replicate.__main__", "replicate.worker", "replicate.benchmarks")
+    modules = [name for name in sorted(MODULES) if not name.startswith(left_out)]
+    program = f"""
+import importlib, sys
+for name in {sorted(DISPLAY_ONLY)}:
+    sys.modules[name] = None  # an import of it fails
+for name in {modules}:
+    importlib.import_module(name)
+"""
+    told = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
+    assert told.returncode == 0, told.stderr
+
+
+def test_the_command_line_loads_nothing_heavy_to_see_that_nothing_is_to_be_done():
+    program = "import sys, replicate.__main__, replicate.scheduler, replicate.inventory\n"
+    if "replicate.pipeline" in MODULES:
+        program += "import replicate.pipeline\n"
+    program += "print(sorted({'jax', 'torch', 'scipy', 'numba', 'pandas', 'matplotlib', 'pyvista'} & set(sys.modules)))"
+    told = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == "[]"

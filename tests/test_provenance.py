@@ -1,0 +1,63 @@
+"""A manifest says where its numbers come from, in a checkout or outside one."""
+
+import json
+import shutil
+import subprocess
+import sys
+
+import pytest
+from toy_stages import toy_graph
+
+from replicate.paths import ROOT
+from replicate.provenance import core_count, git_state, processor, provenance, stage_facts
+from replicate.scheduler import run
+
+
+@pytest.fixture
+def checkout(tmp_path):
+    if shutil.which("git") is None:
+        pytest.skip("needs git")
+    folder = tmp_path / "checkout"
+    folder.mkdir()
+    identity = ("-c", "user.name=A", "-c", "user.email=a@example.org")
+    (folder / "file").write_text("1")
+    for command in (["init", "-q"], ["add", "file"], [*identity, "commit", "-q", "-m", "Begin"]):
+        subprocess.run(["git", "-C", str(folder), *command], check=True, capture_output=True)
+    return folder
+
+
+def test_a_clean_checkout_and_a_changed_one_are_told_apart(checkout):
+    clean = git_state(checkout)
+    assert clean["clean"] is True and len(clean["commit"]) == 40
+    (checkout / "file").write_text("2")
+    assert git_state(checkout) == {**clean, "clean": False}
+
+
+def test_outside_a_checkout_there_is_no_commit(checkout):
+    (checkout / "unpacked").mkdir()
+    assert git_state(checkout / "unpacked") is None, "the repository around it is not this suite's"
+
+
+def test_provenance_is_json_with_all_that_a_reader_asks_for():
+    facts = provenance(["make", "table2"], "quick", [3], 2)
+    assert json.loads(json.dumps(facts)) == facts
+    assert facts["command"] == "make table2" and facts["profile"] == "quick" and facts["seeds"] == [3]
+    assert facts["workers"] == 2 and facts["cores"] == core_count() >= 1
+    assert {"numpy", "torch", "jax"} <= set(facts["packages"]) and processor()
+
+
+def test_provenance_does_not_load_torch():
+    program = (
+        "import sys; from replicate.provenance import provenance; facts = provenance([], 'quick', [0], 1);"
+        "print(facts['gpu'], 'torch' in sys.modules)"
+    )
+    told = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert told.stdout.split() == ["None", "False"]
+
+
+def test_stage_facts_name_every_stage_with_its_time(cache):
+    run(toy_graph())
+    facts = stage_facts(toy_graph())
+    assert list(facts) == ["first", "middle-0", "middle-1", "middle-2", "last"]
+    assert all(fact["wall_s"] >= 0 for fact in facts.values())
+    assert facts["first"]["notes"] == {"count": 3}
