@@ -98,26 +98,21 @@ class Projection:
         return fitted.reshape(k, b, 3).transpose(1, 0, 2).astype(np.float32)
 
 
-def projection_floor(
-    segments: Sequence,
-    offsets: Float[np.ndarray, "b n 3"],
-    size: int,
-    refinement: Sequence = (),
-    refinement_size: int = 64,
-    batch: int = 64,
-) -> Float32[np.ndarray, "b n 3"]:
-    """Return the true offsets as well as the maps can hold them; zero on vertices of no segment (rigid ones).
+class Floor:
+    """The true offsets as well as the maps can hold them: the least error that any network of this layout can reach.
 
-    segments: the coarse ones, each with `.vertices` (k,) and `.uv` (k, 2). offsets: the truth, mm. With refinement
-    segments, what their maps of `refinement_size` can hold of the remaining residual is added, as the refinement
-    network would. One factorisation a segment; poses go through in batches.
+    segments: the coarse ones, each with `.vertices` (k,) and `.uv` (k, 2). With refinement segments, what their maps of
+    `refinement_size` can hold of the remaining residual is added, as the refinement network would. One factorisation a
+    segment.
     """
-    floor = np.zeros(offsets.shape, np.float32)
-    for level, map_size in ((segments, size), (refinement, refinement_size)):
-        for segment in level:
-            project = Projection(segment.uv, map_size)
-            for start in range(0, len(offsets), batch):
-                rows = slice(start, start + batch)
-                truth = np.asarray(offsets[rows][:, segment.vertices])
-                floor[rows, segment.vertices] += project(truth - floor[rows][:, segment.vertices])
-    return floor
+
+    def __init__(self, segments: Sequence, size: int, refinement: Sequence = (), refinement_size: int = 64):
+        levels = ((segments, size), (refinement, refinement_size))
+        self.projections = [(s.vertices, Projection(s.uv, width)) for level, width in levels for s in level]
+
+    def __call__(self, offsets: Float[np.ndarray, "b n 3"]) -> Float32[np.ndarray, "b n 3"]:
+        """Return the offsets (mm) that the vertices read from the maps; zero on vertices of no segment (rigid ones)."""
+        floor = np.zeros(offsets.shape, np.float32)
+        for vertices, project in self.projections:
+            floor[:, vertices] += project(offsets[:, vertices] - floor[:, vertices])
+        return floor

@@ -7,7 +7,7 @@ from small_face import pose_offsets, small_influence, small_mesh
 
 from replicate.approximation import sampling_kernel
 from replicate.approximation.segments import coarse_segments
-from replicate.deformation_map import bilinear, polyharmonic_map, projection_floor, sample, sampling_matrix
+from replicate.deformation_map import Floor, bilinear, polyharmonic_map, sample, sampling_matrix
 
 PLACES = np.random.default_rng(0).uniform(0, 1, (50, 2)).astype(np.float32)
 CORNERS = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 1.0]], np.float32)
@@ -75,14 +75,14 @@ def test_what_a_map_can_hold_has_no_floor_and_sharp_detail_has_one():
     mesh = small_mesh()
     segments = coarse_segments(mesh, {2}, small_influence(mesh))
     smooth = np.stack([mesh.uv[:, 0], mesh.uv[:, 1], 1 - mesh.uv[:, 0]], axis=1)[None] * (mesh.segment < 2)[:, None]
-    floor = projection_floor(segments, smooth.astype(np.float32), 8)
+    floor = Floor(segments, 8)(smooth.astype(np.float32))
     np.testing.assert_allclose(floor, smooth, atol=1e-4)
     params = np.eye(12, dtype=np.float32)[:2]
     truth = pose_offsets(mesh, params)
-    eight, sixteen = (projection_floor(segments, truth, size) for size in (8, 16))
+    eight, sixteen = (Floor(segments, size)(truth) for size in (8, 16))
     assert np.abs(eight - truth)[0].max() > 0.2  # parameter 0 wrinkles vertices closer than a pixel of 8×8
     assert np.abs(sixteen - truth).max() < 1e-2  # 16×16 vertices at 16×16 pixels
-    refined = projection_floor(segments, truth, 8, segments[:1], 16)
+    refined = Floor(segments, 8, segments[:1], 16)(truth)
     assert np.abs(refined - truth)[:, mesh.segment == 0].max() < 1e-2
     np.testing.assert_array_equal(refined[:, mesh.segment == 1], eight[:, mesh.segment == 1])
 
@@ -94,6 +94,6 @@ def test_the_projection_is_the_least_squares_solution():
     face = segments[0]
     matrix = sampling_matrix(bilinear(face.uv, 8)).toarray()
     best = matrix @ np.linalg.lstsq(matrix, truth[0, face.vertices].astype(np.float64), rcond=None)[0]
-    floor = projection_floor(segments, truth, 8)
+    floor = Floor(segments, 8)(truth)
     np.testing.assert_allclose(floor[0, face.vertices], best, atol=1e-4)
     assert not floor[:, mesh.segment == 2].any()

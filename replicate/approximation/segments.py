@@ -1,7 +1,9 @@
 """Which vertices, texture coordinates and rig parameters each network sees (§3.1, §3.2)."""
 
+import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -75,3 +77,19 @@ def faces_touching(
     chosen = np.zeros(count, bool)
     chosen[vertices] = True
     return chosen[faces].any(1)
+
+
+def save_segments(segments: Sequence[Segment], file: Path) -> None:
+    """Write segments as one npz file."""
+    fields = ("vertices", "uv", "parameters")
+    arrays = {f"{k}.{field}": getattr(segment, field) for k, segment in enumerate(segments) for field in fields}
+    names = json.dumps([segment.name for segment in segments])
+    np.savez(file, names=np.frombuffer(names.encode(), np.uint8), **arrays)
+
+
+def load_segments(file: Path) -> tuple[Segment, ...]:
+    """Read what `save_segments` wrote."""
+    with np.load(file, allow_pickle=False) as arrays:
+        names = json.loads(bytes(arrays["names"]))
+        fields = ("vertices", "uv", "parameters")
+        return tuple(Segment(name, *(arrays[f"{k}.{field}"] for field in fields)) for k, name in enumerate(names))
