@@ -197,6 +197,7 @@ def _kill(worker: _Worker) -> None:
 
 
 def _close(worker: _Worker) -> None:
+    store.discard_partial(worker.stage.identifier)
     worker.process.stdout.close()
     try:
         worker.process.stdin.close()

@@ -102,7 +102,7 @@ def make(identifier: str, build: Callable[[Path, Path], dict], waiting: Callable
     manifest. waiting: called once when another process is making the same artefact; theirs is returned then.
     Raises RunError when the disk is full; nothing half written is left in place.
     """
-    partial = cache_folder() / "partial" / identifier
+    partial = _partial_folder(identifier)
     scratch = scratch_folder(identifier)
     with _told_if_full(identifier), lock(identifier, waiting):
         if load(identifier) is None:
@@ -120,15 +120,26 @@ def make(identifier: str, build: Callable[[Path, Path], dict], waiting: Callable
     return artefact_folder(identifier)
 
 
+def discard_partial(identifier: str) -> None:
+    """Remove what a killed process had filled of an artefact, unless another one is filling it by now."""
+    with contextlib.suppress(Timeout), lock(identifier, wait=False):
+        shutil.rmtree(_partial_folder(identifier), ignore_errors=True)
+
+
 @contextlib.contextmanager
-def lock(identifier: str, waiting: Callable[[], None] = lambda: None) -> Iterator[None]:
-    """Hold an artefact's lock, which the system frees should the process die; the same process may hold it twice."""
+def lock(identifier: str, waiting: Callable[[], None] = lambda: None, wait: bool = True) -> Iterator[None]:
+    """Hold an artefact's lock, which the system frees should the process die; the same process may hold it twice.
+
+    waiting: called once where another process holds it. wait: else, filelock's Timeout is raised then.
+    """
     folder = cache_folder() / "locks"
     folder.mkdir(parents=True, exist_ok=True)
     held = FileLock(folder / f"{identifier}.lock", is_singleton=True)
     try:
         held.acquire(timeout=0)
     except Timeout:
+        if not wait:
+            raise
         waiting()
         held.acquire(poll_interval=0.2)
     try:
@@ -159,6 +170,10 @@ def _told_if_full(identifier: str) -> Iterator[None]:
             f"{identifier}: the disk is full ({_free_bytes() >> 20} MB free at {cache_folder()}): make room or set "
             "REPLICATE_CACHE to a folder elsewhere, then run the same command; finished work is kept"
         ) from error
+
+
+def _partial_folder(identifier: str) -> Path:
+    return cache_folder() / "partial" / identifier
 
 
 def _free_bytes() -> int:

@@ -136,6 +136,7 @@ def test_a_killed_worker_ends_the_run_with_a_sentence(cache):
     assert "\n" not in str(told.value)
     assert time.monotonic() - started < 30, "the other stage, of a minute, was not ended"
     assert not psutil.Process().children(recursive=True)
+    assert not list((cache / "partial").glob("*")), "what the killed stage had written takes up room"
 
 
 def test_a_failed_stage_leaves_its_traceback_in_the_log_it_names(cache):
