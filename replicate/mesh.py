@@ -60,9 +60,7 @@ def _array(name: str, values, dtype) -> np.ndarray:
     wanted = "f" if dtype == np.float32 else "iu"
     if array.dtype.kind not in wanted:
         kind = "floating-point numbers" if wanted == "f" else "integers"
-        raise InputError(
-            f"mesh: {name} holds {array.dtype}, where only {kind} are allowed."
-        )
+        raise InputError(f"mesh: {name} holds {array.dtype}, where only {kind} are allowed.")
     return np.ascontiguousarray(array, dtype=dtype)
 
 
@@ -77,9 +75,7 @@ def _check_shapes(mesh: Mesh) -> None:
     for name, allowed in shapes.items():
         found = getattr(mesh, name).shape
         if found != allowed:
-            raise InputError(
-                f"mesh: {name} has the shape {found}, where {allowed} is allowed."
-            )
+            raise InputError(f"mesh: {name} has the shape {found}, where {allowed} is allowed.")
     if n == 0 or len(mesh.faces) == 0:
         raise InputError(
             f"mesh: found {n} vertices and {len(mesh.faces)} faces, where at least one of each is allowed."
@@ -94,21 +90,18 @@ def _check_values(mesh: Mesh) -> None:
         )
     inside = (mesh.uv >= 0) & (mesh.uv <= 1)  # False for NaN as well
     if (i := _first(~inside.all(-1))) is not None:
-        raise InputError(
-            f"mesh: uv[{i}] is {mesh.uv[i].tolist()}, where only values in [0, 1] are allowed."
-        )
+        raise InputError(f"mesh: uv[{i}] is {mesh.uv[i].tolist()}, where only values in [0, 1] are allowed.")
     if (i := _first(((mesh.faces < 0) | (mesh.faces >= n)).any(-1))) is not None:
         raise InputError(
             f"mesh: faces[{i}] is {mesh.faces[i].tolist()}, where only vertex indices 0 to {n - 1} are allowed."
         )
     if (i := _first((mesh.segment < 0) | (mesh.segment >= segments))) is not None:
         raise InputError(
-            f"mesh: vertex {i} is in no segment: segment[{i}] is {mesh.segment[i]}, where 0 to {segments - 1} is allowed."
+            f"mesh: vertex {i} is in no segment: segment[{i}] is {mesh.segment[i]}, "
+            f"where 0 to {segments - 1} is allowed."
         )
     if (i := _first(np.bincount(mesh.segment, minlength=segments) == 0)) is not None:
-        raise InputError(
-            f"mesh: segment {i} ({mesh.segment_names[i]!r}) has no vertex, where at least one is allowed."
-        )
+        raise InputError(f"mesh: segment {i} ({mesh.segment_names[i]!r}) has no vertex, where at least one is allowed.")
     if (i := _first(degenerate_faces(mesh.neutral, mesh.faces))) is not None:
         raise InputError(
             f"mesh: faces[{i}] = {mesh.faces[i].tolist()} is degenerate (its corners coincide or lie on a line in the "
@@ -121,9 +114,7 @@ def _first(bad: np.ndarray) -> int | None:
     return int(hits[0]) if len(hits) else None
 
 
-def face_vectors(
-    vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]
-) -> Float[np.ndarray, "*b f 3"]:
+def face_vectors(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "*b f 3"]:
     """Return twice the area of each face times its normal: the cross product of two edges, not normalised."""
     a, b, c = (np.take(vertices, faces[:, k], axis=-2) for k in range(3))
     b -= a
@@ -135,23 +126,17 @@ def face_vectors(
     return out
 
 
-def face_normals(
-    vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]
-) -> Float[np.ndarray, "*b f 3"]:
+def face_normals(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "*b f 3"]:
     """Return each face's unit normal (the n_i of Eq. 1 and Eq. 11); a face without an area gets the zero vector."""
     return _normalised(face_vectors(vertices, faces))
 
 
-def face_areas(
-    vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]
-) -> Float[np.ndarray, "*b f"]:
+def face_areas(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "*b f"]:
     """Return each face's area in mm²."""
     return np.linalg.norm(face_vectors(vertices, faces), axis=-1) / 2
 
 
-def vertex_normals(
-    vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]
-) -> Float[np.ndarray, "*b n 3"]:
+def vertex_normals(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "*b n 3"]:
     """Return each vertex's unit normal: the mean of its faces' normals, weighted by area (for shading only)."""
     vectors = face_vectors(vertices, faces)
     total = np.zeros_like(vertices)
@@ -162,9 +147,7 @@ def vertex_normals(
     for pose, vector in zip(flat, source, strict=True):
         for corner in range(3):
             for axis in range(3):
-                pose[:, axis] += np.bincount(
-                    faces[:, corner], vector[:, axis], minlength=pose.shape[0]
-                )
+                pose[:, axis] += np.bincount(faces[:, corner], vector[:, axis], minlength=pose.shape[0])
     return _normalised(total)
 
 
@@ -174,9 +157,7 @@ def edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "e 2"]:
     return np.unique(pairs, axis=0)
 
 
-def degenerate_faces(
-    vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]
-) -> np.ndarray:
+def degenerate_faces(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]) -> np.ndarray:
     """Return (..., f) bool: faces whose height over their longest edge is below `FLATNESS`, or that are points."""
     exact = vertices.astype(np.float64)
     corners = exact[..., faces, :]

@@ -26,9 +26,7 @@ def vertex_error(
     return np.linalg.norm(predicted - target, axis=-1)
 
 
-def angle_between(
-    a: Float[np.ndarray, "*#b 3"], b: Float[np.ndarray, "*#b 3"]
-) -> Float[np.ndarray, "..."]:
+def angle_between(a: Float[np.ndarray, "*#b 3"], b: Float[np.ndarray, "*#b 3"]) -> Float[np.ndarray, "..."]:
     """Return the angle between vectors of any length in degrees; NaN where one of them is zero.
 
     Eq. 11 has arccos(n·n'), which loses half of its digits near zero and is undefined when rounding makes the product
@@ -94,9 +92,7 @@ def new_tally(groups: int) -> Tally:
     )
 
 
-def tally_add(
-    tally: Tally, errors: Float[np.ndarray, "b k"], group: Int[np.ndarray, " k"]
-) -> None:
+def tally_add(tally: Tally, errors: Float[np.ndarray, "b k"], group: Int[np.ndarray, " k"]) -> None:
     """Add the errors (≥ 0, or NaN to be left out) of b poses and k elements to their elements' groups."""
     groups = len(tally.total)
     errors = errors.astype(np.float32, copy=False)
@@ -109,9 +105,7 @@ def tally_add(
     np.maximum.at(tally.largest, group, known.max(0, initial=0))
     bins = np.clip((known.view(np.int32) >> _SHIFT) - _LOWEST, 0, _BINS - 1)
     keys = (bins + group.astype(np.int64) * _BINS)[valid]
-    tally.histogram[:] += np.bincount(keys, minlength=groups * _BINS).reshape(
-        groups, _BINS
-    )
+    tally.histogram[:] += np.bincount(keys, minlength=groups * _BINS).reshape(groups, _BINS)
 
 
 def summary(tally: Tally, group: int | None = None) -> Summary:
@@ -126,9 +120,7 @@ def summary(tally: Tally, group: int | None = None) -> Summary:
         return Summary(np.nan, np.nan, np.nan, 0, left_out)
     largest = float(tally.largest[rows].max())
     p95 = min(_percentile(tally.histogram[rows].sum(0), 0.95), largest)
-    return Summary(
-        float(tally.total[rows].sum()) / count, p95, largest, count, left_out
-    )
+    return Summary(float(tally.total[rows].sum()) / count, p95, largest, count, left_out)
 
 
 def _percentile(histogram: np.ndarray, fraction: float) -> float:

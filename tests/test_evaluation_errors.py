@@ -15,13 +15,8 @@ def grid() -> Mesh:
     x, y = np.meshgrid(np.arange(6), np.arange(6))
     vertices = np.stack([x, y, 0 * x], -1).reshape(-1, 3).astype(np.float32) * 10
     corner = np.arange(36).reshape(6, 6)
-    a, b, c, d = (
-        part.ravel()
-        for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1])
-    )
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(
-        np.int32
-    )
+    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32)
     segment = np.digitize(x.ravel(), [3, 4]).astype(np.int32)
     return Mesh(
         vertices,
@@ -62,15 +57,9 @@ def test_the_neutral_row_is_the_mean_motion_and_the_truth_has_no_error(grid, pos
         grid.neutral + offsets[kept],
         grid.faces,
     )
-    assert find(
-        rows, "table2", "teen", "neutral", "vertex_error_mean"
-    ).value == pytest.approx(motion.mean(), rel=1e-5)
-    assert find(
-        rows, "table2", "teen", "neutral", "vertex_error_max"
-    ).value == pytest.approx(motion.max(), rel=1e-5)
-    assert find(
-        rows, "table2", "teen", "neutral", "normal_error_mean"
-    ).value == pytest.approx(angle.mean(), rel=1e-5)
+    assert find(rows, "table2", "teen", "neutral", "vertex_error_mean").value == pytest.approx(motion.mean(), rel=1e-5)
+    assert find(rows, "table2", "teen", "neutral", "vertex_error_max").value == pytest.approx(motion.max(), rel=1e-5)
+    assert find(rows, "table2", "teen", "neutral", "normal_error_mean").value == pytest.approx(angle.mean(), rel=1e-5)
     assert find(rows, "table2", "teen", "floor", "vertex_error_max").value == 0
     assert find(rows, "table2", "teen", "neutral", "vertex_error_mean").poses == 10
     np.testing.assert_allclose(found["neutral"].pose_mm, motion.mean(1), rtol=1e-5)
@@ -79,10 +68,7 @@ def test_the_neutral_row_is_the_mean_motion_and_the_truth_has_no_error(grid, pos
 
 def test_the_batch_size_does_not_change_a_number(grid, poses):
     methods = {"wrong": lambda p, v: v + p[:, None, :3]}
-    one, all_ = (
-        error_rows("teen", evaluate(grid, *poses, methods, batch=b), "quick", "r")
-        for b in (1, 64)
-    )
+    one, all_ = (error_rows("teen", evaluate(grid, *poses, methods, batch=b), "quick", "r") for b in (1, 64))
     for a, b in zip(one, all_, strict=True):
         assert a.key == b.key and a.value == pytest.approx(b.value, rel=1e-6)
 
@@ -102,9 +88,7 @@ def test_an_error_is_seen_in_its_own_segment_only(grid, poses):
         "r",
     )
     means = {
-        name: find(
-            rows, "table2_segments", "teen", "dense", f"vertex_error_mean[{name}]"
-        ).value
+        name: find(rows, "table2_segments", "teen", "dense", f"vertex_error_mean[{name}]").value
         for name in ("face", "ear", "rigid")
     }
     assert means == {"face": 0, "ear": pytest.approx(5, rel=1e-5), "rigid": 0}
@@ -122,13 +106,8 @@ def test_a_collapsed_face_is_left_out_and_reported(grid, poses):
 
     found = evaluate(grid, params, offsets, {"dense": collapsed})
     rows = error_rows("teen", found, "quick", "r")
-    touching = (grid.faces == grid.faces[0, 0]).any(1) & (
-        grid.faces == grid.faces[0, 1]
-    ).any(1)
-    assert (
-        find(rows, "table2", "teen", "dense", "normal_faces_left_out").value
-        == 10 * touching.sum()
-    )
+    touching = (grid.faces == grid.faces[0, 0]).any(1) & (grid.faces == grid.faces[0, 1]).any(1)
+    assert find(rows, "table2", "teen", "dense", "normal_faces_left_out").value == 10 * touching.sum()
     assert np.isfinite(found["dense"].pose_deg).all()
 
 
@@ -147,17 +126,7 @@ def test_a_predictor_gets_the_params_of_its_poses(grid, poses):
 
 
 def test_texels_per_vertex_count_each_map_and_the_method_as_a_whole():
-    rows = texel_rows(
-        "teen", {"coarse": {"face": (32, 4096), "ear": (32, 512)}}, "quick", "r"
-    )
-    assert (
-        find(rows, "table2_segments", "teen", "coarse", "texels_per_vertex[face]").value
-        == 0.25
-    )
-    assert (
-        find(rows, "table2_segments", "teen", "coarse", "texels_per_vertex[ear]").value
-        == 2
-    )
-    assert find(
-        rows, "table2", "teen", "coarse", "texels_per_vertex"
-    ).value == pytest.approx(2048 / 4608)
+    rows = texel_rows("teen", {"coarse": {"face": (32, 4096), "ear": (32, 512)}}, "quick", "r")
+    assert find(rows, "table2_segments", "teen", "coarse", "texels_per_vertex[face]").value == 0.25
+    assert find(rows, "table2_segments", "teen", "coarse", "texels_per_vertex[ear]").value == 2
+    assert find(rows, "table2", "teen", "coarse", "texels_per_vertex").value == pytest.approx(2048 / 4608)

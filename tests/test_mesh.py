@@ -30,9 +30,7 @@ def test_face_normals_and_areas_of_a_tetrahedron_are_the_closed_form():
         [[0, 0, -1], [0, -1, 0], [-1, 0, 0], slanted],
         atol=1e-7,
     )
-    np.testing.assert_allclose(
-        face_areas(TETRAHEDRON, FACES), [6, 7.5, 10, np.sqrt(769) / 2], rtol=1e-6
-    )
+    np.testing.assert_allclose(face_areas(TETRAHEDRON, FACES), [6, 7.5, 10, np.sqrt(769) / 2], rtol=1e-6)
 
 
 def test_leading_batch_dimensions_pass_through():
@@ -54,9 +52,7 @@ def test_face_normals_leave_their_argument_alone():
 def test_vertex_normals_of_a_box_corner_point_along_its_diagonal():
     corner = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2]], np.int32)
-    np.testing.assert_allclose(
-        vertex_normals(corner, faces)[0], -np.ones(3) / np.sqrt(3), atol=1e-6
-    )
+    np.testing.assert_allclose(vertex_normals(corner, faces)[0], -np.ones(3) / np.sqrt(3), atol=1e-6)
 
 
 def test_a_face_that_collapses_in_a_pose_gets_a_zero_normal_and_no_nan():
@@ -68,15 +64,11 @@ def test_a_face_that_collapses_in_a_pose_gets_a_zero_normal_and_no_nan():
 
 
 def test_edges_name_every_edge_once():
-    np.testing.assert_array_equal(
-        edges(FACES), [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]
-    )
+    np.testing.assert_array_equal(edges(FACES), [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
 
 def test_a_face_belongs_to_the_segment_of_two_of_its_vertices():
-    mesh = tetrahedron(
-        segment=np.array([0, 1, 1, 2], np.int32), segment_names=("a", "b", "c")
-    )
+    mesh = tetrahedron(segment=np.array([0, 1, 1, 2], np.int32), segment_names=("a", "b", "c"))
     np.testing.assert_array_equal(mesh.face_segment, [1, 0, 0, 1])
 
 

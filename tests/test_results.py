@@ -111,9 +111,7 @@ def test_a_missing_or_binary_file_is_named(tmp_path):
 
 
 def test_the_papers_tables_are_the_papers():
-    tables = {
-        number: read_results(PAPER / f"table{number}.csv") for number in (1, 2, 3, 4)
-    }
+    tables = {number: read_results(PAPER / f"table{number}.csv") for number in (1, 2, 3, 4)}
     assert {number: len(rows) for number, rows in tables.items()} == {
         1: 28,
         2: 48,
@@ -121,17 +119,10 @@ def test_the_papers_tables_are_the_papers():
         4: 16,
     }
     assert find(tables[1], "table1", "Hiccup", "model", "vertices").value == 12510
-    assert (
-        find(tables[2], "table2", "Hiccup", "refined", "normal_error_mean").value == 0.9
-    )
+    assert find(tables[2], "table2", "Hiccup", "refined", "normal_error_mean").value == 0.9
     assert find(tables[2], "table2", "Ray", "dense", "vertex_error_mean").value == 5.0
-    assert (
-        find(tables[4], "table4", "Toothless", "dense", "vertex_error_mean").value
-        == 11.19
-    )
-    doubtful = sorted(
-        (r.character, r.method, r.metric) for r in tables[3] if "doubtful" in r.run
-    )
+    assert find(tables[4], "table4", "Toothless", "dense", "vertex_error_mean").value == 11.19
+    doubtful = sorted((r.character, r.method, r.metric) for r in tables[3] if "doubtful" in r.run)
     assert doubtful == [
         ("Hiccup", "coarse", "time_consumer_cpu"),
         ("Hiccup", "coarse", "time_consumer_gpu"),
@@ -144,8 +135,6 @@ def test_the_papers_headline_speed_ups_follow_from_table_3():
 
     def ratio(character):
         rig = find(rows, "table3", character, "rig", "time_cpu_engine").value
-        return (
-            rig / find(rows, "table3", character, "refined", "time_high_end_cpu").value
-        )
+        return rig / find(rows, "table3", character, "refined", "time_high_end_cpu").value
 
     assert round(ratio("Toothless")) == 5 and round(ratio("Valka")) == 17

@@ -50,9 +50,7 @@ def ours(characters=("teen",), methods=tuple(METHODS)) -> list[Row]:
 
 
 def line(text: str, start: str) -> list[str]:
-    return next(row for row in text.splitlines() if row.startswith(start))[
-        len(start) :
-    ].split()
+    return next(row for row in text.splitlines() if row.startswith(start))[len(start) :].split()
 
 
 def test_a_line_shows_ours_and_then_the_papers():
@@ -67,10 +65,7 @@ def test_a_line_shows_ours_and_then_the_papers():
         "48.00",
         "0.9",
     ]
-    assert (
-        line(text, "LBS: 16 bones †")[3] == "0.49"
-        and line(text, "LBS: 16 bones †")[7] == "2.0"
-    )
+    assert line(text, "LBS: 16 bones †")[3] == "0.49" and line(text, "LBS: 16 bones †")[7] == "2.0"
 
 
 def test_rows_that_the_paper_lacks_have_no_number_of_the_papers():
@@ -83,28 +78,19 @@ def test_every_oracle_is_marked_and_explained_wherever_it_is_printed():
         for text in (as_text(table), as_markdown(table)):
             assert "LBS: 32 bones †" in text and "† An oracle" in text
             assert "Floor, refined maps ‡" in text and "‡ An oracle" in text
-        assert r"LBS: 32 bones $\dagger$" in as_latex(
-            table
-        ) and r"$\dagger$ An oracle" in as_latex(table)
+        assert r"LBS: 32 bones $\dagger$" in as_latex(table) and r"$\dagger$ An oracle" in as_latex(table)
 
 
 def test_columns_line_up():
     lines = as_text(table2(ours(), PAPER, "teen")).splitlines()
     rules = [k for k, text in enumerate(lines) if text.startswith("─")]
-    assert (
-        len({len(text) for text in lines[rules[0] + 1 : rules[1]]}) <= 2
-    )  # the texel column is empty at the end
+    assert len({len(text) for text in lines[rules[0] + 1 : rules[1]]}) <= 2  # the texel column is empty at the end
     mean = lines[rules[0] - 1].index("mean") + 4
-    assert all(
-        text[mean - 1].isdigit() and text[mean] == " "
-        for text in lines[rules[0] + 1 : rules[1]]
-    )
+    assert all(text[mean - 1].isdigit() and text[mean] == " " for text in lines[rules[0] + 1 : rules[1]])
 
 
 def test_a_method_measured_on_fewer_poses_says_so():
-    assert "Floor, coarse maps ‡: on 100 of teen's poses only." in as_text(
-        table2(ours(), PAPER, "teen")
-    )
+    assert "Floor, coarse maps ‡: on 100 of teen's poses only." in as_text(table2(ours(), PAPER, "teen"))
 
 
 def test_faces_left_out_of_eq_11_are_mentioned_only_if_there_are_any():
@@ -153,14 +139,8 @@ def test_missing_methods_leave_no_row():
 
 
 def test_markdown_rows_have_as_many_cells_as_the_header():
-    rows = [
-        text
-        for text in as_markdown(table2(ours(), PAPER, "teen")).splitlines()
-        if text.startswith("|")
-    ]
-    assert len({text.count("|") for text in rows}) == 1 and len(rows) == 2 + len(
-        METHODS
-    )
+    rows = [text for text in as_markdown(table2(ours(), PAPER, "teen")).splitlines() if text.startswith("|")]
+    assert len({text.count("|") for text in rows}) == 1 and len(rows) == 2 + len(METHODS)
 
 
 def test_latex_rows_have_as_many_columns_as_the_tabular():
@@ -179,20 +159,13 @@ def test_values_are_rounded_where_they_are_shown(value, unit, shown):
 
 def test_a_doubtful_number_of_the_papers_carries_its_question_mark():
     rows = read_results(PAPER_FOLDER / "table3.csv")
-    shown = {
-        published(row)
-        for row in rows
-        if row.character == "Hiccup" and row.method == "coarse"
-    }
+    shown = {published(row) for row in rows if row.character == "Hiccup" and row.method == "coarse"}
     assert shown == {"2.9", "6.4", "5.8?", "6.9?"}
 
 
 def test_compare_puts_paper_reference_and_yours_side_by_side():
     reference = ours(methods=("coarse",))
-    yours = [
-        Row(*r.key, r.unit, r.value * 2, None, 1, 10, "laptop", "s")
-        for r in ours(methods=("coarse", "neutral"))
-    ]
+    yours = [Row(*r.key, r.unit, r.value * 2, None, 1, 10, "laptop", "s") for r in ours(methods=("coarse", "neutral"))]
     text = as_text(compare(PAPER, reference, yours, "table2"))
     assert line(text, "teen, Coarse, vertex_error_mean [mm]") == [
         "0.36",
@@ -206,9 +179,7 @@ def test_compare_puts_paper_reference_and_yours_side_by_side():
         "4.80",
         "–",
     ]
-    assert (
-        "reference (quick)" in text and "yours (laptop)" in text and "p95" not in text
-    )
+    assert "reference (quick)" in text and "yours (laptop)" in text and "p95" not in text
 
 
 def test_compare_without_results_of_yours_names_the_target_that_makes_them(tmp_path):

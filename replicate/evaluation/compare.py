@@ -11,18 +11,12 @@ from replicate.evaluation.tables import Table, published, rounded
 COMPARED = ("table1", "table2", "table3", "table4")
 
 
-def compare(
-    paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row], table: str
-) -> Table:
+def compare(paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row], table: str) -> Table:
     """Return one printed table: a line for every number of `table` that the reference results or yours have.
 
     The last column is yours over the reference's. Percentiles and maxima stay in the full tables.
     """
-    keys = {
-        row.key[1:]: row.unit
-        for row in (*reference, *yours)
-        if row.table == table and _compared(row)
-    }
+    keys = {row.key[1:]: row.unit for row in (*reference, *yours) if row.table == table and _compared(row)}
     body: list[tuple[str, ...] | None] = []
     last = None
     for character, method, metric in sorted(keys, key=_order):
@@ -30,9 +24,7 @@ def compare(
             body.append(None)
         last = character, metric
         theirs = find(paper, table, STANDS_FOR.get(character, ""), method, metric)
-        old, new = (
-            find(rows, table, character, method, metric) for rows in (reference, yours)
-        )
+        old, new = (find(rows, table, character, method, metric) for rows in (reference, yours))
         unit = keys[character, method, metric]
         ratio = f"{new.value / old.value:.3f}" if old and new and old.value else "–"
         cells = (rounded(row.value, unit, row.sd) if row else "–" for row in (old, new))
@@ -50,21 +42,14 @@ def compare_folders(paper: Path, reference: Path, yours: Path) -> list[Table]:
 
     Raises InputError, with the target that makes them, where `yours` holds no table at all.
     """
-    present = {
-        folder: [t for t in COMPARED if (folder / f"{t}.csv").is_file()]
-        for folder in (reference, yours)
-    }
+    present = {folder: [t for t in COMPARED if (folder / f"{t}.csv").is_file()] for folder in (reference, yours)}
     if not present[yours]:
-        raise InputError(
-            f"{yours}: there are no results of yours to compare yet; `make table2` makes some."
-        )
+        raise InputError(f"{yours}: there are no results of yours to compare yet; `make table2` makes some.")
     tables = []
     for table in COMPARED:
         if table in present[reference] or table in present[yours]:
             rows = (
-                read_results(folder / f"{table}.csv")
-                if table in present[folder]
-                else []
+                read_results(folder / f"{table}.csv") if table in present[folder] else []
                 for folder in (reference, yours)
             )
             tables.append(compare(read_results(paper / f"{table}.csv"), *rows, table))
@@ -72,10 +57,7 @@ def compare_folders(paper: Path, reference: Path, yours: Path) -> list[Table]:
 
 
 def _compared(row: Row) -> bool:
-    return (
-        not row.metric.endswith(("_p95", "_max", "_left_out"))
-        and "texels" not in row.metric
-    )
+    return not row.metric.endswith(("_p95", "_max", "_left_out")) and "texels" not in row.metric
 
 
 def _order(key: tuple[str, str, str]) -> tuple:
@@ -91,8 +73,6 @@ def _order(key: tuple[str, str, str]) -> tuple:
 
 
 def _header(reference: Sequence[Row], yours: Sequence[Row]) -> tuple[str, ...]:
-    profiles = (
-        ", ".join(sorted({row.profile for row in rows})) for rows in (reference, yours)
-    )
+    profiles = (", ".join(sorted({row.profile for row in rows})) for rows in (reference, yours))
     old, new = (f" ({profile})" if profile else "" for profile in profiles)
     return "", "paper", f"reference{old}", f"yours{new}", "yours / reference"

@@ -51,7 +51,7 @@ def evaluate(
 ) -> dict[str, Errors]:
     """Measure every method on the test poses, a batch at a time.
 
-    params, offsets: the test poses and their true V − V⁰ in mm (a memory map will do); repeated poses are measured once.
+    params, offsets: the test poses and their true V − V⁰ in mm (memory-mapped, too); a repeated pose is measured once.
     predictors: label → function of (params, true vertices) giving all n vertices, rigid segments placed.
     rigid: the rigid segments' indices; their errors are pooled into one group, "rigid".
     progress: anything with `.update(poses)`, or None.
@@ -80,12 +80,8 @@ def evaluate(
             errors = found[label]
             tally_add(errors.vertex, millimetres, group[mesh.segment])
             tally_add(errors.normal, degrees, face_group)
-            errors.pose_mm[start : start + batch] = millimetres.mean(
-                -1, dtype=np.float64
-            )
-            errors.pose_deg[start : start + batch] = np.nanmean(
-                degrees, -1, dtype=np.float64
-            )
+            errors.pose_mm[start : start + batch] = millimetres.mean(-1, dtype=np.float64)
+            errors.pose_deg[start : start + batch] = np.nanmean(degrees, -1, dtype=np.float64)
         if progress is not None:
             progress.update(len(chosen))
     return found
@@ -101,15 +97,11 @@ def _groups(mesh: Mesh, rigid: Iterable[int]) -> tuple[tuple[str, ...], np.ndarr
     return names + (("rigid",) if rigid else ()), group
 
 
-def error_rows(
-    character: str, errors: Mapping[str, Errors], profile: str, run: str, seeds: int = 1
-) -> list[Row]:
+def error_rows(character: str, errors: Mapping[str, Errors], profile: str, run: str, seeds: int = 1) -> list[Row]:
     """Return Table 2's rows, and those of "table2_segments" as metric[segment]."""
     rows = []
     for label, found in errors.items():
-        numbers = [
-            ("table2", "normal_faces_left_out", "count", summary(found.normal).left_out)
-        ]
+        numbers = [("table2", "normal_faces_left_out", "count", summary(found.normal).left_out)]
         for group in (None, *range(len(found.group_names))):
             table = "table2" if group is None else "table2_segments"
             suffix = "" if group is None else f"[{found.group_names[group]}]"
@@ -160,13 +152,8 @@ def texel_rows(
     """
     rows = []
     for method, sizes in maps.items():
-        ratios = {
-            f"[{name}]": width**2 / vertices
-            for name, (width, vertices) in sizes.items()
-        }
-        ratios[""] = sum(w**2 for w, _ in sizes.values()) / sum(
-            v for _, v in sizes.values()
-        )
+        ratios = {f"[{name}]": width**2 / vertices for name, (width, vertices) in sizes.items()}
+        ratios[""] = sum(w**2 for w, _ in sizes.values()) / sum(v for _, v in sizes.values())
         for suffix, ratio in ratios.items():
             table = "table2_segments" if suffix else "table2"
             metric = f"texels_per_vertex{suffix}"

@@ -58,8 +58,7 @@ def write_results(path: Path, rows: Iterable[Row]) -> None:
     writer.writerow(COLUMNS)
     for row in ordered:
         writer.writerow(
-            "" if cell is None else repr(cell) if isinstance(cell, float) else cell
-            for cell in astuple(row)
+            "" if cell is None else repr(float(cell)) if isinstance(cell, float) else cell for cell in astuple(row)
         )
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     beside.write_text(text.getvalue(), encoding="utf-8", newline="\n")
@@ -76,42 +75,28 @@ def read_results(path: Path) -> list[Row]:
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such results file.") from None
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(
-            f"{path}: found no text of comma-separated values ({error})."
-        ) from None
+        raise InputError(f"{path}: found no text of comma-separated values ({error}).") from None
     if not lines or tuple(lines[0]) != COLUMNS:
         found = ",".join(lines[0]) if lines else "nothing"
-        raise InputError(
-            f"{path}, line 1: found {found!r}, where only the header {','.join(COLUMNS)!r} is allowed."
-        )
-    rows = [
-        _parsed(path, number, cells) for number, cells in enumerate(lines[1:], start=2)
-    ]
+        raise InputError(f"{path}, line 1: found {found!r}, where only the header {','.join(COLUMNS)!r} is allowed.")
+    rows = [_parsed(path, number, cells) for number, cells in enumerate(lines[1:], start=2)]
     _check_unique(path, rows)
     return rows
 
 
-def find(
-    rows: Iterable[Row], table: str, character: str, method: str, metric: str
-) -> Row | None:
+def find(rows: Iterable[Row], table: str, character: str, method: str, metric: str) -> Row | None:
     """Return the row about one thing, or None."""
-    return next(
-        (row for row in rows if row.key == (table, character, method, metric)), None
-    )
+    return next((row for row in rows if row.key == (table, character, method, metric)), None)
 
 
 def _parsed(path: Path, number: int, cells: list[str]) -> Row:
     if len(cells) != len(COLUMNS):
-        raise InputError(
-            f"{path}, line {number}: found {len(cells)} cells, where {len(COLUMNS)} are allowed."
-        )
+        raise InputError(f"{path}, line {number}: found {len(cells)} cells, where {len(COLUMNS)} are allowed.")
     given = dict(zip(COLUMNS, cells, strict=True))
     numbers = {}
     for name, kind in (("value", float), ("sd", float), ("seeds", int), ("poses", int)):
         try:
-            numbers[name] = (
-                kind(given[name]) if given[name] or name == "value" else None
-            )
+            numbers[name] = kind(given[name]) if given[name] or name == "value" else None
         except ValueError:
             wanted = "a number" if kind is float else "a whole number"
             raise InputError(
@@ -128,16 +113,12 @@ def _check(path: Path, number: int, row: Row) -> None:
             f"{path}, line {number}: value is {row.value} for {row.key}, where only finite numbers are allowed."
         )
     if row.unit not in UNITS:
-        raise InputError(
-            f"{path}, line {number}: unit is {row.unit!r}, where only {', '.join(UNITS)} are allowed."
-        )
+        raise InputError(f"{path}, line {number}: unit is {row.unit!r}, where only {', '.join(UNITS)} are allowed.")
 
 
 def _check_unique(path: Path, rows: list[Row]) -> None:
     seen = set()
     for number, row in enumerate(rows, start=2):
         if row.key in seen:
-            raise InputError(
-                f"{path}, line {number}: found a second row for {row.key}, where one is allowed."
-            )
+            raise InputError(f"{path}, line {number}: found a second row for {row.key}, where one is allowed.")
         seen.add(row.key)

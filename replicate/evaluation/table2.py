@@ -32,19 +32,9 @@ def table2(ours: Iterable[Row], paper: Sequence[Row], character: str) -> Table:
     """Return one character's errors in full, with the column of the film character that it stands for."""
     rows = [row for row in ours if row.table == "table2" and row.character == character]
     theirs = STANDS_FOR.get(character)
-    present = [
-        method for method in METHODS if any(row.method == method for row in rows)
-    ]
-    body = [
-        _line(rows, paper, character, theirs, method)
-        for method in present
-        if method not in OURS_ALONE
-    ]
-    extra = [
-        _line(rows, paper, character, theirs, method)
-        for method in present
-        if method in OURS_ALONE
-    ]
+    present = [method for method in METHODS if any(row.method == method for row in rows)]
+    body = [_line(rows, paper, character, theirs, method) for method in present if method not in OURS_ALONE]
+    extra = [_line(rows, paper, character, theirs, method) for method in present if method in OURS_ALONE]
     name = theirs or "paper"
     headers = (
         (
@@ -62,9 +52,7 @@ def table2(ours: Iterable[Row], paper: Sequence[Row], character: str) -> Table:
         ("", *STATISTICS, name, *STATISTICS, name, "/vertex"),
     )
     rule = [None] if body and extra else []
-    title = f"Table 2: {character}" + (
-        f" beside the paper's {theirs}" if theirs else ""
-    )
+    title = f"Table 2: {character}" + (f" beside the paper's {theirs}" if theirs else "")
     return Table(
         title,
         headers,
@@ -77,9 +65,7 @@ def table2_overview(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
     """Return the paper's Table 2: the means of every character beside those of the one that it stands for."""
     rows = [row for row in ours if row.table == "table2"]
     characters = [c for c in STANDS_FOR if any(row.character == c for row in rows)]
-    present = [
-        method for method in METHODS if any(row.method == method for row in rows)
-    ]
+    present = [method for method in METHODS if any(row.method == method for row in rows)]
     body: list[tuple[str, ...] | None] = []
     for kind, unit, title in (
         ("vertex", "mm", "Distance error, mm"),
@@ -106,22 +92,16 @@ def table2_overview(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
             body.append(tuple(cells))
     header = ("", *(name for c in characters for name in (c, STANDS_FOR[c])))
     title = "Table 2: mean errors of our characters beside the paper's"
-    return Table(
-        title, (header,), tuple(body), (_about(rows, "Each"), *_notes(rows, present))
-    )
+    return Table(title, (header,), tuple(body), (_about(rows, "Each"), *_notes(rows, present)))
 
 
-def _line(
-    rows, paper, character: str, theirs: str | None, method: str
-) -> tuple[str, ...]:
+def _line(rows, paper, character: str, theirs: str | None, method: str) -> tuple[str, ...]:
     cells = [METHODS[method]]
     for kind, unit in (("vertex", "mm"), ("normal", "deg")):
         for statistic in STATISTICS:
             row = find(rows, "table2", character, method, f"{kind}_error_{statistic}")
             cells.append(rounded(row.value, unit, row.sd) if row else "–")
-        cells.append(
-            published(find(paper, "table2", theirs or "", method, f"{kind}_error_mean"))
-        )
+        cells.append(published(find(paper, "table2", theirs or "", method, f"{kind}_error_mean")))
     texels = find(rows, "table2", character, method, "texels_per_vertex")
     return (*cells, rounded(texels.value, "ratio") if texels else "")
 
@@ -131,43 +111,24 @@ def _about(rows: Sequence[Row], theirs: str | None) -> str:
     if poses := max((row.poses or 0 for row in rows), default=0):
         about.append(f"{poses:,} unique test poses")
     if seeds := max((row.seeds or 0 for row in rows), default=0):
-        about.append(
-            f"{seeds} seeds, ± their standard deviation" if seeds > 1 else "one seed"
-        )
+        about.append(f"{seeds} seeds, ± their standard deviation" if seeds > 1 else "one seed")
     about += [f"profile {name}" for name in sorted({row.profile for row in rows})]
     if theirs:
-        about.append(
-            f"{theirs} is another rig: compare orderings and ratios, not millimetres"
-        )
+        about.append(f"{theirs} is another rig: compare orderings and ratios, not millimetres")
     return "; ".join(about) + "."
 
 
 def _notes(rows: Sequence[Row], present: Sequence[str]) -> tuple[str, ...]:
-    notes = [
-        f"{mark} {note}"
-        for mark, note in NOTES.items()
-        if any(mark in METHODS[method] for method in present)
-    ]
-    left_out = [
-        row for row in rows if row.metric == "normal_faces_left_out" and row.value
-    ]
+    notes = [f"{mark} {note}" for mark, note in NOTES.items() if any(mark in METHODS[method] for method in present)]
+    left_out = [row for row in rows if row.metric == "normal_faces_left_out" and row.value]
     if left_out:
         worst = max(left_out, key=lambda row: row.value)
         notes.append(
-            f"Eq. 11 leaves out faces that have no area in the true or the predicted mesh: {worst.value:,.0f} (face, pose) "
-            f"pairs at most ({METHODS.get(worst.method, worst.method)})."
+            f"Eq. 11 leaves out faces that have no area in the true or the predicted mesh: {worst.value:,.0f} (face, "
+            f"pose) pairs at most ({METHODS.get(worst.method, worst.method)})."
         )
     for character in sorted({row.character for row in rows}):
-        counts = {
-            row.method: row.poses
-            for row in rows
-            if row.character == character and row.poses
-        }
-        fewer = [
-            m for m in present if counts.get(m, 0) and counts[m] < max(counts.values())
-        ]
-        notes += [
-            f"{METHODS[m]}: on {counts[m]:,} of {character}'s poses only."
-            for m in fewer
-        ]
+        counts = {row.method: row.poses for row in rows if row.character == character and row.poses}
+        fewer = [m for m in present if counts.get(m, 0) and counts[m] < max(counts.values())]
+        notes += [f"{METHODS[m]}: on {counts[m]:,} of {character}'s poses only." for m in fewer]
     return tuple(notes)

@@ -20,7 +20,7 @@ class Table:
 
 
 def rounded(value: float | None, unit: str, sd: float | None = None) -> str:
-    """Return a value as it is shown: mm with two decimals (three below 0.1), degrees with two, "–" where there is none."""
+    """Return a value as it is shown: two decimals, three for less than 0.1 mm; "–" where there is none."""
     if value is None:
         return "–"
     digits = {
@@ -89,17 +89,11 @@ def as_latex(table: Table) -> str:
     for header in table.headers[:-1]:
         spans = _spans(header)
         lines.append(
-            " & ".join(
-                rf"\multicolumn{{{n}}}{{c}}{{{_tex(text)}}}" if n > 1 else _tex(text)
-                for text, n in spans
-            )
+            " & ".join(rf"\multicolumn{{{n}}}{{c}}{{{_tex(text)}}}" if n > 1 else _tex(text) for text, n in spans)
             + r" \\"
         )
     lines += [" & ".join(map(_tex, table.headers[-1])) + r" \\", r"\midrule"]
-    lines += [
-        r"\midrule" if row is None else " & ".join(map(_tex, row)) + r" \\"
-        for row in table.body
-    ]
+    lines += [r"\midrule" if row is None else " & ".join(map(_tex, row)) + r" \\" for row in table.body]
     lines += [r"\bottomrule", r"\end{tabular}"]
     lines += [rf"\par\footnotesize {_tex(note)}" for note in table.notes]
     return "\n".join([*lines, r"\end{table}"]) + "\n"

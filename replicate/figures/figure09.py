@@ -1,0 +1,29 @@
+"""Figure 9: forehead wrinkles, close up: what each method keeps of them."""
+
+from collections.abc import Sequence
+
+from replicate.evaluation.pose import TRUTH, PoseRecord
+from replicate.figures.figure10 import TITLES
+from replicate.figures.panels import Words, panel_grid
+from replicate.figures.render import render
+from replicate.figures.scene import Surface, camera_for
+
+SHOWN = (TRUTH, "refined", "coarse", "lbs32")
+
+
+def figure09(record: PoseRecord, methods: Sequence[str] = SHOWN, width: int = 420, height: int = 360, renderer=None):
+    """Return (figure, words): the record's pose from the forehead camera, one panel for each of the given methods."""
+    view = camera_for("forehead", record.neutral)
+    shown = [method for method in methods if method in record.vertices]
+    props = [Surface(vertices, faces, colour) for _, vertices, faces, colour in record.props]
+    panels = [
+        render([Surface(record.vertices[label], record.faces), *props], view, width, height, renderer=renderer)
+        for label in shown
+    ]
+    titles = [TITLES[label] for label in shown]
+    listed = ", ".join(title.rstrip(" †‡§") for title in titles)
+    return panel_grid([panels], titles), Words(
+        f"Clay renders of one forehead, close up, from left to right: {listed}.",
+        f"Forehead wrinkles of {record.character} in test pose {record.pose} (after Fig. 9 of the paper): {listed}. "
+        "† An oracle: bones refitted to the true mesh of this pose.",
+    )

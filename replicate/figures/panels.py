@@ -1,0 +1,80 @@
+"""Rendered panels in a grid with titles and a colour bar, pixel for pixel; and saving them small, with their words."""
+
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+DPI = 100
+GAP, TITLE, SIDE, BAR, MARGIN = 6, 26, 26, 74, 8  # pixels
+
+
+@dataclass(frozen=True)
+class Words:
+    """What goes with a figure: alt text for those who don't see it, and the caption."""
+
+    alt: str
+    caption: str
+
+
+def panel_grid(rows: Sequence[Sequence[np.ndarray]], columns: Sequence[str], names: Sequence[str] = (), bar=None):
+    """Return a matplotlib figure of equally large pictures, one title a column and one name a row.
+
+    rows: pictures (h, w, 3) uint8. bar: None, or (first row, last row, draw), where draw(figure, axes) draws
+    a colour bar to the right of those rows.
+    """
+    from matplotlib.figure import Figure
+
+    height, width = rows[0][0].shape[:2]
+    left = MARGIN + (SIDE if names else 0)
+    total_width = left + len(columns) * (width + GAP) - GAP + (BAR if bar else MARGIN)
+    total_height = TITLE + len(rows) * (height + GAP) - GAP + MARGIN
+    figure = Figure((total_width / DPI, total_height / DPI), dpi=DPI, facecolor="white")
+
+    def place(x, y, w, h):  # pixels from the upper left corner
+        return figure.add_axes((x / total_width, 1 - (y + h) / total_height, w / total_width, h / total_height))
+
+    for r, pictures in enumerate(rows):
+        top = TITLE + r * (height + GAP)
+        for c, picture in enumerate(pictures):
+            axes = place(left + c * (width + GAP), top, width, height)
+            axes.imshow(picture, interpolation="none", aspect="auto")
+            axes.set_axis_off()
+        if names:
+            figure.text((MARGIN + SIDE / 2) / total_width, 1 - (top + height / 2) / total_height, names[r],
+                        rotation=90, ha="center", va="center", fontsize=9)  # fmt: skip
+    for c, title in enumerate(columns):
+        x = left + c * (width + GAP) + width / 2
+        figure.text(x / total_width, 1 - TITLE / 2 / total_height, title, ha="center", va="center", fontsize=10)
+    if bar:
+        first, last, draw = bar
+        top, bottom = TITLE + first * (height + GAP), TITLE + last * (height + GAP) + height
+        inset = (bottom - top) // 10
+        draw(figure, place(total_width - BAR + 12, top + inset, 12, bottom - top - 2 * inset))
+    return figure
+
+
+def save_figure(figure, path: Path, words: Words, colours: int = 256) -> None:
+    """Write a figure as PNG with a palette, and `path` with the ending .json beside it with alt text and caption."""
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
+    picture = Image.open(buffer).convert("RGB")
+    palette = picture.quantize(colours - 1, method=Image.Quantize.MEDIANCUT, kmeans=2)
+    indices = np.array(picture.quantize(palette=palette, dither=Image.Dither.NONE))
+    indices[(np.asarray(picture) == 255).all(-1)] = colours - 1  # paper is white, not the mean of the near-whites
+    table = np.full((colours, 3), 255, np.uint8)
+    known = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)[: colours - 1]
+    table[: len(known)] = known
+    picture = Image.fromarray(indices, "P")
+    picture.putpalette(table.ravel().tolist())
+    about = PngInfo()
+    about.add_itxt("Description", words.alt)
+    picture.save(path, format="PNG", optimize=True, pnginfo=about)
+    text = json.dumps({"alt": words.alt, "caption": words.caption}, indent=1, ensure_ascii=False)
+    path.with_suffix(".json").write_text(text + "\n", encoding="utf-8")

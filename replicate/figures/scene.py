@@ -1,0 +1,111 @@
+"""What a picture is of, apart from who draws it: surfaces, fixed cameras and lights, all in numbers.
+
+Both renderers, pyvista's and the software one, draw these same scenes.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+CLAY = (208, 203, 197)
+WHITE = (255, 255, 255)
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A triangle mesh to draw.
+
+    vertices: (n, 3) mm. faces: (f, 3). colours: one RGB triple 0–255, or (f, 3) uint8, one for each face.
+    lit: False draws the colours as they are (heatmaps: shading would falsify them). smooth: interpolate normals.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    colours: tuple[int, int, int] | np.ndarray = CLAY
+    lit: bool = True
+    smooth: bool = True
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A perspective view: from `azimuth_deg` (0 = in front, positive = from the picture's right) and `elevation_deg`.
+
+    focus: (x, y, z) mm, the middle of the picture. height_mm: how much of the focal plane is seen, top to bottom.
+    distance_mm: from eye to focus.
+    """
+
+    focus: tuple[float, float, float]
+    height_mm: float
+    azimuth_deg: float = 0.0
+    elevation_deg: float = 0.0
+    distance_mm: float = 900.0
+
+
+# For a head of the teen's size, eyes at y = 0; `camera_for` fits them to others by their width from ear to ear.
+HEAD_WIDTH_MM = 180.0
+CAMERAS = {
+    "front": Camera((0, -8, 40), 245),
+    "three_quarter": Camera((0, -8, 40), 245, 35, 6),
+    "side": Camera((0, -8, 20), 245, 80, 4),
+    "forehead": Camera((0, 34, 75), 112, 14, 12),
+    "mouth": Camera((0, -55, 85), 90, 12, 0),
+    # Not for pictures: the skin between brow and hair line, by whose wrinkles a test pose is chosen.
+    "wrinkles": Camera((0, 60, 75), 64, 0, 10),
+}
+
+
+@dataclass(frozen=True)
+class Light:
+    """A directional light fixed to the camera: where it comes from (x right, y up, z to the eye) and its strength."""
+
+    direction: tuple[float, float, float]
+    strength: float
+
+
+# The key light is high and to the left, so that both upright and level wrinkles throw a shade.
+LIGHTS = (Light((-0.50, 0.75, 0.60), 0.80), Light((0.85, 0.10, 0.55), 0.36), Light((0.0, -0.6, 0.6), 0.10))
+AMBIENT = 0.13
+SPECULAR = 0.10
+SHININESS = 24.0
+
+
+def camera_for(name: str, neutral: Float[np.ndarray, "n 3"]) -> Camera:
+    """Return a named camera, scaled to the width of a head in its neutral pose."""
+    camera, scale = CAMERAS[name], float(np.ptp(neutral[:, 0])) / HEAD_WIDTH_MM
+    focus = tuple(scale * x for x in camera.focus)
+    return Camera(focus, scale * camera.height_mm, camera.azimuth_deg, camera.elevation_deg, scale * camera.distance_mm)
+
+
+def axes(camera: Camera) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
+    """Return the camera's right, up and backward unit vectors as rows, and the eye's place in mm."""
+    azimuth, elevation = np.radians(camera.azimuth_deg), np.radians(camera.elevation_deg)
+    backward = np.array([np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)])
+    right = np.cross([0.0, 1.0, 0.0], backward)
+    right /= np.linalg.norm(right)
+    rows = np.stack([right, np.cross(backward, right), backward])
+    return rows, np.asarray(camera.focus, float) + camera.distance_mm * backward
+
+
+def project(
+    vertices: Float[np.ndarray, "n 3"], camera: Camera, width: int, height: int
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
+    """Return each vertex's place in pixels (x right, y down, pixel centres at .5) and its depth before the eye, mm."""
+    rows, eye = axes(camera)
+    seen = (vertices - eye) @ rows.T
+    depth = -seen[:, 2]
+    scale = height / camera.height_mm * camera.distance_mm / depth
+    return np.stack([width / 2 + seen[:, 0] * scale, height / 2 - seen[:, 1] * scale], -1), depth
+
+
+def faces_in_view(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], camera: Camera, facing: float = 0.3
+) -> np.ndarray:
+    """Return (f,) bool: faces wholly inside the camera's square frame and turned to it, hidden by others or not."""
+    pixels, _ = project(vertices.astype(float), camera, 1, 1)
+    inside = ((pixels > 0) & (pixels < 1)).all(-1)
+    corners = vertices[faces].astype(float)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    to_eye = axes(camera)[1] - corners.mean(1)
+    cosine = (normals * to_eye).sum(-1) / (np.linalg.norm(normals, axis=-1) * np.linalg.norm(to_eye, axis=-1) + 1e-30)
+    return inside[faces].all(-1) & (cosine > facing)

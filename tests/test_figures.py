@@ -1,0 +1,149 @@
+"""Figures: colours that mean what the bar says, one scale for all panels, words that hold the numbers, small files."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from test_tables import PAPER, ours
+
+from replicate.errors import InputError
+from replicate.evaluation.curves import read_curves, read_log, write_curves
+from replicate.evaluation.pose import PoseRecord
+from replicate.figures.curves import training_curves
+from replicate.figures.figure09 import figure09
+from replicate.figures.figure10 import figure10
+from replicate.figures.heatmap import NO_NORMAL, distance_heat, error_colours, normal_heat
+from replicate.figures.panels import DPI, panel_grid, save_figure
+from replicate.figures.table_figure import table2_chart
+
+LOG = ((100.0, 3.5, 1.25, 4.5), (200.0, 1.0, 1 / 3, 2.0))
+
+
+@pytest.fixture
+def record() -> PoseRecord:
+    """A bumpy plate, 180 mm wide, that the "dense" method roughens and the "coarse" one flattens."""
+    x, y = np.meshgrid(np.linspace(-90, 90, 25), np.linspace(-90, 90, 25))
+    flat = np.stack([x, y, 0 * x + 40], -1).reshape(-1, 3).astype(np.float32)
+    corner = np.arange(625).reshape(25, 25)
+    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
+    faces = np.int32(np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+    truth = flat.copy()
+    truth[:, 2] += 4 * np.sin(flat[:, 1] / 8)
+    rough = truth + np.random.default_rng(0).normal(size=truth.shape).astype(np.float32)
+    return PoseRecord("teen", 7, flat, faces, {"truth": truth, "coarse": flat, "dense": rough})
+
+
+def test_no_error_has_the_first_colour_and_the_limit_and_more_the_last():
+    colours = error_colours(np.float32([0, 5, 10, 50, np.nan]), 10)
+    assert (colours[0] == error_colours(np.float32([0]), 1)[0]).all()
+    assert (colours[2] == colours[3]).all() and (colours[1] != colours[2]).any()
+    assert tuple(colours[4]) == NO_NORMAL
+
+
+def test_brightness_rises_with_the_error():
+    colours = error_colours(np.linspace(0, 10, 50, dtype=np.float32), 10) / 255
+    linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+    assert (np.diff(linear @ [0.2126, 0.7152, 0.0722]) > 0).all()
+
+
+def test_the_heat_of_a_perfect_prediction_is_one_colour_and_unlit(record):
+    truth = record.vertices["truth"]
+    for heat in (normal_heat(truth, truth, record.faces, 10.0), distance_heat(truth, truth, record.faces, 1.0)):
+        assert len(np.unique(heat.colours, axis=0)) == 1 and not heat.lit
+
+
+def test_figure_10_has_a_panel_and_a_heatmap_for_each_method_on_one_scale(record):
+    figure, words = figure10(record, 10.0, width=60, height=60, renderer="software")
+    pictures = [axes.images[0].get_array() for axes in figure.axes if axes.images]
+    assert len(pictures) == 6  # truth, coarse, dense; twice
+    first = tuple(error_colours(np.float32([0]), 10.0)[0])
+    assert (pictures[3] == first).all(-1).any() and not (pictures[3] == error_colours(np.float32([10]), 10.0)[0]).all(
+        -1
+    ).any()
+    bar = figure.axes[-1]
+    assert bar.get_ylim() == (0, 10) and "degrees" in bar.get_ylabel()
+    assert "Coarse" in words.alt and "Test pose 7 of teen" in words.caption and "Refined" not in words.caption
+
+
+def test_figure_9_shows_the_methods_that_there_are(record):
+    figure, words = figure09(record, width=60, height=50, renderer="software")
+    assert [text.get_text() for text in figure.texts] == ["Ground truth", "Coarse"]
+    assert "Ground truth, Coarse." in words.alt
+
+
+def test_panels_are_drawn_pixel_for_pixel(tmp_path):
+    rng = np.random.default_rng(0)
+    picture = rng.choice(np.uint8([0, 80, 160, 255]), size=(40, 50, 1)).repeat(3, -1)
+    figure = panel_grid([[picture, picture]], ["a", "b"])
+    save_figure(figure, tmp_path / "f.png", _words())
+    image = np.array(Image.open(tmp_path / "f.png").convert("RGB"))
+    assert image.shape[:2] == tuple(round(x * DPI) for x in figure.get_size_inches()[::-1])
+    windows = np.lib.stride_tricks.sliding_window_view(image, picture.shape)
+    assert (np.abs(windows.astype(int) - picture) <= 2).all((-1, -2, -3)).sum() == 2
+
+
+def _words():
+    from replicate.figures.panels import Words
+
+    return Words("what it shows: α", "what it means")
+
+
+def test_a_saved_figure_is_small_has_a_palette_white_paper_and_its_words(tmp_path, record):
+    figure, words = figure10(record, width=200, height=200, renderer="software")
+    save_figure(figure, tmp_path / "f.png", words)
+    image = Image.open(tmp_path / "f.png")
+    assert image.mode == "P" and (tmp_path / "f.png").stat().st_size < 300_000
+    assert image.convert("RGB").getpixel((0, 0)) == (255, 255, 255)
+    assert image.text["Description"] == words.alt
+    assert json.loads((tmp_path / "f.json").read_text()) == {"alt": words.alt, "caption": words.caption}
+
+
+def test_the_same_figure_gives_the_same_bytes(tmp_path, record):
+    for name in ("a.png", "b.png"):
+        save_figure(*_saved(record, tmp_path / name))
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def _saved(record, path):
+    figure, words = figure10(record, width=60, height=60, renderer="software")
+    return figure, path, words
+
+
+def test_curves_are_read_back_to_the_last_bit(tmp_path):
+    curves = {("teen", "dense"): LOG, ("teen", "coarse"): LOG[:1]}
+    write_curves(tmp_path / "c.csv", curves)
+    assert read_curves(tmp_path / "c.csv") == curves
+    assert (tmp_path / "c.csv").read_text().splitlines()[1] == "teen,coarse,100,3.5,1.25,4.5"
+
+
+def test_a_training_log_is_read_and_a_broken_one_is_named_with_its_line(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("step,loss,mm,degrees\n100,3.5,1.25,4.5\n")
+    assert read_log(path) == LOG[:1]
+    path.write_text("step,loss,mm,degrees\n100,3.5,x,4.5\n")
+    with pytest.raises(InputError, match="line 2: found '100,3[.]5,x,4[.]5'"):
+        read_log(path)
+    path.write_text("step,loss\n")
+    with pytest.raises(InputError, match="line 1: found 'step,loss'"):
+        read_log(path)
+    with pytest.raises(InputError, match="make table2"):
+        read_curves(tmp_path / "missing.csv")
+
+
+def test_training_curves_draw_each_network_and_the_floors():
+    curves = {("teen", "coarse"): LOG, ("teen", "dense"): LOG, ("other", "refined"): LOG}
+    figure, words = training_curves(curves, ours(), "teen")
+    left = figure.axes[0]
+    assert [line.get_label() for line in left.lines] == ["Coarse", "Dense", "Floor, coarse maps", "Floor, refined maps"]
+    np.testing.assert_allclose(left.lines[0].get_ydata(), [1.25, 1 / 3])
+    np.testing.assert_allclose(figure.axes[1].lines[1].get_ydata(), [4.5, 2.0])
+    assert "Dense ends at 0.33 mm" in words.alt
+
+
+def test_the_chart_of_table_2_shows_ours_and_the_papers():
+    figure, words = table2_chart(ours(), PAPER, "teen")
+    points = {(round(line.get_xdata()[0], 2), line.get_ydata()[0]) for line in figure.axes[0].lines}
+    assert (0.11, 0) in points and (0.36, 0) in points  # coarse: ours, Hiccup's
+    assert len(figure.axes[0].lines) == 8 + 6
+    assert "Refined 0.22 mm" in words.alt and "Hiccup" in words.caption
