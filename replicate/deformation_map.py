@@ -47,7 +47,7 @@ def sample(
     pixels: Int[torch.Tensor, "k 4"],
     weights: Float[torch.Tensor, "k 4"],
 ) -> Float[torch.Tensor, "b k c"]:
-    """Return what each vertex reads from the maps, Δ_k = g(I_k; U_k): the clear twin of `sampling_kernel.sample`."""
+    """Return what each vertex reads from the maps, Δ_k = g(I_k; U_k): in plain torch."""
     read = maps.flatten(1, 2)[:, pixels.long()]  # (b, k, 4, c)
     return (read * weights[:, :, None]).sum(2)
 

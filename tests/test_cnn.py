@@ -56,19 +56,43 @@ def test_the_networks_equal_the_figure_in_value_and_gradient(map_size):
         torch.testing.assert_close(fast / scale, clear / scale, atol=2e-5, rtol=0)
 
 
-def test_upsampling_convolution_is_nearest_upsampling_then_a_convolution():
-    generator = torch.Generator().manual_seed(0)
-    x, weight, bias = (torch.randn(shape, generator=generator) for shape in ((2, 3, 5, 5), (4, 3, 3, 3), (4,)))
-    wanted = functional.conv2d(x.repeat_interleave(2, 2).repeat_interleave(2, 3), weight, bias, padding=1)
-    torch.testing.assert_close(cnn.upsampling_convolution(x, weight, bias), wanted, atol=1e-5, rtol=1e-5)
+def test_nearest_upsampling_is_four_copies_of_each_pixel():
+    """The figure's upsampling, which both forms rely on, on an image that can be checked by hand."""
+    made = cnn.MapNetwork(1, UV, 16, 1, (64,), 0.2)
+    with torch.no_grad():
+        for weight in made.parameters():
+            weight.zero_()
+        for layer in (*made.upsampled, made.last):
+            layer.weight[0, 0, 1, 1] = 1  # passes its image on
+        made.dense[0].bias.copy_(torch.arange(1.0, 65))
+        made.output.weight[:] = 1
+    image = torch.arange(1.0, 65).view(8, 8)
+    wanted = image.repeat_interleave(2, 0).repeat_interleave(2, 1)
+    torch.testing.assert_close(made.maps(torch.zeros(1, 1))[0, :, :, 2].detach(), wanted)
 
 
 def test_the_first_maps_are_eight_by_eight_with_channels_last():
     made = network()
     start = made._start(torch.zeros(1, 7))
-    assert start.shape == (1, 8, 8, 8)
     hidden = functional.leaky_relu(made.dense[0](torch.zeros(1, 7)), 0.2)
-    torch.testing.assert_close(start[0, :, 2, 5], made.dense[1](hidden)[0].view(8, 8, 8)[2, 5])
+    torch.testing.assert_close(start[0], made.dense[1](hidden)[0].view(8, 8, 8))
+
+
+def test_other_widths_than_the_papers_take_the_clear_way():
+    made = cnn.MapNetwork(7, UV, 16, 12, (32, 128), 0.2)
+    grid, params = bilinear(UV, 16), torch.randn(2, 7)
+    wanted = sample(made.maps(params), torch.from_numpy(grid.pixels), torch.from_numpy(grid.weights))
+    torch.testing.assert_close(made(params), wanted)
+
+
+def test_two_forward_passes_before_their_gradients_do_not_disturb_each_other():
+    made = network()
+    first, second = torch.randn(2, 3, 7, generator=torch.Generator().manual_seed(5))
+    alone = torch.autograd.grad(made(first).sum(), made.parameters())
+    out = made(first).sum()
+    made(second).sum().backward()
+    for one, other in zip(alone, torch.autograd.grad(out, made.parameters()), strict=True):
+        assert torch.equal(one, other)
 
 
 def test_a_hidden_width_that_makes_no_maps_is_refused():

@@ -5,7 +5,6 @@ import pytest
 import torch
 from small_face import pose_offsets, small_influence, small_mesh
 
-from replicate.approximation import sampling_kernel
 from replicate.approximation.segments import coarse_segments
 from replicate.deformation_map import Floor, bilinear, polyharmonic_map, sample, sampling_matrix
 
@@ -18,12 +17,11 @@ def affine_map(size):
     return torch.tensor(np.stack([2 * u - 3 * v + 1, v, u], axis=-1)[None], dtype=torch.float32)
 
 
-@pytest.mark.parametrize("read", [sample, sampling_kernel.sample])
 @pytest.mark.parametrize("size", [8, 32])
-def test_an_affine_map_is_read_exactly_everywhere(read, size):
+def test_an_affine_map_is_read_exactly_everywhere(size):
     uv = np.concatenate([PLACES, CORNERS])
     grid = bilinear(uv, size)
-    got = read(affine_map(size), torch.from_numpy(grid.pixels), torch.from_numpy(grid.weights))[0]
+    got = sample(affine_map(size), torch.from_numpy(grid.pixels), torch.from_numpy(grid.weights))[0]
     wanted = np.stack([2 * uv[:, 0] - 3 * uv[:, 1] + 1, uv[:, 1], uv[:, 0]], axis=1)
     np.testing.assert_allclose(got, wanted, atol=1e-6)
 
@@ -34,20 +32,6 @@ def test_a_vertex_between_four_pixels_reads_their_weighted_mean():
     pixels[0, 1, 0], pixels[0, 1, 1], pixels[0, 2, 0], pixels[0, 2, 1] = 1, 10, 100, 1000
     got = sample(pixels, torch.from_numpy(grid.pixels), torch.from_numpy(grid.weights))
     assert got.item() == pytest.approx(0.375 * 1 + 0.125 * 10 + 0.375 * 100 + 0.125 * 1000)
-
-
-def test_the_sampling_kernel_equals_its_twin_in_value_and_gradient():
-    grid = bilinear(PLACES, 16)
-    pixels, weights = torch.from_numpy(grid.pixels), torch.from_numpy(grid.weights)
-    maps, upstream = torch.randn(3, 16, 16, 5), torch.randn(3, 50, 5)
-    results = []
-    for read in (sample, sampling_kernel.sample):
-        x = maps.clone().requires_grad_()
-        out = read(x, pixels, weights)
-        results.append((out.detach(), *torch.autograd.grad(out, x, upstream)))
-    for clear, fast in zip(*results, strict=True):
-        assert clear.abs().max() > 0.1
-        torch.testing.assert_close(fast, clear, atol=1e-5, rtol=1e-5)
 
 
 def test_polyharmonic_interpolation_passes_through_affine_data_and_averages_coincident_vertices():

@@ -15,19 +15,16 @@ from jaxtyping import Float
 from torch import nn
 from torch.nn import functional
 
-from replicate.approximation import sampling_kernel
+from replicate.approximation.map_kernel import MapOffsets
 from replicate.approximation.model import SegmentedModel, load_model, parameter_scaling, save_model, target_lengths
 from replicate.approximation.segments import Segment
 from replicate.approximation.supervision import Supervision
+from replicate.approximation.tile_kernel import CHANNELS
 from replicate.approximation.training import prepare, train
 from replicate.deformation_map import bilinear, sample
 from replicate.errors import InputError
 
 START = 8  # pixels a side of the maps that the dense layers make
-
-# A nearest-upsampled image under a 3×3 kernel shows each output pixel 2×2 source pixels. The weights of the 4×4 kernel
-# that does it in one stride-2 transposed convolution are T w Tᵀ: a source pixel meets the taps that fall on its copies.
-_T = torch.tensor([[1.0, 0, 0], [1, 1, 0], [0, 1, 1], [0, 0, 1]]).flip(0)
 
 
 class MapNetwork(nn.Module):
@@ -52,38 +49,29 @@ class MapNetwork(nn.Module):
         self.output = nn.Conv2d(channels, 3, 1)
         grid = bilinear(uv, map_size)
         self.register_buffer("pixels", torch.from_numpy(grid.pixels), persistent=False)
-        self.register_buffer("weights", torch.from_numpy(grid.weights), persistent=False)
+        self.register_buffer("shares", torch.from_numpy(grid.weights), persistent=False)
 
     def _start(self, params: torch.Tensor) -> torch.Tensor:
         x = params
         for layer in self.dense[:-1]:
             x = functional.leaky_relu(layer(x), self.slope)
-        return self.dense[-1](x).view(len(x), START, START, -1).permute(0, 3, 1, 2)
+        return self.dense[-1](x).view(len(x), START, START, -1)
 
     def maps(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b size size 3"]:
         """Return the deformation maps I_k, as Fig. 3 has them: the clear twin."""
-        x = self._start(params)
+        x = self._start(params).permute(0, 3, 1, 2)
         for layer in self.upsampled:
             x = functional.leaky_relu(layer(functional.interpolate(x, scale_factor=2, mode="nearest")), self.slope)
         return self.output(functional.leaky_relu(self.last(x), self.slope)).permute(0, 2, 3, 1)
 
     def forward(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b k 3"]:
         """Return the offsets that the vertices read from the maps."""
-        x = self._start(params)
-        for layer in self.upsampled:
-            x = functional.leaky_relu(upsampling_convolution(x, layer.weight, layer.bias), self.slope)
-        x = functional.leaky_relu(self.last(x), self.slope).permute(0, 2, 3, 1)
-        read = sampling_kernel.sample if x.device.type == "cpu" else sample
-        return functional.linear(read(x, self.pixels, self.weights), self.output.weight[:, :, 0, 0], self.output.bias)
-
-
-def upsampling_convolution(
-    x: Float[torch.Tensor, "b c s s"], weight: Float[torch.Tensor, "o c 3 3"], bias: Float[torch.Tensor, " o"]
-) -> Float[torch.Tensor, "b o 2*s 2*s"]:
-    """Return the 3×3 convolution of x nearest-upsampled by two, at 4/9 of the work, with channels last in memory."""
-    t = _T.to(weight)
-    folded = torch.einsum("ui,ocij,vj->couv", t, weight, t).contiguous(memory_format=torch.channels_last)
-    return functional.conv_transpose2d(x, folded, bias, stride=2, padding=1)
+        if params.device.type != "cpu" or self.last.out_channels != CHANNELS or self.dense[-1].out_features > 1024:
+            return sample(self.maps(params), self.pixels, self.shares)
+        convolutions = [weight for layer in (*self.upsampled, self.last) for weight in (layer.weight, layer.bias)]
+        output = (self.output.weight[:, :, 0, 0], self.output.bias)
+        start = self._start(params)
+        return MapOffsets.apply(start, self.slope, self.pixels, self.shares, *convolutions, *output)
 
 
 def initialise(model: nn.Module, slope: float, generator: torch.Generator) -> None:

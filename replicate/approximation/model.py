@@ -5,7 +5,7 @@ each sees and how they are scaled, which vertices it moves, and how all of it is
 
 Parameters go in as (p − mean) / scale, over the training poses; each network's output is multiplied by one fixed
 length, the RMS of its segment's targets, so that fresh weights already give millimetres of the right size. The paper is
-silent on both (DEVIATIONS.md).
+silent on both (DEVIATIONS D8).
 """
 
 import json

@@ -32,7 +32,7 @@ class Elbow:
 
 
 def map_error(segments: Sequence[Segment], offsets: Float[np.ndarray, "p n 3"], size: int) -> Float64[np.ndarray, " n"]:
-    """Return e_i of Eq. 2 in mm²: what each vertex loses on the way to a map of `size` pixels and back, over p poses.
+    """Return e_i of Eq. 2 in mm²: what each vertex loses on the way to a map of size² pixels and back, over p poses.
 
     Offsets go through the maps, not positions, because offsets are what the networks' maps hold. Zero outside the
     segments.
