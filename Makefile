@@ -8,8 +8,9 @@ JOBS       ?=
 DEVICE     ?=
 CONFIG     ?=
 SPLIT      ?=
+RECENT     := import sys; sys.exit(sys.version_info < (3, 11))
 PYTHON     ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
-	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && exit; done; echo python3)
+	$$p -c '$(RECENT)' 2>/dev/null && echo $$p && exit; done; echo python3)
 
 # An active environment is used as it is if it has all packages, and .venv otherwise.
 MODULES := beartype filelock ipykernel jax jaxtyping jupyter matplotlib nbclient nbformat numba numpy pandas PIL \
@@ -75,9 +76,9 @@ clean-all: $(ENVIRONMENT) ## remove all artefacts and your own results
 	rm -rf results/runs
 
 .venv/installed: requirements.lock
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { echo "Python 3.11 or newer is \
-	needed, and $(PYTHON) is `$(PYTHON) --version 2>&1 | head -n 1`: name one with PYTHON=/path/to/python3" \
-	| tr -s '\t ' ' ' >&2; exit 2; }
-	$(PYTHON) -m venv .venv
+	@.venv/bin/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -c '$(RECENT)' 2>/dev/null || { \
+	  echo "Python 3.11 or newer is needed, and $(PYTHON) is `$(PYTHON) --version 2>&1 | head -n 1`:" \
+	  "name one with PYTHON=/path/to/python3" >&2; exit 2; }
+	@.venv/bin/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv .venv
 	.venv/bin/python -m pip install --disable-pip-version-check -r requirements.lock
 	@touch $@

@@ -35,7 +35,7 @@ class SamplesConfig(Checked):
 
 @dataclass(frozen=True)
 class TrainingConfig(Checked):
-    """The schedule of one network's training (§3.5; D2)."""
+    """The schedule of one network's training (§3.5; DEVIATIONS D6)."""
 
     schedule: Literal["paper", "one_cycle"] = "paper"
     steps: int = number(70_000, 1)
@@ -149,11 +149,6 @@ class Config(Checked):
     rigid: RigidConfig = RigidConfig()
     lbs: LbsConfig = LbsConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
-
-    @property
-    def label(self) -> str:
-        """The character's name, also where it was given as the path of a recipe."""
-        return Path(self.character).stem if self.character.endswith(".toml") else self.character
 
     def __post_init__(self):
         super().__post_init__()

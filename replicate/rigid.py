@@ -58,7 +58,7 @@ def segment_errors(mesh: Mesh, vertices: Float[np.ndarray, "b n 3"]) -> Float[np
     """Return how far each segment is from a rigid motion in each pose: Eq. 3's residual as an RMS in millimetres.
 
     Eq. 3 is a sum of squares over a segment's vertices, which grows with their number and is no length, while the
-    paper's threshold is one; so the mean over vertices is taken and then the root (DEVIATIONS, rigid segments). A
+    paper's threshold is one; so the mean over vertices is taken and then the root (DEVIATIONS D15). A
     segment is a column, in the order of `mesh.segment_names`.
     """
     errors = np.empty((len(vertices), len(mesh.segment_names)))

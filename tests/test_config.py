@@ -105,10 +105,6 @@ def test_an_unknown_character_lists_those_there_are(tmp_path, monkeypatch):
         resolve("hiccup")
 
 
-def test_a_character_given_as_a_recipe_is_labelled_by_its_name(recipe):
-    assert resolve(recipe).label == "someone"
-
-
 def test_a_configuration_survives_json(recipe):
     quick = resolve(recipe, "quick", seed=5)
     assert from_json(to_json(quick)) == quick
