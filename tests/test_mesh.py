@@ -117,3 +117,14 @@ def test_a_bad_mesh_is_refused_with_one_sentence(changes, sentence):
     with pytest.raises(InputError, match=sentence) as caught:
         tetrahedron(**changes)
     assert str(caught.value).endswith(".") and "\n" not in str(caught.value)
+
+
+def test_a_mesh_comes_back_from_disk_as_it_was(tmp_path):
+    mesh = tetrahedron(segment=np.array([0, 1, 1, 2], np.int32), segment_names=("Gesicht", "øre", "c"))
+    mesh.save(tmp_path / "a.npz")
+    mesh.save(tmp_path / "b.npz")
+    back = Mesh.load(tmp_path / "a.npz")
+    assert back.segment_names == mesh.segment_names
+    for name in ("neutral", "faces", "uv", "segment"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(mesh, name))
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()

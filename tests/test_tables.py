@@ -196,3 +196,24 @@ def test_compare_shows_yours_where_there_is_no_reference_yet(tmp_path):
         "0.11",
         "–",
     ]
+
+
+def test_ratios_are_those_of_the_means_beside_the_papers_own():
+    text = as_text(table2_ratios(ours(), PAPER, "teen"))
+    assert line(text, "Refined / Coarse, normal angle") == ["2.00", "0.56"]  # 0.9° / 1.6° in the paper
+    assert line(text, "Coarse / Floor, coarse maps ‡, normal angle") == ["0.14", "–"]
+
+
+def test_a_ratio_to_a_method_that_was_not_run_is_not_shown():
+    assert "Dense" not in as_text(table2_ratios(ours(methods=("coarse", "refined")), PAPER, "teen"))
+
+
+def test_segments_have_a_line_each_and_a_column_for_each_method():
+    rows = [
+        Row("table2_segments", "teen", m, f"{k}_error_mean[{s}]", u, v, None, 1, 9, "quick", "r")
+        for m, v in (("coarse", 0.5), ("dense", 0.25))
+        for k, u in (("vertex", "mm"), ("normal", "deg"))
+        for s in ("face", "rigid")
+    ]
+    text = as_text(table2_segments(rows, "teen"))
+    assert line(text, "face, mm") == ["0.50", "0.25"] and line(text, "rigid, deg") == ["0.50", "0.25"]

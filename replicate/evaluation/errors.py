@@ -1,7 +1,8 @@
 """Table 2: the vertex and normal error of every method over all unique test poses (§5.1, Eq. 11)."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -20,6 +21,8 @@ from replicate.metrics import (
 # predict(params (b, m), truth (b, n, 3)) -> vertices (b, n, 3). Only oracles look at the truth.
 Predictor = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
+_KINDS = ("vertex", "normal")
+
 
 @dataclass(frozen=True)
 class Errors:
@@ -33,6 +36,19 @@ class Errors:
     group_names: tuple[str, ...]
     pose_mm: np.ndarray
     pose_deg: np.ndarray
+
+    def save(self, file: Path) -> None:
+        """Write the errors as npz, without pickle."""
+        arrays = {f"{kind}_{f.name}": getattr(getattr(self, kind), f.name) for kind in _KINDS for f in fields(Tally)}
+        names = np.array(self.group_names)
+        np.savez_compressed(file, **arrays, group_names=names, pose_mm=self.pose_mm, pose_deg=self.pose_deg)
+
+    @classmethod
+    def load(cls, file: Path) -> "Errors":
+        """Read what `save` wrote."""
+        with np.load(file, allow_pickle=False) as stored:
+            vertex, normal = (Tally(*(stored[f"{kind}_{f.name}"] for f in fields(Tally))) for kind in _KINDS)
+            return cls(vertex, normal, tuple(stored["group_names"].tolist()), stored["pose_mm"], stored["pose_deg"])
 
 
 def unique_poses(params: Float[np.ndarray, "t m"]) -> Int[np.ndarray, " u"]:

@@ -151,7 +151,20 @@ def _bar(cells: Sequence[str]) -> str:
 
 
 def _tex(text: str) -> str:
-    for plain, escaped in (("&", r"\&"), ("%", r"\%"), ("_", r"\_"), ("–", "--"), ("±", r"$\pm$"), ("†", r"$\dagger$"),
-                           ("‡", r"$\ddagger$"), ("§", r"\S{}"), ("×", r"$\times$")):  # fmt: skip
+    for plain, escaped in _TEX.items():
         text = text.replace(plain, escaped)
     return text
+
+
+_TEX = {
+    "&": r"\&",
+    "%": r"\%",
+    "_": r"\_",
+    "–": "--",
+    "±": r"$\pm$",
+    "×": r"$\times$",
+    "†": r"$\dagger$",
+    "‡": r"$\ddagger$",
+    "§": r"\S{}",
+    "¶": r"\P{}",
+}

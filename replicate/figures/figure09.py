@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from replicate.evaluation.pose import TRUTH, PoseRecord
-from replicate.figures.figure10 import TITLES
 from replicate.figures.panels import Words, panel_grid
 from replicate.figures.render import render
 from replicate.figures.scene import Surface, camera_for
+from replicate.figures.style import TITLES, plain_name
 
 SHOWN = (TRUTH, "refined", "coarse", "lbs32")
 
@@ -21,7 +21,7 @@ def figure09(record: PoseRecord, methods: Sequence[str] = SHOWN, width: int = 42
         for label in shown
     ]
     titles = [TITLES[label] for label in shown]
-    listed = ", ".join(title.rstrip(" †‡§") for title in titles)
+    listed = ", ".join(plain_name(label) for label in shown)
     return panel_grid([panels], titles), Words(
         f"Clay renders of one forehead, close up, from left to right: {listed}.",
         f"Forehead wrinkles of {record.character} in test pose {record.pose} (after Fig. 9 of the paper): {listed}. "

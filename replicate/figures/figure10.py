@@ -6,15 +6,14 @@ from functools import partial
 import numpy as np
 
 from replicate.evaluation.pose import TRUTH, PoseRecord
-from replicate.evaluation.table2 import METHODS
 from replicate.figures.heatmap import colour_bar, normal_heat
 from replicate.figures.panels import Words, panel_grid
 from replicate.figures.render import render
 from replicate.figures.scene import Surface, camera_for
+from replicate.figures.style import TITLES, plain_name
 from replicate.metrics import normal_error
 
 SHOWN = ("coarse", "refined", "dense", "lbs16", "lbs24", "lbs32")
-TITLES = {TRUTH: "Ground truth"} | METHODS
 
 
 def figure10(
@@ -41,7 +40,7 @@ def figure10(
         (1, 1, partial(colour_bar, limit=limit_deg, label="normal angle error, degrees")),
     )
     means = {label: np.nanmean(normal_error(record.vertices[label], truth, record.faces)) for label in shown[1:]}
-    listed = ", ".join(f"{TITLES[label].rstrip(' †‡§')} {mean:.2f}°" for label, mean in means.items())
+    listed = ", ".join(f"{plain_name(label)} {mean:.2f}°" for label, mean in means.items())
     return figure, Words(
         f"Clay renders of one face pose in {len(shown)} columns, ground truth first, then each method; below each, "
         f"the same face coloured by normal error from 0 to {limit_deg:g} degrees. Mean errors: {listed}.",

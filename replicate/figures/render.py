@@ -71,6 +71,7 @@ def _choose_window() -> None:
 
 
 def _pyvista(surfaces, camera: Camera, width: int, height: int, background) -> np.ndarray:
+    _choose_window()
     import pyvista
 
     rows, eye = axes(camera)

@@ -1,5 +1,6 @@
 """One colour and one name for each method in every chart."""
 
+from replicate.evaluation.pose import TRUTH
 from replicate.evaluation.table2 import METHODS
 
 # Okabe and Ito's colours, told apart by readers who see fewer of them.
@@ -20,9 +21,12 @@ MEASURES = (
 )
 
 
+TITLES = {TRUTH: "Ground truth"} | METHODS
+
+
 def plain_name(method: str) -> str:
     """Return a method's name without the marks of the printed tables."""
-    return METHODS.get(method, method).rstrip(" †‡§")
+    return TITLES.get(method, method).rstrip(" †‡¶§")
 
 
 def tidy(axes) -> None:

@@ -7,6 +7,7 @@ from replicate.evaluation.table2 import METHODS, STANDS_FOR
 from replicate.figures.panels import DPI, Words
 from replicate.figures.style import COLOURS, MEASURES, plain_name, tidy
 
+UNSHOWN = ("neutral", "attachment")  # one would stretch the axes, the other lies on them
 UNITS = {"mm": "mm", "deg": "degrees"}
 
 
@@ -19,7 +20,7 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str):
     from matplotlib.lines import Line2D
 
     theirs = STANDS_FOR.get(character, "")
-    methods = [m for m in METHODS if m != "neutral" and find(ours, "table2", character, m, MEASURES[0][0])]
+    methods = [m for m in METHODS if m not in UNSHOWN and find(ours, "table2", character, m, MEASURES[0][0])]
     figure = Figure((10, 0.36 * len(methods) + 1.2), dpi=DPI, layout="constrained")
     spoken, motion = [], []
     for axes, (metric, unit, label) in zip(figure.subplots(1, 2, sharey=True), MEASURES, strict=True):
