@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from replicate.evaluation.errors import Errors, error_rows, evaluate, texel_rows, unique_poses
+from replicate.evaluation.errors import error_rows, evaluate, load_errors, texel_rows, unique_poses
 from replicate.evaluation.results import find
 from replicate.mesh import Mesh
 from replicate.metrics import normal_error, vertex_error
@@ -135,6 +135,6 @@ def test_texels_per_vertex_count_each_map_and_the_method_as_a_whole():
 def test_errors_come_back_from_disk_with_the_same_rows(grid, poses, tmp_path):
     found = evaluate(grid, *poses, {"dense": lambda p, v: v + p[:, None, :3]}, rigid=[2])
     found["dense"].save(tmp_path / "errors.npz")
-    back = {"dense": Errors.load(tmp_path / "errors.npz")}
+    back = {"dense": load_errors(tmp_path / "errors.npz")}
     assert error_rows("teen", back, "quick", "r") == error_rows("teen", found, "quick", "r")
     np.testing.assert_array_equal(back["dense"].pose_deg, found["dense"].pose_deg)

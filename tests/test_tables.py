@@ -8,6 +8,7 @@ from replicate.errors import InputError
 from replicate.evaluation.compare import compare, compare_folders
 from replicate.evaluation.results import Row, read_results, write_results
 from replicate.evaluation.table2 import METHODS, table2, table2_overview
+from replicate.evaluation.table2_details import table2_ratios, table2_segments
 from replicate.evaluation.tables import (
     as_latex,
     as_markdown,

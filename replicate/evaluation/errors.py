@@ -43,12 +43,12 @@ class Errors:
         names = np.array(self.group_names)
         np.savez_compressed(file, **arrays, group_names=names, pose_mm=self.pose_mm, pose_deg=self.pose_deg)
 
-    @classmethod
-    def load(cls, file: Path) -> "Errors":
-        """Read what `save` wrote."""
-        with np.load(file, allow_pickle=False) as stored:
-            vertex, normal = (Tally(*(stored[f"{kind}_{f.name}"] for f in fields(Tally))) for kind in _KINDS)
-            return cls(vertex, normal, tuple(stored["group_names"].tolist()), stored["pose_mm"], stored["pose_deg"])
+
+def load_errors(file: Path) -> Errors:
+    """Read what `Errors.save` wrote."""
+    with np.load(file, allow_pickle=False) as stored:
+        vertex, normal = (Tally(*(stored[f"{kind}_{f.name}"] for f in fields(Tally))) for kind in _KINDS)
+        return Errors(vertex, normal, tuple(stored["group_names"].tolist()), stored["pose_mm"], stored["pose_deg"])
 
 
 def unique_poses(params: Float[np.ndarray, "t m"]) -> Int[np.ndarray, " u"]:
