@@ -93,12 +93,12 @@ def _status(options: argparse.Namespace) -> None:
 
     for config in configurations(options):
         for stage, state in states(pipeline.table2_graph(config)):
-            print(f"{stage.title:24} {stage.key}  {state}")
+            print(f"{stage.title:28} {stage.key}  {state}")
     entries = inventory()
     print(f"\n{paths.cache_folder()}")
     for state in ("current", "stale", "damaged", "unfinished"):
         sizes = [entry.size_bytes for entry in entries if entry.state == state]
-        print(f"{state:24} {len(sizes):4} folders {sum(sizes) / 1e6:10,.1f} MB")
+        print(f"{state:28} {len(sizes):4} folders {sum(sizes) / 1e6:10,.1f} MB")
 
 
 def _clean_cache(options: argparse.Namespace) -> None:
