@@ -8,6 +8,7 @@ map is sampled before the last 1×1 convolution, which then runs over vertices.
 Images are (b, s + 2, s + 2, 16) float32 with a border of zeros, kept flat. Taps are (t, 16, 16), [tap, in, out].
 """
 
+from functools import lru_cache
 from typing import no_type_check
 
 import numpy as np
@@ -18,7 +19,10 @@ from replicate.approximation.tile_kernel import CHANNELS, TILE, correlate, multi
 
 # _SHARE[p, t, k]: whether row k of a 3×3 kernel falls on the t-th of the two source rows that a row of parity p shows.
 _SHARE = np.array([[[1, 0, 0], [0, 1, 1]], [[1, 1, 0], [0, 0, 1]]], np.float32)
+_SHARES = np.einsum("ptk,quj->pqtukj", _SHARE, _SHARE).reshape(16, 9)  # the same for rows and columns at once
 _NOTHING = np.zeros(CHANNELS, np.float32)
+_HERE = np.zeros(1, np.int64)
+_REORDER = {"reassoc", "contract", "nsz"}  # sums may be reordered, so that they can be vectors
 
 _free: dict[int, list[np.ndarray]] = {}  # images between two steps; their borders stay zero
 
@@ -36,37 +40,6 @@ def _give(*images: np.ndarray) -> None:
 
 @njit(error_model="numpy")
 @no_type_check
-def _fold(weight):
-    """Return the taps (2, 2, 4, 16, 16) of upsampling and a kernel (16, c, 3, 3), for each parity of row and column."""
-    taps = np.zeros((2, 2, 4, CHANNELS, CHANNELS), np.float32)
-    for p, q, t, u, k, j in np.ndindex(2, 2, 2, 2, 3, 3):
-        if _SHARE[p, t, k] * _SHARE[q, u, j]:
-            taps[p, q, 2 * t + u, : weight.shape[1]] += weight[:, :, k, j].T
-    return taps
-
-
-@njit(error_model="numpy")
-@no_type_check
-def _unfold(taps, channels):
-    """Return the gradient in the 3×3 kernel from that in its folded taps: the transpose of `_fold`."""
-    weight = np.zeros((CHANNELS, channels, 3, 3), np.float32)
-    for p, q, t, u, k, j in np.ndindex(2, 2, 2, 2, 3, 3):
-        if _SHARE[p, t, k] * _SHARE[q, u, j]:
-            weight[:, :, k, j] += taps[p, q, 2 * t + u, :channels].T
-    return weight
-
-
-@njit(error_model="numpy")
-@no_type_check
-def _transposed(taps):
-    out = np.empty_like(taps)
-    for t in range(len(taps)):
-        out[t] = taps[t].T
-    return out
-
-
-@njit(error_model="numpy")
-@no_type_check
 def _place(start, image):
     """Copy (b, 8, 8, c) into a padded image; channels beyond c stay zero."""
     b, s, _, c = start.shape
@@ -77,31 +50,37 @@ def _place(start, image):
 
 @njit(error_model="numpy")
 @no_type_check
-def _convolve(image, size, y_size, taps, offsets, bias, out, first, x_scale, y_scale):
-    """Write the taps' sum over `image` at every tile of `size`×`size` pixels (r, c) to `out`, both padded.
+def _convolve(image, x_scale, size, taps, offsets, bias, out, y_scale, firsts):
+    """Write to `out` at y_scale·(r, c) + firsts[k] the sum over taps[k] of `image` at x_scale·(r, c) + offsets[k].
 
-    Read at x_scale·(r, c), written at y_scale·(r, c) + first; offsets are relative positions in `image`, whose side is
-    x_scale·size.
+    (r, c) run over size² pixels. image, out: padded, x_scale·size and y_scale·size pixels a side. taps: (k, t, 16, 16).
+    offsets: (k, t) and firsts: (k,), relative positions.
     """
-    x_side, y_side = x_scale * size + 2, y_size + 2
+    x_side, y_side = x_scale * size + 2, y_scale * size + 2
     for b in range(len(out) // (y_side * y_side * CHANNELS)):
-        for r in range(size):
-            for c in range(0, size, TILE):
-                x = ((b * x_side + x_scale * r + 1) * x_side + x_scale * c + 1) * CHANNELS
-                y = ((b * y_side + y_scale * r + 1) * y_side + y_scale * c + 1) * CHANNELS + first
-                multiply(out, y, y_scale * CHANNELS, image, x, x_scale * CHANNELS, offsets, taps, bias)
+        for k in range(len(taps)):
+            for r in range(size):
+                for c in range(0, size, TILE):
+                    x = ((b * x_side + x_scale * r + 1) * x_side + x_scale * c + 1) * CHANNELS
+                    y = ((b * y_side + y_scale * r + 1) * y_side + y_scale * c + 1) * CHANNELS + firsts[k]
+                    multiply(out, y, y_scale * CHANNELS, image, x, x_scale * CHANNELS, offsets[k], taps[k], bias)
 
 
 @njit(error_model="numpy")
 @no_type_check
-def _correlate(image, upstream, size, y_scale, offset, first, gradient):
-    """Add one tap's gradient (16, 16): `image`, at (r, c) + offset, times `upstream`, at y_scale·(r, c) + first."""
+def _correlate(image, size, offsets, upstream, y_scale, firsts):
+    """Return the gradients (k, t, 16, 16) of the taps that `_convolve` with x_scale 1 gave `upstream` from `image`."""
     x_side, y_side = size + 2, y_scale * size + 2
+    x_row, y_row, step = x_side * CHANNELS, y_scale * y_side * CHANNELS, y_scale * CHANNELS
+    gradient = np.zeros((*offsets.shape, CHANNELS, CHANNELS), np.float32)
     for b in range(len(image) // (x_side * x_side * CHANNELS)):
-        x = ((b * x_side + 1) * x_side + 1) * CHANNELS + offset
-        y = ((b * y_side + 1) * y_side + 1) * CHANNELS + first
-        x_row, y_row = x_side * CHANNELS, y_scale * y_side * CHANNELS
-        correlate(gradient, image, x, CHANNELS, x_row, upstream, y, y_scale * CHANNELS, y_row, size, size)
+        for row in range(0, size, TILE):  # a few rows at a time stay in the nearest cache for all taps
+            x, y = ((b * x_side + row + 1) * x_side + 1) * CHANNELS, ((b * y_side + 1) * y_side + 1) * CHANNELS
+            for k, t in np.ndindex(offsets.shape):
+                at = y + row * y_row + firsts[k]
+                place = gradient[k, t]
+                correlate(place, image, x + offsets[k, t], CHANNELS, x_row, upstream, at, step, y_row, size, TILE)
+    return gradient
 
 
 @njit(error_model="numpy")
@@ -134,123 +113,103 @@ def _deactivate(upstream, image, batch, size, slope):
     return sums
 
 
-@njit(error_model="numpy")
-@no_type_check
-def _phase_offsets(side, p, q):
-    """Return where the four taps of output pixels of parity (p, q) lie in a source image of that padded side."""
-    offsets = np.empty(4, np.int64)
-    for t, u in np.ndindex(2, 2):
-        offsets[2 * t + u] = ((t + p - 1) * side + u + q - 1) * CHANNELS
-    return offsets
-
-
-@njit(error_model="numpy")
-@no_type_check
-def _kernel_offsets(side):
-    offsets = np.empty(9, np.int64)
-    for k, j in np.ndindex(3, 3):
-        offsets[3 * k + j] = ((k - 1) * side + j - 1) * CHANNELS
-    return offsets
-
-
-@njit(error_model="numpy")
-@no_type_check
-def _upsample(image, size, weight, bias, out, slope):
-    """Write the leaky ReLU of the 3×3 convolution of the upsampled image to `out`, padded (2·size)²."""
-    taps, side = _fold(weight), 2 * size + 2
-    for p, q in np.ndindex(2, 2):
-        first = (p * side + q) * CHANNELS
-        _convolve(image, size, 2 * size, taps[p, q], _phase_offsets(size + 2, p, q), bias, out, first, 1, 2)
-    _activate(out, len(out) // (side * side * CHANNELS), 2 * size, slope)
-
-
-@njit(error_model="numpy")
-@no_type_check
-def _upsample_backward(image, size, weight, upstream, out):
-    """Write the gradient in `image` to `out`; return that in the weight. upstream: before the activation."""
-    taps, side = _fold(weight), 2 * size + 2
-    gradient, offsets = np.zeros_like(taps), np.empty(16, np.int64)
-    back = np.empty((16, CHANNELS, CHANNELS), np.float32)
-    for p, q, t, u in np.ndindex(2, 2, 2, 2):
-        first, tap = (p * side + q) * CHANNELS, 2 * t + u
-        offset = _phase_offsets(size + 2, p, q)[tap]
-        _correlate(image, upstream, size, 2, offset, first, gradient[p, q, tap])
-        offsets[8 * p + 4 * q + tap] = ((2 - p - 2 * t) * side + 2 - q - 2 * u) * CHANNELS
-        back[8 * p + 4 * q + tap] = taps[p, q, tap].T
-    _convolve(upstream, size, size, back, offsets, _NOTHING, out, 0, 2, 1)
-    return _unfold(gradient, weight.shape[1])
-
-
-@njit(error_model="numpy")
-@no_type_check
-def _last(image, size, weight, bias, out, slope):
-    """Write the leaky ReLU of the 3×3 convolution of an image to `out`."""
-    taps = np.ascontiguousarray(weight.transpose(2, 3, 1, 0)).reshape(9, CHANNELS, CHANNELS)
-    _convolve(image, size, size, taps, _kernel_offsets(size + 2), bias, out, 0, 1, 1)
-    _activate(out, len(out) // ((size + 2) ** 2 * CHANNELS), size, slope)
-
-
-@njit(error_model="numpy")
-@no_type_check
-def _last_backward(image, size, weight, upstream, out):
-    """Write the gradient in `image` to `out`; return that in the weight."""
-    taps = np.ascontiguousarray(weight.transpose(2, 3, 1, 0)).reshape(9, CHANNELS, CHANNELS)
-    offsets, gradient = _kernel_offsets(size + 2), np.zeros_like(taps)
-    for tap in range(9):
-        _correlate(image, upstream, size, 1, offsets[tap], 0, gradient[tap])
-    _convolve(upstream, size, size, _transposed(taps), -offsets, _NOTHING, out, 0, 1, 1)
-    return gradient.reshape(3, 3, CHANNELS, CHANNELS).transpose(3, 2, 0, 1).copy()
-
-
-@njit(error_model="numpy")
+@njit(error_model="numpy", fastmath=_REORDER)
 @no_type_check
 def _read(image, size, pixels, shares, weight, bias, out):
     """Write to `out` (b, k, 3) what vertices read bilinearly from an image, through the last 1×1 convolution."""
-    side, mixed = size + 2, np.empty(CHANNELS, np.float32)
+    side = size + 2
     for b in range(len(out)):
         for i in range(len(pixels)):
-            mixed[:] = 0
-            for corner in range(4):
-                at = _position(b, pixels[i, corner], size, side)
-                for c in range(CHANNELS):
-                    mixed[c] += image[at + c] * shares[i, corner]
-            for axis in range(3):
-                total = bias[axis]
-                for c in range(CHANNELS):
-                    total += mixed[c] * weight[axis, c]
-                out[b, i, axis] = total
+            upper, lower = _pixels(image, b, pixels[i, 0], size, side)
+            s0, s1, s2, s3 = shares[i, 0], shares[i, 1], shares[i, 2], shares[i, 3]
+            x, y, z = np.float32(0), np.float32(0), np.float32(0)
+            for c in range(CHANNELS):
+                mixed = upper[c] * s0 + upper[c + CHANNELS] * s1 + lower[c] * s2 + lower[c + CHANNELS] * s3
+                x += mixed * weight[0, c]
+                y += mixed * weight[1, c]
+                z += mixed * weight[2, c]
+            out[b, i, 0], out[b, i, 1], out[b, i, 2] = x + bias[0], y + bias[1], z + bias[2]
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", fastmath=_REORDER)
 @no_type_check
 def _read_backward(image, size, pixels, shares, weight, upstream, out):
     """Write the gradient in the image to `out`; return those in the 1×1 convolution's weight and bias."""
-    side, mixed, sent = size + 2, np.empty(CHANNELS, np.float32), np.empty(CHANNELS, np.float32)
+    side, sent = size + 2, np.empty(CHANNELS, np.float32)
     gradient, bias = np.zeros((3, CHANNELS), np.float32), np.zeros(3, np.float32)
     out[:] = 0
     for b in range(len(upstream)):
         for i in range(len(pixels)):
-            mixed[:] = 0
-            sent[:] = 0
-            for axis in range(3):
-                for c in range(CHANNELS):
-                    sent[c] += weight[axis, c] * upstream[b, i, axis]
-            for corner in range(4):
-                at, share = _position(b, pixels[i, corner], size, side), shares[i, corner]
-                for c in range(CHANNELS):
-                    mixed[c] += image[at + c] * share
-                    out[at + c] += sent[c] * share
-            for axis in range(3):
-                bias[axis] += upstream[b, i, axis]
-                for c in range(CHANNELS):
-                    gradient[axis, c] += mixed[c] * upstream[b, i, axis]
+            upper, lower = _pixels(image, b, pixels[i, 0], size, side)
+            s0, s1, s2, s3 = shares[i, 0], shares[i, 1], shares[i, 2], shares[i, 3]
+            x, y, z = upstream[b, i, 0], upstream[b, i, 1], upstream[b, i, 2]
+            bias[0] += x
+            bias[1] += y
+            bias[2] += z
+            for c in range(CHANNELS):
+                mixed = upper[c] * s0 + upper[c + CHANNELS] * s1 + lower[c] * s2 + lower[c + CHANNELS] * s3
+                gradient[0, c] += mixed * x
+                gradient[1, c] += mixed * y
+                gradient[2, c] += mixed * z
+            for c in range(CHANNELS):
+                sent[c] = weight[0, c] * x + weight[1, c] * y + weight[2, c] * z
+            upper, lower = _pixels(out, b, pixels[i, 0], size, side)
+            for c in range(CHANNELS):
+                upper[c] += sent[c] * s0
+                upper[c + CHANNELS] += sent[c] * s1
+            for c in range(CHANNELS):
+                lower[c] += sent[c] * s2
+                lower[c + CHANNELS] += sent[c] * s3
     return gradient, bias
 
 
 @njit(inline="always", error_model="numpy")
 @no_type_check
-def _position(b, pixel, size, side):
-    return ((b * side + pixel // size + 1) * side + pixel % size + 1) * CHANNELS
+def _pixels(image, b, pixel, size, side):
+    """Return the two pixels of the upper row around a vertex, and the two of the lower row, as views."""
+    at = ((b * side + pixel // size + 1) * side + pixel % size + 1) * CHANNELS
+    below = at + side * CHANNELS
+    return image[at : at + 2 * CHANNELS], image[below : below + 2 * CHANNELS]
+
+
+def _flat(rows: np.ndarray, columns: np.ndarray, size: int) -> np.ndarray:
+    """Return relative positions of pixels in a padded image of that size."""
+    return np.ascontiguousarray((rows * (size + 2) + columns) * CHANNELS, np.int64)
+
+
+@lru_cache
+def _upsampling(size: int) -> tuple[np.ndarray, ...]:
+    """Return where `_convolve` reads and writes on the way from size² to (2·size)² pixels, and on the way back.
+
+    Four kernels (p, q), the parities of row and column, of four taps (t, u) each. Back, one kernel of all 16.
+    """
+    p, q, t, u = np.indices((2, 2, 2, 2)).reshape(4, 4, 4)
+    firsts = _flat(p[:, 0], q[:, 0], 2 * size)
+    return _flat(t + p - 1, u + q - 1, size), firsts, _flat(2 - p - 2 * t, 2 - q - 2 * u, 2 * size).reshape(1, 16)
+
+
+@lru_cache
+def _around(size: int) -> np.ndarray:
+    """Return where the nine taps of a 3×3 kernel lie."""
+    row, column = np.indices((3, 3)).reshape(2, 1, 9) - 1
+    return _flat(row, column, size)
+
+
+def _taps(weight: np.ndarray, order: tuple[int, ...]) -> np.ndarray:
+    return np.ascontiguousarray(weight.transpose(order)).reshape(1, 9, CHANNELS, CHANNELS)
+
+
+def fold(weight: np.ndarray) -> np.ndarray:
+    """Return the taps (4, 4, 16, 16) of upsampling and a kernel (16, c, 3, 3), for each parity of row and column."""
+    taps = np.zeros((4, 4, CHANNELS, CHANNELS), np.float32)
+    taps[:, :, : weight.shape[1]] = (_SHARES @ weight.reshape(-1, 9).T).reshape(4, 4, CHANNELS, -1).swapaxes(2, 3)
+    return taps
+
+
+def unfold(taps: np.ndarray, channels: int) -> np.ndarray:
+    """Return the gradient in the 3×3 kernel from that in its folded taps: the transpose of `fold`."""
+    flat = taps[:, :, :channels].swapaxes(2, 3).reshape(16, -1)
+    return np.ascontiguousarray((_SHARES.T @ flat).T).reshape(CHANNELS, channels, 3, 3)
 
 
 class MapOffsets(torch.autograd.Function):
@@ -269,10 +228,14 @@ class MapOffsets(torch.autograd.Function):
         _place(start.detach().contiguous().numpy(), images[0])
         for level in range(0, len(arrays) - 4, 2):
             images.append(_take(batch, 2 * s))
-            _upsample(images[-2], s, arrays[level], arrays[level + 1], images[-1], np.float32(slope))
+            offsets, firsts, _ = _upsampling(s)
+            _convolve(images[-2], 1, s, fold(arrays[level]), offsets, arrays[level + 1], images[-1], 2, firsts)
             s *= 2
+            _activate(images[-1], batch, s, np.float32(slope))
         images.append(_take(batch, s))
-        _last(images[-2], s, arrays[-4], arrays[-3], images[-1], np.float32(slope))
+        taps = _taps(arrays[-4], (2, 3, 1, 0))
+        _convolve(images[-2], 1, s, taps, _around(s), arrays[-3], images[-1], 1, _HERE)
+        _activate(images[-1], batch, s, np.float32(slope))
         out = np.empty((batch, len(pixels), 3), np.float32)
         _read(images[-1], s, pixels.numpy(), shares.numpy(), arrays[-2], arrays[-1], out)
         if any(ctx.needs_input_grad):
@@ -291,13 +254,20 @@ class MapOffsets(torch.autograd.Function):
         sent = upstream.contiguous().numpy()
         gradients[-2:] = _read_backward(images[-1], s, *ctx.grid, arrays[-2], sent, here)
         gradients[-3] = _deactivate(here, images[-1], batch, s, slope)
-        gradients[-4] = _last_backward(images[-2], s, arrays[-4], here, below)
+        taps = _taps(arrays[-4], (2, 3, 0, 1))
+        _convolve(here, 1, s, taps, -_around(s), _NOTHING, below, 1, _HERE)
+        kernel = _correlate(images[-2], s, _around(s), here, 1, _HERE).reshape(3, 3, CHANNELS, CHANNELS)
+        gradients[-4] = np.ascontiguousarray(kernel.transpose(3, 2, 0, 1))
         _give(here)
         for level in range(len(arrays) - 6, -1, -2):
             here, s = below, s // 2
             gradients[level + 1] = _deactivate(here, images[level // 2 + 1], batch, 2 * s, slope)
             below = _take(batch, s)
-            gradients[level] = _upsample_backward(images[level // 2], s, arrays[level], here, below)
+            offsets, firsts, back = _upsampling(s)
+            taps = np.ascontiguousarray(fold(arrays[level]).reshape(1, 16, CHANNELS, CHANNELS).swapaxes(2, 3))
+            _convolve(here, 2, s, taps, back, _NOTHING, below, 1, _HERE)
+            kernel = _correlate(images[level // 2], s, offsets, here, 2, firsts)
+            gradients[level] = unfold(kernel, arrays[level].shape[1])
             _give(here)
         start = below.reshape(batch, first + 2, first + 2, CHANNELS)[:, 1:-1, 1:-1, :channels].copy()
         _give(below, *images)

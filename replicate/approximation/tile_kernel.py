@@ -9,6 +9,7 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
 CHANNELS = 16
@@ -43,6 +44,8 @@ def correlate_reference(gradient, x, x_first, x_step, x_row, y, y_first, y_step,
 
 
 def _data(context, builder, kind, value):
+    if kind.layout != "C":
+        raise TypingError("the tile kernels take contiguous arrays only")
     return context.make_array(kind)(context, builder, value).data
 
 
