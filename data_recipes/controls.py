@@ -218,7 +218,7 @@ def control_groups() -> dict[str, list[Control]]:
     }
 
 
-def make_controls(counts: Mapping[str, int], source: str = "recipe") -> tuple[Control, ...]:
+def make_controls(counts: Mapping[str, object], source: str = "recipe") -> tuple[Control, ...]:
     """Return a character's controls: the first `counts[group]` of each group.
 
     counts: group name → number of controls; a group left out has none. source: the file named in error messages.

@@ -69,7 +69,7 @@ def quad_adjacency(quads: Int[np.ndarray, "q 4"], n: int) -> sp.csr_matrix:
 
 
 def padded_neighbours(graph: sp.csr_matrix, width: int) -> tuple[Int[np.ndarray, "n w"], Float[np.ndarray, "n w"]]:
-    """Return each vertex's first `width` neighbours and weights 1/degree; it pads with the vertex itself at weight 0."""
+    """Return each vertex's first `width` neighbours and weights 1/degree, padded with itself at weight 0."""
     n = graph.shape[0]
     degree = np.minimum(np.diff(graph.indptr), width)
     slots = np.arange(width)[None, :] < degree[:, None]

@@ -1,0 +1,62 @@
+"""Combination correctives: what the sum of two actions gets wrong, mended where both are on (layer 1)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from data_recipes.deformers.face_fields import tongue_reach
+from data_recipes.deformers.mouth_fields import Curve, Motion, lip_change
+from data_recipes.deformers.pose_curves import PoseFields
+from data_recipes.deformers.sculpting import Sculptor, smoothstep
+
+# (drivers, what both seam and border do in Δa, Δb, Δr as functions of u and side); "*" stands for one side.
+# An open jaw stretches the lips' corners: a laugh is rounder than a smile plus an open mouth, an "oh" narrower than
+# pucker plus jaw; and two actions that lift or push the same lip don't add up in full.
+
+
+def _laugh(u: Curve, side: Curve) -> Motion:
+    corner = np.abs(u) ** 2
+    return -2.5 * np.sign(u) * corner, 2.5 * corner - 1.5 * (side > 0) * (1 - u * u), -0.5 * corner
+
+
+def _oh(u: Curve, side: Curve) -> Motion:
+    return -2.5 * np.sign(u) * np.abs(u), 0 * u, 2.0 * (1 - np.abs(u))
+
+
+def _less_smile(u: Curve, side: Curve) -> Motion:
+    corner = np.abs(u)
+    return -1.0 * np.sign(u) * corner**1.4, -3.0 * corner**2, 0 * u
+
+
+def _less_stretch(u: Curve, side: Curve) -> Motion:
+    return -6.0 * np.sign(u) * np.abs(u) ** 1.4, 1.5 * np.abs(u) ** 2, 1.5 * np.abs(u)
+
+
+def _less_protrusion(u: Curve, side: Curve) -> Motion:
+    return 5.0 * np.sign(u) * np.abs(u) ** 0.9, 0 * u, -5.5 * (1 - u * u) - 1.0
+
+
+CORRECTIVES = (
+    (("smile_*", "jaw_open"), _laugh),
+    (("pucker_*", "jaw_open"), _oh),
+    (("smile_*", "frown_*"), _less_smile),
+    (("smile_*", "mouth_stretch_*"), _less_stretch),
+    (("pucker_*", "funnel_*"), _less_protrusion),
+)
+
+
+def add_correctives(s: Sculptor, columns: dict[str, int], fields: PoseFields) -> None:
+    """Add every corrective whose drivers the rig has."""
+    u, side = s.head.ring_parameter["mouth_u"], s.head.ring_parameter["mouth_side"]
+    window = smoothstep(u, -0.45, 0.45)
+    for drivers, motion in CORRECTIVES:
+        if drivers[0].replace("*", "left") not in columns:
+            continue
+        change = tuple(part * window for part in motion(u, side))
+        offset = s.along_surface(lip_change(s, change, change))
+        for name, vectors in (("left", offset), ("right", (offset * np.array([-1.0, 1, 1]))[s.head.mirror])):
+            names = [driver.replace("*", name) for driver in drivers]
+            if all(driver in columns for driver in names):
+                fields.add(tuple(columns[driver] for driver in names), vectors)
+    if "tongue_out" in columns and "jaw_open" in columns:
+        fields.add((columns["tongue_out"], columns["jaw_open"]), tongue_reach(s))

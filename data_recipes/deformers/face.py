@@ -1,0 +1,186 @@
+"""The face: every deformer in its layer, from coarse to fine, as one JAX function and as a chain of nodes.
+
+`NODES` is the chain. Each node takes the constants and the state of a batch and returns the state after it; the state
+holds the parameters "p" (b, m), the soft-limited controls "u" (b, m), the positions "x" as planes (b, 3, n), and what
+later layers ask of earlier ones (the jaw's motion, the head's shape). Composed, the nodes are the rig's function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from data_recipes.deformers import (
+    flesh,
+    handles,
+    head_shape,
+    jaw,
+    lids,
+    lips,
+    pose_curves,
+    skull_slide,
+    teeth,
+    wrinkles,
+)
+from data_recipes.deformers.head_shape import ShapeValues
+from data_recipes.deformers.jaw import JawMotion
+from data_recipes.deformers.planes import Values
+from data_recipes.deformers.saturation import saturate
+
+FaceConstants = Mapping[str, Any]  # a deformer's constants by layer; leaves are arrays
+State = dict[str, Any]
+
+JAW_CONTROLS = ("jaw_open", "jaw_sideways", "jaw_forward", "jaw_drop", "jaw_twist")
+OPEN_RAD = np.deg2rad(27.0)
+SIDEWAYS_RAD = np.deg2rad(4.5)
+TWIST_RAD = np.deg2rad(4.5)
+# The condyle glides: translation (x, y, z) in mm of each jaw control at 1.
+GLIDE_MM = ((0.0, -1.0, 1.5), (5.0, 0.0, 0.0), (0.0, -0.8, 6.0), (0.0, -7.0, -1.0), (0.0, 0.0, 0.0))
+HEAD_CONTROLS = tuple(f.name for f in fields(ShapeValues))
+GAZE = tuple(f"{part}_{side}" for side in ("left", "right") for part in ("look_y", "follow_upper", "follow_lower"))
+
+
+@dataclass(frozen=True)
+class Node:
+    """One step of the rig: a name and a function of the constants and the state."""
+
+    name: str
+    function: Callable[[FaceConstants, State], State]
+
+
+def _column(u: Float[Values, "b m"], columns: Values) -> Float[Array, "b k"]:
+    """Return the controls at the given columns; column m, a control that the rig lacks, is 0."""
+    return jnp.concatenate([u, jnp.zeros_like(u[:, :1])], axis=1)[:, columns]
+
+
+def limit(constants: FaceConstants, state: State) -> State:
+    """Bend the parameters towards their limits."""
+    return state | {"u": saturate(constants["limits"], state["p"])}
+
+
+def sculpted(constants: FaceConstants, state: State) -> State:
+    """Layer 1: the sculpted fields' curves."""
+    return state | {"x": constants["neutral"] + pose_curves.move(constants["pose"], state["u"])}
+
+
+def slid(constants: FaceConstants, state: State) -> State:
+    """Layer 2: the skin slides along the skull."""
+    return state | {"x": state["x"] + skull_slide.slide(constants["slide"], state["x"] - constants["neutral"])}
+
+
+def bulged(constants: FaceConstants, state: State) -> State:
+    """Layer 1 again: bulges along the normals, which the slide must not take back."""
+    return state | {"x": state["x"] + pose_curves.move(constants["bulge"], state["u"])}
+
+
+def shaped(constants: FaceConstants, state: State) -> State:
+    """Layer 3: free-form handles."""
+    return state | {"x": state["x"] + handles.move(constants["handles"], state["u"])}
+
+
+def jaw_motion(constants: FaceConstants, u: Float[Values, "b m"]) -> JawMotion:
+    """Return the jaw's rotation vector (radians) and translation (mm) at controls u."""
+    value = _column(u, constants["jaw_columns"])
+    opened, sideways, twist = value[:, 0], value[:, 1], value[:, 4]
+    rotation = jnp.stack([OPEN_RAD * opened, SIDEWAYS_RAD * sideways, -TWIST_RAD * twist], axis=1)
+    return JawMotion(rotation, value @ jnp.asarray(GLIDE_MM))
+
+
+def opened(constants: FaceConstants, state: State) -> State:
+    """Layer 4: the jaw."""
+    motion = jaw_motion(constants, state["u"])
+    return state | {"jaw": motion, "x": jaw.open_jaw(constants["jaw"], state["x"], motion)}
+
+
+def gaze_controls(constants: FaceConstants, u: Float[Values, "b m"]) -> Float[Array, "b q"]:
+    """Return u and four derived controls: the gaze's height times each lid's follow gain (1 + the follow control)."""
+    left_y, left_up, left_low, right_y, right_up, right_low = _column(u, constants["gaze_columns"]).T
+    derived = [left_y * (1 + left_up), left_y * (1 + left_low), right_y * (1 + right_up), right_y * (1 + right_low)]
+    return jnp.concatenate([u, jnp.stack(derived, axis=1)], axis=1)
+
+
+def lidded(constants: FaceConstants, state: State) -> State:
+    """Layer 5: lids, one eye after the other."""
+    u = gaze_controls(constants, state["u"])
+    x = lids.close_lids(constants["lids_left"], state["x"], u)
+    return state | {"x": lids.close_lids(constants["lids_right"], x, u)}
+
+
+def closed(constants: FaceConstants, state: State) -> State:
+    """Layer 6: sticky corners and contact of the lips."""
+    return state | {"x": lips.close_lips(constants["lips"], state["x"], state["u"])}
+
+
+def rolled(constants: FaceConstants, state: State) -> State:
+    """Layer 6: lips roll over the teeth."""
+    x = lips.roll_over_teeth(constants["wall_upper"], state["x"], state["jaw"])
+    return state | {"x": lips.roll_over_teeth(constants["wall_lower"], x, state["jaw"])}
+
+
+def mushed(constants: FaceConstants, state: State) -> State:
+    """Layer 7: flesh."""
+    return state | {"x": flesh.mush(constants["flesh"], state["x"])}
+
+
+def wrinkled(constants: FaceConstants, state: State) -> State:
+    """Layer 8: wrinkles."""
+    return state | {"x": wrinkles.wrinkle(constants["wrinkles"], state["x"], state["u"])}
+
+
+def shape_values(constants: FaceConstants, u: Float[Values, "b m"]) -> ShapeValues:
+    """Return the head controls, (b, 1) each."""
+    value = _column(u, constants["head_columns"])
+    return ShapeValues(*(value[:, i : i + 1] for i in range(len(HEAD_CONTROLS))))
+
+
+def warped(constants: FaceConstants, state: State) -> State:
+    """Layer 9: squash and stretch, bend, twist, head shape."""
+    values = shape_values(constants, state["u"])
+    return state | {"shape": values, "x": head_shape.warp(constants["shape"], values, state["x"])}
+
+
+def bitten(constants: FaceConstants, state: State) -> State:
+    """Layer 10: rigid teeth."""
+    values = state["shape"]
+    warp = lambda points: head_shape.warp(constants["shape"], values, points)  # noqa: E731
+    return state | {"x": teeth.place_teeth(constants["teeth"], state["x"], state["jaw"], warp)}
+
+
+NODES = (
+    Node("limit", limit),
+    Node("pose_curves", sculpted),
+    Node("skull_slide", slid),
+    Node("bulges", bulged),
+    Node("handles", shaped),
+    Node("jaw", opened),
+    Node("lip_contact", closed),
+    Node("teeth_contact", rolled),
+    Node("lids", lidded),
+    Node("flesh", mushed),
+    Node("wrinkles", wrinkled),
+    Node("head_shape", warped),
+    Node("teeth", bitten),
+)
+
+
+def start(params: Float[Values, "b m"]) -> State:
+    """Return the state before the first node."""
+    return {"p": params}
+
+
+def finish(state: State) -> Float[Array, "b n 3"]:
+    """Return the vertices (mm) from the state after the last node."""
+    return state["x"].transpose(0, 2, 1)
+
+
+def evaluate(constants: FaceConstants, params: Float[Values, "b m"]) -> Float[Array, "b n 3"]:
+    """Return r(p) for a batch: every node in turn."""
+    state = start(params)
+    for node in NODES:
+        state = node.function(constants, state)
+    return finish(state)

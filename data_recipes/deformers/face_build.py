@@ -1,0 +1,209 @@
+"""Preparing a face's constants from a head: what each layer of `face.py` needs, computed once per character."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from data_recipes.controls import Control, control_index, handle_names
+from data_recipes.deformers import (
+    brow_fields,
+    face_fields,
+    flesh,
+    handles,
+    head_shape,
+    jaw,
+    lids,
+    lips,
+    mouth_fields,
+    pose_curves,
+    skull_slide,
+    teeth,
+    wrinkles,
+)
+from data_recipes.deformers.correctives import add_correctives
+from data_recipes.deformers.face import GAZE, HEAD_CONTROLS, JAW_CONTROLS
+from data_recipes.deformers.face_fields import fade
+from data_recipes.deformers.face_points import handle_vertices
+from data_recipes.deformers.lid_fields import build_patch
+from data_recipes.deformers.saturation import limits
+from data_recipes.deformers.sculpting import Path, Sculptor, smoothstep
+from data_recipes.deformers.wrinkle_regions import build_regions
+from data_recipes.head import Head
+
+HANDLE_RADIUS_MM = 44.0
+HANDLE_TRAVEL_MM = (5.0, 5.0, 4.0)
+LIP_RING_REACH = 0.9  # of the mouth's rings, how many a closing seam moves
+
+
+def build_constants(head: Head, controls: tuple[Control, ...]) -> dict[str, Any]:
+    """Return the constants of every layer for a head and its controls (see `face.NODES`)."""
+    s = Sculptor(head)
+    columns, m = control_index(controls), len(controls)
+    numbers = np.array([[c.lower, c.upper, c.default] for c in controls], np.float64)
+    pose, bulge = _pose_fields(s, columns, m)
+    lid_columns = columns | {
+        name: m + i
+        for i, name in enumerate(("gaze_upper_left", "gaze_lower_left", "gaze_upper_right", "gaze_lower_right"))
+    }
+    constants: dict[str, Any] = {
+        "neutral": np.ascontiguousarray(s.x.T, np.float32),
+        "limits": limits(*numbers.T),
+        "pose": pose,
+        "slide": skull_slide.prepare(head.sdf, s.x, _slide_weight(s)),
+        "bulge": bulge,
+        "handles": _handles(s, controls, columns, m),
+        "jaw_columns": _columns(JAW_CONTROLS, columns, m),
+        "jaw": jaw.prepare(_jaw_weight(s), head.jaw_pivot),
+        "lips": _lips(s, columns, m),
+        "gaze_columns": _columns(GAZE, columns, m),
+        "flesh": flesh.prepare(s.x, head.faces, s.graph, _flesh_weight(s)),
+        "wrinkles": wrinkles.prepare(build_regions(s, columns, m), s.x, head.faces),
+        "head_columns": _columns(HEAD_CONTROLS, columns, m),
+        "shape": head_shape.prepare(
+            float(s.x[:, 1].min() + 22.0),
+            float(head.eyes["left"].centre[1]),
+            float(s.point("mouth_corner_left")[1]),
+            s.point("chin"),
+            s.point("cheek_left"),
+            float(head.jaw_pivot[2]),
+        ),
+        "teeth": teeth.prepare(s.x, list(head.grids["teeth"]), [j < 0 for j in head.teeth_jaw.tolist()], head.jaw_pivot),
+    }
+    for name, upper in (("wall_upper", True), ("wall_lower", False)):
+        constants[name] = _wall(s, upper)
+    for side in ("left", "right"):
+        eye = head.eyes[side]
+        patch = build_patch(s, side, lid_columns, m + 4)
+        constants[f"lids_{side}"] = lids.prepare(
+            s.x, patch, np.asarray(eye.frame), np.asarray(eye.centre), float(eye.radius), columns.get(f"blink_{side}", m + 4)
+        )
+    return constants
+
+
+def _columns(names: tuple[str, ...], columns: dict[str, int], m: int) -> Int[np.ndarray, " k"]:
+    return np.array([columns.get(name, m) for name in names], np.int32)
+
+
+def _pose_fields(s: Sculptor, columns: dict[str, int], m: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Sculpt every action that the rig has, both sides, with correctives; return offsets and bulges."""
+    offsets, bulges = pose_curves.PoseFields(s.n), pose_curves.PoseFields(s.n)
+    paths: dict[str, Path] = dict(face_fields.sculpt(s))
+    for name, path in brow_fields.sculpt(s).items():
+        paths[name] = path
+    for name, action in mouth_fields.ACTIONS.items():
+        if name.replace("*", "left") in columns:
+            path = mouth_fields.sculpt(s, action)
+            paths[name] = paths[name] + path if name in paths else path
+
+    def add(name: str, path: Path) -> None:
+        if name in columns:
+            offsets.add_path(columns[name], path.half, path.full)
+            bulges.add_path(columns[name], path.half_bulge[:, None] * s.normals, path.full_bulge[:, None] * s.normals)
+
+    for name, path in paths.items():
+        add(name.replace("*", "left"), path)
+        if "*" in name:
+            add(name.replace("*", "right"), path.mirrored(s.head.mirror))
+    for name in columns:
+        if name.startswith("lip_") and name[-2:] in ("_x", "_y", "_z"):
+            add(name, mouth_fields.sculpt_point(s, name))
+    add_correctives(s, columns, offsets)
+    return offsets.constants(m), bulges.constants(m)
+
+
+def _slide_weight(s: Sculptor) -> Float[np.ndarray, " n"]:
+    """Return how firmly the skin is bound to the skull: forehead and temples most, lips, lids, nose and neck not."""
+    nose = np.maximum.reduce([s.bump(name, 34.0) for name in ("nose_tip", "nose_wing_left", "nose_wing_right")])
+    weight = 0.9 * fade(s, "mouth") * fade(s, "eye") * (1 - nose)
+    chin = s.point("chin")[1]
+    weight = weight * smoothstep(s.x[:, 1], chin - 6, chin + 12)
+    return np.where(s.in_segments("face", "cranium"), weight, 0.0)
+
+
+def _flesh_weight(s: Sculptor) -> Float[np.ndarray, " n"]:
+    """Return how far delta mush evens out the skin: the soft parts, not lips, lids, nostrils or ears."""
+    nostrils = np.maximum.reduce([s.bump(f"nose_wing_{side}", 16.0) for side in ("left", "right")])
+    weight = 0.85 * fade(s, "mouth") * fade(s, "eye") * (1 - nostrils)
+    inside = s.in_segments("face", "neck", "cranium")
+    for side in ("left", "right"):
+        ears = s.head.grids[f"ear_{side}"].ravel()
+        inside[ears] = False
+        for name in ("nostril", "nostril_cap"):
+            inside[s.head.grids[f"{name}_{side}"].ravel()] = False
+    bottom = s.head.grids["body"][:2]
+    inside[bottom[bottom >= 0]] = False
+    return np.where(inside, weight, 0.0)
+
+
+def _handles(s: Sculptor, controls: tuple[Control, ...], columns: dict[str, int], m: int) -> dict[str, np.ndarray]:
+    names = handle_names(controls)
+    vertices = handle_vertices(s, names)
+    axes = np.array([[columns.get(f"handle_{name}_{axis}", m) for axis in "xyz"] for name in names], int).reshape(-1, 3)
+    mask = np.where(s.is_outer, (0.3 + 0.7 * fade(s, "mouth")) * fade(s, "eye"), 0.0)
+    bag = s.head.grids["mouth_bag"]
+    for j, share in enumerate(mouth_fields.BAG_SHARES[: len(bag)]):
+        mask[bag[j]] = 0.3 * share
+    return handles.prepare(
+        s.x, vertices, HANDLE_RADIUS_MM, mask, axes, np.tile(HANDLE_TRAVEL_MM, (len(names), 1)).reshape(-1, 3)
+    )
+
+
+def _jaw_weight(s: Sculptor) -> Float[np.ndarray, " n"]:
+    """Return each vertex's share in the jaw's motion: 1 on chin, lower gum and tongue, 0 from the cheekbones up."""
+    head = s.head
+    mouth, bag = head.grids["mouth"], head.grids["mouth_bag"]
+    k = mouth.shape[1]
+    lip_rings = head.recipe.template.lip_rings
+    column = np.arange(k)
+    from_corner = np.minimum(column % (k // 2), k // 2 - column % (k // 2))
+    t = np.clip(from_corner / (0.17 * k), 0, 1)
+    profile = 0.5 - 0.5 * head.ring_parameter["mouth_side"] * t * (2 - t)
+    fixed: dict[int, float] = {}
+    for rings in (mouth[: lip_rings + 1], bag):
+        for ring in rings:
+            fixed.update(zip(ring.tolist(), profile.tolist(), strict=True))
+    wing, chin, corner = s.point("nose_wing_left"), s.point("chin"), s.point("jaw_corner_left")
+    x, body = s.x, head.grids["body"]
+    still = s.is_outer & (x[:, 1] > wing[1] + 6 + 0.12 * np.maximum(wing[2] - x[:, 2], 0))
+    still |= s.is_outer & (x[:, 2] < corner[2] - 26)
+    still |= s.in_segments("cranium", "ear_left", "ear_right", "lids_inner")
+    neck = body[: max(head.recipe.template.neck_rows // 2, 1)]
+    still[neck[neck >= 0]] = True
+    hard = s.is_outer & (np.abs(x[:, 0]) < 26) & (x[:, 1] < s.point("lip_lower_bottom")[1] - 4) & (x[:, 1] > chin[1] - 6)
+    hard &= x[:, 2] > chin[2] - 26
+    for vertex in np.flatnonzero(hard & ~np.isin(np.arange(s.n), mouth[: lip_rings + 1])).tolist():
+        fixed[vertex] = 1.0
+    for vertex in head.curves["jawline"].tolist():
+        reach = np.clip(abs(x[vertex, 0]) / corner[0], 0, 1)
+        if x[vertex, 2] > corner[2] - 10:
+            fixed[vertex] = float(1 - 0.45 * smoothstep(np.array(reach), 0.4, 1.0))
+    for vertex in np.flatnonzero(still).tolist():
+        fixed[vertex] = 0.0
+    ids = np.array(list(fixed), int)
+    kept = np.concatenate([mouth[: lip_rings + 1].ravel(), bag.ravel()])
+    weight = jaw.jaw_weights(s.graph, ids, np.array([fixed[i] for i in ids.tolist()]), kept)
+    weight[~s.is_skin] = 0.0
+    weight[s.in_segments("gum_lower", "tongue")] = 1.0
+    return weight
+
+
+def _lips(s: Sculptor, columns: dict[str, int], m: int) -> dict[str, np.ndarray]:
+    mouth, bag = s.head.grids["mouth"], s.head.grids["mouth_bag"]
+    inner = min(len(mouth_fields.BAG_SHARES), len(bag))
+    rings = np.concatenate([mouth[:-1], bag[:inner]])
+    t = np.linspace(0, 1, len(mouth))[:-1] / LIP_RING_REACH
+    shares = np.concatenate([1 - smoothstep(t, 0.0, 1.0), np.array(mouth_fields.BAG_SHARES[:inner])])
+    names = ("lips_together", "sticky_left", "sticky_right")
+    return lips.prepare(s.x, rings, shares, {name: columns.get(name, m) for name in names})
+
+
+def _wall(s: Sculptor, upper: bool) -> dict[str, np.ndarray]:
+    head = s.head
+    rows = head.grids["teeth"][head.teeth_jaw > 0] if upper else head.grids["teeth"][head.teeth_jaw < 0]
+    mouth, bag = head.grids["mouth"], head.grids["mouth_bag"]
+    vertices = np.concatenate([mouth.ravel(), bag[: max(len(bag) * 2 // 3, 1)].ravel()])
+    points = s.x[rows.ravel()]
+    return lips.prepare_wall(s.x, vertices, points, float(points[:, 2].min()), upper, head.jaw_pivot)

@@ -1,0 +1,145 @@
+"""Actions of cheeks, nose, jaw, neck, ears and tongue (layer 1), sculpted with bumps along the skin."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from data_recipes.deformers.sculpting import Path, Sculptor, smoothstep
+
+
+def sculpt(s: Sculptor) -> dict[str, Path]:
+    """Return the actions by name; "*" stands for the left side."""
+    return cheeks(s) | nose(s) | jaw_and_neck(s) | tongue(s)
+
+
+def cheeks(s: Sculptor) -> dict[str, Path]:
+    """Return cheek raise, cheek puff, and what a smile and a dimple do to the cheek."""
+    lids, lips = fade(s, "eye"), fade(s, "mouth")
+    apple = s.bump("cheek_left", 40.0) * lids * lips
+    corner, cheek, jaw = s.point("mouth_corner_left"), s.point("cheek_left"), s.point("jaw_corner_left")
+    hollow = s.nearest(0.55 * corner + 0.25 * cheek + 0.2 * jaw + np.array([6.0, 0, 0]))
+    puff = s.bump(hollow, 46.0) * (0.35 + 0.65 * lips)
+    upper_lip = s.bump("lip_upper_top", 24.0) * smoothstep(s.x[:, 0], -8, 8)
+    dent = s.bump(s.nearest(corner + np.array([7.0, 2.0, -3.0])), 11.0)
+    return {
+        "cheek_raise_*": s.slide(apple[:, None] * (6.0 * s.up + 1.5 * s.out), 3.2 * apple),
+        "cheek_puff_*": s.straight(np.zeros_like(s.x), 10.0 * puff + 1.5 * upper_lip * lips),
+        "smile_*": s.slide(apple[:, None] * (3.0 * s.up + 1.5 * s.out), 3.4 * apple - 1.6 * dent),
+        "dimple_*": s.straight(np.zeros_like(s.x), -2.4 * dent),
+    }
+
+
+def nose(s: Sculptor) -> dict[str, Path]:
+    """Return wrinkling, flaring, and moving the nose up and down; and the wings' part of raising the upper lip."""
+    side = smoothstep(s.x[:, 0], -6, 6)
+    lids = fade(s, "eye")
+    wing = s.bump("nose_wing_left", 26.0) * side
+    bridge_point = s.nearest(0.5 * (s.point("glabella") + s.point("nose_tip")) + np.array([7.0, 3.0, 0]))
+    bridge = s.bump(bridge_point, 26.0) * side * lids
+    lips = fade(s, "mouth")
+    flank = s.bump(s.nearest(s.point("nose_wing_left") + np.array([7.0, 8, -6])), 24.0) * lids * lips
+    tip = s.bump("nose_tip", 30.0) * lips
+    up, out = s.up, s.out
+    return {
+        "nose_wrinkle_*": s.slide(
+            5.0 * (0.8 * wing * lips + 0.7 * flank)[:, None] * up + 3.2 * bridge[:, None] * up, 0.8 * flank
+        )
+        + s.slide(-3.0 * (s.bump("brow_inner_left", 26.0) * side * lids)[:, None] * up),
+        "nostril_flare_*": s.straight(np.array([3.2, 0.8, 0.2]) * (s.bump("nose_wing_left", 17.0) * side)[:, None]),
+        "nose_up_down": s.straight(np.array([0, 3.6, 0.6]) * tip[:, None]),
+        "upper_lip_raise_*": s.slide(2.6 * (0.7 * wing * lips + flank)[:, None] * up, 1.4 * flank),
+    }
+
+
+def jaw_and_neck(s: Sculptor) -> dict[str, Path]:
+    """Return chin raise, clenching, the neck's bands, swallowing, and ears."""
+    lips = fade(s, "mouth")
+    chin = s.bump("chin", 30.0) * lips
+    jaw = s.bump(s.nearest(s.point("jaw_corner_left") + np.array([2.0, 9, 4])), 30.0)
+    corner = s.point("jaw_corner_left")
+    chin_point = s.point("chin")
+    neck = s.nearest(np.array([0.45 * corner[0], chin_point[1] - 24, 0.5 * corner[2] + 12]))
+    band = s.bump(neck, 34.0)
+    jowl = s.bump(s.nearest(0.5 * (corner + chin_point) + np.array([4.0, -2, 4])), 34.0) * lips
+    throat_low = s.nearest(np.array([0, chin_point[1] - 38, 40.0]))
+    throat_high = s.nearest(np.array([0, chin_point[1] - 24, 40.0]))
+    low, high = 3.4 * s.bump(throat_low, 16.0), 4.0 * s.bump(throat_high, 18.0)
+    ear = s.in_segments("ear_left") | np.isin(np.arange(s.n), s.head.grids["ear_left"])
+    base = s.head.grids["ear_left"][-1]
+    lift = np.zeros(s.n)
+    rings = s.head.grids["ear_left"]
+    for j, ring in enumerate(rings):
+        lift[ring] = smoothstep(np.array(1 - j / (len(rings) - 1)), 0.0, 0.4)
+    inner = np.flatnonzero(ear & ~np.isin(np.arange(s.n), rings))
+    lift[inner] = 1.0
+    lift[base] = 0.0
+    still = np.zeros(s.n)
+    zero = np.zeros_like(s.x)
+    return {
+        "chin_raise": s.slide(6.0 * chin[:, None] * s.up, 1.6 * chin),
+        "jaw_clench_*": s.straight(zero, 3.6 * jaw),
+        "neck_tighten_*": s.slide(-5.0 * (0.7 * band + jowl)[:, None] * s.up + 2.0 * band[:, None] * s.out)
+        + s.straight(zero, 3.0 * s.bump(neck, 20.0) - 1.0 * jowl),
+        "throat_swallow": Path(zero, zero, low, high),
+        "ear_raise_*": Path(
+            lift[:, None] * np.array([0.6, 2.0, -0.6]), lift[:, None] * np.array([0.4, 4.0, -2.2]), still, still
+        ),
+    }
+
+
+def tongue(s: Sculptor) -> dict[str, Path]:
+    """Return the tongue's actions; it lies in the jaw and is carried by it."""
+    rows = s.head.grids["tongue"]
+    t = np.zeros(s.n)
+    for j, ring in enumerate(rows):
+        t[ring] = j / max(len(rows) - 1, 1)
+    t[s.head.grids["tongue_cap"]] = 1.0
+    mine = s.in_segments("tongue")
+    t = np.where(mine, t, 0.0)
+    middle = np.where(mine, s.x[:, 0], 0.0)
+    height = np.where(mine, s.x[:, 1] - (s.x[mine, 1].mean() if mine.any() else 0.0), 0.0)
+    scale = s.head.recipe.tongue.length / 42.0
+
+    def move(x=0.0, y=0.0, z=0.0):
+        return np.stack([x + 0 * t, y + 0 * t, z + 0 * t], axis=1) * scale
+
+    raised = move(y=11.0 * t**1.6, z=-1.5 * t**2)
+    return {
+        "tongue_raise": Path(move(y=5.0 * t**1.9, z=-0.2 * t), raised, 0 * t, 0 * t),
+        "tongue_out": Path(move(z=4.0 * t, y=0.4 * t), move(z=7.0 * t, y=0.6 * t), 0 * t, 0 * t),
+        "tongue_sideways": Path(move(x=4.0 * t**2), move(x=8.0 * t**2, z=-1.2 * t**2), 0 * t, 0 * t),
+        "tongue_curl": Path(move(y=3.5 * t**3), move(y=8.5 * t**3, z=-4.0 * t**3), 0 * t, 0 * t),
+        "tongue_wide": s.straight(move(x=0.22 * middle * t, y=-0.22 * height * t)),
+        "tongue_twist": Path(
+            move(x=-0.22 * height * t, y=0.22 * middle * t),
+            move(x=-0.42 * height * t - 0.09 * middle * t, y=0.42 * middle * t - 0.09 * height * t),
+            0 * t,
+            0 * t,
+        ),
+    }
+
+
+def tongue_reach(s: Sculptor) -> Float[np.ndarray, "n 3"]:
+    """Return what an open jaw adds to the tongue's reach: the way past the teeth."""
+    rows = s.head.grids["tongue"]
+    t = np.zeros(s.n)
+    for j, ring in enumerate(rows):
+        t[ring] = j / max(len(rows) - 1, 1)
+    t[s.head.grids["tongue_cap"]] = 1.0
+    scale = s.head.recipe.tongue.length / 42.0
+    return np.stack([0 * t, 7.0 * t - 4.0 * t**3, 26.0 * t], axis=1) * scale
+
+
+def fade(s: Sculptor, part: str) -> Float[np.ndarray, " n"]:
+    """Return 0 on the inner rings of the mouth or the eyes, rising to 1 at their outermost ring and beyond."""
+    weight = np.ones(s.n)
+    names = ("mouth",) if part == "mouth" else ("eye_left", "eye_right")
+    for name in names:
+        rings = s.head.grids[name]
+        held = s.head.recipe.template.lip_rings if part == "mouth" else len(rings) // 4
+        for j, ring in enumerate(rings[:-1]):
+            weight[ring] = smoothstep(np.array(float(j)), held - 1, len(rings))
+    for name in ("mouth_bag", "mouth_cap") if part == "mouth" else ("lid_inner_left", "lid_inner_right"):
+        weight[s.head.grids[name]] = 0
+    return weight

@@ -1,0 +1,143 @@
+"""Lids turn on the lid ball: elevation + b·w·(closed − elevation), and they collide with the eyes (layer 5).
+
+Directions from an eye's centre are taken in the eye's frame: azimuth towards the temple, elevation upwards. Each lid
+vertex belongs to a column of the rim. The rim's upper and lower edges are raised and lowered by the controls (linear),
+closed by the blink, and kept from passing each other; the vertex then follows its own edge by its ring's share w.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from data_recipes.deformers.planes import Constants, Values, place_of, spread
+from data_recipes.deformers.saturation import hinge
+
+CLOSED_SHARE = 0.22  # where closed lids meet, between the lower edge (0) and the upper one (1)
+CLEARANCE_MM = 0.3  # lids stay this far from the eyeball, unless they rest closer
+LEAN = 0.75  # how far a lid that has left its rest is drawn onto the lid ball
+FULL_TURN_RAD = 0.55  # the turn at which it is drawn that far
+
+
+@dataclass(frozen=True)
+class LidPatch:
+    """The lid vertices of one eye, (s,) each unless noted.
+
+    vertices: mesh indices; share: w, 1 at the rim … 0; upper: 1 on the upper lid, 0 on the lower, ½ at the corners;
+    edge_upper, edge_lower: resting elevation of the rim's edges in the vertex's column, radians;
+    moves_upper, moves_lower (m, s): elevation (radians) that each control gives the edges in that column;
+    lifts, swells (m, s): elevation (radians) and distance (mm) that each control gives the vertex itself.
+    """
+
+    vertices: Int[np.ndarray, " s"]
+    share: Float[np.ndarray, " s"]
+    upper: Float[np.ndarray, " s"]
+    edge_upper: Float[np.ndarray, " s"]
+    edge_lower: Float[np.ndarray, " s"]
+    moves_upper: Float[np.ndarray, "m s"]
+    moves_lower: Float[np.ndarray, "m s"]
+    lifts: Float[np.ndarray, "m s"]
+    swells: Float[np.ndarray, "m s"]
+
+
+def to_ball(
+    frame: Float[Values, "3 3"], centre: Float[Values, " 3"], x: Float[Values, "b 3 s"]
+) -> tuple[Array, Array, Array]:
+    """Return azimuth, elevation (radians) and distance (mm) from the eye's centre, each (b, s)."""
+    q = jnp.einsum("ij,bjs->bis", frame, x - centre[:, None])
+    across = jnp.sqrt(q[:, 0] ** 2 + q[:, 2] ** 2 + 1e-12)
+    return jnp.arctan2(q[:, 0], q[:, 2]), jnp.arctan2(q[:, 1], across), jnp.sqrt(across**2 + q[:, 1] ** 2)
+
+
+def from_ball(
+    frame: Float[Values, "3 3"],
+    centre: Float[Values, " 3"],
+    azimuth: Float[Values, "b s"],
+    elevation: Float[Values, "b s"],
+    distance: Float[Values, "b s"],
+) -> Float[Array, "b 3 s"]:
+    """Return the points with the given angles and distances: the inverse of `to_ball`."""
+    across = distance * jnp.cos(elevation)
+    q = jnp.stack([across * jnp.sin(azimuth), distance * jnp.sin(elevation), across * jnp.cos(azimuth)], axis=1)
+    return jnp.einsum("ij,bis->bjs", frame, q) + centre[:, None]
+
+
+def prepare(
+    neutral: Float[np.ndarray, "n 3"],
+    patch: LidPatch,
+    frame: Float[np.ndarray, "3 3"],
+    centre: Float[np.ndarray, " 3"],
+    radius_mm: float,
+    blink_column: int,
+) -> dict[str, np.ndarray]:
+    """Return one eye's constants; rows of `frame` point to the temple, up and along the gaze; radius of the eyeball."""
+    x = neutral[patch.vertices]
+    rest = jnp.asarray(x.T[None], jnp.float32)
+    _, _, distance = to_ball(jnp.asarray(frame, jnp.float32), jnp.asarray(centre, jnp.float32), rest)
+    distance = np.asarray(distance[0])
+    used = np.flatnonzero(
+        sum(np.abs(m).max(axis=1) for m in (patch.moves_upper, patch.moves_lower, patch.lifts, patch.swells)) > 0
+    )
+    arrays = {
+        "share": patch.share,
+        "upper": patch.upper,
+        "edge_upper": patch.edge_upper,
+        "edge_lower": patch.edge_lower,
+        "moves": np.stack([patch.moves_upper, patch.moves_lower, patch.lifts, patch.swells], axis=1)[used],
+        "ball": np.full(len(x), radius_mm) + np.minimum(CLEARANCE_MM, distance - radius_mm),
+        "lid_ball": distance[np.argmax(patch.share)] * np.ones(len(x)),
+        "rest_distance": distance,
+        "frame": frame,
+        "centre": centre,
+    }
+    return {name: np.asarray(value, np.float32) for name, value in arrays.items()} | {
+        "used": used.astype(np.int32),
+        "blink": np.asarray([blink_column], np.int32),
+        "support": patch.vertices.astype(np.int32),
+        "place": place_of(patch.vertices, len(neutral)),
+    }
+
+
+def closing(blink: Float[Array, "b 1"]) -> Float[Array, "b 1"]:
+    """Return how far the lids close, from the blink control: linear at first, exactly 1 from a full blink on."""
+    v = 1.14 * blink
+    return v - hinge(v - 0.9, 0.2)
+
+
+def edges(constants: Constants, u: Float[Array, "b m"]) -> tuple[Array, Array, Array, Array]:
+    """Return elevations (radians) of the upper and the lower edge in each vertex's column, then lifts and swells."""
+    used = u[:, constants["used"]]
+    moves = jnp.einsum("bk,kqs->qbs", used, constants["moves"])
+    rest_upper, rest_lower = constants["edge_upper"], constants["edge_lower"]
+    closed = rest_lower + CLOSED_SHARE * (rest_upper - rest_lower)
+    padded = jnp.concatenate([u, jnp.zeros_like(u[:, :1])], axis=1)
+    b = closing(padded[:, constants["blink"]])
+    upper = rest_upper + moves[0]
+    lower = rest_lower + moves[1]
+    upper = upper + b * (closed - upper)
+    lower = lower + b * (closed - lower)
+    # Where they would cross they meet half-way; at rest, and wherever they are apart, this is exactly 0.
+    overlap = 0.5 * hinge(lower - upper, 0.02)
+    return upper + overlap, lower - overlap, moves[2], moves[3]
+
+
+def close_lids(constants: Constants, x: Float[Array, "b 3 n"], u: Float[Array, "b m"]) -> Float[Array, "b 3 n"]:
+    """Return positions with one eye's lids turned, drawn onto the lid ball, and pushed out of the eyeball."""
+    held = x[:, :, constants["support"]]
+    frame, centre = constants["frame"], constants["centre"]
+    azimuth, elevation, distance = to_ball(frame, centre, held)
+    edge_upper, edge_lower, lift, swell = edges(constants, u)
+    side = constants["upper"]
+    turn = side * (edge_upper - constants["edge_upper"]) + (1 - side) * (edge_lower - constants["edge_lower"])
+    turn = turn * constants["share"]
+    # A vertex drawn down over the ball lies on it as the rim does; rim vertices stay where their thickness puts them.
+    drawn = LEAN * jnp.minimum(turn * turn / FULL_TURN_RAD**2, 1.0)
+    outside = jnp.maximum(constants["rest_distance"] - constants["lid_ball"], 0.0)
+    distance = distance - drawn * outside + swell
+    ball = constants["ball"]
+    distance = distance + hinge(ball - distance, 0.1)
+    moved = from_ball(frame, centre, azimuth, elevation + turn + lift, distance)
+    return x + spread(moved - held, constants["place"])

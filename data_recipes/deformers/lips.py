@@ -1,0 +1,148 @@
+"""Lips: sticky corners, contact, and rolling over the teeth (layer 6).
+
+The mouth's rings share columns: column i of the upper lip faces column k − i of the lower. What closes, parts or pushes
+a column moves its rings by shares that fall off away from the seam.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from data_recipes.deformers.jaw import JawMotion, turn_with_jaw, undo_jaw
+from data_recipes.deformers.planes import Constants, place_of, spread
+from data_recipes.deformers.saturation import hinge
+
+STICK_MM = 2.2  # gap at which resting corners let go
+STICK_REACH_MM = 16.0  # and at which a full sticky control does
+UPPER_SHARE = 0.35  # of a closing gap that the upper lip bridges; the lower lip does the rest
+WALL_DEGREE = 6
+LIP_CLEARANCE_MM = 1.0
+
+
+def prepare(
+    neutral: Float[np.ndarray, "n 3"],
+    rings: Int[np.ndarray, "r k"],
+    shares: Float[np.ndarray, " r"],
+    columns: dict[str, int],
+) -> dict[str, np.ndarray]:
+    """Return the constants of the seam's closing.
+
+    rings: vertex indices, ring 0 the seam, first column the left corner, then over the upper lip; shares: of each ring
+    in the seam's motion; columns: the controls "lips_together", "sticky_left", "sticky_right" (m where missing).
+    """
+    k = rings.shape[1]
+    half = k // 2
+    upper = np.arange(1, half)
+    # Columns are smoothed lightly, so that a contact in one column doesn't crease the lip.
+    blur = np.zeros((k, k))
+    for i in range(k):
+        blur[i, [i, (i - 1) % k, (i + 1) % k]] = 0.6, 0.2, 0.2
+    corner = np.zeros((half - 1, k))
+    corner[np.arange(half - 1), upper] = 1
+    mirrored = np.zeros((half - 1, k))
+    mirrored[np.arange(half - 1), k - upper] = 1
+    x = neutral[rings[0, upper], 0]
+    left = np.clip(0.5 + x / (2 * max(np.abs(x).max(), 1e-6)), 0, 1)
+    support = rings.ravel()
+    return {
+        "upper": rings[0, upper].astype(np.int32),
+        "lower": rings[0, k - upper].astype(np.int32),
+        "rest_gap": (neutral[rings[0, upper]] - neutral[rings[0, k - upper]]).T.astype(np.float32),
+        "to_upper": (corner @ blur.T).astype(np.float32),
+        "to_lower": (mirrored @ blur.T).astype(np.float32),
+        "left": left.astype(np.float32),
+        "shares": shares.astype(np.float32),
+        "columns": np.asarray(
+            [columns["lips_together"], columns["sticky_left"], columns["sticky_right"]], np.int32
+        ),
+        "place": place_of(support, len(neutral)),
+    }
+
+
+def close_lips(constants: Constants, x: Float[Array, "b 3 n"], u: Float[Array, "b m"]) -> Float[Array, "b 3 n"]:
+    """Return positions with corners stuck together, lips pressed shut by their control, and no lip inside the other."""
+    padded = jnp.concatenate([u, jnp.zeros_like(u[:, :1])], axis=1)
+    together, sticky_left, sticky_right = (padded[:, c, None] for c in constants["columns"])
+    gap = x[:, :, constants["upper"]] - x[:, :, constants["lower"]] - constants["rest_gap"][None]
+    size = jnp.sqrt((gap * gap).sum(axis=1) + 1e-8)
+    left = constants["left"]
+    sticky = jnp.maximum(sticky_left * left + sticky_right * (1 - left), 0.0)
+    reach = STICK_MM + STICK_REACH_MM * sticky
+    stuck = jnp.exp(-((size / reach) ** 2))
+    pull = stuck + (1 - stuck) * jnp.clip(together, 0.0, 1.0)
+    # Closed lips may press but not pass: what overlaps along y is parted in full, whatever the pull.
+    overlap = hinge(-(gap[:, 1] * (1 - pull)), 0.05)
+    part = jnp.stack([jnp.zeros_like(overlap), overlap, jnp.zeros_like(overlap)], axis=1)
+    down = pull[:, None] * gap
+    to_upper = -UPPER_SHARE * down + 0.5 * part
+    to_lower = (1 - UPPER_SHARE) * down - 0.5 * part
+    seam = to_upper @ constants["to_upper"] + to_lower @ constants["to_lower"]  # (b, 3, k)
+    rings = seam[:, :, None] * constants["shares"][:, None]
+    return x + spread(rings.reshape(len(x), 3, -1), constants["place"])
+
+
+def fit_wall(teeth: Float[np.ndarray, "t 3"], axis_z: float) -> Float[np.ndarray, " d"]:
+    """Return the outer wall of a row of teeth: radius about the axis (0, y, axis_z) as a polynomial in cos θ.
+
+    θ is the angle from straight ahead. The wall is the smallest such polynomial's fit to the outermost points.
+    """
+    radius = np.hypot(teeth[:, 0], teeth[:, 2] - axis_z)
+    angle = np.arctan2(np.abs(teeth[:, 0]), teeth[:, 2] - axis_z)
+    bins = np.linspace(0, angle.max(), 25)
+    which = np.clip(np.digitize(angle, bins) - 1, 0, 23)
+    outer = np.array([np.where(which == b, radius, -np.inf).argmax() for b in range(24) if (which == b).any()])
+    cosine = np.cos(angle[outer])
+    return np.polynomial.polynomial.polyfit(cosine, radius[outer], min(WALL_DEGREE, max(len(outer) - 2, 1)))
+
+
+def prepare_wall(
+    neutral: Float[np.ndarray, "n 3"],
+    vertices: Int[np.ndarray, " s"],
+    teeth: Float[np.ndarray, "t 3"],
+    axis_z: float,
+    upper: bool,
+    pivot: Float[np.ndarray, " 3"],
+) -> dict[str, np.ndarray]:
+    """Return the constants of one row of teeth as an obstacle to the lip and cheek `vertices`."""
+    wall = fit_wall(teeth, axis_z)
+    x = neutral[vertices]
+    radius = np.hypot(x[:, 0], x[:, 2] - axis_z)
+    free = radius - np.polynomial.polynomial.polyval((x[:, 2] - axis_z) / np.maximum(radius, 1e-6), wall)
+    near = free > -1.5
+    vertices, free = vertices[near], free[near]
+    widest = np.abs(teeth[:, 0]).max()
+    return {
+        "support": vertices.astype(np.int32),
+        "place": place_of(vertices, len(neutral)),
+        "wall": np.pad(wall, (0, WALL_DEGREE + 1 - len(wall))).astype(np.float32),
+        "clearance": np.minimum(LIP_CLEARANCE_MM, free).astype(np.float32),
+        "axis_z": np.asarray(axis_z, np.float32),
+        # Beyond the last tooth, and above the gum or below the floor of the mouth, there is nothing to roll over.
+        "edge_y": np.asarray(teeth[:, 1].min() if upper else teeth[:, 1].max(), np.float32),
+        "side": np.asarray(1.0 if upper else -1.0, np.float32),
+        "cos_end": np.asarray(np.cos(np.arctan2(widest, teeth[np.abs(teeth[:, 0]).argmax(), 2] - axis_z)), np.float32),
+        "pivot": np.asarray(pivot, np.float32),
+    }
+
+
+def roll_over_teeth(constants: Constants, x: Float[Array, "b 3 n"], motion: JawMotion) -> Float[Array, "b 3 n"]:
+    """Return positions pushed out of a row of teeth; the lower row rides on the jaw."""
+    held = x[:, :, constants["support"]]
+    lower = constants["side"] < 0
+    still = JawMotion(jnp.where(lower, motion.rotation, 0.0), jnp.where(lower, motion.translation, 0.0))
+    q = undo_jaw(constants["pivot"], held, still)
+    z = q[:, 2] - constants["axis_z"]
+    radius = jnp.sqrt(q[:, 0] ** 2 + z**2 + 1e-6)
+    cosine = z / radius
+    wall = constants["wall"][-1] * jnp.ones_like(cosine)
+    for coefficient in constants["wall"][-2::-1]:
+        wall = wall * cosine + coefficient
+    depth = wall + constants["clearance"] - radius
+    # Full beside the teeth, none 3 mm past their edge or end.
+    past_edge = jnp.clip((constants["side"] * (q[:, 1] - constants["edge_y"]) + 3.0) / 3.0, 0.0, 1.0)
+    past_end = jnp.clip((cosine - constants["cos_end"]) / 0.12, 0.0, 1.0)
+    push = hinge(depth, 0.3) * past_edge * past_end
+    out = jnp.stack([q[:, 0] / radius, jnp.zeros_like(z), cosine], axis=1) * push[:, None]
+    return x + spread(turn_with_jaw(out, still), constants["place"])

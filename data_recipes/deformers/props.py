@@ -1,0 +1,87 @@
+"""Display-only meshes that ride along: eyeballs turn with the gaze, brows, lashes and hair sit on the skin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import cKDTree
+
+from data_recipes.deformers import face, head_shape
+from data_recipes.deformers.saturation import saturate
+
+NEAREST = 4
+GAZE_RAD = (np.deg2rad(26.0), np.deg2rad(20.0))  # a full look aside, up
+
+
+@dataclass(frozen=True)
+class RestProp:
+    """A prop at rest, with what it follows: "eye_left", "eye_right", or "skin" by its `index` and `weight`, (k, 4)."""
+
+    name: str
+    follow: str
+    colour: tuple[float, float, float]
+    vertices: Float[np.ndarray, "k 3"]
+    faces: Int[np.ndarray, "f 3"]
+    index: Int[np.ndarray, "k 4"]
+    weight: Float[np.ndarray, "k 4"]
+
+
+def rest_props(head: Any) -> tuple[RestProp, ...]:
+    """Return a head's props, each skin prop tied to the outer skin vertices nearest to it."""
+    outer = np.flatnonzero(np.isin(head.segment, [i for i, n in enumerate(head.segment_names) if n in ("face", "cranium", "neck")]))
+    tree = cKDTree(head.vertices[outer])
+    rest = []
+    for prop in head.props:
+        vertices = np.asarray(prop.vertices, np.float32)
+        distance, index = tree.query(vertices, k=NEAREST)
+        weight = 1 / (distance + 0.5) ** 2
+        rest.append(
+            RestProp(
+                name=prop.name,
+                follow=prop.follow,
+                colour=tuple(float(c) for c in prop.colour),
+                vertices=vertices,
+                faces=np.asarray(prop.faces, np.int32),
+                index=outer[index].astype(np.int32),
+                weight=(weight / weight.sum(axis=1, keepdims=True)).astype(np.float32),
+            )
+        )
+    return tuple(rest)
+
+
+def pose(
+    props: tuple[RestProp, ...],
+    constants: Any,
+    columns: dict[str, int],
+    params: Float[np.ndarray, "1 m"],
+    vertices: Float[np.ndarray, "n 3"],
+    neutral: Float[np.ndarray, "n 3"],
+) -> list[tuple[str, np.ndarray, np.ndarray, tuple[float, float, float]]]:
+    """Return name, vertices (k, 3), faces and colour of each prop where the posed skin `vertices` take it."""
+    u = np.asarray(saturate(constants["limits"], jnp.asarray(params)))
+    values = face.shape_values(constants, jnp.asarray(u))
+    posed = []
+    for prop in props:
+        x = prop.vertices
+        if prop.follow.startswith("eye"):
+            side = prop.follow.removeprefix("eye_")
+            aside, up = (u[0, columns[name]] if name in columns else 0.0 for name in (f"look_x_{side}", f"look_y_{side}"))
+            centre = np.asarray(constants[f"lids_{side}"]["centre"])
+            x = (x - centre) @ _gaze(aside * GAZE_RAD[0], up * GAZE_RAD[1]) + centre
+            x = np.asarray(head_shape.warp(constants["shape"], values, jnp.asarray(x.T[None], jnp.float32)))[0].T
+        else:
+            x = x + ((vertices - neutral)[prop.index] * prop.weight[..., None]).sum(axis=1)
+        posed.append((prop.name, x.astype(np.float32), prop.faces, prop.colour))
+    return posed
+
+
+def _gaze(aside: float, up: float) -> np.ndarray:
+    """Return the matrix for row vectors that turns z up and then towards +x."""
+    c, s = np.cos(up), np.sin(up)
+    pitch = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    c, s = np.cos(aside), np.sin(aside)
+    return pitch @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])

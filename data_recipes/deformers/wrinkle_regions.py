@@ -1,0 +1,199 @@
+"""Where a face wrinkles, and how: forehead, glabella, nose bridge, crow's feet, nasolabial folds, chin, under the eyes.
+
+Each region has a fibre direction (compression along it raises the folds), a wavelength λ and a pattern p. Patterns are
+round ridges with sharp valleys, (|cos πφ|^0.8 − 0.66)/0.5 with φ in wavelengths, faded out at the region's border.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from data_recipes.deformers.sculpting import Sculptor, smoothstep
+from data_recipes.deformers.surface_operators import smooth_values, submesh
+from data_recipes.deformers.wrinkles import SMALLEST_THRESHOLD, Region
+
+ROWS_PER_FOLD = 3  # on the forehead valleys land on edge loops
+
+
+def ridges(phase: Float[np.ndarray, "*s"]) -> Float[np.ndarray, "*s"]:
+    """Return round ridges at whole phases and sharp valleys half-way between them."""
+    return (np.abs(np.cos(np.pi * phase)) ** 0.8 - 0.66) / 0.5
+
+
+def build_regions(s: Sculptor, columns: dict[str, int], m: int) -> list[Region]:
+    """Return the face's wrinkle regions; a gain control that the rig lacks stays at its natural value (column m)."""
+    regions = [_forehead(s), _glabella(s), _chin(s)]
+    for side in ("left", "right"):
+        regions += [_bridge(s, side), _crow(s, side), _nasolabial(s, side), _under_eye(s, side)]
+    built = []
+    for name, vertices, fibre, wavelength, pattern, controls in regions:
+        local, _ = submesh(s.head.faces, vertices, s.n)
+        used = np.unique(local)
+        if len(used) < 6:
+            continue  # the tiny template has no room for this region
+        names = list(controls)
+        total = sum(controls.values())
+        built.append(
+            Region(
+                name=name,
+                vertices=vertices[used].astype(np.int32),
+                fibre=s.tangent(fibre)[vertices[used]],
+                wavelength_mm=wavelength,
+                pattern=pattern[used],
+                threshold=SMALLEST_THRESHOLD,
+                gain_columns=np.array([columns.get(control, m) for control in names], np.int32),
+                gain_weights=np.stack([controls[c][used] / total[used] for c in names]).astype(np.float32),
+            )
+        )
+    return built
+
+
+Parts = tuple[str, np.ndarray, np.ndarray, float, np.ndarray, dict[str, np.ndarray]]
+
+
+def _inside(s: Sculptor, mask: np.ndarray) -> np.ndarray:
+    return np.flatnonzero(mask & s.is_outer & s.in_segments("face", "cranium"))
+
+
+def _sides(x: np.ndarray, softness: float = 10.0) -> tuple[np.ndarray, np.ndarray]:
+    left = 1 / (1 + np.exp(-x / softness * 2))
+    return left, 1 - left
+
+
+def _forehead(s: Sculptor) -> Parts:
+    """Ridges along the rows from the brows to the hair line."""
+    head, t = s.head, s.head.recipe.template
+    body = head.grids["body"]
+    first, last = t.eye_rows[1], t.hair_row
+    reach = t.eye_columns[1] + 2
+    wanted = list(range(-reach, reach + 1))
+    grid = body[first : last + 1][:, wanted]
+    row, column = np.indices(grid.shape)
+    keep = grid >= 0
+    vertices = grid[keep]
+    r, c = row[keep], np.abs(column[keep] - reach)
+    rows = last - first
+    # Slightly arched folds: towards the temples they dip by half a row.
+    phase = r / ROWS_PER_FOLD + 0.5
+    window = smoothstep(r, 0.06 * rows, 0.2 * rows) * smoothstep(r, 0.97 * rows, 0.78 * rows)
+    window = window * smoothstep(c, reach, 0.62 * reach)
+    spacing = np.linalg.norm(np.diff(s.x[body[first : last + 1, 0]], axis=0), axis=1).mean()
+    x = s.x[vertices, 0]
+    middle = np.exp(-((x / 16.0) ** 2))
+    left, right = _sides(x)
+    gain = {
+        "wrinkle_forehead_left": left * (1 - middle),
+        "wrinkle_forehead_right": right * (1 - middle),
+        "wrinkle_forehead_middle": middle,
+    }
+    return "forehead", vertices, s.up, ROWS_PER_FOLD * spacing, window * ridges(phase), gain
+
+
+def _glabella(s: Sculptor) -> Parts:
+    """Two upright grooves between the brows."""
+    y0, top = s.point("glabella")[1], s.point("brow_inner_left")[1]
+    inner = s.point("brow_inner_left")[0]
+    x, y = s.x[:, 0], s.x[:, 1]
+    vertices = _inside(s, (np.abs(x) < 1.35 * inner) & (y > y0 - 16) & (y < top + 16) & (s.x[:, 2] > 0))
+    x, y = x[vertices], y[vertices]
+    groove = 0.34 * inner
+    p = 0.5 - 2.0 * np.exp(-(((np.abs(x) - groove) / (0.36 * groove)) ** 2))
+    window = smoothstep(np.abs(x), 1.3 * inner, 0.7 * inner) * smoothstep(y, y0 - 14, y0 - 2) * smoothstep(y, top + 14, top)
+    return "glabella", vertices, s.out, 9.0, window * p, {"wrinkle_glabella": np.ones(len(vertices))}
+
+
+def _bridge(s: Sculptor, side: str) -> Parts:
+    """Oblique folds on one flank of the nose's bridge."""
+    sign = 1.0 if side == "left" else -1.0
+    y1, y0 = s.point("glabella")[1] - 10, s.point("nose_wing_left")[1] + 12
+    x, y = sign * s.x[:, 0], s.x[:, 1]
+    wide = s.point("eye_inner_left")[0]
+    vertices = _inside(s, (x > -0.5) & (x < 1.05 * wide) & (y > y0 - 4) & (y < y1 + 4) & (s.x[:, 2] > 0.6 * s.point("glabella")[2]))
+    x, y = x[vertices], y[vertices]
+    wavelength = 5.4
+    phase = (y - y0 + 0.55 * x) / (wavelength * np.hypot(1, 0.55))
+    window = smoothstep(y, y0 - 3, y0 + 5) * smoothstep(y, y1 + 3, y1 - 5) * smoothstep(x, 1.0 * wide, 0.55 * wide)
+    window = window * smoothstep(x, 0.0, 2.5)
+    fibre = s.up + 0.55 * sign * s.out
+    return f"nose_{side}", vertices, fibre, wavelength, window * ridges(phase), {f"wrinkle_nose_{side}": np.ones(len(vertices))}
+
+
+def _crow(s: Sculptor, side: str) -> Parts:
+    """A fan of folds, 19° apart, from the outer corner of the eye."""
+    sign = 1.0 if side == "left" else -1.0
+    corner = s.point(f"eye_outer_{side}")
+    away = s.x - corner
+    # In the tangent plane at the corner: a outwards along the skin, b up.
+    out = np.array([0.55 * sign, 0, -0.83])
+    a, b = away @ out, away[:, 1]
+    distance = np.linalg.norm(away, axis=1)
+    vertices = _inside(s, (distance < 36) & (a > 2))
+    a, b, distance = a[vertices], b[vertices], distance[vertices]
+    angle = np.degrees(np.arctan2(b, a + 3.0))
+    window = smoothstep(distance, 6, 12) * smoothstep(distance, 34, 20) * smoothstep(np.abs(angle + 4), 62, 38)
+    wavelength = 6.0
+    radial = (a + 3.0)[:, None] * out + b[:, None] * np.array([0, 1.0, 0])
+    fibre = np.zeros_like(s.x)
+    fibre[vertices] = np.cross(s.normals[vertices], radial)
+    return f"crow_{side}", vertices, fibre, wavelength, window * ridges(angle / 19 + 0.5), {
+        f"wrinkle_crow_{side}": np.ones(len(vertices))
+    }
+
+
+def _nasolabial(s: Sculptor, side: str) -> Parts:
+    """One fold from the nose's wing to beside the mouth's corner: a crease with the cheek's roll beyond it."""
+    sign = 1.0 if side == "left" else -1.0
+    wing, corner = s.point(f"nose_wing_{side}"), s.point(f"mouth_corner_{side}")
+    start = wing + np.array([2.5 * sign, 4.0, -6.0])
+    end = corner + np.array([11.0 * sign, -4.0, -6.0])
+    middle = 0.5 * (start + end) + np.array([4.0 * sign, 2.0, 0.0])
+    t = np.linspace(0, 1, 60)[:, None]
+    curve = (1 - t) ** 2 * start + 2 * t * (1 - t) * (2 * middle - 0.5 * (start + end)) + t**2 * end
+    along = np.linalg.norm(s.x[:, None, :2] - curve[None, :, :2], axis=2)
+    place = along.argmin(axis=1)
+    direction = np.gradient(curve, axis=0)[place]
+    across = np.cross(direction, s.normals) * sign
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    outward = np.sign(sign * across[:, 0])[:, None]
+    across = across * np.where(outward == 0, 1, outward)
+    signed = ((s.x - curve[place]) * across).sum(axis=1)
+    mouth = s.head.grids["mouth"][: s.head.recipe.template.lip_rings + 1]
+    off_lips = ~np.isin(np.arange(s.n), mouth)
+    near = (along.min(axis=1) < 17) & (sign * s.x[:, 0] > 8) & (s.x[:, 2] > 20) & off_lips
+    vertices = _inside(s, near)
+    d, place = signed[vertices], place[vertices] / 59
+    p = -1.5 * np.exp(-((d / 2.6) ** 2)) + 1.05 * np.exp(-(((d - 6.0) / 4.2) ** 2))
+    window = smoothstep(place, 0.0, 0.12) * smoothstep(place, 1.0, 0.8) * smoothstep(np.abs(d), 16, 11)
+    return f"nasolabial_{side}", vertices, across, 11.0, window * p, {f"wrinkle_nasolabial_{side}": np.ones(len(vertices))}
+
+
+def _chin(s: Sculptor) -> Parts:
+    """Dimples: a product of sines."""
+    chin = s.point("chin")
+    away = s.x - chin
+    vertices = _inside(s, (np.linalg.norm(away, axis=1) < 25) & (s.x[:, 2] > 20) & (s.x[:, 1] < s.point("lip_lower_bottom")[1] - 2))
+    x, y = away[vertices, 0], away[vertices, 1]
+    wavelength = 7.5
+    p = 1.4 * np.sin(2 * np.pi * (x + 0.35 * y) / 8.6 + 0.7) * np.sin(2 * np.pi * (y - 0.3 * x) / 8.0)
+    window = smoothstep(np.hypot(x, y - 4), 22, 12)
+    left, right = _sides(x, 5.0)
+    return "chin", vertices, s.up, wavelength, window * p, {"wrinkle_chin_left": left, "wrinkle_chin_right": right}
+
+
+def _under_eye(s: Sculptor, side: str) -> Parts:
+    """Two folds along the lower lid."""
+    rings = s.head.grids[f"eye_{side}"]
+    lid, u = s.head.ring_parameter["eye_side"], s.head.ring_parameter["eye_u"]
+    grid = rings[1:][:, lid < 0]
+    ring = np.broadcast_to(np.arange(1, len(rings))[:, None], grid.shape).ravel()
+    place = np.broadcast_to(u[lid < 0], grid.shape).ravel()
+    vertices = grid.ravel()
+    count = len(rings) - 1
+    wavelength = 4.6
+    window = smoothstep(ring, 0.15 * count, 0.35 * count) * smoothstep(ring, 1.0 * count, 0.75 * count)
+    window = window * smoothstep(np.abs(place), 0.95, 0.55)
+    fibre = smooth_values(s.up, s.graph, 2)
+    return f"under_eye_{side}", vertices, fibre, wavelength, window * ridges(ring / 4.0 + 0.5), {
+        f"wrinkle_under_eye_{side}": np.ones(len(vertices))
+    }

@@ -1,0 +1,232 @@
+"""The Rig contract: what a character is to the rest of the suite. The only module here that `replicate/` imports.
+
+A rig is a mesh, named controls, and a function r(p) from a batch of parameters (b, m) to vertices (b, n, 3) in mm.
+Ours are JAX inside and come from a recipe: `build_rig("teen")`. Anyone else's needs the same fields and any function;
+it need not be differentiable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32
+
+from data_recipes.controls import Control
+from data_recipes.sampling import (
+    augment,
+    balance_bins,
+    bin_index,
+    draw_from_index,
+    sample_uniform,
+    split_clips,
+    split_frames,
+)
+from replicate.errors import InputError
+from replicate.mesh import Mesh
+
+__all__ = [
+    "Clip",
+    "Control",
+    "Rig",
+    "augment",
+    "balance_bins",
+    "bin_index",
+    "build_rig",
+    "check_rig",
+    "draw_from_index",
+    "rig_names",
+    "sample_uniform",
+    "save_rig",
+    "split_clips",
+    "split_frames",
+]
+
+BATCH = 32  # poses evaluated at once; larger calls go through in parts, so that a function compiles for few sizes
+Prop = tuple[str, np.ndarray, np.ndarray, tuple[float, float, float]]  # name, vertices (k, 3), faces (f, 3), rgb
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A piece of animation: parameters (t, m), 24 frames a second."""
+
+    name: str
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A character.
+
+    mesh: the neutral with its segments and charts; controls: m of them, in the order of p;
+    landmarks: (l,) 20–30 vertices, named by `landmark_names` where known;
+    control_points: (c,) vertices that inverse kinematics drags, with their regions;
+    clips: its animation, or None (poses are then drawn uniformly);
+    function: (b, m) → (b, n, 3) mm. For parameters in float32 it may be JAX or plain numpy;
+    face: our own rigs' constants (see deformers/face.py), from which nodes, props and files are made; None for others.
+
+    Raises InputError for indices out of range, controls or clips that don't fit.
+    """
+
+    name: str
+    mesh: Mesh
+    controls: tuple[Control, ...]
+    landmarks: np.ndarray
+    control_points: np.ndarray
+    control_point_regions: tuple[str, ...]
+    clips: tuple[Clip, ...] | None
+    function: Callable[[Any], Any]
+    landmark_names: tuple[str, ...] = ()
+    face: Any = None
+
+    def __post_init__(self) -> None:
+        for field in ("landmarks", "control_points"):
+            object.__setattr__(self, field, np.asarray(getattr(self, field), np.int32))
+        _check(self)
+
+    def __call__(self, params) -> np.ndarray:
+        """Return the vertices (n, 3) or (b, n, 3), float32 mm, of one pose (m,) or a batch (b, m)."""
+        p = np.asarray(params, np.float32)
+        if p.ndim not in (1, 2) or p.shape[-1] != len(self.controls):
+            allowed = f"({len(self.controls)},) or (b, {len(self.controls)})"
+            raise InputError(f"rig '{self.name}': parameters have the shape {p.shape}, where {allowed} is allowed.")
+        if p.ndim == 1 or len(p) == 1:
+            vertices = np.asarray(self.function(p.reshape(1, -1)), np.float32)
+            return vertices[0] if p.ndim == 1 else vertices
+        out = np.empty((len(p), *self.mesh.neutral.shape), np.float32)
+        for first in range(0, len(p), BATCH):
+            part = p[first : first + BATCH]
+            padded = np.concatenate([part, np.repeat(part[-1:], BATCH - len(part), axis=0)])
+            out[first : first + BATCH] = np.asarray(self.function(padded), np.float32)[: len(part)]
+        return out
+
+    @property
+    def lower(self) -> Float32[np.ndarray, " m"]:
+        """The controls' lower limits."""
+        return np.array([c.lower for c in self.controls], np.float32)
+
+    @property
+    def default(self) -> Float32[np.ndarray, " m"]:
+        """The controls' defaults: the neutral pose."""
+        return np.array([c.default for c in self.controls], np.float32)
+
+    @property
+    def upper(self) -> Float32[np.ndarray, " m"]:
+        """The controls' upper limits."""
+        return np.array([c.upper for c in self.controls], np.float32)
+
+    @cached_property
+    def _tangents(self) -> Callable:
+        import jax
+
+        def push(p, tangents):
+            pose = lambda q: self.function(q[None])[0]  # noqa: E731
+            return jax.vmap(lambda t: jax.jvp(pose, (p,), (t,))[1])(tangents)
+
+        return jax.jit(push)
+
+    def jacobian(self, params) -> Float32[np.ndarray, "n 3 m"]:
+        """Return ∂V/∂p (n, 3, m) in mm per unit of each control, exact, by forward differentiation.
+
+        Needs a function that JAX can trace; our own rigs' can.
+        """
+        p = np.asarray(params, np.float32)
+        m = len(self.controls)
+        seeds = np.zeros((-(-m // BATCH) * BATCH, m), np.float32)
+        seeds[:m] = np.eye(m, dtype=np.float32)
+        parts = [np.asarray(self._tangents(p, seeds[i : i + BATCH])) for i in range(0, len(seeds), BATCH)]
+        return np.moveaxis(np.concatenate(parts)[:m], 0, 2)
+
+    @property
+    def nodes(self) -> tuple:
+        """The deformers in order, each with a name and a `function(constants, state) → state`; empty for foreign rigs."""
+        from data_recipes.deformers.face import NODES
+
+        return NODES if self.face is not None else ()
+
+    def run_nodes(self, params) -> np.ndarray:
+        """Return the vertices (b, n, 3) of (b, m) by running each node for itself, as a production engine does."""
+        from data_recipes.face_rig import run_nodes
+
+        return run_nodes(self, params)
+
+    def pose_props(self, params) -> list[Prop]:
+        """Return the display-only meshes (eyeballs, brows, …) in the pose (m,); none for foreign rigs."""
+        if self.face is None:
+            return []
+        from data_recipes.face_rig import pose_props
+
+        return pose_props(self, params)
+
+
+def _check(rig: Rig) -> None:
+    where, n, m = f"rig '{rig.name}'", len(rig.mesh.neutral), len(rig.controls)
+    if m == 0:
+        raise InputError(f"{where}: it has no controls, where at least one is needed.")
+    names = [c.name for c in rig.controls]
+    if len(set(names)) < m:
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"{where}: the control '{twice}' is there twice, where each name is allowed once.")
+    for field in ("landmarks", "control_points"):
+        index = getattr(rig, field)
+        bad = np.flatnonzero((index < 0) | (index >= n))
+        if index.ndim != 1 or len(bad):
+            found = f"[{bad[0]}] is {index[bad[0]]}" if index.ndim == 1 else f" has the shape {index.shape}"
+            raise InputError(f"{where}: {field}{found}, where a list of vertices from 0 to {n - 1} is allowed.")
+    if len(rig.control_point_regions) != len(rig.control_points):
+        found = f"{len(rig.control_point_regions)} control_point_regions"
+        raise InputError(f"{where}: found {found}, where one for each of the {len(rig.control_points)} control points is allowed.")
+    for clip in rig.clips or ():
+        if clip.values.ndim != 2 or clip.values.shape[1] != m or not np.isfinite(clip.values).all():
+            shape = clip.values.shape
+            raise InputError(f"{where}: clip '{clip.name}' has the shape {shape} or NaN, where finite (frames, {m}) is allowed.")
+
+
+def check_rig(rig: Rig, tolerance_mm: float = 1e-3) -> Rig:
+    """Return the rig, if its function gives finite vertices of the right shape, and the neutral at the default pose.
+
+    Raises InputError, naming the first vertex that is off.
+    """
+    n = len(rig.mesh.neutral)
+    found = np.asarray(rig.function(rig.default[None]), np.float32)
+    if found.shape != (1, n, 3):
+        raise InputError(f"rig '{rig.name}': its function gives the shape {found.shape} for one pose, where (1, {n}, 3) is allowed.")
+    off = np.abs(found[0] - rig.mesh.neutral).max(axis=1)
+    bad = np.flatnonzero(~(off <= tolerance_mm))  # NaN counts as off
+    if len(bad):
+        raise InputError(
+            f"rig '{rig.name}': at the default pose vertex {bad[0]} lies {off[bad[0]]:.4g} mm from the neutral, "
+            f"where {tolerance_mm:g} mm is allowed."
+        )
+    return rig
+
+
+def rig_names() -> tuple[str, ...]:
+    """Return the names of the characters that come with the suite."""
+    from data_recipes.recipe import recipe_names
+
+    return recipe_names()
+
+
+def build_rig(name_or_recipe: str | Path, folder: Path | None = None) -> Rig:
+    """Return a character: from `folder` if a rig was saved there, else built from its recipe (some 20 s).
+
+    name_or_recipe: one of `rig_names()`, or the path of a recipe in TOML. Raises InputError for bad recipes and
+    damaged folders.
+    """
+    from data_recipes import face_rig, rig_file
+
+    if folder is not None and (Path(folder) / rig_file.DESCRIPTION).exists():
+        return rig_file.load_rig(Path(folder))
+    return face_rig.build(name_or_recipe)
+
+
+def save_rig(rig: Rig, folder: Path) -> None:
+    """Write one of our rigs into a folder (npz and JSON), to be loaded without building it again."""
+    from data_recipes import rig_file
+
+    rig_file.save_rig(rig, Path(folder))

@@ -1,0 +1,110 @@
+"""Rigs on disk: one npz of arrays and one JSON description, no pickle. A saved rig needs no geometry to be built."""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from data_recipes.controls import Control
+from data_recipes.deformers.props import RestProp
+from data_recipes.face_rig import FaceParts, face_function
+from data_recipes.rig import Clip, Rig
+from replicate.errors import InputError
+from replicate.mesh import Mesh
+
+DESCRIPTION, ARRAYS = "rig.json", "rig.npz"
+FORMAT = 1
+MESH = ("neutral", "faces", "uv", "segment")
+PROP = ("vertices", "faces", "index", "weight")
+
+
+def _flatten(tree: Any, path: str) -> dict[str, np.ndarray]:
+    if isinstance(tree, dict):
+        return {k: v for name, part in tree.items() for k, v in _flatten(part, f"{path}/{name}").items()}
+    return {path: np.asarray(tree)}
+
+
+def _unflatten(arrays: dict[str, np.ndarray], path: str) -> dict[str, Any]:
+    tree: dict[str, Any] = {}
+    for key, value in arrays.items():
+        if key.startswith(path + "/"):
+            *parents, leaf = key.removeprefix(path + "/").split("/")
+            branch = tree
+            for parent in parents:
+                branch = branch.setdefault(parent, {})
+            branch[leaf] = value
+    return tree
+
+
+def save_rig(rig: Rig, folder: Path) -> None:
+    """Write one of our rigs into a folder; the description goes last, so that half a rig is never loaded.
+
+    Raises InputError for a foreign rig: its function is code, which we don't store.
+    """
+    if rig.face is None:
+        raise InputError(f"rig '{rig.name}': it has a function of its own, where only rigs built from recipes can be saved.")
+    folder.mkdir(parents=True, exist_ok=True)
+    arrays = _flatten(rig.face.constants, "constants") | {f"mesh/{name}": getattr(rig.mesh, name) for name in MESH}
+    arrays |= {f"props/{i}/{name}": getattr(prop, name) for i, prop in enumerate(rig.face.props) for name in PROP}
+    arrays |= {f"clips/{i}": clip.values for i, clip in enumerate(rig.clips or ())}
+    arrays |= {"landmarks": rig.landmarks, "control_points": rig.control_points}
+    description = {
+        "format": FORMAT,
+        "name": rig.name,
+        "segment_names": rig.mesh.segment_names,
+        "controls": [[c.name, c.lower, c.default, c.upper, c.region] for c in rig.controls],
+        "landmark_names": rig.landmark_names,
+        "control_point_regions": rig.control_point_regions,
+        "clips": None if rig.clips is None else [clip.name for clip in rig.clips],
+        "props": [[prop.name, prop.follow, *prop.colour] for prop in rig.face.props],
+    }
+    np.savez(folder / ARRAYS, **arrays)
+    beside = folder / (DESCRIPTION + ".part")
+    beside.write_text(json.dumps(description, indent=1) + "\n", encoding="utf-8")
+    os.replace(beside, folder / DESCRIPTION)
+
+
+def load_rig(folder: Path) -> Rig:
+    """Read a rig that `save_rig` wrote.
+
+    Raises InputError when the folder's files are damaged or of another format.
+    """
+    try:
+        about = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
+        with np.load(folder / ARRAYS, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        if about["format"] != FORMAT:
+            raise InputError(f"{folder / DESCRIPTION}: format is {about['format']}, where {FORMAT} is allowed.")
+        return _assemble(about, arrays)
+    except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{folder}: found no readable rig ({error}), where {DESCRIPTION} and {ARRAYS} are allowed.") from error
+
+
+def _assemble(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> Rig:
+    constants = _unflatten(arrays, "constants")
+    props = tuple(
+        RestProp(name, follow, tuple(colour), **{part: arrays[f"props/{i}/{part}"] for part in PROP})
+        for i, (name, follow, *colour) in enumerate(about["props"])
+    )
+    clips = about["clips"]
+    if clips is not None:
+        clips = tuple(Clip(name, arrays[f"clips/{i}"]) for i, name in enumerate(clips))
+    return Rig(
+        name=about["name"],
+        mesh=Mesh(**{name: arrays[f"mesh/{name}"] for name in MESH}, segment_names=tuple(about["segment_names"])),
+        controls=tuple(Control(*control) for control in about["controls"]),
+        landmarks=arrays["landmarks"],
+        landmark_names=tuple(about["landmark_names"]),
+        control_points=arrays["control_points"],
+        control_point_regions=tuple(about["control_point_regions"]),
+        clips=clips,
+        function=face_function(constants),
+        face=FaceParts(constants, props),
+    )
