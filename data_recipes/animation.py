@@ -23,7 +23,7 @@ def _number(default: float, lower: float, upper: float):
 
 
 def _count(default: int, lower: int, upper: int):
-    return field(default=default, metadata={"kind": "count", "range": (lower, upper)})
+    return field(default=default, metadata={"kind": "count", "range": (lower, upper), "even": False})
 
 
 @dataclass(frozen=True)

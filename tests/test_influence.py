@@ -1,0 +1,67 @@
+"""Which control moves what, on a stand-in whose controls hide at the default pose."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from replicate.influence import farthest_first, influence, influence_poses, segment_inputs
+
+
+class Hidden:
+    """Vertex 0 follows control 0; vertex 1 control 1, only where 0 is raised; vertex 2 control 2, only downwards."""
+
+    controls = ("open", "gain", "down", "idle")
+    lower, default, upper = -np.ones(4, np.float32), np.zeros(4, np.float32), np.ones(4, np.float32)
+    mesh = SimpleNamespace(neutral=np.zeros((4, 3), np.float32))
+
+    def __call__(self, params):
+        vertices = np.zeros((len(params), 4, 3), np.float32)
+        vertices[:, 0, 0] = params[:, 0]
+        vertices[:, 1, 1] = np.maximum(params[:, 0] - 0.5, 0) * params[:, 1]
+        vertices[:, 2, 2] = np.minimum(params[:, 2], 0)
+        vertices[:, 3, 0] = 5e-4 * params[:, 3]  # below the threshold
+        return vertices
+
+
+EXPECTED = np.array(
+    [[True, False, False, False], [True, True, False, False], [False, False, True, False], [False] * 4]
+)
+
+
+def animation():
+    poses = np.zeros((50, 4), np.float32)
+    poses[:, 0] = np.linspace(0, 0.9, 50)
+    poses[10:20, 1] = 0.3
+    return poses
+
+
+def test_influence_is_found_at_poses_where_it_shows():
+    rig = Hidden()
+    assert np.array_equal(influence(rig, influence_poses(rig, animation(), np.random.default_rng(0))), EXPECTED)
+
+
+def test_the_default_pose_alone_would_miss_some():
+    found = influence(Hidden(), np.zeros((1, 4), np.float32))
+    assert not found[1].any() and found[0, 0] and found[2, 2]
+
+
+def test_the_threshold_decides_what_counts():
+    assert influence(Hidden(), np.zeros((1, 4), np.float32), threshold_mm=1e-4)[3, 3]
+
+
+@pytest.mark.parametrize("count", [3, 8, 12])
+def test_poses_hold_the_default_and_far_apart_frames(count):
+    poses = influence_poses(Hidden(), animation(), np.random.default_rng(0), count)
+    assert len(poses) == count and not poses[0].any()
+    assert poses[1, 0] == np.float32(0.9)
+
+
+def test_farthest_first_spreads():
+    points = np.array([[0.1, 0.0], [1.0, 0.0], [0.0, 0.9], [0.95, 0.1]])
+    assert farthest_first(points, 2).tolist() == [1, 2]
+
+
+def test_a_segment_takes_the_controls_of_all_its_vertices():
+    inputs = segment_inputs(EXPECTED, np.array([0, 0, 1, 2]), 3)
+    assert inputs.tolist() == [[True, True, False, False], [False, False, True, False], [False] * 4]
