@@ -57,8 +57,8 @@ def panel_grid(rows: Sequence[Sequence[np.ndarray]], columns: Sequence[str], nam
     return figure
 
 
-def save_figure(figure, path: Path, words: Words, colours: int = 256) -> None:
-    """Write a figure as PNG with a palette, and `path` with the ending .json beside it with alt text and caption."""
+def png(figure, words: Words, colours: int = 256) -> bytes:
+    """Return a figure as PNG with a palette, its alt text inside; the same figure gives the same bytes."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
@@ -71,10 +71,17 @@ def save_figure(figure, path: Path, words: Words, colours: int = 256) -> None:
     table = np.full((colours, 3), 255, np.uint8)
     known = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)[: colours - 1]
     table[: len(known)] = known
-    picture = Image.fromarray(indices, "P")
+    picture = Image.fromarray(indices)
     picture.putpalette(table.ravel().tolist())
     about = PngInfo()
     about.add_itxt("Description", words.alt)
-    picture.save(path, format="PNG", optimize=True, pnginfo=about)
+    out = io.BytesIO()
+    picture.save(out, format="PNG", optimize=True, pnginfo=about)
+    return out.getvalue()
+
+
+def save_figure(figure, path: Path, words: Words) -> None:
+    """Write a figure as `png` makes it, and `path` with the ending .json beside it with alt text and caption."""
+    path.write_bytes(png(figure, words))
     text = json.dumps({"alt": words.alt, "caption": words.caption}, indent=1, ensure_ascii=False)
     path.with_suffix(".json").write_text(text + "\n", encoding="utf-8")

@@ -1,0 +1,180 @@
+"""Run the notebooks: on the reference results they are committed with, or on a run of your own, into a new file.
+
+`python -m replicate.figures.notebooks table2 laptop` executes notebooks/table2.ipynb on results/runs/laptop and writes
+results/runs/laptop/table2.ipynb. With "reference" the committed notebook itself is refreshed.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from replicate.errors import InputError
+from replicate.evaluation.tables import Table, as_markdown
+from replicate.figures.panels import Words, png
+from replicate.figures.table2_figures import Table2Results, open_table2
+from replicate.paths import REFERENCE, ROOT, run_folder
+
+NOTEBOOKS = ROOT / "notebooks"
+TIMEOUT_S = 600
+METADATA = {
+    "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
+    "language_info": {"name": "python"},
+}
+
+
+def results_folder(name: str) -> Path:
+    """Return the folder of the reference results, or of your run with the profile of that name."""
+    return REFERENCE if name == "reference" else run_folder(name)
+
+
+def open_results(name: str) -> Table2Results:
+    """Read Table 2's results from `results_folder`; a missing file's error names it and the target that makes it."""
+    return open_table2(results_folder(name))
+
+
+def provenance_text(name: str) -> str:
+    """Return where these results come from, in a few lines, from the manifest beside them."""
+    path = results_folder(name) / "manifest.json"
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such manifest; `make table2` writes it with the results.") from None
+    except ValueError as error:
+        raise InputError(f"{path}: found no JSON ({error}).") from None
+    git = manifest.get("git") or {}
+    commit = git.get("commit", "unknown") + ("" if git.get("clean") else ", with changes that are not committed")
+    lines = {
+        "results": path.parent.relative_to(ROOT) if path.is_relative_to(ROOT) else path.parent,
+        "commit": commit if git else "unknown",
+        "command": manifest.get("command"),
+        "profile, seeds": f"{manifest.get('profile')}, {manifest.get('seeds')}",
+        "machine": f"{manifest.get('processor')}, {manifest.get('cores')} cores, GPU: {manifest.get('gpu') or 'none'}",
+        "packages": ", ".join(f"{k} {v}" for k, v in sorted((manifest.get("packages") or {}).items())),
+    }
+    times = [facts.get("wall_s", 0) for facts in (manifest.get("stages") or {}).values()]
+    if times:
+        lines["time of all stages"] = f"{sum(times) / 60:.1f} min"
+    return "\n".join(f"{label:20}{value}" for label, value in lines.items())
+
+
+def show_table(table: Table) -> None:
+    """Show a printed table in a notebook."""
+    from IPython.display import Markdown, display
+
+    display(Markdown(as_markdown(table)))
+
+
+def show(figure, words: Words) -> None:
+    """Show a figure in a notebook, with its alt text and its caption."""
+    from IPython.display import Image, Markdown, display
+
+    display(Image(png(figure, words), alt=words.alt), Markdown(f"*{words.caption}*"))
+
+
+def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str | None = None) -> None:
+    """Execute a notebook with other values in its first cell, and write it, byte for byte the same each time.
+
+    parameters: name → value; each must be assigned in the notebook's first cell. stamp: kept in the metadata. What
+    cells write to stderr goes to ours. Raises whatever nbclient raises for a cell that fails; `out` is then left as it was.
+    """
+    import nbformat
+    from jupyter_client.manager import AsyncKernelManager
+    from nbclient import NotebookClient
+
+    notebook = nbformat.read(source, as_version=4)
+    notebook.cells[0].source = with_parameters(notebook.cells[0].source, parameters)
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            cell.outputs, cell.execution_count = [], None
+    with tempfile.TemporaryDirectory() as folder:  # nothing of the user's is read or written, no port is opened
+        sockets = {"transport": "ipc", "ip": f"{folder}/kernel", "connection_file": f"{folder}/kernel.json"}
+        client = NotebookClient(
+            notebook,
+            km=AsyncKernelManager(kernel_name="python3", **sockets),
+            timeout=TIMEOUT_S,
+            record_timing=False,
+            resources={"metadata": {"path": str(NOTEBOOKS)}},
+        )
+        environment = os.environ | {"IPYTHONDIR": folder, "PYDEVD_DISABLE_FILE_VALIDATION": "1"}
+        client.execute(env=environment, cleanup_kc=True)
+    notebook.metadata = nbformat.from_dict(METADATA | ({"replicate": {"stamp": stamp}} if stamp else {}))
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            cell.outputs = _stable(cell.outputs)
+    beside = out.with_name(f".{out.name}.{os.getpid()}")
+    beside.write_text(nbformat.writes(notebook, version=4).rstrip("\n") + "\n", encoding="utf-8", newline="\n")
+    os.replace(beside, out)
+
+
+def with_parameters(source: str, parameters: dict[str, object]) -> str:
+    """Return a cell's source with other values assigned to some names; comments after the values stay."""
+    lines = source.split("\n")
+    for name, value in parameters.items():
+        found = [k for k, line in enumerate(lines) if line.startswith(f"{name} = ")]
+        if len(found) != 1:
+            raise InputError(f"the notebook's first cell assigns {name} {len(found)} times, where once is allowed.")
+        _, hash_, comment = lines[found[0]].partition("  # ")
+        lines[found[0]] = f"{name} = {json.dumps(value)}{hash_}{comment}"
+    return "\n".join(lines)
+
+
+def _stable(outputs: list) -> list:
+    """Join what was printed in several pieces; pass stderr on to ours; number no outputs."""
+    kept: list = []
+    for output in outputs:
+        if output.output_type == "stream" and output.name == "stderr":
+            sys.stderr.write(output.text)
+        elif output.output_type == "stream" and kept and kept[-1].output_type == "stream":
+            kept[-1].text += output.text
+        else:
+            kept.append(output)
+    return kept
+
+
+def run_notebook(name: str, results: str) -> Path:
+    """Execute one of the notebooks on some results, unless that has been done, and return the file written."""
+    source = NOTEBOOKS / f"{name}.ipynb"
+    if not source.is_file():
+        allowed = ", ".join(sorted(path.stem for path in NOTEBOOKS.glob("*.ipynb")))
+        raise InputError(f"{source}: there is no such notebook; allowed are {allowed}.")
+    open_results(results)  # to fail with one sentence, not with a kernel's
+    provenance_text(results)
+    if results == "reference":
+        execute(source, source, {"RESULTS": results})
+        return source
+    out, stamp = results_folder(results) / source.name, _stamp(source, results_folder(results))
+    if not out.is_file() or stamp not in out.read_text(encoding="utf-8", errors="replace"):
+        execute(source, out, {"RESULTS": results}, stamp)
+    return out
+
+
+def _stamp(source: Path, folder: Path) -> str:
+    """Return a hash of what a notebook's outputs depend on: its cells, the results, and the code that shows them."""
+    cells = [cell["source"] for cell in json.loads(source.read_text(encoding="utf-8"))["cells"]]
+    digest = hashlib.sha256(json.dumps(cells).encode())
+    code = [path for package in ("figures", "evaluation") for path in (ROOT / "replicate" / package).glob("*.py")]
+    for path in sorted([*code, *folder.glob("*.csv"), *folder.glob("*.npz")]):
+        digest.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one notebook from the command line; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m replicate.figures.notebooks", description="Execute a notebook.")
+    parser.add_argument("notebook", help="its name, for instance table2")
+    parser.add_argument("results", help="reference, or the profile of a run of yours")
+    options = parser.parse_args(arguments)
+    try:
+        print(run_notebook(options.notebook, options.results))
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

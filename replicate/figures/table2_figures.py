@@ -1,0 +1,56 @@
+"""Every figure that belongs to Table 2, from a folder of results alone: no cache, no network, no rig."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from replicate.evaluation.curves import Curve, read_curves
+from replicate.evaluation.pose import PoseRecord, load_pose
+from replicate.evaluation.results import Row, read_results
+from replicate.figures.curves import training_curves
+from replicate.figures.figure09 import figure09
+from replicate.figures.figure10 import figure10
+from replicate.figures.panels import Words
+from replicate.figures.table_figure import table2_chart
+from replicate.paths import PAPER
+
+
+@dataclass(frozen=True)
+class Table2Results:
+    """What a folder of results holds for Table 2, and the paper's numbers; poses by character."""
+
+    rows: list[Row]
+    paper: list[Row]
+    curves: dict[tuple[str, str], Curve]
+    poses: dict[str, PoseRecord]
+
+    @property
+    def characters(self) -> tuple[str, ...]:
+        """The characters that there are results for, sorted."""
+        return tuple(sorted({row.character for row in self.rows}))
+
+
+def pose_file(folder: Path, character: str) -> Path:
+    """Return where a folder of results keeps the test pose that figures show."""
+    return folder / f"table2_{character}_pose.npz"
+
+
+def open_table2(folder: Path) -> Table2Results:
+    """Read everything of Table 2 in a folder of results. Raises InputError, naming the file, for what isn't there."""
+    rows = read_results(folder / "table2.csv")
+    poses = {
+        character: load_pose(pose_file(folder, character)) for character in sorted({row.character for row in rows})
+    }
+    return Table2Results(rows, read_results(PAPER / "table2.csv"), read_curves(folder / "table2_curves.csv"), poses)
+
+
+def table2_figures(
+    results: Table2Results, character: str, limit_deg: float, renderer=None
+) -> Iterator[tuple[str, object, Words]]:
+    """Yield (file name without ending, figure, words) of each figure of one character."""
+    pose = results.poses[character]
+    yield f"table2_{character}_chart", *table2_chart(results.rows, results.paper, character)
+    yield f"figure10_{character}", *figure10(pose, limit_deg, "front", renderer=renderer)
+    yield f"figure10_{character}_forehead", *figure10(pose, limit_deg, "forehead", renderer=renderer)
+    yield f"figure09_{character}", *figure09(pose, renderer=renderer)
+    yield f"table2_{character}_curves", *training_curves(results.curves, results.rows, character)

@@ -1,0 +1,141 @@
+"""Notebooks: thin over the library, executed to the same bytes, and open from a folder of results alone."""
+
+import ast
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_figures import LOG
+from test_tables import ours
+
+from replicate.errors import InputError
+from replicate.evaluation.curves import write_curves
+from replicate.evaluation.pose import PoseRecord, save_pose
+from replicate.evaluation.results import Row, write_results
+from replicate.figures import notebooks, render
+from replicate.figures.notebooks import execute, main, provenance_text, with_parameters
+from replicate.figures.table2_figures import open_table2, pose_file, table2_figures
+
+FILES = sorted(notebooks.NOTEBOOKS.glob("*.ipynb"))
+TABLE2 = notebooks.NOTEBOOKS / "table2.ipynb"
+
+
+def cells(path: Path, kind: str) -> list[dict]:
+    found = [cell for cell in json.loads(path.read_text())["cells"] if cell["cell_type"] == kind]
+    return [cell | {"source": "".join(cell["source"])} for cell in found]
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    """A folder of results as `make table2` leaves it, for a plate with a bump as character."""
+    x, y = np.meshgrid(np.linspace(-90, 90, 9), np.linspace(-90, 90, 9))
+    flat = np.stack([x, y, 0 * x + 40], -1).reshape(-1, 3).astype(np.float32)
+    corner = np.arange(81).reshape(9, 9)
+    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
+    faces = np.int32(np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+    segment = Row("table2_segments", "teen", "dense", "vertex_error_mean[face]", "mm", 0.123, None, 1, 9, "quick", "r")
+    write_results(tmp_path / "table2.csv", [*ours(), segment])
+    write_curves(tmp_path / "table2_curves.csv", {("teen", "dense"): LOG})
+    posed = flat + np.float32([0, 0, 3]) * np.sin(flat[:, 1:2] / 9)
+    save_pose(pose_file(tmp_path, "teen"), PoseRecord("teen", 5, flat, faces, {"truth": posed, "dense": flat}))
+    manifest = {
+        "git": {"commit": "c0ffee", "clean": False},
+        "profile": "quick",
+        "seeds": [0],
+        "stages": {"rig": {"wall_s": 90}},
+    }
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
+    return tmp_path
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_a_notebook_begins_with_parameters_and_provenance_and_is_thin(path):
+    code = cells(path, "code")
+    assert json.loads(path.read_text())["cells"][0]["metadata"]["tags"] == ["parameters"]
+    assert all(isinstance(node, ast.Assign) for node in ast.parse(code[0]["source"]).body)
+    assert "provenance_text(RESULTS)" in code[1]["source"]
+    for cell in code:
+        kinds = [type(node) for node in ast.walk(ast.parse(cell["source"]))]
+        assert ast.FunctionDef not in kinds and ast.ClassDef not in kinds
+        assert "approximation" not in cell["source"] and len(cell["source"].splitlines()) < 15
+    ids = [cell["id"] for cell in json.loads(path.read_text())["cells"]]
+    assert len(set(ids)) == len(ids) and path.stat().st_size < 1_000_000
+
+
+def test_table2s_notebook_shows_the_results_of_a_folder(folder, monkeypatch):
+    shown = []
+    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
+    monkeypatch.setattr(notebooks, "show_table", shown.append)
+    monkeypatch.setattr(notebooks, "show", lambda figure, words: shown.append(words))
+    monkeypatch.setattr(render, "working_renderer", lambda: "software")
+    names = {}
+    for cell in cells(TABLE2, "code"):
+        exec(cell["source"], names)
+    titles = [table.title for table in shown if hasattr(table, "title")]
+    assert titles == [
+        "Table 2: teen beside the paper's Hiccup",
+        "Table 2 as ratios: teen beside Hiccup",
+        "Table 2 by segment: teen, mean errors",
+    ]
+    captions = " ".join(words.caption for words in shown if hasattr(words, "caption"))
+    assert "Test pose 5 of teen" in captions and captions.count("Fig.") == 3
+
+
+def test_figures_of_a_folder_have_names_of_their_own(folder):
+    names = [name for name, _, _ in table2_figures(open_table2(folder), "teen", 10.0, renderer="software")]
+    assert len(set(names)) == 5 and all("teen" in name for name in names)
+
+
+def test_a_result_that_is_missing_is_named_with_the_target_that_makes_it(folder):
+    pose_file(folder, "teen").unlink()
+    with pytest.raises(InputError, match=r"table2_teen_pose.npz: there is no such pose; `make table2`"):
+        open_table2(folder)
+
+
+def test_the_manifest_is_told_in_words(folder, monkeypatch):
+    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
+    text = provenance_text("quick")
+    assert "c0ffee, with changes that are not committed" in text and "1.5 min" in text
+    (folder / "manifest.json").unlink()
+    with pytest.raises(InputError, match="`make table2` writes it"):
+        provenance_text("quick")
+
+
+def test_parameters_replace_values_and_keep_comments():
+    source = 'RESULTS = "reference"  # or another\nLIMIT = 10.0'
+    assert with_parameters(source, {"RESULTS": "quick"}) == 'RESULTS = "quick"  # or another\nLIMIT = 10.0'
+    with pytest.raises(InputError, match="assigns SEED 0 times"):
+        with_parameters(source, {"SEED": 1})
+
+
+def test_a_notebook_is_executed_to_the_same_bytes_each_time(tmp_path, capsys):
+    import nbformat
+
+    new = nbformat.v4
+    source = new.new_notebook(
+        cells=[
+            new.new_code_cell("WORD = 'a'", id="parameters", metadata={"tags": ["parameters"]}),
+            new.new_markdown_cell("text", id="text"),
+            new.new_code_cell(
+                "import sys\nprint(WORD, flush=True)\nprint(2, file=sys.stderr)\nprint(3)\nWORD * 2", id="body"
+            ),
+        ]
+    )
+    (tmp_path / "source.ipynb").write_text(nbformat.writes(source))
+    for name in ("a.ipynb", "b.ipynb"):
+        execute(tmp_path / "source.ipynb", tmp_path / name, {"WORD": "b"})
+    assert (tmp_path / "a.ipynb").read_bytes() == (tmp_path / "b.ipynb").read_bytes()
+    done = json.loads((tmp_path / "a.ipynb").read_text())
+    streams = [output for output in done["cells"][2]["outputs"] if output["output_type"] == "stream"]
+    assert ["".join(output["text"]) for output in streams] == ["b\n3\n"]
+    assert "".join(done["cells"][2]["outputs"][-1]["data"]["text/plain"]) == "'bb'"
+    assert "execution" not in done["cells"][2]["metadata"] and "version" not in done["metadata"]["language_info"]
+    assert "2" in capsys.readouterr().err
+
+
+def test_an_unknown_notebook_or_run_gets_one_sentence(capsys):
+    assert main(["table9", "reference"]) == 2
+    assert "there is no such notebook; allowed are" in capsys.readouterr().err
+    assert main(["table2", "no-such-profile"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
