@@ -77,7 +77,7 @@ def test_a_record_comes_back_from_disk_to_a_micrometre(tmp_path):
     mesh = sheet()
     rng = np.random.default_rng(0)
     offsets = rng.normal(size=(3, 64, 3)).astype(np.float32) * 10
-    props = [("eye", TENT, TENT_FACES, (250, 250, 245))]
+    props = [("eye", TENT, TENT_FACES, (250, 250, 245)), ("brow", TENT, TENT_FACES, (0.2, 0.0, 1.0))]
     predictors = {"coarse": lambda p, v: v + p[:, :1, None], "neutral": lambda p, v: 0 * v + mesh.neutral}
     record = record_pose("teen", mesh, 1, np.float32([[0], [0.25], [2]]), offsets, predictors, props)
     np.testing.assert_allclose(record.vertices["coarse"], mesh.neutral + offsets[1] + 0.25, atol=1e-5)
@@ -88,6 +88,7 @@ def test_a_record_comes_back_from_disk_to_a_micrometre(tmp_path):
         np.testing.assert_allclose(back.vertices[label], vertices, atol=1e-3)
     np.testing.assert_array_equal(back.faces, mesh.faces)
     assert back.props[0][0] == "eye" and back.props[0][3] == (250, 250, 245)
+    assert back.props[1][3] == (51, 0, 255)
 
 
 def test_the_same_record_gives_the_same_bytes(tmp_path):

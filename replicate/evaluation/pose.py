@@ -25,7 +25,8 @@ class PoseRecord:
     """A test pose of one character.
 
     pose: its index among the test poses. neutral: (n, 3) mm; faces: (f, 3). vertices: "truth" and each method's label →
-    (n, 3) float32 mm. props: (name, vertices (k, 3), faces (g, 3), colour 0–255), for display only.
+    (n, 3) float32 mm. props: (name, vertices (k, 3), faces (g, 3), colour), for display only; a colour whose parts are at
+    most 1, as `rig.pose_props` gives them, is brought to 0–255.
     """
 
     character: str
@@ -34,6 +35,15 @@ class PoseRecord:
     faces: np.ndarray
     vertices: dict[str, np.ndarray]
     props: tuple[tuple[str, np.ndarray, np.ndarray, tuple[int, int, int]], ...] = ()
+
+    def __post_init__(self) -> None:
+        coloured = tuple((name, vertices, faces, _in_bytes(colour)) for name, vertices, faces, colour in self.props)
+        object.__setattr__(self, "props", coloured)
+
+
+def _in_bytes(colour: Sequence[float]) -> tuple[int, int, int]:
+    scale = 255 if max(colour) <= 1 else 1
+    return tuple(round(scale * float(channel)) for channel in colour)
 
 
 def inner_edges(faces: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, "e 2"]]:
@@ -113,7 +123,7 @@ def save_pose(path: Path, record: PoseRecord) -> None:
     arrays["offsets"], facts["step_mm"] = np.rint(offsets / step).astype(np.int16), step
     for k, (name, vertices, faces, colour) in enumerate(record.props):
         arrays[f"prop_{k}_vertices"], arrays[f"prop_{k}_faces"] = np.float32(vertices), np.int32(faces)
-        facts["props"].append([name, [int(channel) for channel in colour]])
+        facts["props"].append([name, list(colour)])
     arrays["facts"] = np.frombuffer(json.dumps(facts, sort_keys=True).encode(), np.uint8)
     beside = path.with_name(f".{path.name}.{os.getpid()}.npz")
     np.savez_compressed(beside, **arrays)

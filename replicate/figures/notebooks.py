@@ -79,7 +79,7 @@ def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str |
     """Execute a notebook with other values in its first cell, and write it, byte for byte the same each time.
 
     parameters: name → value; each must be assigned in the notebook's first cell. stamp: kept in the metadata. What
-    cells write to stderr goes to ours. Raises whatever nbclient raises for a cell that fails; `out` is then left as it was.
+    cells write to stderr goes to ours. Raises what nbclient raises for a cell that fails; `out` is then left as it was.
     """
     import nbformat
     from jupyter_client.manager import AsyncKernelManager
