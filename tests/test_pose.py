@@ -77,7 +77,7 @@ def test_a_record_comes_back_from_disk_to_a_micrometre(tmp_path):
     mesh = sheet()
     rng = np.random.default_rng(0)
     offsets = rng.normal(size=(3, 64, 3)).astype(np.float32) * 10
-    props = [("eye", TENT, TENT_FACES, (250, 250, 245)), ("brow", TENT, TENT_FACES, (0.2, 0.0, 1.0))]
+    props = [("eye", TENT, TENT_FACES, (250.0, 250.0, 245.0)), ("brow", TENT, TENT_FACES, (0.2, 0.0, 1.0))]
     predictors = {"coarse": lambda p, v: v + p[:, :1, None], "neutral": lambda p, v: 0 * v + mesh.neutral}
     record = record_pose("teen", mesh, 1, np.float32([[0], [0.25], [2]]), offsets, predictors, props)
     np.testing.assert_allclose(record.vertices["coarse"], mesh.neutral + offsets[1] + 0.25, atol=1e-5)

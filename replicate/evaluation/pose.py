@@ -25,8 +25,8 @@ class PoseRecord:
     """A test pose of one character.
 
     pose: its index among the test poses. neutral: (n, 3) mm; faces: (f, 3). vertices: "truth" and each method's label →
-    (n, 3) float32 mm. props: (name, vertices (k, 3), faces (g, 3), colour), for display only; a colour whose parts are at
-    most 1, as `rig.pose_props` gives them, is brought to 0–255.
+    (n, 3) float32 mm. props: (name, vertices (k, 3), faces (g, 3), colour), for display only; a colour whose parts
+    are at most 1, as `rig.pose_props` gives them, is brought to 0–255.
     """
 
     character: str
@@ -34,7 +34,7 @@ class PoseRecord:
     neutral: np.ndarray
     faces: np.ndarray
     vertices: dict[str, np.ndarray]
-    props: tuple[tuple[str, np.ndarray, np.ndarray, tuple[int, int, int]], ...] = ()
+    props: tuple[tuple[str, np.ndarray, np.ndarray, tuple[float, float, float]], ...] = ()
 
     def __post_init__(self) -> None:
         coloured = tuple((name, vertices, faces, _in_bytes(colour)) for name, vertices, faces, colour in self.props)
