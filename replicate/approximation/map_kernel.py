@@ -40,16 +40,6 @@ def _give(*images: np.ndarray) -> None:
 
 @njit(error_model="numpy")
 @no_type_check
-def _place(start, image):
-    """Copy (b, 8, 8, c) into a padded image; channels beyond c stay zero."""
-    b, s, _, c = start.shape
-    padded = image.reshape(b, s + 2, s + 2, CHANNELS)
-    padded[:, 1 : s + 1, 1 : s + 1, :c] = start
-    padded[:, 1 : s + 1, 1 : s + 1, c:] = 0
-
-
-@njit(error_model="numpy")
-@no_type_check
 def _convolve(image, x_scale, size, taps, offsets, bias, out, y_scale, firsts):
     """Write to `out` at y_scale·(r, c) + firsts[k] the sum over taps[k] of `image` at x_scale·(r, c) + offsets[k].
 
@@ -76,10 +66,11 @@ def _correlate(image, size, offsets, upstream, y_scale, firsts):
     for b in range(len(image) // (x_side * x_side * CHANNELS)):
         for row in range(0, size, TILE):  # a few rows at a time stay in the nearest cache for all taps
             x, y = ((b * x_side + row + 1) * x_side + 1) * CHANNELS, ((b * y_side + 1) * y_side + 1) * CHANNELS
-            for k, t in np.ndindex(offsets.shape):
+            for k in range(offsets.shape[0]):
                 at = y + row * y_row + firsts[k]
-                place = gradient[k, t]
-                correlate(place, image, x + offsets[k, t], CHANNELS, x_row, upstream, at, step, y_row, size, TILE)
+                for t in range(offsets.shape[1]):
+                    place = gradient[k, t]
+                    correlate(place, image, x + offsets[k, t], CHANNELS, x_row, upstream, at, step, y_row, size, TILE)
     return gradient
 
 
@@ -195,6 +186,13 @@ def _around(size: int) -> np.ndarray:
     return _flat(row, column, size)
 
 
+def _place(start: np.ndarray, image: np.ndarray) -> None:
+    """Copy (b, 8, 8, c) into a padded image; channels beyond c become zero."""
+    b, s, _, c = start.shape
+    inside = image.reshape(b, s + 2, s + 2, CHANNELS)[:, 1:-1, 1:-1]
+    inside[..., :c], inside[..., c:] = start, 0
+
+
 def _taps(weight: np.ndarray, order: tuple[int, ...]) -> np.ndarray:
     return np.ascontiguousarray(weight.transpose(order)).reshape(1, 9, CHANNELS, CHANNELS)
 
@@ -225,7 +223,7 @@ class MapOffsets(torch.autograd.Function):
         arrays = [array.detach().contiguous().numpy() for array in weights]
         batch, s = start.shape[:2]
         images = [_take(batch, s)]
-        _place(start.detach().contiguous().numpy(), images[0])
+        _place(start.detach().numpy(), images[0])
         for level in range(0, len(arrays) - 4, 2):
             images.append(_take(batch, 2 * s))
             offsets, firsts, _ = _upsampling(s)
