@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from replicate.figures.scene import CAMERAS, HEAD_WIDTH_MM, Camera, axes, camera_for, faces_in_view, project
+from replicate.figures.scene import (
+    CAMERAS,
+    HEAD_WIDTH_MM,
+    Camera,
+    axes,
+    camera_for,
+    faces_in_view,
+    forehead_faces,
+    project,
+)
 
 HEAD = np.float32([[-HEAD_WIDTH_MM / 2, 0, 0], [HEAD_WIDTH_MM / 2, 0, 0]])
 
@@ -42,3 +51,23 @@ def test_only_faces_in_the_frame_and_turned_to_the_camera_are_in_view():
     vertices = np.concatenate([triangle, triangle + np.float32([500, 0, 0])])
     faces = np.int32([[0, 1, 2], [0, 2, 1], [3, 4, 5]])
     assert faces_in_view(vertices, faces, Camera((0, 0, 0), 100)).tolist() == [True, False, False]
+
+
+def plate(low, high, n=30):
+    """An upright plate, as wide as a head, between two heights."""
+    x, y = np.meshgrid(np.linspace(-HEAD_WIDTH_MM / 2, HEAD_WIDTH_MM / 2, n), np.linspace(low, high, n))
+    corner = np.arange(n * n).reshape(n, n)
+    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
+    faces = np.int32(np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+    return np.float32(np.stack([x, y, 0 * x + 75], -1).reshape(-1, 3)), faces
+
+
+def test_the_forehead_lies_between_brow_and_hair():
+    vertices, faces = plate(-130, 120)
+    height = vertices[faces[forehead_faces(vertices, faces)]][..., 1]
+    assert 20 < height.min() < 45 and 75 < height.max() < 100
+
+
+def test_without_a_forehead_everything_in_front_counts():
+    vertices, faces = plate(-130, -40)
+    assert forehead_faces(vertices, faces).mean() > 0.5

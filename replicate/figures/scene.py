@@ -43,15 +43,15 @@ class Camera:
 
 
 # For a head of the teen's size, eyes at y = 0; `camera_for` fits them to others by their width from ear to ear.
-HEAD_WIDTH_MM = 180.0
+HEAD_WIDTH_MM = 188.0
 CAMERAS = {
-    "front": Camera((0, -8, 40), 245),
-    "three_quarter": Camera((0, -8, 40), 245, 35, 6),
-    "side": Camera((0, -8, 20), 245, 80, 4),
-    "forehead": Camera((0, 34, 75), 112, 14, 12),
-    "mouth": Camera((0, -55, 85), 90, 12, 0),
+    "front": Camera((0, -11, 40), 264),
+    "three_quarter": Camera((0, -11, 30), 264, 35, 6),
+    "side": Camera((0, -11, 6), 264, 80, 4),
+    "forehead": Camera((0, 40, 75), 116, 14, 12),
+    "mouth": Camera((0, -55, 85), 94, 12, 0),
     # Not for pictures: the skin between brow and hair line, by whose wrinkles a test pose is chosen.
-    "wrinkles": Camera((0, 60, 75), 64, 0, 10),
+    "wrinkles": Camera((0, 60, 75), 66, 0, 10),
 }
 
 
@@ -109,3 +109,9 @@ def faces_in_view(
     to_eye = axes(camera)[1] - corners.mean(1)
     cosine = (normals * to_eye).sum(-1) / (np.linalg.norm(normals, axis=-1) * np.linalg.norm(to_eye, axis=-1) + 1e-30)
     return inside[faces].all(-1) & (cosine > facing)
+
+
+def forehead_faces(neutral: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> np.ndarray:
+    """Return (f,) bool: the skin that "wrinkles" sees, or on a mesh without skin there, all that faces the front."""
+    seen = faces_in_view(neutral, faces, camera_for("wrinkles", neutral))
+    return seen if seen.sum() >= 12 else faces_in_view(neutral, faces, camera_for("front", neutral))
