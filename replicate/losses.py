@@ -53,11 +53,14 @@ class FacialLoss:
     ):
         self.neutral, self.faces = np.ascontiguousarray(neutral, np.float32), np.ascontiguousarray(faces, np.int32)
         self.normal_weight, self.vertex_count, self.face_count = float(normal_weight), vertex_count, face_count
+        self._there = None  # neutral and faces on another device, once one asks
 
     def __call__(self, offsets: Float[torch.Tensor, "b n 3"], target: Float[torch.Tensor, "b n 3"]) -> torch.Tensor:
         if offsets.device.type == "cpu":
             return _CompiledLoss.apply(offsets, target, self)
-        neutral, faces = (torch.from_numpy(array).to(offsets.device) for array in (self.neutral, self.faces))
+        if self._there is None:
+            self._there = [torch.from_numpy(array).to(offsets.device) for array in (self.neutral, self.faces)]
+        neutral, faces = self._there
         counts = (self.vertex_count, self.face_count)
         return reference_loss(neutral + offsets, neutral + target, faces, self.normal_weight, *counts)
 
