@@ -1,6 +1,7 @@
 """Figures: colours that mean what the bar says, one scale for all panels, words that hold the numbers, small files."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,11 +12,13 @@ from replicate.errors import InputError
 from replicate.evaluation.curves import read_curves, read_log, write_curves
 from replicate.evaluation.pose import PoseRecord
 from replicate.figures.curves import training_curves
+from replicate.figures.expressions import expression_sheet, segment_colours
 from replicate.figures.figure09 import figure09
 from replicate.figures.figure10 import figure10
 from replicate.figures.heatmap import NO_NORMAL, distance_heat, error_colours, normal_heat
-from replicate.figures.panels import DPI, panel_grid, save_figure
+from replicate.figures.panels import DPI, Words, panel_grid, save_figure
 from replicate.figures.table_figure import table2_chart
+from replicate.mesh import Mesh
 
 LOG = ((100.0, 3.5, 1.25, 4.5), (200.0, 1.0, 1 / 3, 2.0))
 
@@ -76,17 +79,11 @@ def test_panels_are_drawn_pixel_for_pixel(tmp_path):
     rng = np.random.default_rng(0)
     picture = rng.choice(np.uint8([0, 80, 160, 255]), size=(40, 50, 1)).repeat(3, -1)
     figure = panel_grid([[picture, picture]], ["a", "b"])
-    save_figure(figure, tmp_path / "f.png", _words())
+    save_figure(figure, tmp_path / "f.png", Words("what it shows: α", "what it means"))
     image = np.array(Image.open(tmp_path / "f.png").convert("RGB"))
     assert image.shape[:2] == tuple(round(x * DPI) for x in figure.get_size_inches()[::-1])
     windows = np.lib.stride_tricks.sliding_window_view(image, picture.shape)
     assert (np.abs(windows.astype(int) - picture) <= 2).all((-1, -2, -3)).sum() == 2
-
-
-def _words():
-    from replicate.figures.panels import Words
-
-    return Words("what it shows: α", "what it means")
 
 
 def test_a_saved_figure_is_small_has_a_palette_white_paper_and_its_words(tmp_path, record):
@@ -147,3 +144,27 @@ def test_the_chart_of_table_2_shows_ours_and_the_papers():
     assert (0.11, 0) in points and (0.36, 0) in points  # coarse: ours, Hiccup's
     assert len(figure.axes[0].lines) == 8 + 6
     assert "Refined 0.22 mm" in words.alt and "Hiccup" in words.caption
+
+
+def test_an_expression_sheet_shows_every_pose_with_its_title_and_props(record):
+    uv = (record.neutral[:, :2] + 90) / 180
+    teeth = np.int32(record.neutral[:, 1] < -50)
+    mesh = Mesh(record.neutral, record.faces, uv, teeth, ("face", "tooth_upper_01"))
+    assert {tuple(colour) for colour in segment_colours(mesh)} == {(226, 178, 148), (245, 242, 230)}
+    eye = record.neutral * 0.2 + np.float32([0, 0, 60])
+
+    class Rig(SimpleNamespace):
+        def __call__(self, params):
+            return mesh.neutral + np.float32([params[0], 0, 0])
+
+        def pose_props(self, params):
+            return [("eye", eye, record.faces, (0.0, 0.0, 1.0))]
+
+    rig = Rig(name="plate", mesh=mesh, controls=[None])
+    poses = {"rest": np.zeros(1), "left": np.full(1, -30.0), "right": np.full(1, 30.0)}
+    figure, words = expression_sheet(rig, poses, columns=2, width=60, height=50, renderer="software")
+    pictures = [axes.images[0].get_array() for axes in figure.axes]
+    assert [text.get_text() for text in figure.texts] == ["rest", "left", "right", ""]
+    assert len(pictures) == 4 and (pictures[3] == 255).all()
+    assert (pictures[1] != pictures[2]).any() and (pictures[0][..., 2] > pictures[0][..., 0] + 60).any()
+    assert "plate in 3 poses: rest, left, right" in words.alt

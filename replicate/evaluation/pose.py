@@ -37,11 +37,14 @@ class PoseRecord:
     props: tuple[tuple[str, np.ndarray, np.ndarray, tuple[float, float, float]], ...] = ()
 
     def __post_init__(self) -> None:
-        coloured = tuple((name, vertices, faces, _in_bytes(colour)) for name, vertices, faces, colour in self.props)
+        coloured = tuple(
+            (name, vertices, faces, colour_in_bytes(colour)) for name, vertices, faces, colour in self.props
+        )
         object.__setattr__(self, "props", coloured)
 
 
-def _in_bytes(colour: Sequence[float]) -> tuple[int, int, int]:
+def colour_in_bytes(colour: Sequence[float]) -> tuple[int, int, int]:
+    """Return a colour from 0 to 255; one whose parts are at most 1 is taken to be from 0 to 1."""
     scale = 255 if max(colour) <= 1 else 1
     return tuple(round(scale * float(channel)) for channel in colour)
 

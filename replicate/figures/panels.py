@@ -20,38 +20,46 @@ class Words:
     caption: str
 
 
-def panel_grid(rows: Sequence[Sequence[np.ndarray]], columns: Sequence[str], names: Sequence[str] = (), bar=None):
-    """Return a matplotlib figure of equally large pictures, one title a column and one name a row.
+def panel_grid(rows: Sequence[Sequence[np.ndarray]], titles: Sequence, names: Sequence[str] = (), bar=None):
+    """Return a matplotlib figure of equally large pictures.
 
-    rows: pictures (h, w, 3) uint8. bar: None, or (first row, last row, draw), where draw(figure, axes) draws
-    a colour bar to the right of those rows.
+    rows: pictures (h, w, 3) uint8. titles: one for each column, or for each row a list of its pictures' own. names: one
+    for each row, at its left. bar: None, or (first row, last row, draw), where draw(figure, axes) draws a colour bar to
+    the right of those rows.
     """
     from matplotlib.figure import Figure
 
     height, width = rows[0][0].shape[:2]
-    left = MARGIN + (SIDE if names else 0)
-    total_width = left + len(columns) * (width + GAP) - GAP + (BAR if bar else MARGIN)
-    total_height = TITLE + len(rows) * (height + GAP) - GAP + MARGIN
+    own = not isinstance(titles[0], str)
+    step, left = height + (TITLE if own else GAP), MARGIN + (SIDE if names else 0)
+    total_width = left + len(rows[0]) * (width + GAP) - GAP + (BAR if bar else MARGIN)
+    total_height = TITLE + (len(rows) - 1) * step + height + MARGIN
     figure = Figure((total_width / DPI, total_height / DPI), dpi=DPI, facecolor="white")
 
     def place(x, y, w, h):  # pixels from the upper left corner
         return figure.add_axes((x / total_width, 1 - (y + h) / total_height, w / total_width, h / total_height))
 
+    def write(x, y, text, **style):
+        figure.text(x / total_width, 1 - y / total_height, text, ha="center", va="center", **style)
+
     for r, pictures in enumerate(rows):
-        top = TITLE + r * (height + GAP)
+        top = TITLE + r * step
         for c, picture in enumerate(pictures):
             axes = place(left + c * (width + GAP), top, width, height)
             axes.imshow(picture, interpolation="none", aspect="auto")
             axes.set_axis_off()
+            if own or r == 0:
+                write(
+                    left + c * (width + GAP) + width / 2,
+                    top - TITLE / 2,
+                    (titles[r] if own else titles)[c],
+                    fontsize=10,
+                )
         if names:
-            figure.text((MARGIN + SIDE / 2) / total_width, 1 - (top + height / 2) / total_height, names[r],
-                        rotation=90, ha="center", va="center", fontsize=9)  # fmt: skip
-    for c, title in enumerate(columns):
-        x = left + c * (width + GAP) + width / 2
-        figure.text(x / total_width, 1 - TITLE / 2 / total_height, title, ha="center", va="center", fontsize=10)
+            write(MARGIN + SIDE / 2, top + height / 2, names[r], rotation=90, fontsize=9)
     if bar:
         first, last, draw = bar
-        top, bottom = TITLE + first * (height + GAP), TITLE + last * (height + GAP) + height
+        top, bottom = TITLE + first * step, TITLE + last * step + height
         inset = (bottom - top) // 10
         draw(figure, place(total_width - BAR + 12, top + inset, 12, bottom - top - 2 * inset))
     return figure
