@@ -1,0 +1,257 @@
+"""Topology: a grid around the head whose holes are filled with rings, and the inner parts.
+
+Ring order, everywhere: index 0 lies in the middle of a feature's outer side (the character's left; of eyes the temple), then the ring
+runs over the top, the inner side and the bottom. Right-hand parts mirror left-hand ones index by index, so that the same code poses both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Int
+
+from data_recipes.recipe import Recipe
+
+DEFORMABLE = ("face", "cranium", "neck", "ear_left", "ear_right", "lids_inner", "mouth_bag", "gum_upper", "gum_lower", "tongue")
+FACE, CRANIUM, NECK, EAR_LEFT, EAR_RIGHT, LIDS, BAG, GUM_UPPER, GUM_LOWER, TONGUE = range(len(DEFORMABLE))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Connectivity without positions; `mirror` pairs each vertex with its image, `grids` name the vertices."""
+
+    segment: Int[np.ndarray, " n"]
+    segment_names: tuple[str, ...]
+    quads: Int[np.ndarray, "q 4"]
+    mirror: Int[np.ndarray, " n"]
+    grids: dict[str, np.ndarray]
+
+
+@dataclass
+class _Builder:
+    segment: list[int] = field(default_factory=list)
+    mirror: list[int] = field(default_factory=list)
+    quads: list[np.ndarray] = field(default_factory=list)
+
+    def new(self, shape: tuple[int, ...], segment: int) -> np.ndarray:
+        """Add vertices, their own mirror images until paired, and return their indices in the given shape."""
+        first, count = len(self.segment), int(np.prod(shape))
+        self.segment += [segment] * count
+        self.mirror += range(first, first + count)
+        return np.arange(first, first + count).reshape(shape)
+
+    def pair(self, one: np.ndarray, other: np.ndarray) -> None:
+        for a, b in zip(np.ravel(one), np.ravel(other), strict=True):
+            self.mirror[a], self.mirror[b] = int(b), int(a)
+
+    def new_pair(self, shape: tuple[int, ...], left: int, right: int) -> tuple[np.ndarray, np.ndarray]:
+        one, other = self.new(shape, left), self.new(shape, right)
+        self.pair(one, other)
+        return one, other
+
+    def add(self, quads: np.ndarray, both: bool = False) -> None:
+        """Add quads, and with `both` their mirror images, turned over so that they still face outwards."""
+        self.quads.append(quads)
+        if both:
+            self.quads.append(np.asarray(self.mirror)[quads][:, ::-1])
+
+
+def block_ring(block: Int[np.ndarray, "rows columns"]) -> Int[np.ndarray, " k"]:
+    """Return a block's boundary as a ring: from the middle of its right side over the top, the left side and the bottom."""
+    m, h = block.shape[0] - 1, (block.shape[0] - 1) // 2
+    return np.concatenate([block[h:m, -1], block[m, :0:-1], block[m:0:-1, 0], block[0, :-1], block[:h, -1]])
+
+
+def grid_quads(grid: Int[np.ndarray, "rows columns"]) -> Int[np.ndarray, "q 4"]:
+    """Return the cells of a grid whose rows run up and whose columns run to the right, seen from outside."""
+    return np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], -1).reshape(-1, 4)
+
+
+def ring_quads(rings: Int[np.ndarray, "rings k"]) -> Int[np.ndarray, "q 4"]:
+    """Return the cells between closed rings that are listed from the inside outwards and run anticlockwise, seen from outside."""
+    closed = np.concatenate([rings, rings[:, :1]], 1)
+    return np.stack([closed[:-1, :-1], closed[1:, :-1], closed[1:, 1:], closed[:-1, 1:]], -1).reshape(-1, 4)
+
+
+def fill_block(ring: Int[np.ndarray, " k"], rows: int, columns: int, interior: Int[np.ndarray, "rows columns"]) -> np.ndarray:
+    """Return the (rows + 1, columns + 1) block with the given boundary ring and interior."""
+    block = np.empty((rows + 1, columns + 1), int)
+    block.flat[block_ring(np.arange(block.size).reshape(block.shape))] = ring
+    block[1:-1, 1:-1] = interior
+    return block
+
+
+def ring_mirror(k: int, corner: bool = False) -> Int[np.ndarray, " k"]:
+    """Return which position of a ring across the midline mirrors which; `corner`: it starts at a corner (blocks one row high)."""
+    return (k // 2 + corner - np.arange(k)) % k
+
+
+def build_layout(recipe: Recipe) -> Layout:
+    """Lay out every part of the head; sorted so that each segment's vertices are contiguous."""
+    b, grids = _Builder(), {}
+    _body(b, recipe, grids)
+    _midline_rings(b, recipe, grids)
+    _paired_rings(b, recipe, grids)
+    _gums_and_tongue(b, recipe, grids)
+    names = DEFORMABLE + _teeth(b, recipe, grids)
+    segment = np.asarray(b.segment)
+    removed = np.zeros(len(segment), bool)
+    removed[segment < 0] = True
+    order = np.argsort(np.where(removed, len(names), segment), kind="stable")[: int((~removed).sum())]
+    new = np.full(len(segment), -1)
+    new[order] = np.arange(len(order))
+    return Layout(
+        segment=segment[order].astype(np.int32),
+        segment_names=names,
+        quads=new[np.concatenate(b.quads)].astype(np.int32),
+        mirror=new[np.asarray(b.mirror)[order]].astype(np.int32),
+        grids={name: np.where(grid < 0, -1, new[grid]).astype(np.int32) for name, grid in grids.items()},
+    )
+
+
+def _body(b: _Builder, recipe: Recipe, grids: dict) -> None:
+    """The cylinder grid with its holes, the coarser rows at the back, and the crown's cap."""
+    t = recipe.template
+    rows, half = int(t.anchors[-1][0]) + 1, t.half_columns
+    grid = b.new((rows, 2 * half), CRANIUM)
+    column = np.arange(2 * half)
+    column = np.minimum(column, 2 * half - column)
+    b.pair(grid, grid[:, -np.arange(2 * half) % (2 * half)])
+    segment = np.asarray(b.segment).reshape(grid.shape)
+    segment[: t.hair_row + 1, column <= t.face_columns] = FACE
+    segment[: t.neck_rows] = NECK
+
+    cells = np.ones((rows - 1, 2 * half), bool)
+    for (r0, r1), (c0, c1) in (
+        (t.eye_rows, t.eye_columns), (t.nostril_rows, t.nostril_columns), (t.ear_rows, t.ear_columns),
+        (t.mouth_rows, (0, t.mouth_columns)),
+    ):
+        for columns in (np.arange(c0, c1), -1 - np.arange(c0, c1)):
+            cells[r0:r1, columns % (2 * half)] = False
+    for (r0, r1), columns in (
+        (t.eye_rows, np.arange(t.eye_columns[0] + 1, t.eye_columns[1])),
+        (t.nostril_rows, np.arange(t.nostril_columns[0] + 1, t.nostril_columns[1])),
+        (t.ear_rows, np.arange(t.ear_columns[0] + 1, t.ear_columns[1])),
+        (t.mouth_rows, np.arange(-t.mouth_columns + 1, t.mouth_columns)),
+    ):
+        for side in (columns, -columns):
+            segment[r0 + 1 : r1, side % (2 * half)] = -1
+
+    (r0, r1), c = t.coarse_rows, t.coarse_from
+    cells[r0:r1, c : 2 * half - c] = False
+    dropped = r0 + np.flatnonzero(np.arange(r1 - r0) % 3)
+    segment[np.ix_(dropped, np.arange(c + 1, 2 * half - c))] = -1
+    b.segment[:] = segment.ravel().tolist()
+
+    wrapped = np.concatenate([grid, grid[:, :1]], 1)
+    b.add(grid_quads(wrapped)[cells.ravel()])
+    b.add(grid_quads(grid[r0 : r1 + 1 : 3, c + 1 : 2 * half - c]))
+    left, _ = b.new_pair(((r1 - r0) // 3, 2), CRANIUM, CRANIUM)
+    fine, coarse = grid[r0 : r1 + 1, c], grid[r0 : r1 + 1 : 3, c + 1]
+    for g, (i, j) in enumerate(left):
+        l0, l1, l2, l3 = fine[3 * g : 3 * g + 4]
+        q0, q1 = coarse[g : g + 2]
+        b.add(np.array([[l0, q0, i, l1], [l1, i, j, l2], [l2, j, q1, l3], [i, q0, q1, j]]), both=True)
+
+    across, deep = t.crown_across, half - t.crown_across
+    top = grid[-1]
+    interior = b.new((deep - 1, across - 1), CRANIUM)
+    b.pair(interior, interior[:, ::-1])
+    block = np.empty((deep + 1, across + 1), int)  # row 0 in front, columns towards the character's left
+    s = across // 2
+    block[0] = top[np.arange(-s, s + 1)]
+    block[-1] = top[half - np.arange(-s, s + 1)]
+    block[:, -1] = top[s : s + deep + 1]
+    block[:, 0] = top[-np.arange(s, s + deep + 1)]
+    block[1:-1, 1:-1] = interior
+    b.add(grid_quads(block))
+    grids.update(body=np.where(segment < 0, -1, grid), crown=block, transition_left=left, transition_right=np.asarray(b.mirror)[left])
+    grids["_full"] = grid
+
+
+def _midline_rings(b: _Builder, recipe: Recipe, grids: dict) -> None:
+    """Mouth: skin rings between the block and the lip seam, then the mouth bag and its cap."""
+    t, grid = recipe.template, grids["_full"]
+    (r0, r1), c = t.mouth_rows, t.mouth_columns
+    outer = block_ring(grid[r0 : r1 + 1][:, np.arange(-c, c + 1)])
+    k = len(outer)
+    skin = b.new((t.mouth_rings, k), FACE)
+    bag = b.new((len(recipe.mouth.bag_rings), k), BAG)
+    interior = b.new((r1 - r0 - 1, 2 * c - 1), BAG)
+    b.pair(skin, skin[:, ring_mirror(k)])
+    b.pair(bag, bag[:, ring_mirror(k)])
+    b.pair(interior, interior[:, ::-1])
+    mouth = np.concatenate([skin, outer[None]])
+    cap = fill_block(bag[-1], r1 - r0, 2 * c, interior)
+    b.add(ring_quads(mouth))
+    b.add(ring_quads(np.concatenate([bag[::-1], skin[:1]])))
+    b.add(grid_quads(cap))
+    grids.update(mouth=mouth, mouth_bag=bag, mouth_cap=cap)
+
+
+def _paired_rings(b: _Builder, recipe: Recipe, grids: dict) -> None:
+    """Eyes with inner lids, nostrils and ears: rings inside their blocks, left and right together."""
+    t = recipe.template
+    parts = (
+        ("eye", t.eye_rows, t.eye_columns, t.eye_rings, FACE, FACE),
+        ("nostril", t.nostril_rows, t.nostril_columns, t.nostril_rings, FACE, FACE),
+        ("ear", t.ear_rows, t.ear_columns, t.ear_rings, EAR_LEFT, EAR_RIGHT),
+    )
+    for name, (r0, r1), (c0, c1), count, left_segment, right_segment in parts:
+        outer = block_ring(grids["_full"][r0 : r1 + 1, c0 : c1 + 1])
+        left, right = b.new_pair((count, len(outer)), left_segment, right_segment)
+        mirror = np.asarray(b.mirror)
+        rings = np.concatenate([left, outer[None]])
+        b.add(ring_quads(rings), both=True)
+        grids[f"{name}_left"], grids[f"{name}_right"] = rings, mirror[rings]
+        if name == "eye":
+            inner, _ = b.new_pair((t.lid_rings, len(outer)), LIDS, LIDS)
+            b.add(ring_quads(np.concatenate([inner[::-1], left[:1]])), both=True)
+            grids["lid_inner_left"], grids["lid_inner_right"] = inner, np.asarray(b.mirror)[inner]
+        else:
+            interior, _ = b.new_pair((r1 - r0 - 1, c1 - c0 - 1), left_segment, right_segment)
+            cap = fill_block(left[0], r1 - r0, c1 - c0, interior)
+            b.add(grid_quads(cap), both=True)
+            grids[f"{name}_cap_left"], grids[f"{name}_cap_right"] = cap, np.asarray(b.mirror)[cap]
+    del grids["_full"]
+
+
+def _gums_and_tongue(b: _Builder, recipe: Recipe, grids: dict) -> None:
+    """Gums: open strips along the arch (rows from the outside over the ridge inwards). Tongue: a sock, open at its root."""
+    t = recipe.tongue
+    for name, segment, columns in (("gum_upper", GUM_UPPER, t.gum_columns_upper), ("gum_lower", GUM_LOWER, t.gum_columns_lower)):
+        gum = b.new((t.gum_rows, columns), segment)
+        b.pair(gum, gum[:, ::-1])
+        b.add(grid_quads(gum if name == "gum_lower" else gum[::-1]))
+        grids[name] = gum
+    ring = 2 * sum(t.cap)
+    rows = b.new((t.rows, ring), TONGUE)  # from the root to the tip
+    b.pair(rows, rows[:, ring_mirror(ring)])
+    interior = b.new((t.cap[0] - 1, t.cap[1] - 1), TONGUE)
+    b.pair(interior, interior[:, ::-1])
+    cap = fill_block(rows[-1], *t.cap, interior)
+    b.add(ring_quads(rows[::-1]))
+    b.add(grid_quads(cap))
+    grids.update(tongue=rows, tongue_cap=cap)
+
+
+def _teeth(b: _Builder, recipe: Recipe, grids: dict) -> tuple[str, ...]:
+    """Teeth: rings from the root to the edge, closed by a strip; upper ones from the character's right to the left, then lower ones."""
+    t, names, teeth = recipe.teeth, [], []
+    count = t.rings * t.ring
+    for jaw, number in (("upper", t.upper), ("lower", t.lower)):
+        first = len(teeth)
+        for i in range(number):
+            ids = b.new((count,), len(DEFORMABLE) + len(names))
+            names.append(f"tooth_{jaw}_{i + 1:02d}")
+            teeth.append(ids)
+        for i in range(number // 2):
+            one, other = (teeth[first + j].reshape(t.rings, t.ring) for j in (i, number - 1 - i))
+            b.pair(other, one[:, ring_mirror(t.ring, corner=True)])
+    grids["teeth"] = np.asarray(teeth)
+    for ids in teeth:
+        rings = ids.reshape(t.rings, t.ring)
+        b.add(ring_quads(rings[::-1]))
+        b.add(grid_quads(fill_block(rings[-1], 1, t.ring // 2 - 1, np.empty((0, t.ring // 2 - 2), int))))
+    return tuple(names)

@@ -1,0 +1,37 @@
+"""Nostrils: a pinned oval under the nose, two rings and a cap going in. Left nostril; the right one is its mirror image."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from data_recipes.head.sdf import distance_and_gradient, project, raycast
+from data_recipes.head.shape import Shape, skin_distance
+
+
+def _frame(shape: Shape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the nostril's centre on the skin, its axes in the tangent plane (outwards, forwards) and the normal as rows."""
+    n = shape.recipe.nose
+    along, tip = n.nostril_place[0], n.nostril_place[1]
+    x, z = along * n.wing[0], tip * n.tip[2] + (1 - tip) * n.columella[2] + n.nostril_place[2]
+    below = np.array([[x, n.columella[1] - n.columella_radii[1] - 12.0, z]])
+    centre = raycast(lambda p: skin_distance(shape, p), below + (0, 60.0, 0), np.array([[0, -1.0, 0]]), 60.0)
+    normal = distance_and_gradient(lambda p: skin_distance(shape, p), centre, 1.0)[1][0]
+    normal /= np.linalg.norm(normal)
+    forward = np.array([0.25, 0, 1.0]) - (0.25 * normal[0] + normal[2]) * normal
+    forward /= np.linalg.norm(forward)
+    return centre[0], np.stack([np.cross(normal, forward), forward]), normal
+
+
+def nostril_rings(shape: Shape, k: int, rings: int) -> Float[np.ndarray, "rings k 3"]:
+    """Return the nostril's rings from the innermost to the rim; those inside the rim narrow and rise into the nose."""
+    centre, axes, normal = _frame(shape)
+    wide, long, deep = shape.recipe.nose.nostril_axes
+    phase = 2 * np.pi * np.arange(k) / k
+    oval = (np.stack([np.cos(phase) * wide, np.sin(phase) * long], -1)) @ axes
+    rim = project(lambda p: skin_distance(shape, p), centre + oval, steps=6)
+    out = [rim]
+    for i in range(1, rings):
+        share = i / (rings - 1)
+        out.append(rim + (centre - rim) * (0.12 + 0.2 * share) - normal * deep * share)
+    return np.stack(out[::-1])
