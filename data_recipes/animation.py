@@ -15,7 +15,7 @@ from jaxtyping import Float64
 from data_recipes import speech
 from data_recipes.expressions import EXPRESSIONS
 from data_recipes.motion import FRAMES_PER_SECOND, blink_profile, drift, freeze, move_keys, pose, through
-from data_recipes.polish import deal, family_columns, gesture
+from data_recipes.polish import QUIET, deal, family_columns, gesture
 
 
 def _number(default: float, lower: float, upper: float):
@@ -34,7 +34,7 @@ class Acting:
     clips: int = _count(40, 1, 1000)
     clip_s: float = _number(8.5, 1.0, 120.0)  # mean length
     tempo: float = _number(1.0, 0.3, 3.0)
-    intensity: float = _number(0.85, 0.05, 1.5)
+    intensity: float = _number(1.0, 0.05, 1.5)
     asymmetry: float = _number(0.2, 0.0, 1.0)
     anticipation: float = _number(0.08, 0.0, 0.5)
     overshoot: float = _number(0.12, 0.0, 0.5)
@@ -54,7 +54,7 @@ KINDS = {
 DECIMALS = 4  # of a key's value; without them a pose at rest would differ from another by rounding alone
 # By how many frames a control drags behind, by the beginning of its name; 1 where none fits.
 LAGS = {"brow": 0, "eye": 0, "blink": 0, "lid": 0, "ear": 4, "handle": 2, "shape": 3, "neck": 2, "scalp": 2}
-BREATHING = ("squash", "bend_sideways", "bend_forward", "twist", "brow_inner_up_*", "nostril_flare_*", "neck_tighten_*")
+BREATHING = ("bend_sideways", "bend_forward", "twist", "brow_inner_up_*", "nostril_flare_*", "neck_tighten_*")
 MOUTH = ("smile", "frown", "pucker", "upper_lip", "lower_lip", "mouth", "dimple", "funnel", "lip", "jaw", "tongue")
 
 
@@ -77,7 +77,7 @@ def act(controls: Sequence, acting: Acting) -> list[tuple[str, np.ndarray]]:
     for index in range(acting.clips):
         kind = shots[(index * 7) % len(shots)]  # 7 and 10 share no factor: every ten shots hold all kinds
         generator = np.random.default_rng([acting.seed, index])
-        nudged = [families[name] for name in hands[index]]
+        nudged = {name: families[name] for name in hands[index]}
         values = _shot(kind, casts[index], nudged, columns, acting, generator) + default
         values = np.clip(np.round(values, DECIMALS), lower, upper).astype(np.float32)
         clips.append((f"{index:02d}_{kind}_{casts[index][0]}", values))
@@ -98,9 +98,10 @@ def _shot(kind, cast, nudged, columns, acting, generator) -> Float64[np.ndarray,
             goal = _exercise(columns, generator)
         else:
             goal = _feel(cast[generator.integers(len(cast))], how["gain"], columns, acting, generator)
-        goal = goal + sum((gesture(m, len(columns), acting.polish, generator) for m in nudged), start=rest)
+        for family, members in nudged.items():
+            goal = goal + gesture(members, len(columns), acting.polish * QUIET.get(family, 1.0), generator)
         if kind == "take":  # go down to come up
-            crouch = pose(columns, {"squash": -0.5, "blink_*": 0.8, "brow_down_*": 0.4, "bend_forward": 0.3})
+            crouch = pose(columns, {"squash": 0.3, "blink_*": 0.8, "brow_down_*": 0.4, "bend_forward": 0.12})
             keys += move_keys(now, 4.0, before, 0.4 * before + crouch, 0.0, 0.0)
             before, now = keys[-1][1], now + 5
         move = generator.uniform(*how["move"]) / acting.tempo
@@ -129,7 +130,7 @@ def _feel(expression, gain, columns, acting, generator) -> Float64[np.ndarray, "
     if generator.random() < 0.3:  # mixed feelings
         other = list(EXPRESSIONS)[generator.integers(len(EXPRESSIONS))]
         amounts = 0.7 * amounts + 0.4 * pose(columns, EXPRESSIONS[other])
-    strength = acting.intensity * gain * generator.uniform(0.55, 1.15)
+    strength = acting.intensity * gain * generator.uniform(0.6, 1.15)
     lean = acting.asymmetry * generator.normal()
     side = np.array([("left" in name) * 1.0 - ("right" in name) for name in columns])
     flip = generator.random() < 0.5  # a smirk to the other side
@@ -179,9 +180,9 @@ def _talk(values, settled, columns, acting, generator) -> Float64[np.ndarray, "t
         entries = [entry for entry in entries if entry[1] < end - start]
         spoken, busy = speech.speak(entries, int(start) - 3, frames, columns)
         spoken, busy = spoken * curtain[:, None], busy * curtain
-        values = np.where(mouth, values * (1 - 0.6 * busy[:, None]), values) + acting.intensity * 1.1 * spoken
+        values = np.where(mouth, values * (1 - 0.6 * busy[:, None]), values) + acting.intensity * spoken
         accents = curtain * blink_profile(frames, list(generator.uniform(start, end, size=2)), 2.0)
-        nod = pose(columns, {"brow_inner_up_*": 0.3, "brow_outer_up_*": 0.35, "bend_forward": 0.2, "squash": 0.08})
+        nod = pose(columns, {"brow_inner_up_*": 0.3, "brow_outer_up_*": 0.35, "bend_forward": 0.08, "squash": -0.03})
         values = values + accents[:, None] * nod * generator.uniform(0.4, 1.2)
     return values
 
