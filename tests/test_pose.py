@@ -60,6 +60,14 @@ def test_the_most_wrinkled_pose_is_the_most_folded_one_and_not_the_most_moved():
     assert most_wrinkled(mesh, params, offsets, np.ones(len(mesh.faces), bool), batch=3) == 2
 
 
+def test_folds_that_the_neutral_has_do_not_count():
+    flat = sheet()
+    ripple = flat.neutral + np.float32([0, 0, 2]) * np.sin(flat.neutral[:, :1] * 2)
+    mesh = Mesh(ripple, flat.faces, flat.uv, flat.segment, flat.segment_names)
+    offsets = np.stack([np.zeros_like(ripple), flat.neutral - ripple])
+    assert most_wrinkled(mesh, np.float32([[0], [1]]), offsets, np.ones(len(mesh.faces), bool)) == 1
+
+
 def test_only_folds_of_the_shown_faces_count():
     mesh = sheet()
     left = mesh.neutral[mesh.faces].mean(1)[:, 0] < 12

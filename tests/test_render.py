@@ -65,6 +65,15 @@ def test_light_falls_from_the_upper_left(renderer):
     assert image[28, 30] > image[40, 40] + 5 > image[52, 50] + 10
 
 
+def test_both_sides_of_a_face_are_lit_alike(renderer):
+    turned = SQUARE @ np.float32([[0.8, 0, -0.6], [0, 1, 0], [0.6, 0, 0.8]])
+    front, back = (
+        render([Surface(turned, faces, smooth=False)], VIEW, 40, 40, renderer=renderer).astype(int)
+        for faces in (QUAD, QUAD[:, ::-1])
+    )
+    assert np.abs(front - back).max() <= 2
+
+
 def test_smooth_shading_has_no_facets_and_flat_shading_has(renderer):
     vertices, faces = sphere(rings=8)
     smooth, flat = (
