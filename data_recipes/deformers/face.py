@@ -36,10 +36,8 @@ FaceConstants = Mapping[str, Any]  # a deformer's constants by layer; leaves are
 State = dict[str, Any]
 
 JAW_CONTROLS = ("jaw_open", "jaw_sideways", "jaw_forward", "jaw_drop", "jaw_twist")
-OPEN_RAD = np.deg2rad(27.0)
-SIDEWAYS_RAD = np.deg2rad(4.5)
-TWIST_RAD = np.deg2rad(4.5)
-# The condyle glides: translation (x, y, z) in mm of each jaw control at 1.
+# Rotation vector (x, y, z) in radians of each jaw control at 1, and translation in mm: the condyle glides.
+TURN_RAD = np.deg2rad([(27.0, 0, 0), (0, 4.5, 0), (0, 0, 0), (0, 0, 0), (0, 0, -4.5)]).astype(np.float32)
 GLIDE_MM = ((0.0, -1.0, 1.5), (5.0, 0.0, 0.0), (0.0, -0.8, 6.0), (0.0, -7.0, -1.0), (0.0, 0.0, 0.0))
 HEAD_CONTROLS = tuple(f.name for f in fields(ShapeValues))
 GAZE = tuple(f"{part}_{side}" for side in ("left", "right") for part in ("look_y", "follow_upper", "follow_lower"))
@@ -51,11 +49,6 @@ class Node:
 
     name: str
     function: Callable[[FaceConstants, State], State]
-
-
-def _column(u: Float[Values, "b m"], columns: Values) -> Float[Array, "b k"]:
-    """Return the controls at the given columns; column m, a control that the rig lacks, is 0."""
-    return jnp.concatenate([u, jnp.zeros_like(u[:, :1])], axis=1)[:, columns]
 
 
 def limit(constants: FaceConstants, state: State) -> State:
@@ -85,10 +78,8 @@ def shaped(constants: FaceConstants, state: State) -> State:
 
 def jaw_motion(constants: FaceConstants, u: Float[Values, "b m"]) -> JawMotion:
     """Return the jaw's rotation vector (radians) and translation (mm) at controls u."""
-    value = _column(u, constants["jaw_columns"])
-    opened, sideways, twist = value[:, 0], value[:, 1], value[:, 4]
-    rotation = jnp.stack([OPEN_RAD * opened, SIDEWAYS_RAD * sideways, -TWIST_RAD * twist], axis=1)
-    return JawMotion(rotation, value @ jnp.asarray(GLIDE_MM))
+    value = u @ constants["jaw_controls"]
+    return JawMotion(value @ jnp.asarray(TURN_RAD), value @ jnp.asarray(GLIDE_MM))
 
 
 def opened(constants: FaceConstants, state: State) -> State:
@@ -99,7 +90,7 @@ def opened(constants: FaceConstants, state: State) -> State:
 
 def gaze_controls(constants: FaceConstants, u: Float[Values, "b m"]) -> Float[Array, "b q"]:
     """Return u and four derived controls: the gaze's height times each lid's follow gain (1 + the follow control)."""
-    left_y, left_up, left_low, right_y, right_up, right_low = _column(u, constants["gaze_columns"]).T
+    left_y, left_up, left_low, right_y, right_up, right_low = (u @ constants["gaze_controls"]).T
     derived = [left_y * (1 + left_up), left_y * (1 + left_low), right_y * (1 + right_up), right_y * (1 + right_low)]
     return jnp.concatenate([u, jnp.stack(derived, axis=1)], axis=1)
 
@@ -134,7 +125,7 @@ def wrinkled(constants: FaceConstants, state: State) -> State:
 
 def shape_values(constants: FaceConstants, u: Float[Values, "b m"]) -> ShapeValues:
     """Return the head controls, (b, 1) each."""
-    value = _column(u, constants["head_columns"])
+    value = u @ constants["head_controls"]
     return ShapeValues(*(value[:, i : i + 1] for i in range(len(HEAD_CONTROLS))))
 
 

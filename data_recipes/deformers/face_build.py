@@ -28,6 +28,7 @@ from data_recipes.deformers.face import GAZE, HEAD_CONTROLS, JAW_CONTROLS
 from data_recipes.deformers.face_fields import fade
 from data_recipes.deformers.face_points import handle_vertices
 from data_recipes.deformers.lid_fields import build_patch
+from data_recipes.deformers.planes import selection
 from data_recipes.deformers.saturation import limits
 from data_recipes.deformers.sculpting import Path, Sculptor, smoothstep
 from data_recipes.deformers.wrinkle_regions import build_regions
@@ -55,13 +56,13 @@ def build_constants(head: Head, controls: tuple[Control, ...]) -> dict[str, Any]
         "slide": skull_slide.prepare(head.sdf, s.x, _slide_weight(s)),
         "bulge": bulge,
         "handles": _handles(s, controls, columns, m),
-        "jaw_columns": _columns(JAW_CONTROLS, columns, m),
+        "jaw_controls": selection(_columns(JAW_CONTROLS, columns, m), m),
         "jaw": jaw.prepare(_jaw_weight(s), head.jaw_pivot),
         "lips": _lips(s, columns, m),
-        "gaze_columns": _columns(GAZE, columns, m),
+        "gaze_controls": selection(_columns(GAZE, columns, m), m),
         "flesh": flesh.prepare(s.x, head.faces, s.graph, _flesh_weight(s)),
         "wrinkles": wrinkles.prepare(build_regions(s, columns, m), s.x, head.faces),
-        "head_columns": _columns(HEAD_CONTROLS, columns, m),
+        "head_controls": selection(_columns(HEAD_CONTROLS, columns, m), m),
         "shape": head_shape.prepare(
             float(s.x[:, 1].min() + 22.0),
             float(head.eyes["left"].centre[1]),
@@ -197,7 +198,7 @@ def _lips(s: Sculptor, columns: dict[str, int], m: int) -> dict[str, np.ndarray]
     t = np.linspace(0, 1, len(mouth))[:-1] / LIP_RING_REACH
     shares = np.concatenate([1 - smoothstep(t, 0.0, 1.0), np.array(mouth_fields.BAG_SHARES[:inner])])
     names = ("lips_together", "sticky_left", "sticky_right")
-    return lips.prepare(s.x, rings, shares, {name: columns.get(name, m) for name in names})
+    return lips.prepare(s.x, rings, shares, _columns(names, columns, m), m)
 
 
 def _wall(s: Sculptor, upper: bool) -> dict[str, np.ndarray]:

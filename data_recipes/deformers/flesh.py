@@ -6,6 +6,7 @@ the smoothed pose. What the layers before left uneven is gone; what the sculptor
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
@@ -39,11 +40,17 @@ def _opposite_neighbours(
 
 def smooth(constants: Constants, x: Float[Values, "b 3 s"]) -> Float[Values, "b 3 s"]:
     """Return positions after PASSES of moving half-way to the mean of the neighbours, the border held."""
-    index, weight = constants["neighbour"], constants["neighbour_weight"]
-    for _ in range(PASSES):
-        mean = sum(x[:, :, index[k]] * weight[k] for k in range(index.shape[0]))
-        x = x + constants["pull"] * (mean - x)
-    return x
+    index, weight = constants["neighbour"], jnp.asarray(constants["neighbour_weight"])[:, :, None]
+    pull = jnp.asarray(constants["pull"])[:, None]
+    # One row per vertex: gathering rows is ten times as fast as gathering along planes. The loop keeps the compiler
+    # from fusing passes, which would compute each neighbour's neighbours again and again.
+    rows = x.reshape(-1, x.shape[-1]).T
+
+    def once(_, y):
+        mean = sum(y[index[k]] * weight[k] for k in range(index.shape[0]))
+        return y + pull * (mean - y)
+
+    return jax.lax.fori_loop(0, PASSES, once, rows).T.reshape(x.shape)
 
 
 def frames(constants: Constants, smoothed: Float[Values, "b 3 s"]) -> tuple[Array, Array, Array]:

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from data_recipes.deformers.planes import Constants, Values
+from data_recipes.deformers.planes import Constants, Values, sine_cosine
 
 SQUASH = 0.24  # at control value 1, the height loses this share
 PART_SQUASH = 0.16
@@ -67,7 +67,16 @@ def ramp_integral(x: Array, low: Array, high: Array) -> Array:
 
 
 def _bump(distance_squared: Array, radius: float) -> Array:
-    return jnp.exp(-distance_squared / radius**2)
+    """Return a bump that is 1 at distance 0 and 0 beyond twice `radius`; powers are cheaper than exponentials."""
+    return jnp.maximum(1 - distance_squared / (4 * radius**2), 0.0) ** 4
+
+
+def _exponential(x: Array) -> Array:
+    """Return exp(x) for |x| below ½ as a power series (error below 1e-7).
+
+    The compiler repeats it for every vertex even where x is one number a pose, so it must be cheap and vectorise.
+    """
+    return 1 + x * (1 + x / 2 * (1 + x / 3 * (1 + x / 4 * (1 + x / 5 * (1 + x / 6 * (1 + x / 7))))))
 
 
 def warp(constants: Constants, values: ShapeValues, points: Float[Values, "b 3 s"]) -> Float[Values, "b 3 s"]:
@@ -94,27 +103,27 @@ def warp(constants: Constants, values: ShapeValues, points: Float[Values, "b 3 s
     whole = ramp(y, base, base + 60)
     upper = ramp(y, eye - 20, eye + 40)
     lower = ramp(y, base, base + 60) - upper
-    factor = jnp.exp(-SQUASH * v.squash * whole - PART_SQUASH * (v.squash_upper * upper + v.squash_lower * lower))
     rise_whole = ramp_integral(y, base, base + 60)
     rise_upper = ramp_integral(y, eye - 20, eye + 40)
     shrink, shrink_upper, shrink_lower = (
-        jnp.expm1(-amount * value)
+        _exponential(-amount * value) - 1
         for amount, value in ((SQUASH, v.squash), (PART_SQUASH, v.squash_upper), (PART_SQUASH, v.squash_lower))
     )
     y = y + shrink * rise_whole + shrink_upper * rise_upper + shrink_lower * (rise_whole - rise_upper)
-    girth = jax.lax.rsqrt(factor)
+    thinning = SQUASH * v.squash * whole + PART_SQUASH * (v.squash_upper * upper + v.squash_lower * lower)
+    girth = _exponential(0.5 * thinning)
     x = x * girth
     z = middle + (z - middle) * girth
 
-    # Bend and twist: turns about the neck that grow with height.
-    height = y - base
+    # Bend and twist: three turns about the neck that grow with height, in (x, height), (height, z) and (z, x). The loop
+    # keeps the compiler from fusing the turns, which would repeat the first one's work for every use of the second.
     share = ramp(y, base, base + 190)
-    x, height = _turn(x, height, -BEND_RAD * v.bend_sideways * share)
-    z, height = _turn(z - middle, height, -BEND_RAD * v.bend_forward * share)
-    z, x = _turn(z, x, TWIST_RAD * v.twist * share)
+    angles = jnp.stack([-BEND_RAD * v.bend_sideways, BEND_RAD * v.bend_forward, TWIST_RAD * v.twist])
+
+    def turn(k, held):
+        p, q, r = held
+        s, c = sine_cosine(angles[k] * share)
+        return s * p + c * q, r, c * p - s * q
+
+    x, height, z = jax.lax.fori_loop(0, 3, turn, (x, y - base, z - middle))
     return jnp.stack([x, height + base, z + middle], axis=1)
-
-
-def _turn(a: Array, b: Array, angle: Array) -> tuple[Array, Array]:
-    c, s = jnp.cos(angle), jnp.sin(angle)
-    return c * a - s * b, s * a + c * b

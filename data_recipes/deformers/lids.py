@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from data_recipes.deformers.planes import Constants, Values, place_of, spread
+from data_recipes.deformers.planes import Constants, Values, place_of, selection, sine_cosine, spread
 from data_recipes.deformers.saturation import hinge
 
 CLOSED_SHARE = 0.22  # where closed lids meet, between the lower edge (0) and the upper one (1)
@@ -43,26 +43,31 @@ class LidPatch:
     swells: Float[np.ndarray, "m s"]
 
 
-def to_ball(
-    frame: Float[Values, "3 3"], centre: Float[Values, " 3"], x: Float[Values, "b 3 s"]
-) -> tuple[Array, Array, Array]:
-    """Return azimuth, elevation (radians) and distance (mm) from the eye's centre, each (b, s)."""
-    q = jnp.einsum("ij,bjs->bis", frame, x - centre[:, None])
-    across = jnp.sqrt(q[:, 0] ** 2 + q[:, 2] ** 2 + 1e-12)
-    return jnp.arctan2(q[:, 0], q[:, 2]), jnp.arctan2(q[:, 1], across), jnp.sqrt(across**2 + q[:, 1] ** 2)
+def to_frame(frame: Float[Values, "3 3"], centre: Float[Values, " 3"], x: Float[Values, "b 3 s"]) -> Array:
+    """Return positions relative to the eye's centre, in its frame: towards the temple, up, along the gaze."""
+    return jnp.einsum("ij,bjs->bis", frame, x - jnp.asarray(centre)[:, None])
 
 
-def from_ball(
-    frame: Float[Values, "3 3"],
-    centre: Float[Values, " 3"],
-    azimuth: Float[Values, "b s"],
-    elevation: Float[Values, "b s"],
-    distance: Float[Values, "b s"],
+def from_frame(frame: Float[Values, "3 3"], centre: Float[Values, " 3"], q: Float[Values, "b 3 s"]) -> Array:
+    """Return positions from the eye's frame: the inverse of `to_frame`."""
+    return jnp.einsum("ij,bis->bjs", frame, q) + jnp.asarray(centre)[:, None]
+
+
+def raise_on_ball(
+    q: Float[Values, "b 3 s"], angle: Float[Values, "b s"], distance: Float[Values, "b s"]
 ) -> Float[Array, "b 3 s"]:
-    """Return the points with the given angles and distances: the inverse of `to_ball`."""
-    across = distance * jnp.cos(elevation)
-    q = jnp.stack([across * jnp.sin(azimuth), distance * jnp.sin(elevation), across * jnp.cos(azimuth)], axis=1)
-    return jnp.einsum("ij,bis->bjs", frame, q) + centre[:, None]
+    """Return points with their elevation raised by `angle` (radians) at the same azimuth, at the given distances.
+
+    It turns (across, up) in the plane through the eye's upright axis, so that no arc tangent is taken.
+    """
+    flat = q[:, 0] ** 2 + q[:, 2] ** 2 + 1e-9
+    across = jnp.sqrt(flat)
+    length = jnp.sqrt(flat + q[:, 1] ** 2)
+    sine, cosine = sine_cosine(angle)
+    scale = distance / length
+    outwards = scale * (cosine - q[:, 1] / across * sine)
+    upwards = scale * (q[:, 1] * cosine + across * sine)
+    return jnp.stack([q[:, 0] * outwards, upwards, q[:, 2] * outwards], axis=1)
 
 
 def prepare(
@@ -75,9 +80,7 @@ def prepare(
 ) -> dict[str, np.ndarray]:
     """Return one eye's constants; rows of `frame` point to the temple, up and along the gaze; radius of the eyeball."""
     x = neutral[patch.vertices]
-    rest = jnp.asarray(x.T[None], jnp.float32)
-    _, _, distance = to_ball(jnp.asarray(frame, jnp.float32), jnp.asarray(centre, jnp.float32), rest)
-    distance = np.asarray(distance[0])
+    distance = np.linalg.norm(x - centre, axis=1)
     used = np.flatnonzero(
         sum(np.abs(m).max(axis=1) for m in (patch.moves_upper, patch.moves_lower, patch.lifts, patch.swells)) > 0
     )
@@ -95,7 +98,7 @@ def prepare(
     }
     return {name: np.asarray(value, np.float32) for name, value in arrays.items()} | {
         "used": used.astype(np.int32),
-        "blink": np.asarray([blink_column], np.int32),
+        "blink": selection(np.array([blink_column]), len(patch.moves_upper)),
         "support": patch.vertices.astype(np.int32),
         "place": place_of(patch.vertices, len(neutral)),
     }
@@ -113,8 +116,7 @@ def edges(constants: Constants, u: Float[Array, "b m"]) -> tuple[Array, Array, A
     moves = jnp.einsum("bk,kqs->qbs", used, constants["moves"])
     rest_upper, rest_lower = constants["edge_upper"], constants["edge_lower"]
     closed = rest_lower + CLOSED_SHARE * (rest_upper - rest_lower)
-    padded = jnp.concatenate([u, jnp.zeros_like(u[:, :1])], axis=1)
-    b = closing(padded[:, constants["blink"]])
+    b = closing(u @ constants["blink"])
     upper = rest_upper + moves[0]
     lower = rest_lower + moves[1]
     upper = upper + b * (closed - upper)
@@ -128,7 +130,8 @@ def close_lids(constants: Constants, x: Float[Array, "b 3 n"], u: Float[Array, "
     """Return positions with one eye's lids turned, drawn onto the lid ball, and pushed out of the eyeball."""
     held = x[:, :, constants["support"]]
     frame, centre = constants["frame"], constants["centre"]
-    azimuth, elevation, distance = to_ball(frame, centre, held)
+    q = to_frame(frame, centre, held)
+    distance = jnp.sqrt((q * q).sum(axis=1) + 1e-9)
     edge_upper, edge_lower, lift, swell = edges(constants, u)
     side = constants["upper"]
     turn = side * (edge_upper - constants["edge_upper"]) + (1 - side) * (edge_lower - constants["edge_lower"])
@@ -139,5 +142,5 @@ def close_lids(constants: Constants, x: Float[Array, "b 3 n"], u: Float[Array, "
     distance = distance - drawn * outside + swell
     ball = constants["ball"]
     distance = distance + hinge(ball - distance, 0.1)
-    moved = from_ball(frame, centre, azimuth, elevation + turn + lift, distance)
+    moved = from_frame(frame, centre, raise_on_ball(q, turn + lift, distance))
     return x + spread(moved - held, constants["place"])

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from data_recipes.deformers.jaw import JawMotion, turn_with_jaw, undo_jaw
-from data_recipes.deformers.planes import Constants, place_of, spread
+from data_recipes.deformers.planes import Constants, place_of, selection, spread
 from data_recipes.deformers.saturation import hinge
 
 STICK_MM = 2.2  # gap at which resting corners let go
@@ -25,12 +25,13 @@ def prepare(
     neutral: Float[np.ndarray, "n 3"],
     rings: Int[np.ndarray, "r k"],
     shares: Float[np.ndarray, " r"],
-    columns: dict[str, int],
+    columns: Int[np.ndarray, " 3"],
+    m: int,
 ) -> dict[str, np.ndarray]:
     """Return the constants of the seam's closing.
 
     rings: vertex indices, ring 0 the seam, first column the left corner, then over the upper lip; shares: of each ring
-    in the seam's motion; columns: the controls "lips_together", "sticky_left", "sticky_right" (m where missing).
+    in the seam's motion; columns: of p, for "lips_together", "sticky_left", "sticky_right"; m: the number of controls.
     """
     k = rings.shape[1]
     half = k // 2
@@ -54,17 +55,15 @@ def prepare(
         "to_lower": (mirrored @ blur.T).astype(np.float32),
         "left": left.astype(np.float32),
         "shares": shares.astype(np.float32),
-        "columns": np.asarray(
-            [columns["lips_together"], columns["sticky_left"], columns["sticky_right"]], np.int32
-        ),
+        "controls": selection(columns, m),
         "place": place_of(support, len(neutral)),
     }
 
 
 def close_lips(constants: Constants, x: Float[Array, "b 3 n"], u: Float[Array, "b m"]) -> Float[Array, "b 3 n"]:
     """Return positions with corners stuck together, lips pressed shut by their control, and no lip inside the other."""
-    padded = jnp.concatenate([u, jnp.zeros_like(u[:, :1])], axis=1)
-    together, sticky_left, sticky_right = (padded[:, c, None] for c in constants["columns"])
+    value = u @ constants["controls"]
+    together, sticky_left, sticky_right = (value[:, i : i + 1] for i in range(3))
     gap = x[:, :, constants["upper"]] - x[:, :, constants["lower"]] - constants["rest_gap"][None]
     size = jnp.sqrt((gap * gap).sum(axis=1) + 1e-8)
     left = constants["left"]

@@ -20,6 +20,14 @@ def place_of(support: Int[np.ndarray, " s"], n: int) -> Int[np.ndarray, " n"]:
     return place
 
 
+def selection(columns: Int[np.ndarray, " k"], m: int) -> Float[np.ndarray, "m k"]:
+    """Return the matrix that picks columns of p in a product; a column ≥ m, for a control that the rig lacks, gives 0.
+
+    A product is computed once. A gather would be fused into its users and be repeated for every vertex.
+    """
+    return (np.arange(m)[:, None] == np.asarray(columns)[None]).astype(np.float32)
+
+
 def spread(values: Float[Values, "*b s"], place: Int[Values, " n"]) -> Float[Values, "*b n"]:
     """Return values on all n vertices: those of the support at their vertices, 0 elsewhere.
 
@@ -27,6 +35,14 @@ def spread(values: Float[Values, "*b s"], place: Int[Values, " n"]) -> Float[Val
     """
     padded = jnp.concatenate([values, jnp.zeros_like(values[..., :1])], axis=-1)
     return padded[..., place]
+
+
+def sine_cosine(angle: Float[Values, "*s"]) -> tuple[Array, Array]:
+    """Return sin and cos of angles up to about 1 radian as power series (error below 3e-8), which vectorise."""
+    q = angle * angle
+    sine = angle * (1 - q / 6 * (1 - q / 20 * (1 - q / 42 * (1 - q / 72 * (1 - q / 110)))))
+    cosine = 1 - q / 2 * (1 - q / 12 * (1 - q / 30 * (1 - q / 56 * (1 - q / 90 * (1 - q / 132)))))
+    return sine, cosine
 
 
 def dot(a: Float[Values, "b 3 s"], b: Float[Values, "*b 3 s"]) -> Float[Values, "b s"]:
