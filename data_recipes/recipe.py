@@ -188,7 +188,7 @@ class Template:
 
     half_columns: int = _count(42, 6, 120)
     neck_rows: int = _count(9, 1, 60)
-    face_columns: int = _count(25, 3, 119)
+    face_columns: int = _count(24, 2, 119)
     hair_row: int = _count(79, 4, 300)
     anchors: tuple[tuple[float, ...], ...] = _table((), 6)
     angles: tuple[tuple[float, ...], ...] = _table((), 2)
@@ -386,8 +386,8 @@ def _check(recipe: Recipe) -> Recipe:
             refuse(f"template.{key}", getattr(t, key), "an even number of rows apart")
     if t.crown_across >= t.half_columns:
         refuse("template.crown_across", t.crown_across, f"below half_columns = {t.half_columns}")
-    if not t.eye_columns[1] < t.face_columns < t.ear_columns[0] < t.ear_columns[1] <= t.coarse_from < t.half_columns:
-        refuse("template.face_columns", t.face_columns, "eye_columns < face_columns < ear_columns <= coarse_from < half_columns")
+    if not t.eye_columns[1] < t.face_columns < t.ear_columns[0] - 1 < t.ear_columns[1] <= t.coarse_from < t.half_columns:
+        refuse("template.face_columns", t.face_columns, "eye_columns < face_columns < ear_columns - 1, ear_columns <= coarse_from < half_columns")
     if (t.coarse_rows[1] - t.coarse_rows[0]) % 3:
         refuse("template.coarse_rows", t.coarse_rows, "a multiple of 3 rows apart")
     if not t.lip_rings < t.mouth_rings:

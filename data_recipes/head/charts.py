@@ -1,5 +1,126 @@
-"""Texture charts."""
-import numpy as np
+"""Texture charts: one coordinate in [0, 1]^2 per vertex, within its segment's chart. No triangle is flipped and none overlaps another.
 
-def build_charts(recipe, layout, x, faces):
-    return np.zeros((len(x), 2))
+Charts depend on the topology only, and give every vertex about the same room: what a deformation map of few texels can hold is decided
+by the texels per vertex, and the template is finest where faces move most.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from data_recipes.head.embedding import square_embedding
+from data_recipes.head.layout import CRANIUM, FACE, NECK, Layout, grid_quads
+from data_recipes.recipe import Recipe
+
+MOUTH_OPENING, EYE_OPENING = 0.16, 0.28  # of the holes in the face's chart: height over half the rim's length
+EAR_HOLE = 0.6  # wanted length of the edges that bridge the ears' holes, against the others'
+NECK_HOLE = 0.17  # radius of the hole in the neck's annulus
+
+
+def build_charts(recipe: Recipe, layout: Layout) -> Float[np.ndarray, "n 2"]:
+    """Return each vertex's texture coordinate: u to the character's left, v up; charts mirror as the head does."""
+    uv, grids = np.full((len(layout.segment), 2), np.nan), layout.grids
+    _face(recipe, layout, uv)
+    _cranium(recipe, layout, uv)
+    _neck(layout, uv)
+    for outer in (grids["mouth_bag"][0], grids["tongue"][0], grids["ear_left"][-2]):
+        _disc(layout, outer, uv)
+    _lids(grids["lid_inner_left"], uv)
+    for gum in ("gum_upper", "gum_lower"):
+        rows, columns = grids[gum].shape
+        v = np.linspace(0.02, 0.98, rows)[:: -1 if gum == "gum_upper" else 1]
+        uv[grids[gum]] = np.stack(np.meshgrid(np.linspace(0.02, 0.98, columns), v), -1)
+    uv[grids["teeth"]] = _tooth(recipe.teeth.rings, recipe.teeth.ring)
+    right = np.flatnonzero(np.isnan(uv[:, 0]))  # the right ear and inner lid
+    uv[right] = uv[layout.mirror[right]] * (-1, 1) + (1, 0)
+    return uv
+
+
+def _cells(layout: Layout, segment: int) -> Int[np.ndarray, "q 4"]:
+    return layout.quads[(layout.segment[layout.quads] == segment).all(1)]
+
+
+def _edges(quads: Int[np.ndarray, "q 4"]) -> Int[np.ndarray, "e 2"]:
+    return np.unique(np.sort(np.concatenate([quads[:, [i, (i + 1) % 4]] for i in range(4)]), 1), axis=0)
+
+
+def _embed(uv: np.ndarray, edges: np.ndarray, length: np.ndarray, sides: list[np.ndarray]) -> None:
+    """Embed a disc in the unit square; vertices numbered past the mesh's bridge holes and are dropped."""
+    ids, local = np.unique(edges, return_inverse=True)
+    xy = square_embedding(len(ids), local.reshape(-1, 2), length, [np.searchsorted(ids, side) for side in sides])
+    real = ids < len(uv)
+    uv[ids[real]] = xy[real]
+
+
+def _rungs(ring: Int[np.ndarray, " k"], opening: float) -> tuple[np.ndarray, np.ndarray]:
+    """Bridge a ring by rungs from its upper to its lower half; return them and their wanted lengths, those of a lens."""
+    half = len(ring) // 2
+    i = np.arange(1, half)
+    return np.stack([ring[i], ring[-i]], -1), opening * half * np.sin(np.pi * i / half) ** 0.7
+
+
+def _face(recipe: Recipe, layout: Layout, uv: np.ndarray) -> None:
+    """The whole square; eyes and mouth are bridged, so that they come out as almonds and a lens, with the lips apart."""
+    t, body = recipe.template, layout.grids["body"]
+    c, low, high = t.face_columns, t.neck_rows, t.hair_row
+    across, up = np.arange(-c, c + 1), np.arange(low, high + 1)
+    sides = [body[low, across[:-1]], body[up[:-1], c], body[high, across[:0:-1]], body[up[:0:-1], -c]]
+    edges = [_edges(_cells(layout, FACE))]
+    length = [np.ones(len(edges[0]))]
+    for name, opening in (("mouth", MOUTH_OPENING), ("eye_left", EYE_OPENING), ("eye_right", EYE_OPENING)):
+        rungs, wanted = _rungs(layout.grids[name][0], opening)
+        edges.append(rungs)
+        length.append(wanted)
+    _embed(uv, np.concatenate(edges), np.concatenate(length), sides)
+
+
+def _cranium(recipe: Recipe, layout: Layout, uv: np.ndarray) -> None:
+    """The whole square, seen from above with the hair line below; the ears' holes are bridged by the cells that they replaced."""
+    t, body = recipe.template, layout.grids["body"]
+    c, low, high, half = t.face_columns + 1, t.neck_rows, t.hair_row + 1, t.half_columns
+    across, down, back = np.arange(-c, c + 1), np.arange(high, low - 1, -1), np.arange(c, 2 * half - c + 1)
+    sides = [body[high, across[:-1]], body[down[:-1], c], body[low, back[:-1]], body[down[:0:-1], -c]]
+    edges, spare = [_edges(_cells(layout, CRANIUM))], len(uv)
+    (r0, r1), (c0, c1) = t.ear_rows, t.ear_columns
+    for columns in (np.arange(c0, c1 + 1), -np.arange(c0, c1 + 1)):
+        block = body[r0 : r1 + 1, columns].copy()
+        gaps = block < 0
+        block[gaps] = spare + np.arange(gaps.sum())
+        spare += int(gaps.sum())
+        bridge = _edges(grid_quads(block))
+        edges.append(bridge[(bridge >= len(uv)).any(1)])
+    together = np.concatenate(edges)
+    _embed(uv, together, np.where((together < len(uv)).all(1), 1.0, EAR_HOLE), sides)
+
+
+def _neck(layout: Layout, uv: np.ndarray) -> None:
+    """An annulus seen from above, the face below, the uppermost row outside."""
+    body = layout.grids["body"]
+    rows = body[: int((layout.segment == NECK).sum()) // body.shape[1]]
+    phase = 2 * np.pi * np.arange(rows.shape[1]) / rows.shape[1]
+    radius = np.linspace(NECK_HOLE, 0.49, len(rows))
+    uv[rows] = 0.5 + radius[:, None, None] * np.stack([np.sin(phase), -np.cos(phase)], -1)
+
+
+def _disc(layout: Layout, ring: Int[np.ndarray, " k"], uv: np.ndarray) -> None:
+    """The whole square, its border the segment's outermost ring, which starts in the middle of the right side."""
+    k, eighth = len(ring), len(ring) // 8
+    corners = np.array([k // 2 + eighth, k - eighth, k + eighth, k // 2 - eighth + k, k // 2 + eighth + k])
+    sides = [ring[np.arange(a, b) % k] for a, b in zip(corners[:-1], corners[1:], strict=True)]
+    edges = _edges(_cells(layout, layout.segment[ring[0]]))
+    _embed(uv, edges, np.ones(len(edges)), sides)
+
+
+def _lids(rings: Int[np.ndarray, "rings k"], uv: np.ndarray) -> None:
+    """The left lid's rings as ellipses in the right half of the square, the rim's neighbour outermost."""
+    phase = 2 * np.pi * np.arange(rings.shape[1]) / rings.shape[1]
+    scale = np.linspace(1.0, 0.45, len(rings))[:, None, None]
+    uv[rings] = (0.745, 0.5) + scale * np.stack([0.225 * np.cos(phase), 0.48 * np.sin(phase)], -1)
+
+
+def _tooth(rings: int, k: int) -> Float[np.ndarray, "v 2"]:
+    """Polygons around the biting edge, the root outermost."""
+    phase = 2 * np.pi * (np.arange(k) - 0.5) / k
+    radius = np.linspace(0.48, 0.16, rings)[:, None, None]
+    return (0.5 + radius * np.stack([np.cos(phase), np.sin(phase)], -1)).reshape(-1, 2)
