@@ -96,6 +96,15 @@ def test_a_saved_figure_is_small_has_a_palette_white_paper_and_its_words(tmp_pat
     assert json.loads((tmp_path / "f.json").read_text()) == {"alt": words.alt, "caption": words.caption}
 
 
+def test_a_figure_that_would_be_too_large_gets_fewer_colours(tmp_path):
+    x, y = np.meshgrid(np.linspace(0, 255, 700), np.linspace(0, 255, 700))
+    noise = np.random.default_rng(0).normal(size=(2, 700, 700, 1)) * 12
+    picture = np.uint8((np.stack([x, y, 255 - x], -1) + noise[0] + noise[1]).clip(0, 255))
+    figure = panel_grid([[picture]], ["noise"])
+    save_figure(figure, tmp_path / "f.png", Words("noise", "noise"))
+    assert 50_000 < (tmp_path / "f.png").stat().st_size < 300_000
+
+
 def test_the_same_figure_gives_the_same_bytes(tmp_path, record):
     for name in ("a.png", "b.png"):
         save_figure(*_saved(record, tmp_path / name))

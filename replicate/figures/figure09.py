@@ -11,7 +11,7 @@ from replicate.figures.style import TITLES, plain_name
 SHOWN = (TRUTH, "refined", "coarse", "lbs32")
 
 
-def figure09(record: PoseRecord, methods: Sequence[str] = SHOWN, width: int = 420, height: int = 360, renderer=None):
+def figure09(record: PoseRecord, methods: Sequence[str] = SHOWN, width: int = 400, height: int = 340, renderer=None):
     """Return (figure, words): the record's pose from the forehead camera, one panel for each of the given methods."""
     view = camera_for("forehead", record.neutral)
     shown = [method for method in methods if method in record.vertices]

@@ -21,8 +21,8 @@ def figure10(
     limit_deg: float = 10.0,
     camera: str = "front",
     methods: Sequence[str] = SHOWN,
-    width: int = 270,
-    height: int = 340,
+    width: int = 232,
+    height: int = 292,
     renderer=None,
 ):
     """Return (figure, words). limit_deg: the upper end of the colours, the same for every panel."""

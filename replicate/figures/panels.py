@@ -10,6 +10,7 @@ import numpy as np
 
 DPI = 100
 GAP, TITLE, SIDE, BAR, MARGIN = 6, 26, 26, 74, 8  # pixels
+LARGEST_BYTES = 300_000
 
 
 @dataclass(frozen=True)
@@ -65,27 +66,39 @@ def panel_grid(rows: Sequence[Sequence[np.ndarray]], titles: Sequence, names: Se
     return figure
 
 
-def png(figure, words: Words, colours: int = 256) -> bytes:
-    """Return a figure as PNG with a palette, its alt text inside; the same figure gives the same bytes."""
+def png(figure, words: Words) -> bytes:
+    """Return a figure as PNG with a palette and its alt text inside, in fewer colours if it would be too large.
+
+    The same figure gives the same bytes.
+    """
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
     picture = Image.open(buffer).convert("RGB")
+    about = PngInfo()
+    about.add_itxt("Description", words.alt)
+    for colours in (256, 128, 64, 32, 16):
+        out = io.BytesIO()
+        _with_palette(picture, colours).save(out, format="PNG", optimize=True, pnginfo=about)
+        if out.tell() < LARGEST_BYTES:
+            break
+    return out.getvalue()
+
+
+def _with_palette(picture, colours: int):
+    from PIL import Image
+
     palette = picture.quantize(colours - 1, method=Image.Quantize.MEDIANCUT, kmeans=2)
     indices = np.array(picture.quantize(palette=palette, dither=Image.Dither.NONE))
     indices[(np.asarray(picture) == 255).all(-1)] = colours - 1  # paper is white, not the mean of the near-whites
     table = np.full((colours, 3), 255, np.uint8)
     known = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)[: colours - 1]
     table[: len(known)] = known
-    picture = Image.fromarray(indices)
-    picture.putpalette(table.ravel().tolist())
-    about = PngInfo()
-    about.add_itxt("Description", words.alt)
-    out = io.BytesIO()
-    picture.save(out, format="PNG", optimize=True, pnginfo=about)
-    return out.getvalue()
+    found = Image.fromarray(indices)
+    found.putpalette(table.ravel().tolist())
+    return found
 
 
 def save_figure(figure, path: Path, words: Words) -> None:
