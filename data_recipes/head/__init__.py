@@ -86,7 +86,7 @@ def build_head(recipe: Recipe) -> Head:
     left, frame = np.array(recipe.eyes.centre), eye_frame(recipe)
     both = {"left": Eye(left, recipe.eyes.radius, frame), "right": Eye(left * placement.FLIP, recipe.eyes.radius, frame * placement.FLIP)}
     return Head(
-        recipe=recipe, vertices=x, faces=faces, quads=layout.quads, uv=build_charts(recipe, layout, x, faces),
+        recipe=recipe, vertices=x, faces=faces, quads=layout.quads, uv=build_charts(recipe, layout),
         segment=layout.segment, segment_names=layout.segment_names, mirror=layout.mirror, grids=layout.grids,
         ring_parameter={"mouth_u": mouth_u, "mouth_side": mouth_side, "eye_u": eye_u, "eye_side": eye_side},
         curves=curves, landmarks=name_landmarks(recipe, layout, x), eyes=both, jaw_pivot=np.array([0.0, -14.0, 2.0]),

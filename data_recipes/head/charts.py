@@ -14,6 +14,7 @@ from data_recipes.head.layout import CRANIUM, FACE, NECK, Layout, grid_quads
 from data_recipes.recipe import Recipe
 
 MOUTH_OPENING, EYE_OPENING = 0.16, 0.28  # of the holes in the face's chart: height over half the rim's length
+BESIDE = 1.0  # how far rows of cells beside a feature make room for its rings
 EAR_HOLE = 0.6  # wanted length of the edges that bridge the ears' holes, against the others'
 NECK_HOLE = 0.17  # radius of the hole in the neck's annulus
 
@@ -24,8 +25,8 @@ def build_charts(recipe: Recipe, layout: Layout) -> Float[np.ndarray, "n 2"]:
     _face(recipe, layout, uv)
     _cranium(recipe, layout, uv)
     _neck(layout, uv)
-    for outer in (grids["mouth_bag"][0], grids["tongue"][0], grids["ear_left"][-2]):
-        _disc(layout, outer, uv)
+    for rings in (grids["mouth_bag"], grids["tongue"], grids["ear_left"][-2::-1]):
+        _disc(layout, rings, uv)
     _lids(grids["lid_inner_left"], uv)
     for gum in ("gum_upper", "gum_lower"):
         rows, columns = grids[gum].shape
@@ -45,10 +46,10 @@ def _edges(quads: Int[np.ndarray, "q 4"]) -> Int[np.ndarray, "e 2"]:
     return np.unique(np.sort(np.concatenate([quads[:, [i, (i + 1) % 4]] for i in range(4)]), 1), axis=0)
 
 
-def _embed(uv: np.ndarray, edges: np.ndarray, length: np.ndarray, sides: list[np.ndarray]) -> None:
+def _embed(uv: np.ndarray, edges: np.ndarray, length: np.ndarray, sides: list[np.ndarray], rounds: int = 6) -> None:
     """Embed a disc in the unit square; vertices numbered past the mesh's bridge holes and are dropped."""
     ids, local = np.unique(edges, return_inverse=True)
-    xy = square_embedding(len(ids), local.reshape(-1, 2), length, [np.searchsorted(ids, side) for side in sides])
+    xy = square_embedding(len(ids), local.reshape(-1, 2), length, [np.searchsorted(ids, side) for side in sides], rounds)
     real = ids < len(uv)
     uv[ids[real]] = xy[real]
 
@@ -66,8 +67,12 @@ def _face(recipe: Recipe, layout: Layout, uv: np.ndarray) -> None:
     c, low, high = t.face_columns, t.neck_rows, t.hair_row
     across, up = np.arange(-c, c + 1), np.arange(low, high + 1)
     sides = [body[low, across[:-1]], body[up[:-1], c], body[high, across[:0:-1]], body[up[:0:-1], -c]]
-    edges = [_edges(_cells(layout, FACE))]
-    length = [np.ones(len(edges[0]))]
+    edges, row = [_edges(_cells(layout, FACE))], np.full(len(uv), -1)
+    row[body[body >= 0]] = np.indices(body.shape)[0][body >= 0]
+    first, last = np.sort(row[edges[0]], 1).T
+    length = [np.ones(len(first))]
+    for (r0, r1), rings in ((t.mouth_rows, t.mouth_rings), (t.eye_rows, t.eye_rings), (t.nostril_rows, t.nostril_rings)):
+        length[0][(r0 <= first) & (first < last) & (last <= r1)] = 1 + BESIDE * rings / (r1 - r0)
     for name, opening in (("mouth", MOUTH_OPENING), ("eye_left", EYE_OPENING), ("eye_right", EYE_OPENING)):
         rungs, wanted = _rungs(layout.grids[name][0], opening)
         edges.append(rungs)
@@ -79,8 +84,11 @@ def _cranium(recipe: Recipe, layout: Layout, uv: np.ndarray) -> None:
     """The whole square, seen from above with the hair line below; the ears' holes are bridged by the cells that they replaced."""
     t, body = recipe.template, layout.grids["body"]
     c, low, high, half = t.face_columns + 1, t.neck_rows, t.hair_row + 1, t.half_columns
-    across, down, back = np.arange(-c, c + 1), np.arange(high, low - 1, -1), np.arange(c, 2 * half - c + 1)
-    sides = [body[high, across[:-1]], body[down[:-1], c], body[low, back[:-1]], body[down[:0:-1], -c]]
+    corner = (c + t.crown_across // 2) // 2  # between the hair line's end and the crown's
+    across, back, beside = np.arange(-corner, corner), np.arange(c, 2 * half - c), np.arange(corner, c)
+    right = np.concatenate([body[high, beside], body[high:low:-1, c]])
+    left = np.concatenate([body[low:high, -c], body[high, -1 - beside[::-1]]])
+    sides = [body[high, across], right, body[low, back], left]
     edges, spare = [_edges(_cells(layout, CRANIUM))], len(uv)
     (r0, r1), (c0, c1) = t.ear_rows, t.ear_columns
     for columns in (np.arange(c0, c1 + 1), -np.arange(c0, c1 + 1)):
@@ -91,25 +99,33 @@ def _cranium(recipe: Recipe, layout: Layout, uv: np.ndarray) -> None:
         bridge = _edges(grid_quads(block))
         edges.append(bridge[(bridge >= len(uv)).any(1)])
     together = np.concatenate(edges)
-    _embed(uv, together, np.where((together < len(uv)).all(1), 1.0, EAR_HOLE), sides)
+    _embed(uv, together, np.where((together < len(uv)).all(1), 1.0, EAR_HOLE), sides, rounds=2)
 
 
 def _neck(layout: Layout, uv: np.ndarray) -> None:
-    """An annulus seen from above, the face below, the uppermost row outside."""
+    """An annulus seen from below, its front above, the uppermost row outside."""
     body = layout.grids["body"]
     rows = body[: int((layout.segment == NECK).sum()) // body.shape[1]]
     phase = 2 * np.pi * np.arange(rows.shape[1]) / rows.shape[1]
     radius = np.linspace(NECK_HOLE, 0.49, len(rows))
-    uv[rows] = 0.5 + radius[:, None, None] * np.stack([np.sin(phase), -np.cos(phase)], -1)
+    uv[rows] = 0.5 + radius[:, None, None] * np.stack([np.sin(phase), np.cos(phase)], -1)
 
 
-def _disc(layout: Layout, ring: Int[np.ndarray, " k"], uv: np.ndarray) -> None:
-    """The whole square, its border the segment's outermost ring, which starts in the middle of the right side."""
-    k, eighth = len(ring), len(ring) // 8
+def _disc(layout: Layout, rings: Int[np.ndarray, "rings k"], uv: np.ndarray) -> None:
+    """The whole square, its border the outermost ring, which starts in the middle of the right side; all rings get equal areas."""
+    (count, k), cells = rings.shape, _cells(layout, layout.segment[rings[0, 0]])
+    inside = len(cells) - k * np.arange(count)
+    radius = np.sqrt(inside / inside[0])
+    depth = np.full(len(uv), count)
+    depth[rings] = np.arange(count)[:, None]
+    edges = _edges(cells)
+    i, j = np.sort(depth[edges], 1).T
+    between = np.append(radius[:-1] - radius[1:], radius[-1] / np.sqrt(inside[-1]))
+    length = np.where((i == j) & (i < count), np.append(2 * np.pi / k * radius, between[-1])[i], between[np.minimum(i, count - 1)])
+    eighth = k // 8
     corners = np.array([k // 2 + eighth, k - eighth, k + eighth, k // 2 - eighth + k, k // 2 + eighth + k])
-    sides = [ring[np.arange(a, b) % k] for a, b in zip(corners[:-1], corners[1:], strict=True)]
-    edges = _edges(_cells(layout, layout.segment[ring[0]]))
-    _embed(uv, edges, np.ones(len(edges)), sides)
+    sides = [rings[0, np.arange(a, b) % k] for a, b in zip(corners[:-1], corners[1:], strict=True)]
+    _embed(uv, edges, length, sides)
 
 
 def _lids(rings: Int[np.ndarray, "rings k"], uv: np.ndarray) -> None:
