@@ -96,7 +96,13 @@ def test_a_result_that_is_missing_is_named_with_the_target_that_makes_it(folder)
 def test_the_manifest_is_told_in_words(folder, monkeypatch):
     monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
     text = provenance_text("quick")
-    assert "c0ffee, with changes that are not committed" in text and "1.5 min" in text
+    assert "c0ffee, with changes of its own" in text and "1.5 min" in text
+    shared = {"git": {"commit": "c0ffee", "clean": True}, "profile": "quick", "processor": "abacus", "cores": 2}
+    each = {name: {"seeds": [0], "stages": {"rig": {"wall_s": s}}} for name, s in (("teen", 60), ("tiny", 120))}
+    (folder / "manifest.json").write_text(json.dumps(shared | {"characters": each}))
+    text = provenance_text("quick")
+    assert text.count("c0ffee") == text.count("abacus") == 1
+    assert "1.0 min" in text and "time of all stages, tiny" in text and "2.0 min" in text
     (folder / "manifest.json").unlink()
     with pytest.raises(InputError, match="`make table2` writes it"):
         provenance_text("quick")

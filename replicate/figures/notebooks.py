@@ -45,20 +45,26 @@ def provenance_text(name: str) -> str:
         raise InputError(f"{path}: there is no such manifest; `make table2` writes it with the results.") from None
     except ValueError as error:
         raise InputError(f"{path}: found no JSON ({error}).") from None
-    git = manifest.get("git") or {}
-    commit = git.get("commit", "unknown") + ("" if git.get("clean") else ", with changes that are not committed")
-    lines = {
-        "results": path.parent.relative_to(ROOT) if path.is_relative_to(ROOT) else path.parent,
-        "commit": commit if git else "unknown",
-        "command": manifest.get("command"),
-        "profile, seeds": f"{manifest.get('profile')}, {manifest.get('seeds')}",
-        "machine": f"{manifest.get('processor')}, {manifest.get('cores')} cores, GPU: {manifest.get('gpu') or 'none'}",
-        "packages": ", ".join(f"{k} {v}" for k, v in sorted((manifest.get("packages") or {}).items())),
+    lines = {"results": str(path.parent.relative_to(ROOT) if path.is_relative_to(ROOT) else path.parent)}
+    for character, own in (manifest.get("characters") or {"": {}}).items():
+        facts = {**manifest, **own}
+        for label, value in _told(facts).items():
+            if value not in lines.values():  # what characters share is said once
+                lines[f"{label}, {character}" if label in lines else label] = value
+    return "\n".join(f"{label:24}{value}" for label, value in lines.items())
+
+
+def _told(facts: dict) -> dict[str, str]:
+    git = facts.get("git")
+    seconds = [stage.get("wall_s", 0) for stage in (facts.get("stages") or {}).values()]
+    return {
+        "commit": "unknown" if not git else git["commit"] + ("" if git["clean"] else ", with changes of its own"),
+        "command": str(facts.get("command")),
+        "profile, seeds": f"{facts.get('profile')}, {facts.get('seeds')}",
+        "machine": f"{facts.get('processor')}, {facts.get('cores')} cores, GPU: {facts.get('gpu') or 'none'}",
+        "packages": ", ".join(f"{name} {version}" for name, version in sorted((facts.get("packages") or {}).items())),
+        "time of all stages": f"{sum(seconds) / 60:.1f} min",
     }
-    times = [facts.get("wall_s", 0) for facts in (manifest.get("stages") or {}).values()]
-    if times:
-        lines["time of all stages"] = f"{sum(times) / 60:.1f} min"
-    return "\n".join(f"{label:20}{value}" for label, value in lines.items())
 
 
 def show_table(table: Table) -> None:
