@@ -9,20 +9,23 @@ from data_recipes.head.sdf import project
 from data_recipes.head.shape import Shape, skin_distance
 from data_recipes.recipe import Recipe
 
-# (across, up, out, forward shift) of a ring: sizes as shares of the half width and half height, out in mm along the ear's axis
-PROFILE = (
-    (0.60, 0.86, 0.45, 0.0),   # behind: the neck of the ear
-    (0.86, 0.96, 0.80, 0.0),
-    (1.00, 1.00, 1.00, 0.0),   # outermost
-    (0.97, 0.97, 1.14, 0.0),   # the rim's crest
-    (0.88, 0.89, 1.12, 0.0),
-    (0.79, 0.81, 0.92, 0.0),   # the groove inside the rim
-    (0.68, 0.70, 0.84, 0.0),
-    (0.57, 0.58, 0.95, 0.04),  # the inner fold
-    (0.45, 0.45, 0.86, 0.12),
-    (0.34, 0.34, 0.50, 0.22),  # the bowl
-    (0.20, 0.22, 0.24, 0.34),
-)
+# From behind the ear over its rim to the canal: size (share of the outline), height over the ear's plane (share of the relief),
+# and how far the ring's middle moves towards the canal.
+PROFILE = np.array([
+    (0.70, 0.00, 0.00),
+    (0.92, 0.45, 0.00),  # behind the rim
+    (1.00, 0.95, 0.00),  # outermost
+    (0.99, 1.40, 0.00),
+    (0.92, 1.58, 0.00),  # the rim's crest
+    (0.84, 1.25, 0.02),
+    (0.77, 0.66, 0.05),  # the groove inside the rim
+    (0.64, 1.12, 0.12),  # the inner fold
+    (0.53, 0.98, 0.22),
+    (0.42, 0.12, 0.36),  # the bowl
+    (0.26, -0.25, 0.52),
+])
+LOBE_HEIGHT = 1.0
+CANAL = (-0.40, -0.16)  # where the bowl lies, in half widths backwards and half heights up
 
 
 def ear_frame(recipe: Recipe) -> Float[np.ndarray, "3 3"]:
@@ -35,42 +38,50 @@ def ear_frame(recipe: Recipe) -> Float[np.ndarray, "3 3"]:
 
 
 def outline(recipe: Recipe, phase: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 2"]:
-    """Return the egg (backwards, up), unit-sized: full above, narrow at the lobe. `phase` is 0 behind and a quarter turn at the top."""
+    """Return the egg (backwards, up), about unit-sized: full above, narrow at the lobe, flat in front. Phase 0 lies behind, 90° on top."""
     across, up = np.cos(phase), np.sin(phase)
-    egg = 1.0 + 0.16 * up - 0.10 * np.clip(-up, 0, 1) ** 2
+    egg = 1.0 + 0.16 * up - 0.14 * np.clip(-up, 0, 1) ** 2
     top = 1.0 + recipe.ears.point * np.clip(up, 0, 1) ** 6
-    return np.stack([across * egg * np.where(across < 0, 0.82, 1.0), up * top], -1)
-
-
-def base_pins(shape: Shape, k: int) -> Float[np.ndarray, "k 3"]:
-    """Return the ear's base, an oval on the head in front of which the ear lifts off."""
-    e = shape.recipe.ears
-    oval = outline(shape.recipe, _phase(k)) * (0.40 * e.width / 2, 0.66 * e.height / 2) + (-0.10 * e.width, -0.03 * e.height)
-    lean = np.radians(e.lean_deg)
-    z = -np.cos(lean) * oval[:, 0] + -np.sin(lean) * oval[:, 1]
-    y = np.cos(lean) * oval[:, 1] - np.sin(lean) * oval[:, 0]
-    start = np.array(e.centre) + np.stack([0 * z, y, z], -1)
-    return project(lambda p: skin_distance(shape, p), start, steps=8)
+    return np.stack([across * egg * (0.80 + 0.20 * np.tanh(3 * across)), up * top], -1)
 
 
 def _phase(k: int) -> Float[np.ndarray, " k"]:
     return 2 * np.pi * np.arange(k) / k
 
 
+def base_pins(shape: Shape, k: int) -> Float[np.ndarray, "k 3"]:
+    """Return the ear's base, an oval on the head under the front half of the ear."""
+    e = shape.recipe.ears
+    oval = outline(shape.recipe, _phase(k)) * (0.46 * e.width / 2, 0.64 * e.height / 2) + (-0.08 * e.width, -0.02 * e.height)
+    lean = np.radians(e.lean_deg)
+    z = -np.cos(lean) * oval[:, 0] - np.sin(lean) * oval[:, 1]
+    y = np.cos(lean) * oval[:, 1] - np.sin(lean) * oval[:, 0]
+    start = np.array(e.centre) + np.stack([0 * z, y, z], -1)
+    return project(lambda p: skin_distance(shape, p), start, steps=8)
+
+
 def ear_rings(recipe: Recipe, base: Float[np.ndarray, "k 3"], rings: int) -> Float[np.ndarray, "rings k 3"]:
     """Return the ear's rings from the innermost to the one next to its base."""
     e, k = recipe.ears, len(base)
-    frame, shape = ear_frame(recipe), outline(recipe, _phase(k))
-    centre = base.mean(0)
-    table = np.array(PROFILE)
-    places = np.linspace(0, len(table) - 1, rings)
-    profile = np.stack([np.interp(places, np.arange(len(table)), column) for column in table.T], -1)
-    out = np.empty((rings, k, 3))
-    lift = 0.16 * e.width
-    for i, (across, up, rise, shift) in enumerate(profile):
-        flat = shape * (across * e.width / 2, up * e.height / 2) + ((0.30 - shift) * e.width / 2, 0.0)
-        local = np.concatenate([flat, np.full((k, 1), rise * lift)], 1)
-        ring = centre + local @ frame
-        attach = np.clip(-shape[:, 0], 0, 1) ** 1.5 * (1 - 0.25 * i / rings) * (0.55 if rise < 1 else 0.35)
-        out[i] = ring + attach[:, None] * np.clip((base - ring), -6, 6) * (1.0 if i < 5 else 0.5)
-    return out[::-1]
+    frame, phase = ear_frame(recipe), _phase(k)
+    egg = outline(recipe, phase) * (e.width / 2, e.height / 2)
+    front, low = np.clip(-np.cos(phase), 0, 1), np.clip((-np.sin(phase) - 0.45) / 0.5, 0, 1)
+    relief = 0.17 * e.width
+    strength = (1 - 0.55 * front**2) * (1 - 0.85 * low**1.5)  # the lobe is plain, the rim's root in front is low
+    tragus = np.exp(-(((phase - np.pi * 1.04) / 0.30) ** 2))
+    hinge = 0.55 * e.width / 2 * np.sin(np.radians(e.flare_deg))  # the plane turns about its front edge, which stays on the head
+    centre = base.mean(0) + (hinge - 0.02 * e.width, 0, 0)
+    places = np.linspace(0, len(PROFILE) - 1, rings)
+    out = []
+    for place in places:
+        size, height, shift = (np.interp(place, np.arange(len(PROFILE)), column) for column in PROFILE.T)
+        flat = egg * size + np.array(CANAL) * shift * (e.width / 2, e.height / 2) + (0.14 * e.width, 0.0)
+        inside = np.clip((place - 2) / 2, 0, 1)
+        rise = height + inside * (1 - strength) * (LOBE_HEIGHT - height)
+        near_tragus = tragus * np.exp(-(((place - 7.6) / 1.1) ** 2))
+        rise = np.where(place > 8.2, np.minimum(rise, height), rise) + 0.75 * near_tragus
+        flat[:, 0] += 0.10 * e.width * near_tragus
+        ring = centre + np.concatenate([flat, relief * rise[:, None]], 1) @ frame
+        hold = np.clip(1 - place / 2.5, 0, 1) * (0.25 + 0.35 * front**2)
+        out.append(ring + hold[:, None] * (base - ring))
+    return np.stack(out[::-1])

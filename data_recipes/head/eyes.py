@@ -35,7 +35,9 @@ def on_ball(recipe: Recipe, azimuth, elevation, radius) -> Float[np.ndarray, "k 
 def rim_pins(recipe: Recipe, k: int) -> Float[np.ndarray, "k 3"]:
     """Return the rim's ring, just inside the lid's outer face."""
     azimuth, elevation = rim_angles(recipe, k)
-    return on_ball(recipe, azimuth, elevation, np.full(k, recipe.eyes.radius + 0.9 * recipe.eyes.lid_thickness))
+    u, _ = ring_parameter(k)
+    height = recipe.eyes.lid_thickness * (0.9 - 0.4 * u**8)  # lids grow thin towards the corners
+    return on_ball(recipe, azimuth, elevation, recipe.eyes.radius + height)
 
 
 def inner_lids(recipe: Recipe, k: int, rings: int) -> Float[np.ndarray, "rings k 3"]:

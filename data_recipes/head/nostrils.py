@@ -20,7 +20,7 @@ def _frame(shape: Shape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     normal /= np.linalg.norm(normal)
     forward = np.array([0.25, 0, 1.0]) - (0.25 * normal[0] + normal[2]) * normal
     forward /= np.linalg.norm(forward)
-    return centre[0], np.stack([np.cross(normal, forward), forward]), normal
+    return centre[0], np.stack([np.cross(forward, normal), forward]), normal
 
 
 def nostril_rings(shape: Shape, k: int, rings: int) -> Float[np.ndarray, "rings k 3"]:
@@ -33,5 +33,5 @@ def nostril_rings(shape: Shape, k: int, rings: int) -> Float[np.ndarray, "rings 
     out = [rim]
     for i in range(1, rings):
         share = i / (rings - 1)
-        out.append(rim + (centre - rim) * (0.12 + 0.2 * share) - normal * deep * share)
+        out.append(rim + (centre - rim) * (0.06 + 0.24 * share) - normal * deep * share**0.8)
     return np.stack(out[::-1])

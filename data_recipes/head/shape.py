@@ -45,7 +45,7 @@ def skull_distance(recipe: Recipe, p: Points) -> Distances:
     jaw = smooth_min(cone(far, angle, middle, r, r + 1.5), cone(far, middle, chin, r + 1.5, r), 6.0)
     d = smooth_min(d, jaw, 44.0)
     d = smooth_min(d, cone(far, s.jaw_ramus, angle, r - 2.0, r), 44.0)
-    d = smooth_min(d, ellipsoid(p, s.chin, s.chin_radii), 16.0)
+    d = smooth_min(d, ellipsoid(p, s.chin, s.chin_radii), s.chin_blend)
     d = smooth_min(d, cone(p, s.neck_top, s.neck_bottom, s.neck_radii[0], s.neck_radii[1]), s.neck_radii[2])
     d = smooth_min(d, ellipsoid(near, s.cheekbone, s.cheekbone_radii), 26.0)
     d = smooth_min(d, ellipsoid(near, s.cheek, s.cheek_radii), 24.0)
