@@ -16,7 +16,7 @@ from torch import nn
 from torch.nn import functional
 
 from replicate.approximation.map_kernel import MapOffsets
-from replicate.approximation.model import SegmentedModel, load_model, parameter_scaling, save_model, target_lengths
+from replicate.approximation.model import SegmentedModel, load_model, parameter_scale, save_model, target_lengths
 from replicate.approximation.segments import Segment
 from replicate.approximation.supervision import Supervision
 from replicate.approximation.tile_kernel import CHANNELS
@@ -105,8 +105,8 @@ def train_coarse(mesh, segments: Sequence[Segment], samples, config, scratch: Pa
     networks = [make_network(segment, facts) for segment in segments]
     initialise(nn.ModuleList(networks), config.leaky_slope, torch.Generator().manual_seed(seed))
     lengths = target_lengths(segments, offsets)
-    scaling = parameter_scaling(samples.params)
-    model = SegmentedModel(networks, segments, *scaling, lengths, len(mesh.neutral)).to(device)
+    scale = parameter_scale(samples.params)
+    model = SegmentedModel(networks, segments, scale, lengths, len(mesh.neutral)).to(device)
 
     def loss_of_step(step: int) -> torch.Tensor:
         params, target = supervision.batch(seed, "coarse", step, config.training.batch)

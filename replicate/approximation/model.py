@@ -3,9 +3,9 @@
 Coarse, refinement and dense models differ only in their networks; what surrounds them is here: which parameters
 each sees and how they are scaled, which vertices it moves, and how all of it is saved.
 
-Parameters go in as (p − mean) / scale, over the training poses; each network's output is multiplied by one fixed
-length, the RMS of its segment's targets, so that fresh weights already give millimetres of the right size. The paper is
-silent on both (DEVIATIONS D8).
+Parameters are divided by their largest absolute value in the training poses, so that rest stays at zero; each network's
+output is multiplied by one fixed length, the RMS of its segment's targets, so that fresh weights already give the right
+size. The paper is silent on both (DEVIATIONS D8).
 """
 
 import json
@@ -21,30 +21,25 @@ from torch import nn
 from replicate.approximation.segments import Segment, segment_vertices
 from replicate.errors import InputError
 
-SPARSE_SHARE = 0.2  # of the largest deviation: the least scale of a parameter, so that a rarely used one stays bounded
-
 
 class SegmentedModel(nn.Module):
     """Networks side by side, each (b, j) scaled parameters → (b, k, 3) offsets of its segment.
 
-    mean, scale: (m,) of the rig parameters. lengths: (segments,) mm. vertex_count: n of the whole mesh.
+    scale: (m,) of the rig parameters. lengths: (segments,) mm. vertex_count: n of the whole mesh.
     """
 
-    def __init__(
-        self, networks: Sequence[nn.Module], segments: Sequence[Segment], mean, scale, lengths, vertex_count: int
-    ):
+    def __init__(self, networks: Sequence[nn.Module], segments: Sequence[Segment], scale, lengths, vertex_count: int):
         super().__init__()
         self.networks, self.segments, self.vertex_count = nn.ModuleList(networks), tuple(segments), vertex_count
         self.lengths = [float(length) for length in lengths]
         self.vertices = segment_vertices(segments)
-        self.register_buffer("mean", torch.as_tensor(np.asarray(mean), dtype=torch.float32))
         self.register_buffer("scale", torch.as_tensor(np.asarray(scale), dtype=torch.float32))
         for k, segment in enumerate(segments):
             self.register_buffer(f"parameters_{k}", torch.from_numpy(segment.parameters).long(), persistent=False)
 
     def forward(self, params: Float[torch.Tensor, "b m"]) -> Float[torch.Tensor, "b v 3"]:
         """Return the offsets (mm) of `self.vertices` for raw rig parameters, differentiable in both."""
-        scaled = (params - self.mean) / self.scale
+        scaled = params / self.scale
         seen = (scaled[:, getattr(self, f"parameters_{k}")] for k in range(len(self.segments)))
         return torch.cat([n(p) * s for n, p, s in zip(self.networks, seen, self.lengths, strict=True)], dim=1)
 
@@ -54,7 +49,7 @@ class SegmentedModel(nn.Module):
         out = np.zeros((len(params), self.vertex_count, 3), np.float32)
         with torch.no_grad():
             for start in range(0, len(params), batch):
-                part = torch.from_numpy(params[start : start + batch]).to(self.mean.device)
+                part = torch.from_numpy(params[start : start + batch]).to(self.scale.device)
                 out[start : start + batch, self.vertices] = self(part).cpu().numpy()
         return out
 
@@ -63,20 +58,18 @@ class SegmentedModel(nn.Module):
         networks, segments, lengths = zip(
             *[(self.networks[k], self.segments[k], self.lengths[k]) for k in kept], strict=True
         )
-        scaling = (self.mean.cpu(), self.scale.cpu())
-        return SegmentedModel(networks, segments, *scaling, lengths, self.vertex_count).to(self.mean.device)
+        scale = self.scale.cpu()
+        return SegmentedModel(networks, segments, scale, lengths, self.vertex_count).to(self.scale.device)
 
     def size_mb(self) -> float:
         """Return the size of all trained weights as float32, in MB of 10⁶ bytes (Table 1)."""
         return sum(weight.numel() for weight in self.networks.parameters()) * 4 / 1e6
 
 
-def parameter_scaling(params: Float[np.ndarray, "N m"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean and the scale of each rig parameter over the training poses; a constant one has scale 1."""
-    params = np.asarray(params, np.float64)
-    mean = params.mean(0)
-    scale = np.maximum(params.std(0), SPARSE_SHARE * np.abs(params - mean).max(0))
-    return mean.astype(np.float32), np.where(scale > 0, scale, 1.0).astype(np.float32)
+def parameter_scale(params: Float[np.ndarray, "N m"]) -> Float32[np.ndarray, " m"]:
+    """Return the largest absolute value of each rig parameter over the training poses; 1 for one that stays zero."""
+    largest = np.abs(np.asarray(params, np.float32)).max(0)
+    return np.where(largest > 0, largest, np.float32(1))
 
 
 def target_lengths(segments: Sequence[Segment], offsets: Float[np.ndarray, "b n 3"]) -> list[float]:
@@ -112,8 +105,6 @@ def load_model(folder: Path, make_network: Callable[[Segment, dict], nn.Module])
         for k, name in enumerate(facts["segments"])
     ]
     networks = [make_network(segment, facts) for segment in segments]
-    model = SegmentedModel(
-        networks, segments, arrays["mean"], arrays["scale"], facts["lengths_mm"], facts["vertex_count"]
-    )
+    model = SegmentedModel(networks, segments, arrays["scale"], facts["lengths_mm"], facts["vertex_count"])
     model.load_state_dict(arrays)
     return model

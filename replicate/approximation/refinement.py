@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from torch import nn
 
 from replicate.approximation.cnn import initialise, make_network, shape_facts
-from replicate.approximation.model import SegmentedModel, load_model, parameter_scaling, target_lengths
+from replicate.approximation.model import SegmentedModel, load_model, parameter_scale, target_lengths
 from replicate.approximation.segments import Segment, make_segment, segment_vertices
 from replicate.approximation.supervision import Supervision
 from replicate.approximation.training import prepare, train
@@ -55,8 +55,8 @@ def select(
 ) -> tuple[tuple[Segment, ...], Elbow]:
     """Return the refinement segments (§3.3), and how many clusters the elbow method found.
 
-    k-means of each chart's texture coordinates weighted by e_i; vertices within a square of side `config.square` around
-    the nearest centroid form a segment, whose coordinates are stretched to fill its map. A cluster belongs to one chart,
+    k-means of each chart's texture coordinates weighted by e_i; the vertices in a square of side `config.square` about
+    their nearest centroid form a segment, whose coordinates are stretched to fill its map. A cluster belongs to one chart,
     since charts are separate planes: k clusters go to where they lower the summed inertia most, and a vertex in a chart
     without one counts as UNCOVERED. config: a RefinementConfig.
     """
@@ -158,8 +158,8 @@ def train_refined(
     lengths = target_lengths(segments, offsets - coarse.offsets(params))
     networks = [make_network(segment, shape_facts(config)) for segment in segments]
     initialise(nn.ModuleList(networks), config.leaky_slope, torch.Generator().manual_seed(seed))
-    scaling = parameter_scaling(samples.params)
-    residual = SegmentedModel(networks, segments, *scaling, lengths, len(mesh.neutral)).to(device)
+    scale = parameter_scale(samples.params)
+    residual = SegmentedModel(networks, segments, scale, lengths, len(mesh.neutral)).to(device)
     coarse = coarse.to(device)
     kept = [k for k, s in enumerate(coarse.segments) if np.isin(s.vertices, supervision.vertices).any()]
     below = coarse.part(kept)
