@@ -56,9 +56,9 @@ def select(
     """Return the refinement segments (§3.3), and how many clusters the elbow method found.
 
     k-means of each chart's texture coordinates weighted by e_i; the vertices in a square of side `config.square` about
-    their nearest centroid form a segment, whose coordinates are stretched to fill its map. A cluster belongs to one chart,
-    since charts are separate planes: k clusters go to where they lower the summed inertia most, and a vertex in a chart
-    without one counts as UNCOVERED. config: a RefinementConfig.
+    their nearest centroid form a segment, whose coordinates are stretched to fill its map. A cluster belongs to one
+    chart, since charts are separate planes: k clusters go to where they lower the summed inertia most, and a vertex in
+    a chart without one counts as UNCOVERED. config: a RefinementConfig.
     """
     weights = [errors[segment.vertices] for segment in segments]
     centroids, found_elbow = clusters([segment.uv for segment in segments], weights, config, seed)
