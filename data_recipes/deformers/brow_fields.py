@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from data_recipes.deformers.sculpting import Path, Sculptor, smoothstep
 
-RAISE_MM = 11.5
+RAISE_MM = 12.5
 LOWER_MM = 8.0
 
 
@@ -35,8 +35,15 @@ def brow_row_field(s: Sculptor) -> Float[np.ndarray, " n"]:
     row = _row_of(head, brows)
     between = body[row, list(range(-t.eye_columns[0], t.eye_columns[0] + 1))]
     moved = np.concatenate([brows, between[between >= 0]])
-    still = np.setdiff1d(still, moved)
-    return s.blend((moved, 1.0), (still, 0.0), passes=4)
+    # Up the forehead's columns the field is 1 − s, s the arc length from brow to hair line: an even strain.
+    reach = t.eye_columns[1] - 1
+    columns = body[row : t.hair_row + 1][:, list(range(-reach, reach + 1))]
+    steps = np.linalg.norm(np.diff(s.x[columns], axis=0), axis=2)
+    arc = np.concatenate([np.zeros((1, columns.shape[1])), np.cumsum(steps, axis=0)])
+    ramp = 1 - arc / arc[-1]
+    whole = (columns >= 0).all()
+    even = (columns.ravel(), ramp.ravel()) if whole else (moved, 1.0)
+    return s.blend((moved, 1.0), even, (still, 0.0), passes=4)
 
 
 def _row_of(head, brow: np.ndarray) -> int:

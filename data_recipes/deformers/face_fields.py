@@ -40,7 +40,7 @@ def nose(s: Sculptor) -> dict[str, Path]:
     lips = fade(s, "mouth")
     flank = s.bump(s.nearest(s.point("nose_wing_left") + np.array([7.0, 8, -6])), 24.0) * lids * lips
     tip = s.bump("nose_tip", 30.0) * lips
-    up, out = s.up, s.out
+    up = s.up
     return {
         "nose_wrinkle_*": s.slide(
             5.0 * (0.8 * wing * lips + 0.7 * flank)[:, None] * up + 3.2 * bridge[:, None] * up, 0.8 * flank

@@ -19,23 +19,22 @@ PASSES = 6
 WIDTH = 6  # neighbours used per vertex
 
 
-def _opposite_neighbours(
+def _fans(
     vertices: np.ndarray, normals: np.ndarray, neighbours: np.ndarray, weight: np.ndarray
-) -> Int[np.ndarray, "4 s"]:
-    """Return two crossing pairs of neighbours a, b and c, d per vertex: ordered by angle, a and b face each other."""
-    s = len(vertices)
-    chosen = np.tile(np.arange(s), (4, 1))
-    for i in range(s):
-        ring = neighbours[i][weight[i] > 0]
-        if len(ring) < 3:
-            continue
-        arms = vertices[ring] - vertices[i]
-        first = arms[0] - normals[i] * (arms[0] @ normals[i])
-        second = np.cross(normals[i], first)
-        ring = ring[np.argsort(np.arctan2(arms @ second, arms @ first))]
-        half, quarter = len(ring) // 2, max(len(ring) // 4, 1)
-        chosen[:, i] = ring[0], ring[half], ring[quarter], ring[(quarter + half) % len(ring)]
-    return chosen
+) -> Float[np.ndarray, "2 w s"]:
+    """Return weights cos θ and sin θ of each vertex's neighbours; θ is the arm's angle from upwards about the normal.
+
+    Weighted sums of the neighbours are then an upward and a sideward tangent, alike on both sides of the face.
+    """
+    up = np.where(np.abs(normals[:, 1:2]) > 0.9, np.array([[0.0, 0, 1]]), np.array([[0.0, 1, 0]]))
+    up = up - normals * (up * normals).sum(axis=1, keepdims=True)
+    side = np.cross(normals, up)
+    arms = vertices[neighbours] - vertices[:, None]
+    angle = np.arctan2((arms * side[:, None]).sum(axis=2), (arms * up[:, None]).sum(axis=2))
+    used = weight > 0
+    fans = np.stack([np.cos(angle) * used, np.sin(angle) * used])
+    # Without the mean the sums would move with the vertex itself.
+    return ((fans - fans.sum(axis=2, keepdims=True) * weight) * used).transpose(0, 2, 1)
 
 
 def smooth(constants: Constants, x: Float[Values, "b 3 s"]) -> Float[Values, "b 3 s"]:
@@ -54,11 +53,15 @@ def smooth(constants: Constants, x: Float[Values, "b 3 s"]) -> Float[Values, "b 
 
 
 def frames(constants: Constants, smoothed: Float[Values, "b 3 s"]) -> tuple[Array, Array, Array]:
-    """Return the orthonormal frames (tangent, second tangent, normal), each (b, 3, s), of a smoothed skin."""
-    a, b, c, d = constants["across"]
-    first = unit(smoothed[:, :, b] - smoothed[:, :, a])
-    second = smoothed[:, :, d] - smoothed[:, :, c]
-    normal = unit(cross(first, second))
+    """Return the orthonormal frames (upward tangent, sideward tangent, normal), each (b, 3, s), of a smoothed skin."""
+    rows = smoothed.reshape(-1, smoothed.shape[-1]).T
+    arms = [rows[index] for index in constants["neighbour"]]
+    up, side = (
+        sum(arm * weight[:, None] for arm, weight in zip(arms, fan, strict=True)).T.reshape(smoothed.shape)
+        for fan in constants["fans"]
+    )
+    first = unit(up)
+    normal = unit(cross(up, side))
     return first, cross(normal, first), normal
 
 
@@ -81,7 +84,7 @@ def prepare(
         "neighbour_weight": np.ascontiguousarray(share.T),
         "pull": (0.5 * inside[support]).astype(np.float32),
         "weight": np.where(inside, weight, 0)[support].astype(np.float32),
-        "across": _opposite_neighbours(x, vertex_normals(neutral, faces)[support], index, share).astype(np.int32),
+        "fans": _fans(x, vertex_normals(neutral, faces)[support], index, share).astype(np.float32),
     }
     rest = jnp.asarray(x.T[None], jnp.float32)
     smoothed = smooth(constants, rest)

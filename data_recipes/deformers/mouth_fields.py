@@ -39,8 +39,8 @@ def _corner(u: Curve, power: float) -> Curve:
 
 
 def _smile_seam(u: Curve, side: Curve) -> Motion:
-    up = 10.0 * _corner(u, 2.2) + np.where(side < 0, -0.4, 0.9) * _arch(u)
-    return 9.0 * np.sign(u) * _corner(u, 1.4), up, -2.6 * _corner(u, 1.5) - 1.2 * _arch(u)
+    up = 12.0 * _corner(u, 2.0) + np.where(side < 0, -2.0, -0.6) * _arch(u)
+    return 8.5 * np.sign(u) * _corner(u, 1.3), up, -3.0 * _corner(u, 1.5) - 1.0 * _arch(u)
 
 
 def _smile_border(u: Curve, side: Curve) -> Motion:
@@ -178,6 +178,9 @@ def lip_change(sculptor: Sculptor, seam: Motion, border: Motion) -> Float[np.nda
     change = sculptor.extend(change * size)
     for j, share in enumerate(BAG_SHARES[: len(bag)]):
         change[bag[j]] = share * inner * size
+    # Deep in the bag, rings stand much higher than the seam: they must not be drawn out with it.
+    deep = bag[min(3, len(bag) - 1) : len(BAG_SHARES)]
+    change[deep, 2] = np.minimum(change[deep, 2], 0.0)
     return change
 
 

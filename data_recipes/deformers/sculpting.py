@@ -140,10 +140,13 @@ class Sculptor:
         value = wendland(np.where(np.isfinite(distance), 0.5 * (distance + straight), radius_mm), radius_mm)
         return smooth_values(value, self.graph, 2)
 
-    def blend(self, *levels: tuple[np.ndarray, float], passes: int = 3) -> Float[np.ndarray, " n"]:
-        """Return the harmonic function on the skin that takes each level at its vertices, smoothed a little."""
-        ids = np.concatenate([np.unique(v) for v, _ in levels])
-        values = np.concatenate([np.full(len(np.unique(v)), float(level)) for v, level in levels])
+    def blend(self, *levels: tuple[np.ndarray, float | np.ndarray], passes: int = 3) -> Float[np.ndarray, " n"]:
+        """Return the harmonic function on the skin that takes each level at its vertices, smoothed a little.
+
+        A vertex that is named twice takes the level named first.
+        """
+        ids = np.concatenate([v for v, _ in levels])
+        values = np.concatenate([np.broadcast_to(np.asarray(level, float), len(v)) for v, level in levels])
         ids, first = np.unique(ids, return_index=True)
         return smooth_values(harmonic(self.graph, ids, values[first]), self.graph, passes)
 
@@ -220,6 +223,8 @@ class Sculptor:
     def relief_at(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return the smoothed radius at wrapped coordinates."""
         grid_a, grid_b, r = self.relief
+        # Level with the nose its relief would throw the lips about; there the one below counts.
+        b = np.minimum(b, self.point("mouth_corner_left")[1] + 10.0)
         where = [(a - grid_a[0]) / 2.0, (b - grid_b[0]) / 2.0]
         return map_coordinates(r, where, order=2, mode="nearest")
 

@@ -142,6 +142,7 @@ def prepare(
 ) -> dict[str, dict[str, np.ndarray]]:
     """Return the layer's constants: one entry a region, and "surface" with the normals and places of their union."""
     n = len(neutral)
+    regions = sorted(regions, key=lambda region: region.name)  # the order in which compiled functions see dictionaries
     constants = {region.name: prepare_region(region, neutral, faces) for region in regions}
     support = np.unique(np.concatenate([region.vertices for region in regions])) if regions else np.zeros(0, int)
     surface = prepare_normals(support, faces, n) if regions else {}
@@ -164,7 +165,7 @@ def wrinkle(
     constants: Mapping[str, Constants], x: Float[Values, "b 3 n"], u: Float[Values, "b m"]
 ) -> Float[Values, "b 3 n"]:
     """Return positions with every region's wrinkles: X += Σ h n."""
-    names = [name for name in constants if name != "surface"]
+    names = sorted(name for name in constants if name != "surface")
     if not names:
         return x
     surface = constants["surface"]
