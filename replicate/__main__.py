@@ -67,15 +67,17 @@ def configurations(options: argparse.Namespace) -> list[Config]:
 
 
 def _table2(options: argparse.Namespace) -> None:
-    from replicate import pipeline
+    from replicate.pipeline import table2_graph
+    from replicate.publish import publish_table2
     from replicate.scheduler import run
 
     configs = configurations(options)
     workers = _workers(options)
-    stages = [stage for config in configs for stage in pipeline.table2_graph(config)]
+    graphs = [table2_graph(config) for config in configs]
+    stages = [stage for graph in graphs for stage in graph]
     facts = provenance(options.typed, options.profile, sorted({config.seed for config in configs}), workers)
     run(stages, workers, facts)
-    pipeline.publish_table2(configs, stages, facts)
+    publish_table2(configs, [graph[-1] for graph in graphs])
 
 
 def _compare(options: argparse.Namespace) -> None:

@@ -17,8 +17,9 @@ def cache_folder() -> Path:
 
 
 def run_folder(profile: str) -> Path:
-    """Return the folder that a run with this profile writes its tables and figures to."""
-    return RESULTS / "runs" / profile
+    """Return the folder that a run with this profile writes to: in `$REPLICATE_RESULTS`, else results/runs/<profile>."""
+    named = os.environ.get("REPLICATE_RESULTS", "").strip()
+    return (Path(named).expanduser().resolve() if named else RESULTS / "runs") / profile
 
 
 def character_names() -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from replicate import __main__ as cli
 from replicate import paths
 from replicate.inventory import inventory
 from replicate.stages import Stage
+from replicate.store import artefact_folder, read_manifest
 
 
 @pytest.fixture
@@ -35,9 +36,9 @@ def pipeline(monkeypatch, recipes):
 
     module = types.ModuleType("replicate.pipeline")
     module.table2_graph = graph
-    module.publish_table2 = lambda configs, stages, facts: published.append((configs, stages, facts))
     monkeypatch.setitem(sys.modules, "replicate.pipeline", module)
     monkeypatch.setattr(replicate, "pipeline", module, raising=False)
+    monkeypatch.setattr("replicate.publish.publish_table2", lambda *given: published.append(given))
     return published
 
 
@@ -85,10 +86,12 @@ def test_an_unknown_command_is_refused(capsys):
 
 def test_table2_runs_the_graph_of_every_character_and_publishes_once(capfd, cache, pipeline):
     assert cli.main(["table2", "--profile", "quick", "--characters", "teen,dragon", "woman", "--seed", "4"]) == 0
-    ((configs, stages, facts),) = pipeline
+    ((configs, tables),) = pipeline
     assert [config.character for config in configs] == ["teen", "dragon", "woman"]
     assert {(config.profile, config.seed) for config in configs} == {("quick", 4)}
-    assert len(stages) == 3 and facts["seeds"] == [4] and facts["command"].startswith("python -m replicate table2 ")
+    assert [table.name for table in tables] == ["errors"] * 3
+    facts = read_manifest(artefact_folder(tables[0].identifier))["run"]
+    assert facts["seeds"] == [4] and facts["command"].startswith("python -m replicate table2 ")
     assert "made 6 of 6 artefacts" in capfd.readouterr().out
 
 

@@ -141,8 +141,11 @@ def _stable(outputs: list) -> list:
     return kept
 
 
-def run_notebook(name: str, results: str) -> Path:
-    """Execute one of the notebooks on some results, unless that has been done, and return the file written."""
+def run_notebook(name: str, results: str, **parameters: object) -> Path:
+    """Execute one of the notebooks on some results, unless that has been done, and return the file written.
+
+    parameters: more values for its first cell.
+    """
     source = NOTEBOOKS / f"{name}.ipynb"
     if not source.is_file():
         allowed = ", ".join(sorted(path.stem for path in NOTEBOOKS.glob("*.ipynb")))
@@ -150,18 +153,18 @@ def run_notebook(name: str, results: str) -> Path:
     open_results(results)  # to fail with one sentence, not with a kernel's
     provenance_text(results)
     if results == "reference":
-        execute(source, source, {"RESULTS": results})
+        execute(source, source, {"RESULTS": results, **parameters})
         return source
-    out, stamp = results_folder(results) / source.name, _stamp(source, results_folder(results))
+    out, stamp = results_folder(results) / source.name, _stamp(source, results_folder(results), parameters)
     if not out.is_file() or stamp not in out.read_text(encoding="utf-8", errors="replace"):
-        execute(source, out, {"RESULTS": results}, stamp)
+        execute(source, out, {"RESULTS": results, **parameters}, stamp)
     return out
 
 
-def _stamp(source: Path, folder: Path) -> str:
+def _stamp(source: Path, folder: Path, parameters: dict) -> str:
     """Return a hash of what a notebook's outputs depend on: its cells, the results, and the code that shows them."""
     cells = [cell["source"] for cell in json.loads(source.read_text(encoding="utf-8"))["cells"]]
-    digest = hashlib.sha256(json.dumps(cells).encode())
+    digest = hashlib.sha256(json.dumps([cells, parameters]).encode())
     code = [path for package in ("figures", "evaluation") for path in (ROOT / "replicate" / package).glob("*.py")]
     for path in sorted([*code, *folder.glob("*.csv"), *folder.glob("*.npz")]):
         digest.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())

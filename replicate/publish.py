@@ -1,0 +1,98 @@
+"""From finished artefacts to what a person reads: results/runs/<profile>/ with CSVs, manifest, figures and notebook."""
+
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from replicate import paths
+from replicate.config import Config
+from replicate.evaluation.character import run_name
+from replicate.evaluation.curves import read_curves, write_curves
+from replicate.evaluation.results import Row, read_results, write_results
+from replicate.evaluation.table2 import table2
+from replicate.evaluation.tables import as_text
+from replicate.provenance import stage_facts
+from replicate.stages import Stage, input_names
+from replicate.store import artefact_folder, read_manifest
+
+MANIFEST = "manifest.json"
+
+
+def publish_table2(configs: Sequence[Config], tables: Sequence[Stage]) -> None:
+    """Write Table 2 of some characters to the profile's folder, print it, and execute its notebook if it is stale.
+
+    tables: each configuration's last stage. Results of characters that are not among them stay in the folder. Where a
+    number comes from is read from the artefacts, so publishing again changes nothing.
+    """
+    profile = configs[0].profile
+    folder = paths.run_folder(profile)
+    folder.mkdir(parents=True, exist_ok=True)
+    rows, curves, manifest = _present(folder)
+    for config, stage in zip(configs, tables, strict=True):
+        character, made = stage.label, artefact_folder(stage.identifier)
+        rows = [row for row in rows if row.character != character] + read_results(made / "table2.csv")
+        curves = {key: curve for key, curve in curves.items() if key[0] != character}
+        curves |= read_curves(made / "table2_curves.csv")
+        shutil.copyfile(made / f"table2_{character}_pose.npz", folder / f"table2_{character}_pose.npz")
+        manifest[character] = _facts(config, stage)
+    write_results(folder / "table2.csv", rows)
+    write_curves(folder / "table2_curves.csv", curves)
+    _write_manifest(folder / MANIFEST, {name: manifest[name] for name in sorted({row.character for row in rows})})
+    _draw(folder, profile, configs[0].evaluation.heatmap_deg)
+    paper = read_results(paths.PAPER / "table2.csv")
+    for stage in tables:
+        print(as_text(table2(rows, paper, stage.label)))
+    print(f"written to {_shown(folder)}: table2.csv, {MANIFEST}, figures, and table2.ipynb to read them in")
+
+
+def _present(folder: Path) -> tuple[list[Row], dict, dict]:
+    """Return the rows, curves and manifest entries of the characters that are already there."""
+    if not (folder / MANIFEST).is_file():
+        return [], {}, {}
+    manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["characters"]
+    return read_results(folder / "table2.csv"), read_curves(folder / "table2_curves.csv"), manifest
+
+
+def _facts(config: Config, stage: Stage) -> dict:
+    """Return where one character's numbers come from: the run that made its table, and every stage behind it."""
+    manifest = read_manifest(artefact_folder(stage.identifier))
+    inputs = {name: artefact_folder(needed.identifier) for name, needed in input_names(stage.inputs).items()}
+    return {**manifest["run"], "seeds": [config.seed], "run": run_name(inputs), "stages": stage_facts([stage])}
+
+
+def _write_manifest(file: Path, characters: dict[str, dict]) -> None:
+    """Write what all characters share at the top, and each one's own facts below."""
+    each = list(characters.values())
+    shared = {
+        key: value
+        for key, value in each[0].items()
+        if key not in ("stages", "run") and all(facts.get(key) == value for facts in each)
+    }
+    text = json.dumps({**shared, "characters": characters}, indent=1, ensure_ascii=False) + "\n"
+    beside = file.with_name(f".{file.name}.{os.getpid()}")
+    beside.write_text(text, encoding="utf-8")
+    os.replace(beside, file)
+
+
+def _draw(folder: Path, profile: str, limit_deg: float) -> None:
+    """Execute the notebook and draw the figures, unless both show these results already."""
+    from replicate.figures.notebooks import run_notebook
+
+    notebook = folder / "table2.ipynb"
+    before = notebook.stat().st_mtime_ns if notebook.is_file() else None
+    run_notebook("table2", profile, HEATMAP_DEG=limit_deg)
+    if notebook.stat().st_mtime_ns == before:
+        return
+    from replicate.figures.panels import save_figure
+    from replicate.figures.table2_figures import open_table2, table2_figures
+
+    results = open_table2(folder)
+    for character in results.characters:
+        for name, figure, words in table2_figures(results, character, limit_deg):
+            save_figure(figure, folder / f"{name}.png", words)
+
+
+def _shown(folder: Path) -> str:
+    return str(folder.relative_to(paths.ROOT)) if folder.is_relative_to(paths.ROOT) else str(folder)

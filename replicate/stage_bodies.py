@@ -1,0 +1,306 @@
+"""What the stages of `pipeline` do: each reads artefacts, calls the library and writes one artefact.
+
+Nothing is computed here. Settings are the smallest part of the configuration that a stage's numbers depend on, so that
+a change of one number remakes no more than it must.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from replicate.mesh import Mesh
+from replicate.stages import StageContext, stream_rng
+
+
+@dataclass(frozen=True)
+class Character:
+    """Which rig to build: a character's name or the path of a recipe."""
+
+    character: str
+
+
+@dataclass(frozen=True)
+class Seeded:
+    """A section of the configuration, and the seed that the stage draws from."""
+
+    section: object
+    seed: int
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A section of the configuration, the seed, and the device that networks are trained on."""
+
+    section: object
+    seed: int
+    device: str
+
+
+@dataclass(frozen=True)
+class Bones:
+    """The LBS section with one number of bones."""
+
+    section: object
+    bones: int
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What decides where a refinement is needed: of the refinement's section, and the coarse maps' size."""
+
+    poses: int
+    square: float
+    clusters_max: int
+    coarse_map_size: int
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Which method is measured, on how many test poses (0: all), and the numbers that its predictor needs."""
+
+    method: str
+    test_poses: int
+    batch: int
+    seed: int
+    refit_sweeps: int = 0
+    refit_tolerance: float = 0.0
+    map_size: int = 0
+    refined_map_size: int = 0
+
+
+@dataclass(frozen=True)
+class Reported:
+    """What the rows of a table are labelled with."""
+
+    character: str
+    profile: str
+    seed: int
+
+
+def make_rig(context: StageContext) -> None:
+    """Build a character's rig and keep it; the mesh alone as well, for stages that need no rig."""
+    from data_recipes.rig import build_rig, save_rig
+
+    rig = build_rig(context.config.character)
+    save_rig(rig, context.out / "rig")
+    rig.mesh.save(context.out / "mesh.npz")
+    context.note(vertices=len(rig.mesh.neutral), faces=len(rig.mesh.faces), parameters=len(rig.controls))
+
+
+def make_samples(context: StageContext) -> None:
+    """Draw the poses and evaluate the rig at them (§3.5)."""
+    from replicate.samples import write_samples
+
+    rig = load_rig(context)
+    section = context.config.section
+    facts = write_samples(rig, section, context.out, context.rng, context.scratch, context.progress)
+    context.note(**facts)
+
+
+def make_influence(context: StageContext) -> None:
+    """Find which control can move which vertex (§3.1)."""
+    from replicate.influence import influence, influence_poses
+    from replicate.samples import choose_poses
+
+    rig = load_rig(context)
+    training, _ = choose_poses(rig, context.config.section, context.rng)
+    poses = influence_poses(rig, training, context.rng("poses"))
+    moves = influence(rig, poses, progress=context.progress)
+    np.save(context.out / "influence.npy", moves)
+    context.note(poses=len(poses), idle_controls=[rig.controls[k].name for k in np.flatnonzero(~moves.any(0))])
+
+
+def make_rigid(context: StageContext) -> None:
+    """Find the rigid segments and what they are attached to, from training poses (§3.4)."""
+    from replicate.rigid import find_attachments
+
+    mesh, samples, section = load_mesh(context), load_samples(context), context.config.section
+    poses = samples.draw(context.rng("poses"), min(section.poses, len(samples)))
+    found = find_attachments(mesh, mesh.neutral + samples.offsets(poses), section.tau_mm, section.attachments)
+    found.save(context.out / "attachments.npz")
+    context.note(rigid_segments=[mesh.segment_names[k] for k in found.segment])
+
+
+def make_coarse(context: StageContext) -> None:
+    """Train the coarse CNNs (§3.1)."""
+    from replicate.approximation.cnn import save, train_coarse
+
+    section, seed, device = _training(context)
+    mesh, samples = load_mesh(context), load_samples(context)
+    segments = load_coarse_segments(context.inputs, mesh)
+    model, log = train_coarse(mesh, segments, samples, section, context.scratch, context.progress, seed, device)
+    save(model, context.out, section)
+    _keep_log(context, model, log)
+
+
+def make_selection(context: StageContext) -> None:
+    """Find where a refinement is needed (§3.3)."""
+    from replicate.approximation.refinement import map_error, select
+    from replicate.approximation.segments import save_segments
+
+    section, mesh, samples = context.config.section, load_mesh(context), load_samples(context)
+    segments = load_coarse_segments(context.inputs, mesh)
+    poses = samples.draw(context.rng("poses"), min(section.poses, len(samples)))
+    errors = map_error(segments, samples.offsets(poses), section.coarse_map_size)
+    influence = np.load(context.inputs["influence"] / "influence.npy")
+    found, elbow = select(segments, errors, influence, section, context.config.seed)
+    save_segments(found, context.out / "segments.npz")
+    np.save(context.out / "map_error.npy", errors)
+    sizes = {segment.name: len(segment.vertices) for segment in found}
+    context.note(segments=sizes, clusters=elbow.clusters, inertia=list(elbow.inertia))
+
+
+def make_refined(context: StageContext) -> None:
+    """Train the refinement CNNs on what the coarse ones leave (§3.2)."""
+    from replicate.approximation.cnn import load_coarse, save
+    from replicate.approximation.refinement import train_refined
+    from replicate.approximation.segments import load_segments
+
+    section, seed, device = _training(context)
+    mesh, samples, coarse = load_mesh(context), load_samples(context), load_coarse(context.inputs["coarse"])
+    segments = load_segments(context.inputs["selection"] / "segments.npz")
+    scratch, progress = context.scratch, context.progress
+    model, log = train_refined(mesh, coarse, segments, samples, section, scratch, progress, seed, device)
+    save(model.residual, context.out, section)
+    _keep_log(context, model, log)
+
+
+def make_dense(context: StageContext) -> None:
+    """Train the dense baseline (§5.1)."""
+    from replicate.approximation.dense import save, train_dense
+
+    section, seed, device = _training(context)
+    mesh, samples = load_mesh(context), load_samples(context)
+    segments = load_coarse_segments(context.inputs, mesh)
+    model, log = train_dense(mesh, segments, samples, section, context.scratch, context.progress, seed, device)
+    save(model, context.out, section)
+    _keep_log(context, model, log)
+
+
+def make_lbs(context: StageContext) -> None:
+    """Fit linear blend skinning to training poses, the same for every number of bones (§5.1)."""
+    from replicate.approximation.lbs import fit
+
+    section, bones = context.config.section.section, context.config.section.bones
+    mesh, samples = load_mesh(context), load_samples(context)
+    poses = samples.draw(stream_rng(context.config.seed, "lbs", "poses"), min(section.samples, len(samples)))
+    skin = fit(
+        mesh.neutral,
+        mesh.neutral + samples.offsets(poses),
+        bones,
+        context.rng("sketch"),
+        section.influences,
+        section.iterations,
+        context.scratch,
+        context.progress,
+    )
+    skin.save(context.out / "skin.npz")
+
+
+def make_wrinkled(context: StageContext) -> None:
+    """Choose the test pose that figures show: the one that folds the forehead most."""
+    from replicate.evaluation.pose import most_wrinkled
+    from replicate.figures.scene import forehead_faces
+
+    mesh, samples = load_mesh(context), load_samples(context)
+    shown = forehead_faces(mesh.neutral, mesh.faces)
+    pose = most_wrinkled(mesh, samples.test_params, samples.test_offsets, shown)
+    (context.out / "pose.json").write_text(json.dumps({"pose": pose}) + "\n")
+
+
+def make_errors(context: StageContext) -> None:
+    """Measure one method on the test poses, and keep the one that figures show as the method predicts it."""
+    from replicate.evaluation.errors import evaluate, unique_poses
+    from replicate.evaluation.methods import load_predictor
+
+    settings, mesh, samples = context.config, load_mesh(context), load_samples(context)
+    attachments = load_attachments(context.inputs)
+    predictor = load_predictor(settings, context.inputs, mesh, attachments)
+    poses = unique_poses(samples.test_params)
+    if settings.test_poses and settings.test_poses < len(poses):
+        chosen = stream_rng(settings.seed, "errors", "poses").choice(len(poses), settings.test_poses, replace=False)
+        poses = poses[np.sort(chosen)]
+    with context.progress(len(poses), f"errors, {settings.method}") as bar:
+        errors = evaluate(
+            mesh,
+            samples.test_params[poses],
+            samples.test_offsets[poses],
+            {settings.method: predictor},
+            attachments.segment,
+            settings.batch,
+            bar,
+        )[settings.method]
+    errors.save(context.out / "errors.npz")
+    pose = load_wrinkled(context.inputs)
+    truth = mesh.neutral + samples.test_offsets[pose : pose + 1]
+    np.save(context.out / "pose.npy", predictor(samples.test_params[pose : pose + 1], truth)[0].astype(np.float32))
+
+
+def make_table2(context: StageContext) -> None:
+    """Gather one character's rows of Table 2, the curves of its trainings and the pose that figures show."""
+    from replicate.evaluation.character import curves_of, pose_of, rows_of
+    from replicate.evaluation.curves import write_curves
+    from replicate.evaluation.pose import save_pose
+    from replicate.evaluation.results import write_results
+
+    settings, inputs = context.config, context.inputs
+    write_results(context.out / "table2.csv", rows_of(settings, inputs, load_mesh(context)))
+    write_curves(context.out / "table2_curves.csv", curves_of(settings.character, inputs))
+    samples, pose = load_samples(context), load_wrinkled(inputs)
+    rig = load_rig(context)
+    props = rig.pose_props(samples.test_params[pose])
+    record = pose_of(settings.character, inputs, rig.mesh, pose, samples.test_offsets[pose], props)
+    save_pose(context.out / f"table2_{settings.character}_pose.npz", record)
+
+
+def load_rig(context: StageContext):
+    """Return the rig that the stage "rig" built."""
+    from data_recipes.rig import build_rig
+
+    return build_rig("saved", context.inputs["rig"] / "rig")
+
+
+def load_mesh(context: StageContext) -> Mesh:
+    """Return the rig's mesh, without the rig."""
+    return Mesh.load(context.inputs["rig"] / "mesh.npz")
+
+
+def load_samples(context: StageContext):
+    """Open the samples."""
+    from replicate.samples import SampleSet
+
+    return SampleSet.open(context.inputs["samples"])
+
+
+def load_attachments(inputs: Mapping[str, Path]):
+    """Return the rigid segments and what carries them."""
+    from replicate.rigid import Attachments
+
+    return Attachments.load(inputs["rigid"] / "attachments.npz")
+
+
+def load_coarse_segments(inputs: Mapping[str, Path], mesh: Mesh):
+    """Return the segments of the coarse model: the mesh's own, less the rigid ones."""
+    from replicate.approximation.segments import coarse_segments
+
+    moves = np.load(inputs["influence"] / "influence.npy")
+    return coarse_segments(mesh, load_attachments(inputs).segment.tolist(), moves)
+
+
+def load_wrinkled(inputs: Mapping[str, Path]) -> int:
+    """Return the index of the test pose that figures show."""
+    return json.loads((inputs["wrinkled"] / "pose.json").read_text())["pose"]
+
+
+def _training(context: StageContext) -> tuple:
+    return context.config.section, context.config.seed, context.config.device
+
+
+def _keep_log(context: StageContext, model, log) -> None:
+    from replicate.approximation.training import write_log
+
+    write_log(log, context.out / "log.csv")
+    context.note(size_mb=model.size_mb())
