@@ -20,7 +20,7 @@ UV = np.random.default_rng(1).uniform(0, 1, (40, 2)).astype(np.float32)
 def network(map_size=32, inputs=7) -> cnn.MapNetwork:
     made = cnn.MapNetwork(inputs, UV, map_size, 16, (256, 512), 0.2)
     generator = torch.Generator().manual_seed(0)
-    cnn.initialise(made, 0.2, generator)
+    cnn.initialise(nn.ModuleList([made]), 0.2, generator)
     for layer in made.modules():
         if isinstance(layer, nn.Linear | nn.Conv2d):
             layer.bias.data.normal_(0, 0.1, generator=generator)

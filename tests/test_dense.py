@@ -14,8 +14,8 @@ from replicate.progress import progress
 def test_the_network_is_two_hidden_layers_and_a_linear_output():
     made = dense.DenseNetwork(5, 4, (8, 6), 0.2)
     p = torch.randn(3, 5, generator=torch.Generator().manual_seed(0))
-    a, b, c = made.layers
-    assert [tuple(layer.weight.shape) for layer in made.layers] == [(8, 5), (6, 8), (12, 6)]
+    (a, b), c = made.hidden, made.output
+    assert [tuple(layer.weight.shape) for layer in (a, b, c)] == [(8, 5), (6, 8), (12, 6)]
     x = functional.leaky_relu(p @ a.weight.T + a.bias, 0.2)
     x = functional.leaky_relu(x @ b.weight.T + b.bias, 0.2)
     torch.testing.assert_close(made(p), (x @ c.weight.T + c.bias).view(3, 4, 3))

@@ -25,6 +25,7 @@ from replicate.deformation_map import bilinear, sample
 from replicate.errors import InputError
 
 START = 8  # pixels a side of the maps that the dense layers make
+OUTPUT_SHARE = 0.1  # of the size of its targets: what a fresh network gives
 
 
 class MapNetwork(nn.Module):
@@ -74,14 +75,19 @@ class MapNetwork(nn.Module):
         return MapOffsets.apply(start, self.slope, self.pixels, self.shares, *convolutions, *output)
 
 
-def initialise(model: nn.Module, slope: float, generator: torch.Generator) -> None:
-    """Draw weights that keep the variance through leaky ReLUs (He et al. 2015); biases start at zero."""
+def initialise(networks: nn.ModuleList, slope: float, generator: torch.Generator) -> None:
+    """Draw weights that keep the variance through leaky ReLUs (He et al. 2015), a tenth of that for each `output`.
+
+    Biases start at zero. So a fresh network gives a tenth of the offsets' size, and has little noise to unlearn.
+    """
     gain = (2 / (1 + slope**2)) ** 0.5
     with torch.no_grad():
-        for layer in model.modules():
+        for layer in networks.modules():
             if isinstance(layer, nn.Linear | nn.Conv2d):
                 layer.weight.normal_(0, gain / layer.weight[0].numel() ** 0.5, generator=generator)
                 layer.bias.zero_()
+        for network in networks:
+            network.output.weight.mul_(OUTPUT_SHARE)
 
 
 def make_network(segment: Segment, facts: dict) -> MapNetwork:

@@ -21,15 +21,15 @@ class DenseNetwork(nn.Module):
 
     def __init__(self, inputs: int, vertices: int, hidden: Sequence[int], slope: float):
         super().__init__()
-        widths = (inputs, *hidden, 3 * vertices)
-        self.layers = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(widths))
+        self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise((inputs, *hidden)))
+        self.output = nn.Linear(hidden[-1], 3 * vertices)
         self.slope = slope
 
     def forward(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b k 3"]:
         x = params
-        for layer in self.layers[:-1]:
+        for layer in self.hidden:
             x = functional.leaky_relu(layer(x), self.slope)
-        return self.layers[-1](x).unflatten(1, (-1, 3))
+        return self.output(x).unflatten(1, (-1, 3))
 
 
 def make_network(segment: Segment, facts: dict) -> DenseNetwork:

@@ -4,8 +4,8 @@ Coarse, refinement and dense models differ only in their networks; what surround
 each sees and how they are scaled, which vertices it moves, and how all of it is saved.
 
 Parameters are divided by their largest absolute value in the training poses, so that rest stays at zero; each network's
-output is multiplied by one fixed length, the RMS of its segment's targets, so that fresh weights already give the right
-size. The paper is silent on both (DEVIATIONS D8).
+output is multiplied by one fixed length, the RMS of its segment's targets, so that its weights are of the usual size.
+The paper is silent on both (DEVIATIONS D8).
 """
 
 import json
