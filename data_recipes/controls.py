@@ -194,7 +194,6 @@ def _sided(names: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:
     return expanded
 
 
-
 def control_groups() -> dict[str, list[Control]]:
     """Return every control that our face rigs know, by group, in the order in which a smaller rig drops them last."""
     eyes = tuple((part, "eye_*") for part in LID_PARTS)

@@ -179,11 +179,15 @@ def _check(rig: Rig) -> None:
             raise InputError(f"{where}: {field}{found}, where a list of vertices from 0 to {n - 1} is allowed.")
     if len(rig.control_point_regions) != len(rig.control_points):
         found = f"{len(rig.control_point_regions)} control_point_regions"
-        raise InputError(f"{where}: found {found}, where one for each of the {len(rig.control_points)} control points is allowed.")
+        raise InputError(
+            f"{where}: found {found}, where one for each of the {len(rig.control_points)} control points is allowed."
+        )
     for clip in rig.clips or ():
         if clip.values.ndim != 2 or clip.values.shape[1] != m or not np.isfinite(clip.values).all():
             shape = clip.values.shape
-            raise InputError(f"{where}: clip '{clip.name}' has the shape {shape} or NaN, where finite (frames, {m}) is allowed.")
+            raise InputError(
+                f"{where}: clip '{clip.name}' has the shape {shape} or NaN, where finite (frames, {m}) is allowed."
+            )
 
 
 def check_rig(rig: Rig, tolerance_mm: float = 1e-3) -> Rig:
@@ -194,7 +198,9 @@ def check_rig(rig: Rig, tolerance_mm: float = 1e-3) -> Rig:
     n = len(rig.mesh.neutral)
     found = np.asarray(rig.function(rig.default[None]), np.float32)
     if found.shape != (1, n, 3):
-        raise InputError(f"rig '{rig.name}': its function gives the shape {found.shape} for one pose, where (1, {n}, 3) is allowed.")
+        raise InputError(
+            f"rig '{rig.name}': its function gives the shape {found.shape} for one pose, where (1, {n}, 3) is allowed."
+        )
     off = np.abs(found[0] - rig.mesh.neutral).max(axis=1)
     bad = np.flatnonzero(~(off <= tolerance_mm))  # NaN counts as off
     if len(bad):

@@ -47,7 +47,9 @@ def save_rig(rig: Rig, folder: Path) -> None:
     Raises InputError for a foreign rig: its function is code, which we don't store.
     """
     if rig.face is None:
-        raise InputError(f"rig '{rig.name}': it has a function of its own, where only rigs built from recipes can be saved.")
+        raise InputError(
+            f"rig '{rig.name}': it has a function of its own, where only rigs built from recipes can be saved."
+        )
     folder.mkdir(parents=True, exist_ok=True)
     arrays = _flatten(rig.face.constants, "constants") | {f"mesh/{name}": getattr(rig.mesh, name) for name in MESH}
     arrays |= {f"props/{i}/{name}": getattr(prop, name) for i, prop in enumerate(rig.face.props) for name in PROP}
@@ -84,7 +86,9 @@ def load_rig(folder: Path) -> Rig:
     except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{folder}: found no readable rig ({error}), where {DESCRIPTION} and {ARRAYS} are allowed.") from error
+        raise InputError(
+            f"{folder}: found no readable rig ({error}), where {DESCRIPTION} and {ARRAYS} are allowed."
+        ) from error
 
 
 def _assemble(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> Rig:

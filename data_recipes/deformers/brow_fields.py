@@ -12,7 +12,7 @@ from jaxtyping import Float
 from data_recipes.deformers.sculpting import Path, Sculptor, smoothstep
 
 RAISE_MM = 12.5
-LOWER_MM = 8.0
+LOWER_MM = 9.5
 
 
 def brow_row_field(s: Sculptor) -> Float[np.ndarray, " n"]:
@@ -103,4 +103,6 @@ def _scalp(s: Sculptor) -> Float[np.ndarray, " n"]:
     still = np.concatenate([low[low >= 0], back[back >= 0], *ears, *eyes, s.head.grids["mouth_bag"].ravel()])
     still = np.setdiff1d(still, s.head.curves["hairline"])
     front = np.setdiff1d(crown[: max(len(crown) // 5, 1)].ravel(), still)
-    return s.blend((s.head.curves["hairline"], 1.0), (front, 0.8), (crown[len(crown) // 2 :].ravel(), 0.0), (still, 0.0))
+    return s.blend(
+        (s.head.curves["hairline"], 1.0), (front, 0.8), (crown[len(crown) // 2 :].ravel(), 0.0), (still, 0.0)
+    )

@@ -71,7 +71,9 @@ def build_constants(head: Head, controls: tuple[Control, ...]) -> dict[str, Any]
             s.point("cheek_left"),
             float(head.jaw_pivot[2]),
         ),
-        "teeth": teeth.prepare(s.x, list(head.grids["teeth"]), [j < 0 for j in head.teeth_jaw.tolist()], head.jaw_pivot),
+        "teeth": teeth.prepare(
+            s.x, list(head.grids["teeth"]), [j < 0 for j in head.teeth_jaw.tolist()], head.jaw_pivot
+        ),
     }
     for name, upper in (("wall_upper", True), ("wall_lower", False)):
         constants[name] = _wall(s, upper)
@@ -79,7 +81,12 @@ def build_constants(head: Head, controls: tuple[Control, ...]) -> dict[str, Any]
         eye = head.eyes[side]
         patch = build_patch(s, side, lid_columns, m + 4)
         constants[f"lids_{side}"] = lids.prepare(
-            s.x, patch, np.asarray(eye.frame), np.asarray(eye.centre), float(eye.radius), columns.get(f"blink_{side}", m + 4)
+            s.x,
+            patch,
+            np.asarray(eye.frame),
+            np.asarray(eye.centre),
+            float(eye.radius),
+            columns.get(f"blink_{side}", m + 4),
         )
     return constants
 
@@ -173,7 +180,9 @@ def _jaw_weight(s: Sculptor) -> Float[np.ndarray, " n"]:
     still |= s.in_segments("cranium", "ear_left", "ear_right", "lids_inner")
     neck = body[: max(head.recipe.template.neck_rows // 2, 1)]
     still[neck[neck >= 0]] = True
-    hard = s.is_outer & (np.abs(x[:, 0]) < 26) & (x[:, 1] < s.point("lip_lower_bottom")[1] - 4) & (x[:, 1] > chin[1] - 6)
+    hard = (
+        s.is_outer & (np.abs(x[:, 0]) < 26) & (x[:, 1] < s.point("lip_lower_bottom")[1] - 4) & (x[:, 1] > chin[1] - 6)
+    )
     hard &= x[:, 2] > chin[2] - 26
     for vertex in np.flatnonzero(hard & ~np.isin(np.arange(s.n), mouth[: lip_rings + 1])).tolist():
         fixed[vertex] = 1.0

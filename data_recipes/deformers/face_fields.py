@@ -22,10 +22,14 @@ def cheeks(s: Sculptor) -> dict[str, Path]:
     puff = s.bump(hollow, 46.0) * (0.35 + 0.65 * lips)
     upper_lip = s.bump("lip_upper_top", 24.0) * smoothstep(s.x[:, 0], -8, 8)
     dent = s.bump(s.nearest(corner + np.array([7.0, 2.0, -3.0])), 11.0)
+    # The ring muscle of the eye gathers the skin beside it: crow's feet.
+    beside = s.nearest(s.point("eye_outer_left") + np.array([9.0, -2, -10]))
+    gather = -0.3 * (s.bump(beside, 32.0) * (s.x[:, 1] - s.x[beside, 1]))[:, None] * s.up
     return {
-        "cheek_raise_*": s.slide(apple[:, None] * (6.0 * s.up + 1.5 * s.out), 3.2 * apple),
+        "cheek_raise_*": s.slide(apple[:, None] * (6.0 * s.up + 1.5 * s.out) + 0.5 * gather, 3.2 * apple),
         "cheek_puff_*": s.straight(np.zeros_like(s.x), 10.0 * puff + 1.5 * upper_lip * lips),
-        "smile_*": s.slide(apple[:, None] * (3.0 * s.up + 1.5 * s.out), 3.4 * apple - 1.6 * dent),
+        "smile_*": s.slide(apple[:, None] * (1.6 * s.up + 0.4 * s.out) + 0.3 * gather, 3.6 * apple - 1.6 * dent),
+        "squint_*": s.slide(gather),
         "dimple_*": s.straight(np.zeros_like(s.x), -2.4 * dent),
     }
 
@@ -104,12 +108,13 @@ def tongue(s: Sculptor) -> dict[str, Path]:
     def move(x=0.0, y=0.0, z=0.0):
         return np.stack([x + 0 * t, y + 0 * t, z + 0 * t], axis=1) * scale
 
-    raised = move(y=11.0 * t**1.6, z=-1.5 * t**2)
+    # Half-way values below half make the parabola flat on its negative side: down there is the floor of the mouth.
+    raised = move(y=10.0 * t**1.6, z=-1.5 * t**2)
     return {
-        "tongue_raise": Path(move(y=5.0 * t**1.9, z=-0.2 * t), raised, 0 * t, 0 * t),
+        "tongue_raise": Path(move(y=4.1 * t**1.6, z=-0.5 * t**2), raised, 0 * t, 0 * t),
         "tongue_out": Path(move(z=4.0 * t, y=0.4 * t), move(z=7.0 * t, y=0.6 * t), 0 * t, 0 * t),
         "tongue_sideways": Path(move(x=4.0 * t**2), move(x=8.0 * t**2, z=-1.2 * t**2), 0 * t, 0 * t),
-        "tongue_curl": Path(move(y=3.5 * t**3), move(y=8.5 * t**3, z=-4.0 * t**3), 0 * t, 0 * t),
+        "tongue_curl": Path(move(y=3.55 * t**3, z=-1.4 * t**3), move(y=8.5 * t**3, z=-4.0 * t**3), 0 * t, 0 * t),
         "tongue_wide": s.straight(move(x=0.22 * middle * t, y=-0.22 * height * t)),
         "tongue_twist": Path(
             move(x=-0.22 * height * t, y=0.22 * middle * t),

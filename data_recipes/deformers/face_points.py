@@ -74,7 +74,11 @@ def control_points(s: Sculptor) -> tuple[Int[np.ndarray, " c"], tuple[str, ...]]
         chosen += [(marks[f"{name}_{side}"], f"eye_{side}") for name in lids]
         chosen += [(points[f"cheek_{side}_0{i}"], "cheeks") for i in (1, 2, 3)]
         chosen += [(points[f"nose_wing_{side}"], "nose"), (points[f"nasolabial_{side}"], "mouth")]
-        chosen += [(marks[f"mouth_corner_{side}"], "mouth"), (points[f"jaw_{side}_01"], "jaw"), (points[f"jaw_{side}_02"], "jaw")]
+        chosen += [
+            (marks[f"mouth_corner_{side}"], "mouth"),
+            (points[f"jaw_{side}_01"], "jaw"),
+            (points[f"jaw_{side}_02"], "jaw"),
+        ]
     chosen += [(points["nose_tip"], "nose"), (points["nose_bridge"], "nose"), (points["forehead"], "brows")]
     chosen += [(points["glabella"], "brows"), (points["chin"], "jaw")]
     for name in ("lip_upper", "lip_lower"):

@@ -192,9 +192,7 @@ def sculpt(sculptor: Sculptor, action: LipAction) -> Path:
     """Return an action's path, of the left side if it has sides; left and right together give the whole mouth's."""
     u, side = sculptor.head.ring_parameter["mouth_u"], sculptor.head.ring_parameter["mouth_side"]
     window = smoothstep(u, -0.45, 0.45) if action.sided else np.ones_like(u)
-    change = lip_change(
-        sculptor, _windowed(action.seam(u, side), window), _windowed(action.border(u, side), window)
-    )
+    change = lip_change(sculptor, _windowed(action.seam(u, side), window), _windowed(action.border(u, side), window))
     half, full = sculptor.along_surface(change * np.array(action.half)), sculptor.along_surface(change)
     still = np.zeros(sculptor.n)
     return Path(half, full, still, still)

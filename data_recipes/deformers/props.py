@@ -32,7 +32,9 @@ class RestProp:
 
 def rest_props(head: Any) -> tuple[RestProp, ...]:
     """Return a head's props, each skin prop tied to the outer skin vertices nearest to it."""
-    outer = np.flatnonzero(np.isin(head.segment, [i for i, n in enumerate(head.segment_names) if n in ("face", "cranium", "neck")]))
+    outer = np.flatnonzero(
+        np.isin(head.segment, [i for i, n in enumerate(head.segment_names) if n in ("face", "cranium", "neck")])
+    )
     tree = cKDTree(head.vertices[outer])
     rest = []
     for prop in head.props:
@@ -69,7 +71,9 @@ def pose(
         x = prop.vertices
         if prop.follow.startswith("eye"):
             side = prop.follow.removeprefix("eye_")
-            aside, up = (u[0, columns[name]] if name in columns else 0.0 for name in (f"look_x_{side}", f"look_y_{side}"))
+            aside, up = (
+                u[0, columns[name]] if name in columns else 0.0 for name in (f"look_x_{side}", f"look_y_{side}")
+            )
             centre = np.asarray(constants[f"lids_{side}"]["centre"])
             x = (x - centre) @ _gaze(aside * GAZE_RAD[0], up * GAZE_RAD[1]) + centre
             x = np.asarray(head_shape.warp(constants["shape"], values, jnp.asarray(x.T[None], jnp.float32)))[0].T

@@ -171,9 +171,7 @@ class Sculptor:
         values = self.head.sdf(np.concatenate(probes)).reshape(7, -1)
         return values[0], np.stack([(values[1 + 2 * i] - values[2 + 2 * i]) / (2 * step) for i in range(3)], axis=1)
 
-    def slide(
-        self, offset: Float[np.ndarray, "n 3"], bulge: Float[np.ndarray, " n"] | float = 0.0
-    ) -> Path:
+    def slide(self, offset: Float[np.ndarray, "n 3"], bulge: Float[np.ndarray, " n"] | float = 0.0) -> Path:
         """Return the path whose half and full offsets both keep to the skull, with a bulge that grows evenly."""
         bulge = np.broadcast_to(np.asarray(bulge, float), (self.n,))
         half, full = self.on_skull(0.5 * offset), self.on_skull(offset)

@@ -13,7 +13,7 @@ from data_recipes.deformers.sculpting import Sculptor, smoothstep
 from data_recipes.deformers.surface_operators import smooth_values, submesh
 from data_recipes.deformers.wrinkles import SMALLEST_THRESHOLD, Region
 
-ROWS_PER_FOLD = 3  # on the forehead valleys land on edge loops
+ROWS_PER_FOLD = 4  # on the forehead valleys land on edge loops
 
 
 def ridges(phase: Float[np.ndarray, "*s"]) -> Float[np.ndarray, "*s"]:
@@ -87,7 +87,7 @@ def _forehead(s: Sculptor) -> Parts:
         "wrinkle_forehead_right": right * (1 - middle),
         "wrinkle_forehead_middle": middle,
     }
-    return "forehead", vertices, s.up, ROWS_PER_FOLD * spacing, window * ridges(phase), gain
+    return "forehead", vertices, s.up, ROWS_PER_FOLD * spacing, 0.8 * window * ridges(phase), gain
 
 
 def _glabella(s: Sculptor) -> Parts:
@@ -99,7 +99,9 @@ def _glabella(s: Sculptor) -> Parts:
     x, y = x[vertices], y[vertices]
     groove = 0.34 * inner
     p = 0.5 - 2.0 * np.exp(-(((np.abs(x) - groove) / (0.36 * groove)) ** 2))
-    window = smoothstep(np.abs(x), 1.3 * inner, 0.7 * inner) * smoothstep(y, y0 - 14, y0 - 2) * smoothstep(y, top + 14, top)
+    window = (
+        smoothstep(np.abs(x), 1.3 * inner, 0.7 * inner) * smoothstep(y, y0 - 14, y0 - 2) * smoothstep(y, top + 14, top)
+    )
     return "glabella", vertices, s.out, 9.0, window * p, {"wrinkle_glabella": np.ones(len(vertices))}
 
 
@@ -109,14 +111,23 @@ def _bridge(s: Sculptor, side: str) -> Parts:
     y1, y0 = s.point("glabella")[1] - 10, s.point("nose_wing_left")[1] + 12
     x, y = sign * s.x[:, 0], s.x[:, 1]
     wide = s.point("eye_inner_left")[0]
-    vertices = _inside(s, (x > -0.5) & (x < 1.05 * wide) & (y > y0 - 4) & (y < y1 + 4) & (s.x[:, 2] > 0.6 * s.point("glabella")[2]))
+    vertices = _inside(
+        s, (x > -0.5) & (x < 1.05 * wide) & (y > y0 - 4) & (y < y1 + 4) & (s.x[:, 2] > 0.6 * s.point("glabella")[2])
+    )
     x, y = x[vertices], y[vertices]
     wavelength = 5.4
     phase = (y - y0 + 0.55 * x) / (wavelength * np.hypot(1, 0.55))
     window = smoothstep(y, y0 - 3, y0 + 5) * smoothstep(y, y1 + 3, y1 - 5) * smoothstep(x, 1.0 * wide, 0.55 * wide)
     window = window * smoothstep(x, 0.0, 2.5)
     fibre = s.up + 0.55 * sign * s.out
-    return f"nose_{side}", vertices, fibre, wavelength, window * ridges(phase), {f"wrinkle_nose_{side}": np.ones(len(vertices))}
+    return (
+        f"nose_{side}",
+        vertices,
+        fibre,
+        wavelength,
+        window * ridges(phase),
+        {f"wrinkle_nose_{side}": np.ones(len(vertices))},
+    )
 
 
 def _crow(s: Sculptor, side: str) -> Parts:
@@ -136,9 +147,14 @@ def _crow(s: Sculptor, side: str) -> Parts:
     radial = (a + 3.0)[:, None] * out + b[:, None] * np.array([0, 1.0, 0])
     fibre = np.zeros_like(s.x)
     fibre[vertices] = np.cross(s.normals[vertices], radial)
-    return f"crow_{side}", vertices, fibre, wavelength, window * ridges(angle / 19 + 0.5), {
-        f"wrinkle_crow_{side}": np.ones(len(vertices))
-    }
+    return (
+        f"crow_{side}",
+        vertices,
+        fibre,
+        wavelength,
+        window * ridges(angle / 19 + 0.5),
+        {f"wrinkle_crow_{side}": np.ones(len(vertices))},
+    )
 
 
 def _nasolabial(s: Sculptor, side: str) -> Parts:
@@ -163,19 +179,28 @@ def _nasolabial(s: Sculptor, side: str) -> Parts:
     near = (along.min(axis=1) < 17) & (sign * s.x[:, 0] > 8) & (s.x[:, 2] > 20) & off_lips
     vertices = _inside(s, near)
     d, place = signed[vertices], place[vertices] / 59
-    p = -1.5 * np.exp(-((d / 2.6) ** 2)) + 1.05 * np.exp(-(((d - 6.0) / 4.2) ** 2))
+    p = -1.9 * np.exp(-((d / 2.8) ** 2)) + 1.3 * np.exp(-(((d - 6.5) / 4.4) ** 2))
     window = smoothstep(place, 0.0, 0.12) * smoothstep(place, 1.0, 0.8) * smoothstep(np.abs(d), 16, 11)
-    return f"nasolabial_{side}", vertices, across, 11.0, window * p, {f"wrinkle_nasolabial_{side}": np.ones(len(vertices))}
+    return (
+        f"nasolabial_{side}",
+        vertices,
+        across,
+        11.0,
+        window * p,
+        {f"wrinkle_nasolabial_{side}": np.ones(len(vertices))},
+    )
 
 
 def _chin(s: Sculptor) -> Parts:
     """Dimples: a product of sines."""
     chin = s.point("chin")
     away = s.x - chin
-    vertices = _inside(s, (np.linalg.norm(away, axis=1) < 25) & (s.x[:, 2] > 20) & (s.x[:, 1] < s.point("lip_lower_bottom")[1] - 2))
+    vertices = _inside(
+        s, (np.linalg.norm(away, axis=1) < 25) & (s.x[:, 2] > 20) & (s.x[:, 1] < s.point("lip_lower_bottom")[1] - 2)
+    )
     x, y = away[vertices, 0], away[vertices, 1]
-    wavelength = 7.5
-    p = 1.4 * np.sin(2 * np.pi * (x + 0.35 * y) / 8.6 + 0.7) * np.sin(2 * np.pi * (y - 0.3 * x) / 8.0)
+    wavelength = 7.0
+    p = 1.2 * np.sin(2 * np.pi * (x + 0.3 * y) / 14.0 + 0.7) * np.sin(2 * np.pi * (y - 0.25 * x) / 12.5)
     window = smoothstep(np.hypot(x, y - 4), 22, 12)
     left, right = _sides(x, 5.0)
     return "chin", vertices, s.up, wavelength, window * p, {"wrinkle_chin_left": left, "wrinkle_chin_right": right}
@@ -194,6 +219,11 @@ def _under_eye(s: Sculptor, side: str) -> Parts:
     window = smoothstep(ring, 0.15 * count, 0.35 * count) * smoothstep(ring, 1.0 * count, 0.75 * count)
     window = window * smoothstep(np.abs(place), 0.95, 0.55)
     fibre = smooth_values(s.up, s.graph, 2)
-    return f"under_eye_{side}", vertices, fibre, wavelength, window * ridges(ring / 4.0 + 0.5), {
-        f"wrinkle_under_eye_{side}": np.ones(len(vertices))
-    }
+    return (
+        f"under_eye_{side}",
+        vertices,
+        fibre,
+        wavelength,
+        window * ridges(ring / 4.0 + 0.5),
+        {f"wrinkle_under_eye_{side}": np.ones(len(vertices))},
+    )

@@ -117,9 +117,7 @@ def normals(constants: Constants, x: Float[Values, "b 3 n"]) -> Float[Values, "b
     return unit(sum(padded[:, :, slot] for slot in constants["incident"]))
 
 
-def prepare_normals(
-    support: Int[np.ndarray, " s"], faces: Int[np.ndarray, "f 3"], n: int
-) -> dict[str, np.ndarray]:
+def prepare_normals(support: Int[np.ndarray, " s"], faces: Int[np.ndarray, "f 3"], n: int) -> dict[str, np.ndarray]:
     """Return the faces around the support's vertices and, per vertex, the slots of its incident faces."""
     wanted = np.zeros(n, bool)
     wanted[support] = True
