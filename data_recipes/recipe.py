@@ -93,7 +93,7 @@ class Nose:
     blend: float = _number(20.0, 1.0, 60.0)
     wing_blend: float = _number(8.0, 1.0, 40.0)
     nostril_axes: Triple = _triple((2.5, 3.5, 5.0), 0.3, 30.0)
-    nostril_place: Triple = _triple((0.74, 0.73, 0.0), -2.0, 2.0)
+    nostril_place: Triple = _triple((0.74, 0.73, 0.0), -30.0, 30.0)
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,8 @@ class Eyes:
     lower_deg: float = _number(18.0, 1.0, 80.0)
     crease: float = _number(1.5, 0.0, 6.0)
     under_eye: float = _number(0.5, 0.0, 6.0)
-    iris_deg: float = _number(31.0, 2.0, 80.0)
-    pupil_deg: float = _number(13.0, 1.0, 79.0)
+    iris_deg: float = _number(28.5, 2.0, 80.0)
+    pupil_deg: float = _number(12.0, 1.0, 79.0)
     pupil: str = _choice("round", "round", "slit")
     iris_colour: Triple = _triple((0.20, 0.55, 0.30), 0.0, 1.0)
 
@@ -130,7 +130,7 @@ class Mouth:
     half_gap: float = _number(0.06, 0.005, 2.0)
     philtrum: float = _number(1.0, 0.0, 4.0)
     bag_rings: tuple[tuple[float, ...], ...] = _table(
-        ((0.0, 0.02, 1.6), (0.0, 0.08, 3.4), (0.03, 3.0, 5.0), (0.10, 9.0, 6.2), (0.20, 15.0, 7.6), (0.33, 19.0, 10.5),
+        ((0.0, 0.04, 1.6), (0.0, 0.1, 3.4), (0.03, 3.0, 5.0), (0.10, 9.0, 6.2), (0.20, 15.0, 7.6), (0.33, 19.0, 10.5),
          (0.46, 21.0, 14.5), (0.58, 21.0, 20.5), (0.70, 19.0, 28.5), (0.82, 15.0, 37.5), (0.90, 9.0, 46.0)), 3, 0.0)
 
 
@@ -220,7 +220,7 @@ class Props:
     hair: str = _choice("cap", "cap", "none")
     brows: str = _choice("natural", "natural", "thin", "none")
     lashes: str = _choice("short", "short", "none")
-    hair_colour: Triple = _triple((0.36, 0.20, 0.10), 0.0, 1.0)
+    hair_colour: Triple = _triple((0.50, 0.28, 0.14), 0.0, 1.0)
     skin_colour: Triple = _triple((0.93, 0.72, 0.58), 0.0, 1.0)
     lip_colour: Triple = _triple((0.86, 0.53, 0.46), 0.0, 1.0)
 

@@ -92,7 +92,7 @@ def build_head(recipe: Recipe) -> Head:
         curves=curves, landmarks=name_landmarks(recipe, layout, x), eyes=both, jaw_pivot=np.array([0.0, -14.0, 2.0]),
         mouth_axis=(recipe.mouth.axis_z, recipe.mouth.axis_radius),
         teeth_jaw=np.repeat([1, -1], [recipe.teeth.upper, recipe.teeth.lower]).astype(np.int32),
-        props=build_props(recipe, layout, x, curves),
+        props=build_props(shape, layout, x),
     )
 
 
@@ -160,6 +160,6 @@ def _weights(recipe: Recipe, layout: Layout) -> Float[np.ndarray, " n"]:
     nose = np.exp(-((column / t.nostril_columns[1]) ** 4)) * (row > t.nostril_rows[0] - 1) * (row < t.eye_rows[1])
     total = 1 + 2.2 * face + 2.6 * forehead + 2.5 * nose
     weight[body[body >= 0]] = total[body >= 0]
-    for name in ("mouth", "eye_left", "eye_right", "nostril_left", "nostril_right"):
-        weight[grids[name][:-1]] = 5.5
+    for name, ring in (("mouth", 5.5), ("eye_left", 5.5), ("eye_right", 5.5), ("nostril_left", 2.5), ("nostril_right", 2.5)):
+        weight[grids[name][:-1]] = ring
     return weight

@@ -70,7 +70,7 @@ def ear_rings(recipe: Recipe, base: Float[np.ndarray, "k 3"], rings: int) -> Flo
     strength = (1 - 0.55 * front**2) * (1 - 0.85 * low**1.5)  # the lobe is plain, the rim's root in front is low
     tragus = np.exp(-(((phase - np.pi * 1.04) / 0.30) ** 2))
     hinge = 0.55 * e.width / 2 * np.sin(np.radians(e.flare_deg))  # the plane turns about its front edge, which stays on the head
-    centre = base.mean(0) + (hinge - 0.02 * e.width, 0, 0)
+    centre = base.mean(0) + (hinge - 0.08 * e.width, 0, 0)
     places = np.linspace(0, len(PROFILE) - 1, rings)
     out = []
     for place in places:
@@ -81,6 +81,7 @@ def ear_rings(recipe: Recipe, base: Float[np.ndarray, "k 3"], rings: int) -> Flo
         near_tragus = tragus * np.exp(-(((place - 7.6) / 1.1) ** 2))
         rise = np.where(place > 8.2, np.minimum(rise, height), rise) + 0.75 * near_tragus
         flat[:, 0] += 0.10 * e.width * near_tragus
+        rise = rise * (1 - 0.5 * front * np.clip((6 - place) / 3, 0, 1))  # in front the ear grows out of the cheek
         ring = centre + np.concatenate([flat, relief * rise[:, None]], 1) @ frame
         hold = np.clip(1 - place / 2.5, 0, 1) * (0.25 + 0.35 * front**2)
         out.append(ring + hold[:, None] * (base - ring))

@@ -48,7 +48,7 @@ def lip_pins(shape: Shape, k: int) -> tuple[Float[np.ndarray, "k 3"], Float[np.n
     closed = on_surface(shape, m.half_width * u, seam(recipe, u))
     closed[:, 1] += m.half_gap * side
     v = np.sign(u) * (1 - (1 - np.abs(u)) ** 1.15)
-    border = on_surface(shape, 1.05 * m.half_width * v, vermilion(recipe, v, side))
+    border = on_surface(shape, 1.10 * m.half_width * v, vermilion(recipe, v, side))
     return closed, border
 
 

@@ -33,5 +33,5 @@ def nostril_rings(shape: Shape, k: int, rings: int) -> Float[np.ndarray, "rings 
     out = [rim]
     for i in range(1, rings):
         share = i / (rings - 1)
-        out.append(rim + (centre - rim) * (0.06 + 0.24 * share) - normal * deep * share**0.8)
+        out.append(rim + (centre - rim) * (0.2 + 0.25 * share) - normal * deep * share**0.8)
     return np.stack(out[::-1])

@@ -14,6 +14,7 @@ from data_recipes.head.shape import Shape, skin_distance
 from data_recipes.recipe import Recipe
 
 FLIP = np.array([-1.0, 1.0, 1.0])
+RING_PULL = 0.3  # rings pull less along themselves, or they would slip over the corners of mouth and eyes
 
 
 def body_rays(recipe: Recipe) -> tuple[Float[np.ndarray, "rows columns 3"], Float[np.ndarray, "rows columns 3"]]:
@@ -96,6 +97,15 @@ def left_half(layout: Layout) -> Int[np.ndarray, " h"]:
     return np.flatnonzero((side > 0) | (layout.mirror == np.arange(len(side))))
 
 
+def _along_rings(layout: Layout, edges: Int[np.ndarray, "e 2"]) -> Bool[np.ndarray, " e"]:
+    """Return which edges run along a ring around mouth or eye."""
+    ring, count = np.full(len(layout.segment), -1), 0
+    for name in ("mouth", "eye_left", "eye_right"):
+        for ids in layout.grids[name][:-1]:
+            ring[ids], count = count, count + 1
+    return (ring[edges[:, 0]] >= 0) & (ring[edges[:, 0]] == ring[edges[:, 1]])
+
+
 def relax(
     shape: Shape, layout: Layout, x: Float[np.ndarray, "n 3"], surface: Bool[np.ndarray, " n"], pinned: Bool[np.ndarray, " n"],
     weight: Float[np.ndarray, " n"],
@@ -110,7 +120,7 @@ def relax(
     q = layout.quads
     edges = np.unique(np.sort(np.concatenate([q[:, [i, (i + 1) % 4]] for i in range(4)]), 1), axis=0)
     edges = edges[surface[edges].all(1)]
-    w = weight[edges].mean(1)
+    w = weight[edges].mean(1) * np.where(_along_rings(layout, edges), RING_PULL, 1.0)
     n = len(x)
     matrix = csr_matrix((np.concatenate([w, w]), (np.concatenate([edges[:, 0], edges[:, 1]]), np.concatenate([edges[:, 1], edges[:, 0]]))), (n, n))
     total = np.asarray(matrix.sum(1)).ravel()

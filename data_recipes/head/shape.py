@@ -101,8 +101,8 @@ def lidded_distance(recipe: Recipe, p: Points) -> Distances:
     d = d + e.crease * window * (np.exp(-((above / 0.055) ** 2)) - 0.6 * np.exp(-(((above - 0.17) / 0.09) ** 2)))
     below = elevation - lid_edge(recipe, u, False) + np.radians(20.0)
     d = d + e.under_eye * window * np.exp(-((below / 0.09) ** 2))
-    mid, x = (recipe.nose.columella[1] - recipe.nose.columella_radii[1] + m.y) / 2, p[:, 0]
-    reach = np.exp(-(((p[:, 1] - mid) / 7.0) ** 4)) * (p[:, 2] > m.axis_z)
+    top, bottom, x = recipe.nose.columella[1] - recipe.nose.columella_radii[1], m.y + 7.0 * m.upper_fullness, p[:, 0]
+    reach = np.exp(-(((p[:, 1] - (top + bottom) / 2) / (0.6 * max(top - bottom, 2.0))) ** 4)) * (p[:, 2] > m.axis_z)
     groove = 1.0 * np.exp(-((x / 2.6) ** 2)) - 0.8 * np.exp(-(((np.abs(x) - 5.2) / 2.0) ** 2))
     return d + m.philtrum * reach * groove
 
