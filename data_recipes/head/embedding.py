@@ -14,7 +14,7 @@ def square_embedding(
     count: int,
     edges: Int[np.ndarray, "e 2"],
     length: Float[np.ndarray, " e"],
-    sides: list[Int[np.ndarray, " s"]],
+    sides: list[Int[np.ndarray, " _"]],
     rounds: int,
 ) -> Float[np.ndarray, "n 2"]:
     """Lay a disc out in the unit square, each vertex at the weighted mean of its neighbours [Tutte 1963].
