@@ -113,7 +113,7 @@ def _neck(layout: Layout, uv: np.ndarray) -> None:
 
 def _disc(layout: Layout, rings: Int[np.ndarray, "rings k"], uv: np.ndarray) -> None:
     """The whole square, its border the outermost ring, which starts in the middle of the right side; all rings get equal areas."""
-    (count, k), cells = rings.shape, _cells(layout, layout.segment[rings[0, 0]])
+    (count, k), cells = rings.shape, _cells(layout, int(layout.segment[rings[0, 0]]))
     inside = len(cells) - k * np.arange(count)
     radius = np.sqrt(inside / inside[0])
     depth = np.full(len(uv), count)
