@@ -58,7 +58,7 @@ class Path:
 def smoothstep(x: np.ndarray, low: float, high: float) -> np.ndarray:
     """Return 0 below `low`, 1 above `high`, smooth in between; `low` may be the larger."""
     t = np.clip((x - low) / (high - low), 0, 1)
-    return t * t * (3 - 2 * t)
+    return np.asarray(t * t * (3 - 2 * t))
 
 
 @dataclass(frozen=True)
