@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from replicate.influence import farthest_first, influence, influence_poses, segment_inputs
+from data_recipes.rig import augment, build_rig, sample_uniform, split_frames
+from replicate.influence import THRESHOLD_MM, farthest_first, influence, influence_poses, segment_inputs
 
 
 class Hidden:
@@ -65,3 +66,21 @@ def test_farthest_first_spreads():
 def test_a_segment_takes_the_controls_of_all_its_vertices():
     inputs = segment_inputs(EXPECTED, np.array([0, 0, 1, 2]), 3)
     assert inputs.tolist() == [[True, True, False, False], [False, False, True, False], [False] * 4]
+
+
+def test_no_influence_is_missed_on_other_poses_of_a_face():
+    rig = build_rig("tiny")
+    animation, test = split_frames([clip.values for clip in rig.clips], np.random.default_rng(0))
+    inputs = segment_inputs(
+        influence(rig, influence_poses(rig, animation, np.random.default_rng(1))),
+        rig.mesh.segment,
+        len(rig.mesh.segment_names),
+    )
+    assert inputs.any(axis=0).all() and inputs.mean() < 0.5  # every control does something, few segments feel most
+    generator, m = np.random.default_rng(2), len(rig.controls)
+    for pose in np.concatenate([augment(animation, 10, generator), test[::20]]):
+        others = np.repeat(pose[None], m, axis=0)
+        others[np.arange(m), np.arange(m)] = sample_uniform(rig.lower, rig.upper, 1, generator)[0]
+        moved = np.abs(rig(others) - rig(pose)).max(axis=2)  # (m, n)
+        missed = moved * ~inputs[rig.mesh.segment].T
+        assert missed.max() < 5 * THRESHOLD_MM
