@@ -30,8 +30,10 @@ def nostril_rings(shape: Shape, k: int, rings: int) -> Float[np.ndarray, "rings 
     phase = 2 * np.pi * np.arange(k) / k
     oval = (np.stack([np.cos(phase) * wide, np.sin(phase) * long], -1)) @ axes
     rim = project(lambda p: skin_distance(shape, p), centre + oval, steps=6)
+    inwards = np.array([0.0, 0.8, -0.1]) - 0.6 * normal  # up into the nose more than straight in: seen from in front, it is dark
+    inwards /= np.linalg.norm(inwards)
     out = [rim]
     for i in range(1, rings):
         share = i / (rings - 1)
-        out.append(rim + (centre - rim) * (0.2 + 0.25 * share) - normal * deep * share**0.8)
+        out.append(rim + (centre - rim) * (0.2 + 0.25 * share) + inwards * deep * share**0.8)
     return np.stack(out[::-1])

@@ -98,9 +98,9 @@ def left_half(layout: Layout) -> Int[np.ndarray, " h"]:
 
 
 def _along_rings(layout: Layout, edges: Int[np.ndarray, "e 2"]) -> Bool[np.ndarray, " e"]:
-    """Return which edges run along a ring around mouth or eye."""
+    """Return which edges run along a ring around mouth, eye or nostril."""
     ring, count = np.full(len(layout.segment), -1), 0
-    for name in ("mouth", "eye_left", "eye_right"):
+    for name in ("mouth", "eye_left", "eye_right", "nostril_left", "nostril_right"):
         for ids in layout.grids[name][:-1]:
             ring[ids], count = count, count + 1
     return (ring[edges[:, 0]] >= 0) & (ring[edges[:, 0]] == ring[edges[:, 1]])
