@@ -1,242 +1,20 @@
 """Recipes: a character as numbers and choices in one TOML file, checked before anything is built.
 
-A recipe holds lengths in mm and angles in degrees. Every field has a default (a neutral adult), a type and a range; whatever
-doesn't fit raises `InputError` with the file, the key, what was found and what is allowed.
+Every key has a default, a type and a range (see `data_recipes.recipe_sections`); whatever doesn't fit raises
+`InputError` with the file, the key, what was found and what is allowed.
 """
 
 from __future__ import annotations
 
 import tomllib
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from data_recipes.animation import Acting
+from data_recipes.recipe_sections import Controls, Ears, Eyes, Mouth, Nose, Props, Skull, Teeth, Template, Tongue
 from replicate.errors import InputError
-
-Triple = tuple[float, float, float]
-
-
-def _number(default: float, lower: float, upper: float):
-    return field(default=default, metadata={"kind": "number", "range": (lower, upper)})
-
-
-def _count(default: int, lower: int, upper: int, even: bool = False):
-    return field(default=default, metadata={"kind": "count", "range": (lower, upper), "even": even})
-
-
-def _triple(default: Triple, lower: float = -300.0, upper: float = 300.0):
-    return field(default=default, metadata={"kind": "tuple", "length": 3, "range": (lower, upper)})
-
-
-def _span(default: tuple[int, ...], lower: int, upper: int):
-    """A range of template rows or columns, [first, last]."""
-    return field(default=default, metadata={"kind": "span", "range": (lower, upper)})
-
-
-def _choice(default: str, *options: str):
-    return field(default=default, metadata={"kind": "choice", "options": options})
-
-
-def _table(default: tuple[tuple[float, ...], ...], width: int, lower: float = -400.0, upper: float = 400.0):
-    return field(default=default, metadata={"kind": "table", "width": width, "range": (lower, upper)})
-
-
-@dataclass(frozen=True)
-class Skull:
-    """The primitives of the head's signed distance function: centres, radii (mm)."""
-
-    cranium: Triple = _triple((0.0, 44.0, -12.0))
-    cranium_radii: Triple = _triple((75.0, 74.0, 86.0), 5.0)
-    forehead: Triple = _triple((0.0, 42.0, 34.0))
-    forehead_radii: Triple = _triple((60.0, 52.0, 48.0), 5.0)
-    face: Triple = _triple((0.0, -18.0, 20.0))
-    face_radii: Triple = _triple((61.0, 66.0, 64.0), 5.0)
-    jaw_ramus: Triple = _triple((54.0, -8.0, -6.0))
-    jaw_angle: Triple = _triple((37.0, -52.0, 8.0))
-    jaw_radius: float = _number(15.0, 2.0, 60.0)
-    jaw_bow: Triple = _triple((7.0, -5.0, 3.0))
-    chin: Triple = _triple((0.0, -95.0, 68.0))
-    chin_radii: Triple = _triple((19.0, 14.0, 15.0), 2.0)
-    chin_blend: float = _number(16.0, 1.0, 60.0)
-    chin_corner: Triple = _triple((9.0, -93.0, 64.0))
-    neck_top: Triple = _triple((0.0, -70.0, -10.0))
-    neck_bottom: Triple = _triple((0.0, -200.0, -30.0))
-    neck_radii: tuple[float, float, float] = _triple((40.0, 45.0, 22.0), 5.0)
-    cheekbone: Triple = _triple((40.0, -22.0, 57.0))
-    cheekbone_radii: Triple = _triple((21.0, 18.0, 20.0), 2.0)
-    cheek: Triple = _triple((28.0, -50.0, 58.0))
-    cheek_radii: Triple = _triple((27.0, 27.0, 25.0), 2.0)
-    muzzle: Triple = _triple((0.0, -62.0, 68.0))
-    muzzle_radii: Triple = _triple((30.0, 28.0, 24.0), 2.0)
-    brow_inner: Triple = _triple((11.0, 23.0, 80.0))
-    brow_outer: Triple = _triple((50.0, 26.0, 54.0))
-    brow_radii: Triple = _triple((7.0, 8.5, 20.0), 1.0)
-    socket: Triple = _triple((33.0, 1.0, 97.0))
-    socket_radii: Triple = _triple((28.0, 20.0, 20.0), 2.0)
-    socket_yaw_deg: float = _number(-20.0, -80.0, 80.0)
-
-
-@dataclass(frozen=True)
-class Nose:
-    """The nose's cones and the nostrils (mm)."""
-
-    root: Triple = _triple((0.0, 12.0, 77.0))
-    root_radius: float = _number(8.0, 1.0, 40.0)
-    tip: Triple = _triple((0.0, -31.0, 104.0))
-    tip_radius: float = _number(9.0, 1.0, 40.0)
-    sidewall: Triple = _triple((0.0, 4.0, 69.0))
-    sidewall_radii: Triple = _triple((7.0, 6.0, 9.0), 1.0)
-    columella: Triple = _triple((0.0, -41.0, 97.0))
-    columella_radii: Triple = _triple((6.5, 5.0, 7.0), 1.0)
-    wing: Triple = _triple((11.0, -36.5, 94.0))
-    wing_radii: Triple = _triple((8.0, 7.2, 9.5), 1.0)
-    blend: float = _number(20.0, 1.0, 60.0)
-    wing_blend: float = _number(8.0, 1.0, 40.0)
-    nostril_axes: Triple = _triple((2.5, 3.5, 5.0), 0.3, 30.0)
-    nostril_place: Triple = _triple((0.74, 0.73, 0.0), -30.0, 30.0)
-
-
-@dataclass(frozen=True)
-class Eyes:
-    """Eyeballs and lids. Angles are measured on the lid ball."""
-
-    centre: Triple = _triple((33.5, 0.0, 62.0))
-    radius: float = _number(20.5, 3.0, 60.0)
-    yaw_deg: float = _number(6.0, -60.0, 80.0)
-    tilt_deg: float = _number(4.0, -40.0, 40.0)
-    lid_thickness: float = _number(2.2, 0.2, 10.0)
-    half_width_deg: float = _number(50.0, 5.0, 80.0)
-    upper_deg: float = _number(23.0, 1.0, 80.0)
-    lower_deg: float = _number(18.0, 1.0, 80.0)
-    crease: float = _number(1.5, 0.0, 6.0)
-    under_eye: float = _number(0.5, 0.0, 6.0)
-    iris_deg: float = _number(28.5, 2.0, 80.0)
-    pupil_deg: float = _number(12.0, 1.0, 79.0)
-    pupil: str = _choice("round", "round", "slit")
-    iris_colour: Triple = _triple((0.20, 0.55, 0.30), 0.0, 1.0)
-
-
-@dataclass(frozen=True)
-class Mouth:
-    """Lips and mouth bag. Curves live in wrapped coordinates: (a, b) is a ray from (0, b, axis_z) at the angle a/axis_radius."""
-
-    y: float = _number(-57.0, -300.0, 0.0)
-    half_width: float = _number(24.0, 2.0, 120.0)
-    upper_fullness: float = _number(1.0, 0.05, 4.0)
-    lower_fullness: float = _number(1.0, 0.05, 4.0)
-    corner_curl: float = _number(0.0, -12.0, 12.0)
-    axis_z: float = _number(26.0, -100.0, 100.0)
-    axis_radius: float = _number(62.0, 10.0, 200.0)
-    half_gap: float = _number(0.06, 0.005, 2.0)
-    philtrum: float = _number(1.0, 0.0, 4.0)
-    bag_rings: tuple[tuple[float, ...], ...] = _table(
-        ((0.0, 0.04, 1.6), (0.0, 0.1, 3.4), (0.03, 3.0, 5.0), (0.10, 9.0, 6.2), (0.20, 15.0, 7.6), (0.33, 19.0, 10.5),
-         (0.46, 21.0, 14.5), (0.58, 21.0, 20.5), (0.70, 19.0, 28.5), (0.82, 15.0, 37.5), (0.90, 9.0, 46.0)), 3, 0.0)
-
-
-@dataclass(frozen=True)
-class Ears:
-    """The outer ears: a loft over an egg-shaped outline. `flare_deg` turns it away from the head, `point` lifts its top."""
-
-    centre: Triple = _triple((70.0, -4.0, -8.0))
-    height: float = _number(58.0, 5.0, 200.0)
-    width: float = _number(33.0, 5.0, 150.0)
-    lean_deg: float = _number(14.0, -90.0, 90.0)
-    flare_deg: float = _number(34.0, 0.0, 85.0)
-    point: float = _number(0.0, 0.0, 5.0)
-
-
-@dataclass(frozen=True)
-class Teeth:
-    """Two arches of teeth; `widths` runs from the middle outwards (mm)."""
-
-    style: str = _choice("human", "human", "cone", "strip")
-    upper: int = _count(14, 2, 80, even=True)
-    lower: int = _count(12, 2, 80, even=True)
-    ring: int = _count(10, 6, 64, even=True)
-    rings: int = _count(5, 2, 12)
-    widths_upper: tuple[float, ...] = field(default=(8.4, 6.6, 7.6, 7.0, 7.0, 9.8, 9.6), metadata={"kind": "list", "range": (0.5, 60.0)})
-    widths_lower: tuple[float, ...] = field(default=(5.4, 5.8, 6.8, 6.9, 7.1, 10.4, 10.0), metadata={"kind": "list", "range": (0.5, 60.0)})
-    length: float = _number(9.0, 0.5, 40.0)
-    thickness: float = _number(7.0, 0.5, 40.0)
-    setback: float = _number(10.0, 1.0, 60.0)
-    arch_half_width: float = _number(27.0, 3.0, 100.0)
-    arch_depth: float = _number(42.0, 3.0, 160.0)
-    arch_power: float = _number(2.3, 1.2, 6.0)
-    overbite: float = _number(1.6, -5.0, 12.0)
-    bite_y: float = _number(-1.5, -40.0, 40.0)
-
-
-@dataclass(frozen=True)
-class Tongue:
-    """Gums and tongue."""
-
-    rows: int = _count(12, 2, 60)
-    cap: tuple[int, ...] = _span((2, 6), 1, 40)
-    length: float = _number(42.0, 3.0, 160.0)
-    width: float = _number(36.0, 3.0, 120.0)
-    height: float = _number(11.0, 1.0, 60.0)
-    gum_rows: int = _count(5, 3, 20)
-    gum_columns_upper: int = _count(41, 3, 121)
-    gum_columns_lower: int = _count(39, 3, 121)
-    gum_height: float = _number(7.0, 0.5, 40.0)
-    gum_thickness: float = _number(9.0, 0.5, 40.0)
-
-
-@dataclass(frozen=True)
-class Template:
-    """The grid around the head, its holes (rows and half-columns), and their rings."""
-
-    half_columns: int = _count(42, 6, 120)
-    neck_rows: int = _count(9, 1, 60)
-    face_columns: int = _count(24, 2, 119)
-    hair_row: int = _count(79, 4, 300)
-    anchors: tuple[tuple[float, ...], ...] = _table((), 6)
-    angles: tuple[tuple[float, ...], ...] = _table((), 2)
-    crown_across: int = _count(22, 2, 100, even=True)
-    mouth_rows: tuple[int, ...] = _span((18, 26), 0, 300)
-    mouth_columns: int = _count(11, 1, 60)
-    mouth_rings: int = _count(11, 2, 40)
-    lip_rings: int = _count(4, 1, 20)
-    eye_rows: tuple[int, ...] = _span((35, 47), 0, 300)
-    eye_columns: tuple[int, ...] = _span((6, 20), 1, 119)
-    eye_rings: int = _count(11, 1, 40)
-    lid_rings: int = _count(4, 1, 10)
-    nostril_rows: tuple[int, ...] = _span((28, 32), 0, 300)
-    nostril_columns: tuple[int, ...] = _span((2, 5), 1, 119)
-    nostril_rings: int = _count(4, 1, 10)
-    ear_rows: tuple[int, ...] = _span((33, 44), 0, 300)
-    ear_columns: tuple[int, ...] = _span((26, 31), 1, 119)
-    ear_rings: int = _count(11, 3, 30)
-    coarse_rows: tuple[int, ...] = _span((31, 85), 0, 300)
-    coarse_from: int = _count(32, 1, 119)
-    iterations: int = _count(140, 1, 2000)
-
-
-@dataclass(frozen=True)
-class Props:
-    """Display-only things: they ride along in pictures and are no part of the approximated mesh."""
-
-    hair: str = _choice("cap", "cap", "none")
-    brows: str = _choice("natural", "natural", "thin", "none")
-    lashes: str = _choice("short", "short", "none")
-    hair_colour: Triple = _triple((0.50, 0.28, 0.14), 0.0, 1.0)
-    skin_colour: Triple = _triple((0.93, 0.72, 0.58), 0.0, 1.0)
-    lip_colour: Triple = _triple((0.86, 0.53, 0.46), 0.0, 1.0)
-
-
-@dataclass(frozen=True)
-class Controls:
-    """How many controls of each group the rig has: the first ones of the lists in `data_recipes.controls`."""
-
-    face: int = _count(52, 0, 52)
-    jaw: int = _count(16, 0, 16)
-    lids: int = _count(24, 0, 24)
-    lips: int = _count(36, 0, 36)
-    handles: int = _count(96, 0, 96)
-    wrinkles: int = _count(14, 0, 14)
-    head: int = _count(12, 0, 12)
-    lid_follow: int = _count(8, 0, 8)
 
 
 @dataclass(frozen=True)
@@ -280,126 +58,138 @@ def load_recipe(name_or_path: str | Path) -> Recipe:
     if path.suffix != ".toml":
         path = FOLDER / f"{name_or_path}.toml"
         if not path.is_file():
-            raise InputError(f"recipe {name_or_path!r}: found no such character, allowed are {', '.join(recipe_names())} or a .toml file")
+            allowed = f"{', '.join(recipe_names())} or a .toml file"
+            raise InputError(f"recipe {str(name_or_path)!r}: found no such character, allowed are {allowed}")
     try:
-        text = path.read_bytes().decode("utf-8")
+        table = tomllib.loads(path.read_bytes().decode("utf-8"))
     except OSError as error:
         raise InputError(f"{path}: found no readable file ({error.strerror}), allowed is a recipe in TOML") from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: found bytes that are no UTF-8 at {error.start}, allowed is a recipe in TOML") from error
-    try:
-        table = tomllib.loads(text)
+        found = f"bytes that are no UTF-8 at {error.start}"
+        raise InputError(f"{path}: found {found}, allowed is a recipe in TOML") from error
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: found broken TOML ({error}), allowed is a recipe in TOML") from error
-    return _check(_read(Recipe, table, str(path), "", {"file": str(path.name)}))
+    return _check(_read(Recipe, table, str(path), "", {"file": path.name}))
 
 
-def _read(kind: type, table: dict, file: str, prefix: str, given: dict):
-    """Build a dataclass from a TOML table, field by field."""
-    known = {f.name: f for f in fields(kind) if f.name not in given}
+def _read(kind: type, table: dict, file: str, prefix: str, given: dict) -> Any:
+    """Build a dataclass from a TOML table, field by field; `given` are fields that don't come from it."""
+    known = {spec.name: spec for spec in fields(kind) if spec.name not in given}
     for key in table:
         if key not in known:
             raise InputError(f"{file}: found unknown key '{prefix}{key}', allowed are {', '.join(known)}")
     values = dict(given)
     for key, spec in known.items():
+        section = spec.default_factory
         if key not in table:
-            if spec.default is MISSING and spec.default_factory is MISSING:
+            if spec.default is MISSING and section is MISSING:
                 raise InputError(f"{file}: found no key '{prefix}{key}', it is required")
-            continue
-        section = spec.default_factory if spec.default_factory is not MISSING else None
-        if section is not None and is_dataclass(section):
+        elif is_dataclass(section):
             if not isinstance(table[key], dict):
                 raise InputError(f"{file}: '{prefix}{key}': found {table[key]!r}, allowed is a table [{key}]")
             values[key] = _read(section, table[key], file, f"{prefix}{key}.", {})
         else:
-            values[key] = _value(table[key], spec, file, prefix + key)
+            try:
+                values[key] = _value(table[key], spec)
+            except ValueError as error:
+                raise InputError(f"{file}: '{prefix}{key}': found {table[key]!r}, allowed is {error}") from None
     return kind(**values)
 
 
-def _value(found, spec, file: str, key: str):
-    """Check one value against its field's metadata and return it in the field's type."""
+def _value(found: Any, spec: Field) -> Any:
+    """Return a value in its field's type. Raises ValueError, which says what is allowed, where it doesn't fit."""
     rule = spec.metadata
-
-    def wrong(allowed: str):
-        return InputError(f"{file}: '{key}': found {found!r}, allowed is {allowed}")
-
-    def number(item, allowed: str) -> float:
-        lower, upper = rule["range"]
-        if isinstance(item, bool) or not isinstance(item, int | float) or not lower <= item <= upper:
-            raise wrong(allowed)
-        return float(item)
-
     kind = rule.get("kind")
-    if kind is None:  # name, vertices
-        if spec.type in ("str", str):
-            if not isinstance(found, str) or not found.isidentifier():
-                raise wrong("a name of letters, digits and _")
-            return found
-        if isinstance(found, bool) or not isinstance(found, int) or found <= 0:
-            raise wrong("a whole number above 0")
-        return found
+    if kind is None:
+        return _name(found) if spec.type == "str" else _whole(found, 1, None, False)
     if kind == "choice":
         if found not in rule["options"]:
-            raise wrong("one of " + ", ".join(rule["options"]))
+            raise ValueError("one of " + ", ".join(rule["options"]))
         return found
     lower, upper = rule["range"]
     if kind == "number":
-        return number(found, f"a number from {lower:g} to {upper:g}")
+        return _number(found, lower, upper, f"a number from {lower:g} to {upper:g}")
     if kind == "count":
-        if isinstance(found, bool) or not isinstance(found, int) or not lower <= found <= upper or (rule.get("even") and found % 2):
-            raise wrong(f"{'an even' if rule.get('even') else 'a whole'} number from {lower} to {upper}")
-        return found
+        return _whole(found, lower, upper, rule.get("even", False))
     if not isinstance(found, list) or not found:
-        raise wrong("a list")
+        raise ValueError("a list")
     if kind == "span":
-        if len(found) != 2 or any(isinstance(i, bool) or not isinstance(i, int) or not lower <= i <= upper for i in found) or found[0] > found[1]:
-            raise wrong(f"two whole numbers from {lower} to {upper}, the smaller first")
+        allowed = f"two whole numbers from {lower} to {upper}, the smaller first"
+        if len(found) != 2 or any(type(i) is not int or not lower <= i <= upper for i in found) or found[0] > found[1]:
+            raise ValueError(allowed)
         return tuple(found)
     if kind == "table":
         allowed = f"rows of {rule['width']} numbers from {lower:g} to {upper:g}"
         if any(not isinstance(row, list) or len(row) != rule["width"] for row in found):
-            raise wrong(allowed)
-        return tuple(tuple(number(item, allowed) for item in row) for row in found)
-    length = rule.get("length", len(found))
-    allowed = f"{length} numbers from {lower:g} to {upper:g}"
-    if len(found) != length:
-        raise wrong(allowed)
-    return tuple(number(item, allowed) for item in found)
+            raise ValueError(allowed)
+        return tuple(tuple(_number(item, lower, upper, allowed) for item in row) for row in found)
+    allowed = f"{rule.get('length', 'a list of')} numbers from {lower:g} to {upper:g}"
+    if len(found) != rule.get("length", len(found)):
+        raise ValueError(allowed)
+    return tuple(_number(item, lower, upper, allowed) for item in found)
+
+
+def _name(found: Any) -> str:
+    if not isinstance(found, str) or not found.isidentifier():
+        raise ValueError("a name of letters, digits and _")
+    return found
+
+
+def _number(found: Any, lower: float, upper: float, allowed: str) -> float:
+    if isinstance(found, bool) or not isinstance(found, int | float) or not lower <= found <= upper:
+        raise ValueError(allowed)
+    return float(found)
+
+
+def _whole(found: Any, lower: int, upper: int | None, even: bool) -> int:
+    if type(found) is not int or found < lower or (upper is not None and found > upper) or (even and found % 2):
+        reach = f"of {lower} or more" if upper is None else f"from {lower} to {upper}"
+        raise ValueError(f"{'an even' if even else 'a whole'} number {reach}")
+    return found
 
 
 def _check(recipe: Recipe) -> Recipe:
     """Hold the rules between several keys."""
-    t, teeth = recipe.template, recipe.teeth
+    t, teeth, tongue = recipe.template, recipe.teeth, recipe.tongue
 
-    def refuse(key: str, found, allowed: str):
-        raise InputError(f"{recipe.file}: '{key}': found {found}, allowed is {allowed}")
+    def hold(rule: bool, key: str, found: Any, allowed: str) -> None:
+        if not rule:
+            raise InputError(f"{recipe.file}: '{key}': found {found}, allowed is {allowed}")
 
-    if len(t.anchors) < 2 or any(b[0] <= a[0] for a, b in zip(t.anchors, t.anchors[1:], strict=False)) or t.anchors[0][0] != 0:
-        refuse("template.anchors", [a[0] for a in t.anchors], "two or more rows with growing row numbers from 0")
-    if len(t.angles) < 2 or t.angles[0][0] != 0 or t.angles[-1][0] != t.half_columns:
-        refuse("template.angles", [a[0] for a in t.angles], f"rows with growing column numbers from 0 to half_columns = {t.half_columns}")
-    rows = int(t.anchors[-1][0])
+    rows = [row[0] for row in t.anchors]
+    growing = len(rows) > 1 and rows[0] == 0 and all(a < b for a, b in pairwise(rows))
+    hold(growing, "template.anchors", rows, "two or more rows with growing row numbers from 0")
+    columns, half = [row[0] for row in t.angles], t.half_columns
+    growing = len(columns) > 1 and columns[0] == 0 and columns[-1] == half and all(a < b for a, b in pairwise(columns))
+    hold(growing, "template.angles", columns, f"rows with growing column numbers from 0 to half_columns = {half}")
     for key in ("mouth_rows", "eye_rows", "nostril_rows", "ear_rows", "coarse_rows"):
-        if not t.neck_rows <= getattr(t, key)[0] < getattr(t, key)[1] <= rows:
-            refuse(f"template.{key}", getattr(t, key), f"from neck_rows = {t.neck_rows} to {rows}, not empty")
+        first, last = getattr(t, key)
+        inside = t.neck_rows <= first < last <= rows[-1]
+        hold(inside, f"template.{key}", [first, last], f"from neck_rows = {t.neck_rows} to {rows[-1]:g}, not empty")
     for key in ("mouth_rows", "eye_rows"):
-        if (getattr(t, key)[1] - getattr(t, key)[0]) % 2:
-            refuse(f"template.{key}", getattr(t, key), "an even number of rows apart")
-    if t.crown_across >= t.half_columns:
-        refuse("template.crown_across", t.crown_across, f"below half_columns = {t.half_columns}")
-    if not t.eye_columns[1] < t.face_columns < t.ear_columns[0] - 1 < t.ear_columns[1] <= t.coarse_from < t.half_columns:
-        refuse("template.face_columns", t.face_columns, "eye_columns < face_columns < ear_columns - 1, ear_columns <= coarse_from < half_columns")
-    if (t.coarse_rows[1] - t.coarse_rows[0]) % 3:
-        refuse("template.coarse_rows", t.coarse_rows, "a multiple of 3 rows apart")
-    if not t.lip_rings < t.mouth_rings:
-        refuse("template.lip_rings", t.lip_rings, f"below mouth_rings = {t.mouth_rings}")
+        first, last = getattr(t, key)
+        hold((last - first) % 2 == 0, f"template.{key}", [first, last], "an even number of rows apart")
+    apart = t.mouth_rows[1] <= t.nostril_rows[0] and t.nostril_rows[1] <= t.eye_rows[0] and t.eye_rows[1] < t.hair_row
+    allowed = "above mouth_rows and below eye_rows, those below hair_row"
+    hold(apart, "template.nostril_rows", list(t.nostril_rows), allowed)
+    hold(t.hair_row < rows[-1], "template.hair_row", t.hair_row, f"below the last row, {rows[-1]:g}")
+    hold(t.crown_across < half, "template.crown_across", t.crown_across, f"below half_columns = {half}")
+    order = (t.eye_columns[1], t.face_columns, t.ear_columns[0] - 1, t.ear_columns[1])
+    inside = all(a < b for a, b in pairwise(order)) and order[-1] <= t.coarse_from < half
+    allowed = "eye_columns < face_columns < ear_columns - 1, ear_columns <= coarse_from < half_columns"
+    hold(inside, "template.face_columns", t.face_columns, allowed)
+    widest = max(t.mouth_columns, t.nostril_columns[1])
+    hold(widest < t.face_columns, "template.mouth_columns", t.mouth_columns, f"below face_columns = {t.face_columns}")
+    coarse = list(t.coarse_rows)
+    hold((coarse[1] - coarse[0]) % 3 == 0, "template.coarse_rows", coarse, "a multiple of 3 rows apart")
+    hold(t.lip_rings < t.mouth_rings, "template.lip_rings", t.lip_rings, f"below mouth_rings = {t.mouth_rings}")
     for side in ("upper", "lower"):
-        if len(getattr(teeth, f"widths_{side}")) * 2 < getattr(teeth, side):
-            refuse(f"teeth.widths_{side}", len(getattr(teeth, f"widths_{side}")), f"a width for each of the {getattr(teeth, side) // 2} teeth of a half")
-        if getattr(recipe.tongue, f"gum_columns_{side}") % 2 == 0:
-            refuse(f"tongue.gum_columns_{side}", getattr(recipe.tongue, f"gum_columns_{side}"), "an odd number")
-    if recipe.tongue.cap[0] % 2 or recipe.tongue.cap[1] % 2:
-        refuse("tongue.cap", recipe.tongue.cap, "two even numbers")
-    if recipe.eyes.pupil_deg >= recipe.eyes.iris_deg:
-        refuse("eyes.pupil_deg", recipe.eyes.pupil_deg, f"below iris_deg = {recipe.eyes.iris_deg:g}")
+        widths, half_teeth = getattr(teeth, f"widths_{side}"), getattr(teeth, side) // 2
+        allowed = f"a width for each of the {half_teeth} teeth of a half"
+        hold(len(widths) >= half_teeth, f"teeth.widths_{side}", f"{len(widths)} widths", allowed)
+        columns = getattr(tongue, f"gum_columns_{side}")
+        hold(columns % 2 == 1, f"tongue.gum_columns_{side}", columns, "an odd number")
+    hold(not (tongue.cap[0] % 2 or tongue.cap[1] % 2), "tongue.cap", list(tongue.cap), "two even numbers")
+    pupil, iris = recipe.eyes.pupil_deg, recipe.eyes.iris_deg
+    hold(pupil < iris, "eyes.pupil_deg", pupil, f"below iris_deg = {iris:g}")
     return recipe

@@ -1,10 +1,12 @@
-"""Texture charts: one coordinate in [0, 1]^2 per vertex, within its segment's chart. No triangle is flipped and none overlaps another.
+"""Texture charts: a coordinate in [0, 1]² per vertex, in its segment's chart, without flipped or overlapping triangles.
 
-Charts depend on the topology only, and give every vertex about the same room: what a deformation map of few texels can hold is decided
-by the texels per vertex, and the template is finest where faces move most.
+Charts depend on the topology only, and give every vertex about the same room: what a deformation map of few texels can
+hold is decided by the texels per vertex, and the template is finest where faces move most.
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -49,20 +51,21 @@ def _edges(quads: Int[np.ndarray, "q 4"]) -> Int[np.ndarray, "e 2"]:
 def _embed(uv: np.ndarray, edges: np.ndarray, length: np.ndarray, sides: list[np.ndarray], rounds: int = 6) -> None:
     """Embed a disc in the unit square; vertices numbered past the mesh's bridge holes and are dropped."""
     ids, local = np.unique(edges, return_inverse=True)
-    xy = square_embedding(len(ids), local.reshape(-1, 2), length, [np.searchsorted(ids, side) for side in sides], rounds)
+    sides = [np.searchsorted(ids, side) for side in sides]
+    xy = square_embedding(len(ids), local.reshape(-1, 2), length, sides, rounds)
     real = ids < len(uv)
     uv[ids[real]] = xy[real]
 
 
 def _rungs(ring: Int[np.ndarray, " k"], opening: float) -> tuple[np.ndarray, np.ndarray]:
-    """Bridge a ring by rungs from its upper to its lower half; return them and their wanted lengths, those of a lens."""
+    """Bridge a ring by rungs from its upper to its lower half; return them and their wanted lengths, a lens's."""
     half = len(ring) // 2
     i = np.arange(1, half)
     return np.stack([ring[i], ring[-i]], -1), opening * half * np.sin(np.pi * i / half) ** 0.7
 
 
 def _face(recipe: Recipe, layout: Layout, uv: np.ndarray) -> None:
-    """The whole square; eyes and mouth are bridged, so that they come out as almonds and a lens, with the lips apart."""
+    """The whole square; eyes and mouth are bridged, so that they come out as almonds and a lens, the lips apart."""
     t, body = recipe.template, layout.grids["body"]
     c, low, high = t.face_columns, t.neck_rows, t.hair_row
     across, up = np.arange(-c, c + 1), np.arange(low, high + 1)
@@ -71,7 +74,8 @@ def _face(recipe: Recipe, layout: Layout, uv: np.ndarray) -> None:
     row[body[body >= 0]] = np.indices(body.shape)[0][body >= 0]
     first, last = np.sort(row[edges[0]], 1).T
     length = [np.ones(len(first))]
-    for (r0, r1), rings in ((t.mouth_rows, t.mouth_rings), (t.eye_rows, t.eye_rings), (t.nostril_rows, t.nostril_rings)):
+    blocks = ((t.mouth_rows, t.mouth_rings), (t.eye_rows, t.eye_rings), (t.nostril_rows, t.nostril_rings))
+    for (r0, r1), rings in blocks:
         length[0][(r0 <= first) & (first < last) & (last <= r1)] = 1 + BESIDE * rings / (r1 - r0)
     for name, opening in (("mouth", MOUTH_OPENING), ("eye_left", EYE_OPENING), ("eye_right", EYE_OPENING)):
         rungs, wanted = _rungs(layout.grids[name][0], opening)
@@ -81,7 +85,10 @@ def _face(recipe: Recipe, layout: Layout, uv: np.ndarray) -> None:
 
 
 def _cranium(recipe: Recipe, layout: Layout, uv: np.ndarray) -> None:
-    """The whole square, seen from above with the hair line below; the ears' holes are bridged by the cells that they replaced."""
+    """The whole square, seen from above with the hair line below.
+
+    The ears' holes are bridged by the cells that they replaced.
+    """
     t, body = recipe.template, layout.grids["body"]
     c, low, high, half = t.face_columns + 1, t.neck_rows, t.hair_row + 1, t.half_columns
     corner = (c + t.crown_across // 2) // 2  # between the hair line's end and the crown's
@@ -112,7 +119,7 @@ def _neck(layout: Layout, uv: np.ndarray) -> None:
 
 
 def _disc(layout: Layout, rings: Int[np.ndarray, "rings k"], uv: np.ndarray) -> None:
-    """The whole square, its border the outermost ring, which starts in the middle of the right side; all rings get equal areas."""
+    """The whole square, its border the outermost ring, its first vertex to the right; all rings get equal areas."""
     (count, k), cells = rings.shape, _cells(layout, int(layout.segment[rings[0, 0]]))
     inside = len(cells) - k * np.arange(count)
     radius = np.sqrt(inside / inside[0])
@@ -121,10 +128,11 @@ def _disc(layout: Layout, rings: Int[np.ndarray, "rings k"], uv: np.ndarray) -> 
     edges = _edges(cells)
     i, j = np.sort(depth[edges], 1).T
     between = np.append(radius[:-1] - radius[1:], radius[-1] / np.sqrt(inside[-1]))
-    length = np.where((i == j) & (i < count), np.append(2 * np.pi / k * radius, between[-1])[i], between[np.minimum(i, count - 1)])
+    along = np.append(2 * np.pi / k * radius, between[-1])
+    length = np.where((i == j) & (i < count), along[i], between[np.minimum(i, count - 1)])
     eighth = k // 8
-    corners = np.array([k // 2 + eighth, k - eighth, k + eighth, k // 2 - eighth + k, k // 2 + eighth + k])
-    sides = [rings[0, np.arange(a, b) % k] for a, b in zip(corners[:-1], corners[1:], strict=True)]
+    corners = [k // 2 + eighth, k - eighth, k + eighth, k + k // 2 - eighth, k + k // 2 + eighth]
+    sides = [rings[0, np.arange(a, b) % k] for a, b in pairwise(corners)]
     _embed(uv, edges, length, sides)
 
 

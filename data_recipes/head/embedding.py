@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 WEIGHT_RANGE = 1e5  # between the strongest and the weakest edge; keeps the system well conditioned
+CORNERS = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+DIRECTIONS = np.array([(1, 0), (0, 1), (-1, 0), (0, -1)])
 
 
 def square_embedding(
@@ -19,23 +23,22 @@ def square_embedding(
 ) -> Float[np.ndarray, "n 2"]:
     """Lay a disc out in the unit square, each vertex at the weighted mean of its neighbours [Tutte 1963].
 
-    The border is spaced by the wanted lengths of its edges. For any positive weights no triangle flips [Floater 1997], if no triangle
-    has all its corners on one side. So the weights are free to be chosen: every round strengthens the edges that came out too long and
-    weakens the others. The graph must be 3-connected, which our parts without holes are; holes have to be bridged by edges of their own.
-
-    A few rounds are best: many make some edges very short to please others.
+    The border is spaced by the wanted lengths of its edges. For any positive weights no triangle flips, if none has all
+    its corners on one side [Floater 1997]. So the weights are free to be chosen: every round strengthens the edges that
+    came out too long and weakens the others. A few rounds are best: many make some edges very short to please others.
+    The graph must be 3-connected, as our parts without holes are; holes have to be bridged by edges of their own.
 
     Args:
         count: n, how many vertices. edges: pairs of them. length: wanted relative length of each.
-        sides: the lower, right, upper and left side's vertices in order, each from its first corner up to the one before the next corner.
+        sides: the lower, right, upper and left side's vertices in order, each from its first corner up to the last one
+            before the next corner.
     """
     edges, weight = np.asarray(edges), 1.0 / np.asarray(length, float)
-    wanted = {(min(a, b), max(a, b)): share for (a, b), share in zip(edges.tolist(), length.tolist(), strict=True)}
+    wanted = {frozenset(edge): share for edge, share in zip(edges.tolist(), length.tolist(), strict=True)}
     xy = np.zeros((count, 2))
-    for i, (side, after) in enumerate(zip(sides, sides[1:] + sides[:1], strict=True)):
+    for side, after, corner, along in zip(sides, sides[1:] + sides[:1], CORNERS, DIRECTIONS, strict=True):
         line = np.append(side, after[0]).tolist()
-        share = np.cumsum([0.0] + [wanted[min(a, b), max(a, b)] for a, b in zip(line, line[1:], strict=False)])
-        corner, along = np.array([(0, 0), (1, 0), (1, 1), (0, 1)][i]), np.array([(1, 0), (0, 1), (-1, 0), (0, -1)][i])
+        share = np.cumsum([0.0] + [wanted[frozenset(edge)] for edge in pairwise(line)])
         xy[side] = corner + share[:-1, None] / share[-1] * along
     border = np.concatenate(sides)
     free = np.setdiff1d(np.arange(count), border)
@@ -52,7 +55,8 @@ def _solve(edges: np.ndarray, weight: np.ndarray, free: np.ndarray, xy: np.ndarr
     """Return the free vertices' positions at the weighted means of their neighbours."""
     (a, b), n = edges.T, len(xy)
     row, column = np.concatenate([a, b, a, b]), np.concatenate([b, a, a, b])
-    matrix = csc_matrix((np.concatenate([-weight, -weight, weight, weight]), (row, column)), (n, n)).tocsr()[free].tocsc()
+    laplacian = csc_matrix((np.concatenate([-weight, -weight, weight, weight]), (row, column)), (n, n))
+    matrix = laplacian.tocsr()[free].tocsc()
     fixed = np.setdiff1d(np.arange(n), free)
-    symmetric = splu(matrix[:, free], permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    return symmetric.solve(-(matrix[:, fixed] @ xy[fixed]))
+    options = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+    return splu(matrix[:, free], **options).solve(-(matrix[:, fixed] @ xy[fixed]))

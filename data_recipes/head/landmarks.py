@@ -10,7 +10,7 @@ from data_recipes.recipe import Recipe
 
 
 def name_curves(recipe: Recipe, layout: Layout) -> dict[str, np.ndarray]:
-    """Return ordered vertex indices: from the middle outwards for paired curves, from the character's left to the right for others."""
+    """Return ordered vertex indices: paired curves run from the middle outwards, others from the left to the right."""
     t, grids = recipe.template, layout.grids
     body, mouth = grids["body"], grids["mouth"]
     k = mouth.shape[1] // 2
@@ -69,8 +69,8 @@ def name_landmarks(recipe: Recipe, layout: Layout, x: Float[np.ndarray, "n 3"]) 
         "lid_upper": int(eye[0, e // 4]), "lid_lower": int(eye[0, 3 * e // 4]),
         "brow_inner": int(brow[0]), "brow_mid": int(brow[len(brow) // 2]), "brow_outer": int(brow[-1]),
         "nose_wing": nearest(side, lambda p: p[:, 0]),
-        "cheek": nearest(face, lambda p: -np.linalg.norm(p - (cheek + (4, -4, 14)), axis=1)),
-        "jaw_corner": nearest(face, lambda p: -np.linalg.norm(p - (jaw + (12, -6, 0)), axis=1)),
+        "cheek": nearest(face, lambda p: -np.linalg.norm(p - cheek - (4, -4, 14), axis=1)),
+        "jaw_corner": nearest(face, lambda p: -np.linalg.norm(p - jaw - (12, -6, 0), axis=1)),
     }
     marks = {
         "lip_upper_mid": int(mouth[0, k // 4]), "lip_lower_mid": int(mouth[0, 3 * k // 4]),

@@ -1,6 +1,7 @@
-"""Display-only things: eyeballs, brows, lashes and hair. They ride along in pictures and are no part of the approximated mesh.
+"""Display-only things: eyeballs, brows, lashes and hair.
 
-Each is a plain mesh of one colour that either turns with an eye or follows the skin under it.
+They ride along in pictures and are no part of the approximated mesh. Each is a plain mesh of one colour that either
+turns with an eye or follows the skin under it.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ PUPIL = (0.03, 0.03, 0.04)
 LASHES = (0.10, 0.07, 0.06)
 LIMBUS_DEG = 3.5  # width of the iris's dark rim
 HAIR_MM = 6.0
-# The hair line: height (mm) by the angle around the head's axis, from the forehead over temple, sideburn and ear to the nape.
+# The hair line: height (mm) by angle around the head's axis, from the forehead by temple, sideburn and ear to the nape.
 HAIR_LINE = (
     (0.0, 68.0), (18.0, 64.0), (36.0, 60.0), (50.0, 52.0), (62.0, 34.0), (70.0, 10.0), (76.0, 0.0), (82.0, 4.0),
     (90.0, 26.0), (102.0, 26.0), (114.0, 0.0), (126.0, -30.0), (150.0, -44.0), (180.0, -46.0),
@@ -30,7 +31,7 @@ HAIR_LINE = (
 
 @dataclass(frozen=True)
 class Prop:
-    """A mesh at rest: vertices (k, 3) in mm, triangles, RGB in [0, 1], and what it follows ("eye_left", "eye_right", "skin")."""
+    """A mesh at rest: vertices in mm, triangles, RGB in [0, 1], and what it follows: "eye_left", "eye_right", "skin"."""
 
     name: str
     follow: str
@@ -67,7 +68,7 @@ def _mirrored(prop: Prop) -> Prop:
 
 
 def _eyeball(shape: Shape) -> list[Prop]:
-    """Return the left eye's white, iris, its dark rim and the pupil: zones of one sphere around the direction of the gaze."""
+    """Return the left eye's white, iris, its dark rim and the pupil: zones of one sphere around the gaze."""
     e = shape.recipe.eyes
     around = np.linspace(0, 2 * np.pi, 49)
     dark = tuple(0.45 * c for c in e.iris_colour)
@@ -76,7 +77,7 @@ def _eyeball(shape: Shape) -> list[Prop]:
     parts = []
     for name, colour, outer, inner, rows in zones:
         angle = np.radians(np.linspace(outer, inner, rows))[:, None]
-        narrow = 0.35 + 0.0 * around if e.pupil == "slit" and name == "pupil" else 1.0
+        narrow = 0.35 if e.pupil == "slit" and name == "pupil" else 1.0
         sine = np.sin(angle)
         unit = np.stack([narrow * sine * np.cos(around), sine * np.sin(around), np.cos(angle) + 0 * around], -1)
         unit /= np.linalg.norm(unit, axis=-1, keepdims=True)
@@ -86,7 +87,7 @@ def _eyeball(shape: Shape) -> list[Prop]:
 
 
 def _brow(shape: Shape) -> Prop:
-    """Return the left brow: a strip with a rounded section over the brow ridge, blunt at the nose and pointed at the temple."""
+    """Return the left brow: a rounded strip over the brow ridge, blunt at the nose and pointed at the temple."""
     recipe = shape.recipe
     s, thin = recipe.skull, recipe.props.brows == "thin"
     t, across = np.linspace(0, 1, 33), np.linspace(-1, 1, 9)
@@ -123,7 +124,7 @@ def _lashes(layout: Layout, x: Float[np.ndarray, "n 3"]) -> Prop:
 def _hair(shape: Shape) -> Prop:
     """Return the hair: a cap over the skull that is thin at the hair line and ripples along its strands."""
     recipe = shape.recipe
-    centre = np.array(recipe.skull.cranium) + (0, -14.0, 2.0)
+    centre = np.array(recipe.skull.cranium) + np.array([0.0, -14.0, 2.0])
     scale = recipe.skull.cranium_radii[1] / 74.0
     columns, rows = 145, 30
     turn = np.linspace(-np.pi, np.pi, columns)
@@ -142,7 +143,8 @@ def _hair(shape: Shape) -> Prop:
     strands = 0.55 * np.abs(np.cos(18 * turn + 1.2 * np.sin(3 * turn))) + 0.25 * np.cos(41 * turn)
     thick = thick + scale * strands * np.clip(share / 0.05, 0, 1) * (1 - share) ** 0.5
     thick[0] = -0.6
-    return _sheet("hair", "skin", recipe.props.hair_colour, (p + thick.reshape(-1, 1) * normal).reshape(rows, columns, 3))
+    grid = (p + thick.reshape(-1, 1) * normal).reshape(rows, columns, 3)
+    return _sheet("hair", "skin", recipe.props.hair_colour, grid)
 
 
 def _on_skin(sdf, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
