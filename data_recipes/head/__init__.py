@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
-from data_recipes.head import ears, eyes, mouth, nostrils, placement, teeth
+from data_recipes.head import mouth, placement
+from data_recipes.head.assembly import place, triangulate
 from data_recipes.head.charts import build_charts
 from data_recipes.head.landmarks import name_curves, name_landmarks
-from data_recipes.head.layout import DEFORMABLE, Layout, build_layout
+from data_recipes.head.layout import DEFORMABLE, build_layout
 from data_recipes.head.props import Prop, build_props
-from data_recipes.head.shape import Shape, build_shape, eye_frame, skull_distance
+from data_recipes.head.shape import build_shape, eye_frame, skull_distance
 from data_recipes.recipe import Recipe
 from replicate.errors import InputError
 
@@ -24,7 +24,7 @@ __all__ = ["DEFORMABLE", "Eye", "Head", "Prop", "build_head"]
 class Eye:
     """One eyeball: centre (3,) and radius in mm; `frame` rows are towards the temple, up, and along the gaze."""
 
-    centre: Float[np.ndarray, "3"]
+    centre: Float[np.ndarray, " 3"]
     radius: float
     frame: Float[np.ndarray, "3 3"]
 
@@ -34,13 +34,14 @@ class Head:
     """A neutral head.
 
     Attributes:
-        vertices: (n, 3) mm; x towards the character's left, y up, z forward, eyes at y = 0; exactly symmetric under `mirror`.
+        vertices: (n, 3) mm; x towards the character's left, y up, z forward, eyes at y = 0; exactly mirror-symmetric.
         faces, quads: triangles, and the same surface in quads; both face outwards.
         uv, segment, segment_names: a chart in [0, 1]^2 per segment; deformable segments first, then one per tooth.
         mirror: (n,) the vertex on the other side, or the vertex itself.
-        grids: vertex indices by part (see `layout`); rings run from the inside outwards except `mouth_bag`, `lid_inner_*` (away from the
-            rim) and `tongue` (root to tip). `body` is (rows, columns), -1 where removed.
-        ring_parameter: `mouth_u`, `mouth_side`, `eye_u`, `eye_side`: position along the seam or rim in [-1, 1] and +1 upper, -1 lower.
+        grids: vertex indices by part (see `layout`); rings run from the inside outwards except those of `mouth_bag` and
+            `lid_inner_*` (away from the rim) and `tongue` (root to tip). `body` is (rows, columns), -1 where removed.
+        ring_parameter: `mouth_u`, `mouth_side`, `eye_u`, `eye_side`: the place along the seam or rim in [-1, 1], and
+            +1 upper, -1 lower, 0 in the corners.
         curves: ordered vertex indices; landmarks: single ones.
         mouth_axis: (z, radius) of the wrapped coordinates. jaw_pivot: (3,). teeth_jaw: +1 upper, -1 lower, per tooth.
     """
@@ -58,7 +59,7 @@ class Head:
     curves: dict[str, np.ndarray]
     landmarks: dict[str, int]
     eyes: dict[str, Eye]
-    jaw_pivot: Float[np.ndarray, "3"]
+    jaw_pivot: Float[np.ndarray, " 3"]
     mouth_axis: tuple[float, float]
     teeth_jaw: Int[np.ndarray, " teeth"]
     props: tuple[Prop, ...]
@@ -76,90 +77,37 @@ def build_head(recipe: Recipe) -> Head:
     """
     layout = build_layout(recipe)
     if len(layout.segment) != recipe.vertices:
-        raise InputError(f"{recipe.file}: 'vertices': found {recipe.vertices}, allowed is {len(layout.segment)}, the template's count")
+        raise InputError(
+            f"{recipe.file}: 'vertices': found {recipe.vertices}, "
+            f"allowed is {len(layout.segment)}, the count that the template gives"
+        )
     shape = build_shape(recipe)
-    x = _place(shape, layout)
+    x = place(shape, layout)
     faces = triangulate(x, layout.quads, layout.mirror)
     mouth_u, mouth_side = mouth.ring_parameter(layout.grids["mouth"].shape[1])
     eye_u, eye_side = mouth.ring_parameter(layout.grids["eye_left"].shape[1])
     curves = name_curves(recipe, layout)
     left, frame = np.array(recipe.eyes.centre), eye_frame(recipe)
-    both = {"left": Eye(left, recipe.eyes.radius, frame), "right": Eye(left * placement.FLIP, recipe.eyes.radius, frame * placement.FLIP)}
+    both = {
+        "left": Eye(left, recipe.eyes.radius, frame),
+        "right": Eye(left * placement.FLIP, recipe.eyes.radius, frame * placement.FLIP),
+    }
     return Head(
-        recipe=recipe, vertices=x, faces=faces, quads=layout.quads, uv=build_charts(recipe, layout),
-        segment=layout.segment, segment_names=layout.segment_names, mirror=layout.mirror, grids=layout.grids,
+        recipe=recipe,
+        vertices=x,
+        faces=faces,
+        quads=layout.quads,
+        uv=build_charts(recipe, layout),
+        segment=layout.segment,
+        segment_names=layout.segment_names,
+        mirror=layout.mirror,
+        grids=layout.grids,
         ring_parameter={"mouth_u": mouth_u, "mouth_side": mouth_side, "eye_u": eye_u, "eye_side": eye_side},
-        curves=curves, landmarks=name_landmarks(recipe, layout, x), eyes=both, jaw_pivot=np.array([0.0, -14.0, 2.0]),
+        curves=curves,
+        landmarks=name_landmarks(recipe, layout, x),
+        eyes=both,
+        jaw_pivot=np.array([0.0, -14.0, 2.0]),
         mouth_axis=(recipe.mouth.axis_z, recipe.mouth.axis_radius),
         teeth_jaw=np.repeat([1, -1], [recipe.teeth.upper, recipe.teeth.lower]).astype(np.int32),
         props=build_props(shape, layout, x),
     )
-
-
-def triangulate(x: Float[np.ndarray, "n 3"], quads: Int[np.ndarray, "q 4"], mirror: Int[np.ndarray, " n"]) -> Int[np.ndarray, "f 3"]:
-    """Cut quads along their shorter diagonal; mirrored quads are cut alike, ties and quads on the midline by the smaller index."""
-    a = np.linalg.norm(x[quads[:, 0]] - x[quads[:, 2]], axis=1)
-    b = np.linalg.norm(x[quads[:, 1]] - x[quads[:, 3]], axis=1)
-    first = a < b - 1e-6
-    tie = np.abs(a - b) <= 1e-6
-    low = np.minimum(np.minimum(quads, mirror[quads])[:, 0], np.minimum(quads, mirror[quads])[:, 2])
-    high = np.minimum(np.minimum(quads, mirror[quads])[:, 1], np.minimum(quads, mirror[quads])[:, 3])
-    first |= tie & (low < high)
-    p = np.where(first[:, None], quads, np.roll(quads, -1, axis=1))
-    return np.concatenate([p[:, [0, 1, 2]], p[:, [0, 2, 3]]]).astype(np.int32)
-
-
-def _place(shape: Shape, layout: Layout) -> Float[np.ndarray, "n 3"]:
-    """Pin the feature curves, relax the skin, and set the explicit parts."""
-    recipe, grids = shape.recipe, layout.grids
-    t = recipe.template
-    k = grids["mouth"].shape[1]
-    seam, border = mouth.lip_pins(shape, k)
-    rim = eyes.rim_pins(recipe, grids["eye_left"].shape[1])
-    nostril = nostrils.nostril_rings(shape, grids["nostril_left"].shape[1], max(t.nostril_rings - 1, 1))
-    base = ears.base_pins(shape, grids["ear_left"].shape[1])
-    bottom = grids["body"][0]
-    pins = {
-        "seam": (grids["mouth"][0], seam), "border": (grids["mouth"][t.lip_rings], border), "rim": (grids["eye_left"][0], rim),
-        "nostril": (grids["nostril_left"][: len(nostril)], nostril), "ear": (grids["ear_left"][-1], base),
-    }
-    x = placement.start(shape, layout, pins)
-    surface, pinned = np.isin(layout.segment, (0, 1, 2)), np.zeros(len(x), bool)
-    for ids in (grids["mouth_bag"], grids["nostril_left"][: len(nostril) - 1], grids["nostril_cap_left"], grids["ear_left"][:-1]):
-        surface[ids], surface[layout.mirror[ids]] = False, False
-    pinned[bottom] = True
-    for ids, _ in pins.values():
-        pinned[ids], pinned[layout.mirror[ids]] = True, True
-    x = placement.relax(shape, layout, x, surface, pinned, _weights(recipe, layout))
-
-    x[grids["mouth_bag"]] = mouth.bag_positions(recipe, x[grids["mouth"][0]], len(grids["mouth_bag"]))
-    x[grids["mouth_cap"]] = mouth.fill_cap(x[grids["mouth_cap"]])
-    x[grids["lid_inner_left"]] = eyes.inner_lids(recipe, grids["lid_inner_left"].shape[1], t.lid_rings)
-    x[grids["ear_left"][:-1]] = ears.ear_rings(recipe, x[grids["ear_left"][-1]], t.ear_rings)
-    for cap in ("ear_cap_left", "nostril_cap_left"):
-        x[grids[cap]] = mouth.fill_cap(x[grids[cap]])
-    front = seam[:, 2].max() - recipe.teeth.setback
-    jaw = partial(teeth.tooth_positions, recipe, front)
-    x[grids["teeth"]] = np.concatenate([jaw(True), jaw(False)])
-    for name, upper in (("gum_upper", True), ("gum_lower", False)):
-        x[grids[name]] = teeth.gum_positions(recipe, front, upper, *grids[name].shape)
-    x[grids["tongue"]] = teeth.tongue_positions(recipe, front, *grids["tongue"].shape)
-    x[grids["tongue_cap"]] = mouth.fill_cap(x[grids["tongue_cap"]])
-    return placement.mirror_left(layout, x)
-
-
-def _weights(recipe: Recipe, layout: Layout) -> Float[np.ndarray, " n"]:
-    """Return how strongly each vertex draws its neighbours: the face is finer than the back, rings and forehead finer still."""
-    t, grids = recipe.template, layout.grids
-    weight = np.ones(len(layout.segment))
-    body = grids["body"]
-    row, column = np.indices(body.shape)
-    column = np.minimum(column, body.shape[1] - column)
-    face = np.clip((t.face_columns + 3 - column) / 6.0, 0, 1)
-    forehead = face * np.clip((row - t.eye_rows[1]) / 3.0, 0, 1) * np.clip((t.hair_row + 3 - row) / 4.0, 0, 1)
-    nose = np.exp(-((column / t.nostril_columns[1]) ** 4)) * (row > t.nostril_rows[0] - 1) * (row < t.eye_rows[1])
-    total = 1 + 2.2 * face + 2.6 * forehead + 2.5 * nose
-    weight[body[body >= 0]] = total[body >= 0]
-    for name, ring in (("mouth", 5.5), ("eye_left", 5.5), ("eye_right", 5.5), ("nostril_left", 2.5), ("nostril_right", 2.5)):
-        weight[grids[name][:-1]] = ring
-    return weight

@@ -1,4 +1,7 @@
-"""Ears: an egg-shaped outline swept over the rim, into the fold behind it and down to the canal. Left ear; the right one mirrors it."""
+"""Ears: an egg-shaped outline swept over the rim, into the fold behind it and down to the canal.
+
+Left ear; the right one mirrors it.
+"""
 
 from __future__ import annotations
 
@@ -9,21 +12,23 @@ from data_recipes.head.sdf import project
 from data_recipes.head.shape import Shape, skin_distance
 from data_recipes.recipe import Recipe
 
-# From behind the ear over its rim to the canal: size (share of the outline), height over the ear's plane (share of the relief),
-# and how far the ring's middle moves towards the canal.
-PROFILE = np.array([
-    (0.70, 0.00, 0.00),
-    (0.92, 0.45, 0.00),  # behind the rim
-    (1.00, 0.95, 0.00),  # outermost
-    (0.99, 1.40, 0.00),
-    (0.92, 1.58, 0.00),  # the rim's crest
-    (0.84, 1.25, 0.02),
-    (0.77, 0.66, 0.05),  # the groove inside the rim
-    (0.64, 1.12, 0.12),  # the inner fold
-    (0.53, 0.98, 0.22),
-    (0.42, 0.12, 0.36),  # the bowl
-    (0.26, -0.25, 0.52),
-])
+# From behind the ear over its rim to the canal: size (share of the outline), height over the ear's plane (share of the
+# relief), and how far the ring's middle moves towards the canal.
+PROFILE = np.array(
+    [
+        (0.70, 0.00, 0.00),
+        (0.92, 0.45, 0.00),  # behind the rim
+        (1.00, 0.95, 0.00),  # outermost
+        (0.99, 1.40, 0.00),
+        (0.92, 1.58, 0.00),  # the rim's crest
+        (0.84, 1.25, 0.02),
+        (0.77, 0.66, 0.05),  # the groove inside the rim
+        (0.64, 1.12, 0.12),  # the inner fold
+        (0.53, 0.98, 0.22),
+        (0.42, 0.12, 0.36),  # the bowl
+        (0.26, -0.25, 0.52),
+    ]
+)
 LOBE_HEIGHT = 1.0
 CANAL = (-0.40, -0.16)  # where the bowl lies, in half widths backwards and half heights up
 
@@ -38,7 +43,10 @@ def ear_frame(recipe: Recipe) -> Float[np.ndarray, "3 3"]:
 
 
 def outline(recipe: Recipe, phase: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 2"]:
-    """Return the egg (backwards, up), about unit-sized: full above, narrow at the lobe, flat in front. Phase 0 lies behind, 90° on top."""
+    """Return the egg (backwards, up), about unit-sized: full above, narrow at the lobe, flat in front.
+
+    Phase 0 lies behind, a quarter turn on top.
+    """
     across, up = np.cos(phase), np.sin(phase)
     egg = 1.0 + 0.16 * up - 0.14 * np.clip(-up, 0, 1) ** 2
     top = 1.0 + recipe.ears.point * np.clip(up, 0, 1) ** 6
@@ -52,7 +60,10 @@ def _phase(k: int) -> Float[np.ndarray, " k"]:
 def base_pins(shape: Shape, k: int) -> Float[np.ndarray, "k 3"]:
     """Return the ear's base, an oval on the head under the front half of the ear."""
     e = shape.recipe.ears
-    oval = outline(shape.recipe, _phase(k)) * (0.46 * e.width / 2, 0.64 * e.height / 2) + (-0.08 * e.width, -0.02 * e.height)
+    oval = outline(shape.recipe, _phase(k)) * (0.46 * e.width / 2, 0.64 * e.height / 2) + (
+        -0.08 * e.width,
+        -0.02 * e.height,
+    )
     lean = np.radians(e.lean_deg)
     z = -np.cos(lean) * oval[:, 0] - np.sin(lean) * oval[:, 1]
     y = np.cos(lean) * oval[:, 1] - np.sin(lean) * oval[:, 0]
@@ -69,8 +80,10 @@ def ear_rings(recipe: Recipe, base: Float[np.ndarray, "k 3"], rings: int) -> Flo
     relief = 0.17 * e.width
     strength = (1 - 0.55 * front**2) * (1 - 0.85 * low**1.5)  # the lobe is plain, the rim's root in front is low
     tragus = np.exp(-(((phase - np.pi * 1.04) / 0.30) ** 2))
-    hinge = 0.55 * e.width / 2 * np.sin(np.radians(e.flare_deg))  # the plane turns about its front edge, which stays on the head
-    centre = base.mean(0) + (hinge - 0.08 * e.width, 0, 0)
+    hinge = (
+        0.55 * e.width / 2 * np.sin(np.radians(e.flare_deg))
+    )  # the plane turns about its front edge, which stays on the head
+    centre = base.mean(0) + np.array([hinge - 0.08 * e.width, 0, 0])
     places = np.linspace(0, len(PROFILE) - 1, rings)
     out = []
     for place in places:

@@ -1,4 +1,4 @@
-"""Lids: the rim on the lid ball, and the inner lids behind it. All in the left eye; the right one is its mirror image."""
+"""Lids: the rim on the lid ball, and the inner lids behind it. Left eye; the right one is its mirror image."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from data_recipes.recipe import Recipe
 def rim_angles(recipe: Recipe, k: int) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Return azimuth and elevation (radians) of the rim's ring, spaced evenly along the rim."""
     fine = np.linspace(1, -1, 801)
-    u, side = ring_parameter(k)
     half = k // 2
     azimuth, elevation = np.empty(k), np.empty(k)
     for upper, places in ((True, np.arange(half + 1)), (False, np.arange(half, k + 1))):
@@ -50,5 +49,7 @@ def inner_lids(recipe: Recipe, k: int, rings: int) -> Float[np.ndarray, "rings k
     size = np.hypot(azimuth, elevation)
     for i, g in enumerate(grown):
         factor = 1 + g / size
-        out[i] = on_ball(recipe, azimuth * factor, elevation * factor, np.full(k, e.radius + scale * (0.5 if i == 0 else 0.35)))
+        out[i] = on_ball(
+            recipe, azimuth * factor, elevation * factor, np.full(k, e.radius + scale * (0.5 if i == 0 else 0.35))
+        )
     return out

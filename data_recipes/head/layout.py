@@ -1,7 +1,6 @@
 """Topology: a grid around the head whose holes are filled with rings, and the inner parts.
 
-Ring order, everywhere: index 0 lies in the middle of a feature's outer side (the character's left; of eyes the temple), then the ring
-runs over the top, the inner side and the bottom. Right-hand parts mirror left-hand ones index by index, so that the same code poses both.
+Right-hand parts mirror left-hand ones index by index, so that the same code poses both; for the order see `rings`.
 """
 
 from __future__ import annotations
@@ -11,9 +10,21 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Int
 
+from data_recipes.head.rings import block_ring, fill_block, grid_quads, ring_mirror, ring_quads
 from data_recipes.recipe import Recipe
 
-DEFORMABLE = ("face", "cranium", "neck", "ear_left", "ear_right", "lids_inner", "mouth_bag", "gum_upper", "gum_lower", "tongue")
+DEFORMABLE = (
+    "face",
+    "cranium",
+    "neck",
+    "ear_left",
+    "ear_right",
+    "lids_inner",
+    "mouth_bag",
+    "gum_upper",
+    "gum_lower",
+    "tongue",
+)
 FACE, CRANIUM, NECK, EAR_LEFT, EAR_RIGHT, LIDS, BAG, GUM_UPPER, GUM_LOWER, TONGUE = range(len(DEFORMABLE))
 
 
@@ -57,36 +68,6 @@ class _Builder:
             self.quads.append(np.asarray(self.mirror)[quads][:, ::-1])
 
 
-def block_ring(block: Int[np.ndarray, "rows columns"]) -> Int[np.ndarray, " k"]:
-    """Return a block's boundary as a ring: from the middle of its right side over the top, the left side and the bottom."""
-    m, h = block.shape[0] - 1, (block.shape[0] - 1) // 2
-    return np.concatenate([block[h:m, -1], block[m, :0:-1], block[m:0:-1, 0], block[0, :-1], block[:h, -1]])
-
-
-def grid_quads(grid: Int[np.ndarray, "rows columns"]) -> Int[np.ndarray, "q 4"]:
-    """Return the cells of a grid whose rows run up and whose columns run to the right, seen from outside."""
-    return np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], -1).reshape(-1, 4)
-
-
-def ring_quads(rings: Int[np.ndarray, "rings k"]) -> Int[np.ndarray, "q 4"]:
-    """Return the cells between closed rings that are listed from the inside outwards and run anticlockwise, seen from outside."""
-    closed = np.concatenate([rings, rings[:, :1]], 1)
-    return np.stack([closed[:-1, :-1], closed[1:, :-1], closed[1:, 1:], closed[:-1, 1:]], -1).reshape(-1, 4)
-
-
-def fill_block(ring: Int[np.ndarray, " k"], rows: int, columns: int, interior: Int[np.ndarray, "rows columns"]) -> np.ndarray:
-    """Return the (rows + 1, columns + 1) block with the given boundary ring and interior."""
-    block = np.empty((rows + 1, columns + 1), int)
-    block.flat[block_ring(np.arange(block.size).reshape(block.shape))] = ring
-    block[1:-1, 1:-1] = interior
-    return block
-
-
-def ring_mirror(k: int, corner: bool = False) -> Int[np.ndarray, " k"]:
-    """Return which position of a ring across the midline mirrors which; `corner`: it starts at a corner (blocks one row high)."""
-    return (k // 2 + corner - np.arange(k)) % k
-
-
 def build_layout(recipe: Recipe) -> Layout:
     """Lay out every part of the head; sorted so that each segment's vertices are contiguous."""
     b, grids = _Builder(), {}
@@ -124,7 +105,9 @@ def _body(b: _Builder, recipe: Recipe, grids: dict) -> None:
 
     cells = np.ones((rows - 1, 2 * half), bool)
     for (r0, r1), (c0, c1) in (
-        (t.eye_rows, t.eye_columns), (t.nostril_rows, t.nostril_columns), (t.ear_rows, t.ear_columns),
+        (t.eye_rows, t.eye_columns),
+        (t.nostril_rows, t.nostril_columns),
+        (t.ear_rows, t.ear_columns),
         (t.mouth_rows, (0, t.mouth_columns)),
     ):
         for columns in (np.arange(c0, c1), -1 - np.arange(c0, c1)):
@@ -166,7 +149,12 @@ def _body(b: _Builder, recipe: Recipe, grids: dict) -> None:
     block[:, 0] = top[-np.arange(s, s + deep + 1)]
     block[1:-1, 1:-1] = interior
     b.add(grid_quads(block))
-    grids.update(body=np.where(segment < 0, -1, grid), crown=block, transition_left=left, transition_right=np.asarray(b.mirror)[left])
+    grids.update(
+        body=np.where(segment < 0, -1, grid),
+        crown=block,
+        transition_left=left,
+        transition_right=np.asarray(b.mirror)[left],
+    )
     grids["_full"] = grid
 
 
@@ -200,7 +188,7 @@ def _paired_rings(b: _Builder, recipe: Recipe, grids: dict) -> None:
     )
     for name, (r0, r1), (c0, c1), count, left_segment, right_segment in parts:
         outer = block_ring(grids["_full"][r0 : r1 + 1, c0 : c1 + 1])
-        left, right = b.new_pair((count, len(outer)), left_segment, right_segment)
+        left, _ = b.new_pair((count, len(outer)), left_segment, right_segment)
         mirror = np.asarray(b.mirror)
         rings = np.concatenate([left, outer[None]])
         b.add(ring_quads(rings), both=True)
@@ -218,9 +206,12 @@ def _paired_rings(b: _Builder, recipe: Recipe, grids: dict) -> None:
 
 
 def _gums_and_tongue(b: _Builder, recipe: Recipe, grids: dict) -> None:
-    """Gums: open strips along the arch (rows from the outside over the ridge inwards). Tongue: a sock, open at its root."""
+    """Gums: open strips, rows from the outside over the ridge inwards. Tongue: a sock, open at its root."""
     t = recipe.tongue
-    for name, segment, columns in (("gum_upper", GUM_UPPER, t.gum_columns_upper), ("gum_lower", GUM_LOWER, t.gum_columns_lower)):
+    for name, segment, columns in (
+        ("gum_upper", GUM_UPPER, t.gum_columns_upper),
+        ("gum_lower", GUM_LOWER, t.gum_columns_lower),
+    ):
         gum = b.new((t.gum_rows, columns), segment)
         b.pair(gum, gum[:, ::-1])
         b.add(grid_quads(gum if name == "gum_lower" else gum[::-1]))
@@ -237,7 +228,7 @@ def _gums_and_tongue(b: _Builder, recipe: Recipe, grids: dict) -> None:
 
 
 def _teeth(b: _Builder, recipe: Recipe, grids: dict) -> tuple[str, ...]:
-    """Teeth: rings from the root to the edge, closed by a strip; upper ones from the character's right to the left, then lower ones."""
+    """Teeth: rings from the root to the edge, closed by a strip; the upper ones from right to left, then the lower."""
     t, names, teeth = recipe.teeth, [], []
     count = t.rings * t.ring
     for jaw, number in (("upper", t.upper), ("lower", t.lower)):

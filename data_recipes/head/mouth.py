@@ -13,7 +13,7 @@ Curve = Float[np.ndarray, " k"]
 
 
 def ring_parameter(k: int) -> tuple[Curve, Curve]:
-    """Return u in [-1, 1] (+1 at the corner with index 0) and the side (+1 upper, -1 lower, 0 corners) of a ring of k positions."""
+    """Return u in [-1, 1] (+1 at index 0) and the side (+1 upper, -1 lower, 0 corners) of a ring of k positions."""
     i = np.arange(k)
     half = k // 2
     u = np.where(i <= half, 1 - 2 * i / half, -1 + 2 * (i - half) / half)
@@ -29,7 +29,11 @@ def seam(recipe: Recipe, u: Curve) -> Curve:
 def vermilion(recipe: Recipe, u: Curve, side: Curve) -> Curve:
     """Return the height b of the border between lip and skin at u."""
     m, s, v = recipe.mouth, seam(recipe, u), np.minimum(np.abs(u), 1.0)
-    bow = 7.6 * (1 - v**1.7) ** 0.9 - 1.6 * np.exp(-((u / 0.13) ** 2)) + 0.8 * np.exp(-(((v - 0.3) / 0.2) ** 2)) * (1 - v**6)
+    bow = (
+        7.6 * (1 - v**1.7) ** 0.9
+        - 1.6 * np.exp(-((u / 0.13) ** 2))
+        + 0.8 * np.exp(-(((v - 0.3) / 0.2) ** 2)) * (1 - v**6)
+    )
     upper = s + m.upper_fullness * bow
     lower = s - 9.6 * m.lower_fullness * (1 - v**2.2) ** 0.9
     return np.where(side > 0, upper, np.where(side < 0, lower, s))
@@ -47,7 +51,7 @@ def lip_pins(shape: Shape, k: int) -> tuple[Float[np.ndarray, "k 3"], Float[np.n
     m = recipe.mouth
     closed = on_surface(shape, m.half_width * u, seam(recipe, u))
     closed[:, 1] += m.half_gap * side
-    v = np.sign(u) * (1 - (1 - np.abs(u)) ** 1.15)
+    v = np.sign(u) * (1 - (1 - np.abs(u)) ** 1.15)  # denser towards the corners, where the lips taper
     border = on_surface(shape, 1.10 * m.half_width * v, vermilion(recipe, v, side))
     return closed, border
 
@@ -55,8 +59,8 @@ def lip_pins(shape: Shape, k: int) -> tuple[Float[np.ndarray, "k 3"], Float[np.n
 def bag_positions(recipe: Recipe, seam_ring: Float[np.ndarray, "k 3"], rings: int) -> Float[np.ndarray, "rings k 3"]:
     """Return the mouth bag's rings, outermost first.
 
-    Each is (growth of the angle in radians, half height, depth behind the lips), from `mouth.bag_rings`. The first ones run back from
-    the seam where the lips touch, later ones open into an ellipse.
+    Each is (growth of the angle in radians, half height, depth behind the lips), from `mouth.bag_rings`. The first ones
+    run back from the seam where the lips touch, later ones open into an ellipse.
     """
     m, k = recipe.mouth, len(seam_ring)
     u, side = ring_parameter(k)

@@ -1,4 +1,4 @@
-"""Nostrils: a pinned oval under the nose, two rings and a cap going in. Left nostril; the right one is its mirror image."""
+"""Nostrils: a pinned oval under the nose, two rings and a cap going in. Left nostril; the right one mirrors it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from data_recipes.head.shape import Shape, skin_distance
 
 
 def _frame(shape: Shape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the nostril's centre on the skin, its axes in the tangent plane (outwards, forwards) and the normal as rows."""
+    """Return the nostril's centre on the skin, its axes in the tangent plane (outwards, forwards), and the normal."""
     n = shape.recipe.nose
     along, tip = n.nostril_place[0], n.nostril_place[1]
     x, z = along * n.wing[0], tip * n.tip[2] + (1 - tip) * n.columella[2] + n.nostril_place[2]
     below = np.array([[x, n.columella[1] - n.columella_radii[1] - 12.0, z]])
-    centre = raycast(lambda p: skin_distance(shape, p), below + (0, 60.0, 0), np.array([[0, -1.0, 0]]), 60.0)
+    centre = raycast(lambda p: skin_distance(shape, p), below + np.array([0, 60.0, 0]), np.array([[0, -1.0, 0]]), 60.0)
     normal = distance_and_gradient(lambda p: skin_distance(shape, p), centre, 1.0)[1][0]
     normal /= np.linalg.norm(normal)
     forward = np.array([0.25, 0, 1.0]) - (0.25 * normal[0] + normal[2]) * normal
@@ -30,7 +30,9 @@ def nostril_rings(shape: Shape, k: int, rings: int) -> Float[np.ndarray, "rings 
     phase = 2 * np.pi * np.arange(k) / k
     oval = (np.stack([np.cos(phase) * wide, np.sin(phase) * long], -1)) @ axes
     rim = project(lambda p: skin_distance(shape, p), centre + oval, steps=6)
-    inwards = np.array([0.0, 0.8, -0.1]) - 0.6 * normal  # up into the nose more than straight in: seen from in front, it is dark
+    inwards = (
+        np.array([0.0, 0.8, -0.1]) - 0.6 * normal
+    )  # up into the nose more than straight in: seen from in front, it is dark
     inwards /= np.linalg.norm(inwards)
     out = [rim]
     for i in range(1, rings):

@@ -1,6 +1,8 @@
-"""Placement: where the surface's vertices lie. Pins, then weighted Laplacian relaxation alternated with projection to the SDF."""
+"""Placement: where the skin's vertices lie. Weighted Laplacian relaxation alternates with projection to the SDF."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -53,12 +55,16 @@ def start(shape: Shape, layout: Layout, pins: dict[str, tuple[np.ndarray, np.nda
     fine = body[t.coarse_rows[0] : t.coarse_rows[1] + 1, t.coarse_from]
     coarse = body[t.coarse_rows[0] : t.coarse_rows[1] + 1, t.coarse_from + 1]
     for i in range(2):
-        there = np.repeat(x[coarse[0::3][:-1], None], 1, 1)[:, 0] * (2 - i) / 3 + x[coarse[0::3][1:]] * (1 + i) / 3
+        there = x[coarse[0::3][:-1]] * (2 - i) / 3 + x[coarse[0::3][1:]] * (1 + i) / 3
         x[grids["transition_left"][:, i]] = 0.5 * (x[fine[1 + i :: 3]] + there)
-    for name, known in (("mouth", (0, t.lip_rings, -1)), ("eye_left", (0, -1)), ("nostril_left", (max(t.nostril_rings - 2, 0), -1))):
+    for name, known in (
+        ("mouth", (0, t.lip_rings, -1)),
+        ("eye_left", (0, -1)),
+        ("nostril_left", (max(t.nostril_rings - 2, 0), -1)),
+    ):
         rings = grids[name]
         known = [k % len(rings) for k in known]
-        for a, b in zip(known[:-1], known[1:], strict=True):
+        for a, b in pairwise(known):
             for i in range(a + 1, b):
                 x[rings[i]] = x[rings[a]] + (x[rings[b]] - x[rings[a]]) * (i - a) / (b - a)
     return mirror_left(layout, x)
@@ -92,8 +98,8 @@ def left_half(layout: Layout) -> Int[np.ndarray, " h"]:
         k = grid.shape[1]
         turn = np.cos(2 * np.pi * np.arange(k) / k)
         side[grid[:, turn > 1e-9]], side[grid[:, turn < -1e-9]] = 1, -1
-    for jaw in (layout.grids["teeth"],):
-        side[jaw] = np.where(jaw > layout.mirror[jaw], 1, -1)
+    teeth = layout.grids["teeth"]
+    side[teeth] = np.where(teeth > layout.mirror[teeth], 1, -1)
     return np.flatnonzero((side > 0) | (layout.mirror == np.arange(len(side))))
 
 
@@ -107,7 +113,11 @@ def _along_rings(layout: Layout, edges: Int[np.ndarray, "e 2"]) -> Bool[np.ndarr
 
 
 def relax(
-    shape: Shape, layout: Layout, x: Float[np.ndarray, "n 3"], surface: Bool[np.ndarray, " n"], pinned: Bool[np.ndarray, " n"],
+    shape: Shape,
+    layout: Layout,
+    x: Float[np.ndarray, "n 3"],
+    surface: Bool[np.ndarray, " n"],
+    pinned: Bool[np.ndarray, " n"],
     weight: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, "n 3"]:
     """Return relaxed positions: heavy regions keep short edges, pinned vertices stay, all free ones lie on the SDF.
@@ -122,7 +132,13 @@ def relax(
     edges = edges[surface[edges].all(1)]
     w = weight[edges].mean(1) * np.where(_along_rings(layout, edges), RING_PULL, 1.0)
     n = len(x)
-    matrix = csr_matrix((np.concatenate([w, w]), (np.concatenate([edges[:, 0], edges[:, 1]]), np.concatenate([edges[:, 1], edges[:, 0]]))), (n, n))
+    matrix = csr_matrix(
+        (
+            np.concatenate([w, w]),
+            (np.concatenate([edges[:, 0], edges[:, 1]]), np.concatenate([edges[:, 1], edges[:, 0]])),
+        ),
+        (n, n),
+    )
     total = np.asarray(matrix.sum(1)).ravel()
     free = surface & ~pinned
     left = left_half(layout)

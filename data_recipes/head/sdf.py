@@ -61,7 +61,7 @@ def project(sdf, p: Points, steps: int = 1, reach_mm: float = 6.0) -> Points:
 
 
 def raycast(sdf, origins: Points, directions: Points, far_mm: float = 260.0, steps: int = 60) -> Points:
-    """Return where rays, followed from far away back to their origins, first meet the surface (the origin where they never do)."""
+    """Return where rays, followed from afar back to their origins, first meet the surface; else their origins."""
     t = np.full(len(origins), far_mm)
     for _ in range(steps):
         d = sdf(origins + t[:, None] * directions)

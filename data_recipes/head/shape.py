@@ -1,21 +1,33 @@
 """The head's shape: an SDF of some 25 primitives, in three finishes.
 
-`skull_distance` knows neither lips nor lids (skin slides on it), `skin_distance` is the whole surface. Left and right come from |x|.
+`skull_distance` knows neither lips nor lids (skin slides on it), `skin_distance` is the whole surface. Left and right
+come from |x|.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from data_recipes.head.sdf import Distances, Points, cone, distance_and_gradient, ellipsoid, raycast, smooth_max, smooth_min, soft_abs
+from data_recipes.head.sdf import (
+    Distances,
+    Points,
+    cone,
+    distance_and_gradient,
+    ellipsoid,
+    raycast,
+    smooth_max,
+    smooth_min,
+    soft_abs,
+)
 from data_recipes.recipe import Recipe
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A recipe's surface; `upper_lip` and `lower_lip` are tubes (9, 4) of centre and radius on the left side, middle first."""
+    """A recipe's surface; the lips are tubes (9, 4) of centre and radius on the left side, middle first."""
 
     recipe: Recipe
     upper_lip: np.ndarray
@@ -61,7 +73,9 @@ def _with_nose(recipe: Recipe, d: Distances, p: Points, near: Points) -> Distanc
     nose = cone(p, n.root, n.tip, n.root_radius, n.tip_radius)
     wing = np.array(n.wing)
     nose = smooth_min(nose, cone(near, n.sidewall, wing, n.sidewall_radii[0], n.sidewall_radii[1]), n.sidewall_radii[2])
-    nose = smooth_min(nose, cone(p, n.tip, n.columella, n.columella_radii[0], n.columella_radii[1]), n.columella_radii[2])
+    nose = smooth_min(
+        nose, cone(p, n.tip, n.columella, n.columella_radii[0], n.columella_radii[1]), n.columella_radii[2]
+    )
     d = smooth_min(d, nose, n.blend)
     return smooth_min(d, ellipsoid(near, wing, n.wing_radii), n.wing_blend)
 
@@ -97,7 +111,7 @@ def lidded_distance(recipe: Recipe, p: Points) -> Distances:
     d = smooth_min(d, r - (e.radius + e.lid_thickness), 7.0)
     u = azimuth / np.radians(e.half_width_deg)
     window = np.exp(-(np.abs(u) ** 4)) * np.exp(-(((r - e.radius - 3.0) / 7.0) ** 2))
-    above = elevation - lid_edge(recipe, u, True) * 1.0 - np.radians(15.0)
+    above = elevation - lid_edge(recipe, u, True) - np.radians(15.0)
     d = d + e.crease * window * (np.exp(-((above / 0.055) ** 2)) - 0.6 * np.exp(-(((above - 0.17) / 0.09) ** 2)))
     below = elevation - lid_edge(recipe, u, False) + np.radians(20.0)
     d = d + e.under_eye * window * np.exp(-((below / 0.09) ** 2))
@@ -117,7 +131,7 @@ def skin_distance(shape: Shape, p: Points) -> Distances:
     q = near[close]
     for tube in (shape.upper_lip, shape.lower_lip):
         lip = np.full(len(close), np.inf)
-        for a, b in zip(tube[:-1], tube[1:], strict=True):
+        for a, b in pairwise(tube):
             lip = np.minimum(lip, cone(q, a[:3], b[:3], a[3], b[3]))
         d[close] = smooth_min(d[close], lip, 2.5)
     return d
@@ -135,8 +149,18 @@ def build_shape(recipe: Recipe) -> Shape:
     """Lay the lip tubes on the lipless surface and return the whole shape."""
     m = recipe.mouth
     k, u, w, low, c = m.half_width / 24, m.upper_fullness, m.half_width, m.lower_fullness, m.corner_curl
-    upper = [(0, 3.2 * u, 3.5 * u), (5.5 * k, 3.9 * u, 3.8 * u), (14 * k, 2.4 * u + 0.5 * c, 3.0 * u), (0.97 * w, -0.4 + c, 1.6)]
-    lower = [(0, -5.4 * low, 4.8 * low), (9 * k, -5.2 * low, 4.6 * low), (17 * k, -3.4 * low + 0.6 * c, 3.2 * low), (0.97 * w, -1.0 + c, 1.6)]
+    upper = [
+        (0, 3.2 * u, 3.5 * u),
+        (5.5 * k, 3.9 * u, 3.8 * u),
+        (14 * k, 2.4 * u + 0.5 * c, 3.0 * u),
+        (0.97 * w, -0.4 + c, 1.6),
+    ]
+    lower = [
+        (0, -5.4 * low, 4.8 * low),
+        (9 * k, -5.2 * low, 4.6 * low),
+        (17 * k, -3.4 * low + 0.6 * c, 3.2 * low),
+        (0.97 * w, -1.0 + c, 1.6),
+    ]
 
     def tube(points, sink: float) -> np.ndarray:
         points = np.array(points, float)
@@ -144,7 +168,9 @@ def build_shape(recipe: Recipe) -> Shape:
         t = np.linspace(0, 3, 9)
         i, f = np.minimum(t.astype(int), 2), (t - np.minimum(t.astype(int), 2))[:, None]
         p0, p1, p2, p3 = (ends[i + j] for j in range(4))
-        spline = 0.5 * (2 * p1 + (p2 - p0) * f + (2 * p0 - 5 * p1 + 4 * p2 - p3) * f**2 + (3 * p1 - p0 - 3 * p2 + p3) * f**3)
+        spline = 0.5 * (
+            2 * p1 + (p2 - p0) * f + (2 * p0 - 5 * p1 + 4 * p2 - p3) * f**2 + (3 * p1 - p0 - 3 * p2 + p3) * f**3
+        )
         origins, directions = wrapped_rays(recipe, spline[:, 0], m.y + spline[:, 1])
         surface = raycast(lambda q: lidded_distance(recipe, q), origins, directions)
         _, normal = distance_and_gradient(lambda q: lidded_distance(recipe, q), surface)

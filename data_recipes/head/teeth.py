@@ -9,7 +9,7 @@ from data_recipes.recipe import Recipe
 
 
 def arch(recipe: Recipe, front_z: float, upper: bool) -> Float[np.ndarray, "s 2"]:
-    """Return a dense arch (x, z) from the character's right end to the left one: a superellipse whose apex lies at `front_z`.
+    """Return a dense arch (x, z) from the character's right end to the left: a superellipse with its apex at `front_z`.
 
     The lower arch is narrower and further back by the overbite.
     """
@@ -23,7 +23,7 @@ def arch(recipe: Recipe, front_z: float, upper: bool) -> Float[np.ndarray, "s 2"
 
 
 def along(curve: Float[np.ndarray, "s 2"], distance) -> tuple[np.ndarray, np.ndarray]:
-    """Return points and unit tangents at signed arc lengths from the curve's middle; past its ends it runs straight on."""
+    """Return points and unit tangents at arc lengths from the curve's middle; past its ends it runs straight on."""
     length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
     s = np.asarray(distance, float) + length[len(length) // 2]
 
@@ -31,7 +31,9 @@ def along(curve: Float[np.ndarray, "s 2"], distance) -> tuple[np.ndarray, np.nda
         point = np.stack([np.interp(place, length, c) for c in curve.T], -1)
         before, after = np.minimum(place, 0.0), np.maximum(place - length[-1], 0.0)
         first, last = curve[1] - curve[0], curve[-1] - curve[-2]
-        return point + before[..., None] * first / np.linalg.norm(first) + after[..., None] * last / np.linalg.norm(last)
+        return (
+            point + before[..., None] * first / np.linalg.norm(first) + after[..., None] * last / np.linalg.norm(last)
+        )
 
     step = at(s + 0.8) - at(s - 0.8)
     return at(s), step / np.linalg.norm(step, axis=-1, keepdims=True)
@@ -46,9 +48,27 @@ def tooth_centres(recipe: Recipe, upper: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 # height share of the crown, width, thickness, inward shift (shares of the tooth's own size)
-_INCISOR = ((-0.30, 0.66, 0.80, 0.00), (0.05, 0.80, 0.98, 0.00), (0.45, 0.95, 0.86, 0.02), (0.84, 0.98, 0.50, 0.10), (1.0, 0.90, 0.28, 0.14))
-_MOLAR = ((-0.30, 0.74, 0.80, 0.00), (0.05, 0.86, 0.98, 0.00), (0.45, 0.96, 1.06, 0.00), (0.80, 0.95, 0.98, 0.0), (0.93, 0.74, 0.70, 0.0))
-_CONE = ((-0.30, 0.95, 0.95, 0.0), (0.0, 0.92, 0.92, 0.0), (0.40, 0.66, 0.66, 0.02), (0.75, 0.34, 0.34, 0.06), (1.0, 0.07, 0.07, 0.12))
+_INCISOR = (
+    (-0.30, 0.66, 0.80, 0.00),
+    (0.05, 0.80, 0.98, 0.00),
+    (0.45, 0.95, 0.86, 0.02),
+    (0.84, 0.98, 0.50, 0.10),
+    (1.0, 0.90, 0.28, 0.14),
+)
+_MOLAR = (
+    (-0.30, 0.74, 0.80, 0.00),
+    (0.05, 0.86, 0.98, 0.00),
+    (0.45, 0.96, 1.06, 0.00),
+    (0.80, 0.95, 0.98, 0.0),
+    (0.93, 0.74, 0.70, 0.0),
+)
+_CONE = (
+    (-0.30, 0.95, 0.95, 0.0),
+    (0.0, 0.92, 0.92, 0.0),
+    (0.40, 0.66, 0.66, 0.02),
+    (0.75, 0.34, 0.34, 0.06),
+    (1.0, 0.07, 0.07, 0.12),
+)
 
 
 def tooth_positions(recipe: Recipe, front_z: float, upper: bool) -> Float[np.ndarray, "teeth v 3"]:
@@ -57,7 +77,10 @@ def tooth_positions(recipe: Recipe, front_z: float, upper: bool) -> Float[np.nda
     curve, (centres, widths) = arch(recipe, front_z, upper), tooth_centres(recipe, upper)
     point, tangent = along(curve, centres)
     phase = 2 * np.pi * (np.arange(t.ring) - 0.5) / t.ring
-    section = np.sign(np.stack([np.cos(phase), np.sin(phase)], -1)) * np.abs(np.stack([np.cos(phase), np.sin(phase)], -1)) ** 0.75
+    section = (
+        np.sign(np.stack([np.cos(phase), np.sin(phase)], -1))
+        * np.abs(np.stack([np.cos(phase), np.sin(phase)], -1)) ** 0.75
+    )
     edge = recipe.mouth.y + t.bite_y
     share = np.abs(centres) / np.abs(centres).max()
     out = []
@@ -80,7 +103,9 @@ def tooth_positions(recipe: Recipe, front_z: float, upper: bool) -> Float[np.nda
     return np.array(out)
 
 
-def gum_positions(recipe: Recipe, front_z: float, upper: bool, rows: int, columns: int) -> Float[np.ndarray, "rows columns 3"]:
+def gum_positions(
+    recipe: Recipe, front_z: float, upper: bool, rows: int, columns: int
+) -> Float[np.ndarray, "rows columns 3"]:
     """Return a gum: a U-shaped strip over the roots, its first row outside, its last one on the tongue's side."""
     t, g = recipe.teeth, recipe.tongue
     curve = arch(recipe, front_z, upper)
@@ -93,14 +118,18 @@ def gum_positions(recipe: Recipe, front_z: float, upper: bool, rows: int, column
     out = np.empty((rows, columns, 3))
     for i, phase in enumerate(np.linspace(-0.15 * np.pi, 1.15 * np.pi, rows)):
         across = g.gum_thickness / 2 * np.cos(phase)
-        flat = point + (across - t.thickness / 2)[..., None] * labial if np.ndim(across) else point + (across - t.thickness / 2) * labial
+        flat = (
+            point + (across - t.thickness / 2)[..., None] * labial
+            if np.ndim(across)
+            else point + (across - t.thickness / 2) * labial
+        )
         y = line + up * g.gum_height * (0.35 - 0.55 * np.sin(phase))
         out[i] = np.stack([flat[:, 0], np.full(columns, y), flat[:, 1]], -1)
     return out
 
 
 def tongue_positions(recipe: Recipe, front_z: float, rows: int, ring: int) -> Float[np.ndarray, "rows ring 3"]:
-    """Return the tongue's rings from its root to its tip: a tapered loft that arches a little and has a groove on top."""
+    """Return the tongue's rings from its root to its tip: a tapered loft, arched a little, with a groove on top."""
     g, t = recipe.tongue, recipe.teeth
     phase = 2 * np.pi * np.arange(ring) / ring
     tip_z = front_z - t.thickness - 6.0
