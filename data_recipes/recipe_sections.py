@@ -134,14 +134,15 @@ class Mouth:
     bag_rings: tuple[tuple[float, ...], ...] = _table(
         (
             (0.0, 0.04, 1.6), (0.0, 0.1, 3.4), (0.03, 3.0, 5.0), (0.10, 9.0, 6.2), (0.20, 15.0, 7.6),
-            (0.33, 19.0, 10.5), (0.46, 21.0, 14.5), (0.58, 21.0, 20.5), (0.70, 19.0, 28.5), (0.82, 15.0, 37.5), (0.90, 9.0, 46.0),
+            (0.33, 19.0, 10.5), (0.46, 21.0, 14.5), (0.58, 21.0, 20.5), (0.70, 19.0, 28.5),
+            (0.82, 15.0, 37.5), (0.90, 9.0, 46.0),
         ), 3, 0.0,
     )
 
 
 @dataclass(frozen=True)
 class Ears:
-    """The outer ears: lofts over an egg-shaped outline; `flare_deg` turns them off the head, `point` lifts their tops."""
+    """The outer ears: lofts over an egg-shaped outline; `flare_deg` turns them outwards, `point` lifts their tops."""
 
     centre: Triple = _triple((70.0, -4.0, -8.0))
     height: float = _number(58.0, 5.0, 200.0)

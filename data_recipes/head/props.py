@@ -31,7 +31,7 @@ HAIR_LINE = (
 
 @dataclass(frozen=True)
 class Prop:
-    """A mesh at rest: vertices in mm, triangles, RGB in [0, 1], and what it follows: "eye_left", "eye_right", "skin"."""
+    """A mesh at rest: vertices (mm), triangles, RGB in [0, 1], and what it follows: "eye_left", "eye_right", "skin"."""
 
     name: str
     follow: str
