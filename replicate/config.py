@@ -175,9 +175,9 @@ PROFILES: dict[str, dict] = {
     },
     "laptop": {
         "samples": {"count": 10_000, "uniform_test": 1_000},
-        "coarse": _one_cycle(10_000),
-        "refinement": _one_cycle(6_000),
-        "dense": _one_cycle(6_000),
+        "coarse": _one_cycle(12_000, 3e-3),
+        "refinement": _one_cycle(8_000),
+        "dense": _one_cycle(8_000),
         "evaluation": {"floor_poses": 200},
     },
     "paper": {},
