@@ -66,7 +66,7 @@ lint: $(ENVIRONMENT) ## check the style of the sources
 	$(RUN) -m ruff format --check .
 
 bench-rig: $(ENVIRONMENT) ## poses per second of the rigs, batched and one at a time
-	@$(RUN) -m replicate.benchmarks.rig
+	@$(RUN) -m replicate.benchmarks.rig --characters "$(CHARACTERS)"
 
 clean: $(ENVIRONMENT) ## remove stale, damaged and unfinished artefacts from the cache
 	@$(RUN) -m replicate clean-cache

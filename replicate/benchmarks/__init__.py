@@ -1,0 +1,1 @@
+"""Speed and memory, measured against a peer in the same run; one module a `make bench-…`."""
