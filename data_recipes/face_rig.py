@@ -11,7 +11,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float, Float32
 
 from data_recipes.controls import make_controls
 from data_recipes.deformers import face, props
@@ -84,7 +84,7 @@ def _compiled_nodes() -> tuple[tuple[str, Callable], ...]:
     return tuple((node.name, jax.jit(node.function)) for node in face.NODES)
 
 
-def run_nodes(rig: Rig, params: Float32[np.ndarray, "b m"]) -> Float32[np.ndarray, "b n 3"]:
+def run_nodes(rig: Rig, params: Float[np.ndarray, "b m"]) -> Float32[np.ndarray, "b n 3"]:
     """Return r(p) by running each node for itself, its result handed on in memory."""
     state = face.start(jnp.asarray(params, jnp.float32))
     for _, function in _compiled_nodes():
@@ -92,7 +92,7 @@ def run_nodes(rig: Rig, params: Float32[np.ndarray, "b m"]) -> Float32[np.ndarra
     return np.asarray(face.finish(state))
 
 
-def pose_props(rig: Rig, params: Float32[np.ndarray, " m"]) -> list[tuple[str, np.ndarray, np.ndarray, tuple]]:
+def pose_props(rig: Rig, params: Float[np.ndarray, " m"]) -> list[tuple[str, np.ndarray, np.ndarray, tuple]]:
     """Return each prop's name, vertices, faces and colour in a pose."""
     p = np.asarray(params, np.float32).reshape(1, -1)
     vertices = np.asarray(rig.function(p))[0]

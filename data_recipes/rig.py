@@ -143,7 +143,7 @@ class Rig:
 
     @property
     def nodes(self) -> tuple:
-        """The deformers in order, each with a name and a `function(constants, state) → state`; empty for foreign rigs."""
+        """The deformers in order, each a name and a `function(constants, state) → state`; none for foreign rigs."""
         from data_recipes.deformers.face import NODES
 
         return NODES if self.face is not None else ()

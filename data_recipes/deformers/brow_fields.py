@@ -16,7 +16,7 @@ LOWER_MM = 9.5
 
 
 def brow_row_field(s: Sculptor) -> Float[np.ndarray, " n"]:
-    """Return the harmonic field that is 1 along both brows and 0 at hair line, lids, temples and the bridge of the nose."""
+    """Return the field that is 1 along both brows and 0 at hair line, lids, temples and the bridge of the nose."""
     head = s.head
     body, rings = head.grids["body"], head.grids["eye_left"]
     crown = head.grids["crown"].ravel()

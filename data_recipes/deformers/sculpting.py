@@ -132,7 +132,7 @@ class Sculptor:
         return int(outer[np.linalg.norm(self.x[outer] - point, axis=1).argmin()])
 
     def bump(self, where: str | int | np.ndarray, radius_mm: float) -> Float[np.ndarray, " n"]:
-        """Return a smooth bump on the skin: 1 at a landmark, vertex or set of vertices, 0 beyond `radius_mm` along it."""
+        """Return a smooth bump: 1 at a landmark, vertex or set of vertices, 0 beyond `radius_mm` along the skin."""
         source = self.head.landmarks[where] if isinstance(where, str) else where
         distance = geodesic(self.x, self.graph, np.atleast_1d(source), radius_mm)
         # Paths along edges are longer than straight ones; the mean of both is close to the surface's own distance.
@@ -151,7 +151,7 @@ class Sculptor:
         return smooth_values(harmonic(self.graph, ids, values[first]), self.graph, passes)
 
     def on_skull(self, offset: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Return the offset corrected so that each moved vertex keeps its distance from the skull (three Newton steps)."""
+        """Return the offset corrected so that each vertex keeps its distance from the skull (three Newton steps)."""
         moved = np.flatnonzero(np.abs(offset).max(axis=1) > 1e-3)
         if len(moved) == 0:
             return offset
@@ -260,7 +260,7 @@ class Sculptor:
         return patch, is_lip, free, operator, solver
 
     def extend(self, on_lips: Float[np.ndarray, "n c"]) -> Float[np.ndarray, "n c"]:
-        """Return values given on the lips' rings carried smoothly into the skin around, to 0 at eyes, nose tip and afar."""
+        """Return values given on the lips' rings carried into the skin around, to 0 at eyes, nose tip and afar."""
         patch, is_lip, free, operator, solver = self._extension
         values = np.zeros((len(patch), on_lips.shape[1]))
         values[is_lip] = on_lips[patch[is_lip]]

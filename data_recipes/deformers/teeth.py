@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
@@ -34,13 +35,13 @@ def prepare(
 
 def polar_rotation(matrix: Float[Values, "*b 3 3"]) -> Float[Values, "*b 3 3"]:
     """Return the rotation nearest to a matrix of positive determinant: Newton's iteration R ← ½(R + R⁻ᵀ)."""
-    r = matrix
-    for _ in range(POLAR_STEPS):
-        rows = [r[..., i, :] for i in range(3)]
-        cofactor = jnp.stack([jnp.cross(rows[(i + 1) % 3], rows[(i + 2) % 3]) for i in range(3)], axis=-2)
-        determinant = (rows[0] * cofactor[..., 0, :]).sum(axis=-1)[..., None, None]
-        r = 0.5 * (r + cofactor / determinant)
-    return r
+
+    def step(_, r):
+        cofactor = jnp.cross(jnp.roll(r, -1, axis=-2), jnp.roll(r, -2, axis=-2))
+        determinant = (r[..., 0, :] * cofactor[..., 0, :]).sum(axis=-1)[..., None, None]
+        return 0.5 * (r + cofactor / determinant)
+
+    return jax.lax.fori_loop(0, POLAR_STEPS, step, matrix)
 
 
 def place_teeth(
