@@ -77,7 +77,7 @@ def test_weights_act_as_repeated_points():
     rng = np.random.default_rng(3)
     source, target = rng.normal(size=(2, 5, 3))
     counts = np.array([1, 3, 2, 4, 1])
-    weighted = align(source, target, counts)
+    weighted = align(source, target, counts.astype(float))
     repeated = align(np.repeat(source, counts, 0), np.repeat(target, counts, 0))
     np.testing.assert_allclose(weighted[0], repeated[0], atol=1e-12)
     np.testing.assert_allclose(weighted[1], repeated[1], atol=1e-12)

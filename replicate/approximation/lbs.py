@@ -1,8 +1,9 @@
 """Linear blend skinning fitted to example poses: SSDR (Le & Deng 2012), the paper's LBS rows in Table 2.
 
 Two steps alternate: sparse convex weights for all vertices with the bones fixed (`lbs_weights`), rigid motions of all
-bones with the weights fixed (`lbs_bones`). Both work on compressed poses (`lbs_compression`) and start from rigid
-clusters (`lbs_clusters`); bone motions are extrapolated along their last change as long as the error falls.
+bones with the weights fixed (`lbs_bones`). Both work on compressed poses (`lbs_compression`), measure errors in
+`lbs_metric`, and start from `lbs_start`; bone motions are extrapolated along their last change as long as the error
+falls (`lbs_descent`).
 
 An LBS row is an oracle: `refit` sees the very mesh that it then approximates, never a rig parameter.
 """
@@ -17,7 +18,9 @@ from jaxtyping import Float, Int
 from replicate.approximation.lbs_bones import sweep, weighted_points
 from replicate.approximation.lbs_checkpoint import Checkpoints, fingerprint
 from replicate.approximation.lbs_compression import canonical_order, compress, rest_frame, scaled_displacements
-from replicate.approximation.lbs_descent import State, start, step
+from replicate.approximation.lbs_descent import State, step
+from replicate.approximation.lbs_metric import edge_metric
+from replicate.approximation.lbs_start import start
 from replicate.errors import InputError
 
 
@@ -73,29 +76,37 @@ def fit(
     iterations: int = 100,
     scratch: Path | None = None,
     progress=None,
+    faces: Int[np.ndarray, "t 3"] | None = None,
+    coherence: float = 0.1,
 ) -> Skin:
     """Fit bones and sparse convex weights to example poses.
 
     neutral: rest positions, mm. vertices: the poses, mm, float32. generator: draws the compression's sketch and nothing
-    else. scratch: a folder that keeps every few iterations, so that a killed fit goes on where it stood and ends with
-    the same bits; a scratch of other data or settings is ignored. progress: (total, label, initial) -> context manager
-    with `update(k)`. The result depends on the order of neither vertices nor poses. Raises InputError for no poses,
-    other than finite numbers, or a number of bones that the mesh cannot hold.
+    else. scratch: a folder that keeps the state every few seconds, so that a killed fit goes on where it stood and ends
+    with the same bits; a scratch of other data or settings is ignored. progress: (total, label, initial) -> context
+    manager with `update(k)`. faces: the mesh's triangles; with them borders between bones start out blended, and a fit
+    also keeps errors alike along edges, `coherence` weighing that against distance (`lbs_metric`; DEVIATIONS, LBS).
+
+    The result depends on the order of neither vertices nor poses. Raises InputError for no poses, for numbers that are
+    not finite, or for more bones than the mesh can hold.
     """
     check(neutral, vertices, bones, influences)
     vertex_order, pose_order = canonical_order(neutral, vertices)
     ordered = vertices[pose_order[:, None], vertex_order[None, :]]
     rest = neutral[vertex_order]
-    kept = Checkpoints(scratch, fingerprint(rest, ordered, bones, influences))
+    ranks = np.argsort(vertex_order)
+    corners = np.zeros((0, 3), np.int64) if faces is None else ranks[faces]
+    kept = Checkpoints(scratch, fingerprint(rest, ordered, corners, bones, influences, coherence))
     data = kept.data()
     if data is None:
         data = compress(rest, ordered, generator)
         kept.keep_data(data)
     del ordered
-    state = kept.state() or start(data, bones, influences)
+    metric = edge_metric(data.points[:, :3], corners, coherence)
+    state = kept.state() or start(data, metric, bones, influences)
     with progress(iterations, f"LBS, {bones} bones", state.iteration) if progress else nullcontext() as bar:
         while state.iteration < iterations:
-            state = step(data, state)
+            state = step(data, metric, state)
             kept.keep_state(state, at_once=state.iteration == iterations)
             if bar is not None:
                 bar.update(1)

@@ -10,6 +10,8 @@ so a sweep costs the same for a thousand vertices as for a million. Poses do not
 are taken in turn, each by a weighted Procrustes problem with the others held: Gauss–Seidel.
 """
 
+from typing import no_type_check
+
 import numpy as np
 from jaxtyping import Float
 from numba import njit
@@ -82,6 +84,7 @@ def _empty(uu: np.ndarray) -> float:
 
 
 @njit(fastmath={"reassoc", "contract", "nsz"})
+@no_type_check
 def _sweep(motion, uu, vu, sweeps, settled):
     frames, _, width = motion.shape
     bones = width // 4
@@ -133,6 +136,7 @@ def _sweep(motion, uu, vu, sweeps, settled):
 
 
 @njit
+@no_type_check
 def _project(motion):
     frames, _, bones, _ = motion.shape
     matrix = np.empty((3, 3))
@@ -148,6 +152,7 @@ def _project(motion):
 
 
 @njit
+@no_type_check
 def rotation_of(matrix):
     """Return the R in SO(3) that maximises tr(Rᵀ matrix), by Horn's quaternion: no reflection can come out.
 

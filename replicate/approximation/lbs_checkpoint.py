@@ -8,7 +8,6 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from replicate.approximation.lbs_compression import Compressed
 from replicate.approximation.lbs_descent import State
@@ -74,12 +73,11 @@ def _scalars(arrays: dict, *names: str) -> dict:
     return arrays | {name: arrays[name].item() for name in names}
 
 
-def fingerprint(
-    neutral: Float[np.ndarray, "n 3"], vertices: Float[np.ndarray, "f n 3"], *settings: int
-) -> str:
-    """Return a hash of all that a fit's intermediate results depend on."""
-    described = [*settings, str(neutral.dtype), str(vertices.dtype), *vertices.shape]
-    digest = hashlib.blake2b(json.dumps(described).encode())
-    for array in (neutral, vertices):
-        digest.update(np.ascontiguousarray(array))
+def fingerprint(*parts: np.ndarray | float) -> str:
+    """Return a hash of all that a fit's intermediate results depend on: arrays, with their types, and numbers."""
+    digest = hashlib.blake2b()
+    for part in parts:
+        array = np.ascontiguousarray(part)
+        digest.update(json.dumps([str(array.dtype), array.shape]).encode())
+        digest.update(array)
     return digest.hexdigest()

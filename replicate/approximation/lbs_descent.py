@@ -4,10 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.sparse import csr_array
 
 from replicate.approximation.lbs_bones import project, sweep, weighted_points
-from replicate.approximation.lbs_clusters import FEWEST, cluster
+from replicate.approximation.lbs_clusters import FEWEST
 from replicate.approximation.lbs_compression import Compressed
+from replicate.approximation.lbs_metric import Metric
 from replicate.approximation.lbs_weights import ROUNDS, gram_table, monomials, solve_weights
 
 SWEEPS = 3  # Gauss–Seidel sweeps over the bones in each iteration
@@ -33,45 +35,73 @@ class State:
     beta: float
 
 
-def start(data: Compressed, bones: int, influences: int) -> State:
-    """Return the state before the first iteration: every vertex on the one bone of its cluster."""
-    labels, motion = cluster(data, bones)
-    index = np.zeros((len(labels), influences), np.int64)
-    weights = np.zeros((len(labels), influences))
-    index[:, 0], weights[:, 0] = labels, 1.0
-    return State(0, motion, motion, index, weights, np.inf, 0.0)
+def normal_equations(
+    data: Compressed, metric: Metric, index: Int[np.ndarray, "n k"], weights: Float[np.ndarray, "n k"], bones: int
+) -> tuple[Float[np.ndarray, "j j"], Float[np.ndarray, "f 3 j"]]:
+    """Return UU = ZᵀKZ and VU = Q Y K Z of the bone step."""
+    z = weighted_points(data.points, dense(index, weights, bones))
+    kz = metric.matrix @ z
+    return z.T @ kz, (data.basis @ (data.coefficients @ kz)).reshape(data.frames, 3, -1)
 
 
-def step(data: Compressed, state: State) -> State:
+def step(data: Compressed, metric: Metric, state: State) -> State:
     """Return the state one iteration on: extrapolate, weights, bones; extrapolation that does harm is taken back."""
     motion = state.motion
     if state.beta > 0:
         motion = project(motion + state.beta * (motion - state.before))
-    flat = motion.reshape(3 * data.frames, -1)
     bones = motion.shape[2]
-    carried = ((flat.T @ data.basis) @ data.coefficients).reshape(bones, 4, -1)
-    index, weights, error = solve_weights(
-        monomials(data.points),
-        gram_table(flat.T @ flat),
-        np.einsum("bpn,np->nb", carried, data.points),
-        (data.coefficients**2).sum(0),
-        state.bone_index,
-        state.weights,
-        rounds=FIRST_ROUNDS if state.iteration == 0 else ROUNDS,
-    )
+    index, weights, error = improve_weights(data, metric, motion, state.bone_index, state.weights, state.iteration == 0)
     index, weights = reseed(data.points[:, :3], index, weights, error, bones)
-    z = weighted_points(data.points, dense(index, weights, bones))
-    uu = z.T @ z
-    vu = (data.basis @ (data.coefficients @ z)).reshape(data.frames, 3, -1)
+    uu, vu = normal_equations(data, metric, index, weights, bones)
     motion = sweep(motion, uu, vu, SWEEPS)
     flat = motion.reshape(3 * data.frames, -1)
-    energy = float(
-        np.sum(data.coefficients**2) - 2 * np.sum(flat * vu.reshape(flat.shape)) + np.sum((flat.T @ flat) * uu)
-    )
+    constant = np.sum(data.coefficients.T * (metric.matrix @ data.coefficients.T))
+    energy = float(constant - 2 * np.sum(flat * vu.reshape(flat.shape)) + np.sum((flat.T @ flat) * uu))
     if energy > state.energy and state.beta > 0:
         return replace(state, iteration=state.iteration + 1, beta=0.0)
     beta = min(state.beta + BETA_STEP, BETA_MOST)
     return State(state.iteration + 1, motion, state.motion, index, weights, energy, beta)
+
+
+def improve_weights(
+    data: Compressed,
+    metric: Metric,
+    motion: Float[np.ndarray, "f 3 bones 4"],
+    index: Int[np.ndarray, "n k"],
+    weights: Float[np.ndarray, "n k"],
+    first: bool,
+) -> tuple[Int[np.ndarray, "n k"], Float[np.ndarray, "n k"], Float[np.ndarray, " n"]]:
+    """Return better bones, weights and the squared errors that they leave, the motions fixed.
+
+    Vertices of one colour do not see each other in the metric. With its neighbours' errors r_j held, a vertex's part of
+    the energy is K_ii ‖r_i + Σ_j≠i (K_ij / K_ii) r_j‖²: the plain problem for a displacement x_i that is shifted by the
+    neighbours' errors. These lie in the span of Q and of the motions, so the shifted one is Q y + M z for some y and z.
+    """
+    bones = motion.shape[2]
+    flat = motion.reshape(3 * data.frames, -1)
+    gram, across = flat.T @ flat, flat.T @ data.basis  # MᵀM, MᵀQ
+    table = gram_table(gram)
+    y = np.ascontiguousarray(data.coefficients.T)
+    z = weighted_points(data.points, dense(index, weights, bones))
+    index, weights, error = index.copy(), weights.copy(), np.empty(len(index))
+    diagonal = metric.matrix.diagonal()
+    for colour in metric.colours:
+        rows = metric.matrix[colour]
+        share = csr_array(rows / diagonal[colour, None])
+        shifted_y, moved_z = share @ y, z[colour] - share @ z
+        carried_flat = shifted_y @ across.T + moved_z @ gram
+        square = (shifted_y**2).sum(1) + (moved_z * (carried_flat + shifted_y @ across.T)).sum(1)
+        index[colour], weights[colour], error[colour] = solve_weights(
+            monomials(data.points[colour]),
+            table,
+            np.einsum("nbp,np->nb", carried_flat.reshape(-1, bones, 4), data.points[colour]),
+            square,
+            index[colour],
+            weights[colour],
+            rounds=FIRST_ROUNDS if first else ROUNDS,
+        )
+        z[colour] = weighted_points(data.points[colour], dense(index[colour], weights[colour], bones))
+    return index, weights, error
 
 
 def reseed(
@@ -118,3 +148,15 @@ def dense(
     result = np.zeros((len(index), bones))
     np.add.at(result, (np.arange(len(index))[:, None], index), weights)
     return result
+
+
+def sparse(
+    weights: Float[np.ndarray, "n bones"], influences: int
+) -> tuple[Int[np.ndarray, "n k"], Float[np.ndarray, "n k"]]:
+    """Return the largest weights of every vertex and their bones, rescaled to sum to one; unused places hold 0."""
+    kept = min(influences, weights.shape[1])
+    index = np.zeros((len(weights), influences), np.int64)
+    result = np.zeros((len(weights), influences))
+    index[:, :kept] = np.argsort(-weights, axis=1, kind="stable")[:, :kept]
+    result[:, :kept] = np.take_along_axis(weights, index[:, :kept], 1)
+    return index, result / result.sum(1, keepdims=True)

@@ -7,6 +7,8 @@ negative and drop it, add the bone whose gradient promises most, and when the su
 costs least, w_b² / P_bb with P = G⁻¹ − yyᵀ/Σy, y = G⁻¹1. It starts from the last weights, and never ends worse.
 """
 
+from typing import no_type_check
+
 import numpy as np
 from jaxtyping import Float, Int
 from numba import njit
@@ -37,7 +39,7 @@ def monomials(points: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 10"]:
 def residual_gram(
     table: Float[np.ndarray, "10 bones bones"],
     products: Float[np.ndarray, "10"],
-    carried: Float[np.ndarray, "bones"],
+    carried: Float[np.ndarray, " bones"],
     square: float,
 ) -> Float[np.ndarray, "bones bones"]:
     """Return one vertex's G, slightly ridged so that it stays positive where two bones agree.
@@ -49,8 +51,8 @@ def residual_gram(
 
 
 def solve_reference(
-    gram: Float[np.ndarray, "bones bones"], start: Float[np.ndarray, "bones"], influences: int, rounds: int = ROUNDS
-) -> Float[np.ndarray, "bones"]:
+    gram: Float[np.ndarray, "bones bones"], start: Float[np.ndarray, " bones"], influences: int, rounds: int = ROUNDS
+) -> Float[np.ndarray, " bones"]:
     """Return one vertex's weights (bones,) from its G and a feasible start: the clear twin of `solve_weights`."""
     best = descend_reference(gram, start)
     for _ in range(rounds):
@@ -76,8 +78,8 @@ def solve_reference(
 
 
 def descend_reference(
-    gram: Float[np.ndarray, "bones bones"], start: Float[np.ndarray, "bones"], support: list[int] | None = None
-) -> Float[np.ndarray, "bones"]:
+    gram: Float[np.ndarray, "bones bones"], start: Float[np.ndarray, " bones"], support: list[int] | None = None
+) -> Float[np.ndarray, " bones"]:
     """Return the weights that minimise wᵀGw on a support, bones that would turn negative dropped one by one."""
     weights = start.copy()
     support = np.flatnonzero(weights > 0) if support is None else np.array(support)
@@ -99,11 +101,11 @@ def solve_weights(
     products: Float[np.ndarray, "n 10"],
     table: Float[np.ndarray, "10 bones bones"],
     carried: Float[np.ndarray, "n bones"],
-    square: Float[np.ndarray, "n"],
+    square: Float[np.ndarray, " n"],
     bone_index: Int[np.ndarray, "n k"],
     weights: Float[np.ndarray, "n k"],
     rounds: int = ROUNDS,
-) -> tuple[Int[np.ndarray, "n k"], Float[np.ndarray, "n k"], Float[np.ndarray, "n"]]:
+) -> tuple[Int[np.ndarray, "n k"], Float[np.ndarray, "n k"], Float[np.ndarray, " n"]]:
     """Return bones, weights and squared error of every vertex, starting from the given ones.
 
     k is the number of influences; unused places hold weight 0 (and bone 0). The squared error is without the ridge.
@@ -116,6 +118,7 @@ def solve_weights(
 
 
 @njit(fastmath={"reassoc", "contract", "nsz"})
+@no_type_check
 def _solve(products, table, carried, square, old_index, old_weights, rounds, index, result, error):
     n, bones = carried.shape
     influences = old_index.shape[1]
@@ -153,7 +156,7 @@ def _solve(products, table, carried, square, old_index, old_weights, rounds, ind
                 support[size] = old_index[i, k]
                 weights[size] = old_weights[i, k]
                 size += 1
-        size = _descend(gram, support, weights, size, factor, y)
+        size = _descend(gram, support, weights, size, influences, factor, y)
         for _ in range(rounds):
             energy = _gradient(gram, support, weights, size, gradient)
             for k in range(size):
@@ -170,10 +173,7 @@ def _solve(products, table, carried, square, old_index, old_weights, rounds, ind
             trial[:size] = weights[:size]
             trial_support[size] = new
             trial[size] = 0.0
-            trial_size = _descend(gram, trial_support, trial, size + 1, factor, y)
-            if trial_size > influences:
-                trial_size = _drop_cheapest(gram, trial_support, trial, trial_size, factor, y)
-                trial_size = _descend(gram, trial_support, trial, trial_size, factor, y)
+            trial_size = _descend(gram, trial_support, trial, size + 1, influences, factor, y)
             if not _energy(gram, trial_support, trial, trial_size) < energy:
                 break
             size = trial_size
@@ -188,12 +188,13 @@ def _solve(products, table, carried, square, old_index, old_weights, rounds, ind
 
 
 @njit(fastmath={"reassoc", "contract", "nsz"})
-def _descend(gram, support, weights, size, factor, y):
-    """Minimise on the support in place, dropping what would turn negative; return the support's new size."""
+@no_type_check
+def _descend(gram, support, weights, size, influences, factor, y):
+    """Minimise on the support in place, dropping what would turn negative or is too many; return its new size."""
     while size > 1:
         _factorise(gram, support, size, factor)
-        total = 0.0
         _solve_ones(factor, size, y)
+        total = 0.0
         for a in range(size):
             total += y[a]
         drop, step = -1, np.inf
@@ -203,49 +204,48 @@ def _descend(gram, support, weights, size, factor, y):
                 length = weights[a] / (weights[a] - wanted) if weights[a] > wanted else 0.0
                 if length < step:
                     drop, step = a, length
-        if drop < 0:
+        if drop >= 0:
             for a in range(size):
-                weights[a] = y[a] / total
-            return size
+                weights[a] += step * (y[a] / total - weights[a])
+            size = _remove(support, weights, size, drop)
+            continue
         for a in range(size):
-            weights[a] += step * (y[a] / total - weights[a])
+            weights[a] = y[a] / total
+        if size <= influences:
+            return size
+        drop = _cheapest(weights, size, factor, y, total)
         size = _remove(support, weights, size, drop)
+        total = 0.0
+        for a in range(size):
+            total += weights[a]
+        for a in range(size):
+            weights[a] /= total
     weights[0] = 1.0
     return size
 
 
 @njit
-def _drop_cheapest(gram, support, weights, size, factor, y):
-    """Drop the bone whose removal raises the energy least, rescale the others; return the support's new size."""
-    _factorise(gram, support, size, factor)
-    _solve_ones(factor, size, y)
-    total = 0.0
-    for a in range(size):
-        total += y[a]
+@no_type_check
+def _cheapest(weights, size, factor, y, total):
+    """Return the place in the support whose removal raises the energy least."""
     column = np.empty(size)
-    drop, least = 0, np.inf
+    cheapest, least = 0, np.inf
     for b in range(size):
-        for a in range(size):  # the b-th diagonal entry of the inverse, by one triangular solve
+        diagonal = 0.0  # of the inverse at b: the squared norm of column b of the inverse factor
+        for a in range(b, size):
             value = 1.0 if a == b else 0.0
             for k in range(b, a):
                 value -= factor[a, k] * column[k]
-            column[a] = value / factor[a, a] if a >= b else 0.0
-        diagonal = 0.0
-        for a in range(b, size):
+            column[a] = value / factor[a, a]
             diagonal += column[a] * column[a]
         cost = weights[b] * weights[b] / (diagonal - y[b] * y[b] / total)
         if cost < least:
-            drop, least = b, cost
-    size = _remove(support, weights, size, drop)
-    total = 0.0
-    for a in range(size):
-        total += weights[a]
-    for a in range(size):
-        weights[a] /= total
-    return size
+            cheapest, least = b, cost
+    return cheapest
 
 
 @njit
+@no_type_check
 def _remove(support, weights, size, place):
     for a in range(place, size - 1):
         support[a] = support[a + 1]
@@ -254,6 +254,7 @@ def _remove(support, weights, size, place):
 
 
 @njit
+@no_type_check
 def _factorise(gram, support, size, factor):
     """Cholesky of the Gram matrix on the support, lower triangle."""
     for a in range(size):
@@ -269,6 +270,7 @@ def _factorise(gram, support, size, factor):
 
 
 @njit
+@no_type_check
 def _solve_ones(factor, size, y):
     """Solve G y = 1 from the Cholesky factor."""
     for a in range(size):
@@ -284,6 +286,7 @@ def _solve_ones(factor, size, y):
 
 
 @njit(fastmath={"reassoc", "contract", "nsz"})
+@no_type_check
 def _gradient(gram, support, weights, size, gradient):
     """Fill in Gw for all bones and return wᵀGw."""
     for b in range(len(gradient)):
@@ -299,6 +302,7 @@ def _gradient(gram, support, weights, size, gradient):
 
 
 @njit
+@no_type_check
 def _energy(gram, support, weights, size):
     total = 0.0
     for a in range(size):
