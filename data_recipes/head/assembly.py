@@ -38,7 +38,9 @@ def place(shape: Shape, layout: Layout) -> Float[np.ndarray, "n 3"]:
     nostril = nostrils.nostril_rings(shape, grids["nostril_left"].shape[1], max(t.nostril_rings - 1, 1))
     base = ears.base_pins(shape, grids["ear_left"].shape[1])
     bottom = grids["body"][0]
+    tips = mouth.corner_pins(shape, t.lip_rings, t.mouth_rings)
     pins = {
+        "corner": (grids["mouth"][1 : len(tips) + 1, 0], tips),
         "seam": (grids["mouth"][0], seam),
         "border": (grids["mouth"][t.lip_rings], border),
         "rim": (grids["eye_left"][0], rim),

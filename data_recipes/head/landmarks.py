@@ -22,7 +22,7 @@ def name_curves(recipe: Recipe, layout: Layout) -> dict[str, np.ndarray]:
     start = body[t.nostril_rows[0] : t.nostril_rows[1] + 1, t.nostril_columns[1] + 1][::-1]
     left = {
         "brow": body[brow_row, t.eye_columns[0] : t.eye_columns[1] + 1],
-        "nasolabial": np.concatenate([start, mouth[fold_ring, fold]]),
+        "nasolabial": np.array(list(dict.fromkeys(np.concatenate([start, mouth[fold_ring, fold]]).tolist()))),
     }
     chin = max(t.neck_rows, int(_anchor(recipe, 3)))
     curves = {

@@ -9,6 +9,8 @@ from data_recipes.head.sdf import raycast
 from data_recipes.head.shape import Shape, skin_distance, wrapped_rays
 from data_recipes.recipe import Recipe
 
+SEAM_DIP = 0.5  # mm by which closed lips meet lower behind the seam than at it: nothing is seen through the gap
+
 Curve = Float[np.ndarray, " k"]
 
 
@@ -56,6 +58,13 @@ def lip_pins(shape: Shape, k: int) -> tuple[Float[np.ndarray, "k 3"], Float[np.n
     return closed, border
 
 
+def corner_pins(shape: Shape, lip_rings: int, rings: int) -> Float[np.ndarray, "r 3"]:
+    """Return where the left mouth corner's vertices of the first rings lie: free ones would slip back over the seam's end."""
+    m, ring = shape.recipe.mouth, np.arange(1, min(lip_rings + 3, rings))
+    reach = 1 + 0.10 * ring / lip_rings + 0.03 * np.maximum(ring - lip_rings, 0)
+    return on_surface(shape, m.half_width * reach, np.full(len(ring), seam(shape.recipe, np.ones(1))[0]))
+
+
 def bag_positions(recipe: Recipe, seam_ring: Float[np.ndarray, "k 3"], rings: int) -> Float[np.ndarray, "rings k 3"]:
     """Return the mouth bag's rings, outermost first.
 
@@ -74,7 +83,8 @@ def bag_positions(recipe: Recipe, seam_ring: Float[np.ndarray, "k 3"], rings: in
         lift = (1 - open_) * side * half_height + open_ * np.sin(phase) * half_height
         angle = v * (m.half_width / m.axis_radius + growth)
         r = (1 - open_) * radius + open_ * middle - depth
-        b = (1 - open_) * seam(recipe, u) + open_ * (m.y - 0.8) + lift
+        dip = SEAM_DIP * np.clip(min(depth / 1.6, (4.5 - depth) / 2.9), 0, 1)
+        b = (1 - open_) * (seam(recipe, u) - dip) + open_ * (m.y - 0.8) + lift
         out[i] = np.stack([r * np.sin(angle), b, m.axis_z + r * np.cos(angle)], -1)
     return out
 

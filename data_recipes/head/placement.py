@@ -149,7 +149,7 @@ def relax(
     for i in range(shape.recipe.template.iterations + 1):
         y = 0.3 * x[left] + 0.7 * (rows @ x) / total[left, None]
         last = i == shape.recipe.template.iterations
-        y = project(lambda p: skin_distance(shape, p), x[left] if last else y, steps=3 if last else 1)
+        y = project(lambda p: skin_distance(shape, p), x[left] if last else y, steps=8 if last else 1)
         y[middle, 0] = 0.0
         x[left] = y
         x[right] = y * FLIP

@@ -1,0 +1,11 @@
+"""Heads for the tests, each built once."""
+
+from functools import cache
+
+from data_recipes.head import Head, build_head
+from data_recipes.recipe import load_recipe
+
+
+@cache
+def head(name: str) -> Head:
+    return build_head(load_recipe(name))
