@@ -19,8 +19,11 @@ def chart(request):
 
 
 def triangles(layout, segment, cuts=((0, 1, 2), (0, 2, 3))):
-    quads = layout.quads[(layout.segment[layout.quads] == segment).all(1)]
-    return np.concatenate([quads[:, cut] for cut in cuts])
+    """Return the triangles of a segment's quads, and those that a quad on its border may be cut into."""
+    inside = layout.segment[layout.quads] == segment
+    quads, mixed = layout.quads[inside.all(1)], layout.quads[inside.sum(1) == 3]
+    corner = np.array([[i for i in quad if layout.segment[i] == segment] for quad in mixed], int).reshape(-1, 3)
+    return np.concatenate([*(quads[:, cut] for cut in cuts), corner])
 
 
 def signed_areas(p):

@@ -87,16 +87,18 @@ def _face(recipe: Recipe, layout: Layout, uv: np.ndarray) -> None:
 def _cranium(recipe: Recipe, layout: Layout, uv: np.ndarray) -> None:
     """The whole square, seen from above with the hair line below.
 
-    The ears' holes are bridged by the cells that they replaced.
+    The ears' holes are bridged by the cells that they replaced. Where the face's corner notches the border a quad may
+    be cut so that a triangle of it belongs here; the border runs along that cut.
     """
     t, body = recipe.template, layout.grids["body"]
     c, low, high, half = t.face_columns + 1, t.neck_rows, t.hair_row + 1, t.half_columns
     corner = (c + t.crown_across // 2) // 2  # between the hair line's end and the crown's
     across, back, beside = np.arange(-corner, corner), np.arange(c, 2 * half - c), np.arange(corner, c)
-    right = np.concatenate([body[high, beside], body[high:low:-1, c]])
-    left = np.concatenate([body[low:high, -c], body[high, -1 - beside[::-1]]])
+    right = np.concatenate([body[high, beside], body[high - 1 : low : -1, c]])
+    left = np.concatenate([body[low:high, -c], body[high, -beside[:0:-1]]])
     sides = [body[high, across], right, body[low, back], left]
-    edges, spare = [_edges(_cells(layout, CRANIUM))], len(uv)
+    cut = [[body[high, c - 1], body[high - 1, c]], [body[high, 1 - c], body[high - 1, -c]]]
+    edges, spare = [_edges(_cells(layout, CRANIUM)), np.array(cut)], len(uv)
     (r0, r1), (c0, c1) = t.ear_rows, t.ear_columns
     for columns in (np.arange(c0, c1 + 1), -np.arange(c0, c1 + 1)):
         block = body[r0 : r1 + 1, columns].copy()
