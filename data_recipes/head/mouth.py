@@ -59,7 +59,7 @@ def lip_pins(shape: Shape, k: int) -> tuple[Float[np.ndarray, "k 3"], Float[np.n
 
 
 def corner_pins(shape: Shape, lip_rings: int, rings: int) -> Float[np.ndarray, "r 3"]:
-    """Return where the left mouth corner's vertices of the first rings lie: free ones would slip back over the seam's end."""
+    """Return where the first rings' vertices at the left mouth corner lie: free ones would slip over the seam's end."""
     m, ring = shape.recipe.mouth, np.arange(1, min(lip_rings + 3, rings))
     reach = 1 + 0.10 * ring / lip_rings + 0.03 * np.maximum(ring - lip_rings, 0)
     return on_surface(shape, m.half_width * reach, np.full(len(ring), seam(shape.recipe, np.ones(1))[0]))
