@@ -140,9 +140,7 @@ def following_errors(
     return np.sqrt(total / len(vertices))
 
 
-def attach(
-    mesh: Mesh, attachments: Attachments, vertices: Float[np.ndarray, "b n 3"]
-) -> Float[np.ndarray, "b n 3"]:
+def attach(mesh: Mesh, attachments: Attachments, vertices: Float[np.ndarray, "b n 3"]) -> Float[np.ndarray, "b n 3"]:
     """Return the poses with every rigid segment placed by the vertices that carry it (§3.4).
 
     vertices: (b, n, 3) mm, right on the deformable segments; whatever they hold on rigid ones is replaced.

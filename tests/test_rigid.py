@@ -92,7 +92,7 @@ def test_points_on_a_line_take_the_smallest_rotation_that_fits():
 
 def test_points_in_one_place_only_translate():
     source = np.tile([3.0, 4.0, 5.0], (4, 1))
-    rotation, translation = align(source, source + [1, 2, 3])
+    rotation, translation = align(source, source + np.array([1, 2, 3]))
     np.testing.assert_allclose(rotation, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(translation, [1, 2, 3], atol=1e-12)
 
@@ -106,7 +106,7 @@ def grid_mesh(names=("skin", "tooth", "wobbly")):
     x, y = np.meshgrid(np.arange(7.0), np.arange(7.0), indexing="ij")
     skin = np.stack([x.ravel() * 5, y.ravel() * 5, 0 * x.ravel()], -1)
     cube = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float) * 2
-    neutral = np.concatenate([skin, cube + [10, 10, -5], cube + [25, 25, -5]]).astype(np.float32)
+    neutral = np.concatenate([skin, cube + np.array([10, 10, -5]), cube + np.array([25, 25, -5])]).astype(np.float32)
     segment = np.repeat([0, 1, 2], [49, 8, 8]).astype(np.int32)
     corner = np.array([[i, i + 1, i + 7] for i in range(40) if i % 7 < 6])
     faces = np.concatenate([corner, [[49, 50, 51], [52, 53, 54], [57, 58, 59], [60, 61, 62]]]).astype(np.int32)

@@ -15,9 +15,7 @@ LLOYD = 4  # reassignments after each split
 FINAL = 10  # reassignments once all clusters exist
 
 
-def cluster(
-    data: Compressed, bones: int
-) -> tuple[Int[np.ndarray, "n"], Float[np.ndarray, "f 3 bones 4"]]:
+def cluster(data: Compressed, bones: int) -> tuple[Int[np.ndarray, "n"], Float[np.ndarray, "f 3 bones 4"]]:
     """Return every vertex's cluster and the clusters' rigid motions.
 
     The clusters with the largest errors are split, at most doubling their number, at the vertex that fits its cluster

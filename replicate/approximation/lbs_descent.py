@@ -141,9 +141,7 @@ def _spare(mass: np.ndarray, index: np.ndarray, weights: np.ndarray) -> bool:
     return bool(np.all(mass[index[used]] - weights[used] ** 2 >= UNUSED))
 
 
-def dense(
-    index: Int[np.ndarray, "n k"], weights: Float[np.ndarray, "n k"], bones: int
-) -> Float[np.ndarray, "n bones"]:
+def dense(index: Int[np.ndarray, "n k"], weights: Float[np.ndarray, "n k"], bones: int) -> Float[np.ndarray, "n bones"]:
     """Return sparse weights as a matrix."""
     result = np.zeros((len(index), bones))
     np.add.at(result, (np.arange(len(index))[:, None], index), weights)
