@@ -40,7 +40,7 @@ def _corner(u: Curve, power: float) -> Curve:
 
 def _smile_seam(u: Curve, side: Curve) -> Motion:
     up = 12.0 * _corner(u, 2.0) + np.where(side < 0, -2.0, -0.6) * _arch(u)
-    return 8.5 * np.sign(u) * _corner(u, 1.3), up, -3.0 * _corner(u, 1.5) - 1.0 * _arch(u)
+    return 8.5 * np.sign(u) * _corner(u, 1.3), up, -3.2 * _corner(u, 1.5) - 2.0 * _arch(u)
 
 
 def _smile_border(u: Curve, side: Curve) -> Motion:
@@ -70,26 +70,26 @@ def _funnel_border(u: Curve, side: Curve) -> Motion:
 
 def _raise_seam(u: Curve, side: Curve) -> Motion:
     lift = (side > 0) * np.exp(-(((np.abs(u) - 0.36) / 0.42) ** 2)) * _arch(u, 4)
-    return 0.8 * np.sign(u) * lift, 6.8 * lift + 1.2 * (side == 0), 0.3 * lift
+    return 0.8 * np.sign(u) * lift, 6.8 * lift + 1.2 * (side == 0), -2.6 * lift
 
 
 def _raise_border(u: Curve, side: Curve) -> Motion:
     a, b, r = _raise_seam(u, side)
-    return a, 0.92 * b, r + 0.8 * (b > 0) * _arch(u, 4)
+    return a, 0.92 * b, r + 1.2 * (b > 0) * _arch(u, 4)
 
 
 def _depress_seam(u: Curve, side: Curve) -> Motion:
     drop = (side < 0) * np.exp(-(((np.abs(u) - 0.30) / 0.48) ** 2)) * _arch(u, 4)
-    return 1.0 * np.sign(u) * drop, -7.2 * drop - 1.0 * (side == 0), -0.6 * drop
+    return 1.0 * np.sign(u) * drop, -7.2 * drop - 1.0 * (side == 0), -2.8 * drop
 
 
 def _depress_border(u: Curve, side: Curve) -> Motion:
     a, b, r = _depress_seam(u, side)
-    return a, 0.85 * b, r + 1.0 * (b < 0) * _arch(u, 4)
+    return a, 0.85 * b, r + 1.4 * (b < 0) * _arch(u, 4)
 
 
 def _stretch_seam(u: Curve, side: Curve) -> Motion:
-    return 10.0 * np.sign(u) * _corner(u, 1.3), -3.0 * _corner(u, 2) - 0.5, -3.0 * _corner(u, 1.2) - 0.8
+    return 10.0 * np.sign(u) * _corner(u, 1.3), -3.0 * _corner(u, 2) - 0.5, -3.0 * _corner(u, 1.2) - 2.0
 
 
 def _stretch_border(u: Curve, side: Curve) -> Motion:
