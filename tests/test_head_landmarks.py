@@ -2,16 +2,14 @@
 
 from itertools import pairwise
 
+import heads
 import numpy as np
 import pytest
 
-from data_recipes.head import build_head
-from data_recipes.recipe import load_recipe
 
-
-@pytest.fixture(scope="module", params=("teen", "tiny"))
+@pytest.fixture(params=("teen", "tiny"))
 def head(request):
-    return build_head(load_recipe(request.param))
+    return heads.head(request.param)
 
 
 def test_there_are_twenty_to_thirty_landmarks_at_as_many_places(head):

@@ -2,22 +2,22 @@
 
 from dataclasses import replace
 
+import heads
 import numpy as np
 import pytest
 
-from data_recipes.head import build_head
 from data_recipes.head.layout import build_layout
 from data_recipes.head.props import build_props
 from data_recipes.head.shape import build_shape, lidded_distance, skull_distance
 from data_recipes.recipe import load_recipe
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def head():
-    return build_head(load_recipe("tiny"))
+    return heads.head("tiny")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def props(head):
     return {prop.name: prop for prop in head.props}
 

@@ -18,7 +18,7 @@ def name_curves(recipe: Recipe, layout: Layout) -> dict[str, np.ndarray]:
     brow_row = t.eye_rows[1] + max(1, round((t.hair_row - t.eye_rows[1]) * 0.06))
     columns = np.arange(t.face_columns, -t.face_columns - 1, -1)
     fold = np.arange(max(1, k // 4 + 1), -1, -1)
-    fold_ring = min(t.lip_rings + (t.mouth_rings - t.lip_rings) // 2 + 1, t.mouth_rings)
+    fold_ring = min(t.lip_rings + (t.mouth_rings - t.lip_rings) // 2 + 1, t.mouth_rings - 1)
     start = body[t.nostril_rows[0] : t.nostril_rows[1] + 1, t.nostril_columns[1] + 1][::-1]
     left = {
         "brow": body[brow_row, t.eye_columns[0] : t.eye_columns[1] + 1],
