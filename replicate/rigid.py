@@ -133,11 +133,18 @@ def following_errors(
     rotation: Float[np.ndarray, "b 3 3"],
     translation: Float[np.ndarray, "b 3"],
 ) -> Float[np.ndarray, " n"]:
-    """Return for each vertex how badly it follows a rigid motion, √ε_rj of Eq. 4, in millimetres."""
-    total = np.zeros(len(neutral))
-    for pose, turn, shift in zip(vertices, rotation, translation, strict=True):
-        total += ((neutral @ turn + shift - pose) ** 2).sum(-1)
-    return np.sqrt(total / len(vertices))
+    """Return for each vertex how badly it follows a rigid motion, √ε_rj of Eq. 4, in millimetres.
+
+    The square is multiplied out, so that poses are summed before vertices are multiplied: with p = (v⁰, 1),
+    A = [R − I; t] and x = v − v⁰, Σ_i ‖p A_i − x_i‖² = p (Σ A_i A_iᵀ) pᵀ − 2 p Σ A_i x_i + Σ ‖x_i‖².
+    """
+    homogeneous = np.concatenate([neutral, np.ones((len(neutral), 1))], axis=1).astype(np.float64)
+    motion = np.concatenate([rotation - np.eye(3), translation[:, None, :]], axis=1)  # (b, 4, 3)
+    motion = motion.transpose(0, 2, 1).reshape(-1, 4)
+    moved = (vertices.astype(np.float64) - neutral).transpose(1, 0, 2).reshape(len(neutral), -1)
+    total = (homogeneous @ (motion.T @ motion) * homogeneous).sum(1)
+    total += (moved**2).sum(1) - 2 * ((moved @ motion) * homogeneous).sum(1)
+    return np.sqrt(np.maximum(total, 0.0) / len(vertices))
 
 
 def attach(mesh: Mesh, attachments: Attachments, vertices: Float[np.ndarray, "b n 3"]) -> Float[np.ndarray, "b n 3"]:

@@ -10,6 +10,7 @@ from replicate.rigid import (
     align,
     attach,
     find_attachments,
+    following_errors,
     nearest_rotation,
     placement_errors,
     rigid_vertices,
@@ -137,6 +138,16 @@ def test_only_the_segment_that_moves_rigidly_is_found_and_its_carriers_are_those
     assert len(set(found.vertex[0])) == 10
     assert found.error_mm.max() < 1e-4 and found.rigid_error_mm.max() < 1e-4
     np.testing.assert_array_equal(rigid_vertices(mesh, found), mesh.segment == 1)
+
+
+def test_how_badly_a_vertex_follows_is_the_root_of_equation_4():
+    mesh = grid_mesh()
+    poses, _ = moving_poses(mesh)
+    rotation, translation = align(mesh.neutral[mesh.segment == 1], poses[:, mesh.segment == 1])
+    distance = np.linalg.norm(mesh.neutral @ rotation + translation[:, None] - poses, axis=-1)
+    expected = np.sqrt((distance**2).mean(0))
+    np.testing.assert_allclose(following_errors(mesh.neutral, poses, rotation, translation), expected, atol=1e-4)
+    assert expected.max() > 1
 
 
 def test_the_threshold_is_a_length_and_does_not_depend_on_how_many_vertices_a_segment_has():
