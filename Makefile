@@ -35,7 +35,7 @@ RUN_OPTIONS = --profile "$(PROFILE)" --characters "$(CHARACTERS)" $(if $(SEED),-
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: help environment table2 compare status test lint bench-rig clean clean-all
+.PHONY: help environment table2 compare rigs status test lint bench-rig clean clean-all
 
 help: ## print this help
 	@echo "usage: make <target> [VARIABLE=value ...]"
@@ -54,6 +54,9 @@ table2: $(ENVIRONMENT) ## approximation errors on held-out poses, beside the pap
 
 compare: $(ENVIRONMENT) ## print the paper's numbers, the reference results and yours
 	@$(RUN) -m replicate compare --profile "$(PROFILE)"
+
+rigs: $(ENVIRONMENT) ## draw the characters' expressions
+	@$(RUN) -m replicate rigs --characters "$(CHARACTERS)"
 
 status: $(ENVIRONMENT) ## list which artefacts are up to date, and what the cache holds
 	@$(RUN) -m replicate status $(RUN_OPTIONS)

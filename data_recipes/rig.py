@@ -39,6 +39,7 @@ __all__ = [
     "build_rig",
     "check_rig",
     "draw_from_index",
+    "expression_poses",
     "rig_names",
     "sample_uniform",
     "save_rig",
@@ -236,3 +237,20 @@ def save_rig(rig: Rig, folder: Path) -> None:
     from data_recipes import rig_file
 
     rig_file.save_rig(rig, Path(folder))
+
+
+def expression_poses(rig: Rig) -> dict[str, Float32[np.ndarray, " m"]]:
+    """Return a face's expressions by name, each as parameters (m,) within the controls' ranges; the neutral pose first.
+
+    A rig whose controls have other names than ours has the neutral pose alone.
+    """
+    from data_recipes.expressions import EXPRESSIONS
+    from data_recipes.motion import pose
+
+    columns = {control.name: index for index, control in enumerate(rig.controls)}
+    poses = {"neutral": rig.default}
+    for name, amounts in EXPRESSIONS.items():
+        found = np.clip(pose(columns, amounts), rig.lower, rig.upper).astype(np.float32)
+        if found.any():
+            poses[name] = found
+    return poses

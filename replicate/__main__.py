@@ -55,15 +55,19 @@ def main(arguments: list[str] | None = None) -> int:
 def configurations(options: argparse.Namespace) -> list[Config]:
     """Return the configuration of every character that the command line names."""
     device = choose_device(options.device)
-    characters = list(dict.fromkeys(" ".join(options.characters).replace(",", " ").split()))
-    if not characters:
-        raise InputError(f"no character is named: allowed are {', '.join(paths.character_names())}")
     overrides = {"samples": {"split": options.split}} if options.split else None
     file = Path(options.config) if options.config else None
     return [
         resolve(character, options.profile, overrides, file, seed=options.seed, device=device)
-        for character in characters
+        for character in _characters(options)
     ]
+
+
+def _characters(options: argparse.Namespace) -> list[str]:
+    characters = list(dict.fromkeys(" ".join(options.characters).replace(",", " ").split()))
+    if not characters:
+        raise InputError(f"no character is named: allowed are {', '.join(paths.character_names())}")
+    return characters
 
 
 def _table2(options: argparse.Namespace) -> None:
@@ -87,6 +91,17 @@ def _compare(options: argparse.Namespace) -> None:
     _check_profile(options.profile)
     for table in compare_folders(paths.PAPER, paths.REFERENCE, paths.run_folder(options.profile)):
         print(as_text(table))
+
+
+def _rigs(options: argparse.Namespace) -> None:
+    from replicate.figures.rigs import draw_sheets
+    from replicate.made import made_rig
+
+    folder = paths.run_folder("rigs")
+    folder.mkdir(parents=True, exist_ok=True)
+    for character in _characters(options):
+        for file in draw_sheets(made_rig(character), folder):
+            print(f"written to {paths.shown(file)}")
 
 
 def _status(options: argparse.Namespace) -> None:
@@ -116,6 +131,7 @@ COMMANDS = {
         "make Table 2: approximation errors on held-out poses, beside the paper's", _table2, (*_RUN_OPTIONS, "jobs")
     ),
     "compare": Command("print the paper's numbers, the reference results and yours", _compare, ("profile",)),
+    "rigs": Command("draw sheets of the characters' expressions", _rigs, ("characters",)),
     "status": Command("list the artefacts of Table 2 and what else the cache holds", _status, _RUN_OPTIONS),
     "clean-cache": Command("remove what is stale, damaged or unfinished from the cache", _clean_cache, ("all",)),
 }

@@ -30,3 +30,8 @@ def character_names() -> tuple[str, ...]:
 def recipe_file(character: str) -> Path:
     """Return the recipe of a character, given by its name or as the path of a `.toml` file of one's own."""
     return Path(character).resolve() if character.endswith(".toml") else RECIPES / f"{character}.toml"
+
+
+def shown(path: Path) -> str:
+    """Return a path as messages show it: from the project's folder on, or whole if it lies elsewhere."""
+    return str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else str(path)

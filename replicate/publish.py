@@ -44,7 +44,7 @@ def publish_table2(configs: Sequence[Config], tables: Sequence[Stage]) -> None:
     paper = read_results(paths.PAPER / "table2.csv")
     for stage in tables:
         print(as_text(table2(rows, paper, stage.label)))
-    print(f"written to {_shown(folder)}: table2.csv, {MANIFEST}, figures, and table2.ipynb to read them in")
+    print(f"written to {paths.shown(folder)}: table2.csv, {MANIFEST}, figures, and table2.ipynb to read them in")
 
 
 def _present(folder: Path) -> tuple[list[Row], dict, dict]:
@@ -92,7 +92,3 @@ def _draw(folder: Path, profile: str, limit_deg: float) -> None:
     for character in results.characters:
         for name, figure, words in table2_figures(results, character, limit_deg):
             save_figure(figure, folder / f"{name}.png", words)
-
-
-def _shown(folder: Path) -> str:
-    return str(folder.relative_to(paths.ROOT)) if folder.is_relative_to(paths.ROOT) else str(folder)

@@ -13,15 +13,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from replicate import paths
-from replicate.config import resolve
 from replicate.errors import InputError, RunError
 from replicate.evaluation.results import Row, write_results
 from replicate.evaluation.tables import Table, as_text
-from replicate.pipeline import table2_graph
+from replicate.made import made_rig
 from replicate.progress import progress
-from replicate.scheduler import run
-from replicate.stages import in_order
-from replicate.store import artefact_folder
 
 BATCH = 32
 ROUNDS = 15
@@ -85,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise InputError(f"rounds is {options.rounds}: allowed is a whole number of at least 3")
         listed, lines = [], []
         for character in options.characters.replace(",", " ").split():
-            rig = _rig(character)
+            rig = made_rig(character)
             found = bench(rig, _poses(rig), options.rounds)
             listed += rows(rig.name, found, options.rounds)
             times = [f"{found[way]:.2f}" for way in ("batched", "batched_worst", "single", "nodes")]
@@ -110,15 +106,6 @@ def _poses(rig) -> np.ndarray:
         return generator.uniform(rig.lower, rig.upper, (BATCH, len(rig.controls))).astype(np.float32)
     frames = np.concatenate([clip.values for clip in rig.clips])
     return frames[generator.choice(len(frames), BATCH)].astype(np.float32)
-
-
-def _rig(character: str):
-    """Return a character's rig, built by its stage if that has not been done."""
-    from data_recipes.rig import build_rig
-
-    stage = next(stage for stage in in_order(table2_graph(resolve(character, "quick"))) if stage.name == "rig")
-    run([stage])
-    return build_rig(character, artefact_folder(stage.identifier) / "rig")
 
 
 if __name__ == "__main__":
