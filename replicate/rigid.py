@@ -113,12 +113,13 @@ def find_attachments(
             f"rigid segments: {len(candidates)} deformable vertices are left to carry {len(rigid)} rigid segments, "
             f"at least {count} are needed"
         )
+    rest_around, around = mesh.neutral[candidates], vertices[:, candidates]
     chosen = np.empty((len(rigid), count), np.int64)
     follow = np.empty((len(rigid), count))
     spread = np.empty((len(rigid), 3))
     for row, k in enumerate(rigid):
         motion = align(mesh.neutral[mesh.segment == k], vertices[:, mesh.segment == k])
-        error = following_errors(mesh.neutral[candidates], vertices[:, candidates], *motion)
+        error = following_errors(rest_around, around, *motion)
         best = np.argsort(error, kind="stable")[:count]
         chosen[row], follow[row] = candidates[best], error[best]
         rest = mesh.neutral[chosen[row]].astype(np.float64)
