@@ -120,8 +120,9 @@ class LbsConfig(Checked):
     influences: int = number(8, 1)
     samples: int = number(1_000, 2)
     iterations: int = number(100, 1)
-    refit_sweeps: int = number(200, 1)  # the most sweeps over the bones of a test pose
-    refit_tolerance: float = number(1e-4, 0.0)  # relative change of the error at which they stop
+    coherence: float = number(0.1, 0.0)  # weight of the error's differences along edges, which normals see
+    refit_sweeps: int = number(500, 1)  # the most sweeps over the bones of a test pose
+    refit_settled: float = number(1e-7, 0.0)  # they stop when no bone moves by more, in radians and rest radii
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ def cache_folder() -> Path:
 
 
 def run_folder(profile: str) -> Path:
-    """Return the folder that a run with this profile writes to: in `$REPLICATE_RESULTS`, else results/runs/<profile>."""
+    """Return the folder that a run with this profile writes to, in `$REPLICATE_RESULTS` or else results/runs."""
     named = os.environ.get("REPLICATE_RESULTS", "").strip()
     return (Path(named).expanduser().resolve() if named else RESULTS / "runs") / profile
 

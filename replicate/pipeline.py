@@ -48,7 +48,7 @@ def table2_graph(config: Config) -> list[Stage]:
         **{skin.name: (skin, rigid) for skin in skins},
     }
     numbers = config.evaluation
-    refit = {"refit_sweeps": config.lbs.refit_sweeps, "refit_tolerance": config.lbs.refit_tolerance}
+    refit = {"refit_sweeps": config.lbs.refit_sweeps, "refit_settled": config.lbs.refit_settled}
     maps = {"map_size": config.coarse.map_size, "refined_map_size": config.refinement.map_size}
     errors = []
     for method, inputs in measured.items():

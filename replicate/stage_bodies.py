@@ -66,7 +66,7 @@ class Measured:
     batch: int
     seed: int
     refit_sweeps: int = 0
-    refit_tolerance: float = 0.0
+    refit_settled: float = 0.0
     map_size: int = 0
     refined_map_size: int = 0
 
@@ -196,6 +196,8 @@ def make_lbs(context: StageContext) -> None:
         section.iterations,
         context.scratch,
         context.progress,
+        mesh.faces,
+        section.coherence,
     )
     skin.save(context.out / "skin.npz")
 

@@ -74,6 +74,6 @@ def _skinned(file: Path, settings) -> Predictor:
     skin = Skin.load(file)
 
     def predict(params: np.ndarray, truth: np.ndarray) -> np.ndarray:
-        return skin.deform(*refit(skin, truth, settings.refit_sweeps, settings.refit_tolerance))
+        return skin.deform(*refit(skin, truth, settings.refit_sweeps, settings.refit_settled))
 
     return predict
