@@ -109,8 +109,9 @@ def test_the_jacobian_agrees_with_central_differences(tiny):
 def test_every_teen_control_moves_something_at_one_of_several_poses(teen):
     m = len(teen.controls)
     moved = np.zeros(m)
-    grin = [c.name.startswith(("smile", "squint", "brow_inner", "nose_wrinkle", "chin_raise")) for c in teen.controls]
-    bases = np.concatenate([augmented(teen, 2, seed=5).clip(teen.lower, teen.upper), 0.9 * np.array([grin])])
+    acted = [("smile", "squint"), ("brow_inner", "nose_wrinkle", "chin_raise")]  # what wrinkles most regions
+    bases = [0.9 * np.array([c.name.startswith(parts) for c in teen.controls]) for parts in acted]
+    bases += list(augmented(teen, 2, seed=5).clip(teen.lower, teen.upper))
     for base in bases:
         base = base + 0.3 * (base == 0) * teen.upper
         step = np.where(base < 0.5 * (teen.lower + teen.upper), 0.4, -0.4)
@@ -191,7 +192,7 @@ def test_wrinkles_sleep_at_rest_and_no_pose_of_a_batch_costs_15_ms_of_processor_
         start = time.process_time()
         teen(p)
         cost.append((time.process_time() - start) / len(p) * 1e3)
-    assert min(cost) < 2 * 15  # processor time counts both cores
+    assert min(cost) < 15  # processor time counts both cores, and no other process
 
 
 def test_a_saved_rig_comes_back_the_same_and_without_its_geometry(teen, tmp_path, monkeypatch):
