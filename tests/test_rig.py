@@ -111,9 +111,9 @@ def test_every_teen_control_moves_something_at_one_of_several_poses(teen):
     moved = np.zeros(m)
     acted = [("smile", "squint"), ("brow_inner", "nose_wrinkle", "chin_raise")]  # what wrinkles most regions
     bases = [0.9 * np.array([c.name.startswith(parts) for c in teen.controls]) for parts in acted]
-    bases += list(augmented(teen, 2, seed=5).clip(teen.lower, teen.upper))
+    mixed = augmented(teen, 2, seed=5).clip(teen.lower, teen.upper)
+    bases += list(mixed + 0.3 * (mixed == 0) * teen.upper)
     for base in bases:
-        base = base + 0.3 * (base == 0) * teen.upper
         step = np.where(base < 0.5 * (teen.lower + teen.upper), 0.4, -0.4)
         poses = base[None] + np.eye(m) * step
         moved = np.maximum(moved, np.abs(teen(poses) - teen(base)[None]).max(axis=(1, 2)))
