@@ -179,7 +179,6 @@ PROFILES: dict[str, dict] = {
         "coarse": _one_cycle(12_000, 3e-3),
         "refinement": _one_cycle(8_000),
         "dense": _one_cycle(8_000),
-        "evaluation": {"floor_poses": 200},
     },
     "paper": {},
 }

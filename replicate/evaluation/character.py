@@ -26,8 +26,12 @@ def run_name(inputs: Mapping[str, Path]) -> str:
 
 
 def measured(inputs: Mapping[str, Path]) -> dict[str, Path]:
-    """Return, for every measured method, the artefact that holds its errors."""
-    return {name.removeprefix(PREFIX): path for name, path in inputs.items() if name.startswith(PREFIX)}
+    """Return, for every measured method, the artefact that holds its errors.
+
+    An input goes by its stage's name and by its title, name-character; the names alone are wanted.
+    """
+    names = (name for name in inputs if name.startswith(PREFIX) and "-" not in name)
+    return {name.removeprefix(PREFIX): inputs[name] for name in names}
 
 
 def rows_of(settings, inputs: Mapping[str, Path], mesh: Mesh) -> list[Row]:
