@@ -176,9 +176,9 @@ PROFILES: dict[str, dict] = {
     },
     "laptop": {
         "samples": {"count": 10_000, "uniform_test": 1_000},
-        "coarse": _one_cycle(12_000, 3e-3),
-        "refinement": _one_cycle(8_000),
-        "dense": _one_cycle(8_000),
+        "coarse": _one_cycle(22_000, 6e-3),
+        "refinement": _one_cycle(10_000, 5e-3),
+        "dense": _one_cycle(16_000),
     },
     "paper": {},
 }
