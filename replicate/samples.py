@@ -17,6 +17,8 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float32, Int, Int16
+
 from data_recipes.rig import (
     augment,
     balance_bins,
@@ -26,8 +28,6 @@ from data_recipes.rig import (
     split_clips,
     split_frames,
 )
-from jaxtyping import Float32, Int, Int16
-
 from replicate.errors import InputError
 
 BATCH = 32  # poses a rig call: always the same, so that a compiled rig compiles once
