@@ -90,9 +90,7 @@ def drift(
     return PchipInterpolator(np.arange(len(keys)) * period - start, keys, axis=0)(np.arange(frames))
 
 
-def freeze(
-    values: Float[np.ndarray, "frames m"], holds: Mapping[int, int]
-) -> Float[np.ndarray, "longer m"]:
+def freeze(values: Float[np.ndarray, "frames m"], holds: Mapping[int, int]) -> Float[np.ndarray, "longer m"]:
     """Repeat some frames: `holds` maps a frame to the number of frames for which everything stands still there."""
     repeats = np.ones(len(values), dtype=int)
     for frame, count in holds.items():

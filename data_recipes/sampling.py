@@ -104,9 +104,7 @@ def sample_uniform(
     return (lower + spread * (np.asarray(upper) - lower)).astype(np.float32)
 
 
-def balance_bins(
-    landmark_positions: Float[np.ndarray, "k l 3"], bins: int = 16
-) -> Int16[np.ndarray, " k"]:
+def balance_bins(landmark_positions: Float[np.ndarray, "k l 3"], bins: int = 16) -> Int16[np.ndarray, " k"]:
     """Sort samples into intervals of equal length along the landmarks' first principal component (§3.5).
 
     landmark_positions: positions (or offsets) in mm of the l landmark vertices in each of k samples.
@@ -124,9 +122,7 @@ def balance_bins(
     return np.minimum((score - score.min()) / span * bins, bins - 1).astype(np.int16)
 
 
-def draw_balanced(
-    bins: Int[np.ndarray, " k"], count: int, generator: np.random.Generator
-) -> Int[np.ndarray, " count"]:
+def draw_balanced(bins: Int[np.ndarray, " k"], count: int, generator: np.random.Generator) -> Int[np.ndarray, " count"]:
     """Draw sample indices: a non-empty bin uniformly, then a sample of that bin uniformly, with replacement (§3.5).
 
     bins: each sample's bin. Sorts all of `bins`; `replicate.samples.SampleSet` keeps the sorted order for many draws.

@@ -48,9 +48,7 @@ def visemes(word: str) -> list[str]:
     return shapes
 
 
-def schedule(
-    words: list[str], tempo: float, generator: np.random.Generator
-) -> list[tuple[str, float, float, float]]:
+def schedule(words: list[str], tempo: float, generator: np.random.Generator) -> list[tuple[str, float, float, float]]:
     """Return (viseme, centre, width, loudness) of each mouth shape, times in frames from the start of the speech.
 
     Vowels take 4 to 6 frames and consonants 2 to 3, over `tempo`. One syllable in four is stressed: longer and wider.

@@ -25,9 +25,7 @@ class Hidden:
         return vertices
 
 
-EXPECTED = np.array(
-    [[True, False, False, False], [True, True, False, False], [False, False, True, False], [False] * 4]
-)
+EXPECTED = np.array([[True, False, False, False], [True, True, False, False], [False, False, True, False], [False] * 4])
 
 
 def animation():

@@ -26,9 +26,12 @@ def name_curves(recipe: Recipe, layout: Layout) -> dict[str, np.ndarray]:
     }
     chin = max(t.neck_rows, int(_anchor(recipe, 3)))
     curves = {
-        "lip_upper": mouth[t.lip_rings, : k + 1], "lip_lower": mouth[t.lip_rings, lower],
-        "seam_upper": mouth[0, : k + 1], "seam_lower": mouth[0, lower],
-        "hairline": body[t.hair_row, columns], "jawline": body[chin, columns],
+        "lip_upper": mouth[t.lip_rings, : k + 1],
+        "lip_lower": mouth[t.lip_rings, lower],
+        "seam_upper": mouth[0, : k + 1],
+        "seam_lower": mouth[0, lower],
+        "hairline": body[t.hair_row, columns],
+        "jawline": body[chin, columns],
         "midline": np.concatenate([_column(body, 0), grids["crown"][1:-1, grids["crown"].shape[1] // 2]]),
     }
     for name, ids in left.items():
@@ -65,18 +68,27 @@ def name_landmarks(recipe: Recipe, layout: Layout, x: Float[np.ndarray, "n 3"]) 
     jaw, cheek = np.array(recipe.skull.jaw_angle), np.array(recipe.skull.cheekbone)
     brow = curves["brow_left"]
     left = {
-        "mouth_corner": int(mouth[0, 0]), "eye_outer": int(eye[0, 0]), "eye_inner": int(eye[0, e // 2]),
-        "lid_upper": int(eye[0, e // 4]), "lid_lower": int(eye[0, 3 * e // 4]),
-        "brow_inner": int(brow[0]), "brow_mid": int(brow[len(brow) // 2]), "brow_outer": int(brow[-1]),
+        "mouth_corner": int(mouth[0, 0]),
+        "eye_outer": int(eye[0, 0]),
+        "eye_inner": int(eye[0, e // 2]),
+        "lid_upper": int(eye[0, e // 4]),
+        "lid_lower": int(eye[0, 3 * e // 4]),
+        "brow_inner": int(brow[0]),
+        "brow_mid": int(brow[len(brow) // 2]),
+        "brow_outer": int(brow[-1]),
         "nose_wing": nearest(side, lambda p: p[:, 0]),
         "cheek": nearest(face, lambda p: -np.linalg.norm(p - cheek - (4, -4, 14), axis=1)),
         "jaw_corner": nearest(face, lambda p: -np.linalg.norm(p - jaw - (12, -6, 0), axis=1)),
     }
     marks = {
-        "lip_upper_mid": int(mouth[0, k // 4]), "lip_lower_mid": int(mouth[0, 3 * k // 4]),
-        "lip_upper_top": int(mouth[t.lip_rings, k // 4]), "lip_lower_bottom": int(mouth[t.lip_rings, 3 * k // 4]),
-        "nose_tip": nearest(nose_rows, lambda p: p[:, 2]), "chin": nearest(below, lambda p: p[:, 2] - 0.3 * p[:, 1]),
-        "glabella": int(body[t.eye_rows[1], 0]), "forehead": int(body[(t.eye_rows[1] + t.hair_row) // 2, 0]),
+        "lip_upper_mid": int(mouth[0, k // 4]),
+        "lip_lower_mid": int(mouth[0, 3 * k // 4]),
+        "lip_upper_top": int(mouth[t.lip_rings, k // 4]),
+        "lip_lower_bottom": int(mouth[t.lip_rings, 3 * k // 4]),
+        "nose_tip": nearest(nose_rows, lambda p: p[:, 2]),
+        "chin": nearest(below, lambda p: p[:, 2] - 0.3 * p[:, 1]),
+        "glabella": int(body[t.eye_rows[1], 0]),
+        "forehead": int(body[(t.eye_rows[1] + t.hair_row) // 2, 0]),
     }
     for name, index in left.items():
         marks[f"{name}_left"], marks[f"{name}_right"] = index, int(layout.mirror[index])

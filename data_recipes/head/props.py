@@ -24,8 +24,20 @@ LIMBUS_DEG = 3.5  # width of the iris's dark rim
 HAIR_MM = 6.0
 # The hair line: height (mm) by angle around the head's axis, from the forehead by temple, sideburn and ear to the nape.
 HAIR_LINE = (
-    (0.0, 68.0), (18.0, 64.0), (36.0, 60.0), (50.0, 52.0), (62.0, 34.0), (70.0, 10.0), (76.0, 0.0), (82.0, 4.0),
-    (90.0, 26.0), (102.0, 26.0), (114.0, 0.0), (126.0, -30.0), (150.0, -44.0), (180.0, -46.0),
+    (0.0, 68.0),
+    (18.0, 64.0),
+    (36.0, 60.0),
+    (50.0, 52.0),
+    (62.0, 34.0),
+    (70.0, 10.0),
+    (76.0, 0.0),
+    (82.0, 4.0),
+    (90.0, 26.0),
+    (102.0, 26.0),
+    (114.0, 0.0),
+    (126.0, -30.0),
+    (150.0, -44.0),
+    (180.0, -46.0),
 )
 
 
@@ -72,8 +84,12 @@ def _eyeball(shape: Shape) -> list[Prop]:
     e = shape.recipe.eyes
     around = np.linspace(0, 2 * np.pi, 49)
     dark = tuple(0.45 * c for c in e.iris_colour)
-    zones = [("white", EYE_WHITE, 180.0, e.iris_deg, 25), ("limbus", dark, e.iris_deg, e.iris_deg - LIMBUS_DEG, 2),
-             ("iris", e.iris_colour, e.iris_deg - LIMBUS_DEG, e.pupil_deg, 6), ("pupil", PUPIL, e.pupil_deg, 0.0, 5)]
+    zones = [
+        ("white", EYE_WHITE, 180.0, e.iris_deg, 25),
+        ("limbus", dark, e.iris_deg, e.iris_deg - LIMBUS_DEG, 2),
+        ("iris", e.iris_colour, e.iris_deg - LIMBUS_DEG, e.pupil_deg, 6),
+        ("pupil", PUPIL, e.pupil_deg, 0.0, 5),
+    ]
     parts = []
     for name, colour, outer, inner, rows in zones:
         angle = np.radians(np.linspace(outer, inner, rows))[:, None]
