@@ -94,7 +94,8 @@ def table2_overview(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
             body.append(tuple(cells))
     header = ("", *(name for c in characters for name in (c, STANDS_FOR[c])))
     title = "Table 2: mean errors of our characters beside the paper's"
-    return Table(title, (header,), tuple(body), (_about(rows, "Each"), *_notes(rows, present)))
+    about = _about(rows, "each of the paper's characters")
+    return Table(title, (header,), tuple(body), (about, *_notes(rows, present)))
 
 
 def _line(rows, paper, character: str, theirs: str | None, method: str) -> tuple[str, ...]:
