@@ -11,7 +11,7 @@ from replicate.losses import FacialLoss
 from replicate.mesh import Mesh
 from replicate.metrics import normal_error, vertex_error
 
-HELD_OUT = 48  # test poses that the training log is measured on, spread over the test set; they steer no step (but see D6)
+HELD_OUT = 48  # test poses that the training log is measured on, spread over the test set; they steer no step (see D6)
 STATISTICS = 512  # training samples, spread over the set, that output lengths are taken from
 
 
