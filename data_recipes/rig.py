@@ -22,6 +22,7 @@ from data_recipes.sampling import (
     balance_bins,
     bin_index,
     draw_from_index,
+    hold_out,
     sample_uniform,
     split_clips,
     split_frames,
@@ -40,6 +41,8 @@ __all__ = [
     "check_rig",
     "draw_from_index",
     "expression_poses",
+    "hold_out",
+    "load_rig",
     "rig_names",
     "sample_uniform",
     "save_rig",
@@ -219,17 +222,21 @@ def rig_names() -> tuple[str, ...]:
     return recipe_names()
 
 
-def build_rig(name_or_recipe: str | Path, folder: Path | None = None) -> Rig:
-    """Return a character: from `folder` if a rig was saved there, else built from its recipe (some 20 s).
+def build_rig(name_or_recipe: str | Path) -> Rig:
+    """Return a character, built from its recipe (some 15 s).
 
-    name_or_recipe: one of `rig_names()`, or the path of a recipe in TOML. Raises InputError for bad recipes and
-    damaged folders.
+    name_or_recipe: one of `rig_names()`, or the path of a recipe in TOML. Raises InputError for a bad recipe.
     """
-    from data_recipes import face_rig, rig_file
+    from data_recipes import face_rig
 
-    if folder is not None and (Path(folder) / rig_file.DESCRIPTION).exists():
-        return rig_file.load_rig(Path(folder))
     return face_rig.build(name_or_recipe)
+
+
+def load_rig(folder: Path) -> Rig:
+    """Return the rig that `save_rig` wrote. Raises InputError for a damaged or missing one."""
+    from data_recipes import rig_file
+
+    return rig_file.load_rig(Path(folder))
 
 
 def save_rig(rig: Rig, folder: Path) -> None:

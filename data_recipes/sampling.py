@@ -71,6 +71,25 @@ def _separate(poses: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return training, candidates[fresh]
 
 
+def hold_out(
+    poses: Float[np.ndarray, "a m"], count: int, generator: np.random.Generator
+) -> tuple[Float32[np.ndarray, "r m"], Float32[np.ndarray, "v m"]]:
+    """Take `count` poses out of a training animation, to choose schedules by and to follow a training with.
+
+    Only poses that occur once are taken, so that what rests keeps every pose that the animation dwells on, and at most
+    a tenth of them. Returns the rest and the poses taken, both in the order of the animation. Raises InputError when no
+    pose occurs once.
+    """
+    _, first, times = np.unique(poses, axis=0, return_index=True, return_counts=True)
+    single = np.sort(first[times == 1])
+    if not len(single):
+        raise InputError(f"each of the {len(poses)} training poses occurs more than once, so none can be held out")
+    taken = generator.permutation(single)[: min(count, max(1, len(single) // 10))]
+    held = np.zeros(len(poses), dtype=bool)
+    held[taken] = True
+    return poses[~held], poses[held]
+
+
 def augment(
     poses: Float[np.ndarray, "a m"],
     count: int,

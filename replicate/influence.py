@@ -9,9 +9,9 @@ from collections.abc import Callable
 from contextlib import nullcontext
 
 import numpy as np
-from data_recipes.rig import augment
 from jaxtyping import Bool, Float, Float32, Int
 
+from data_recipes.rig import augment
 from replicate.samples import evaluate
 
 THRESHOLD_MM = 1e-3  # a tenth of the smallest error in Table 2's last digit, and well above float32 rounding

@@ -9,8 +9,8 @@ from replicate.store import artefact_folder
 
 def made_rig(character: str):
     """Return a character's rig. Raises InputError for an unknown one or a bad recipe."""
-    from data_recipes.rig import build_rig
+    from data_recipes.rig import load_rig
 
     stage = next(stage for stage in in_order(table2_graph(resolve(character))) if stage.name == "rig")
     run([stage])
-    return build_rig(character, artefact_folder(stage.identifier) / "rig")
+    return load_rig(artefact_folder(stage.identifier) / "rig")

@@ -8,7 +8,7 @@ rig ─┬─ samples ──┬─ rigid ─┬─ coarse ───┬─ refine
 
 from replicate.config import Config
 from replicate.paths import recipe_file
-from replicate.stage_bodies import Bones, Character, Measured, Reported, Seeded, Selection, Trained
+from replicate.stage_bodies import Character, Measured, Reported, Section, Selection
 from replicate.stages import Stage
 
 BODIES = "replicate.stage_bodies"
@@ -22,18 +22,18 @@ def table2_graph(config: Config) -> list[Stage]:
         return Stage(name, f"{BODIES}:make_{body or name}", settings, inputs, label, files)
 
     rig = stage("rig", Character(config.character), files=(recipe_file(config.character),))
-    samples = stage("samples", Seeded(config.samples, config.seed), rig)
-    influence = stage("influence", Seeded(config.samples, config.seed), rig)
-    rigid = stage("rigid", Seeded(config.rigid, config.seed), rig, samples)
+    samples = stage("samples", Section(config.samples, config.seed), rig)
+    influence = stage("influence", Section(config.samples, config.seed), rig)
+    rigid = stage("rigid", Section(config.rigid, config.seed), rig, samples)
     nets = (rig, samples, influence, rigid)
-    coarse = stage("coarse", Trained(config.coarse, config.seed, config.device), *nets)
+    coarse = stage("coarse", Section(config.coarse, config.seed, config.device), *nets)
     where = config.refinement
     deciding = Selection(where.poses, where.square, where.clusters_max, config.coarse.map_size)
-    selection = stage("selection", Seeded(deciding, config.seed), *nets)
-    refined = stage("refined", Trained(config.refinement, config.seed, config.device), rig, samples, coarse, selection)
-    dense = stage("dense", Trained(config.dense, config.seed, config.device), *nets)
+    selection = stage("selection", Section(deciding, config.seed), *nets)
+    refined = stage("refined", Section(config.refinement, config.seed, config.device), rig, samples, coarse, selection)
+    dense = stage("dense", Section(config.dense, config.seed, config.device), *nets)
     skins = [
-        stage(f"lbs{bones}", Seeded(Bones(config.lbs, bones), config.seed), rig, samples, body="lbs")
+        stage(f"lbs{bones}", Section(config.lbs, config.seed, bones=bones), rig, samples, body="lbs")
         for bones in config.lbs.bones
     ]
     wrinkled = stage("wrinkled", None, rig, samples)

@@ -1,4 +1,4 @@
-"""The training samples (p, V) and test poses of one character: made once, then read by memory map (§3.5).
+"""The training samples (p, V), validation and test poses of one character: made once, then read by memory map (§3.5).
 
 50,000 poses of 12,510 vertices would be 7.5 GB as float32. Vertex offsets V − V⁰ are therefore stored as int16
 multiples of a step that each pose has of its own, the smallest that holds its largest offset: about a micrometre
@@ -24,6 +24,7 @@ from data_recipes.rig import (
     balance_bins,
     bin_index,
     draw_from_index,
+    hold_out,
     sample_uniform,
     split_clips,
     split_frames,
@@ -33,6 +34,7 @@ from replicate.errors import InputError
 BATCH = 32  # poses a rig call: always the same, so that a compiled rig compiles once
 CHUNK = 256  # poses between two checkpoints
 INT16_MAX = 32767
+PARTS = ("training", "validation", "test")
 
 
 @dataclass(frozen=True)
@@ -41,13 +43,16 @@ class SampleSet:
 
     params (N, m) float32, raw control values; quantised (N, n, 3) int16, offsets in steps; steps_mm (N,) float32;
     bins (N,) int16, each sample's interval for balanced draws; test_params (T, m) and test_offsets (T, n, 3) float32,
-    mm; facts: what samples.json states.
+    mm; validation_params and validation_offsets the same for poses that neither training nor test sees; facts: what
+    samples.json states.
     """
 
     params: np.ndarray
     quantised: np.ndarray
     steps_mm: np.ndarray
     bins: np.ndarray
+    validation_params: np.ndarray
+    validation_offsets: np.ndarray
     test_params: np.ndarray
     test_offsets: np.ndarray
     facts: dict
@@ -56,7 +61,8 @@ class SampleSet:
     def open(cls, folder: Path) -> "SampleSet":
         """Open what `write_samples` wrote. Raises InputError, naming the file, when one is missing or no array."""
         folder = Path(folder)
-        names = ("params", "offsets", "steps", "bins", "test_params", "test_offsets")
+        held_out = [f"{part}_{name}" for part in ("validation", "test") for name in ("params", "offsets")]
+        names = ("params", "offsets", "steps", "bins", *held_out)
         try:
             arrays = [np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False) for name in names]
             facts = json.loads((folder / "samples.json").read_text())
@@ -99,25 +105,28 @@ def quantise(offsets: Float32[np.ndarray, "b n 3"]) -> tuple[Int16[np.ndarray, "
     return whole.astype(np.int16), steps
 
 
-def choose_poses(
-    rig, config, rng: Callable[[str], np.random.Generator]
-) -> tuple[Float32[np.ndarray, "count m"], Float32[np.ndarray, "t m"]]:
-    """Return a rig's training and test poses: Eq. 5 on the training part of its clips, or uniform without clips.
+def choose_poses(rig, config, rng: Callable[[str], np.random.Generator]) -> dict[str, Float32[np.ndarray, "k m"]]:
+    """Return a rig's poses by part: "training", "validation" and "test".
 
-    rig: anything that keeps the Rig contract. config: a SamplesConfig. rng: a stream's name → its generator.
+    With clips, the training part is Eq. 5 on the training animation, less the poses held out for validation; without,
+    all three are uniform. rig: anything that keeps the Rig contract. config: a SamplesConfig. rng: a stream's name →
+    its generator.
     """
     if rig.clips is None:
-        training = sample_uniform(rig.lower, rig.upper, config.count, rng("uniform"))
-        return training, sample_uniform(rig.lower, rig.upper, config.uniform_test, rng("uniform_test"))
+        counts = {"uniform": config.count, "uniform_validation": config.validation, "uniform_test": config.uniform_test}
+        poses = [sample_uniform(rig.lower, rig.upper, count, rng(stream)) for stream, count in counts.items()]
+        return dict(zip(PARTS, poses, strict=True))
     split = {"frames": split_frames, "clips": split_clips}[config.split]
     animation, test = split([clip.values for clip in rig.clips], rng("split"), config.held_out)
-    return augment(animation, config.count, rng("augment"), config.low, config.high), test
+    animation, validation = hold_out(animation, config.validation, rng("validation"))
+    training = augment(animation, config.count, rng("augment"), config.low, config.high)
+    return dict(zip(PARTS, (training, validation, test), strict=True))
 
 
 def write_samples(
     rig, config, folder: Path, rng: Callable[[str], np.random.Generator], scratch: Path, progress: Callable
 ) -> dict:
-    """Evaluate a rig at its training and test poses and write the set that `SampleSet.open` reads.
+    """Evaluate a rig at its training, validation and test poses and write the set that `SampleSet.open` reads.
 
     Stopped at any moment and called again with the same `scratch`, it goes on after the last whole chunk and ends
     with the same bytes. rig, config, rng: as in `choose_poses`. folder: filled when all is done. scratch: kept
@@ -125,51 +134,53 @@ def write_samples(
 
     Returns the facts of samples.json. Raises InputError, naming pose and vertex, when the rig gives NaN or infinity.
     """
-    params, test_params = choose_poses(rig, config, rng)
-    n, landmarks = len(rig.mesh.neutral), len(rig.landmarks)
+    chosen = choose_poses(rig, config, rng)
+    params, n, landmarks = chosen["training"], len(rig.mesh.neutral), len(rig.landmarks)
     arrays, state = _open_scratch(
         Path(scratch),
-        sha256(params.tobytes() + test_params.tobytes() + rig.mesh.neutral.tobytes()).hexdigest(),
+        sha256(b"".join(poses.tobytes() for poses in chosen.values()) + rig.mesh.neutral.tobytes()).hexdigest(),
         {
             "offsets": (np.int16, (len(params), n, 3)),
             "steps": (np.float32, (len(params),)),
             "squared_error": (np.float64, (len(params),)),
             "landmarks": (np.float32, (len(params), landmarks, 3)),
-            "test_offsets": (np.float32, (len(test_params), n, 3)),
+            **{f"{part}_offsets": (np.float32, (len(chosen[part]), n, 3)) for part in PARTS[1:]},
         },
     )
 
-    def store_training(rows: slice, offsets: np.ndarray) -> None:
+    def store(part: str, rows: slice, offsets: np.ndarray) -> None:
+        if part != "training":
+            arrays[f"{part}_offsets"][rows] = offsets
+            return
         arrays["offsets"][rows], arrays["steps"][rows] = whole, steps = quantise(offsets)
         lost = whole * steps[:, None, None] - offsets
         arrays["squared_error"][rows] = (lost**2).mean(axis=(1, 2), dtype=np.float64)
         arrays["landmarks"][rows] = offsets[:, rig.landmarks]
 
-    def store_test(rows: slice, offsets: np.ndarray) -> None:
-        arrays["test_offsets"][rows] = offsets
-
-    with progress(len(params) + len(test_params), "samples", state["training"] + state["test"]) as bar:
-        for part, poses, store in (("training", params, store_training), ("test", test_params, store_test)):
+    with progress(sum(map(len, chosen.values())), "samples", sum(state[part] for part in PARTS)) as bar:
+        for part, poses in chosen.items():
             while state[part] < len(poses):
                 first = state[part]
                 for rows, vertices in evaluate(rig, poses[first : first + CHUNK]):
                     rows = slice(first + rows.start, first + rows.stop)
                     _check_finite(rig.name, part, rows.start, vertices)
-                    store(rows, vertices - rig.mesh.neutral)
+                    store(part, rows, vertices - rig.mesh.neutral)
                     bar.update(len(vertices))
                 state[part] = min(first + CHUNK, len(poses))
                 _checkpoint(Path(scratch), arrays, state)
     facts = {
         "poses": len(params),
-        "test_poses": len(test_params),
+        "validation_poses": len(chosen["validation"]),
+        "test_poses": len(chosen["test"]),
         "largest_step_mm": float(arrays["steps"].max()),
         "mean_step_mm": float(arrays["steps"].mean(dtype=np.float64)),
         "quantisation_rms_mm": float(np.sqrt(arrays["squared_error"].mean())),
     }
-    for name in ("offsets", "steps", "test_offsets"):
+    for name in ("offsets", "steps", "validation_offsets", "test_offsets"):
         _place(Path(scratch) / f"{name}.npy", Path(folder) / f"{name}.npy")
     bins = balance_bins(arrays["landmarks"], config.bins)
-    for name, array in (("params", params), ("test_params", test_params), ("bins", bins)):
+    kept = {"params": params, "validation_params": chosen["validation"], "test_params": chosen["test"], "bins": bins}
+    for name, array in kept.items():
         np.save(Path(folder) / f"{name}.npy", array)
     facts["samples_per_bin"] = np.bincount(bins, minlength=config.bins).tolist()
     (Path(folder) / "samples.json").write_text(json.dumps(facts, indent=1) + "\n")
@@ -197,7 +208,7 @@ def _check_finite(name: str, part: str, first: int, vertices: np.ndarray) -> Non
 def _open_scratch(scratch: Path, key: str, shapes: dict) -> tuple[dict[str, np.memmap], dict]:
     """Open the half-made arrays when they belong to the same poses, or make new ones."""
     scratch.mkdir(parents=True, exist_ok=True)
-    fresh = {"key": key, "training": 0, "test": 0}
+    fresh = {"key": key, **dict.fromkeys(PARTS, 0)}
     try:
         state = json.loads((scratch / "state.json").read_text())
         arrays = {name: np.load(scratch / f"{name}.npy", mmap_mode="r+", allow_pickle=False) for name in shapes}

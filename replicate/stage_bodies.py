@@ -5,7 +5,7 @@ a change of one number remakes no more than it must.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,28 +23,13 @@ class Character:
 
 
 @dataclass(frozen=True)
-class Seeded:
-    """A section of the configuration, and the seed that the stage draws from."""
+class Section:
+    """A section of the configuration, and what its stage needs besides: a seed to draw from, a device, bones."""
 
     section: object
     seed: int
-
-
-@dataclass(frozen=True)
-class Trained:
-    """A section of the configuration, the seed, and the device that networks are trained on."""
-
-    section: object
-    seed: int
-    device: str
-
-
-@dataclass(frozen=True)
-class Bones:
-    """The LBS section with one number of bones."""
-
-    section: object
-    bones: int
+    device: str | None = None
+    bones: int | None = None
 
 
 @dataclass(frozen=True)
@@ -106,7 +91,7 @@ def make_influence(context: StageContext) -> None:
     from replicate.samples import choose_poses
 
     rig = load_rig(context)
-    training, _ = choose_poses(rig, context.config.section, context.rng)
+    training = choose_poses(rig, context.config.section, context.rng)["training"]
     poses = influence_poses(rig, training, context.rng("poses"))
     moves = influence(rig, poses, progress=context.progress)
     np.save(context.out / "influence.npy", moves)
@@ -126,14 +111,9 @@ def make_rigid(context: StageContext) -> None:
 
 def make_coarse(context: StageContext) -> None:
     """Train the coarse CNNs (§3.1)."""
-    from replicate.approximation.cnn import save, train_coarse
+    from replicate.approximation import cnn
 
-    section, seed, device = _training(context)
-    mesh, samples = load_mesh(context), load_samples(context)
-    segments = load_coarse_segments(context.inputs, mesh)
-    model, log = train_coarse(mesh, segments, samples, section, context.scratch, context.progress, seed, device)
-    save(model, context.out, section)
-    _keep_log(context, model, log)
+    _train(context, cnn.make_network, cnn.shape_facts(context.config.section), cnn.save)
 
 
 def make_selection(context: StageContext) -> None:
@@ -159,38 +139,33 @@ def make_refined(context: StageContext) -> None:
     from replicate.approximation.refinement import train_refined
     from replicate.approximation.segments import load_segments
 
-    section, seed, device = _training(context)
+    settings = context.config
     mesh, samples, coarse = load_mesh(context), load_samples(context), load_coarse(context.inputs["coarse"])
     segments = load_segments(context.inputs["selection"] / "segments.npz")
-    scratch, progress = context.scratch, context.progress
-    model, log = train_refined(mesh, coarse, segments, samples, section, scratch, progress, seed, device)
-    save(model.residual, context.out, section)
+    given, kept = (mesh, coarse, segments, samples, settings.section), (context.scratch, context.progress)
+    model, log = train_refined(*given, *kept, settings.seed, settings.device)
+    save(model.residual, context.out, settings.section)
     _keep_log(context, model, log)
 
 
 def make_dense(context: StageContext) -> None:
     """Train the dense baseline (§5.1)."""
-    from replicate.approximation.dense import save, train_dense
+    from replicate.approximation import dense
 
-    section, seed, device = _training(context)
-    mesh, samples = load_mesh(context), load_samples(context)
-    segments = load_coarse_segments(context.inputs, mesh)
-    model, log = train_dense(mesh, segments, samples, section, context.scratch, context.progress, seed, device)
-    save(model, context.out, section)
-    _keep_log(context, model, log)
+    _train(context, dense.make_network, dense.shape_facts(context.config.section), dense.save)
 
 
 def make_lbs(context: StageContext) -> None:
     """Fit linear blend skinning to training poses, the same for every number of bones (§5.1)."""
     from replicate.approximation.lbs import fit
 
-    section, bones = context.config.section.section, context.config.section.bones
+    section = context.config.section
     mesh, samples = load_mesh(context), load_samples(context)
     poses = samples.draw(stream_rng(context.config.seed, "lbs", "poses"), min(section.samples, len(samples)))
     skin = fit(
         mesh.neutral,
         mesh.neutral + samples.offsets(poses),
-        bones,
+        context.config.bones,
         context.rng("sketch"),
         section.influences,
         section.iterations,
@@ -260,9 +235,9 @@ def make_table2(context: StageContext) -> None:
 
 def load_rig(context: StageContext):
     """Return the rig that the stage "rig" built."""
-    from data_recipes.rig import build_rig
+    from data_recipes import rig
 
-    return build_rig("saved", context.inputs["rig"] / "rig")
+    return rig.load_rig(context.inputs["rig"] / "rig")
 
 
 def load_mesh(context: StageContext) -> Mesh:
@@ -297,8 +272,17 @@ def load_wrinkled(inputs: Mapping[str, Path]) -> int:
     return json.loads((inputs["wrinkled"] / "pose.json").read_text())["pose"]
 
 
-def _training(context: StageContext) -> tuple:
-    return context.config.section, context.config.seed, context.config.device
+def _train(context: StageContext, make_network: Callable, facts: dict, save: Callable) -> None:
+    """Train one network a coarse segment; the stage's name is the training's stream."""
+    from replicate.approximation.segment_training import train_segments
+
+    settings, mesh, samples = context.config, load_mesh(context), load_samples(context)
+    segments = load_coarse_segments(context.inputs, mesh)
+    networks = [make_network(segment, facts) for segment in segments]
+    given, kept = (mesh, segments, networks, samples, settings.section), (context.scratch, context.progress)
+    model, log = train_segments(*given, *kept, context.name, settings.seed, settings.device)
+    save(model, context.out, settings.section)
+    _keep_log(context, model, log)
 
 
 def _keep_log(context: StageContext, model, log) -> None:

@@ -5,7 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from replicate.approximation.segment_training import train_segments
+from replicate.approximation.segments import coarse_segments
 from replicate.mesh import Mesh
+from replicate.progress import progress
 
 SIDES = (16, 9, 2)
 M = 12
@@ -59,8 +62,8 @@ class SmallSamples:
 
     params: np.ndarray
     truth: np.ndarray
-    test_params: np.ndarray
-    test_offsets: np.ndarray
+    validation_params: np.ndarray
+    validation_offsets: np.ndarray
 
     def offsets(self, indices):
         return self.truth[indices]
@@ -74,5 +77,15 @@ class SmallSamples:
 
 def small_samples(mesh: Mesh, count: int = 200) -> SmallSamples:
     rng = np.random.default_rng(2)
-    training, test = (rng.uniform(-1, 1, (n, M)).astype(np.float32) for n in (count, 24))
-    return SmallSamples(training, pose_offsets(mesh, training), test, pose_offsets(mesh, test))
+    training, fresh = (rng.uniform(-1, 1, (n, M)).astype(np.float32) for n in (count, 24))
+    return SmallSamples(training, pose_offsets(mesh, training), fresh, pose_offsets(mesh, fresh))
+
+
+def train_small(method, config, scratch, seed: int = 0, samples: SmallSamples | None = None):
+    """Train a small model as `method`, the module cnn or dense, makes its networks; return (mesh, model, log)."""
+    mesh = small_mesh()
+    segments = coarse_segments(mesh, {2}, small_influence(mesh))
+    networks = [method.make_network(segment, method.shape_facts(config)) for segment in segments]
+    samples = samples or small_samples(mesh)
+    model, log = train_segments(mesh, segments, networks, samples, config, scratch, progress, "small", seed)
+    return mesh, model, log

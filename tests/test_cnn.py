@@ -3,16 +3,14 @@
 import numpy as np
 import pytest
 import torch
-from small_face import small_influence, small_mesh, small_samples
+from small_face import small_samples, train_small
 from torch import nn
 from torch.nn import functional
 
-from replicate.approximation import cnn
-from replicate.approximation.segments import coarse_segments
+from replicate.approximation import cnn, model
 from replicate.config import CoarseConfig, TrainingConfig
 from replicate.deformation_map import bilinear, sample
 from replicate.errors import InputError
-from replicate.progress import progress
 
 UV = np.random.default_rng(1).uniform(0, 1, (40, 2)).astype(np.float32)
 
@@ -20,7 +18,7 @@ UV = np.random.default_rng(1).uniform(0, 1, (40, 2)).astype(np.float32)
 def network(map_size=32, inputs=7) -> cnn.MapNetwork:
     made = cnn.MapNetwork(inputs, UV, map_size, 16, (256, 512), 0.2)
     generator = torch.Generator().manual_seed(0)
-    cnn.initialise(nn.ModuleList([made]), 0.2, generator)
+    model.initialise(nn.ModuleList([made]), 0.2, generator)
     for layer in made.modules():
         if isinstance(layer, nn.Linear | nn.Conv2d):
             layer.bias.data.normal_(0, 0.1, generator=generator)
@@ -102,21 +100,17 @@ def test_a_hidden_width_that_makes_no_maps_is_refused():
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
-    mesh = small_mesh()
-    segments = coarse_segments(mesh, {2}, small_influence(mesh))
     config = CoarseConfig(map_size=16, training=TrainingConfig("one_cycle", steps=250, peak_rate=5e-3))
-    scratch = tmp_path_factory.mktemp("scratch")
-    model, log = cnn.train_coarse(mesh, segments, small_samples(mesh), config, scratch, progress, seed=0)
-    return mesh, model, log, config
+    return *train_small(cnn, config, tmp_path_factory.mktemp("scratch")), config
 
 
 def test_training_comes_well_below_the_neutral_pose(trained):
     mesh, model, log, _ = trained
     samples = small_samples(mesh)
-    still = np.linalg.norm(samples.test_offsets[:, mesh.segment < 2], axis=-1).mean()
+    still = np.linalg.norm(samples.validation_offsets[:, mesh.segment < 2], axis=-1).mean()
     assert log[-1]["mm"] < 0.25 * still
-    predicted = model.offsets(samples.test_params)
-    error = np.linalg.norm(predicted - samples.test_offsets, axis=-1)[:, mesh.segment < 2].mean()
+    predicted = model.offsets(samples.validation_params)
+    error = np.linalg.norm(predicted - samples.validation_offsets, axis=-1)[:, mesh.segment < 2].mean()
     assert error == pytest.approx(log[-1]["mm"], rel=1e-4)
     assert not predicted[:, mesh.segment == 2].any()
 

@@ -2,13 +2,11 @@
 
 import numpy as np
 import torch
-from small_face import small_influence, small_mesh, small_samples
+from small_face import small_samples, train_small
 from torch.nn import functional
 
 from replicate.approximation import dense
-from replicate.approximation.segments import coarse_segments
 from replicate.config import DenseConfig, TrainingConfig
-from replicate.progress import progress
 
 
 def test_the_network_is_two_hidden_layers_and_a_linear_output():
@@ -22,14 +20,12 @@ def test_the_network_is_two_hidden_layers_and_a_linear_output():
 
 
 def test_training_learns_and_a_saved_model_predicts_the_same(tmp_path):
-    mesh = small_mesh()
-    samples = small_samples(mesh)
-    segments = coarse_segments(mesh, {2}, small_influence(mesh))
     config = DenseConfig(training=TrainingConfig("one_cycle", steps=200, peak_rate=5e-3))
-    model, log = dense.train_dense(mesh, segments, samples, config, tmp_path / "scratch", progress, seed=0)
-    still = np.linalg.norm(samples.test_offsets[:, mesh.segment < 2], axis=-1).mean()
+    mesh, model, log = train_small(dense, config, tmp_path / "scratch")
+    samples = small_samples(mesh)
+    still = np.linalg.norm(samples.validation_offsets[:, mesh.segment < 2], axis=-1).mean()
     assert log[-1]["mm"] < 0.25 * still
     dense.save(model, tmp_path, config)
-    params = samples.test_params
+    params = samples.validation_params
     np.testing.assert_array_equal(dense.load_dense(tmp_path).offsets(params), model.offsets(params))
     assert not model.offsets(params)[:, mesh.segment == 2].any()

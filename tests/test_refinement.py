@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from small_face import pose_offsets, small_influence, small_mesh, small_samples
+from small_face import pose_offsets, small_influence, small_mesh, small_samples, train_small
 
 from replicate.approximation import cnn, refinement
 from replicate.approximation.segments import coarse_segments
@@ -72,13 +72,13 @@ def test_refinement_lowers_both_errors_and_moves_only_its_vertices(face, tmp_pat
     samples = small_samples(mesh)
     training = TrainingConfig("one_cycle", steps=200, peak_rate=5e-3)
     config = CoarseConfig(map_size=16, training=training)
-    coarse, before = cnn.train_coarse(mesh, segments, samples, config, tmp_path / "coarse", progress, 0)
+    _, coarse, before = train_small(cnn, config, tmp_path / "coarse")
     errors = refinement.map_error(segments, samples.offsets(np.arange(20)), 8)
     config = RefinementConfig(map_size=32, square=0.5, training=training)
     chosen, _ = refinement.select(segments, errors, small_influence(mesh), config)
     refined, after = refinement.train_refined(mesh, coarse, chosen, samples, config, tmp_path / "refined", progress, 0)
     assert after[-1]["mm"] < before[-1]["mm"] and after[-1]["degrees"] < before[-1]["degrees"]
-    params = samples.test_params
+    params = samples.validation_params
     changed = np.flatnonzero(np.abs(refined.offsets(params) - coarse.offsets(params)).max((0, 2)))
     np.testing.assert_array_equal(changed, np.sort(np.concatenate([segment.vertices for segment in chosen])))
     cnn.save(refined.residual, tmp_path, config)

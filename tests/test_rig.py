@@ -11,7 +11,7 @@ import pytest
 
 from data_recipes.animation import act
 from data_recipes.recipe import load_recipe
-from data_recipes.rig import Clip, Control, Rig, build_rig, check_rig, rig_names, save_rig
+from data_recipes.rig import Clip, Control, Rig, build_rig, check_rig, load_rig, rig_names, save_rig
 from replicate.errors import InputError
 from replicate.mesh import Mesh, face_normals
 
@@ -199,7 +199,7 @@ def test_a_saved_rig_comes_back_the_same_and_without_its_geometry(teen, tmp_path
     save_rig(teen, tmp_path / "teen")
     monkeypatch.setattr("data_recipes.face_rig.build", lambda _: pytest.fail("built again"))
     start = time.process_time()
-    again = build_rig("teen", tmp_path / "teen")
+    again = load_rig(tmp_path / "teen")
     assert time.process_time() - start < 3
     p = augmented(teen, 3)
     np.testing.assert_array_equal(again(p), teen(p))
@@ -225,7 +225,7 @@ def test_a_damaged_folder_is_named(tiny, tmp_path, fault):
     else:
         (folder / "rig.json").write_text("{")
     with pytest.raises(InputError, match=r"rig|tiny"):
-        build_rig("tiny", folder)
+        load_rig(folder)
 
 
 def test_eyeballs_turn_with_the_gaze_and_brows_ride_on_the_skin(tiny):

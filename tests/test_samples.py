@@ -49,7 +49,7 @@ def clips(count=6, frames=50):
 
 
 def config(**changed):
-    values = {"count": 600, "split": "frames", "held_out": 0.1, "low": 0.25, "high": 3.0, "bins": 16}
+    values = {"count": 600, "split": "frames", "held_out": 0.1, "validation": 20, "low": 0.25, "high": 3.0, "bins": 16}
     return SimpleNamespace(**({"uniform_test": 50} | values | changed))
 
 
@@ -97,6 +97,18 @@ def test_no_test_pose_is_a_frame_of_training(tmp_path):
     assert {pose.tobytes() for pose in test} <= {pose.tobytes() for pose in animation}
 
 
+def test_validation_poses_are_frames_that_neither_training_nor_test_holds(tmp_path):
+    rig = Waves(clips())
+    data = write(
+        tmp_path, rig, config(low=1.0, high=1.0, count=5_000)
+    )  # frames stay themselves
+    animation = {pose.tobytes() for clip in rig.clips for pose in clip.values}
+    sets = [{pose.tobytes() for pose in poses} for poses in (data.validation_params, data.test_params, data.params)]
+    assert [len(poses) for poses in sets[:2]] == [20, 30] and set.union(*sets) == animation
+    assert sum(map(len, sets)) == len(animation)
+    assert np.array_equal(data.validation_offsets, rig(np.array(data.validation_params)) - rig.mesh.neutral)
+
+
 def test_a_split_by_clips_keeps_clips_whole(tmp_path):
     rig = Waves(clips())
     test = {pose.tobytes() for pose in write(tmp_path, rig, config(split="clips", held_out=0.2)).test_params}
@@ -136,7 +148,7 @@ def test_draws_are_balanced_and_a_function_of_the_step(tmp_path):
 
 def test_nan_names_pose_and_vertex_and_writes_nothing(tmp_path):
     rig = Waves(clips(), broken_above=2.5)
-    first = np.flatnonzero(samples.choose_poses(rig, config(), rng)[0][:, 0] > 2.5)[0]
+    first = np.flatnonzero(samples.choose_poses(rig, config(), rng)["training"][:, 0] > 2.5)[0]
     with pytest.raises(InputError, match=f"rig 'waves': vertex 23 of training pose {first} "):
         write(tmp_path, rig)
     assert not list((tmp_path / "out").iterdir())

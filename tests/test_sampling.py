@@ -105,3 +105,17 @@ def test_balanced_draws_are_uniform_over_bins_and_within_them():
     assert np.allclose(share[[3, 7, 15]], 1 / 3, atol=0.02)
     rare = np.bincount(drawn, minlength=1000)[990:]
     assert rare.min() > 850 and rare.max() < 1_150
+
+
+def test_held_out_poses_occur_once_and_leave_the_training_part():
+    single, repeated = np.arange(120, dtype=np.float32)[:, None], np.full((40, 1), -1, dtype=np.float32)
+    poses = np.concatenate([single, repeated])[np.random.default_rng(7).permutation(160)]
+    rest, held = sampling.hold_out(poses, 8, np.random.default_rng(1))
+    assert len(held) == 8 and held.min() >= 0
+    assert rows(rest) | rows(held) == rows(poses) and not rows(rest) & rows(held)
+    assert len(sampling.hold_out(poses, 1_000, np.random.default_rng(1))[1]) == 12  # a tenth of the single ones
+
+
+def test_an_animation_that_repeats_every_pose_has_none_to_hold_out():
+    with pytest.raises(InputError, match="more than once"):
+        sampling.hold_out(np.zeros((9, 2), np.float32), 3, np.random.default_rng(0))

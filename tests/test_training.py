@@ -6,12 +6,10 @@ import math
 import numpy as np
 import pytest
 import torch
-from small_face import small_influence, small_mesh, small_samples
+from small_face import small_mesh, small_samples, train_small
 
 from replicate.approximation import cnn, training
-from replicate.approximation.segments import coarse_segments
 from replicate.config import CoarseConfig, TrainingConfig
-from replicate.progress import progress
 
 
 def test_the_papers_schedule_goes_through_three_rates():
@@ -37,7 +35,6 @@ def run(scratch, kill_at=None):
     """Train a small coarse model; with kill_at, stop with an exception in the middle of that step."""
     mesh = small_mesh()
     samples = small_samples(mesh)
-    segments = coarse_segments(mesh, {2}, small_influence(mesh))
     config = CoarseConfig(map_size=16, training=TrainingConfig("one_cycle", steps=30))
     draw = type(samples).draw_for_step
 
@@ -47,7 +44,7 @@ def run(scratch, kill_at=None):
         return draw(self, seed, stream, step, batch)
 
     mortal = type("Mortal", (type(samples),), {"draw_for_step": draw_or_die})(**vars(samples))
-    model, log = cnn.train_coarse(mesh, segments, mortal, config, scratch, progress, seed=4)
+    _, model, log = train_small(cnn, config, scratch, 4, mortal)
     return {name: value.clone() for name, value in model.state_dict().items()}, log
 
 

@@ -16,16 +16,13 @@ from torch import nn
 from torch.nn import functional
 
 from replicate.approximation.map_kernel import MapOffsets
-from replicate.approximation.model import SegmentedModel, load_model, parameter_scale, save_model, target_lengths
+from replicate.approximation.model import SegmentedModel, load_model, save_model
 from replicate.approximation.segments import Segment
-from replicate.approximation.supervision import Supervision
 from replicate.approximation.tile_kernel import CHANNELS
-from replicate.approximation.training import prepare, train
 from replicate.deformation_map import bilinear, sample
 from replicate.errors import InputError
 
 START = 8  # pixels a side of the maps that the dense layers make
-OUTPUT_SHARE = 0.1  # of the size of its targets: what a fresh network gives
 
 
 class MapNetwork(nn.Module):
@@ -75,52 +72,10 @@ class MapNetwork(nn.Module):
         return MapOffsets.apply(start, self.slope, self.pixels, self.shares, *convolutions, *output)
 
 
-def initialise(networks: nn.ModuleList, slope: float, generator: torch.Generator) -> None:
-    """Draw weights that keep the variance through leaky ReLUs (He et al. 2015), a tenth of that for each `output`.
-
-    Biases start at zero. So a fresh network gives a tenth of the offsets' size, and has little noise to unlearn.
-    """
-    gain = (2 / (1 + slope**2)) ** 0.5
-    with torch.no_grad():
-        for layer in networks.modules():
-            if isinstance(layer, nn.Linear | nn.Conv2d):
-                layer.weight.normal_(0, gain / layer.weight[0].numel() ** 0.5, generator=generator)
-                layer.bias.zero_()
-        for network in networks:
-            network.output.weight.mul_(OUTPUT_SHARE)
-
-
 def make_network(segment: Segment, facts: dict) -> MapNetwork:
     """Return a network for a segment; facts: map_size, channels, hidden, leaky_slope."""
     shape = (facts["map_size"], facts["channels"], tuple(facts["hidden"]), facts["leaky_slope"])
     return MapNetwork(len(segment.parameters), segment.uv, *shape)
-
-
-def train_coarse(mesh, segments: Sequence[Segment], samples, config, scratch: Path, progress, seed: int, device="cpu"):
-    """Train the coarse model of a character; return (SegmentedModel, log).
-
-    segments: from `coarse_segments`. samples: a SampleSet. config: a CoarseConfig. scratch: a folder of this training's
-    own, continued from if it holds a checkpoint. progress: as for `training.train`. The log's mm and degrees are
-    measured on a few held-out poses, over all segments.
-    """
-    device = prepare(device)
-    moved = np.concatenate([segment.vertices for segment in segments])
-    supervision = Supervision(mesh, samples, moved, config.normal_weight, device)
-    _, offsets = supervision.statistics()
-    facts = shape_facts(config)
-    networks = [make_network(segment, facts) for segment in segments]
-    initialise(nn.ModuleList(networks), config.leaky_slope, torch.Generator().manual_seed(seed))
-    lengths = target_lengths(segments, offsets)
-    scale = parameter_scale(samples.params)
-    model = SegmentedModel(networks, segments, scale, lengths, len(mesh.neutral)).to(device)
-
-    def loss_of_step(step: int) -> torch.Tensor:
-        params, target = supervision.batch(seed, "coarse", step, config.training.batch)
-        return supervision.loss(model(params), target)
-
-    held_out = supervision.held_out()
-    log = train(model, loss_of_step, config.training, scratch, progress, "coarse", lambda: held_out(model.offsets))
-    return model, log
 
 
 def shape_facts(config) -> dict:

@@ -9,11 +9,8 @@ from jaxtyping import Float
 from torch import nn
 from torch.nn import functional
 
-from replicate.approximation.cnn import initialise
-from replicate.approximation.model import SegmentedModel, load_model, parameter_scale, save_model, target_lengths
-from replicate.approximation.segments import Segment, segment_vertices
-from replicate.approximation.supervision import Supervision
-from replicate.approximation.training import prepare, train
+from replicate.approximation.model import SegmentedModel, load_model, save_model
+from replicate.approximation.segments import Segment
 
 
 class DenseNetwork(nn.Module):
@@ -35,29 +32,6 @@ class DenseNetwork(nn.Module):
 def make_network(segment: Segment, facts: dict) -> DenseNetwork:
     """Return a network for a segment; facts: hidden, leaky_slope."""
     return DenseNetwork(len(segment.parameters), len(segment.vertices), facts["hidden"], facts["leaky_slope"])
-
-
-def train_dense(mesh, segments: Sequence[Segment], samples, config, scratch: Path, progress, seed: int, device="cpu"):
-    """Train the dense baseline with the CNN's loss, samples and loop; return (SegmentedModel, log).
-
-    config: a DenseConfig; the other arguments as in `cnn.train_coarse`.
-    """
-    device = prepare(device)
-    supervision = Supervision(mesh, samples, segment_vertices(segments), config.normal_weight, device)
-    _, offsets = supervision.statistics()
-    networks = [make_network(segment, shape_facts(config)) for segment in segments]
-    initialise(nn.ModuleList(networks), config.leaky_slope, torch.Generator().manual_seed(seed))
-    lengths = target_lengths(segments, offsets)
-    scale = parameter_scale(samples.params)
-    model = SegmentedModel(networks, segments, scale, lengths, len(mesh.neutral)).to(device)
-
-    def loss_of_step(step: int) -> torch.Tensor:
-        params, target = supervision.batch(seed, "dense", step, config.training.batch)
-        return supervision.loss(model(params), target)
-
-    held_out = supervision.held_out()
-    log = train(model, loss_of_step, config.training, scratch, progress, "dense", lambda: held_out(model.offsets))
-    return model, log
 
 
 def shape_facts(config) -> dict:

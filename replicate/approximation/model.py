@@ -21,6 +21,8 @@ from torch import nn
 from replicate.approximation.segments import Segment, segment_vertices
 from replicate.errors import InputError
 
+OUTPUT_SHARE = 0.1  # of the size of its targets: what a fresh network gives
+
 
 class SegmentedModel(nn.Module):
     """Networks side by side, each (b, j) scaled parameters → (b, k, 3) offsets of its segment.
@@ -64,6 +66,38 @@ class SegmentedModel(nn.Module):
     def size_mb(self) -> float:
         """Return the size of all trained weights as float32, in MB of 10⁶ bytes (Table 1)."""
         return sum(weight.numel() for weight in self.networks.parameters()) * 4 / 1e6
+
+
+def fresh_model(
+    networks: Sequence[nn.Module],
+    segments: Sequence[Segment],
+    params: Float[np.ndarray, "N m"],
+    targets: Float[np.ndarray, "b n 3"],
+    slope: float,
+    seed: int,
+) -> SegmentedModel:
+    """Return a model to be trained, its weights drawn from `seed`.
+
+    params: the training poses, for their scale. targets: what the model is to give at some of them, for its lengths.
+    """
+    initialise(nn.ModuleList(networks), slope, torch.Generator().manual_seed(seed))
+    scale, lengths = parameter_scale(params), target_lengths(segments, targets)
+    return SegmentedModel(networks, segments, scale, lengths, targets.shape[1])
+
+
+def initialise(networks: nn.ModuleList, slope: float, generator: torch.Generator) -> None:
+    """Draw weights that keep the variance through leaky ReLUs (He et al. 2015), a tenth of that for each `output`.
+
+    Biases start at zero. So a fresh network gives a tenth of the offsets' size, and has little noise to unlearn.
+    """
+    gain = (2 / (1 + slope**2)) ** 0.5
+    with torch.no_grad():
+        for layer in networks.modules():
+            if isinstance(layer, nn.Linear | nn.Conv2d):
+                layer.weight.normal_(0, gain / layer.weight[0].numel() ** 0.5, generator=generator)
+                layer.bias.zero_()
+        for network in networks:
+            network.output.weight.mul_(OUTPUT_SHARE)
 
 
 def parameter_scale(params: Float[np.ndarray, "N m"]) -> Float32[np.ndarray, " m"]:

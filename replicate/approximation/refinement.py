@@ -10,10 +10,9 @@ import torch
 from jaxtyping import Bool, Float, Float32, Float64, Int
 from sklearn.cluster import KMeans
 from threadpoolctl import threadpool_limits
-from torch import nn
 
-from replicate.approximation.cnn import initialise, make_network, shape_facts
-from replicate.approximation.model import SegmentedModel, load_model, parameter_scale, target_lengths
+from replicate.approximation.cnn import make_network, shape_facts
+from replicate.approximation.model import SegmentedModel, fresh_model, load_model
 from replicate.approximation.segments import Segment, make_segment, segment_vertices
 from replicate.approximation.supervision import Supervision
 from replicate.approximation.training import prepare, train
@@ -149,17 +148,15 @@ def train_refined(
 
     The loss is Eq. 1 of Δ + δ, restricted to the faces that touch a refined vertex, since nothing else can change. The
     coarse networks that reach those faces are evaluated with every batch: for a few charts of a face that costs a
-    millisecond, and no table of predictions for all samples has to be kept. Other arguments as in `train_coarse`.
+    millisecond, and no table of predictions for all samples has to be kept. Other arguments as in `train_segments`.
     """
     device = prepare(device)
     changed = segment_vertices(segments)
     supervision = Supervision(mesh, samples, coarse.vertices, config.normal_weight, device, changed)
     params, offsets = supervision.statistics()
-    lengths = target_lengths(segments, offsets - coarse.offsets(params))
     networks = [make_network(segment, shape_facts(config)) for segment in segments]
-    initialise(nn.ModuleList(networks), config.leaky_slope, torch.Generator().manual_seed(seed))
-    scale = parameter_scale(samples.params)
-    residual = SegmentedModel(networks, segments, scale, lengths, len(mesh.neutral)).to(device)
+    targets = offsets - coarse.offsets(params)
+    residual = fresh_model(networks, segments, samples.params, targets, config.leaky_slope, seed).to(device)
     coarse = coarse.to(device)
     kept = [k for k, s in enumerate(coarse.segments) if np.isin(s.vertices, supervision.vertices).any()]
     below = coarse.part(kept)
@@ -172,8 +169,7 @@ def train_refined(
             base = below(given)[:, source]
         return supervision.loss(base.index_add(1, target, residual(given)), truth)
 
-    held_out = supervision.held_out(coarse.offsets)
-    measure = partial(held_out, residual.offsets)
+    measure = partial(supervision.validation(coarse.offsets), residual.offsets)
     log = train(residual, loss_of_step, config.training, scratch, progress, "refined", measure)
     return RefinedModel(coarse, residual), log
 

@@ -1,4 +1,4 @@
-"""What a network is held to: batches of training samples, Eq. 1 over its part of the mesh, a held-out check."""
+"""What a network is held to: batches of training samples, Eq. 1 over its part of the mesh, validation."""
 
 from collections.abc import Callable
 
@@ -11,7 +11,6 @@ from replicate.losses import FacialLoss
 from replicate.mesh import Mesh
 from replicate.metrics import normal_error, vertex_error
 
-HELD_OUT = 48  # test poses that the training log is measured on, spread over the test set; they steer no step (see D6)
 STATISTICS = 512  # training samples, spread over the set, that output lengths are taken from
 
 
@@ -53,16 +52,15 @@ class Supervision:
     def _tensor(self, array: np.ndarray) -> torch.Tensor:
         return torch.from_numpy(np.ascontiguousarray(array, np.float32)).to(self.device)
 
-    def held_out(
+    def validation(
         self, base: Callable[[np.ndarray], np.ndarray] | None = None
     ) -> Callable[[Callable[[np.ndarray], np.ndarray]], tuple[float, float]]:
-        """Return a function from a predictor of offsets to its mean errors (mm, degrees) on some test poses.
+        """Return a function from a predictor of offsets to its mean errors (mm, degrees) on the validation poses.
 
         base: a fixed predictor, evaluated once, that the measured one adds to.
         """
-        chosen = spread(len(self.samples.test_params), HELD_OUT)
-        params = np.asarray(self.samples.test_params[chosen])
-        truth = self.mesh.neutral + np.asarray(self.samples.test_offsets[chosen])
+        params = np.asarray(self.samples.validation_params)
+        truth = self.mesh.neutral + np.asarray(self.samples.validation_offsets)
         start = self.mesh.neutral + (base(params) if base else np.float32(0))
 
         def measure(predict: Callable[[np.ndarray], np.ndarray]) -> tuple[float, float]:

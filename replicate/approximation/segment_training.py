@@ -1,0 +1,44 @@
+"""Training one network a segment from nothing: what the coarse CNN and the dense baseline share (§3.5, §5.1)."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from torch import nn
+
+from replicate.approximation.model import SegmentedModel, fresh_model
+from replicate.approximation.segments import Segment, segment_vertices
+from replicate.approximation.supervision import Supervision
+from replicate.approximation.training import prepare, train
+
+
+def train_segments(
+    mesh,
+    segments: Sequence[Segment],
+    networks: Sequence[nn.Module],
+    samples,
+    config,
+    scratch: Path,
+    progress,
+    stream: str,
+    seed: int,
+    device="cpu",
+) -> tuple[SegmentedModel, list[dict]]:
+    """Train the networks of some segments together on Eq. 1; return (SegmentedModel, log).
+
+    networks: one a segment; their weights are drawn anew. samples: a SampleSet. config: a CoarseConfig or DenseConfig.
+    scratch: a folder of this training's own, continued from if it holds a checkpoint. progress: as for
+    `training.train`. stream: names the training, in its progress and as its stream of random batches. The log's mm
+    and degrees are those of the validation poses, over all segments.
+    """
+    device = prepare(device)
+    supervision = Supervision(mesh, samples, segment_vertices(segments), config.normal_weight, device)
+    _, offsets = supervision.statistics()
+    model = fresh_model(networks, segments, samples.params, offsets, config.leaky_slope, seed).to(device)
+
+    def loss_of_step(step: int):
+        params, target = supervision.batch(seed, stream, step, config.training.batch)
+        return supervision.loss(model(params), target)
+
+    validation = supervision.validation()
+    log = train(model, loss_of_step, config.training, scratch, progress, stream, lambda: validation(model.offsets))
+    return model, log
