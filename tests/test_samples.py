@@ -99,9 +99,7 @@ def test_no_test_pose_is_a_frame_of_training(tmp_path):
 
 def test_validation_poses_are_frames_that_neither_training_nor_test_holds(tmp_path):
     rig = Waves(clips())
-    data = write(
-        tmp_path, rig, config(low=1.0, high=1.0, count=5_000)
-    )  # frames stay themselves
+    data = write(tmp_path, rig, config(low=1.0, high=1.0, count=5_000))  # frames stay themselves
     animation = {pose.tobytes() for clip in rig.clips for pose in clip.values}
     sets = [{pose.tobytes() for pose in poses} for poses in (data.validation_params, data.test_params, data.params)]
     assert [len(poses) for poses in sets[:2]] == [20, 30] and set.union(*sets) == animation

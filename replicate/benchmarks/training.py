@@ -1,0 +1,141 @@
+"""What decides the networks' errors: peak rates, the balanced draws of §3.5, the number of samples, and steps.
+
+`make bench-training` trains each method several times with one thing changed and compares the errors on the validation
+poses, which are held out of the training animation; test poses are not looked at. Peak rates are tried for every method
+alike, at the same short schedule. Trainings go through the cache like any stage, so that a stopped run goes on.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from replicate import paths
+from replicate.config import Config, resolve
+from replicate.errors import InputError, RunError
+from replicate.evaluation.curves import read_log
+from replicate.evaluation.results import Row, write_results
+from replicate.evaluation.tables import Table, as_text, rounded
+from replicate.pipeline import table2_graph
+from replicate.provenance import core_count, provenance
+from replicate.scheduler import run
+from replicate.stages import Stage, in_order
+from replicate.store import artefact_folder
+
+SECTIONS = {"coarse": "coarse", "refined": "refinement", "dense": "dense"}
+RATES = (2e-3, 5e-3, 1.2e-2)
+STEPS = 4_000  # of the short schedule that rates are compared at
+FLOORS = {"coarse": "floor", "refined": "floor_refined"}
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One training: which method's, what is changed in words, and as overrides of the profile."""
+
+    method: str
+    change: str
+    overrides: dict
+
+
+def variants(steps: int) -> list[Variant]:
+    """Return all trainings: peak rates at a schedule of `steps`, then changes to the profile's own schedule."""
+    short = {"training": {"steps": steps}}
+    found = [Variant("coarse", f"{rate:g}, {steps:,} steps", {"coarse": _at(rate, steps)}) for rate in RATES]
+    for rate in RATES:
+        overrides = {"coarse": short, "refinement": _at(rate, steps)}
+        found.append(Variant("refined", f"{rate:g}, {steps:,} steps", overrides))
+    found += [Variant("dense", f"{rate:g}, {steps:,} steps", {"dense": _at(rate, steps)}) for rate in RATES]
+    for method in SECTIONS:
+        found.append(Variant(method, "as the profile", {}))
+        found.append(Variant(method, "uniform draws", {"samples": {"bins": 1}}))
+    return found
+
+
+def _at(rate: float, steps: int) -> dict:
+    return {"training": {"steps": steps, "peak_rate": rate}}
+
+
+def stages_of(config: Config, method: str) -> dict[str, Stage]:
+    """Return the stages that a method's training and its floor need, by name."""
+    wanted = next(stage for stage in in_order(table2_graph(config)) if stage.name == method)
+    return {stage.name: stage for stage in in_order([wanted])}
+
+
+def measured(stages: dict[str, Stage], method: str) -> tuple[float, float]:
+    """Return a finished training's validation errors (mm, degrees): the last row of its log."""
+    *_, last = read_log(artefact_folder(stages[method].identifier) / "log.csv")
+    return last[2], last[3]
+
+
+def floor_deg(stages: dict[str, Stage], config: Config, refined: bool) -> float:
+    """Return the projection floor's mean normal error on the validation poses, as the log measures it."""
+    from replicate.approximation.segments import load_segments, segment_vertices
+    from replicate.approximation.supervision import Supervision
+    from replicate.deformation_map import Floor
+    from replicate.mesh import Mesh
+    from replicate.samples import SampleSet
+    from replicate.stage_bodies import load_coarse_segments
+
+    inputs = {name: artefact_folder(stage.identifier) for name, stage in stages.items()}
+    mesh, samples = Mesh.load(inputs["rig"] / "mesh.npz"), SampleSet.open(inputs["samples"])
+    segments = load_coarse_segments(inputs, mesh)
+    squares = load_segments(inputs["selection"] / "segments.npz") if refined else ()
+    floor = Floor(segments, config.coarse.map_size, squares, config.refinement.map_size)
+    supervision = Supervision(mesh, samples, segment_vertices(segments), 1.0, "cpu")
+    return supervision.validation()(lambda _: floor(np.asarray(samples.validation_offsets)))[1]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the comparison from the command line; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.training", description=__doc__)
+    parser.add_argument("--profile", default="laptop", help="whose numbers are changed (default: laptop)")
+    parser.add_argument("--characters", default="teen", help="a name or recipe (default: teen)")
+    parser.add_argument("--steps", type=int, default=STEPS, help=f"of the short schedule (default: {STEPS})")
+    parser.add_argument("--only", default="", help="only trainings whose description contains this, as `dense`")
+    options = parser.parse_args(arguments)
+    try:
+        table, rows = compare(options)
+    except (InputError, RunError) as error:
+        print(error, file=sys.stderr)
+        return 2 if isinstance(error, InputError) else 1
+    print(as_text(table))
+    folder = paths.run_folder("bench")
+    folder.mkdir(parents=True, exist_ok=True)
+    write_results(folder / "bench_training.csv", rows)
+    print(f"written to {paths.shown(folder)}: bench_training.csv")
+    return 0
+
+
+def compare(options: argparse.Namespace) -> tuple[Table, list[Row]]:
+    """Train all variants and return their validation errors, as a table and as rows."""
+    chosen = [v for v in variants(options.steps) if options.only in f"{v.method}, {v.change}"]
+    if not chosen:
+        raise InputError(f"only is {options.only!r}: no training is called so; leave it out to see their names")
+    configs = [resolve(options.characters, options.profile, variant.overrides) for variant in chosen]
+    graphs = [stages_of(config, variant.method) for config, variant in zip(configs, chosen, strict=True)]
+    facts = provenance(["make", "bench-training"], options.profile, [0], core_count())
+    run([graph[variant.method] for graph, variant in zip(graphs, chosen, strict=True)], facts=facts)
+    rows, lines = [], []
+    for variant, config, graph in zip(chosen, configs, graphs, strict=True):
+        mm, degrees = measured(graph, variant.method)
+        found = {"validation_vertex_error": ("mm", mm), "validation_normal_error": ("deg", degrees)}
+        cells = [rounded(mm, "mm"), rounded(degrees, "deg"), ""]
+        if variant.method in FLOORS:
+            found["normal_error_over_floor"] = (
+                "ratio",
+                degrees / floor_deg(graph, config, variant.method == "refined"),
+            )
+            cells[2] = rounded(found["normal_error_over_floor"][1], "ratio")
+        for metric, (unit, value) in found.items():
+            what = ("bench_training", graph["rig"].label, variant.method, f"{metric}[{variant.change}]", unit, value)
+            rows.append(Row(*what, None, 1, config.samples.validation, config.profile, "bench-training"))
+        lines.append((variant.method, variant.change, *cells))
+    header = ("", "peak rate or change", "mm", "degrees", "degrees / floor")
+    note = f"errors on {configs[0].samples.validation} poses held out of the training animation; one seed."
+    return Table("Trainings compared", (header,), tuple(lines), (note,)), rows
+
+
+if __name__ == "__main__":
+    sys.exit(main())
