@@ -31,7 +31,7 @@ class Acting:
     """How a character acts. Shares are of a full performance; times are in seconds."""
 
     seed: int = _count(1, 0, 2**31)
-    clips: int = _count(40, 1, 1000)
+    clips: int = _count(40, 0, 1000)
     clip_s: float = _number(8.5, 1.0, 120.0)  # mean length
     tempo: float = _number(1.0, 0.3, 3.0)
     intensity: float = _number(1.0, 0.05, 1.5)

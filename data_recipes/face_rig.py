@@ -45,6 +45,7 @@ def build(name_or_recipe: str | Path) -> Rig:
     Raises InputError for anything in the recipe that cannot be.
     """
     from data_recipes.animation import act
+    from data_recipes.clip_file import read_clip
     from data_recipes.deformers.face_build import build_constants
     from data_recipes.deformers.face_points import control_points
     from data_recipes.deformers.sculpting import Sculptor
@@ -53,9 +54,10 @@ def build(name_or_recipe: str | Path) -> Rig:
 
     recipe = load_recipe(name_or_recipe)
     controls = make_controls(asdict(recipe.controls), recipe.file)
+    clips = [Clip(Path(file).stem, read_clip(Path(file), controls)) for file in recipe.clip_files]
+    clips = [Clip(name, values) for name, values in act(controls, recipe.acting)] + clips
     head = build_head(recipe)
     points, regions = control_points(Sculptor(head))
-    clips = tuple(Clip(name, values) for name, values in act(controls, recipe.acting))
     constants = build_constants(head, controls)
     mesh = Mesh(
         neutral=head.vertices.astype(np.float32),
@@ -72,7 +74,7 @@ def build(name_or_recipe: str | Path) -> Rig:
         landmark_names=tuple(head.landmarks),
         control_points=points,
         control_point_regions=regions,
-        clips=clips,
+        clips=tuple(clips),
         function=face_function(constants),
         face=FaceParts(constants, props.rest_props(head)),
     )

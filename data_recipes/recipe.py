@@ -7,7 +7,7 @@ Every key has a default, a type and a range (see `data_recipes.recipe_sections`)
 from __future__ import annotations
 
 import tomllib
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,11 +19,17 @@ from replicate.errors import InputError
 
 @dataclass(frozen=True)
 class Recipe:
-    """One character. `vertices` is the exact count that the built head must have."""
+    """One character.
+
+    vertices: the exact count that the built head must have. clip_files: animation of one's own as CSV (see
+    `clip_file`), beside the invented acting or, with acting.clips = 0, instead of it; in the file their paths are
+    relative to its folder.
+    """
 
     name: str
     vertices: int
     file: str = "<memory>"
+    clip_files: tuple[str, ...] = field(default=(), metadata={"kind": "files"})
     skull: Skull = field(default_factory=Skull)
     nose: Nose = field(default_factory=Nose)
     eyes: Eyes = field(default_factory=Eyes)
@@ -69,7 +75,8 @@ def load_recipe(name_or_path: str | Path) -> Recipe:
         raise InputError(f"{path}: found {found}, allowed is a recipe in TOML") from error
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: found broken TOML ({error}), allowed is a recipe in TOML") from error
-    return _check(_read(Recipe, table, str(path), "", {"file": path.name}))
+    recipe = _check(_read(Recipe, table, str(path), "", {"file": path.name}))
+    return replace(recipe, clip_files=tuple(str(path.parent / name) for name in recipe.clip_files))
 
 
 def _read(kind: type, table: dict, file: str, prefix: str, given: dict) -> Any:
@@ -106,6 +113,10 @@ def _value(found: Any, spec: Field) -> Any:
         if found not in rule["options"]:
             raise ValueError("one of " + ", ".join(rule["options"]))
         return found
+    if kind == "files":
+        if not isinstance(found, list) or not all(isinstance(item, str) and item for item in found):
+            raise ValueError("a list of paths of CSV files")
+        return tuple(found)
     lower, upper = rule["range"]
     if kind == "number":
         return _number(found, lower, upper, f"a number from {lower:g} to {upper:g}")
@@ -192,4 +203,7 @@ def _check(recipe: Recipe) -> Recipe:
     hold(not (tongue.cap[0] % 2 or tongue.cap[1] % 2), "tongue.cap", list(tongue.cap), "two even numbers")
     pupil, iris = recipe.eyes.pupil_deg, recipe.eyes.iris_deg
     hold(pupil < iris, "eyes.pupil_deg", pupil, f"below iris_deg = {iris:g}")
+    hold(bool(recipe.acting.clips or recipe.clip_files), "acting.clips", 0, "1 or more where clip_files names none")
+    names = [Path(name).stem for name in recipe.clip_files]
+    hold(len(set(names)) == len(names), "clip_files", list(recipe.clip_files), "files of different names")
     return recipe

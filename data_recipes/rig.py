@@ -29,6 +29,7 @@ from data_recipes.sampling import (
 )
 from replicate.errors import InputError
 from replicate.mesh import Mesh
+from replicate.paths import recipe_file
 
 __all__ = [
     "Clip",
@@ -43,6 +44,7 @@ __all__ = [
     "expression_poses",
     "hold_out",
     "load_rig",
+    "recipe_files",
     "rig_names",
     "sample_uniform",
     "save_rig",
@@ -220,6 +222,16 @@ def rig_names() -> tuple[str, ...]:
     from data_recipes.recipe import recipe_names
 
     return recipe_names()
+
+
+def recipe_files(name_or_recipe: str | Path) -> tuple[Path, ...]:
+    """Return the files that a character is made of: its recipe and the clips that this names.
+
+    Raises InputError for a bad recipe.
+    """
+    from data_recipes.recipe import load_recipe
+
+    return recipe_file(str(name_or_recipe)), *map(Path, load_recipe(name_or_recipe).clip_files)
 
 
 def build_rig(name_or_recipe: str | Path) -> Rig:

@@ -6,6 +6,7 @@ rig ─┬─ samples ──┬─ rigid ─┬─ coarse ───┬─ refine
      samples ── lbs16, lbs24, lbs32         each method ── its errors ── table2
 """
 
+from data_recipes.rig import recipe_files
 from replicate.config import Config
 from replicate.paths import recipe_file
 from replicate.stage_bodies import Character, Measured, Reported, Section, Selection
@@ -21,7 +22,7 @@ def table2_graph(config: Config) -> list[Stage]:
     def stage(name: str, settings: object, *inputs: Stage, body: str = "", files: tuple = ()) -> Stage:
         return Stage(name, f"{BODIES}:make_{body or name}", settings, inputs, label, files)
 
-    rig = stage("rig", Character(config.character), files=(recipe_file(config.character),))
+    rig = stage("rig", Character(config.character), files=recipe_files(config.character))
     samples = stage("samples", Section(config.samples, config.seed), rig)
     influence = stage("influence", Section(config.samples, config.seed), rig)
     rigid = stage("rigid", Section(config.rigid, config.seed), rig, samples)

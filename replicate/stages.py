@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from replicate.checked import to_json
+from replicate.errors import InputError
 from replicate.progress import Progress, progress
 from replicate.sources import sources_digest
 
@@ -53,7 +54,7 @@ class Stage:
             "inputs": [stage.key for stage in self.inputs],
             "sources": sources_digest(self.function),
             "draws": sources_digest(f"{__name__}:stream_rng"),
-            "files": [hashlib.sha256(Path(file).read_bytes()).hexdigest() for file in self.files],
+            "files": [_file_digest(Path(file)) for file in self.files],
         }
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
@@ -61,6 +62,13 @@ class Stage:
     def identifier(self) -> str:
         """The name of the artefact's folder in the cache."""
         return f"{self.title}-{self.key}"
+
+
+def _file_digest(file: Path) -> str:
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(f"{file}: found no readable file ({error.strerror})") from error
 
 
 @dataclass(frozen=True)

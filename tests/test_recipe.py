@@ -76,6 +76,7 @@ def test_a_key_left_out_keeps_its_default_and_a_given_one_counts(tmp_path):
         ("[tongue]\ngum_columns_lower = 6", "'tongue.gum_columns_lower': found 6, allowed is an odd number"),
         ("[mouth]\nbag_rings = [[0, 1]]", "'mouth.bag_rings': found [[0, 1]], allowed is rows of 3 numbers"),
         ("[controls]\nface = 53", "'controls.face': found 53, allowed is a whole number from 0 to 52"),
+        ("[acting]\nclips = 0", "'acting.clips': found 0, allowed is 1 or more where clip_files names none"),
         ("[acting]\nholds = 2", "'acting.holds': found 2, allowed is a number from 0 to 1"),
     ],
 )
@@ -117,6 +118,8 @@ def test_a_template_whose_parts_collide_is_refused(tmp_path, line, sentence):
         ('name = "a b"\nvertices = 9', "'name': found 'a b', allowed is a name of letters, digits and _"),
         ('name = "a"\nvertices = 0', "'vertices': found 0, allowed is a whole number of 1 or more"),
         ('name = "a"\nvertices = 9\neyes = 3', "'eyes': found 3, allowed is a table [eyes]"),
+        ('name = "a"\nvertices = 9\nclip_files = "a.csv"', "'clip_files': found 'a.csv', allowed is a list of paths"),
+        ('name = "a"\nvertices = 9\nclip_files = ["a/x.csv", "b/x.csv"]', "allowed is files of different names"),
         ("name = ", "found broken TOML"),
     ],
 )

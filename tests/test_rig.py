@@ -11,9 +11,10 @@ import pytest
 
 from data_recipes.animation import act
 from data_recipes.recipe import load_recipe
-from data_recipes.rig import Clip, Control, Rig, build_rig, check_rig, load_rig, rig_names, save_rig
+from data_recipes.rig import Clip, Control, Rig, build_rig, check_rig, load_rig, recipe_files, rig_names, save_rig
 from replicate.errors import InputError
 from replicate.mesh import Mesh, face_normals
+from replicate.paths import RECIPES
 
 
 @pytest.fixture(scope="module")
@@ -246,6 +247,23 @@ def test_a_recipes_clips_are_its_acting(tiny):
     played = act(tiny.controls, recipe.acting)
     assert [clip.name for clip in tiny.clips] == [name for name, _ in played]
     np.testing.assert_array_equal(tiny.clips[3].values, played[3][1])
+
+
+def test_a_recipe_can_bring_its_own_clips_in_place_of_acting(tmp_path):
+    text = (RECIPES / "tiny.toml").read_text(encoding="utf-8")
+    assert "[acting]" not in text
+    text += "\n[acting]\nclips = 0\n"
+    (tmp_path / "shots").mkdir()
+    (tmp_path / "shots" / "nod.csv").write_text("squash,jaw_open\n0,0\n0.5,0.25\n", encoding="utf-8")
+    recipe = tmp_path / "mine.toml"
+    recipe.write_text('clip_files = ["shots/nod.csv"]\n' + text, encoding="utf-8")
+    assert recipe_files(recipe) == (recipe, tmp_path / "shots" / "nod.csv")
+    rig = build_rig(recipe)
+    columns = [control.name for control in rig.controls]
+    (clip,) = rig.clips
+    assert clip.name == "nod" and clip.values.shape == (2, len(columns))
+    assert [clip.values[1, columns.index(name)] for name in ("squash", "jaw_open")] == [0.5, 0.25]
+    assert np.count_nonzero(clip.values) == 2
 
 
 # -- rigs that users bring ---------------------------------------------------------------------------------------
