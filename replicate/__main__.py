@@ -58,8 +58,9 @@ def configurations(options: argparse.Namespace) -> list[Config]:
     overrides = {"samples": {"split": options.split}} if options.split else None
     file = Path(options.config) if options.config else None
     return [
-        resolve(character, options.profile, overrides, file, seed=options.seed, device=device)
+        resolve(character, options.profile, overrides, file, seed=seed, device=device)
         for character in _characters(options)
+        for seed in _seeds(options)
     ]
 
 
@@ -68,6 +69,14 @@ def _characters(options: argparse.Namespace) -> list[str]:
     if not characters:
         raise InputError(f"no character is named: allowed are {', '.join(paths.character_names())}")
     return characters
+
+
+def _seeds(options: argparse.Namespace) -> list[int]:
+    seeds = " ".join(options.seed).replace(",", " ").split()
+    for seed in seeds:
+        if not seed.isdecimal():
+            raise InputError(f"seed is {seed!r}: allowed are whole numbers of at least 0")
+    return list(dict.fromkeys(map(int, seeds))) or [0]
 
 
 def _table2(options: argparse.Namespace) -> None:
@@ -142,7 +151,11 @@ _OPTIONS = {
         "nargs": "+",
         "help": f"names, of {', '.join(paths.character_names())}, or paths of .toml recipes (default: teen)",
     },
-    "seed": {"type": int, "help": "the seed that all random streams come from (default: 0)"},
+    "seed": {
+        "default": ["0"],
+        "nargs": "+",
+        "help": "the seeds that all random streams come from; tables show the mean over them (default: 0)",
+    },
     "device": {"default": "auto", "help": "auto, cpu or cuda (default: CUDA if there is one, else the CPU)"},
     "jobs": {"type": int, "help": f"processes side by side (default: one a core, here {core_count()})"},
     "config": {"metavar": "FILE", "help": "a TOML file whose keys override the profile's, as [coarse] map_size = 64"},

@@ -17,12 +17,14 @@ BODIES = "replicate.stage_bodies"
 
 def table2_graph(config: Config) -> list[Stage]:
     """Return the stages of one character's Table 2; its table is the last, the slow ones come first."""
-    label = recipe_file(config.character).stem
+    character = recipe_file(config.character).stem
+    label = f"{character}-seed{config.seed}" if config.seed else character
 
-    def stage(name: str, settings: object, *inputs: Stage, body: str = "", files: tuple = ()) -> Stage:
-        return Stage(name, f"{BODIES}:make_{body or name}", settings, inputs, label, files)
+    def stage(name: str, settings: object, *inputs: Stage, body: str = "") -> Stage:
+        return Stage(name, f"{BODIES}:make_{body or name}", settings, inputs, label)
 
-    rig = stage("rig", Character(config.character), files=recipe_files(config.character))
+    files = recipe_files(config.character)
+    rig = Stage("rig", f"{BODIES}:make_rig", Character(config.character), label=character, files=files)
     samples = stage("samples", Section(config.samples, config.seed), rig)
     influence = stage("influence", Section(config.samples, config.seed), rig)
     rigid = stage("rigid", Section(config.rigid, config.seed), rig, samples)
@@ -57,6 +59,6 @@ def table2_graph(config: Config) -> list[Stage]:
         own = refit if method.startswith("lbs") else maps if method.startswith("floor") else {}
         settings = Measured(method, poses, numbers.batch, config.seed, **own)
         errors.append(stage(f"errors_{method}", settings, rig, samples, wrinkled, *inputs, body="errors"))
-    reported = Reported(label, config.profile, config.seed)
+    reported = Reported(character, config.profile, config.seed)
     table = stage("table2", reported, rig, samples, wrinkled, rigid, coarse, selection, refined, dense, *errors)
     return [coarse, refined, dense, *reversed(skins), *errors, table]

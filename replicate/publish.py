@@ -8,13 +8,12 @@ from pathlib import Path
 
 from replicate import paths
 from replicate.config import Config
-from replicate.evaluation.character import run_name
 from replicate.evaluation.curves import read_curves, write_curves
-from replicate.evaluation.results import Row, read_results, write_results
+from replicate.evaluation.results import Row, over_seeds, read_results, write_results
 from replicate.evaluation.table2 import table2
 from replicate.evaluation.tables import as_text
 from replicate.provenance import stage_facts
-from replicate.stages import Stage, input_names
+from replicate.stages import Stage
 from replicate.store import artefact_folder, read_manifest
 
 MANIFEST = "manifest.json"
@@ -23,27 +22,32 @@ MANIFEST = "manifest.json"
 def publish_table2(configs: Sequence[Config], tables: Sequence[Stage]) -> None:
     """Write Table 2 of some characters to the profile's folder, print it, and execute its notebook if it is stale.
 
-    tables: each configuration's last stage. Results of characters that are not among them stay in the folder. Where a
-    number comes from is read from the artefacts, so publishing again changes nothing.
+    tables: each configuration's last stage. Configurations of one character differ in their seeds: its numbers are the
+    means over them, its curves and pictures those of the first. Results of characters that are not among them stay in
+    the folder. Where a number comes from is read from the artefacts, so publishing again changes nothing.
     """
     profile = configs[0].profile
     folder = paths.run_folder(profile)
     folder.mkdir(parents=True, exist_ok=True)
     rows, curves, manifest = _present(folder)
+    seeded: dict[str, list[tuple[Config, Stage]]] = {}
     for config, stage in zip(configs, tables, strict=True):
-        character, made = stage.label, artefact_folder(stage.identifier)
-        rows = [row for row in rows if row.character != character] + read_results(made / "table2.csv")
+        seeded.setdefault(paths.recipe_file(config.character).stem, []).append((config, stage))
+    for character, runs in seeded.items():
+        made = [artefact_folder(stage.identifier) for _, stage in runs]
+        rows = [row for row in rows if row.character != character]
+        rows += over_seeds([read_results(folder / "table2.csv") for folder in made])
         curves = {key: curve for key, curve in curves.items() if key[0] != character}
-        curves |= read_curves(made / "table2_curves.csv")
-        shutil.copyfile(made / f"table2_{character}_pose.npz", folder / f"table2_{character}_pose.npz")
-        manifest[character] = _facts(config, stage)
+        curves |= read_curves(made[0] / "table2_curves.csv")
+        shutil.copyfile(made[0] / f"table2_{character}_pose.npz", folder / f"table2_{character}_pose.npz")
+        manifest[character] = _facts([config.seed for config, _ in runs], [stage for _, stage in runs], rows[-1].run)
     write_results(folder / "table2.csv", rows)
     write_curves(folder / "table2_curves.csv", curves)
     _write_manifest(folder / MANIFEST, {name: manifest[name] for name in sorted({row.character for row in rows})})
     _draw(folder, profile, configs[0].evaluation.heatmap_deg)
     paper = read_results(paths.PAPER / "table2.csv")
-    for stage in tables:
-        print(as_text(table2(rows, paper, stage.label)))
+    for character in seeded:
+        print(as_text(table2(rows, paper, character)))
     print(f"written to {paths.shown(folder)}: table2.csv, {MANIFEST}, figures, and table2.ipynb to read them in")
 
 
@@ -55,11 +59,10 @@ def _present(folder: Path) -> tuple[list[Row], dict, dict]:
     return read_results(folder / "table2.csv"), read_curves(folder / "table2_curves.csv"), manifest
 
 
-def _facts(config: Config, stage: Stage) -> dict:
+def _facts(seeds: list[int], tables: list[Stage], run: str) -> dict:
     """Return where one character's numbers come from: the run that made its table, and every stage behind it."""
-    manifest = read_manifest(artefact_folder(stage.identifier))
-    inputs = {name: artefact_folder(needed.identifier) for name, needed in input_names(stage.inputs).items()}
-    return {**manifest["run"], "seeds": [config.seed], "run": run_name(inputs), "stages": stage_facts([stage])}
+    manifest = read_manifest(artefact_folder(tables[0].identifier))
+    return {**manifest["run"], "seeds": seeds, "run": run, "stages": stage_facts(tables)}
 
 
 def _write_manifest(file: Path, characters: dict[str, dict]) -> None:

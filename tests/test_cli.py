@@ -65,8 +65,8 @@ def test_an_unknown_profile_is_refused_with_those_there_are(capsys, pipeline, co
     ("arguments", "named"),
     [
         (["--jobs", "0"], ["jobs is 0", "at least 1"]),
-        (["--seed", "-1"], ["seed is -1", "at least 0"]),
-        (["--seed", "one"], ["--seed", "'one'"]),
+        (["--seed=-1"], ["seed is '-1'", "at least 0"]),
+        (["--seed", "0,one"], ["seed is 'one'", "at least 0"]),
         (["--device", "tpu"], ["'tpu'", "auto, cpu, cuda"]),
         (["--split", "poses"], ["'poses'", "frames, clips"]),
         (["--config", "nowhere.toml"], ["nowhere.toml", "no such file"]),
@@ -85,14 +85,15 @@ def test_an_unknown_command_is_refused(capsys):
 
 
 def test_table2_runs_the_graph_of_every_character_and_publishes_once(capfd, cache, pipeline):
-    assert cli.main(["table2", "--profile", "quick", "--characters", "teen,dragon", "woman", "--seed", "4"]) == 0
+    assert cli.main(["table2", "--profile", "quick", "--characters", "teen,dragon", "woman", "--seed", "4", "2,4"]) == 0
     ((configs, tables),) = pipeline
-    assert [config.character for config in configs] == ["teen", "dragon", "woman"]
-    assert {(config.profile, config.seed) for config in configs} == {("quick", 4)}
-    assert [table.name for table in tables] == ["errors"] * 3
+    wanted = [(character, seed) for character in ("teen", "dragon", "woman") for seed in (4, 2)]
+    assert [(config.character, config.seed) for config in configs] == wanted
+    assert {config.profile for config in configs} == {"quick"}
+    assert [table.name for table in tables] == ["errors"] * 6
     facts = read_manifest(artefact_folder(tables[0].identifier))["run"]
-    assert facts["seeds"] == [4] and facts["command"].startswith("python -m replicate table2 ")
-    assert "made 6 of 6 artefacts" in capfd.readouterr().out
+    assert facts["seeds"] == [2, 4] and facts["command"].startswith("python -m replicate table2 ")
+    assert "made 12 of 12 artefacts" in capfd.readouterr().out
 
 
 def test_table2_again_has_nothing_to_do(capfd, cache, pipeline):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from replicate.errors import InputError
-from replicate.evaluation.results import COLUMNS, Row, find, read_results, write_results
+from replicate.evaluation.results import COLUMNS, Row, find, over_seeds, read_results, write_results
 
 ROW = Row(
     "table2",
@@ -138,3 +138,13 @@ def test_the_papers_headline_speed_ups_follow_from_table_3():
         return rig / find(rows, "table3", character, "refined", "time_high_end_cpu").value
 
     assert round(ratio("Toothless")) == 5 and round(ratio("Valka")) == 17
+
+
+def test_seeds_become_one_row_of_their_mean_and_standard_deviation():
+    runs = [[changed(value=value, run=run, poses=poses)] for value, run, poses in ((1.0, "a", 60), (3.0, "b", 50))]
+    runs[0].append(changed(method="refined", metric="normal_error_mean[face_4]", value=5.0))
+    mean, alone = over_seeds(runs)
+    assert (mean.value, mean.seeds, mean.poses) == (2.0, 2, 50) and mean.sd == pytest.approx(2**0.5)
+    assert (alone.value, alone.sd, alone.seeds) == (5.0, None, 1)
+    assert mean.run == alone.run and mean.run not in ("a", "b", "abc")
+    assert over_seeds(runs[:1]) == runs[0]

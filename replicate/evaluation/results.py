@@ -1,11 +1,13 @@
 """Results as tidy CSV: one row a number, full precision, sorted, so that two runs can be compared with `diff`."""
 
 import csv
+import hashlib
 import io
 import math
 import os
-from collections.abc import Iterable
-from dataclasses import astuple, dataclass, fields
+import statistics
+from collections.abc import Iterable, Sequence
+from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 
 from replicate.errors import InputError
@@ -82,6 +84,30 @@ def read_results(path: Path) -> list[Row]:
     rows = [_parsed(path, number, cells) for number, cells in enumerate(lines[1:], start=2)]
     _check_unique(path, rows)
     return rows
+
+
+def over_seeds(runs: Sequence[Sequence[Row]]) -> list[Row]:
+    """Return one row for each number of several runs that differ in their seeds alone: its mean and its spread.
+
+    A number that some runs lack (a fourth refinement segment, say) stands on the others. `poses` becomes the smallest
+    of the runs, since the test poses are drawn anew with every seed; `run` names all of them.
+    """
+    if len(runs) == 1:
+        return list(runs[0])
+    name = hashlib.sha256("\n".join(sorted({row.run for rows in runs for row in rows})).encode()).hexdigest()[:12]
+    same: dict[tuple, list[Row]] = {}
+    for rows in runs:
+        for row in rows:
+            same.setdefault(row.key, []).append(row)
+    merged = []
+    for found in same.values():
+        values = [row.value for row in found]
+        poses = [row.poses for row in found if row.poses is not None]
+        facts = {"value": statistics.fmean(values), "sd": None, "seeds": len(found), "run": name}
+        if len(values) > 1:
+            facts["sd"] = statistics.stdev(values)
+        merged.append(replace(found[0], **facts, poses=min(poses) if poses else None))
+    return merged
 
 
 def find(rows: Iterable[Row], table: str, character: str, method: str, metric: str) -> Row | None:

@@ -111,9 +111,10 @@ def _line(rows, paper, character: str, theirs: str | None, method: str) -> tuple
 
 def _about(rows: Sequence[Row], theirs: str | None) -> str:
     about = []
+    seeds = max((row.seeds or 0 for row in rows), default=0)
     if poses := max((row.poses or 0 for row in rows), default=0):
-        about.append(f"{poses:,} unique test poses")
-    if seeds := max((row.seeds or 0 for row in rows), default=0):
+        about.append(f"{poses:,} unique test poses" + (" or more a seed" if seeds > 1 else ""))
+    if seeds:
         about.append(f"{seeds} seeds, ± their standard deviation" if seeds > 1 else "one seed")
     about += [f"profile {name}" for name in sorted({row.profile for row in rows})]
     if theirs:
