@@ -35,7 +35,7 @@ RUN_OPTIONS = --profile "$(PROFILE)" --characters "$(CHARACTERS)" $(if $(SEED),-
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: help environment table2 compare rigs status test lint bench-rig bench-training clean clean-all
+.PHONY: help environment table2 compare rigs status test lint bench-rig bench-training bench-faults clean clean-all
 
 help: ## print this help
 	@echo "usage: make <target> [VARIABLE=value ...]"
@@ -73,6 +73,9 @@ bench-rig: $(ENVIRONMENT) ## poses per second of the rigs, batched and one at a 
 
 bench-training: $(ENVIRONMENT) ## what peak rates and balanced draws do to the networks' errors
 	@$(RUN) -m replicate.benchmarks.training --profile "$(PROFILE)" --characters "$(CHARACTERS)"
+
+bench-faults: $(ENVIRONMENT) ## what deliberate faults do to the numbers of Table 2
+	@$(RUN) -m replicate.benchmarks.faults --profile "$(PROFILE)" --characters "$(CHARACTERS)"
 
 clean: $(ENVIRONMENT) ## remove stale, damaged and unfinished artefacts from the cache
 	@$(RUN) -m replicate clean-cache

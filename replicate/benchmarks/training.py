@@ -16,7 +16,7 @@ from replicate import paths
 from replicate.config import Config, resolve
 from replicate.errors import InputError, RunError
 from replicate.evaluation.curves import read_log
-from replicate.evaluation.results import Row, write_results
+from replicate.evaluation.results import Row, read_results, write_results
 from replicate.evaluation.tables import Table, as_text, rounded
 from replicate.pipeline import table2_graph
 from replicate.provenance import core_count, provenance
@@ -93,7 +93,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--profile", default="laptop", help="whose numbers are changed (default: laptop)")
     parser.add_argument("--characters", default="teen", help="a name or recipe (default: teen)")
     parser.add_argument("--steps", type=int, default=STEPS, help=f"of the short schedule (default: {STEPS})")
-    parser.add_argument("--only", default="", help="only trainings whose description contains this, as `dense`")
+    parser.add_argument(
+        "--only", default="", help="only trainings whose description contains this; others stay in the file"
+    )
     options = parser.parse_args(arguments)
     try:
         table, rows = compare(options)
@@ -103,7 +105,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(as_text(table))
     folder = paths.run_folder("bench")
     folder.mkdir(parents=True, exist_ok=True)
-    write_results(folder / "bench_training.csv", rows)
+    file, measured_now = folder / "bench_training.csv", {row.key for row in rows}
+    kept = read_results(file) if options.only and file.is_file() else []
+    write_results(file, [row for row in kept if row.key not in measured_now] + rows)
     print(f"written to {paths.shown(folder)}: bench_training.csv")
     return 0
 

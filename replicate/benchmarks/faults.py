@@ -1,0 +1,164 @@
+"""What deliberate faults do to Table 2's numbers, so that the bands around the committed ones are known to bite.
+
+`make bench-faults` takes a run's networks, skins and attachments, breaks one thing at a time and measures again:
+texture coordinates flipped, a segment that predicts nothing, a refinement left out, teeth carried by others' vertices,
+half of the bones lost, networks trained without the normal term of Eq. 1. The sound run is measured on the same poses.
+`tests/test_reference.py` holds that every band of `tests/tolerances.toml` goes red under the fault that it names.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from replicate import paths
+from replicate.approximation.cnn import make_network
+from replicate.approximation.model import load_model
+from replicate.approximation.refinement import RefinedModel
+from replicate.config import Config, resolve
+from replicate.errors import InputError, RunError
+from replicate.evaluation.errors import Predictor, error_rows, evaluate, unique_poses
+from replicate.evaluation.methods import load_predictor
+from replicate.evaluation.results import Row, write_results
+from replicate.evaluation.tables import Table, as_text, rounded
+from replicate.mesh import Mesh
+from replicate.pipeline import table2_graph
+from replicate.progress import progress
+from replicate.provenance import core_count, provenance
+from replicate.rigid import Attachments, attach
+from replicate.samples import SampleSet
+from replicate.scheduler import run
+from replicate.stages import in_order
+from replicate.store import artefact_folder
+
+POSES = 128
+MEASURED = ("coarse", "refined", "floor", "neutral", "attachment", "lbs16", "lbs32")
+WITHOUT_NORMALS = {"coarse": {"normal_weight": 0.0}, "refinement": {"normal_weight": 0.0}}
+SHOWN = (("coarse", "vertex"), ("coarse", "normal"), ("refined", "vertex"), ("refined", "normal"), ("lbs32", "vertex"))
+
+
+def made(config: Config, wanted: Sequence[str]) -> tuple[dict[str, Path], dict[str, object]]:
+    """Return the artefacts behind some stages by the stages' names, made where missing, and the stages' settings."""
+    stages = in_order([stage for stage in in_order(table2_graph(config)) if stage.name in wanted])
+    run(stages, facts=provenance(["make", "bench-faults"], config.profile, [config.seed], core_count()))
+    folders = {stage.name: artefact_folder(stage.identifier) for stage in stages}
+    return folders, {stage.name: stage.config for stage in stages}
+
+
+def networks(inputs: dict[str, Path], flipped: bool = False) -> tuple:
+    """Return the coarse and the refined model of a run, reading their maps at (1 − u, v) if flipped."""
+
+    def make(segment, facts):
+        uv = np.ascontiguousarray(np.float32([1, 0]) + np.float32([-1, 1]) * segment.uv) if flipped else segment.uv
+        return make_network(replace(segment, uv=uv), facts)
+
+    coarse, residual = (load_model(inputs[name], make) for name in ("coarse", "refined"))
+    return coarse, RefinedModel(coarse, residual)
+
+
+def placed(mesh: Mesh, attachments: Attachments, model, kept: np.ndarray | None = None) -> Predictor:
+    """Return a model as a predictor; kept: which vertices it may move, all by default."""
+
+    def predict(params: np.ndarray, truth: np.ndarray) -> np.ndarray:
+        offsets = model.offsets(params)
+        return attach(mesh, attachments, mesh.neutral + (offsets if kept is None else offsets * kept[:, None]))
+
+    return predict
+
+
+def faults(config: Config) -> tuple[Mesh, SampleSet, Attachments, dict[str, dict[str, Predictor]]]:
+    """Return mesh, samples, attachments and, for every fault by name, what each measured method then predicts."""
+    errors = [f"errors_{method}" for method in MEASURED]
+    inputs, settings = made(config, errors)
+    broken, _ = made(replace_sections(config), ["refined"])
+    mesh, samples = Mesh.load(inputs["rig"] / "mesh.npz"), SampleSet.open(inputs["samples"])
+    attachments = Attachments.load(inputs["rigid"] / "attachments.npz")
+    load = partial(load_predictor, inputs=inputs, mesh=mesh, attachments=attachments)
+    sound = {method: load(settings[f"errors_{method}"]) for method in MEASURED}
+    place = partial(placed, mesh, attachments)
+    coarse, refined = networks(inputs)
+    flipped, both_flipped = networks(inputs, flipped=True)
+    unweighted, both_unweighted = networks(broken)
+    kept = mesh.segment != np.bincount(mesh.segment).argmax()  # all but the face
+    shifted = replace(attachments, vertex=np.roll(attachments.vertex, len(attachments.vertex) // 2, axis=0))
+    return (
+        mesh,
+        samples,
+        attachments,
+        {
+            "sound": sound,
+            "uv_flipped": sound | {"coarse": place(flipped), "refined": place(both_flipped)},
+            "segment_zeroed": sound | {"coarse": place(coarse, kept), "refined": place(refined, kept)},
+            "refinement_left_out": sound | {"refined": sound["coarse"]},
+            "teeth_on_wrong_vertices": sound | {"attachment": lambda params, truth: attach(mesh, shifted, truth)},
+            "half_of_the_bones": sound | {"lbs32": sound["lbs16"]},
+            "normals_unweighted": sound | {"coarse": place(unweighted), "refined": place(both_unweighted)},
+        },
+    )
+
+
+def replace_sections(config: Config) -> Config:
+    """Return the configuration whose networks are trained without the normal term of Eq. 1."""
+    sections = {name: replace(getattr(config, name), **changes) for name, changes in WITHOUT_NORMALS.items()}
+    return replace(config, **sections)
+
+
+def measure(config: Config, count: int) -> list[Row]:
+    """Return Table 2's rows under every fault on `count` test poses; the fault's name stands behind the table's."""
+    mesh, samples, attachments, broken = faults(config)
+    poses = unique_poses(samples.test_params)
+    poses = poses[np.linspace(0, len(poses) - 1, min(count, len(poses))).astype(int)]
+    given = (mesh, samples.test_params[poses], samples.test_offsets[poses])
+    character, rows = paths.recipe_file(config.character).stem, []
+    known: dict[Callable, object] = {}  # what a fault leaves alone is measured once
+    for name, predictors in broken.items():
+        missing = {method: predict for method, predict in predictors.items() if predict not in known}
+        with progress(len(poses), f"errors, {name}") as bar:
+            found = evaluate(*given, missing, attachments.segment, config.evaluation.batch, bar)
+        known |= {predict: found[method] for method, predict in missing.items()}
+        errors = {method: known[predict] for method, predict in predictors.items()}
+        for row in error_rows(character, errors, config.profile, "bench-faults"):
+            rows.append(replace(row, table=f"{row.table}@{name}"))
+    return rows
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the measurement from the command line; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.faults", description=__doc__.splitlines()[0])
+    parser.add_argument("--profile", default="laptop", help="whose networks are broken (default: laptop)")
+    parser.add_argument("--characters", default="teen", help="a name or recipe (default: teen)")
+    parser.add_argument("--poses", type=int, default=POSES, help=f"test poses to measure on (default: {POSES})")
+    options = parser.parse_args(arguments)
+    try:
+        if options.poses < 1:
+            raise InputError(f"poses is {options.poses}: allowed is a whole number of at least 1")
+        rows = measure(resolve(options.characters, options.profile), options.poses)
+    except (InputError, RunError) as error:
+        print(error, file=sys.stderr)
+        return 2 if isinstance(error, InputError) else 1
+    print(as_text(_table(rows)))
+    folder = paths.run_folder("bench")
+    folder.mkdir(parents=True, exist_ok=True)
+    write_results(folder / "bench_faults.csv", rows)
+    print(f"written to {paths.shown(folder)}: bench_faults.csv")
+    return 0
+
+
+def _table(rows: Sequence[Row]) -> Table:
+    found = {(row.table, row.method, row.metric): row for row in rows}
+    names = list(dict.fromkeys(row.table.partition("@")[2] for row in rows))
+    lines = []
+    for name in names:
+        shown = (found[f"table2@{name}", method, f"{kind}_error_mean"] for method, kind in SHOWN)
+        lines.append((name.replace("_", " "), *(rounded(row.value, row.unit) for row in shown)))
+    header = ("", *(f"{method}, {'mm' if kind == 'vertex' else 'degrees'}" for method, kind in SHOWN))
+    note = f"mean errors on {rows[0].poses} test poses."
+    return Table("Table 2's numbers under deliberate faults", (header,), tuple(lines), (note,))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
