@@ -17,7 +17,8 @@ from replicate.config import Config, resolve
 from replicate.errors import InputError, RunError
 from replicate.evaluation.curves import read_log
 from replicate.evaluation.results import Row, read_results, write_results
-from replicate.evaluation.tables import Table, as_text, rounded
+from replicate.evaluation.tables import as_text
+from replicate.evaluation.trainings import METRICS, TABLE, trainings_table
 from replicate.pipeline import table2_graph
 from replicate.provenance import core_count, provenance
 from replicate.scheduler import run
@@ -27,7 +28,7 @@ from replicate.store import artefact_folder
 SECTIONS = {"coarse": "coarse", "refined": "refinement", "dense": "dense"}
 RATES = (2e-3, 5e-3, 1.2e-2)
 STEPS = 4_000  # of the short schedule that rates are compared at
-FLOORS = {"coarse": "floor", "refined": "floor_refined"}
+FLOORS = ("coarse", "refined")  # the methods whose maps have one
 
 
 @dataclass(frozen=True)
@@ -98,11 +99,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     try:
-        table, rows = compare(options)
+        rows = compare(options)
     except (InputError, RunError) as error:
         print(error, file=sys.stderr)
         return 2 if isinstance(error, InputError) else 1
-    print(as_text(table))
+    print(as_text(trainings_table(rows)))
     folder = paths.run_folder("bench")
     folder.mkdir(parents=True, exist_ok=True)
     file, measured_now = folder / "bench_training.csv", {row.key for row in rows}
@@ -112,8 +113,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def compare(options: argparse.Namespace) -> tuple[Table, list[Row]]:
-    """Train all variants and return their validation errors, as a table and as rows."""
+def compare(options: argparse.Namespace) -> list[Row]:
+    """Train all variants and return their validation errors."""
     chosen = [v for v in variants(options.steps) if options.only in f"{v.method}, {v.change}"]
     if not chosen:
         raise InputError(f"only is {options.only!r}: no training is called so; leave it out to see their names")
@@ -121,24 +122,17 @@ def compare(options: argparse.Namespace) -> tuple[Table, list[Row]]:
     graphs = [stages_of(config, variant.method) for config, variant in zip(configs, chosen, strict=True)]
     facts = provenance(["make", "bench-training"], options.profile, [0], core_count())
     run([graph[variant.method] for graph, variant in zip(graphs, chosen, strict=True)], facts=facts)
-    rows, lines = [], []
+    rows = []
     for variant, config, graph in zip(chosen, configs, graphs, strict=True):
         mm, degrees = measured(graph, variant.method)
-        found = {"validation_vertex_error": ("mm", mm), "validation_normal_error": ("deg", degrees)}
-        cells = [rounded(mm, "mm"), rounded(degrees, "deg"), ""]
+        found = {"validation_vertex_error": mm, "validation_normal_error": degrees}
         if variant.method in FLOORS:
-            found["normal_error_over_floor"] = (
-                "ratio",
-                degrees / floor_deg(graph, config, variant.method == "refined"),
-            )
-            cells[2] = rounded(found["normal_error_over_floor"][1], "ratio")
-        for metric, (unit, value) in found.items():
-            what = ("bench_training", graph["rig"].label, variant.method, f"{metric}[{variant.change}]", unit, value)
-            rows.append(Row(*what, None, 1, config.samples.validation, config.profile, "bench-training"))
-        lines.append((variant.method, variant.change, *cells))
-    header = ("", "peak rate or change", "mm", "degrees", "degrees / floor")
-    note = f"errors on {configs[0].samples.validation} poses held out of the training animation; one seed."
-    return Table("Trainings compared", (header,), tuple(lines), (note,)), rows
+            found["normal_error_over_floor"] = degrees / floor_deg(graph, config, variant.method == "refined")
+        for metric, value in found.items():
+            name, unit = f"{metric}[{variant.change}]", METRICS[metric][0]
+            facts = (None, 1, config.samples.validation, config.profile, "bench-training")
+            rows.append(Row(TABLE, graph["rig"].label, variant.method, name, unit, value, *facts))
+    return rows
 
 
 if __name__ == "__main__":

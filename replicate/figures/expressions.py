@@ -1,6 +1,7 @@
 """A character in several poses, in the colours of skin, teeth and mouth: what a reader sees first."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import UInt8
@@ -14,6 +15,7 @@ from replicate.mesh import Mesh
 SKIN = (226, 178, 148)
 # By the beginning of a segment's name; what begins otherwise is skin.
 COLOURS = {"tooth": (245, 242, 230), "gum": (205, 105, 105), "tongue": (214, 110, 112), "mouth": (150, 60, 60)}
+ROOM = 1.07  # a stretched head is taller than one at rest
 BACKGROUND = (231, 235, 238)
 
 
@@ -39,6 +41,7 @@ def expression_sheet(
     """
     mesh = rig.mesh
     view = camera_for(camera, mesh.neutral)
+    view = replace(view, height_mm=ROOM * view.height_mm)
     colours = CLAY if clay else segment_colours(mesh)
     pictures = []
     for params in poses.values():

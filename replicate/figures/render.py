@@ -16,6 +16,7 @@ from replicate.figures.software import rasterise
 from replicate.mesh import vertex_normals
 
 SUPERSAMPLING = 2  # each pixel is the mean of 2 × 2
+SHADE_MM = 12.0  # how far from a surface another one shades it (ambient occlusion)
 _PROBE = (
     "import pyvista; plotter = pyvista.Plotter(off_screen=True, window_size=(64, 64)); "
     "plotter.add_mesh(pyvista.Sphere()); assert plotter.screenshot(return_img=True).std() > 1"
@@ -92,6 +93,8 @@ def _pyvista(surfaces, camera: Camera, width: int, height: int, background) -> n
         view.position, view.focal_point, view.up = eye, camera.focus, rows[1]
         view.view_angle = 2 * np.degrees(np.arctan2(camera.height_mm / 2, camera.distance_mm))
         plotter.renderer.ResetCameraClippingRange()
+        if all(surface.lit for surface in surfaces):  # shades would falsify a heatmap's colours
+            plotter.enable_ssao(radius=SHADE_MM, bias=0.5, kernel_size=64, blur=True)
         return np.asarray(plotter.screenshot(return_img=True))[..., :3]
     finally:
         plotter.close()

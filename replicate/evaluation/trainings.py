@@ -1,0 +1,39 @@
+"""Trainings that differ in one thing, as a table: what decides the networks' errors on validation poses."""
+
+from collections.abc import Iterable
+
+from replicate.evaluation.results import Row
+from replicate.evaluation.tables import Table, rounded
+
+TABLE = "bench_training"
+METRICS = {
+    "validation_vertex_error": ("mm", "mm"),
+    "validation_normal_error": ("deg", "degrees"),
+    "normal_error_over_floor": ("ratio", "degrees / floor"),
+}
+METHODS = ("coarse", "refined", "dense")
+
+
+def trainings_table(rows: Iterable[Row]) -> Table:
+    """Return the errors of every training in `bench_training.csv`: what was changed, mm, degrees, and over the floor.
+
+    A row's metric is metric[change], as `replicate.benchmarks.training` writes it.
+    """
+    found: dict[tuple[str, str], dict[str, Row]] = {}
+    for row in rows:
+        if row.table == TABLE:
+            metric, _, change = row.metric.rstrip("]").partition("[")
+            found.setdefault((row.method, change), {})[metric] = row
+    lines: list[tuple[str, ...] | None] = []
+    for method in METHODS:
+        of_method = {
+            change: each for (name, change), each in sorted(found.items(), key=lambda item: item[0]) if name == method
+        }
+        lines += [None] if lines and of_method else []
+        for change, each in of_method.items():
+            cells = (each[metric] if metric in each else None for metric in METRICS)
+            lines.append((method, change, *(rounded(row.value, row.unit) if row else "" for row in cells)))
+    header = ("", "peak rate or change", *(name for _, name in METRICS.values()))
+    poses = max((row.poses or 0 for each in found.values() for row in each.values()), default=0)
+    note = f"errors on {poses} poses held out of the training animation; one seed."
+    return Table("Trainings that differ in one thing", (header,), tuple(lines), (note,))

@@ -1,0 +1,45 @@
+"""Trainings compared: which ones, how they are shown, and what a typing mistake gets."""
+
+from replicate.benchmarks import training
+from replicate.config import resolve
+from replicate.evaluation.results import Row
+from replicate.evaluation.trainings import trainings_table
+
+
+def test_every_method_is_tried_at_the_same_rates_and_schedule():
+    tried = {method: [v for v in training.variants(700) if v.method == method] for method in training.SECTIONS}
+    rates = {}
+    for method, section in training.SECTIONS.items():
+        schedules = [getattr(resolve("tiny", "laptop", v.overrides), section).training for v in tried[method]]
+        rates[method] = [schedule.peak_rate for schedule in schedules if schedule.steps == 700]
+    assert rates["coarse"] == rates["refined"] == rates["dense"] == list(training.RATES)
+    assert {len(variants) for variants in tried.values()} == {len(training.RATES) + 2}
+
+
+def test_uniform_draws_are_one_bin_and_the_profile_is_left_alone():
+    changed = {v.change: resolve("tiny", "laptop", v.overrides) for v in training.variants(700) if v.method == "coarse"}
+    assert changed["as the profile"] == resolve("tiny", "laptop")
+    assert changed["uniform draws"] == resolve("tiny", "laptop", {"samples": {"bins": 1}})
+
+
+def test_a_training_is_one_line_of_the_table():
+    def row(method, metric, unit, value):
+        return Row("bench_training", "teen", method, metric, unit, value, None, 1, 64, "laptop", "bench-training")
+
+    rows = [
+        row("dense", "validation_vertex_error[0.005, 10 steps]", "mm", 0.5),
+        row("coarse", "normal_error_over_floor[uniform draws]", "ratio", 1.25),
+        row("coarse", "validation_normal_error[uniform draws]", "deg", 2.0),
+        row("coarse", "validation_vertex_error[uniform draws]", "mm", 0.25),
+    ]
+    table = trainings_table(rows)
+    assert table.body == (
+        ("coarse", "uniform draws", "0.25", "2.00", "1.25"),
+        None,
+        ("dense", "0.005, 10 steps", "0.50", "", ""),
+    )
+
+
+def test_a_training_that_there_is_not_is_named(capsys):
+    assert training.main(["--only", "sparse"]) == 2
+    assert "'sparse'" in capsys.readouterr().err
