@@ -8,19 +8,7 @@ import pytest
 from replicate.errors import InputError
 from replicate.evaluation.results import COLUMNS, Row, find, over_seeds, read_results, write_results
 
-ROW = Row(
-    "table2",
-    "teen",
-    "coarse",
-    "vertex_error_mean",
-    "mm",
-    0.1 + 0.2,
-    None,
-    1,
-    1234,
-    "quick",
-    "abc",
-)
+ROW = Row("table2", "teen", "coarse", "vertex_error_mean", "mm", 0.1 + 0.2, None, 1, 1234, "quick", "abc")
 PAPER = Path(__file__).parents[1] / "results" / "paper"
 
 
@@ -29,28 +17,13 @@ def changed(**values) -> Row:
 
 
 def test_a_table_is_read_back_to_the_last_bit(tmp_path):
-    rows = [
-        ROW,
-        changed(
-            method="dense",
-            value=1 / 3,
-            sd=2e-17,
-            seeds=None,
-            poses=None,
-            run='odd, "quoted" run',
-        ),
-    ]
+    rows = [ROW, changed(method="dense", value=1 / 3, sd=2e-17, seeds=None, poses=None, run='odd, "quoted" run')]
     write_results(tmp_path / "t.csv", rows)
     assert read_results(tmp_path / "t.csv") == rows
 
 
 def test_the_order_of_rows_does_not_change_the_file(tmp_path):
-    rows = [
-        ROW,
-        changed(method="dense"),
-        changed(character="dragon"),
-        changed(metric="normal_error_mean", unit="deg"),
-    ]
+    rows = [ROW, changed(method="dense"), changed(character="dragon"), changed(metric="normal_error_mean", unit="deg")]
     write_results(tmp_path / "a.csv", rows)
     write_results(tmp_path / "b.csv", reversed(rows))
     text = (tmp_path / "a.csv").read_bytes()
@@ -79,19 +52,10 @@ def test_a_bad_row_is_not_written(tmp_path, rows, sentence):
         ("", "line 1: found 'nothing'"),
         ("a,b\n1,2\n", "line 1: found 'a,b', where only the header"),
         (",".join(COLUMNS) + "\ntable2,teen\n", "line 2: found 2 cells, where 11"),
-        (
-            ",".join(COLUMNS) + "\nt,c,m,e,mm,abc,,1,2,quick,r\n",
-            "line 2: value is 'abc', where only a number",
-        ),
+        (",".join(COLUMNS) + "\nt,c,m,e,mm,abc,,1,2,quick,r\n", "line 2: value is 'abc', where only a number"),
         (",".join(COLUMNS) + "\nt,c,m,e,mm,,,1,2,quick,r\n", "line 2: value is ''"),
-        (
-            ",".join(COLUMNS) + "\nt,c,m,e,mm,1,,1.5,2,quick,r\n",
-            "seeds is '1.5', where only a whole number",
-        ),
-        (
-            ",".join(COLUMNS) + "\n" + "t,c,m,e,mm,1,,1,2,quick,r\n" * 2,
-            "line 3: found a second row",
-        ),
+        (",".join(COLUMNS) + "\nt,c,m,e,mm,1,,1.5,2,quick,r\n", "seeds is '1.5', where only a whole number"),
+        (",".join(COLUMNS) + "\n" + "t,c,m,e,mm,1,,1,2,quick,r\n" * 2, "line 3: found a second row"),
     ],
 )
 def test_a_file_that_is_no_such_table_is_named_with_its_line(tmp_path, text, sentence):
@@ -112,12 +76,7 @@ def test_a_missing_or_binary_file_is_named(tmp_path):
 
 def test_the_papers_tables_are_the_papers():
     tables = {number: read_results(PAPER / f"table{number}.csv") for number in (1, 2, 3, 4)}
-    assert {number: len(rows) for number, rows in tables.items()} == {
-        1: 28,
-        2: 48,
-        3: 39,
-        4: 16,
-    }
+    assert {number: len(rows) for number, rows in tables.items()} == {1: 28, 2: 48, 3: 39, 4: 16}
     assert find(tables[1], "table1", "Hiccup", "model", "vertices").value == 12510
     assert find(tables[2], "table2", "Hiccup", "refined", "normal_error_mean").value == 0.9
     assert find(tables[2], "table2", "Ray", "dense", "vertex_error_mean").value == 5.0

@@ -123,7 +123,7 @@ def test_every_teen_control_moves_something_at_one_of_several_poses(teen):
 
 
 def test_augmented_poses_are_faces_and_not_explosions(teen):
-    vertices = teen(augmented(teen, 96, seed=1))
+    vertices = teen(augmented(teen, 1_000, seed=1))
     assert np.isfinite(vertices).all()
     centre = teen.mesh.neutral.mean(axis=0)
     size = np.linalg.norm(teen.mesh.neutral - centre, axis=1).max()

@@ -9,13 +9,7 @@ from replicate.evaluation.compare import compare, compare_folders
 from replicate.evaluation.results import Row, read_results, write_results
 from replicate.evaluation.table2 import METHODS, table2, table2_overview
 from replicate.evaluation.table2_details import table2_ratios, table2_segments
-from replicate.evaluation.tables import (
-    as_latex,
-    as_markdown,
-    as_text,
-    published,
-    rounded,
-)
+from replicate.evaluation.tables import as_latex, as_markdown, as_text, published, rounded
 
 PAPER_FOLDER = Path(__file__).parents[1] / "results" / "paper"
 PAPER = read_results(PAPER_FOLDER / "table2.csv")
@@ -27,26 +21,9 @@ def ours(characters=("teen",), methods=tuple(METHODS)) -> list[Row]:
         for k, method in enumerate(methods):
             for kind, unit, scale in (("vertex", "mm", 0.11), ("normal", "deg", 1.2)):
                 for statistic, factor in (("mean", 1), ("p95", 4), ("max", 20)):
-                    value, poses = (
-                        scale * (k + 1) * factor,
-                        100 if method == "floor" else 1234,
-                    )
+                    value, poses = (scale * (k + 1) * factor, 100 if method == "floor" else 1234)
                     metric = f"{kind}_error_{statistic}"
-                    rows.append(
-                        Row(
-                            "table2",
-                            character,
-                            method,
-                            metric,
-                            unit,
-                            value,
-                            None,
-                            1,
-                            poses,
-                            "quick",
-                            "r",
-                        )
-                    )
+                    rows.append(Row("table2", character, method, metric, unit, value, None, 1, poses, "quick", "r"))
     return rows
 
 
@@ -56,16 +33,7 @@ def line(text: str, start: str) -> list[str]:
 
 def test_a_line_shows_ours_and_then_the_papers():
     text = as_text(table2(ours(), PAPER, "teen"))
-    assert line(text, "Refined") == [
-        "0.22",
-        "0.88",
-        "4.40",
-        "0.27",
-        "2.40",
-        "9.60",
-        "48.00",
-        "0.9",
-    ]
+    assert line(text, "Refined") == ["0.22", "0.88", "4.40", "0.27", "2.40", "9.60", "48.00", "0.9"]
     assert line(text, "LBS: 16 bones †")[3] == "0.49" and line(text, "LBS: 16 bones †")[7] == "2.0"
 
 
@@ -96,36 +64,8 @@ def test_a_method_measured_on_fewer_poses_says_so():
 
 
 def test_faces_left_out_of_eq_11_are_mentioned_only_if_there_are_any():
-    none = [
-        Row(
-            "table2",
-            "teen",
-            "dense",
-            "normal_faces_left_out",
-            "count",
-            0.0,
-            None,
-            1,
-            1234,
-            "quick",
-            "r",
-        )
-    ]
-    some = [
-        Row(
-            "table2",
-            "teen",
-            "dense",
-            "normal_faces_left_out",
-            "count",
-            7.0,
-            None,
-            1,
-            1234,
-            "quick",
-            "r",
-        )
-    ]
+    none = [Row("table2", "teen", "dense", "normal_faces_left_out", "count", 0.0, None, 1, 1234, "quick", "r")]
+    some = [Row("table2", "teen", "dense", "normal_faces_left_out", "count", 7.0, None, 1, 1234, "quick", "r")]
     assert "Eq. 11 leaves out" not in as_text(table2(ours() + none, PAPER, "teen"))
     assert "Eq. 11 leaves out faces" in as_text(table2(ours() + some, PAPER, "teen"))
 
@@ -169,18 +109,8 @@ def test_compare_puts_paper_reference_and_yours_side_by_side():
     reference = ours(methods=("coarse",))
     yours = [Row(*r.key, r.unit, r.value * 2, None, 1, 10, "laptop", "s") for r in ours(methods=("coarse", "neutral"))]
     text = as_text(compare(PAPER, reference, yours, "table2"))
-    assert line(text, "teen, Coarse, vertex_error_mean [mm]") == [
-        "0.36",
-        "0.11",
-        "0.22",
-        "2.000",
-    ]
-    assert line(text, "teen, Neutral pose §, normal_error_mean [deg]") == [
-        "–",
-        "–",
-        "4.80",
-        "–",
-    ]
+    assert line(text, "teen, Coarse, vertex_error_mean [mm]") == ["0.36", "0.11", "0.22", "2.000"]
+    assert line(text, "teen, Neutral pose §, normal_error_mean [deg]") == ["–", "–", "4.80", "–"]
     assert "reference (quick)" in text and "yours (laptop)" in text and "p95" not in text
 
 
@@ -192,12 +122,7 @@ def test_compare_without_results_of_yours_names_the_target_that_makes_them(tmp_p
 def test_compare_shows_yours_where_there_is_no_reference_yet(tmp_path):
     write_results(tmp_path / "table2.csv", ours())
     (table,) = compare_folders(PAPER_FOLDER, tmp_path / "none", tmp_path)
-    assert line(as_text(table), "teen, Coarse, vertex_error_mean [mm]") == [
-        "0.36",
-        "–",
-        "0.11",
-        "–",
-    ]
+    assert line(as_text(table), "teen, Coarse, vertex_error_mean [mm]") == ["0.36", "–", "0.11", "–"]
 
 
 def test_ratios_are_those_of_the_means_beside_the_papers_own():

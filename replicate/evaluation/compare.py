@@ -30,11 +30,7 @@ def compare(paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row]
         cells = (rounded(row.value, unit, row.sd) if row else "–" for row in (old, new))
         label = f"{character}, {METHODS.get(method, method)}, {metric} [{unit}]"
         body.append((label, published(theirs), *cells, ratio))
-    return Table(
-        f"{table}: the paper's rig | the reference results | yours",
-        (_header(reference, yours),),
-        tuple(body),
-    )
+    return Table(f"{table}: the paper's rig | the reference results | yours", (_header(reference, yours),), tuple(body))
 
 
 def compare_folders(paper: Path, reference: Path, yours: Path) -> list[Table]:

@@ -9,14 +9,7 @@ from jaxtyping import Float, Int
 
 from replicate.evaluation.results import Row
 from replicate.mesh import Mesh, face_vectors
-from replicate.metrics import (
-    Tally,
-    angle_between,
-    new_tally,
-    summary,
-    tally_add,
-    vertex_error,
-)
+from replicate.metrics import Tally, angle_between, new_tally, summary, tally_add, vertex_error
 
 # predict(params (b, m), truth (b, n, 3)) -> vertices (b, n, 3). Only oracles look at the truth.
 Predictor = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -76,13 +69,7 @@ def evaluate(
     face_group = group[mesh.face_segment]
     poses = unique_poses(params)
     found = {
-        label: Errors(
-            new_tally(len(names)),
-            new_tally(len(names)),
-            names,
-            np.zeros(len(poses)),
-            np.zeros(len(poses)),
-        )
+        label: Errors(new_tally(len(names)), new_tally(len(names)), names, np.zeros(len(poses)), np.zeros(len(poses)))
         for label in predictors
     }
     for start in range(0, len(poses), batch):
@@ -121,46 +108,17 @@ def error_rows(character: str, errors: Mapping[str, Errors], profile: str, run: 
         for group in (None, *range(len(found.group_names))):
             table = "table2" if group is None else "table2_segments"
             suffix = "" if group is None else f"[{found.group_names[group]}]"
-            for kind, unit, tally in (
-                ("vertex", "mm", found.vertex),
-                ("normal", "deg", found.normal),
-            ):
+            for kind, unit, tally in (("vertex", "mm", found.vertex), ("normal", "deg", found.normal)):
                 statistics = summary(tally, group)
                 for name in ("mean", "p95", "max") if statistics.count else ():
-                    numbers.append(
-                        (
-                            table,
-                            f"{kind}_error_{name}{suffix}",
-                            unit,
-                            getattr(statistics, name),
-                        )
-                    )
+                    numbers.append((table, f"{kind}_error_{name}{suffix}", unit, getattr(statistics, name)))
         for table, metric, unit, value in numbers:
             poses = len(found.pose_mm)
-            rows.append(
-                Row(
-                    table,
-                    character,
-                    label,
-                    metric,
-                    unit,
-                    float(value),
-                    None,
-                    seeds,
-                    poses,
-                    profile,
-                    run,
-                )
-            )
+            rows.append(Row(table, character, label, metric, unit, float(value), None, seeds, poses, profile, run))
     return rows
 
 
-def texel_rows(
-    character: str,
-    maps: Mapping[str, Mapping[str, tuple[int, int]]],
-    profile: str,
-    run: str,
-) -> list[Row]:
+def texel_rows(character: str, maps: Mapping[str, Mapping[str, tuple[int, int]]], profile: str, run: str) -> list[Row]:
     """Return how many texels of its map each vertex has, per map and for each method as a whole.
 
     maps: method → {map's name → (map's width in pixels, vertices that read from it)}; coarse maps are named by their
@@ -173,19 +131,5 @@ def texel_rows(
         for suffix, ratio in ratios.items():
             table = "table2_segments" if suffix else "table2"
             metric = f"texels_per_vertex{suffix}"
-            rows.append(
-                Row(
-                    table,
-                    character,
-                    method,
-                    metric,
-                    "ratio",
-                    ratio,
-                    None,
-                    None,
-                    None,
-                    profile,
-                    run,
-                )
-            )
+            rows.append(Row(table, character, method, metric, "ratio", ratio, None, None, None, profile, run))
     return rows

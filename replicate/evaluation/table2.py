@@ -39,28 +39,12 @@ def table2(ours: Iterable[Row], paper: Sequence[Row], character: str) -> Table:
     extra = [_line(rows, paper, character, theirs, method) for method in present if method in OURS_ALONE]
     name = theirs or "paper"
     headers = (
-        (
-            "",
-            "distance error, mm",
-            "",
-            "",
-            "",
-            "normal angle error, degrees",
-            "",
-            "",
-            "",
-            "texels",
-        ),
+        ("", "distance error, mm", "", "", "", "normal angle error, degrees", "", "", "", "texels"),
         ("", *STATISTICS, name, *STATISTICS, name, "/vertex"),
     )
     rule = [None] if body and extra else []
     title = f"Table 2: {character}" + (f" beside the paper's {theirs}" if theirs else "")
-    return Table(
-        title,
-        headers,
-        (*body, *rule, *extra),
-        (_about(rows, theirs), *_notes(rows, present)),
-    )
+    return Table(title, headers, (*body, *rule, *extra), (_about(rows, theirs), *_notes(rows, present)))
 
 
 def table2_overview(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
@@ -69,10 +53,7 @@ def table2_overview(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
     characters = [c for c in STANDS_FOR if any(row.character == c for row in rows)]
     present = [method for method in METHODS if any(row.method == method for row in rows)]
     body: list[tuple[str, ...] | None] = []
-    for kind, unit, title in (
-        ("vertex", "mm", "Distance error, mm"),
-        ("normal", "deg", "Normal angle error, degrees"),
-    ):
+    for kind, unit, title in (("vertex", "mm", "Distance error, mm"), ("normal", "deg", "Normal angle error, degrees")):
         body += [None] if body else []
         body.append((title, *[""] * (2 * len(characters))))
         for method in present:
@@ -80,17 +61,7 @@ def table2_overview(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
             for character in characters:
                 mine = find(rows, "table2", character, method, f"{kind}_error_mean")
                 cells.append(rounded(mine.value, unit, mine.sd) if mine else "–")
-                cells.append(
-                    published(
-                        find(
-                            paper,
-                            "table2",
-                            STANDS_FOR[character],
-                            method,
-                            f"{kind}_error_mean",
-                        )
-                    )
-                )
+                cells.append(published(find(paper, "table2", STANDS_FOR[character], method, f"{kind}_error_mean")))
             body.append(tuple(cells))
     header = ("", *(name for c in characters for name in (c, STANDS_FOR[c])))
     title = "Table 2: mean errors of our characters beside the paper's"

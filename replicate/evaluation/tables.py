@@ -23,14 +23,7 @@ def rounded(value: float | None, unit: str, sd: float | None = None) -> str:
     """Return a value as it is shown: two decimals, three for less than 0.1 mm; "–" where there is none."""
     if value is None:
         return "–"
-    digits = {
-        "mm": 3 if value < 0.0995 else 2,
-        "deg": 2,
-        "ms": 2,
-        "MB": 2,
-        "count": 0,
-        "ratio": 2,
-    }[unit]
+    digits = {"mm": 3 if value < 0.0995 else 2, "deg": 2, "ms": 2, "MB": 2, "count": 0, "ratio": 2}[unit]
     return f"{value:,.{digits}f}" + ("" if sd is None else f" ± {sd:.{digits}f}")
 
 
@@ -65,12 +58,7 @@ def as_markdown(table: Table) -> str:
             f"{span}: {cell}" if span and cell else cell or span
             for span, cell in zip(_filled(upper), header, strict=True)
         ]
-    lines = [
-        f"**{table.title}**",
-        "",
-        _bar(header),
-        _bar([":--"] + ["--:"] * (len(header) - 1)),
-    ]
+    lines = [f"**{table.title}**", "", _bar(header), _bar([":--"] + ["--:"] * (len(header) - 1))]
     lines += [_bar(row) for row in table.body if row is not None]
     if table.notes:
         lines += ["", "<br>".join(table.notes)]
@@ -114,12 +102,7 @@ def _widths(table: Table) -> list[int]:
 
 def _text_line(cells: Sequence[str], width: Sequence[int]) -> str:
     first, *rest = cells
-    return "  ".join(
-        [
-            first.ljust(width[0]),
-            *(cell.rjust(w) for cell, w in zip(rest, width[1:], strict=True)),
-        ]
-    )
+    return "  ".join([first.ljust(width[0]), *(cell.rjust(w) for cell, w in zip(rest, width[1:], strict=True))])
 
 
 def _span_line(header: Sequence[str], width: Sequence[int]) -> str:

@@ -1,4 +1,4 @@
-"""Held-out error of the three networks against training step, with the floors that their maps set."""
+"""Validation error of the three networks against training step, with the floors that their maps set."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,7 +12,7 @@ FLOORS = {"floor": "coarse", "floor_refined": "refined"}
 
 
 def training_curves(curves: Mapping[tuple[str, str], Curve], rows: Sequence[Row], character: str):
-    """Return (figure, words): vertex and normal error of one character's networks on held-out poses, both axes' own.
+    """Return (figure, words): both errors of one character's networks on the validation poses.
 
     rows: Table 2's results, for the floors (dashed).
     """
@@ -42,8 +42,8 @@ def training_curves(curves: Mapping[tuple[str, str], Curve], rows: Sequence[Row]
         tidy(axes)
     axes.legend(frameon=False, fontsize=8, ncols=2)
     return figure, Words(
-        f"Two line charts of held-out error against training step for {character}: {'; '.join(ends)}.",
-        f"Error of {character}'s networks on held-out poses as training goes on; the refined network starts where the "
-        "coarse one ended. Dashed: the truth projected onto the same maps, the least that their resolution allows. "
-        "The poses are a sample of those of Table 2, so the ends may differ from it in the last digit.",
+        f"Two line charts of validation error against training step for {character}: {'; '.join(ends)}.",
+        f"Error of {character}'s networks on the validation poses as training goes on; the refined network starts "
+        "where the coarse one ended. Dashed: what the maps' resolution allows on the test poses (the floors of Table 2). "
+        "Validation poses are others than those of Table 2, so the ends differ from its numbers.",
     )
