@@ -44,6 +44,6 @@ def training_curves(curves: Mapping[tuple[str, str], Curve], rows: Sequence[Row]
     return figure, Words(
         f"Two line charts of validation error against training step for {character}: {'; '.join(ends)}.",
         f"Error of {character}'s networks on the validation poses as training goes on; the refined network starts "
-        "where the coarse one ended. Dashed: what the maps' resolution allows on the test poses (the floors of Table 2). "
+        "where the coarse one ended. Dashed: what the maps' resolution allows on the test poses (Table 2's floors). "
         "Validation poses are others than those of Table 2, so the ends differ from its numbers.",
     )
