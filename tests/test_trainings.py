@@ -13,7 +13,7 @@ def test_every_method_is_tried_at_the_same_rates_and_schedule():
         schedules = [getattr(resolve("tiny", "laptop", v.overrides), section).training for v in tried[method]]
         rates[method] = [schedule.peak_rate for schedule in schedules if schedule.steps == 700]
     assert rates["coarse"] == rates["refined"] == rates["dense"] == list(training.RATES)
-    assert {len(variants) for variants in tried.values()} == {len(training.RATES) + 2}
+    assert [len(variants) - len(training.RATES) for variants in tried.values()] == [2, 2, 0]
 
 
 def test_uniform_draws_are_one_bin_and_the_profile_is_left_alone():

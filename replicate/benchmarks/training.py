@@ -48,7 +48,7 @@ def variants(steps: int) -> list[Variant]:
         overrides = {"coarse": short, "refinement": _at(rate, steps)}
         found.append(Variant("refined", f"{rate:g}, {steps:,} steps", overrides))
     found += [Variant("dense", f"{rate:g}, {steps:,} steps", {"dense": _at(rate, steps)}) for rate in RATES]
-    for method in SECTIONS:
+    for method in ("coarse", "refined"):
         found.append(Variant(method, "as the profile", {}))
         found.append(Variant(method, "uniform draws", {"samples": {"bins": 1}}))
     return found
