@@ -2,7 +2,8 @@
 
 `make bench-faults` takes a run's networks, skins and attachments, breaks one thing at a time and measures again:
 texture coordinates flipped, a segment that predicts nothing, a refinement left out, teeth carried by others' vertices,
-half of the bones lost, coarse networks trained without the normal term of Eq. 1. The sound run is measured on the same poses.
+half of the bones lost, and coarse networks trained without the normal term of Eq. 1. The sound run is measured on the
+same poses.
 `tests/test_reference.py` holds that every band of `tests/tolerances.toml` goes red under the fault that it names.
 """
 
