@@ -215,7 +215,7 @@ def read_overrides(file: Path) -> dict:
 
 
 def _replace_from(config: Config, overrides: dict, source: str) -> Config:
-    for fixed in ("character", "profile"):  # the command line's; a file for several characters can't name them
+    for fixed in ("character", "profile", "seed", "device"):  # the command line's; a file may serve several runs
         if fixed in overrides:
             raise InputError(f"{source}: {fixed} can't be set here: use {fixed.upper()}{'S' * (fixed == 'character')}=")
     try:

@@ -44,7 +44,7 @@ def test_every_profile_resolves_and_keeps_its_name(recipe, profile):
 
 def test_a_file_overrides_a_profile_and_values_override_both(tmp_path, recipe):
     file = tmp_path / "mine.toml"
-    file.write_text("seed = 7\n[coarse]\nmap_size = 64\n[coarse.training]\nsteps = 5\n[lbs]\nbones = [4, 6]\n")
+    file.write_text("[coarse]\nmap_size = 64\n[coarse.training]\nsteps = 5\n[lbs]\nbones = [4, 6]\n")
     mine = resolve(recipe, "laptop", file=file, seed=9)
     assert (mine.coarse.map_size, mine.coarse.training.steps, mine.seed) == (64, 5, 9)
     assert mine.coarse.training.schedule == "one_cycle", "the profile's other values stay"
@@ -72,8 +72,8 @@ def test_a_file_overrides_a_profile_and_values_override_both(tmp_path, recipe):
         ("[lbs]\nbones = [16, 'x']", ["lbs.bones", "whole number"]),
         ("profile = 'quick'", ["profile can't be set here", "PROFILE="]),
         ("character = 'teen'", ["character can't be set here", "CHARACTERS="]),
-        ("seed = -1", ["seed is -1", "at least 0"]),
-        ("device = 'tpu'", ["device is 'tpu'", "cpu, cuda"]),
+        ("seed = 1", ["seed can't be set here", "SEED="]),
+        ("device = 'cpu'", ["device can't be set here", "DEVICE="]),
         ("[coarse\n", ["not a readable TOML file"]),
     ],
 )
@@ -118,3 +118,10 @@ def test_whole_numbers_and_floats_of_one_value_are_one_configuration():
 def test_configurations_are_frozen(recipe):
     with pytest.raises(dataclasses.FrozenInstanceError):
         resolve(recipe).seed = 1
+
+
+def test_a_seed_or_device_that_cannot_be_is_refused(recipe):
+    with pytest.raises(InputError, match="seed is -1: allowed is a whole number of at least 0"):
+        resolve(recipe, seed=-1)
+    with pytest.raises(InputError, match="device is 'tpu': allowed is one of cpu, cuda"):
+        resolve(recipe, device="tpu")

@@ -3,7 +3,7 @@
 from replicate.benchmarks import training
 from replicate.config import resolve
 from replicate.evaluation.results import Row
-from replicate.evaluation.trainings import trainings_table
+from replicate.evaluation.trainings import draws_text, trainings_table
 
 
 def test_every_method_is_tried_at_the_same_rates_and_schedule():
@@ -43,3 +43,7 @@ def test_a_training_is_one_line_of_the_table():
 def test_a_training_that_there_is_not_is_named(capsys):
     assert training.main(["--only", "sparse"]) == 2
     assert "'sparse'" in capsys.readouterr().err
+
+
+def test_rare_intervals_get_as_many_draws_as_common_ones():
+    assert draws_text([2, 90, 0, 3, 5]) == "2 of 4 intervals hold 5.0 % of the samples and get 50 % of the draws"

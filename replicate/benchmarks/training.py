@@ -1,4 +1,4 @@
-"""What decides the networks' errors: peak rates, the balanced draws of §3.5, the number of samples, and steps.
+"""What decides the networks' errors: peak rates, and the balanced draws of §3.5.
 
 `make bench-training` trains each method several times with one thing changed and compares the errors on the validation
 poses, which are held out of the training animation; test poses are not looked at. Peak rates are tried for every method
@@ -55,7 +55,7 @@ def variants(steps: int) -> list[Variant]:
 
 
 def _at(rate: float, steps: int) -> dict:
-    return {"training": {"steps": steps, "peak_rate": rate}}
+    return {"training": {"schedule": "one_cycle", "steps": steps, "peak_rate": rate}}
 
 
 def stages_of(config: Config, method: str) -> dict[str, Stage]:

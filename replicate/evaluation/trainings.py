@@ -1,6 +1,6 @@
 """Trainings that differ in one thing, as a table: what decides the networks' errors on validation poses."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from replicate.evaluation.results import Row
 from replicate.evaluation.tables import Table, rounded
@@ -37,3 +37,16 @@ def trainings_table(rows: Iterable[Row]) -> Table:
     poses = max((row.poses or 0 for each in found.values() for row in each.values()), default=0)
     note = f"errors on {poses} poses held out of the training animation; one seed."
     return Table("Trainings that differ in one thing", (header,), tuple(lines), (note,))
+
+
+def draws_text(samples_per_bin: Sequence[int]) -> str:
+    """Return what share of the samples half of §3.5's balanced draws go to: those in the emptier half of its intervals.
+
+    samples_per_bin: how many samples lie in each interval of the landmarks' first principal component.
+    """
+    filled = sorted(count for count in samples_per_bin if count)
+    rare = filled[: len(filled) // 2]
+    return (
+        f"{len(rare)} of {len(filled)} intervals hold {100 * sum(rare) / sum(filled):.1f} % of the samples and get "
+        f"{100 * len(rare) / len(filled):.0f} % of the draws"
+    )

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from replicate.errors import InputError
 from replicate.evaluation.tables import Table, as_markdown
+from replicate.evaluation.trainings import draws_text
 from replicate.figures.panels import Words, png
 from replicate.figures.table2_figures import Table2Results, open_table2
 from replicate.paths import REFERENCE, ROOT, run_folder
@@ -38,13 +39,7 @@ def open_results(name: str) -> Table2Results:
 
 def provenance_text(name: str) -> str:
     """Return where these results come from, in a few lines, from the manifest beside them."""
-    path = results_folder(name) / "manifest.json"
-    try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such manifest; `make table2` writes it with the results.") from None
-    except ValueError as error:
-        raise InputError(f"{path}: found no JSON ({error}).") from None
+    path, manifest = _manifest(name)
     lines = {"results": str(path.parent.relative_to(ROOT) if path.is_relative_to(ROOT) else path.parent)}
     for character, own in (manifest.get("characters") or {"": {}}).items():
         facts = {**manifest, **own}
@@ -52,6 +47,26 @@ def provenance_text(name: str) -> str:
             if value not in lines.values():  # what characters share is said once
                 lines[f"{label}, {character}" if label in lines else label] = value
     return "\n".join(f"{label:24}{value}" for label, value in lines.items())
+
+
+def balance_text(name: str) -> str:
+    """Return, for each character, how §3.5's balanced draws were spread over the samples."""
+    lines = []
+    for character, facts in _manifest(name)[1]["characters"].items():
+        samples = next((stage for title, stage in facts["stages"].items() if title.startswith("samples-")), None)
+        if samples is not None:
+            lines.append(f"{character}: {draws_text(samples['notes']['samples_per_bin'])}")
+    return "\n".join(lines)
+
+
+def _manifest(name: str) -> tuple[Path, dict]:
+    path = results_folder(name) / "manifest.json"
+    try:
+        return path, json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such manifest; `make table2` writes it with the results.") from None
+    except ValueError as error:
+        raise InputError(f"{path}: found no JSON ({error}).") from None
 
 
 def _told(facts: dict) -> dict[str, str]:
