@@ -237,8 +237,6 @@ class Props:
     brows: str = _choice("natural", "natural", "thin", "none")
     lashes: str = _choice("short", "short", "none")
     hair_colour: Triple = _triple((0.50, 0.28, 0.14), 0.0, 1.0)
-    skin_colour: Triple = _triple((0.93, 0.72, 0.58), 0.0, 1.0)
-    lip_colour: Triple = _triple((0.86, 0.53, 0.46), 0.0, 1.0)
 
 
 @dataclass(frozen=True)
