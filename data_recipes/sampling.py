@@ -141,19 +141,13 @@ def balance_bins(landmark_positions: Float[np.ndarray, "k l 3"], bins: int = 16)
     return np.minimum((score - score.min()) / span * bins, bins - 1).astype(np.int16)
 
 
-def draw_balanced(bins: Int[np.ndarray, " k"], count: int, generator: np.random.Generator) -> Int[np.ndarray, " count"]:
-    """Draw sample indices: a non-empty bin uniformly, then a sample of that bin uniformly, with replacement (§3.5).
-
-    bins: each sample's bin. Sorts all of `bins`; `replicate.samples.SampleSet` keeps the sorted order for many draws.
-    """
-    order, starts, sizes = bin_index(bins)
-    return draw_from_index(order, starts, sizes, count, generator)
-
-
 def bin_index(
     bins: Int[np.ndarray, " k"],
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " c"], Int[np.ndarray, " c"]]:
-    """Return samples ordered by bin, and the start and size of each non-empty bin in that order."""
+    """Return samples ordered by bin, and the start and size of each non-empty bin in that order.
+
+    bins: each sample's bin. All of them are sorted, so one index serves many draws.
+    """
     order = np.argsort(bins, kind="stable")
     _, starts, sizes = np.unique(np.asarray(bins)[order], return_index=True, return_counts=True)
     return order, starts, sizes
@@ -166,6 +160,9 @@ def draw_from_index(
     count: int,
     generator: np.random.Generator,
 ) -> Int[np.ndarray, " count"]:
-    """Draw as `draw_balanced` from what `bin_index` returned."""
+    """Draw sample indices: a non-empty bin uniformly, then a sample of that bin uniformly, with replacement (§3.5).
+
+    order, starts, sizes: as `bin_index` returns them.
+    """
     chosen = generator.integers(len(starts), size=count)
     return order[starts[chosen] + generator.integers(sizes[chosen])]

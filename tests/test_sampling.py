@@ -100,7 +100,7 @@ def test_still_landmarks_share_one_bin():
 
 def test_balanced_draws_are_uniform_over_bins_and_within_them():
     bins = np.array([3] * 900 + [7] * 90 + [15] * 10, dtype=np.int16)
-    drawn = sampling.draw_balanced(bins, 30_000, np.random.default_rng(0))
+    drawn = sampling.draw_from_index(*sampling.bin_index(bins), 30_000, np.random.default_rng(0))
     share = np.bincount(bins[drawn], minlength=16) / 30_000
     assert np.allclose(share[[3, 7, 15]], 1 / 3, atol=0.02)
     rare = np.bincount(drawn, minlength=1000)[990:]

@@ -37,11 +37,6 @@ def saturate(limit: Constants, params: Float[Values, "b m"]) -> Float[Values, "b
     return x * (1 + ratio**SHARPNESS) ** (-1 / SHARPNESS)
 
 
-def positive_part(x: Float[Values, "*s"], softness: float) -> Float[Values, "*s"]:
-    """Return ½(x + √(x² + s²)), a smooth max(x, 0) that is s/2 at 0 and tends to 0 below."""
-    return 0.5 * (x + jnp.sqrt(x * x + softness * softness))
-
-
 def hinge(x: Float[Values, "*s"], width: float) -> Float[Values, "*s"]:
     """Return max(x, 0) with a quadratic start over `width`: exactly 0 below 0, x − width/2 beyond `width`, C¹."""
     y = jax.nn.relu(x)

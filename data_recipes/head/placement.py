@@ -34,11 +34,6 @@ def body_rays(recipe: Recipe) -> tuple[Float[np.ndarray, "rows columns 3"], Floa
     return origin, np.stack([np.sin(theta) * np.cos(pitch), np.sin(pitch), np.cos(theta) * np.cos(pitch)], -1)
 
 
-def symmetrise(layout: Layout, x: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Return positions averaged with their mirror image."""
-    return 0.5 * (x + x[layout.mirror] * FLIP)
-
-
 def start(shape: Shape, layout: Layout, pins: dict[str, tuple[np.ndarray, np.ndarray]]) -> Float[np.ndarray, "n 3"]:
     """Return first positions of the surface: cast rays for the grid, rings blended between pins and the grid."""
     x, grids = np.zeros((len(layout.segment), 3)), layout.grids
