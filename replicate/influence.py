@@ -66,10 +66,3 @@ def influence(
                 if bar is not None:
                     bar.update(len(vertices))
     return moves.T
-
-
-def segment_inputs(
-    moves: Bool[np.ndarray, "n m"], segment: Int[np.ndarray, " n"], segments: int
-) -> Bool[np.ndarray, "segments m"]:
-    """Return which controls can move any vertex of each segment."""
-    return np.stack([moves[segment == index].any(axis=0) for index in range(segments)])

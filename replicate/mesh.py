@@ -144,11 +144,6 @@ def face_normals(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "
     return _normalised(face_vectors(vertices, faces))
 
 
-def face_areas(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "*b f"]:
-    """Return each face's area in mm²."""
-    return np.linalg.norm(face_vectors(vertices, faces), axis=-1) / 2
-
-
 def vertex_normals(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "*b n 3"]:
     """Return each vertex's unit normal: the mean of its faces' normals, weighted by area (for shading only)."""
     vectors = face_vectors(vertices, faces)

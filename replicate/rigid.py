@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from replicate.errors import InputError
 from replicate.mesh import Mesh
@@ -19,26 +19,17 @@ from replicate.mesh import Mesh
 def align(
     source: Float[np.ndarray, "*#batch n 3"],
     target: Float[np.ndarray, "*#batch n 3"],
-    weights: Float[np.ndarray, "*#batch n"] | None = None,
 ) -> tuple[Float[np.ndarray, "*batch 3 3"], Float[np.ndarray, "*batch 3"]]:
     """Return the rotation R and translation t that best align two point sets (Eq. 3).
 
-    They minimise Σ_i weights_i ‖source_i R + t − target_i‖² with R in SO(3): a mirrored or flat target yields the best
+    They minimise Σ_i ‖source_i R + t − target_i‖² with R in SO(3): a mirrored or flat target yields the best
     proper rotation, never a reflection. Where the points leave a freedom (all on a line, or all in one place) the
     rotation nearest to the identity is taken. Leading axes are batches and broadcast; the work is done in float64.
     """
     source, target = np.asarray(source, np.float64), np.asarray(target, np.float64)
-    if weights is None:
-        share = np.full(source.shape[-2:-1], 1.0 / source.shape[-2])
-    else:
-        share = weights / np.sum(weights, axis=-1, keepdims=True, dtype=np.float64)
-    source_centre = np.einsum("...n,...nk->...k", share, source)
-    target_centre = np.einsum("...n,...nk->...k", share, target)
-    centred = (source - source_centre[..., None, :]) * share[..., None]
-    covariance = np.swapaxes(centred, -1, -2) @ (target - target_centre[..., None, :])
-    rotation = nearest_rotation(covariance)
-    translation = target_centre - (source_centre[..., None, :] @ rotation)[..., 0, :]
-    return rotation, translation
+    source_centre, target_centre = source.mean(-2, keepdims=True), target.mean(-2, keepdims=True)
+    rotation = nearest_rotation(np.swapaxes(source - source_centre, -1, -2) @ (target - target_centre))
+    return rotation, (target_centre - source_centre @ rotation)[..., 0, :]
 
 
 def nearest_rotation(matrix: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3 3"]:
@@ -159,16 +150,3 @@ def attach(mesh: Mesh, attachments: Attachments, vertices: Float[np.ndarray, "b 
         members = np.flatnonzero(mesh.segment == k)
         placed[:, members] = mesh.neutral[members] @ rotation[:, row] + translation[:, row, None, :]
     return placed
-
-
-def placement_errors(
-    mesh: Mesh, attachments: Attachments, placed: Float[np.ndarray, "b n 3"], vertices: Float[np.ndarray, "b n 3"]
-) -> Float[np.ndarray, "b r"]:
-    """Return each rigid segment's mean distance in millimetres between where it was placed and where it belongs."""
-    distance = np.linalg.norm(placed - vertices, axis=-1)
-    return np.stack([distance[:, mesh.segment == k].mean(-1) for k in attachments.segment], axis=-1)
-
-
-def rigid_vertices(mesh: Mesh, attachments: Attachments) -> Bool[np.ndarray, " n"]:
-    """Return which vertices belong to rigid segments."""
-    return np.isin(mesh.segment, attachments.segment)

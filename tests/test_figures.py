@@ -15,7 +15,7 @@ from replicate.figures.curves import training_curves
 from replicate.figures.expressions import expression_sheet, segment_colours
 from replicate.figures.figure09 import figure09
 from replicate.figures.figure10 import figure10
-from replicate.figures.heatmap import NO_NORMAL, distance_heat, error_colours, normal_heat
+from replicate.figures.heatmap import NO_NORMAL, error_colours, normal_heat
 from replicate.figures.panels import DPI, Words, panel_grid, save_figure
 from replicate.figures.table_figure import table2_chart
 from replicate.mesh import Mesh
@@ -52,8 +52,8 @@ def test_brightness_rises_with_the_error():
 
 def test_the_heat_of_a_perfect_prediction_is_one_colour_and_unlit(record):
     truth = record.vertices["truth"]
-    for heat in (normal_heat(truth, truth, record.faces, 10.0), distance_heat(truth, truth, record.faces, 1.0)):
-        assert len(np.unique(heat.colours, axis=0)) == 1 and not heat.lit
+    heat = normal_heat(truth, truth, record.faces, 10.0)
+    assert len(np.unique(heat.colours, axis=0)) == 1 and not heat.lit
 
 
 def test_figure_10_has_a_panel_and_a_heatmap_for_each_method_on_one_scale(record):

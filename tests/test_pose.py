@@ -10,7 +10,6 @@ from replicate.evaluation.pose import (
     inner_edges,
     load_pose,
     most_wrinkled,
-    record_pose,
     save_pose,
 )
 from replicate.mesh import Mesh, edges
@@ -84,11 +83,11 @@ def test_only_folds_of_the_shown_faces_count():
 def test_a_record_comes_back_from_disk_to_a_micrometre(tmp_path):
     mesh = sheet()
     rng = np.random.default_rng(0)
-    offsets = rng.normal(size=(3, 64, 3)).astype(np.float32) * 10
+    offsets = rng.normal(size=(64, 3)).astype(np.float32) * 10
     props = [("eye", TENT, TENT_FACES, (250.0, 250.0, 245.0)), ("brow", TENT, TENT_FACES, (0.2, 0.0, 1.0))]
-    predictors = {"coarse": lambda p, v: v + p[:, :1, None], "neutral": lambda p, v: 0 * v + mesh.neutral}
-    record = record_pose("teen", mesh, 1, np.float32([[0], [0.25], [2]]), offsets, predictors, props)
-    np.testing.assert_allclose(record.vertices["coarse"], mesh.neutral + offsets[1] + 0.25, atol=1e-5)
+    truth = mesh.neutral + offsets
+    shown = {"truth": truth, "coarse": truth + np.float32(0.25), "neutral": mesh.neutral}
+    record = PoseRecord("teen", 1, mesh.neutral, mesh.faces, shown, tuple(props))
     save_pose(tmp_path / "pose.npz", record)
     back = load_pose(tmp_path / "pose.npz")
     assert (back.character, back.pose, list(back.vertices)) == ("teen", 1, ["truth", "coarse", "neutral"])

@@ -12,8 +12,6 @@ from replicate.rigid import (
     find_attachments,
     following_errors,
     nearest_rotation,
-    placement_errors,
-    rigid_vertices,
     segment_errors,
 )
 
@@ -74,16 +72,6 @@ def test_a_mirror_image_gets_a_proper_rotation_and_the_best_one():
         assert (centred**2).sum() >= best - 1e-9
 
 
-def test_weights_act_as_repeated_points():
-    rng = np.random.default_rng(3)
-    source, target = rng.normal(size=(2, 5, 3))
-    counts = np.array([1, 3, 2, 4, 1])
-    weighted = align(source, target, counts.astype(float))
-    repeated = align(np.repeat(source, counts, 0), np.repeat(target, counts, 0))
-    np.testing.assert_allclose(weighted[0], repeated[0], atol=1e-12)
-    np.testing.assert_allclose(weighted[1], repeated[1], atol=1e-12)
-
-
 def test_points_on_a_line_take_the_smallest_rotation_that_fits():
     source = np.arange(5)[:, None] * np.array([1.0, 0.0, 0.0])
     turn = rotation_about([0, 0, 1], 0.7)
@@ -137,7 +125,6 @@ def test_only_the_segment_that_moves_rigidly_is_found_and_its_carriers_are_those
     assert found.vertex.shape == (1, 10) and carried[found.vertex].all()
     assert len(set(found.vertex[0])) == 10
     assert found.error_mm.max() < 1e-4 and found.rigid_error_mm.max() < 1e-4
-    np.testing.assert_array_equal(rigid_vertices(mesh, found), mesh.segment == 1)
 
 
 def test_how_badly_a_vertex_follows_is_the_root_of_equation_4():
@@ -172,8 +159,8 @@ def test_attach_places_a_rigid_segment_from_its_carriers_alone():
     assert placed.dtype == np.float32
     np.testing.assert_allclose(placed, poses[20:], atol=1e-3)
     np.testing.assert_array_equal(placed[:, mesh.segment != 1], predicted[:, mesh.segment != 1])
-    assert placement_errors(mesh, found, placed, poses[20:]).max() < 1e-3
-    assert placement_errors(mesh, found, np.broadcast_to(mesh.neutral, poses[20:].shape), poses[20:]).min() > 0.1
+    moved = np.linalg.norm(poses[20:] - mesh.neutral, axis=-1)[:, mesh.segment == 1]
+    assert moved.mean(1).min() > 0.1, "a tooth that stays would be placed well by doing nothing"
 
 
 def test_noise_on_the_carriers_moves_a_placement_as_their_spread_says():

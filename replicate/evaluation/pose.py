@@ -5,7 +5,7 @@ Figures and notebooks are drawn from this file, so they need neither a cache nor
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from zipfile import BadZipFile
@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from replicate.errors import InputError
-from replicate.evaluation.errors import Predictor, unique_poses
+from replicate.evaluation.errors import unique_poses
 from replicate.mesh import Mesh, face_normals
 
 TRUTH = "truth"
@@ -103,18 +103,6 @@ def most_wrinkled(
         change = np.abs(fold_angles(posed.astype(np.float32), patch, edges, face_pairs) - rest)
         folding.append((np.minimum(change, 360 - change) * length).sum(-1) / length.sum())
     return int(poses[np.argmax(np.concatenate(folding))])
-
-
-def record_pose(
-    character: str, mesh: Mesh, pose: int, params: np.ndarray, offsets: np.ndarray, predictors: Mapping[str, Predictor],
-    props: Sequence = (),
-) -> PoseRecord:  # fmt: skip
-    """Return one test pose as every method predicts it. props: from `rig.pose_props(params)`."""
-    truth = mesh.neutral + np.asarray(offsets[pose : pose + 1], np.float32)
-    vertices = {TRUTH: truth[0]}
-    for label, predict in predictors.items():
-        vertices[label] = np.asarray(predict(params[pose : pose + 1], truth), np.float32)[0]
-    return PoseRecord(character, int(pose), mesh.neutral, mesh.faces, vertices, tuple(props))
 
 
 def save_pose(path: Path, record: PoseRecord) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from replicate.figures.scene import Surface
-from replicate.metrics import normal_error, vertex_error
+from replicate.metrics import normal_error
 
 COLOUR_MAP = "viridis"  # perceptually uniform, and in order for readers who see fewer colours
 NO_NORMAL = (200, 200, 200)  # faces that Eq. 11 leaves out
@@ -29,14 +29,6 @@ def normal_heat(
     return Surface(
         predicted, faces, error_colours(normal_error(predicted, truth, faces), limit_deg), lit=False, smooth=False
     )
-
-
-def distance_heat(
-    predicted: Float[np.ndarray, "n 3"], truth: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], limit_mm: float
-) -> Surface:
-    """Return the predicted surface, each face coloured by the mean distance error of its corners in mm."""
-    errors = vertex_error(predicted, truth)[faces].mean(-1)
-    return Surface(predicted, faces, error_colours(errors, limit_mm), lit=False, smooth=False)
 
 
 def colour_bar(figure, axes, limit: float, label: str):
