@@ -3,7 +3,7 @@
 import json
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from replicate import paths
@@ -52,11 +52,42 @@ def publish_table2(configs: Sequence[Config], tables: Sequence[Stage]) -> None:
 
 
 def _present(folder: Path) -> tuple[list[Row], dict, dict]:
-    """Return the rows, curves and manifest entries of the characters that are already there."""
-    if not (folder / MANIFEST).is_file():
-        return [], {}, {}
-    manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["characters"]
-    return read_results(folder / "table2.csv"), read_curves(folder / "table2_curves.csv"), manifest
+    """Return the rows, curves and manifest entries of the characters that are there as a whole.
+
+    Such a character has rows of the run that the manifest names, curves and a pose. What is missing, can't be read or
+    was left by a process killed between two files counts as absent: it is written again from the artefacts.
+    """
+    from replicate.evaluation.pose import load_pose
+
+    rows = _readable(read_results, folder / "table2.csv") or []
+    curves = _readable(read_curves, folder / "table2_curves.csv") or {}
+    manifest = _readable(_entries, folder / MANIFEST) or {}
+    whole = {
+        name
+        for name, facts in manifest.items()
+        if {row.run for row in rows if row.character == name} == {facts.get("run")}
+        and any(name == character for character, _ in curves)
+        and _readable(load_pose, folder / f"table2_{name}_pose.npz")
+    }
+    return (
+        [row for row in rows if row.character in whole],
+        {key: curve for key, curve in curves.items() if key[0] in whole},
+        {name: facts for name, facts in manifest.items() if name in whole},
+    )
+
+
+def _readable(read: Callable[[Path], object], file: Path):
+    """Return what a file holds, or None if it isn't there or is damaged, in whatever way."""
+    try:
+        return read(file)
+    except Exception:
+        return None
+
+
+def _entries(file: Path) -> dict[str, dict]:
+    """Return each character's own facts from a manifest that `_write_manifest` wrote."""
+    characters = json.loads(file.read_text(encoding="utf-8"))["characters"]
+    return {name: facts for name, facts in characters.items() if isinstance(facts, dict)}
 
 
 def _facts(seeds: list[int], tables: list[Stage], run: str) -> dict:

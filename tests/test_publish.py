@@ -1,0 +1,106 @@
+"""Publishing: whole characters stay, half written ones are written again, and two processes lose nothing."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_figures import LOG
+from test_tables import ours
+from toy_stages import ToyConfig
+
+from replicate import publish, store
+from replicate.config import resolve
+from replicate.evaluation.curves import read_curves, write_curves
+from replicate.evaluation.pose import PoseRecord, save_pose
+from replicate.evaluation.results import read_results, write_results
+from replicate.publish import publish_table2
+from replicate.stages import Stage
+
+FILES = ("table2.csv", "table2_curves.csv", "table2_teen_pose.npz", "manifest.json")
+
+
+@pytest.fixture
+def folder(tmp_path, cache, monkeypatch):
+    """Where the profile "quick" is published; nothing is drawn there."""
+    monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path / "results"))
+    monkeypatch.setattr(publish, "_draw", lambda *given: None)
+    return tmp_path / "results" / "quick"
+
+
+def made(character: str, seed: int = 0, run: str = "r"):
+    """Return a configuration and the stage of its table, whose artefact holds made-up numbers."""
+
+    def build(out, scratch):
+        write_results(out / "table2.csv", [replace(row, run=run) for row in ours((character,))])
+        write_curves(out / "table2_curves.csv", {(character, "dense"): LOG})
+        flat, faces = np.eye(3, dtype=np.float32), np.int32([[0, 1, 2]])
+        record = PoseRecord(character, 5, flat, faces, {"truth": flat, "dense": flat})
+        save_pose(out / f"table2_{character}_pose.npz", record)
+        return {"key": "k", "wall_s": 1.0, "run": {"git": {"commit": "c0ffee", "clean": True}, "profile": "quick"}}
+
+    stage = Stage("table2", "toy_stages:numbers", ToyConfig(seed), label=f"{character}-{run}")
+    store.make(stage.identifier, build)
+    return resolve(character, "quick", seed=seed), stage
+
+
+def publish_made(*runs) -> None:
+    publish_table2([config for config, _ in runs], [stage for _, stage in runs])
+
+
+def characters(folder) -> list[set[str]]:
+    """Return whose results each file holds."""
+    return [
+        {row.character for row in read_results(folder / "table2.csv")},
+        {character for character, _ in read_curves(folder / "table2_curves.csv")},
+        set(json.loads((folder / "manifest.json").read_text())["characters"]),
+    ]
+
+
+def test_characters_published_one_after_the_other_stand_side_by_side(folder):
+    publish_made(made("teen"))
+    publish_made(made("tiny"))
+    assert characters(folder) == [{"teen", "tiny"}] * 3
+    before = {file: (folder / file).read_bytes() for file in FILES}
+    publish_made(made("tiny"))
+    assert {file: (folder / file).read_bytes() for file in FILES} == before
+
+
+@pytest.mark.parametrize("harm", ["gone", "empty", "garbage", "cut"])
+@pytest.mark.parametrize("file", FILES)
+def test_a_file_that_is_gone_or_damaged_is_written_again(folder, file, harm):
+    runs = made("teen"), made("tiny")
+    publish_made(*runs)
+    whole = {name: (folder / name).read_bytes() for name in FILES}
+    (folder / file).unlink()
+    if harm != "gone":
+        (folder / file).write_bytes({"empty": b"", "garbage": b"[7, \xff", "cut": whole[file][:-40]}[harm])
+    publish_made(runs[1])
+    assert "tiny" in set.intersection(*characters(folder)), "what is published does not depend on what was there"
+    publish_made(*runs)
+    assert {name: (folder / name).read_bytes() for name in FILES} == whole
+
+
+@pytest.mark.parametrize("text", ["7", "[]", "{}", '{"characters": []}', '{"characters": {"teen": 7}}'])
+def test_a_manifest_of_another_shape_counts_as_none(folder, text):
+    publish_made(made("teen"))
+    (folder / "manifest.json").write_text(text)
+    publish_made(made("tiny"))
+    assert characters(folder) == [{"tiny"}] * 3
+
+
+def test_a_character_without_an_entry_in_the_manifest_is_left_out(folder):
+    publish_made(made("teen"), made("tiny"))
+    manifest = json.loads((folder / "manifest.json").read_text())
+    del manifest["characters"]["teen"]
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    publish_made(made("tiny"))
+    assert characters(folder) == [{"tiny"}] * 3
+
+
+def test_rows_of_another_run_than_the_manifests_are_left_out(folder):
+    publish_made(made("teen"))
+    rows = [replace(row, run="killed before the manifest was written") for row in ours()]
+    write_results(folder / "table2.csv", rows)
+    publish_made(made("tiny"))
+    assert characters(folder) == [{"tiny"}] * 3
