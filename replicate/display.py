@@ -26,8 +26,7 @@ class StageDisplay:
         """Announce the stage once it has run for two seconds."""
         if not self._announced and time.monotonic() - self.started >= DELAY_S:
             self._announced = True
-            if not self.stream.isatty():
-                self._line("started")
+            self._line("started")
 
     def waiting(self) -> None:
         """Say that another process is making the same artefact."""

@@ -86,7 +86,7 @@ def make_samples(context: StageContext) -> None:
 
 
 def make_influence(context: StageContext) -> None:
-    """Find which control can move which vertex (§3.1)."""
+    """Find which control can move which vertex (§3.1): a fact about the rig, looked for at poses of a draw of its own."""
     from replicate.influence import influence, influence_poses
     from replicate.samples import choose_poses
 
@@ -198,8 +198,8 @@ def make_errors(context: StageContext) -> None:
     predictor = load_predictor(settings, context.inputs, mesh, attachments)
     poses = unique_poses(samples.test_params)
     if settings.test_poses and settings.test_poses < len(poses):
-        chosen = stream_rng(settings.seed, "errors", "poses").choice(len(poses), settings.test_poses, replace=False)
-        poses = poses[np.sort(chosen)]
+        order = stream_rng(settings.seed, "errors", "poses").permutation(len(poses))
+        poses = poses[np.sort(order[: settings.test_poses])]  # fewer poses are some of the more
     with context.progress(len(poses), f"errors, {settings.method}") as bar:
         errors = evaluate(
             mesh,

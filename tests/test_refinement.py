@@ -7,6 +7,7 @@ from small_face import pose_offsets, small_influence, small_mesh, small_samples,
 from replicate.approximation import cnn, refinement
 from replicate.approximation.segments import coarse_segments
 from replicate.config import CoarseConfig, RefinementConfig, TrainingConfig
+from replicate.errors import InputError
 from replicate.progress import progress
 
 
@@ -65,6 +66,23 @@ def test_segments_are_disjoint_squares_that_fill_their_maps(face):
         assert np.ptp(mesh.uv[segment.vertices], axis=0).max() <= 0.25 + 1e-6
         np.testing.assert_allclose([segment.uv.min(0), segment.uv.max(0)], [[0, 0], [1, 1]])
         np.testing.assert_array_equal(segment.parameters, range(8))
+
+
+def test_a_chart_with_few_places_gets_no_more_clusters_than_those(face):
+    mesh, segments = face
+    errors = np.zeros(len(mesh.neutral))
+    errors[segments[0].vertices[:3]] = 1.0
+    _, elbow = refinement.select(segments, errors, small_influence(mesh), RefinementConfig(square=0.9))
+    assert len(elbow.inertia) == 3
+
+
+def test_what_cannot_be_refined_is_said_in_one_sentence(face):
+    mesh, segments = face
+    with pytest.raises(InputError, match="nothing to refine"):
+        refinement.select(segments, np.zeros(len(mesh.neutral)), small_influence(mesh), RefinementConfig())
+    errors = np.ones(len(mesh.neutral))
+    with pytest.raises(InputError, match=r"refinement\.square is 0\.01: no square of that size"):
+        refinement.select(segments, errors, small_influence(mesh), RefinementConfig(square=0.01))
 
 
 def test_refinement_lowers_both_errors_and_moves_only_its_vertices(face, tmp_path):

@@ -61,6 +61,15 @@ def test_a_run_killed_twice_ends_with_the_same_bits(tmp_path, monkeypatch):
     assert resumed_log == log
 
 
+def test_a_damaged_checkpoint_is_trained_over(tmp_path):
+    undisturbed, _ = run(tmp_path / "a")
+    (tmp_path / "b").mkdir()
+    whole = (tmp_path / "a" / "checkpoint.safetensors").read_bytes()
+    (tmp_path / "b" / "checkpoint.safetensors").write_bytes(whole[: len(whole) // 2])
+    again, _ = run(tmp_path / "b")
+    assert all(torch.equal(again[name], value) for name, value in undisturbed.items())
+
+
 def test_a_resumed_run_does_not_start_again(tmp_path):
     run(tmp_path)
     with pytest.raises(Killed):

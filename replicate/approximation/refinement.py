@@ -17,6 +17,7 @@ from replicate.approximation.segments import Segment, make_segment, segment_vert
 from replicate.approximation.supervision import Supervision
 from replicate.approximation.training import prepare, train
 from replicate.deformation_map import bilinear, polyharmonic_map, sampling_matrix
+from replicate.errors import InputError
 
 UNCOVERED = 0.25  # squared distance, in widths of a chart, of a vertex whose chart has no cluster: half a width
 STARTS = 4  # k-means runs, of which the best counts
@@ -73,6 +74,10 @@ def select(
             if chosen.sum() >= 3:
                 name = f"{segment.name}_{c + 1}"
                 found.append(make_segment(name, segment.vertices[chosen], _stretched(segment.uv[chosen]), influence))
+    if not found:
+        raise InputError(
+            f"refinement.square is {config.square}: no square of that size holds three vertices; choose a larger one."
+        )
     return tuple(found), found_elbow
 
 
@@ -92,9 +97,13 @@ def clusters(
     inertia, history = [], []
     for _ in range(most):
         gains = [cost[d] - cost[d + 1] if d + 1 < len(cost) else -np.inf for cost, d in zip(costs, dealt, strict=True)]
+        if max(gains) == -np.inf:  # every chart has as many clusters as places with an error
+            break
         dealt[int(np.argmax(gains))] += 1
         history.append(tuple(dealt))
         inertia.append(sum(cost[d] for cost, d in zip(costs, dealt, strict=True)))
+    if not inertia:
+        raise InputError("refinement: the maps hold every vertex exactly, so that there is nothing to refine.")
     count = elbow(inertia)
     chosen = [fit[d - 1][1] if d else np.zeros((0, 2)) for fit, d in zip(fits, history[count - 1], strict=True)]
     return chosen, Elbow(tuple(inertia), count)

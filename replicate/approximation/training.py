@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors import safe_open
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
 
@@ -98,23 +98,31 @@ def _save(checkpoint: Path, weights: dict, optimiser, step: int, log: list, runn
     beside = checkpoint.with_suffix(".new")
     facts = {"step": str(step), "log": json.dumps(log), "running": json.dumps(running)}
     save_file({name: array.cpu().contiguous() for name, array in arrays.items()}, beside, metadata=facts)
+    with open(beside, "rb") as file:
+        os.fsync(file.fileno())  # or a power cut could leave the new name and half of the contents
     os.replace(beside, checkpoint)
 
 
 def _resume(checkpoint: Path, weights: dict, optimiser) -> tuple[int, list, list]:
     """Restore weights and moments from a checkpoint, if there is one of these weights; return (step, log, running)."""
-    if not checkpoint.is_file():
+    try:
+        with safe_open(checkpoint, framework="pt") as file:
+            facts = file.metadata()
+            arrays = {name: file.get_tensor(name) for name in file.keys()}
+        step, log, running = int(facts["step"]), json.loads(facts["log"]), json.loads(facts["running"])
+        found = {name: [arrays[f"{name}{part}"] for part in ("", ":m", ":v")] for name in weights}
+    except (OSError, SafetensorError, KeyError, TypeError, ValueError):  # none yet, or a damaged one: begin again
         return 0, [], []
-    with safe_open(checkpoint, framework="pt") as file, torch.no_grad():
-        facts = file.metadata()
+    with torch.no_grad():
         for name, weight in weights.items():
-            weight.copy_(file.get_tensor(name))
+            value, mean, square = found[name]
+            weight.copy_(value)
             optimiser.state[weight] = {
-                "step": torch.tensor(float(facts["step"])).to(weight.device),
-                "exp_avg": torch.empty_like(weight).copy_(file.get_tensor(f"{name}:m")),
-                "exp_avg_sq": torch.empty_like(weight).copy_(file.get_tensor(f"{name}:v")),
+                "step": torch.tensor(float(step)).to(weight.device),
+                "exp_avg": torch.empty_like(weight).copy_(mean),
+                "exp_avg_sq": torch.empty_like(weight).copy_(square),
             }
-    return int(facts["step"]), json.loads(facts["log"]), json.loads(facts["running"])
+    return step, log, running
 
 
 def write_log(log: Sequence[dict], file: Path) -> None:
