@@ -1,10 +1,13 @@
 """From finished artefacts to what a person reads: results/runs/<profile>/ with CSVs, manifest, figures and notebook."""
 
+import contextlib
 import json
 import os
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+
+from filelock import FileLock, Timeout
 
 from replicate import paths
 from replicate.config import Config
@@ -24,15 +27,45 @@ def publish_table2(configs: Sequence[Config], tables: Sequence[Stage]) -> None:
 
     tables: each configuration's last stage. Configurations of one character differ in their seeds: its numbers are the
     means over them, its curves and pictures those of the first. Results of characters that are not among them stay in
-    the folder. Where a number comes from is read from the artefacts, so publishing again changes nothing.
+    the folder. Where a number comes from is read from the artefacts, so publishing again changes nothing. While another
+    process publishes to the same folder, this one waits, so that neither loses the other's results.
     """
     profile = configs[0].profile
     folder = paths.run_folder(profile)
     folder.mkdir(parents=True, exist_ok=True)
-    rows, curves, manifest = _present(folder)
     seeded: dict[str, list[tuple[Config, Stage]]] = {}
     for config, stage in zip(configs, tables, strict=True):
         seeded.setdefault(paths.recipe_file(config.character).stem, []).append((config, stage))
+    with _alone(folder):
+        rows = _merge(folder, seeded)
+        _draw(folder, profile, configs[0].evaluation.heatmap_deg)
+    paper = read_results(paths.PAPER / "table2.csv")
+    for character in seeded:
+        print(as_text(table2(rows, paper, character)))
+    print(f"written to {paths.shown(folder)}: table2.csv, {MANIFEST}, figures, and table2.ipynb to read them in")
+
+
+@contextlib.contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Hold the lock of a folder of results, beside it; the system frees it should the process die."""
+    held = FileLock(folder.with_name(f".{folder.name}.lock"))
+    try:
+        held.acquire(timeout=0)
+    except Timeout:
+        print(f"{paths.shown(folder)}: being written by another process; waiting for it", flush=True)
+        held.acquire(poll_interval=0.2)
+    try:
+        yield
+    finally:
+        held.release()
+
+
+def _merge(folder: Path, seeded: Mapping[str, Sequence[tuple[Config, Stage]]]) -> list[Row]:
+    """Write the results of some characters beside those of the others that are there, and return all rows.
+
+    seeded: by character, the configuration and the last stage of each of its seeds.
+    """
+    rows, curves, manifest = _present(folder)
     for character, runs in seeded.items():
         made = [artefact_folder(stage.identifier) for _, stage in runs]
         rows = [row for row in rows if row.character != character]
@@ -44,11 +77,7 @@ def publish_table2(configs: Sequence[Config], tables: Sequence[Stage]) -> None:
     write_results(folder / "table2.csv", rows)
     write_curves(folder / "table2_curves.csv", curves)
     _write_manifest(folder / MANIFEST, {name: manifest[name] for name in sorted({row.character for row in rows})})
-    _draw(folder, profile, configs[0].evaluation.heatmap_deg)
-    paper = read_results(paths.PAPER / "table2.csv")
-    for character in seeded:
-        print(as_text(table2(rows, paper, character)))
-    print(f"written to {paths.shown(folder)}: table2.csv, {MANIFEST}, figures, and table2.ipynb to read them in")
+    return rows
 
 
 def _present(folder: Path) -> tuple[list[Row], dict, dict]:

@@ -1,6 +1,8 @@
 """Publishing: whole characters stay, half written ones are written again, and two processes lose nothing."""
 
 import json
+import threading
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -104,3 +106,32 @@ def test_rows_of_another_run_than_the_manifests_are_left_out(folder):
     write_results(folder / "table2.csv", rows)
     publish_made(made("tiny"))
     assert characters(folder) == [{"tiny"}] * 3
+
+
+def test_two_processes_that_publish_at_once_lose_no_rows(folder, monkeypatch, capsys):
+    runs, read, reading = [made("teen"), made("tiny")], publish._present, threading.Event()
+
+    def read_slowly(where):
+        present = read(where)
+        reading.set()
+        time.sleep(0.5)
+        return present
+
+    monkeypatch.setattr(publish, "_present", read_slowly)
+    first = threading.Thread(target=publish_made, args=(runs[0],))
+    first.start()
+    assert reading.wait(10)
+    publish_made(runs[1])
+    first.join()
+    assert characters(folder) == [{"teen", "tiny"}] * 3
+    assert "being written by another process; waiting for it" in capsys.readouterr().out
+
+
+def test_the_lock_is_free_after_a_failure_and_lies_outside_the_results(folder, monkeypatch):
+    run = made("teen")
+    monkeypatch.setattr(publish, "_draw", lambda *given: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        publish_made(run)
+    monkeypatch.setattr(publish, "_draw", lambda *given: None)
+    publish_made(run)
+    assert {path.name for path in folder.iterdir()} == set(FILES), "the folder may be copied as it is"
