@@ -20,7 +20,9 @@ from replicate.made import made_rig
 from replicate.progress import progress
 
 BATCH = 32
+APART = 4  # poses that a round evaluates one by one
 ROUNDS = 15
+POSES = {"batched": BATCH, "single": APART, "nodes": APART, "nodes_batched": BATCH}  # that each way evaluates a round
 
 
 def timed(ways: dict[str, Callable[[], object]], rounds: int) -> dict[str, np.ndarray]:
@@ -39,7 +41,7 @@ def timed(ways: dict[str, Callable[[], object]], rounds: int) -> dict[str, np.nd
 
 def bench(rig, params: np.ndarray, rounds: int) -> dict[str, float]:
     """Return milliseconds a pose of each way to call a rig, and the worst batch's; params: (BATCH, m)."""
-    single, poses = params[:1], [params[k : k + 1] for k in range(4)]
+    single, poses = params[:1], [params[k : k + 1] for k in range(APART)]
     ways = {
         "batched": lambda: rig(params),
         "single": lambda: [rig(pose) for pose in poses],
@@ -47,19 +49,19 @@ def bench(rig, params: np.ndarray, rounds: int) -> dict[str, float]:
         "nodes_batched": lambda: rig.run_nodes(params),
     }
     found = timed(ways, rounds)
-    count = {"batched": BATCH, "single": len(poses), "nodes": len(poses), "nodes_batched": BATCH}
-    result = {name: 1e3 * float(np.median(found[name])) / count[name] for name in ways}
+    result = {name: 1e3 * float(np.median(found[name])) / POSES[name] for name in ways}
     result["batched_worst"] = 1e3 * float(found["batched"].max()) / BATCH
     difference = float(np.abs(rig(single) - rig.run_nodes(single)).max())
     result["nodes_difference_mm"] = difference
     return result
 
 
-def rows(character: str, found: dict[str, float], rounds: int) -> list[Row]:
-    """Return the numbers of one character as rows, ratios as rows of their own."""
+def rows(character: str, found: dict[str, float]) -> list[Row]:
+    """Return the numbers of one character as rows, ratios as rows of their own; `poses` are those of a round."""
 
     def row(method: str, metric: str, unit: str, value: float) -> Row:
-        return Row("bench_rig", character, method, metric, unit, value, None, None, rounds, "bench", "bench-rig")
+        poses = 1 if metric == "largest_difference" else min(POSES[way] for way in method.split("/"))
+        return Row("bench_rig", character, method, metric, unit, value, None, None, poses, "bench", "bench-rig")
 
     listed = [row(way, "time_per_pose", "ms", found[way]) for way in ("batched", "single", "nodes", "nodes_batched")]
     listed += [row(way, "poses_per_second", "count", 1e3 / found[way]) for way in ("batched", "single", "nodes")]
@@ -83,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for character in options.characters.replace(",", " ").split():
             rig = made_rig(character)
             found = bench(rig, _poses(rig), options.rounds)
-            listed += rows(rig.name, found, options.rounds)
+            listed += rows(rig.name, found)
             times = [f"{found[way]:.2f}" for way in ("batched", "batched_worst", "single", "nodes")]
             ratios = [f"{found['single'] / found['batched']:.1f}", f"{found['nodes'] / found['single']:.1f}"]
             lines.append((rig.name, *times, f"{1e3 / found['batched']:.0f}", *ratios))
