@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -16,6 +17,7 @@ from jaxtyping import Float, Float32
 from data_recipes.controls import make_controls
 from data_recipes.deformers import face, props
 from data_recipes.rig import Clip, Rig, check_rig
+from replicate.errors import InputError
 from replicate.mesh import Mesh
 
 
@@ -42,7 +44,7 @@ def face_function(constants: Any) -> Callable:
 def build(name_or_recipe: str | Path) -> Rig:
     """Build a character from its recipe: head, controls, deformers, clips.
 
-    Raises InputError for anything in the recipe that cannot be.
+    Raises InputError, naming the recipe or the clip, for anything in the recipe that cannot be.
     """
     from data_recipes.animation import act
     from data_recipes.clip_file import read_clip
@@ -56,16 +58,17 @@ def build(name_or_recipe: str | Path) -> Rig:
     controls = make_controls(asdict(recipe.controls), recipe.file)
     clips = [Clip(Path(file).stem, read_clip(Path(file), controls)) for file in recipe.clip_files]
     clips = [Clip(name, values) for name, values in act(controls, recipe.acting)] + clips
-    head = build_head(recipe)
-    points, regions = control_points(Sculptor(head))
-    constants = build_constants(head, controls)
-    mesh = Mesh(
-        neutral=head.vertices.astype(np.float32),
-        faces=head.faces.astype(np.int32),
-        uv=np.clip(head.uv, 0, 1).astype(np.float32),
-        segment=head.segment.astype(np.int32),
-        segment_names=head.segment_names,
-    )
+    with _naming(recipe.file):
+        head = build_head(recipe)
+        mesh = Mesh(
+            neutral=head.vertices.astype(np.float32),
+            faces=head.faces.astype(np.int32),
+            uv=np.clip(head.uv, 0, 1).astype(np.float32),
+            segment=head.segment.astype(np.int32),
+            segment_names=head.segment_names,
+        )
+        points, regions = control_points(Sculptor(head))
+        constants = build_constants(head, controls)
     rig = Rig(
         name=recipe.name,
         mesh=mesh,
@@ -79,6 +82,17 @@ def build(name_or_recipe: str | Path) -> Rig:
         face=FaceParts(constants, props.rest_props(head)),
     )
     return check_rig(rig)
+
+
+@contextmanager
+def _naming(file: str) -> Iterator[None]:
+    """Put the recipe's file in front of an InputError that doesn't begin with it."""
+    try:
+        yield
+    except InputError as error:
+        if str(error).startswith(f"{file}: "):
+            raise
+        raise InputError(f"{file}: {error}") from error
 
 
 @cache

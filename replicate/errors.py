@@ -4,7 +4,9 @@
 class InputError(ValueError):
     """Bad input: one sentence that names the file, the key or index, what was found and what is allowed.
 
-    The command line prints the sentence alone and exits with code 2; nothing has been written by then.
+    The command line prints the sentence alone and exits with code 2. Arguments, recipes and configuration files are
+    checked before anything is written; what shows only in a stage, such as a bad clip or a recipe that gives no mesh,
+    ends the run with no result, and what other stages have finished by then stays in the cache.
     """
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from data_recipes.animation import act
+from data_recipes.head import build_head
 from data_recipes.recipe import load_recipe
 from data_recipes.rig import Clip, Control, Rig, build_rig, check_rig, load_rig, recipe_files, rig_names, save_rig
 from replicate.errors import InputError
@@ -264,6 +265,25 @@ def test_a_recipe_can_bring_its_own_clips_in_place_of_acting(tmp_path):
     assert clip.name == "nod" and clip.values.shape == (2, len(columns))
     assert [clip.values[1, columns.index(name)] for name in ("squash", "jaw_open")] == [0.5, 0.25]
     assert np.count_nonzero(clip.values) == 2
+
+
+def test_a_recipe_that_gives_no_mesh_is_named_once(tmp_path, monkeypatch):
+    text = (RECIPES / "tiny.toml").read_text(encoding="utf-8")
+    recipe = tmp_path / "mine.toml"
+    recipe.write_text(text, encoding="utf-8")
+
+    def flattened(recipe):
+        head = build_head(recipe)
+        head.faces[5] = head.faces[5, 0]
+        return head
+
+    with monkeypatch.context() as patch:
+        patch.setattr("data_recipes.head.build_head", flattened)
+        with pytest.raises(InputError, match=r"^mine\.toml: mesh: faces\[5\] .* is degenerate"):
+            build_rig(recipe)
+    recipe.write_text(text.replace("vertices = 918", "vertices = 917"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"^mine\.toml: 'vertices': found 917"):
+        build_rig(recipe)
 
 
 # -- rigs that users bring ---------------------------------------------------------------------------------------
