@@ -5,6 +5,7 @@ out of range is an InputError. The resolved configuration is stored with every a
 """
 
 import dataclasses
+import re
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -154,10 +155,15 @@ class Config(Checked):
 
     def __post_init__(self):
         super().__post_init__()
-        if not recipe_file(self.character).is_file():
+        recipe = recipe_file(self.character)
+        if not recipe.is_file():
             raise InputError(
                 f"character {self.character!r} has no recipe: allowed are {', '.join(character_names())}, "
                 "or the path of a .toml recipe"
+            )
+        if not re.fullmatch(r"[\w.-]+", recipe.stem):
+            raise InputError(
+                f"recipe {recipe}: the name {recipe.stem!r} can't name folders: allowed are letters, digits, _, . and -"
             )
 
 

@@ -105,6 +105,23 @@ def test_an_unknown_character_lists_those_there_are(tmp_path, monkeypatch):
         resolve("hiccup")
 
 
+@pytest.mark.parametrize("name", ["my(1)", "a+b", "a b"])
+def test_a_recipe_whose_name_suits_no_folder_is_refused_in_one_sentence(tmp_path, name):
+    file = tmp_path / f"{name}.toml"
+    file.write_text("")
+    with pytest.raises(InputError) as told:
+        resolve(str(file))
+    sentence = str(told.value)
+    assert str(file) in sentence and repr(name) in sentence and "letters, digits, _, . and -" in sentence
+    assert "\n" not in sentence
+
+
+def test_a_recipe_may_have_a_name_of_letters_digits_dots_and_dashes(tmp_path):
+    file = tmp_path / "Ünn_2.b-c.toml"
+    file.write_text("")
+    assert resolve(str(file)).character == str(file)
+
+
 def test_a_configuration_survives_json(recipe):
     quick = resolve(recipe, "quick", seed=5)
     assert from_json(to_json(quick)) == quick
