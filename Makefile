@@ -8,6 +8,7 @@ JOBS       ?=
 DEVICE     ?=
 CONFIG     ?=
 SPLIT      ?=
+LATEX      ?=
 RECENT     := import sys; sys.exit(sys.version_info < (3, 11))
 PYTHON     ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 	$$p -c '$(RECENT)' 2>/dev/null && echo $$p && exit; done; echo python3)
@@ -45,6 +46,7 @@ help: ## print this help
 	@echo "  PROFILE=$(PROFILE)    quick, laptop or paper: how many samples and steps"
 	@echo "  CHARACTERS=$(CHARACTERS)   names, or paths of .toml recipes, separated by commas or spaces"
 	@echo "  SEED=  JOBS=  DEVICE=  CONFIG=  SPLIT=   as \`python -m replicate table2 --help\` says"
+	@echo "  LATEX=1         \`make compare\` in LaTeX"
 	@echo "  PYTHON=         the Python, 3.11 or newer, that .venv is made with"
 
 environment: $(ENVIRONMENT) ## make .venv with the exact packages, unless an active environment has them
@@ -53,7 +55,7 @@ table2: $(ENVIRONMENT) ## approximation errors on held-out poses, beside the pap
 	@$(RUN) -m replicate table2 $(RUN_OPTIONS) $(if $(JOBS),--jobs "$(JOBS)")
 
 compare: $(ENVIRONMENT) ## print the paper's numbers, the reference results and yours
-	@$(RUN) -m replicate compare --profile "$(PROFILE)"
+	@$(RUN) -m replicate compare --profile "$(PROFILE)" $(if $(LATEX),--latex)
 
 rigs: $(ENVIRONMENT) ## draw the characters' expressions
 	@$(RUN) -m replicate rigs --characters "$(CHARACTERS)"

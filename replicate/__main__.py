@@ -95,11 +95,11 @@ def _table2(options: argparse.Namespace) -> None:
 
 def _compare(options: argparse.Namespace) -> None:
     from replicate.evaluation.compare import compare_folders
-    from replicate.evaluation.tables import as_text
+    from replicate.evaluation.tables import as_latex, as_text
 
     _check_profile(options.profile)
     for table in compare_folders(paths.PAPER, paths.REFERENCE, paths.run_folder(options.profile)):
-        print(as_text(table))
+        print(as_latex(table) if options.latex else as_text(table))
 
 
 def _rigs(options: argparse.Namespace) -> None:
@@ -139,7 +139,7 @@ COMMANDS = {
     "table2": Command(
         "make Table 2: approximation errors on held-out poses, beside the paper's", _table2, (*_RUN_OPTIONS, "jobs")
     ),
-    "compare": Command("print the paper's numbers, the reference results and yours", _compare, ("profile",)),
+    "compare": Command("print the paper's numbers, the reference results and yours", _compare, ("profile", "latex")),
     "rigs": Command("draw sheets of the characters' expressions", _rigs, ("characters",)),
     "status": Command("list the artefacts of Table 2 and what else the cache holds", _status, _RUN_OPTIONS),
     "clean-cache": Command("remove what is stale, damaged or unfinished from the cache", _clean_cache, ("all",)),
@@ -159,6 +159,7 @@ _OPTIONS = {
     "device": {"default": "auto", "help": "auto, cpu or cuda (default: CUDA if there is one, else the CPU)"},
     "jobs": {"type": int, "help": f"processes side by side (default: one a core, here {core_count()})"},
     "config": {"metavar": "FILE", "help": "a TOML file whose keys override the profile's, as [coarse] map_size = 64"},
+    "latex": {"action": "store_true", "help": "print LaTeX (packages: booktabs) instead of text"},
     "split": {"help": "frames (as in the paper) or clips: what is held out for the test"},
     "all": {"action": "store_true", "help": "remove everything that this suite has put there"},
 }

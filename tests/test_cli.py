@@ -10,6 +10,7 @@ from toy_stages import ToyConfig, faulty_graph
 import replicate
 from replicate import __main__ as cli
 from replicate import paths
+from replicate.evaluation.results import Row, write_results
 from replicate.inventory import inventory
 from replicate.stages import Stage
 from replicate.store import artefact_folder, read_manifest
@@ -139,6 +140,20 @@ def test_clean_cache_leaves_alone_what_the_suite_did_not_make(capfd, cache):
     (cache / "notes.txt").write_text("mine")
     assert cli.main(["clean-cache", "--all"]) == 0
     assert (cache / "photographs").is_dir() and (cache / "notes.txt").is_file()
+
+
+def test_compare_prints_text_or_latex(capsys, monkeypatch, tmp_path):
+    monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path))
+    row = Row("table2", "teen", "coarse", "vertex_error_mean", "mm", 0.2, None, 1, 10, "quick", "r")
+    (tmp_path / "quick").mkdir()
+    write_results(tmp_path / "quick" / "table2.csv", [row])
+    assert cli.main(["compare", "--profile", "quick"]) == 0
+    text = capsys.readouterr().out
+    assert "teen, Coarse, vertex_error_mean [mm]" in text and "\\" not in text
+    assert cli.main(["compare", "--profile", "quick", "--latex"]) == 0
+    latex = capsys.readouterr().out
+    assert latex.count(r"\begin{table}") == latex.count(r"\end{table}") >= 1
+    assert r"teen, Coarse, vertex\_error\_mean [mm] & 0.36 & " in latex and "|" not in latex
 
 
 @pytest.mark.parametrize("command", [[], *([name] for name in cli.COMMANDS)])
