@@ -65,10 +65,17 @@ def configurations(options: argparse.Namespace) -> list[Config]:
 
 
 def _characters(options: argparse.Namespace) -> list[str]:
-    characters = list(dict.fromkeys(" ".join(options.characters).replace(",", " ").split()))
-    if not characters:
+    """Return the characters that are named, each recipe once; results are kept by the stem of its file."""
+    recipes: dict[str, tuple[Path, str]] = {}
+    for character in " ".join(options.characters).replace(",", " ").split():
+        file = paths.recipe_file(character)
+        known, _ = recipes.setdefault(file.stem, (file, character))
+        if known != file:
+            both = f"{paths.shown(known)} and {paths.shown(file)}"
+            raise InputError(f"{both} would both be {file.stem!r} in the results: rename one of them")
+    if not recipes:
         raise InputError(f"no character is named: allowed are {', '.join(paths.character_names())}")
-    return characters
+    return [character for _, character in recipes.values()]
 
 
 def _seeds(options: argparse.Namespace) -> list[int]:

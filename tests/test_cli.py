@@ -97,6 +97,22 @@ def test_table2_runs_the_graph_of_every_character_and_publishes_once(capfd, cach
     assert "made 12 of 12 artefacts" in capfd.readouterr().out
 
 
+def test_a_recipe_named_twice_is_run_once(capfd, cache, pipeline):
+    named = ["teen", str(paths.RECIPES / "teen.toml"), "dragon", "teen"]
+    assert cli.main(["table2", "--profile", "quick", "--characters", *named]) == 0
+    ((configs, _),) = pipeline
+    assert [config.character for config in configs] == ["teen", "dragon"]
+
+
+def test_two_recipes_of_one_name_are_refused_with_both_files(capsys, cache, pipeline, tmp_path):
+    mine = tmp_path / "mine" / "teen.toml"
+    mine.parent.mkdir()
+    mine.write_text("")
+    sentence = refused(capsys, "table2", "--characters", f"teen,{mine}")
+    assert str(paths.RECIPES / "teen.toml") in sentence and str(mine) in sentence and "rename one of them" in sentence
+    assert not cache.exists()
+
+
 def test_table2_again_has_nothing_to_do(capfd, cache, pipeline):
     cli.main(["table2"])
     capfd.readouterr()
