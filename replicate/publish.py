@@ -140,18 +140,20 @@ def _write_manifest(file: Path, characters: dict[str, dict]) -> None:
 
 
 def _draw(folder: Path, profile: str, limit_deg: float) -> None:
-    """Execute the notebook and draw the figures, unless both show these results already."""
-    from replicate.figures.notebooks import run_notebook
+    """Draw the figures and execute the notebook, unless both show these results already.
 
-    notebook = folder / "table2.ipynb"
-    before = notebook.stat().st_mtime_ns if notebook.is_file() else None
-    run_notebook("table2", profile, HEATMAP_DEG=limit_deg)
-    if notebook.stat().st_mtime_ns == before:
-        return
+    The notebook comes last: only when it stands, with its stamp, were the figures of these results drawn to the end.
+    """
+    from replicate.figures.notebooks import is_current, run_notebook
     from replicate.figures.panels import save_figure
-    from replicate.figures.table2_figures import open_table2, table2_figures
+    from replicate.figures.table2_figures import open_table2, table2_figure_names, table2_figures
 
     results = open_table2(folder)
+    names = [name for character in results.characters for name in table2_figure_names(character)]
+    drawn = all((folder / f"{name}{ending}").is_file() for name in names for ending in (".png", ".json"))
+    if drawn and is_current("table2", profile, HEATMAP_DEG=limit_deg):
+        return
     for character in results.characters:
         for name, figure, words in table2_figures(results, character, limit_deg):
             save_figure(figure, folder / f"{name}.png", words)
+    run_notebook("table2", profile, HEATMAP_DEG=limit_deg)

@@ -15,7 +15,7 @@ from replicate.evaluation.pose import PoseRecord, save_pose
 from replicate.evaluation.results import Row, write_results
 from replicate.figures import notebooks, render
 from replicate.figures.notebooks import execute, main, provenance_text, with_parameters
-from replicate.figures.table2_figures import open_table2, pose_file, table2_figures
+from replicate.figures.table2_figures import open_table2, pose_file, table2_figure_names, table2_figures
 
 FILES = sorted(notebooks.NOTEBOOKS.glob("*.ipynb"))
 TABLE2 = notebooks.NOTEBOOKS / "table2.ipynb"
@@ -85,6 +85,7 @@ def test_table2s_notebook_shows_the_results_of_a_folder(folder, monkeypatch):
 def test_figures_of_a_folder_have_names_of_their_own(folder):
     names = [name for name, _, _ in table2_figures(open_table2(folder), "teen", 10.0, renderer="software")]
     assert len(set(names)) == 5 and all("teen" in name for name in names)
+    assert tuple(names) == table2_figure_names("teen")
 
 
 def test_a_result_that_is_missing_is_named_with_the_target_that_makes_it(folder):

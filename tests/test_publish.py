@@ -16,6 +16,8 @@ from replicate.config import resolve
 from replicate.evaluation.curves import read_curves, write_curves
 from replicate.evaluation.pose import PoseRecord, save_pose
 from replicate.evaluation.results import read_results, write_results
+from replicate.figures import notebooks, table2_figures
+from replicate.figures.panels import Words
 from replicate.publish import publish_table2
 from replicate.stages import Stage
 
@@ -23,11 +25,17 @@ FILES = ("table2.csv", "table2_curves.csv", "table2_teen_pose.npz", "manifest.js
 
 
 @pytest.fixture
-def folder(tmp_path, cache, monkeypatch):
-    """Where the profile "quick" is published; nothing is drawn there."""
+def place(tmp_path, cache, monkeypatch):
+    """Where the profile "quick" is published."""
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path / "results"))
-    monkeypatch.setattr(publish, "_draw", lambda *given: None)
     return tmp_path / "results" / "quick"
+
+
+@pytest.fixture
+def folder(place, monkeypatch):
+    """Where the profile "quick" is published, without figures and notebook."""
+    monkeypatch.setattr(publish, "_draw", lambda *given: None)
+    return place
 
 
 def made(character: str, seed: int = 0, run: str = "r"):
@@ -135,3 +143,57 @@ def test_the_lock_is_free_after_a_failure_and_lies_outside_the_results(folder, m
     monkeypatch.setattr(publish, "_draw", lambda *given: None)
     publish_made(run)
     assert {path.name for path in folder.iterdir()} == set(FILES), "the folder may be copied as it is"
+
+
+@pytest.fixture
+def drawing(place, monkeypatch):
+    """Small figures and an unexecuted notebook instead of the true ones; returns what was drawn and executed."""
+    from matplotlib.figure import Figure
+
+    done = []
+
+    def figures(results, character, limit_deg):
+        for name in table2_figures.table2_figure_names(character):
+            done.append(name)
+            yield name, Figure((0.1, 0.1)), Words("alt", "caption")
+
+    def execute(source, out, parameters, stamp):
+        done.append(out.name)
+        out.write_text(stamp)
+
+    monkeypatch.setattr(table2_figures, "table2_figures", figures)
+    monkeypatch.setattr(notebooks, "execute", execute)
+    return done
+
+
+ALL = [*table2_figures.table2_figure_names("teen"), "table2.ipynb"]
+
+
+def test_figures_and_notebook_are_made_once(place, drawing):
+    publish_made(made("teen"))
+    assert drawing == ALL
+    assert all((place / f"{name}.png").is_file() for name in ALL[:-1])
+    publish_made(made("teen"))
+    assert drawing == ALL, "both show these results already"
+    publish_made(made("teen", run="another"))
+    assert drawing == ALL * 2
+
+
+@pytest.mark.parametrize("gone", ["figure09_teen.png", "table2_teen_curves.json"])
+def test_a_figure_that_is_gone_is_drawn_again(place, drawing, gone):
+    publish_made(made("teen"))
+    (place / gone).unlink()
+    drawing.clear()
+    publish_made(made("teen"))
+    assert (place / gone).is_file() and drawing == ALL[:-1], "the notebook need not be executed for it"
+
+
+def test_figures_that_a_killed_process_left_old_are_drawn_again(drawing, monkeypatch):
+    publish_made(made("teen"))
+    with monkeypatch.context() as killed:
+        killed.setattr("replicate.figures.panels.save_figure", lambda *given: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            publish_made(made("teen", run="another"))
+    drawing.clear()
+    publish_made(made("teen", run="another"))
+    assert drawing == ALL

@@ -170,10 +170,17 @@ def run_notebook(name: str, results: str, **parameters: object) -> Path:
     if results == "reference":
         execute(source, source, {"RESULTS": results, **parameters})
         return source
-    out, stamp = results_folder(results) / source.name, _stamp(source, results_folder(results), parameters)
-    if not out.is_file() or stamp not in out.read_text(encoding="utf-8", errors="replace"):
-        execute(source, out, {"RESULTS": results, **parameters}, stamp)
+    out = results_folder(results) / source.name
+    if not is_current(name, results, **parameters):
+        execute(source, out, {"RESULTS": results, **parameters}, _stamp(source, out.parent, parameters))
     return out
+
+
+def is_current(name: str, results: str, **parameters: object) -> bool:
+    """Return whether `run_notebook` has been done on these results of yours, as they are now."""
+    source, out = NOTEBOOKS / f"{name}.ipynb", results_folder(results) / f"{name}.ipynb"
+    stamp = _stamp(source, out.parent, parameters)
+    return out.is_file() and stamp in out.read_text(encoding="utf-8", errors="replace")
 
 
 def _stamp(source: Path, folder: Path, parameters: dict) -> str:

@@ -44,13 +44,25 @@ def open_table2(folder: Path) -> Table2Results:
     return Table2Results(rows, read_results(PAPER / "table2.csv"), read_curves(folder / "table2_curves.csv"), poses)
 
 
+def table2_figure_names(character: str) -> tuple[str, ...]:
+    """Return the file names, without ending, of one character's `table2_figures`, in their order; draws none."""
+    return (
+        f"table2_{character}_chart",
+        f"figure10_{character}",
+        f"figure10_{character}_forehead",
+        f"figure09_{character}",
+        f"table2_{character}_curves",
+    )
+
+
 def table2_figures(
     results: Table2Results, character: str, limit_deg: float, renderer=None
 ) -> Iterator[tuple[str, object, Words]]:
     """Yield (file name without ending, figure, words) of each figure of one character."""
     pose = results.poses[character]
-    yield f"table2_{character}_chart", *table2_chart(results.rows, results.paper, character)
-    yield f"figure10_{character}", *figure10(pose, limit_deg, "front", renderer=renderer)
-    yield f"figure10_{character}_forehead", *figure10(pose, limit_deg, "forehead", renderer=renderer)
-    yield f"figure09_{character}", *figure09(pose, renderer=renderer)
-    yield f"table2_{character}_curves", *training_curves(results.curves, results.rows, character)
+    chart, front, forehead, meshes, curves = table2_figure_names(character)
+    yield chart, *table2_chart(results.rows, results.paper, character)
+    yield front, *figure10(pose, limit_deg, "front", renderer=renderer)
+    yield forehead, *figure10(pose, limit_deg, "forehead", renderer=renderer)
+    yield meshes, *figure09(pose, renderer=renderer)
+    yield curves, *training_curves(results.curves, results.rows, character)
