@@ -197,3 +197,11 @@ def test_figures_that_a_killed_process_left_old_are_drawn_again(drawing, monkeyp
     drawing.clear()
     publish_made(made("teen", run="another"))
     assert drawing == ALL
+
+
+def test_the_notebook_is_executed_again_when_only_the_manifest_changes(place, drawing):
+    publish_made(made("teen"))
+    manifest = json.loads((place / "manifest.json").read_text())
+    assert notebooks.is_current("table2", "quick", HEATMAP_DEG=10.0)
+    (place / "manifest.json").write_text(json.dumps(manifest | {"processor": "abacus"}))
+    assert not notebooks.is_current("table2", "quick", HEATMAP_DEG=10.0)

@@ -184,11 +184,15 @@ def is_current(name: str, results: str, **parameters: object) -> bool:
 
 
 def _stamp(source: Path, folder: Path, parameters: dict) -> str:
-    """Return a hash of what a notebook's outputs depend on: its cells, the results, and the code that shows them."""
+    """Return a hash of what a notebook's outputs depend on: its cells, the results, and the code that shows them.
+
+    The manifest counts as one of the results: the notebook tells where its numbers come from.
+    """
     cells = [cell["source"] for cell in json.loads(source.read_text(encoding="utf-8"))["cells"]]
     digest = hashlib.sha256(json.dumps([cells, parameters]).encode())
     code = [path for package in ("figures", "evaluation") for path in (ROOT / "replicate" / package).glob("*.py")]
-    for path in sorted([*code, *folder.glob("*.csv"), *folder.glob("*.npz")]):
+    shown = [path for kind in ("*.csv", "*.npz", "manifest.json") for path in folder.glob(kind)]
+    for path in sorted([*code, *shown]):
         digest.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()
 
