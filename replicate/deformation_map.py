@@ -80,7 +80,7 @@ def polyharmonic_map(
 
 
 class Projection:
-    """The least-squares map of a segment, and what its vertices read from it: the best that any network could do.
+    """The least-squares map of a segment, and what its vertices read from it.
 
     min_I Σ |g(I; U) − values|² + RIDGE |I|², factored once, applied to any number of poses.
     """
@@ -99,7 +99,7 @@ class Projection:
 
 
 class Floor:
-    """The true offsets as well as the maps can hold them: the least error that any network of this layout can reach.
+    """The true offsets as well as the maps can hold them, by least squares: what this layout of maps allows.
 
     segments: the coarse ones, each with `.vertices` (k,) and `.uv` (k, 2). With refinement segments, what their maps of
     `refinement_size` can hold of the remaining residual is added, as the refinement network would. One factorisation a

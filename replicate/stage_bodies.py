@@ -86,7 +86,7 @@ def make_samples(context: StageContext) -> None:
 
 
 def make_influence(context: StageContext) -> None:
-    """Find which control can move which vertex (§3.1): a fact about the rig, looked for at poses of a draw of its own."""
+    """Find which control can move which vertex (§3.1): a fact about the rig, so at poses of its own draw."""
     from replicate.influence import influence, influence_poses
     from replicate.samples import choose_poses
 

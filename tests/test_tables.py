@@ -7,7 +7,7 @@ import pytest
 from replicate.errors import InputError
 from replicate.evaluation.compare import compare, compare_folders
 from replicate.evaluation.results import Row, read_results, write_results
-from replicate.evaluation.table2 import METHODS, table2, table2_overview
+from replicate.evaluation.table2 import METHODS, in_order, table2, table2_overview, title
 from replicate.evaluation.table2_details import table2_ratios, table2_segments
 from replicate.evaluation.tables import as_latex, as_markdown, as_text, published, rounded
 
@@ -144,3 +144,9 @@ def test_segments_have_a_line_each_and_a_column_for_each_method():
     ]
     text = as_text(table2_segments(rows, "teen"))
     assert line(text, "face, mm") == ["0.50", "0.25"] and line(text, "rigid, deg") == ["0.50", "0.25"]
+
+
+def test_other_numbers_of_bones_stand_among_those_of_lbs():
+    found = ["neutral", "lbs32", "lbs4", "dense", "lbs16", "coarse"]
+    assert in_order(found) == ["coarse", "dense", "lbs4", "lbs16", "lbs32", "neutral"]
+    assert title("lbs4") == "LBS: 4 bones †" and title("lbs16") == "LBS: 16 bones †" and title("odd") == "odd"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from replicate.errors import InputError
 from replicate.evaluation.results import Row, find, read_results
-from replicate.evaluation.table2 import METHODS, STANDS_FOR
+from replicate.evaluation.table2 import STANDS_FOR, in_order, title
 from replicate.evaluation.tables import Table, published, rounded
 
 COMPARED = ("table1", "table2", "table3", "table4")
@@ -19,7 +19,8 @@ def compare(paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row]
     keys = {row.key[1:]: row.unit for row in (*reference, *yours) if row.table == table and _compared(row)}
     body: list[tuple[str, ...] | None] = []
     last = None
-    for character, method, metric in sorted(keys, key=_order):
+    known = in_order({method for _, method, _ in keys})
+    for character, method, metric in sorted(keys, key=lambda key: _order(key, known)):
         if last is not None and (character, metric) != last:
             body.append(None)
         last = character, metric
@@ -28,7 +29,7 @@ def compare(paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row]
         unit = keys[character, method, metric]
         ratio = f"{new.value / old.value:.3f}" if old and new and old.value else "–"
         cells = (rounded(row.value, unit, row.sd) if row else "–" for row in (old, new))
-        label = f"{character}, {METHODS.get(method, method)}, {metric} [{unit}]"
+        label = f"{character}, {title(method)}, {metric} [{unit}]"
         body.append((label, published(theirs), *cells, ratio))
     return Table(f"{table}: the paper's rig | the reference results | yours", (_header(reference, yours),), tuple(body))
 
@@ -56,16 +57,10 @@ def _compared(row: Row) -> bool:
     return not row.metric.endswith(("_p95", "_max", "_left_out")) and "texels" not in row.metric
 
 
-def _order(key: tuple[str, str, str]) -> tuple:
+def _order(key: tuple[str, str, str], known: Sequence[str]) -> tuple:
     character, method, metric = key
-    known = list(METHODS)
-    return (
-        character,
-        metric != "vertex_error_mean",
-        metric,
-        known.index(method) if method in known else len(known),
-        method,
-    )
+    place = known.index(method) if method in known else len(known)
+    return character, metric != "vertex_error_mean", metric, place, method
 
 
 def _header(reference: Sequence[Row], yours: Sequence[Row]) -> tuple[str, ...]:

@@ -1,5 +1,6 @@
 """Table 2, printed: ours beside the paper's, with the rows that the paper lacks and what they mean."""
 
+import re
 from collections.abc import Iterable, Sequence
 
 from replicate.evaluation.results import Row, find
@@ -7,7 +8,7 @@ from replicate.evaluation.tables import Table, published, rounded
 
 STANDS_FOR = {"teen": "Hiccup", "woman": "Valka", "dragon": "Toothless", "toon": "Ray"}
 
-# The paper's methods in its order, then the rows that it lacks.
+# The paper's methods in its order, then the rows that it lacks; other numbers of bones come between those of LBS.
 METHODS = {
     "coarse": "Coarse",
     "refined": "Refined",
@@ -23,18 +24,33 @@ METHODS = {
 OURS_ALONE = ("floor", "floor_refined", "attachment", "neutral")
 NOTES = {
     "†": "An oracle: its bones are refitted to the true mesh of each test pose; it is no function of rig parameters.",
-    "‡": "An oracle: the true mesh projected onto the deformation maps, the least error that their resolution allows.",
+    "‡": "An oracle: the true mesh projected onto the deformation maps by least squares: what their resolution allows.",
     "¶": "An oracle: the true mesh, but for the rigid segments, which are placed by their attachment vertices (§3.4).",
     "§": "The neutral pose as prediction: how much the test poses move.",
 }
 STATISTICS = ("mean", "p95", "max")
+_BONES = re.compile(r"lbs(\d+)")
+
+
+def in_order(methods: Iterable[str]) -> list[str]:
+    """Return the methods among some labels in the table's order: the paper's, LBS by bones, then what it lacks."""
+    bones = {method: int(found[1]) for method in methods if (found := _BONES.fullmatch(method))}
+    networks = [method for method in METHODS if method not in OURS_ALONE and not _BONES.fullmatch(method)]
+    order = [*networks, *sorted(bones, key=bones.__getitem__), *OURS_ALONE]
+    return [method for method in order if method in bones or method in methods]
+
+
+def title(method: str) -> str:
+    """Return a method's name as tables show it, with the mark of its note."""
+    bones = _BONES.fullmatch(method)
+    return METHODS.get(method, f"LBS: {bones[1]} bones †" if bones else method)
 
 
 def table2(ours: Iterable[Row], paper: Sequence[Row], character: str) -> Table:
     """Return one character's errors in full, with the column of the film character that it stands for."""
     rows = [row for row in ours if row.table == "table2" and row.character == character]
     theirs = STANDS_FOR.get(character)
-    present = [method for method in METHODS if any(row.method == method for row in rows)]
+    present = in_order({row.method for row in rows})
     body = [_line(rows, paper, character, theirs, method) for method in present if method not in OURS_ALONE]
     extra = [_line(rows, paper, character, theirs, method) for method in present if method in OURS_ALONE]
     name = theirs or "paper"
@@ -43,34 +59,34 @@ def table2(ours: Iterable[Row], paper: Sequence[Row], character: str) -> Table:
         ("", *STATISTICS, name, *STATISTICS, name, "/vertex"),
     )
     rule = [None] if body and extra else []
-    title = f"Table 2: {character}" + (f" beside the paper's {theirs}" if theirs else "")
-    return Table(title, headers, (*body, *rule, *extra), (_about(rows, theirs), *_notes(rows, present)))
+    heading = f"Table 2: {character}" + (f" beside the paper's {theirs}" if theirs else "")
+    return Table(heading, headers, (*body, *rule, *extra), (_about(rows, theirs), *_notes(rows, present)))
 
 
 def table2_overview(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
     """Return the paper's Table 2: the means of every character beside those of the one that it stands for."""
     rows = [row for row in ours if row.table == "table2"]
     characters = [c for c in STANDS_FOR if any(row.character == c for row in rows)]
-    present = [method for method in METHODS if any(row.method == method for row in rows)]
+    present = in_order({row.method for row in rows})
     body: list[tuple[str, ...] | None] = []
-    for kind, unit, title in (("vertex", "mm", "Distance error, mm"), ("normal", "deg", "Normal angle error, degrees")):
+    for kind, unit, words in (("vertex", "mm", "Distance error, mm"), ("normal", "deg", "Normal angle error, degrees")):
         body += [None] if body else []
-        body.append((title, *[""] * (2 * len(characters))))
+        body.append((words, *[""] * (2 * len(characters))))
         for method in present:
-            cells = [METHODS[method]]
+            cells = [title(method)]
             for character in characters:
                 mine = find(rows, "table2", character, method, f"{kind}_error_mean")
                 cells.append(rounded(mine.value, unit, mine.sd) if mine else "–")
                 cells.append(published(find(paper, "table2", STANDS_FOR[character], method, f"{kind}_error_mean")))
             body.append(tuple(cells))
     header = ("", *(name for c in characters for name in (c, STANDS_FOR[c])))
-    title = "Table 2: mean errors of our characters beside the paper's"
+    heading = "Table 2: mean errors of our characters beside the paper's"
     about = _about(rows, "each of the paper's characters")
-    return Table(title, (header,), tuple(body), (about, *_notes(rows, present)))
+    return Table(heading, (header,), tuple(body), (about, *_notes(rows, present)))
 
 
 def _line(rows, paper, character: str, theirs: str | None, method: str) -> tuple[str, ...]:
-    cells = [METHODS[method]]
+    cells = [title(method)]
     for kind, unit in (("vertex", "mm"), ("normal", "deg")):
         for statistic in STATISTICS:
             row = find(rows, "table2", character, method, f"{kind}_error_{statistic}")
@@ -94,16 +110,16 @@ def _about(rows: Sequence[Row], theirs: str | None) -> str:
 
 
 def _notes(rows: Sequence[Row], present: Sequence[str]) -> tuple[str, ...]:
-    notes = [f"{mark} {note}" for mark, note in NOTES.items() if any(mark in METHODS[method] for method in present)]
+    notes = [f"{mark} {note}" for mark, note in NOTES.items() if any(mark in title(method) for method in present)]
     left_out = [row for row in rows if row.metric == "normal_faces_left_out" and row.value]
     if left_out:
         worst = max(left_out, key=lambda row: row.value)
         notes.append(
             f"Eq. 11 leaves out faces that have no area in the true or the predicted mesh: {worst.value:,.0f} (face, "
-            f"pose) pairs at most ({METHODS.get(worst.method, worst.method)})."
+            f"pose) pairs at most ({title(worst.method)})."
         )
     for character in sorted({row.character for row in rows}):
         counts = {row.method: row.poses for row in rows if row.character == character and row.poses}
         fewer = [m for m in present if counts.get(m, 0) and counts[m] < max(counts.values())]
-        notes += [f"{METHODS[m]}: on {counts[m]:,} of {character}'s poses only." for m in fewer]
+        notes += [f"{title(m)}: on {counts[m]:,} of {character}'s poses only." for m in fewer]
     return tuple(notes)

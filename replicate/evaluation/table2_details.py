@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from replicate.evaluation.results import Row, find
-from replicate.evaluation.table2 import METHODS, STANDS_FOR
+from replicate.evaluation.table2 import STANDS_FOR, in_order, title
 from replicate.evaluation.tables import Table, rounded
 
 # (method, over which other, error): what a replication on another rig can compare, and our own measures of success.
@@ -28,7 +28,7 @@ def table2_ratios(ours: Sequence[Row], paper: Sequence[Row], character: str) -> 
     for method, other, kind in RATIOS:
         ratios = [_ratio(rows, who, method, other, kind) for rows, who in ((ours, character), (paper, theirs))]
         if ratios[0] is not None:
-            label = f"{METHODS[method]} / {METHODS[other]}, {ERRORS[kind]}"
+            label = f"{title(method)} / {title(other)}, {ERRORS[kind]}"
             body.append((label, *(rounded(ratio, "ratio") for ratio in ratios)))
     header = ("mean error of one method over another's", character, theirs or "–")
     return Table(f"Table 2 as ratios: {character} beside {theirs or 'nobody'}", (header,), tuple(body))
@@ -43,7 +43,7 @@ def _ratio(rows: Iterable[Row], character: str, method: str, other: str, kind: s
 def table2_segments(ours: Iterable[Row], character: str) -> Table:
     """Return each segment's mean normal and vertex error for every method, segments in the order of their names."""
     rows = [row for row in ours if row.table == "table2_segments" and row.character == character]
-    methods = [m for m in METHODS if m not in ("attachment",) and any(row.method == m for row in rows)]
+    methods = [method for method in in_order({row.method for row in rows}) if method != "attachment"]
     names = sorted({row.metric.partition("[")[2].rstrip("]") for row in rows if "_error_" in row.metric})
     body: list[tuple[str, ...] | None] = []
     for kind, unit in (("vertex", "mm"), ("normal", "deg")):
@@ -52,5 +52,5 @@ def table2_segments(ours: Iterable[Row], character: str) -> Table:
             found = (find(rows, "table2_segments", character, m, f"{kind}_error_mean[{name}]") for m in methods)
             cells = (rounded(row.value, unit, row.sd) if row else "–" for row in found)
             body.append((f"{name}, {unit}", *cells))
-    header = ("", *(METHODS[m].replace("LBS: ", "LBS ").replace(" bones", "").replace(", ", " ") for m in methods))
+    header = ("", *(title(m).replace("LBS: ", "LBS ").replace(" bones", "").replace(", ", " ") for m in methods))
     return Table(f"Table 2 by segment: {character}, mean errors", (header,), tuple(body))

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from replicate.evaluation.curves import Curve
 from replicate.evaluation.results import Row, find
 from replicate.figures.panels import DPI, Words
-from replicate.figures.style import COLOURS, MEASURES, plain_name, tidy
+from replicate.figures.style import MEASURES, colour, plain_name, tidy
 
 NETWORKS = ("coarse", "refined", "dense")
 FLOORS = {"floor": "coarse", "floor_refined": "refined"}
@@ -25,13 +25,13 @@ def training_curves(curves: Mapping[tuple[str, str], Curve], rows: Sequence[Row]
         for method in NETWORKS:
             if curve := curves.get((character, method)):
                 steps, errors = [row[0] for row in curve], [row[column] for row in curve]
-                axes.plot(steps, errors, color=COLOURS[method], label=plain_name(method))
+                axes.plot(steps, errors, color=colour(method), label=plain_name(method))
                 ends.append(
                     f"{plain_name(method)} ends at {curve[-1][column]:.2f} {'mm' if column == 2 else 'degrees'}"
                 )
         for floor, method in FLOORS.items():
             if row := find(rows, "table2", character, floor, metric):
-                axes.axhline(row.value, color=COLOURS[method], linestyle="--", linewidth=1, label=plain_name(floor))
+                axes.axhline(row.value, color=colour(method), linestyle="--", linewidth=1, label=plain_name(floor))
         axes.set_yscale("log")
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.yaxis.set_major_formatter("{x:g}")

@@ -6,7 +6,7 @@ from replicate.evaluation.pose import TRUTH, PoseRecord
 from replicate.figures.panels import Words, panel_grid
 from replicate.figures.render import render
 from replicate.figures.scene import Surface, camera_for
-from replicate.figures.style import TITLES, plain_name
+from replicate.figures.style import label, plain_name
 
 SHOWN = (TRUTH, "refined", "coarse", "lbs32")
 
@@ -17,11 +17,11 @@ def figure09(record: PoseRecord, methods: Sequence[str] = SHOWN, width: int = 40
     shown = [method for method in methods if method in record.vertices]
     props = [Surface(vertices, faces, colour) for _, vertices, faces, colour in record.props]
     panels = [
-        render([Surface(record.vertices[label], record.faces), *props], view, width, height, renderer=renderer)
-        for label in shown
+        render([Surface(record.vertices[method], record.faces), *props], view, width, height, renderer=renderer)
+        for method in shown
     ]
-    titles = [TITLES[label] for label in shown]
-    listed = ", ".join(plain_name(label) for label in shown)
+    titles = [label(method) for method in shown]
+    listed = ", ".join(plain_name(method) for method in shown)
     return panel_grid([panels], titles), Words(
         f"Clay renders of one forehead, close up, from left to right: {listed}.",
         f"Forehead wrinkles of {record.character} in test pose {record.pose} (after Fig. 9 of the paper): {listed}. "

@@ -70,16 +70,23 @@ def _manifest(name: str) -> tuple[Path, dict]:
 
 
 def _told(facts: dict) -> dict[str, str]:
-    git = facts.get("git")
     seconds = [stage.get("wall_s", 0) for stage in (facts.get("stages") or {}).values()]
     return {
-        "commit": "unknown" if not git else git["commit"] + ("" if git["clean"] else ", with changes of its own"),
+        "commit": _commits(facts.get("git")),
         "command": str(facts.get("command")),
         "profile, seeds": f"{facts.get('profile')}, {facts.get('seeds')}",
         "machine": f"{facts.get('processor')}, {facts.get('cores')} cores, GPU: {facts.get('gpu') or 'none'}",
         "packages": ", ".join(f"{name} {version}" for name, version in sorted((facts.get("packages") or {}).items())),
         "time of all stages": f"{sum(seconds) / 60:.1f} min",
     }
+
+
+def _commits(git: dict | None) -> str:
+    """Return the commits that stages were made from, the table's own first, and whether their trees were clean."""
+    if not git:
+        return "unknown"
+    names = list(dict.fromkeys([git["commit"], *git.get("commits", ())]))
+    return " and ".join(names) + ("" if git["clean"] else f", with changes of {'its' if len(names) == 1 else 'their'} own")
 
 
 def show_table(table: Table) -> None:

@@ -1,7 +1,7 @@
 """One colour and one name for each method in every chart."""
 
 from replicate.evaluation.pose import TRUTH
-from replicate.evaluation.table2 import METHODS
+from replicate.evaluation.table2 import title
 
 # Okabe and Ito's colours, told apart by readers who see fewer of them.
 COLOURS = {
@@ -21,12 +21,19 @@ MEASURES = (
 )
 
 
-TITLES = {TRUTH: "Ground truth"} | METHODS
+def colour(method: str) -> str:
+    """Return a method's colour; other numbers of bones are as grey as 24."""
+    return COLOURS.get(method, COLOURS["lbs24"])
+
+
+def label(method: str) -> str:
+    """Return a method's name as a panel's title, or that of the truth."""
+    return "Ground truth" if method == TRUTH else title(method)
 
 
 def plain_name(method: str) -> str:
     """Return a method's name without the marks of the printed tables."""
-    return TITLES.get(method, method).rstrip(" †‡¶§")
+    return label(method).rstrip(" †‡¶§")
 
 
 def tidy(axes) -> None:

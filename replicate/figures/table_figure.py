@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 from replicate.evaluation.results import Row, find
-from replicate.evaluation.table2 import METHODS, STANDS_FOR
+from replicate.evaluation.table2 import STANDS_FOR, in_order, title
 from replicate.figures.panels import DPI, Words
-from replicate.figures.style import COLOURS, MEASURES, plain_name, tidy
+from replicate.figures.style import MEASURES, colour, plain_name, tidy
 
 UNSHOWN = ("neutral", "attachment")  # one would stretch the axes, the other lies on them
 UNITS = {"mm": "mm", "deg": "degrees"}
@@ -20,7 +20,8 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str):
     from matplotlib.lines import Line2D
 
     theirs = STANDS_FOR.get(character, "")
-    methods = [m for m in METHODS if m not in UNSHOWN and find(ours, "table2", character, m, MEASURES[0][0])]
+    measured = {row.method for row in ours if row.character == character and row.metric == MEASURES[0][0]}
+    methods = [method for method in in_order(measured) if method not in UNSHOWN]
     figure = Figure((10, 0.36 * len(methods) + 1.2), dpi=DPI, layout="constrained")
     spoken, motion = [], []
     for axes, (metric, unit, label) in zip(figure.subplots(1, 2, sharey=True), MEASURES, strict=True):
@@ -28,18 +29,18 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str):
             mine, other = (
                 find(rows, "table2", who, method, metric) for rows, who in ((ours, character), (paper, theirs))
             )
-            axes.plot(mine.value, y, "o", color=COLOURS[method], markersize=8)
+            axes.plot(mine.value, y, "o", color=colour(method), markersize=8)
             axes.annotate(
                 f"{mine.value:.2f}", (mine.value, y), (0, 7), textcoords="offset points", ha="center", fontsize=7
             )
             if mine.sd is not None:
-                axes.errorbar(mine.value, y, xerr=mine.sd, color=COLOURS[method], capsize=3)
+                axes.errorbar(mine.value, y, xerr=mine.sd, color=colour(method), capsize=3)
             if other:
                 axes.plot(other.value, y, "o", markerfacecolor="none", markeredgecolor="black", markersize=8)
             spoken.append(f"{plain_name(method)} {mine.value:.2f} {UNITS[unit]}")
         if still := find(ours, "table2", character, "neutral", metric):
             motion.append(f"{still.value:.2f} {UNITS[unit]}")
-        axes.set_yticks(range(len(methods)), [METHODS[method] for method in methods])
+        axes.set_yticks(range(len(methods)), [title(method) for method in methods])
         axes.set_xlim(left=0)
         axes.set_xlabel(label)
         tidy(axes)
