@@ -88,11 +88,39 @@ def gpu() -> str | None:
     return torch.cuda.get_device_name(0) if torch is not None and torch.cuda.is_available() else None
 
 
+def graph_git(stages: list[Stage]) -> dict | None:
+    """Return the commit that the first stage of a finished graph was made from, and whether all stages were so cleanly.
+
+    {"commit", "clean"}: "clean" is true only if every stage, inputs included, was made from a clean tree; "commits"
+    names all that stages were made from, where there are several. None if the first was made outside a checkout.
+    """
+    states = [_made_from(stage) for stage in in_order(stages)]
+    first = _made_from(stages[0])
+    if first is None:
+        return None
+    commits = list(dict.fromkeys(state["commit"] for state in states if state))
+    several = {"commits": commits} if len(commits) > 1 else {}
+    return {"commit": first["commit"], "clean": all(state and state["clean"] for state in states), **several}
+
+
 def stage_facts(stages: list[Stage]) -> dict[str, dict]:
-    """Return, for every stage of a finished graph by its title, its key, wall time and what it noted."""
+    """Return, for every stage of a finished graph by its title, its key, wall time and what it noted.
+
+    "git" is there for stages whose commit or clean flag differs from those of `graph_git`; None for one that was made
+    outside a checkout.
+    """
     facts = {}
+    top = graph_git(stages)
+    shared = top and {name: top[name] for name in ("commit", "clean")}
     for stage in in_order(stages):
         manifest = read_manifest(artefact_folder(stage.identifier))
         kept = ("key", "wall_s", "resumed", "threads", "peak_memory_mb", "gpu", "notes")
         facts[stage.title] = {name: manifest[name] for name in kept if manifest.get(name) not in (None, {}, False)}
+        if (own := _made_from(stage)) != shared:
+            facts[stage.title]["git"] = own
     return facts
+
+
+def _made_from(stage: Stage) -> dict | None:
+    """Return the `git_state` of the run that made a stage's artefact."""
+    return read_manifest(artefact_folder(stage.identifier))["run"].get("git")

@@ -15,7 +15,7 @@ from replicate.evaluation.curves import read_curves, write_curves
 from replicate.evaluation.results import Row, over_seeds, read_results, write_results
 from replicate.evaluation.table2 import table2
 from replicate.evaluation.tables import as_text
-from replicate.provenance import stage_facts
+from replicate.provenance import graph_git, stage_facts
 from replicate.stages import Stage
 from replicate.store import artefact_folder, read_manifest
 
@@ -122,7 +122,8 @@ def _entries(file: Path) -> dict[str, dict]:
 def _facts(seeds: list[int], tables: list[Stage], run: str) -> dict:
     """Return where one character's numbers come from: the run that made its table, and every stage behind it."""
     manifest = read_manifest(artefact_folder(tables[0].identifier))
-    return {**manifest["run"], "seeds": seeds, "run": run, "stages": stage_facts(tables)}
+    facts = {"git": graph_git(tables), "seeds": seeds, "run": run, "stages": stage_facts(tables)}
+    return {**manifest["run"], **facts}
 
 
 def _write_manifest(file: Path, characters: dict[str, dict]) -> None:

@@ -9,7 +9,7 @@ import pytest
 from toy_stages import toy_graph
 
 from replicate.paths import ROOT
-from replicate.provenance import core_count, git_state, processor, provenance, stage_facts
+from replicate.provenance import core_count, git_state, graph_git, processor, provenance, stage_facts
 from replicate.scheduler import run
 
 
@@ -61,3 +61,51 @@ def test_stage_facts_name_every_stage_with_its_time(cache):
     assert list(facts) == ["first", "middle-0", "middle-1", "middle-2", "last"]
     assert all(fact["wall_s"] >= 0 for fact in facts.values())
     assert facts["first"]["notes"] == {"count": 3}
+
+
+@pytest.fixture
+def mixed(cache):
+    """Return a function that makes the toys' first stage in one git state and the others in another."""
+
+    def make(first, others):
+        graph = toy_graph()
+        run([graph[0].inputs[0].inputs[0]], facts={"git": first})
+        run(graph, facts={"git": others})
+        return graph
+
+    return make
+
+
+OLD, NEW = {"commit": "c0ffee", "clean": True}, {"commit": "f00d", "clean": True}
+
+
+def test_stages_of_one_commit_name_it_once(mixed):
+    graph = mixed(NEW, NEW)
+    assert graph_git(graph) == NEW
+    assert not any("git" in fact for fact in stage_facts(graph).values())
+
+
+def test_a_stage_of_another_commit_names_its_own(mixed):
+    graph = mixed(OLD, NEW)
+    assert graph_git(graph) == {**NEW, "commits": ["c0ffee", "f00d"]}
+    assert {title: fact["git"] for title, fact in stage_facts(graph).items() if "git" in fact} == {"first": OLD}
+
+
+def test_one_stage_of_a_changed_tree_makes_all_unclean(mixed):
+    graph = mixed({**NEW, "clean": False}, NEW)
+    top, facts = graph_git(graph), stage_facts(graph)
+    assert top == {**NEW, "clean": False}
+    told = {title: fact.get("git", top)["clean"] for title, fact in facts.items()}
+    assert told.pop("first") is False and all(told.values()), "each stage's own flag can be read from the facts"
+
+
+def test_a_stage_from_outside_a_checkout_is_not_clean(mixed):
+    graph = mixed(None, NEW)
+    assert graph_git(graph) == {**NEW, "clean": False}
+    facts = stage_facts(graph)
+    assert facts["first"]["git"] is None and facts["last"]["git"] == NEW
+
+
+def test_a_graph_from_outside_a_checkout_has_no_commit(mixed):
+    graph = mixed(OLD, None)
+    assert graph_git(graph) is None and stage_facts(graph)["first"]["git"] == OLD

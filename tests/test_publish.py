@@ -38,7 +38,10 @@ def folder(place, monkeypatch):
     return place
 
 
-def made(character: str, seed: int = 0, run: str = "r"):
+GIT = {"commit": "c0ffee", "clean": True}
+
+
+def made(character: str, seed: int = 0, run: str = "r", git: dict | None = GIT):
     """Return a configuration and the stage of its table, whose artefact holds made-up numbers."""
 
     def build(out, scratch):
@@ -47,7 +50,7 @@ def made(character: str, seed: int = 0, run: str = "r"):
         flat, faces = np.eye(3, dtype=np.float32), np.int32([[0, 1, 2]])
         record = PoseRecord(character, 5, flat, faces, {"truth": flat, "dense": flat})
         save_pose(out / f"table2_{character}_pose.npz", record)
-        return {"key": "k", "wall_s": 1.0, "run": {"git": {"commit": "c0ffee", "clean": True}, "profile": "quick"}}
+        return {"key": "k", "wall_s": 1.0, "run": {"git": git, "profile": "quick"}}
 
     stage = Stage("table2", "toy_stages:numbers", ToyConfig(seed), label=f"{character}-{run}")
     store.make(stage.identifier, build)
@@ -205,3 +208,12 @@ def test_the_notebook_is_executed_again_when_only_the_manifest_changes(place, dr
     assert notebooks.is_current("table2", "quick", HEATMAP_DEG=10.0)
     (place / "manifest.json").write_text(json.dumps(manifest | {"processor": "abacus"}))
     assert not notebooks.is_current("table2", "quick", HEATMAP_DEG=10.0)
+
+
+def test_a_character_is_clean_only_if_all_its_seeds_are(folder):
+    publish_made(made("tiny"), made("teen"), made("teen", 1, git={"commit": "f00d", "clean": False}))
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert "git" not in manifest, "they share none"
+    assert manifest["characters"]["tiny"]["git"] == GIT
+    git = {"commit": "c0ffee", "clean": False, "commits": ["c0ffee", "f00d"]}
+    assert manifest["characters"]["teen"]["git"] == git

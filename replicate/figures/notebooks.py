@@ -86,7 +86,8 @@ def _commits(git: dict | None) -> str:
     if not git:
         return "unknown"
     names = list(dict.fromkeys([git["commit"], *git.get("commits", ())]))
-    return " and ".join(names) + ("" if git["clean"] else f", with changes of {'its' if len(names) == 1 else 'their'} own")
+    whose = "its" if len(names) == 1 else "their"
+    return " and ".join(names) + ("" if git["clean"] else f", with changes of {whose} own")
 
 
 def show_table(table: Table) -> None:
