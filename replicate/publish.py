@@ -40,8 +40,10 @@ def publish_table2(configs: Sequence[Config], tables: Sequence[Stage]) -> None:
         rows = _merge(folder, seeded)
         _draw(folder, profile, configs[0].evaluation.heatmap_deg)
     paper = read_results(paths.PAPER / "table2.csv")
-    for character in seeded:
+    for character, runs in seeded.items():
+        split = runs[0][0].samples.split
         print(as_text(table2(rows, paper, character)))
+        print(f"split by {split}" + (", as in the paper" if split == "frames" else ""))
     print(f"written to {paths.shown(folder)}: table2.csv, {MANIFEST}, figures, and table2.ipynb to read them in")
 
 
@@ -73,7 +75,7 @@ def _merge(folder: Path, seeded: Mapping[str, Sequence[tuple[Config, Stage]]]) -
         curves = {key: curve for key, curve in curves.items() if key[0] != character}
         curves |= read_curves(made[0] / "table2_curves.csv")
         shutil.copyfile(made[0] / f"table2_{character}_pose.npz", folder / f"table2_{character}_pose.npz")
-        manifest[character] = _facts([config.seed for config, _ in runs], [stage for _, stage in runs], rows[-1].run)
+        manifest[character] = _facts([config for config, _ in runs], [stage for _, stage in runs], rows[-1].run)
     write_results(folder / "table2.csv", rows)
     write_curves(folder / "table2_curves.csv", curves)
     _write_manifest(folder / MANIFEST, {name: manifest[name] for name in sorted({row.character for row in rows})})
@@ -119,11 +121,19 @@ def _entries(file: Path) -> dict[str, dict]:
     return {name: facts for name, facts in characters.items() if isinstance(facts, dict)}
 
 
-def _facts(seeds: list[int], tables: list[Stage], run: str) -> dict:
-    """Return where one character's numbers come from: the run that made its table, and every stage behind it."""
-    manifest = read_manifest(artefact_folder(tables[0].identifier))
-    facts = {"git": graph_git(tables), "seeds": seeds, "run": run, "stages": stage_facts(tables)}
-    return {**manifest["run"], **facts}
+def _facts(configs: list[Config], tables: list[Stage], run: str) -> dict:
+    """Return where one character's numbers come from: the run that made its table, and every stage behind it.
+
+    configs, tables: the configuration and the last stage of each seed; they differ in nothing else.
+    """
+    return {
+        **read_manifest(artefact_folder(tables[0].identifier))["run"],
+        "git": graph_git(tables),
+        "seeds": [config.seed for config in configs],
+        "split": configs[0].samples.split,
+        "run": run,
+        "stages": stage_facts(tables),
+    }
 
 
 def _write_manifest(file: Path, characters: dict[str, dict]) -> None:

@@ -41,7 +41,7 @@ def folder(place, monkeypatch):
 GIT = {"commit": "c0ffee", "clean": True}
 
 
-def made(character: str, seed: int = 0, run: str = "r", git: dict | None = GIT):
+def made(character: str, seed: int = 0, run: str = "r", git: dict | None = GIT, split: str = "frames"):
     """Return a configuration and the stage of its table, whose artefact holds made-up numbers."""
 
     def build(out, scratch):
@@ -54,7 +54,7 @@ def made(character: str, seed: int = 0, run: str = "r", git: dict | None = GIT):
 
     stage = Stage("table2", "toy_stages:numbers", ToyConfig(seed), label=f"{character}-{run}")
     store.make(stage.identifier, build)
-    return resolve(character, "quick", seed=seed), stage
+    return resolve(character, "quick", {"samples": {"split": split}}, seed=seed), stage
 
 
 def publish_made(*runs) -> None:
@@ -217,3 +217,14 @@ def test_a_character_is_clean_only_if_all_its_seeds_are(folder):
     assert manifest["characters"]["tiny"]["git"] == GIT
     git = {"commit": "c0ffee", "clean": False, "commits": ["c0ffee", "f00d"]}
     assert manifest["characters"]["teen"]["git"] == git
+
+
+def test_what_is_published_says_how_the_poses_were_split(folder, capsys):
+    publish_made(made("teen"))
+    assert capsys.readouterr().out.count("\nsplit by frames, as in the paper\n") == 1
+    publish_made(made("tiny", split="clips"))
+    assert "\nsplit by clips\n" in capsys.readouterr().out
+    facts = json.loads((folder / "manifest.json").read_text())["characters"]
+    assert {name: own["split"] for name, own in facts.items()} == {"teen": "frames", "tiny": "clips"}
+    told = notebooks.provenance_text("quick")
+    assert "split by frames" in told and "split by clips" in told

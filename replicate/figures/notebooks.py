@@ -75,6 +75,7 @@ def _told(facts: dict) -> dict[str, str]:
         "commit": _commits(facts.get("git")),
         "command": str(facts.get("command")),
         "profile, seeds": f"{facts.get('profile')}, {facts.get('seeds')}",
+        **({"test poses": f"split by {facts['split']}"} if "split" in facts else {}),
         "machine": f"{facts.get('processor')}, {facts.get('cores')} cores, GPU: {facts.get('gpu') or 'none'}",
         "packages": ", ".join(f"{name} {version}" for name, version in sorted((facts.get("packages") or {}).items())),
         "time of all stages": f"{sum(seconds) / 60:.1f} min",
