@@ -13,8 +13,9 @@ from replicate.errors import InputError
 from replicate.evaluation.curves import write_curves
 from replicate.evaluation.pose import PoseRecord, save_pose
 from replicate.evaluation.results import Row, write_results
+from replicate.evaluation.trainings import draws_text
 from replicate.figures import notebooks, render
-from replicate.figures.notebooks import execute, main, provenance_text, with_parameters
+from replicate.figures.notebooks import balance_text, execute, main, provenance_text, with_parameters
 from replicate.figures.table2_figures import open_table2, pose_file, table2_figure_names, table2_figures
 
 FILES = sorted(notebooks.NOTEBOOKS.glob("*.ipynb"))
@@ -110,6 +111,15 @@ def test_the_manifest_is_told_in_words(folder, monkeypatch):
     (folder / "manifest.json").unlink()
     with pytest.raises(InputError, match="`make table2` writes it"):
         provenance_text("quick")
+
+
+def test_balance_is_told_of_the_characters_whose_manifest_has_it(folder, monkeypatch):
+    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
+    assert balance_text("quick") == "", "this manifest has no characters"
+    counted = {"samples-teen": {"notes": {"samples_per_bin": [1, 3, 0, 96]}}}
+    each = {"teen": {"stages": counted}, "tiny": {"stages": {"samples-tiny": {"wall_s": 1}}}, "woman": {}}
+    (folder / "manifest.json").write_text(json.dumps({"characters": each}))
+    assert balance_text("quick") == f"teen: {draws_text([1, 3, 0, 96])}"
 
 
 def test_parameters_replace_values_and_keep_comments():

@@ -50,12 +50,13 @@ def provenance_text(name: str) -> str:
 
 
 def balance_text(name: str) -> str:
-    """Return, for each character, how §3.5's balanced draws were spread over the samples."""
+    """Return, for each character whose manifest tells it, how §3.5's balanced draws were spread over the samples."""
     lines = []
-    for character, facts in _manifest(name)[1]["characters"].items():
-        samples = next((stage for title, stage in facts["stages"].items() if title.startswith("samples-")), None)
-        if samples is not None:
-            lines.append(f"{character}: {draws_text(samples['notes']['samples_per_bin'])}")
+    for character, facts in _manifest(name)[1].get("characters", {}).items():
+        samples = [stage for title, stage in facts.get("stages", {}).items() if title.startswith("samples-")]
+        counts = samples[0].get("notes", {}).get("samples_per_bin") if samples else None
+        if counts:
+            lines.append(f"{character}: {draws_text(counts)}")
     return "\n".join(lines)
 
 
