@@ -56,7 +56,7 @@ def table2(ours: Iterable[Row], paper: Sequence[Row], character: str) -> Table:
     name = theirs or "paper"
     headers = (
         ("", "distance error, mm", "", "", "", "normal angle error, degrees", "", "", "", "texels"),
-        ("", *STATISTICS, name, *STATISTICS, name, "/vertex"),
+        ("", *STATISTICS, name, *STATISTICS, name, "per vertex"),
     )
     rule = [None] if body and extra else []
     heading = f"Table 2: {character}" + (f" beside the paper's {theirs}" if theirs else "")

@@ -48,7 +48,7 @@ CAMERAS = {
     "front": Camera((0, -11, 40), 264),
     "three_quarter": Camera((0, -11, 30), 264, 35, 6),
     "side": Camera((0, -11, 6), 264, 80, 4),
-    "forehead": Camera((0, 46, 75), 122, 14, 12),
+    "forehead": Camera((0, 33, 78), 88, 14, 4),
     "mouth": Camera((0, -55, 85), 94, 12, 0),
     # Not for pictures: the skin between brow and hair line, by whose wrinkles a test pose is chosen.
     "wrinkles": Camera((0, 60, 75), 66, 0, 10),
