@@ -150,3 +150,11 @@ def test_other_numbers_of_bones_stand_among_those_of_lbs():
     found = ["neutral", "lbs32", "lbs4", "dense", "lbs16", "coarse"]
     assert in_order(found) == ["coarse", "dense", "lbs4", "lbs16", "lbs32", "neutral"]
     assert title("lbs4") == "LBS: 4 bones †" and title("lbs16") == "LBS: 16 bones †" and title("odd") == "odd"
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "sd", "shown"),
+    [(2.04, "deg", 0.031, "2.04 ± 0.03"), (0.344, "mm", 0.0031, "0.34 ± 0.003"), (3.0, "count", 0.0, "3 ± 0")],
+)
+def test_a_spread_is_shown_to_its_first_digit(value, unit, sd, shown):
+    assert rounded(value, unit, sd) == shown

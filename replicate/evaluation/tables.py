@@ -20,11 +20,17 @@ class Table:
 
 
 def rounded(value: float | None, unit: str, sd: float | None = None) -> str:
-    """Return a value as it is shown: two decimals, three for less than 0.1 mm; "–" where there is none."""
+    """Return a value as it is shown: two decimals, three for less than 0.1 mm; "–" where there is none.
+
+    A standard deviation too small for those decimals gets up to two more, enough for its first digit.
+    """
     if value is None:
         return "–"
-    digits = {"mm": 3 if value < 0.0995 else 2, "deg": 2, "ms": 2, "MB": 2, "count": 0, "ratio": 2}[unit]
-    return f"{value:,.{digits}f}" + ("" if sd is None else f" ± {sd:.{digits}f}")
+    digits = 3 if unit == "mm" and value < 0.0995 else {"count": 0}.get(unit, 2)
+    if sd is None:
+        return f"{value:,.{digits}f}"
+    finer = next((more for more in range(digits, digits + 2) if round(sd, more)), digits + 2)
+    return f"{value:,.{digits}f} ± {sd:.{finer if sd else digits}f}"
 
 
 def published(row: Row | None) -> str:
