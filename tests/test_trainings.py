@@ -3,7 +3,7 @@
 from replicate.benchmarks import training
 from replicate.config import resolve
 from replicate.evaluation.results import Row
-from replicate.evaluation.trainings import draws_text, trainings_table
+from replicate.evaluation.trainings import axis_text, draws_text, trainings_table
 
 
 def test_every_method_is_tried_at_the_same_rates_and_schedule():
@@ -47,3 +47,13 @@ def test_a_training_that_there_is_not_is_named(capsys):
 
 def test_rare_intervals_get_as_many_draws_as_common_ones():
     assert draws_text([2, 90, 0, 3, 5]) == "2 of 4 intervals hold 5.0 % of the samples and get 50 % of the draws"
+
+
+def test_the_controls_behind_the_intervals_are_named_strongest_first():
+    facts = (None, 1, 9, "laptop", "bench-training")
+    rows = [
+        Row("bench_training", "teen", "samples", f"interval_correlation[{name}]", "ratio", value, *facts)
+        for name, value in (("jaw_open", 0.5), ("squash", -0.7))
+    ]
+    assert axis_text(rows).endswith(": squash -0.70, jaw_open +0.50")
+    assert trainings_table(rows).body == ()

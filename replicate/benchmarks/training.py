@@ -27,6 +27,7 @@ from replicate.store import artefact_folder
 
 SECTIONS = {"coarse": "coarse", "refined": "refinement", "dense": "dense"}
 RATES = (2e-3, 5e-3, 1.2e-2)
+AXIS_CONTROLS = 4
 STEPS = 4_000  # of the short schedule that rates are compared at
 FLOORS = ("coarse", "refined")  # the methods whose maps have one
 
@@ -88,6 +89,26 @@ def floor_deg(stages: dict[str, Stage], config: Config, refined: bool) -> float:
     return supervision.validation()(lambda _: floor(np.asarray(samples.validation_offsets)))[1]
 
 
+def axis_rows(stages: dict[str, Stage], profile: str) -> list[Row]:
+    """Return which controls the balanced intervals follow: correlations of controls with the samples' intervals."""
+    from data_recipes.rig import load_rig
+    from replicate.samples import SampleSet
+
+    controls = load_rig(artefact_folder(stages["rig"].identifier) / "rig").controls
+    samples = SampleSet.open(artefact_folder(stages["samples"].identifier))
+    params = np.asarray(samples.params, np.float64)
+    centred, interval = params - params.mean(0), samples.bins - samples.bins.mean()
+    sizes = np.linalg.norm(centred, axis=0) * np.linalg.norm(interval)
+    found = np.divide(centred.T @ interval, sizes, out=np.zeros(len(sizes)), where=sizes > 0)
+    strongest = np.argsort(-np.abs(found))[:AXIS_CONTROLS]
+    facts = (None, 1, len(params), profile, "bench-training")
+    label = stages["rig"].label
+    return [
+        Row(TABLE, label, "samples", f"interval_correlation[{controls[k].name}]", "ratio", float(found[k]), *facts)
+        for k in strongest
+    ]
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison from the command line; return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.training", description=__doc__)
@@ -132,6 +153,8 @@ def compare(options: argparse.Namespace) -> list[Row]:
             name, unit = f"{metric}[{variant.change}]", METRICS[metric][0]
             facts = (None, 1, config.samples.validation, config.profile, "bench-training")
             rows.append(Row(TABLE, graph["rig"].label, variant.method, name, unit, value, *facts))
+        if (variant.method, variant.change) == ("coarse", "as the profile"):
+            rows += axis_rows(graph, config.profile)
     return rows
 
 

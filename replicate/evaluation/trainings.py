@@ -21,7 +21,7 @@ def trainings_table(rows: Iterable[Row]) -> Table:
     """
     found: dict[tuple[str, str], dict[str, Row]] = {}
     for row in rows:
-        if row.table == TABLE:
+        if row.table == TABLE and row.method in METHODS:
             metric, _, change = row.metric.rstrip("]").partition("[")
             found.setdefault((row.method, change), {})[metric] = row
     lines: list[tuple[str, ...] | None] = []
@@ -37,6 +37,14 @@ def trainings_table(rows: Iterable[Row]) -> Table:
     poses = max((row.poses or 0 for each in found.values() for row in each.values()), default=0)
     note = f"errors on {poses} poses held out of the training animation; one seed."
     return Table("Trainings that differ in one thing", (header,), tuple(lines), (note,))
+
+
+def axis_text(rows: Iterable[Row]) -> str:
+    """Return which controls §3.5's intervals follow most, with their correlations, from `bench_training.csv`."""
+    found = [row for row in rows if row.table == TABLE and row.metric.startswith("interval_correlation[")]
+    found.sort(key=lambda row: -abs(row.value))
+    listed = (f"{row.metric.rstrip(']').partition('[')[2]} {row.value:+.2f}" for row in found)
+    return f"controls that the intervals follow most (correlation): {', '.join(listed)}"
 
 
 def draws_text(samples_per_bin: Sequence[int]) -> str:
