@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,10 +16,10 @@ BANDS = tomllib.loads((Path(__file__).parent / "tolerances.toml").read_text())["
 CHARACTER = "teen"
 
 
-def committed(name: str) -> Path:
+def committed(name: str, target: str = "make table2") -> Path:
     """Return a file of the reference results; where it is missing the target that makes it is named."""
     file = paths.REFERENCE / name
-    assert file.is_file(), f"{file} is missing: `make table2` makes it, in results/runs/laptop, to be copied there"
+    assert file.is_file(), f"{file} is missing: `{target}` makes it, in results/runs, to be copied there"
     return file
 
 
@@ -41,6 +42,19 @@ def ratio(rows, band: dict) -> float:
 @pytest.mark.parametrize("band", BANDS, ids=[band["name"] for band in BANDS])
 def test_the_reference_lies_in_its_band(rows, band):
     assert band["low"] <= ratio(rows, band) <= band["high"], band["reason"]
+
+
+@pytest.mark.parametrize("band", BANDS, ids=[band["name"] for band in BANDS])
+def test_a_band_holds_the_sound_run_and_goes_red_under_its_fault(band):
+    measured = read_results(committed("bench_faults.csv", "make bench-faults"))
+
+    def under(fault: str) -> float:
+        found = [row for row in measured if row.table.endswith(f"@{fault}")]
+        assert found, f"bench_faults.csv has no fault {fault!r}"
+        return ratio([replace(row, table=row.table.partition("@")[0]) for row in found], band)
+
+    assert band["low"] <= under("sound") <= band["high"]
+    assert not band["low"] <= under(band["fault"]) <= band["high"]
 
 
 def test_every_method_is_there(rows):
