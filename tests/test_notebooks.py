@@ -77,6 +77,7 @@ def test_table2s_notebook_shows_the_results_of_a_folder(folder, monkeypatch):
     assert titles == [
         "Table 2: teen beside the paper's Hiccup",
         "Table 2 as ratios: teen beside Hiccup",
+        "Trainings that differ in one thing",
         "Table 2 by segment: teen, mean errors",
     ]
     captions = " ".join(words.caption for words in shown if hasattr(words, "caption"))
