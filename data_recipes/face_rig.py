@@ -77,7 +77,7 @@ def build(name_or_recipe: str | Path) -> Rig:
         landmark_names=tuple(head.landmarks),
         control_points=points,
         control_point_regions=regions,
-        clips=tuple(clips),
+        clips=tuple(clips) or None,
         function=face_function(constants),
         face=FaceParts(constants, props.rest_props(head)),
     )

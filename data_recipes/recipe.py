@@ -13,7 +13,19 @@ from pathlib import Path
 from typing import Any
 
 from data_recipes.animation import Acting
-from data_recipes.recipe_sections import Controls, Ears, Eyes, Mouth, Nose, Props, Skull, Teeth, Template, Tongue
+from data_recipes.recipe_sections import (
+    PARTS,
+    Controls,
+    Ears,
+    Eyes,
+    Mouth,
+    Nose,
+    Props,
+    Skull,
+    Teeth,
+    Template,
+    Tongue,
+)
 from replicate.errors import InputError
 
 
@@ -23,13 +35,17 @@ class Recipe:
 
     vertices: the exact count that the built head must have. clip_files: animation of one's own as CSV (see
     `clip_file`), beside the invented acting or, with acting.clips = 0, instead of it; in the file their paths are
-    relative to its folder.
+    relative to its folder. A recipe with neither has no animation, and its poses are drawn uniformly. segments: which
+    parts of the head share a segment, and so a chart, by the segment's name; every other part is a segment.
     """
 
     name: str
     vertices: int
     file: str = "<memory>"
     clip_files: tuple[str, ...] = field(default=(), metadata={"kind": "files"})
+    segments: dict[str, tuple[str, ...]] = field(
+        default_factory=lambda: {"lids_inner": ("lid_inner_left", "lid_inner_right")}, metadata={"kind": "groups"}
+    )
     skull: Skull = field(default_factory=Skull)
     nose: Nose = field(default_factory=Nose)
     eyes: Eyes = field(default_factory=Eyes)
@@ -113,6 +129,13 @@ def _value(found: Any, spec: Field) -> Any:
         if found not in rule["options"]:
             raise ValueError("one of " + ", ".join(rule["options"]))
         return found
+    if kind == "groups":
+        fits = isinstance(found, dict) and all(
+            isinstance(parts, list) and all(part in PARTS for part in parts) for parts in found.values()
+        )
+        if not fits:
+            raise ValueError("a table of lists of the parts " + ", ".join(PARTS))
+        return {name: tuple(parts) for name, parts in found.items()}
     if kind == "files":
         if not isinstance(found, list) or not all(isinstance(item, str) and item for item in found):
             raise ValueError("a list of paths of CSV files")
@@ -203,7 +226,19 @@ def _check(recipe: Recipe) -> Recipe:
     hold(not (tongue.cap[0] % 2 or tongue.cap[1] % 2), "tongue.cap", list(tongue.cap), "two even numbers")
     pupil, iris = recipe.eyes.pupil_deg, recipe.eyes.iris_deg
     hold(pupil < iris, "eyes.pupil_deg", pupil, f"below iris_deg = {iris:g}")
-    hold(bool(recipe.acting.clips or recipe.clip_files), "acting.clips", 0, "1 or more where clip_files names none")
+    _check_segments(recipe.segments, hold)
     names = [Path(name).stem for name in recipe.clip_files]
     hold(len(set(names)) == len(names), "clip_files", list(recipe.clip_files), "files of different names")
     return recipe
+
+
+def _check_segments(segments: dict[str, tuple[str, ...]], hold) -> None:
+    used = [part for parts in segments.values() for part in parts]
+    alone = set(PARTS) - set(used)
+    for name, parts in segments.items():
+        key = f"segments.{name}"
+        hold(name.isidentifier() and name not in alone, key, repr(name), "a name that no other segment has")
+        hold(len(parts) > 1, key, list(parts), "two or more parts")
+        twice = [part for part in parts if used.count(part) > 1]
+        hold(not twice, key, f"'{twice[0]}' again" if twice else "", "each part once")
+        hold("face" not in parts, key, "the part 'face'", "any other: the face needs all of its chart")

@@ -10,6 +10,21 @@ from dataclasses import dataclass, field
 
 Triple = tuple[float, float, float]
 
+# What a head is made of besides its teeth. Each part has a chart of its own unless a recipe puts several into one.
+PARTS = (
+    "face",
+    "cranium",
+    "neck",
+    "ear_left",
+    "ear_right",
+    "lid_inner_left",
+    "lid_inner_right",
+    "mouth_bag",
+    "gum_upper",
+    "gum_lower",
+    "tongue",
+)
+
 
 def _number(default: float, lower: float, upper: float):
     return field(default=default, metadata={"kind": "number", "range": (lower, upper)})

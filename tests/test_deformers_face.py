@@ -25,7 +25,7 @@ def test_a_bump_is_one_at_its_landmark_and_ends_at_its_radius(sculptor):
     assert bump.argmax() == chin
     far = np.linalg.norm(sculptor.x - sculptor.x[chin], axis=1) > 75
     assert np.abs(bump[far]).max() < 1e-3
-    assert not bump[sculptor.in_segments("gum_lower", "tongue")].any()
+    assert not bump[sculptor.in_parts("gum_lower", "tongue")].any()
 
 
 def test_sliding_keeps_the_distance_from_the_skull(sculptor):
@@ -99,7 +99,7 @@ def test_the_jaw_carries_chin_and_lower_gum_and_leaves_the_brows(sculptor):
     assert weight[marks["lip_lower_mid"]] > 0.95 and weight[marks["lip_upper_mid"]] < 0.05
     assert weight[marks["mouth_corner_left"]] == pytest.approx(0.5)
     assert weight[marks["brow_mid_left"]] < 1e-3
-    assert (weight[sculptor.in_segments("gum_lower")] == 1).all()
+    assert (weight[sculptor.in_parts("gum_lower")] == 1).all()
 
 
 def test_control_points_are_distinct_and_each_has_a_region(sculptor):

@@ -1,21 +1,41 @@
 """Charts hold what a deformation map needs: one to one, in the unit square, mirrored as the head is, evenly filled."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
 from data_recipes.head.charts import build_charts
-from data_recipes.head.layout import DEFORMABLE, build_layout
+from data_recipes.head.layout import build_layout
+from data_recipes.head.segments import build_segments
 from data_recipes.recipe import load_recipe
+from data_recipes.recipe_sections import PARTS
 
 TEXELS = 32  # of a coarse deformation map
 
 
-@pytest.fixture(scope="module", params=("teen", "tiny"))
-def chart(request):
-    recipe = load_recipe(request.param)
+SHARED = {"ears": ("ear_left", "ear_right"), "inside": ("mouth_bag", "gum_upper", "gum_lower", "tongue")}
+
+
+def merged():
+    """Return a recipe with as few segments as can be: parts share charts, and each jaw's teeth are one strip."""
+    tiny = load_recipe("tiny")
+    return replace(tiny, segments=tiny.segments | SHARED, teeth=replace(tiny.teeth, style="strip"))
+
+
+def laid_out(recipe):
+    """Return a head's layout with its segments, and its charts."""
     layout = build_layout(recipe)
-    return layout, build_charts(recipe, layout)
+    segment, names, uv = build_segments(recipe, layout.part, layout.part_names, build_charts(recipe, layout))
+    kept = {name: getattr(layout, name) for name in ("part", "quads", "mirror", "grids")}
+    return SimpleNamespace(**kept, segment=segment, segment_names=names), uv
+
+
+@pytest.fixture(scope="module", params=("teen", "tiny", "merged"))
+def chart(request):
+    return laid_out(merged() if request.param == "merged" else load_recipe(request.param))
 
 
 def triangles(layout, segment, cuts=((0, 1, 2), (0, 2, 3))):
@@ -41,7 +61,7 @@ def test_no_triangle_is_flipped_however_quads_are_cut(chart):
 
 def test_no_triangles_overlap(chart):
     layout, uv = chart
-    for index, name in enumerate(layout.segment_names[: len(DEFORMABLE) + 1]):
+    for index, name in enumerate(layout.segment_names[:12]):
         p = uv[triangles(layout, index)]
         points = p.mean(1)[:: max(len(p) // 1500, 1)]
         inside = np.ones((len(points), len(p)), bool)
@@ -62,7 +82,7 @@ def test_every_vertex_has_a_place_of_its_own_in_the_unit_square(chart):
 
 def test_charts_mirror_as_the_head_does(chart):
     layout, uv = chart
-    skin = layout.segment < len(DEFORMABLE)
+    skin = layout.part < len(PARTS)
     np.testing.assert_allclose((uv[layout.mirror] * (-1, 1) + (1, 0))[skin], uv[skin], atol=1e-9)
 
 
@@ -76,9 +96,7 @@ def test_the_face_stands_upright_with_its_left_to_the_right(chart):
 
 
 def test_lips_and_lids_lie_apart():
-    recipe = load_recipe("teen")
-    layout = build_layout(recipe)
-    uv = build_charts(recipe, layout)
+    layout, uv = laid_out(load_recipe("teen"))
     for name, least in (("mouth", 0.8), ("eye_left", 1.2)):
         rim = layout.grids[name][0]
         k = len(rim)
@@ -88,11 +106,25 @@ def test_lips_and_lids_lie_apart():
 
 
 def test_the_teens_face_gives_its_vertices_even_room():
-    recipe = load_recipe("teen")
-    layout = build_layout(recipe)
-    uv = build_charts(recipe, layout)
+    layout, uv = laid_out(load_recipe("teen"))
     areas = signed_areas(uv[triangles(layout, 0)])
     # Tutte's map with fixed weights, a chart without our rounds, has 20 here.
     assert np.quantile(areas, 0.95) / np.quantile(areas, 0.05) < 7
     spacing = cKDTree(uv[layout.segment == 0]).query(uv[layout.segment == 0], k=2)[0][:, 1] * TEXELS
     assert np.quantile(spacing, 0.05) > 0.2 and np.median(spacing) > 0.33
+
+
+def test_parts_of_one_chart_keep_apart_by_more_than_a_texel():
+    layout, uv = laid_out(merged())
+    segment, names = layout.segment, layout.segment_names
+    assert names == ("face", "cranium", "neck", "ears", "lids_inner", "inside", "teeth_upper", "teeth_lower")
+    for index in range(3, 6):
+        parts = np.unique(layout.part[segment == index])
+        for part in parts:
+            mine = uv[layout.part == part]
+            others = uv[(segment == index) & (layout.part != part)]
+            assert cKDTree(others).query(mine)[0].min() * TEXELS > 1.5
+    inside = segment == 5
+    shares = np.bincount(layout.part[inside])[np.unique(layout.part[inside])] / inside.sum()
+    heights = [np.ptp(uv[layout.part == part, 1]) for part in np.unique(layout.part[inside])]
+    np.testing.assert_allclose(heights / np.sum(heights), shares, atol=0.03)

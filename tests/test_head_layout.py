@@ -4,10 +4,21 @@ import numpy as np
 import pytest
 from heads import head
 
-from data_recipes.head.layout import DEFORMABLE
 from data_recipes.head.rings import block_ring, fill_block, grid_quads, ring_mirror, ring_quads
 
 NAMES = ("tiny", "teen")
+DEFORMABLE = (
+    "face",
+    "cranium",
+    "neck",
+    "ear_left",
+    "ear_right",
+    "lids_inner",
+    "mouth_bag",
+    "gum_upper",
+    "gum_lower",
+    "tongue",
+)
 
 
 def directed_edges(cells):

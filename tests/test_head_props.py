@@ -92,7 +92,7 @@ def test_props_can_be_left_out():
     recipe = load_recipe("tiny")
     layout = build_layout(recipe)
     bare = replace(recipe, props=replace(recipe.props, hair="none", brows="none", lashes="none"))
-    parts = build_props(build_shape(bare), layout, np.zeros((len(layout.segment), 3)))
+    parts = build_props(build_shape(bare), layout, np.zeros((len(layout.part), 3)))
     zones = ("white", "limbus", "iris", "pupil")
     assert {prop.name for prop in parts} == {f"eye_{zone}_{side}" for zone in zones for side in ("left", "right")}
 
@@ -101,6 +101,6 @@ def test_a_slit_pupil_is_narrow():
     recipe = load_recipe("tiny")
     layout = build_layout(recipe)
     slit = replace(recipe, eyes=replace(recipe.eyes, pupil="slit"), props=replace(recipe.props, hair="none"))
-    parts = build_props(build_shape(slit), layout, np.zeros((len(layout.segment), 3)))
+    parts = build_props(build_shape(slit), layout, np.zeros((len(layout.part), 3)))
     pupil = next(prop for prop in parts if prop.name == "eye_pupil_left").vertices - recipe.eyes.centre
     assert np.ptp(pupil[:, 0]) < 0.5 * np.ptp(pupil[:, 1])

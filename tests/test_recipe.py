@@ -76,7 +76,18 @@ def test_a_key_left_out_keeps_its_default_and_a_given_one_counts(tmp_path):
         ("[tongue]\ngum_columns_lower = 6", "'tongue.gum_columns_lower': found 6, allowed is an odd number"),
         ("[mouth]\nbag_rings = [[0, 1]]", "'mouth.bag_rings': found [[0, 1]], allowed is rows of 3 numbers"),
         ("[controls]\nface = 53", "'controls.face': found 53, allowed is a whole number from 0 to 52"),
-        ("[acting]\nclips = 0", "'acting.clips': found 0, allowed is 1 or more where clip_files names none"),
+        (
+            "[segments]\nears = 'ear_left'",
+            "'segments': found {'ears': 'ear_left'}, allowed is a table of lists of the parts",
+        ),
+        ("[segments]\nears = ['ear_left', 'nose']", "allowed is a table of lists of the parts face, cranium"),
+        ("[segments]\nears = ['ear_left']", "'segments.ears': found ['ear_left'], allowed is two or more parts"),
+        (
+            "[segments]\nneck = ['ear_left', 'ear_right']",
+            "'segments.neck': found 'neck', allowed is a name that no other",
+        ),
+        ("[segments]\na = ['neck', 'neck']", "'segments.a': found 'neck' again, allowed is each part once"),
+        ("[segments]\na = ['neck', 'face']", "'segments.a': found the part 'face', allowed is any other"),
         ("[acting]\nholds = 2", "'acting.holds': found 2, allowed is a number from 0 to 1"),
     ],
 )

@@ -16,6 +16,7 @@ from data_recipes.rig import Clip, Control, Rig, build_rig, check_rig, load_rig,
 from replicate.errors import InputError
 from replicate.mesh import Mesh, face_normals
 from replicate.paths import RECIPES
+from replicate.rigid import align
 
 
 @pytest.fixture(scope="module")
@@ -265,6 +266,28 @@ def test_a_recipe_can_bring_its_own_clips_in_place_of_acting(tmp_path):
     assert clip.name == "nod" and clip.values.shape == (2, len(columns))
     assert [clip.values[1, columns.index(name)] for name in ("squash", "jaw_open")] == [0.5, 0.25]
     assert np.count_nonzero(clip.values) == 2
+
+
+def test_a_recipe_without_clips_with_strips_for_teeth_and_shared_charts_is_a_rig(tmp_path):
+    text = (RECIPES / "tiny.toml").read_text(encoding="utf-8").replace("[teeth]", '[teeth]\nstyle = "strip"')
+    text = text.replace("vertices = 918", "vertices = 930")
+    text += '\n[acting]\nclips = 0\n[segments]\nears = ["ear_left", "ear_right"]\n'
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    rig = build_rig(tmp_path / "mine.toml")
+    assert rig.clips is None
+    names = rig.mesh.segment_names
+    assert names[3:5] == ("ears", "lid_inner_left") and names[-2:] == ("teeth_upper", "teeth_lower")
+    save_rig(rig, tmp_path / "mine")
+    assert load_rig(tmp_path / "mine").clips is None
+    posed = rig(rig.upper)
+    for index in (-2, -1):
+        strip = np.flatnonzero(rig.mesh.segment == len(names) + index)
+        rotation, translation = align(rig.mesh.neutral[strip], posed[strip])
+        left = rig.mesh.neutral[strip] @ rotation + translation - posed[strip]
+        assert np.abs(left).max() < 1e-3
+        edges = np.concatenate([rig.mesh.faces[:, [i, (i + 1) % 3]] for i in range(3)])
+        inside = edges[np.isin(edges, strip).all(1)]
+        assert len(np.unique(inside, axis=0)) == len(inside)  # no two faces run along an edge the same way
 
 
 def test_a_recipe_that_gives_no_mesh_is_named_once(tmp_path, monkeypatch):

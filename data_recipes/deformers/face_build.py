@@ -128,14 +128,14 @@ def _slide_weight(s: Sculptor) -> Float[np.ndarray, " n"]:
     weight = 0.9 * fade(s, "mouth") * fade(s, "eye") * (1 - nose)
     chin = s.point("chin")[1]
     weight = weight * smoothstep(s.x[:, 1], chin - 6, chin + 12)
-    return np.where(s.in_segments("face", "cranium"), weight, 0.0)
+    return np.where(s.in_parts("face", "cranium"), weight, 0.0)
 
 
 def _flesh_weight(s: Sculptor) -> Float[np.ndarray, " n"]:
     """Return how far delta mush evens out the skin: the soft parts, not lips, lids, nostrils or ears."""
     nostrils = np.maximum.reduce([s.bump(f"nose_wing_{side}", 16.0) for side in ("left", "right")])
     weight = 0.85 * fade(s, "mouth") * fade(s, "eye") * (1 - nostrils)
-    inside = s.in_segments("face", "neck", "cranium")
+    inside = s.in_parts("face", "neck", "cranium")
     for side in ("left", "right"):
         ears = s.head.grids[f"ear_{side}"].ravel()
         inside[ears] = False
@@ -177,7 +177,7 @@ def _jaw_weight(s: Sculptor) -> Float[np.ndarray, " n"]:
     x, body = s.x, head.grids["body"]
     still = s.is_outer & (x[:, 1] > wing[1] + 6 + 0.12 * np.maximum(wing[2] - x[:, 2], 0))
     still |= s.is_outer & (x[:, 2] < corner[2] - 26)
-    still |= s.in_segments("cranium", "ear_left", "ear_right", "lids_inner")
+    still |= s.in_parts("cranium", "ear_left", "ear_right", "lid_inner_left", "lid_inner_right")
     neck = body[: max(head.recipe.template.neck_rows // 2, 1)]
     still[neck[neck >= 0]] = True
     hard = (
@@ -196,7 +196,7 @@ def _jaw_weight(s: Sculptor) -> Float[np.ndarray, " n"]:
     kept = np.concatenate([mouth[: lip_rings + 1].ravel(), bag.ravel()])
     weight = jaw.jaw_weights(s.graph, ids, np.array([fixed[i] for i in ids.tolist()]), kept)
     weight[~s.is_skin] = 0.0
-    weight[s.in_segments("gum_lower", "tongue")] = 1.0
+    weight[s.in_parts("gum_lower", "tongue")] = 1.0
     return weight
 
 

@@ -69,7 +69,7 @@ def jaw_and_neck(s: Sculptor) -> dict[str, Path]:
     throat_low = s.nearest(np.array([0, chin_point[1] - 38, 40.0]))
     throat_high = s.nearest(np.array([0, chin_point[1] - 24, 40.0]))
     low, high = 3.4 * s.bump(throat_low, 16.0), 4.0 * s.bump(throat_high, 18.0)
-    ear = s.in_segments("ear_left") | np.isin(np.arange(s.n), s.head.grids["ear_left"])
+    ear = s.in_parts("ear_left") | np.isin(np.arange(s.n), s.head.grids["ear_left"])
     base = s.head.grids["ear_left"][-1]
     lift = np.zeros(s.n)
     rings = s.head.grids["ear_left"]
@@ -99,7 +99,7 @@ def tongue(s: Sculptor) -> dict[str, Path]:
     for j, ring in enumerate(rows):
         t[ring] = j / max(len(rows) - 1, 1)
     t[s.head.grids["tongue_cap"]] = 1.0
-    mine = s.in_segments("tongue")
+    mine = s.in_parts("tongue")
     t = np.where(mine, t, 0.0)
     middle = np.where(mine, s.x[:, 0], 0.0)
     height = np.where(mine, s.x[:, 1] - (s.x[mine, 1].mean() if mine.any() else 0.0), 0.0)

@@ -33,7 +33,7 @@ class RestProp:
 def rest_props(head: Any) -> tuple[RestProp, ...]:
     """Return a head's props, each skin prop tied to the outer skin vertices nearest to it."""
     outer = np.flatnonzero(
-        np.isin(head.segment, [i for i, n in enumerate(head.segment_names) if n in ("face", "cranium", "neck")])
+        np.isin(head.part, [i for i, n in enumerate(head.part_names) if n in ("face", "cranium", "neck")])
     )
     tree = cKDTree(head.vertices[outer])
     rest = []

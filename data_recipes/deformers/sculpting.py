@@ -28,7 +28,7 @@ from data_recipes.deformers.surface_operators import (
 from data_recipes.head import Head
 
 FLIP = np.array([-1.0, 1.0, 1.0])
-SKIN = ("face", "cranium", "neck", "ear_left", "ear_right", "lids_inner", "mouth_bag")
+SKIN = ("face", "cranium", "neck", "ear_left", "ear_right", "lid_inner_left", "lid_inner_right", "mouth_bag")
 EXTENSION_MM2 = 400.0  # bending against stretching when a curve's motion is carried into the skin around it
 
 
@@ -90,12 +90,12 @@ class Sculptor:
     @cached_property
     def is_skin(self) -> np.ndarray:
         """Which vertices belong to the connected skin, mouth bag and inner lids included."""
-        return self.in_segments(*SKIN)
+        return self.in_parts(*SKIN)
 
     @cached_property
     def is_outer(self) -> np.ndarray:
         """Which vertices belong to the outer skin: no mouth bag, no inner lids."""
-        return self.in_segments(*SKIN[:5])
+        return self.in_parts(*SKIN[:5])
 
     @cached_property
     def normals(self) -> Float[np.ndarray, "n 3"]:
@@ -112,10 +112,10 @@ class Sculptor:
         """The tangent direction that leads to the character's left."""
         return self.tangent(np.array([1.0, 0.0, 0.0]))
 
-    def in_segments(self, *names: str) -> np.ndarray:
-        """Return which vertices (n,) lie in the named segments."""
-        wanted = [i for i, name in enumerate(self.head.segment_names) if name in names]
-        return np.isin(self.head.segment, wanted)
+    def in_parts(self, *names: str) -> np.ndarray:
+        """Return which vertices (n,) belong to the named parts of the head."""
+        wanted = [i for i, name in enumerate(self.head.part_names) if name in names]
+        return np.isin(self.head.part, wanted)
 
     def point(self, name: str) -> Float[np.ndarray, " 3"]:
         """Return a landmark's position."""

@@ -53,7 +53,7 @@ Parts = tuple[str, np.ndarray, np.ndarray, float, np.ndarray, dict[str, np.ndarr
 
 
 def _inside(s: Sculptor, mask: np.ndarray) -> np.ndarray:
-    return np.flatnonzero(mask & s.is_outer & s.in_segments("face", "cranium"))
+    return np.flatnonzero(mask & s.is_outer & s.in_parts("face", "cranium"))
 
 
 def _sides(x: np.ndarray, softness: float = 10.0) -> tuple[np.ndarray, np.ndarray]:

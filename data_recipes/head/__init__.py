@@ -11,13 +11,15 @@ from data_recipes.head import mouth, placement
 from data_recipes.head.assembly import place, triangulate
 from data_recipes.head.charts import build_charts
 from data_recipes.head.landmarks import name_curves, name_landmarks
-from data_recipes.head.layout import DEFORMABLE, build_layout
+from data_recipes.head.layout import build_layout
 from data_recipes.head.props import Prop, build_props
+from data_recipes.head.segments import build_segments
 from data_recipes.head.shape import build_shape, eye_frame, skull_distance
 from data_recipes.recipe import Recipe
+from data_recipes.recipe_sections import PARTS
 from replicate.errors import InputError
 
-__all__ = ["DEFORMABLE", "Eye", "Head", "Prop", "build_head"]
+__all__ = ["Eye", "Head", "Prop", "build_head"]
 
 
 @dataclass(frozen=True)
@@ -36,14 +38,16 @@ class Head:
     Attributes:
         vertices: (n, 3) mm; x towards the character's left, y up, z forward, eyes at y = 0; exactly mirror-symmetric.
         faces, quads: triangles, and the same surface in quads; both face outwards.
-        uv, segment, segment_names: a chart in [0, 1]^2 per segment; deformable segments first, then one per tooth.
+        uv, segment, segment_names: a chart in [0, 1]^2 per segment; deformable segments first, then the teeth.
+        part, part_names: what each vertex belongs to, whichever parts the recipe puts into one segment.
         mirror: (n,) the vertex on the other side, or the vertex itself.
         grids: vertex indices by part (see `layout`); rings run from the inside outwards except those of `mouth_bag` and
             `lid_inner_*` (away from the rim) and `tongue` (root to tip). `body` is (rows, columns), -1 where removed.
         ring_parameter: `mouth_u`, `mouth_side`, `eye_u`, `eye_side`: the place along the seam or rim in [-1, 1], and
             +1 upper, -1 lower, 0 in the corners.
         curves: ordered vertex indices; landmarks: single ones.
-        mouth_axis: (z, radius) of the wrapped coordinates. jaw_pivot: (3,). teeth_jaw: +1 upper, -1 lower, per tooth.
+        mouth_axis: (z, radius) of the wrapped coordinates. jaw_pivot: (3,).
+        teeth_jaw: +1 upper, -1 lower, per tooth or strip.
     """
 
     recipe: Recipe
@@ -53,6 +57,8 @@ class Head:
     uv: Float[np.ndarray, "n 2"]
     segment: Int[np.ndarray, " n"]
     segment_names: tuple[str, ...]
+    part: Int[np.ndarray, " n"]
+    part_names: tuple[str, ...]
     mirror: Int[np.ndarray, " n"]
     grids: dict[str, np.ndarray]
     ring_parameter: dict[str, np.ndarray]
@@ -76,10 +82,10 @@ def build_head(recipe: Recipe) -> Head:
         InputError: the template doesn't meet the recipe's vertex count.
     """
     layout = build_layout(recipe)
-    if len(layout.segment) != recipe.vertices:
+    if len(layout.part) != recipe.vertices:
         raise InputError(
             f"{recipe.file}: 'vertices': found {recipe.vertices}, "
-            f"allowed is {len(layout.segment)}, the count that the template gives"
+            f"allowed is {len(layout.part)}, the count that the template gives"
         )
     shape = build_shape(recipe)
     x = place(shape, layout)
@@ -87,6 +93,7 @@ def build_head(recipe: Recipe) -> Head:
     mouth_u, mouth_side = mouth.ring_parameter(layout.grids["mouth"].shape[1])
     eye_u, eye_side = mouth.ring_parameter(layout.grids["eye_left"].shape[1])
     curves = name_curves(recipe, layout)
+    segment, segment_names, uv = build_segments(recipe, layout.part, layout.part_names, build_charts(recipe, layout))
     left, frame = np.array(recipe.eyes.centre), eye_frame(recipe)
     both = {
         "left": Eye(left, recipe.eyes.radius, frame),
@@ -97,9 +104,11 @@ def build_head(recipe: Recipe) -> Head:
         vertices=x,
         faces=faces,
         quads=layout.quads,
-        uv=build_charts(recipe, layout),
-        segment=layout.segment,
-        segment_names=layout.segment_names,
+        uv=uv,
+        segment=segment,
+        segment_names=segment_names,
+        part=layout.part,
+        part_names=layout.part_names,
         mirror=layout.mirror,
         grids=layout.grids,
         ring_parameter={"mouth_u": mouth_u, "mouth_side": mouth_side, "eye_u": eye_u, "eye_side": eye_side},
@@ -108,6 +117,6 @@ def build_head(recipe: Recipe) -> Head:
         eyes=both,
         jaw_pivot=np.array([0.0, -14.0, 2.0]),
         mouth_axis=(recipe.mouth.axis_z, recipe.mouth.axis_radius),
-        teeth_jaw=np.repeat([1, -1], [recipe.teeth.upper, recipe.teeth.lower]).astype(np.int32),
+        teeth_jaw=np.array([1 if "upper" in name else -1 for name in layout.part_names[len(PARTS) :]], np.int32),
         props=build_props(shape, layout, x),
     )

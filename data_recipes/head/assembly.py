@@ -48,7 +48,7 @@ def place(shape: Shape, layout: Layout) -> Float[np.ndarray, "n 3"]:
         "ear": (grids["ear_left"][-1], base),
     }
     x = placement.start(shape, layout, pins)
-    surface, pinned = np.isin(layout.segment, (FACE, CRANIUM, NECK)), np.zeros(len(x), bool)
+    surface, pinned = np.isin(layout.part, (FACE, CRANIUM, NECK)), np.zeros(len(x), bool)
     for ids in (
         grids["mouth_bag"],
         grids["nostril_left"][: len(nostril) - 1],
@@ -80,7 +80,7 @@ def place(shape: Shape, layout: Layout) -> Float[np.ndarray, "n 3"]:
 def weights(recipe: Recipe, layout: Layout) -> Float[np.ndarray, " n"]:
     """Return how strongly each vertex draws its neighbours: the face is finer than the back, its rings finer still."""
     t, grids = recipe.template, layout.grids
-    weight = np.ones(len(layout.segment))
+    weight = np.ones(len(layout.part))
     body = grids["body"]
     row, column = np.indices(body.shape)
     column = np.minimum(column, body.shape[1] - column)

@@ -1,4 +1,4 @@
-"""Texture charts: a coordinate in [0, 1]² per vertex, in its segment's chart, without flipped or overlapping triangles.
+"""Texture charts: a coordinate in [0, 1]² per vertex, in its part's chart, without flipped or overlapping triangles.
 
 Charts depend on the topology only, and give every vertex about the same room: what a deformation map of few texels can
 hold is decided by the texels per vertex, and the template is finest where faces move most.
@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 from data_recipes.head.embedding import square_embedding
 from data_recipes.head.layout import CRANIUM, FACE, NECK, Layout, grid_quads
 from data_recipes.recipe import Recipe
+from data_recipes.recipe_sections import Teeth
 
 MOUTH_OPENING, EYE_OPENING = 0.16, 0.28  # of the holes in the face's chart: height over half the rim's length
 BESIDE = 1.0  # how far rows of cells beside a feature make room for its rings
@@ -23,7 +24,7 @@ NECK_HOLE = 0.17  # radius of the hole in the neck's annulus
 
 def build_charts(recipe: Recipe, layout: Layout) -> Float[np.ndarray, "n 2"]:
     """Return each vertex's texture coordinate: u to the character's left, v up; charts mirror as the head does."""
-    uv, grids = np.full((len(layout.segment), 2), np.nan), layout.grids
+    uv, grids = np.full((len(layout.part), 2), np.nan), layout.grids
     _face(recipe, layout, uv)
     _cranium(recipe, layout, uv)
     _neck(layout, uv)
@@ -31,17 +32,19 @@ def build_charts(recipe: Recipe, layout: Layout) -> Float[np.ndarray, "n 2"]:
         _disc(layout, rings, uv)
     _lids(grids["lid_inner_left"], uv)
     for gum in ("gum_upper", "gum_lower"):
-        rows, columns = grids[gum].shape
-        v = np.linspace(0.02, 0.98, rows)[:: -1 if gum == "gum_upper" else 1]
-        uv[grids[gum]] = np.stack(np.meshgrid(np.linspace(0.02, 0.98, columns), v), -1)
-    uv[grids["teeth"]] = _tooth(recipe.teeth.rings, recipe.teeth.ring)
+        uv[grids[gum]] = _strip(grids[gum].shape, gum == "gum_upper")
+    if recipe.teeth.style == "strip":
+        shape = (recipe.teeth.ring, grids["teeth"].shape[1] // recipe.teeth.ring)
+        uv[grids["teeth"]] = np.stack([_strip(shape, upper).reshape(-1, 2) for upper in (True, False)])
+    else:
+        uv[grids["teeth"]] = _tooth(recipe.teeth)
     right = np.flatnonzero(np.isnan(uv[:, 0]))  # the right ear and inner lid
     uv[right] = uv[layout.mirror[right]] * (-1, 1) + (1, 0)
     return uv
 
 
-def _cells(layout: Layout, segment: int) -> Int[np.ndarray, "q 4"]:
-    return layout.quads[(layout.segment[layout.quads] == segment).all(1)]
+def _cells(layout: Layout, part: int) -> Int[np.ndarray, "q 4"]:
+    return layout.quads[(layout.part[layout.quads] == part).all(1)]
 
 
 def _edges(quads: Int[np.ndarray, "q 4"]) -> Int[np.ndarray, "e 2"]:
@@ -114,7 +117,7 @@ def _cranium(recipe: Recipe, layout: Layout, uv: np.ndarray) -> None:
 def _neck(layout: Layout, uv: np.ndarray) -> None:
     """An annulus seen from below, its front above, the uppermost row outside."""
     body = layout.grids["body"]
-    rows = body[: int((layout.segment == NECK).sum()) // body.shape[1]]
+    rows = body[: int((layout.part == NECK).sum()) // body.shape[1]]
     phase = 2 * np.pi * np.arange(rows.shape[1]) / rows.shape[1]
     radius = np.linspace(NECK_HOLE, 0.49, len(rows))
     uv[rows] = 0.5 + radius[:, None, None] * np.stack([np.sin(phase), np.cos(phase)], -1)
@@ -122,7 +125,7 @@ def _neck(layout: Layout, uv: np.ndarray) -> None:
 
 def _disc(layout: Layout, rings: Int[np.ndarray, "rings k"], uv: np.ndarray) -> None:
     """The whole square, its border the outermost ring, its first vertex to the right; all rings get equal areas."""
-    (count, k), cells = rings.shape, _cells(layout, int(layout.segment[rings[0, 0]]))
+    (count, k), cells = rings.shape, _cells(layout, int(layout.part[rings[0, 0]]))
     inside = len(cells) - k * np.arange(count)
     radius = np.sqrt(inside / inside[0])
     depth = np.full(len(uv), count)
@@ -139,14 +142,21 @@ def _disc(layout: Layout, rings: Int[np.ndarray, "rings k"], uv: np.ndarray) -> 
 
 
 def _lids(rings: Int[np.ndarray, "rings k"], uv: np.ndarray) -> None:
-    """The left lid's rings as ellipses in the right half of the square, the rim's neighbour outermost."""
+    """The left lid's rings as circles, the rim's neighbour outermost."""
     phase = 2 * np.pi * np.arange(rings.shape[1]) / rings.shape[1]
     scale = np.linspace(1.0, 0.45, len(rings))[:, None, None]
-    uv[rings] = (0.745, 0.5) + scale * np.stack([0.225 * np.cos(phase), 0.48 * np.sin(phase)], -1)
+    uv[rings] = 0.5 + 0.48 * scale * np.stack([np.cos(phase), np.sin(phase)], -1)
 
 
-def _tooth(rings: int, k: int) -> Float[np.ndarray, "v 2"]:
+def _tooth(teeth: Teeth) -> Float[np.ndarray, "v 2"]:
     """Polygons around the biting edge, the root outermost."""
-    phase = 2 * np.pi * (np.arange(k) - 0.5) / k
-    radius = np.linspace(0.48, 0.16, rings)[:, None, None]
+    phase = 2 * np.pi * (np.arange(teeth.ring) - 0.5) / teeth.ring
+    radius = np.linspace(0.48, 0.16, teeth.rings)[:, None, None]
     return (0.5 + radius * np.stack([np.cos(phase), np.sin(phase)], -1)).reshape(-1, 2)
+
+
+def _strip(shape: tuple[int, int], upper: bool) -> Float[np.ndarray, "rows columns 2"]:
+    """The whole square, a jaw's strip from its outer to its inner edge; what lies outside comes on top above."""
+    rows, columns = shape
+    v = np.linspace(0.02, 0.98, rows)[:: -1 if upper else 1]
+    return np.stack(np.meshgrid(np.linspace(0.02, 0.98, columns), v), -1)

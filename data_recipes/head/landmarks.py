@@ -64,7 +64,7 @@ def name_landmarks(recipe: Recipe, layout: Layout, x: Float[np.ndarray, "n 3"]) 
     nose_rows = front[(x[front, 1] < 0) & (x[front, 1] > recipe.mouth.y)]
     below = front[x[front, 1] < recipe.mouth.y]
     side = body[t.nostril_rows[0] : t.nostril_rows[1] + 1, t.nostril_columns[1] + 1]
-    face = np.flatnonzero((layout.segment == 0) & (x[:, 0] > 0))
+    face = np.flatnonzero((layout.part == 0) & (x[:, 0] > 0))
     jaw, cheek = np.array(recipe.skull.jaw_angle), np.array(recipe.skull.cheekbone)
     brow = curves["brow_left"]
     left = {

@@ -11,29 +11,22 @@ import numpy as np
 from jaxtyping import Int
 
 from data_recipes.head.rings import block_ring, fill_block, grid_quads, ring_mirror, ring_quads
+from data_recipes.head.segments import part_order
 from data_recipes.recipe import Recipe
+from data_recipes.recipe_sections import PARTS
 
-DEFORMABLE = (
-    "face",
-    "cranium",
-    "neck",
-    "ear_left",
-    "ear_right",
-    "lids_inner",
-    "mouth_bag",
-    "gum_upper",
-    "gum_lower",
-    "tongue",
-)
-FACE, CRANIUM, NECK, EAR_LEFT, EAR_RIGHT, LIDS, BAG, GUM_UPPER, GUM_LOWER, TONGUE = range(len(DEFORMABLE))
+FACE, CRANIUM, NECK, EAR_LEFT, EAR_RIGHT, LID_LEFT, LID_RIGHT, BAG, GUM_UPPER, GUM_LOWER, TONGUE = range(len(PARTS))
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Connectivity without positions; `mirror` pairs each vertex with its image, `grids` name the vertices."""
+    """Connectivity without positions; `mirror` pairs each vertex with its image, `grids` name the vertices.
 
-    segment: Int[np.ndarray, " n"]
-    segment_names: tuple[str, ...]
+    part: (n,) indices into `part_names`, of which the teeth are the last; parts of one segment follow each other.
+    """
+
+    part: Int[np.ndarray, " n"]
+    part_names: tuple[str, ...]
     quads: Int[np.ndarray, "q 4"]
     mirror: Int[np.ndarray, " n"]
     grids: dict[str, np.ndarray]
@@ -41,14 +34,14 @@ class Layout:
 
 @dataclass
 class _Builder:
-    segment: list[int] = field(default_factory=list)
+    part: list[int] = field(default_factory=list)
     mirror: list[int] = field(default_factory=list)
     quads: list[np.ndarray] = field(default_factory=list)
 
-    def new(self, shape: tuple[int, ...], segment: int) -> np.ndarray:
+    def new(self, shape: tuple[int, ...], part: int) -> np.ndarray:
         """Add vertices, their own mirror images until paired, and return their indices in the given shape."""
-        first, count = len(self.segment), int(np.prod(shape))
-        self.segment += [segment] * count
+        first, count = len(self.part), int(np.prod(shape))
+        self.part += [part] * count
         self.mirror += range(first, first + count)
         return np.arange(first, first + count).reshape(shape)
 
@@ -69,22 +62,21 @@ class _Builder:
 
 
 def build_layout(recipe: Recipe) -> Layout:
-    """Lay out every part of the head; sorted so that each segment's vertices are contiguous."""
+    """Lay out every part of the head; sorted so that the vertices of each part and of each segment are contiguous."""
     b, grids = _Builder(), {}
     _body(b, recipe, grids)
     _midline_rings(b, recipe, grids)
     _paired_rings(b, recipe, grids)
     _gums_and_tongue(b, recipe, grids)
-    names = DEFORMABLE + _teeth(b, recipe, grids)
-    segment = np.asarray(b.segment)
-    removed = np.zeros(len(segment), bool)
-    removed[segment < 0] = True
-    order = np.argsort(np.where(removed, len(names), segment), kind="stable")[: int((~removed).sum())]
-    new = np.full(len(segment), -1)
+    names = PARTS + _teeth(b, recipe, grids)
+    part = np.asarray(b.part)
+    place = np.append(np.argsort(part_order(recipe, names)), len(names))  # part -1: removed
+    order = np.argsort(place[part], kind="stable")[: int((part >= 0).sum())]
+    new = np.full(len(part), -1)
     new[order] = np.arange(len(order))
     return Layout(
-        segment=segment[order].astype(np.int32),
-        segment_names=names,
+        part=part[order].astype(np.int32),
+        part_names=names,
         quads=new[np.concatenate(b.quads)].astype(np.int32),
         mirror=new[np.asarray(b.mirror)[order]].astype(np.int32),
         grids={name: np.where(grid < 0, -1, new[grid]).astype(np.int32) for name, grid in grids.items()},
@@ -99,9 +91,9 @@ def _body(b: _Builder, recipe: Recipe, grids: dict) -> None:
     column = np.arange(2 * half)
     column = np.minimum(column, 2 * half - column)
     b.pair(grid, grid[:, -np.arange(2 * half) % (2 * half)])
-    segment = np.asarray(b.segment).reshape(grid.shape)
-    segment[: t.hair_row + 1, column <= t.face_columns] = FACE
-    segment[: t.neck_rows] = NECK
+    part = np.asarray(b.part).reshape(grid.shape)
+    part[: t.hair_row + 1, column <= t.face_columns] = FACE
+    part[: t.neck_rows] = NECK
 
     cells = np.ones((rows - 1, 2 * half), bool)
     for (r0, r1), (c0, c1) in (
@@ -119,13 +111,13 @@ def _body(b: _Builder, recipe: Recipe, grids: dict) -> None:
         (t.mouth_rows, np.arange(-t.mouth_columns + 1, t.mouth_columns)),
     ):
         for side in (columns, -columns):
-            segment[r0 + 1 : r1, side % (2 * half)] = -1
+            part[r0 + 1 : r1, side % (2 * half)] = -1
 
     (r0, r1), c = t.coarse_rows, t.coarse_from
     cells[r0:r1, c : 2 * half - c] = False
     dropped = r0 + np.flatnonzero(np.arange(r1 - r0) % 3)
-    segment[np.ix_(dropped, np.arange(c + 1, 2 * half - c))] = -1
-    b.segment[:] = segment.ravel().tolist()
+    part[np.ix_(dropped, np.arange(c + 1, 2 * half - c))] = -1
+    b.part[:] = part.ravel().tolist()
 
     wrapped = np.concatenate([grid, grid[:, :1]], 1)
     b.add(grid_quads(wrapped)[cells.ravel()])
@@ -150,7 +142,7 @@ def _body(b: _Builder, recipe: Recipe, grids: dict) -> None:
     block[1:-1, 1:-1] = interior
     b.add(grid_quads(block))
     grids.update(
-        body=np.where(segment < 0, -1, grid),
+        body=np.where(part < 0, -1, grid),
         crown=block,
         transition_left=left,
         transition_right=np.asarray(b.mirror)[left],
@@ -186,19 +178,19 @@ def _paired_rings(b: _Builder, recipe: Recipe, grids: dict) -> None:
         ("nostril", t.nostril_rows, t.nostril_columns, t.nostril_rings, FACE, FACE),
         ("ear", t.ear_rows, t.ear_columns, t.ear_rings, EAR_LEFT, EAR_RIGHT),
     )
-    for name, (r0, r1), (c0, c1), count, left_segment, right_segment in parts:
+    for name, (r0, r1), (c0, c1), count, left_part, right_part in parts:
         outer = block_ring(grids["_full"][r0 : r1 + 1, c0 : c1 + 1])
-        left, _ = b.new_pair((count, len(outer)), left_segment, right_segment)
+        left, _ = b.new_pair((count, len(outer)), left_part, right_part)
         mirror = np.asarray(b.mirror)
         rings = np.concatenate([left, outer[None]])
         b.add(ring_quads(rings), both=True)
         grids[f"{name}_left"], grids[f"{name}_right"] = rings, mirror[rings]
         if name == "eye":
-            inner, _ = b.new_pair((t.lid_rings, len(outer)), LIDS, LIDS)
+            inner, _ = b.new_pair((t.lid_rings, len(outer)), LID_LEFT, LID_RIGHT)
             b.add(ring_quads(np.concatenate([inner[::-1], left[:1]])), both=True)
             grids["lid_inner_left"], grids["lid_inner_right"] = inner, np.asarray(b.mirror)[inner]
         else:
-            interior, _ = b.new_pair((r1 - r0 - 1, c1 - c0 - 1), left_segment, right_segment)
+            interior, _ = b.new_pair((r1 - r0 - 1, c1 - c0 - 1), left_part, right_part)
             cap = fill_block(left[0], r1 - r0, c1 - c0, interior)
             b.add(grid_quads(cap), both=True)
             grids[f"{name}_cap_left"], grids[f"{name}_cap_right"] = cap, np.asarray(b.mirror)[cap]
@@ -208,11 +200,11 @@ def _paired_rings(b: _Builder, recipe: Recipe, grids: dict) -> None:
 def _gums_and_tongue(b: _Builder, recipe: Recipe, grids: dict) -> None:
     """Gums: open strips, rows from the outside over the ridge inwards. Tongue: a sock, open at its root."""
     t = recipe.tongue
-    for name, segment, columns in (
+    for name, part, columns in (
         ("gum_upper", GUM_UPPER, t.gum_columns_upper),
         ("gum_lower", GUM_LOWER, t.gum_columns_lower),
     ):
-        gum = b.new((t.gum_rows, columns), segment)
+        gum = b.new((t.gum_rows, columns), part)
         b.pair(gum, gum[:, ::-1])
         b.add(grid_quads(gum if name == "gum_lower" else gum[::-1]))
         grids[name] = gum
@@ -229,12 +221,14 @@ def _gums_and_tongue(b: _Builder, recipe: Recipe, grids: dict) -> None:
 
 def _teeth(b: _Builder, recipe: Recipe, grids: dict) -> tuple[str, ...]:
     """Teeth: rings from the root to the edge, closed by a strip; the upper ones from right to left, then the lower."""
+    if recipe.teeth.style == "strip":
+        return _strips(b, recipe, grids)
     t, names, teeth = recipe.teeth, [], []
     count = t.rings * t.ring
     for jaw, number in (("upper", t.upper), ("lower", t.lower)):
         first = len(teeth)
         for i in range(number):
-            ids = b.new((count,), len(DEFORMABLE) + len(names))
+            ids = b.new((count,), len(PARTS) + len(names))
             names.append(f"tooth_{jaw}_{i + 1:02d}")
             teeth.append(ids)
         for i in range(number // 2):
@@ -246,3 +240,15 @@ def _teeth(b: _Builder, recipe: Recipe, grids: dict) -> tuple[str, ...]:
         b.add(ring_quads(rings[::-1]))
         b.add(grid_quads(fill_block(rings[-1], 1, t.ring // 2 - 1, np.empty((0, t.ring // 2 - 2), int))))
     return tuple(names)
+
+
+def _strips(b: _Builder, recipe: Recipe, grids: dict) -> tuple[str, ...]:
+    """Teeth merged to one strip a jaw: rows from the outside over the edge inwards, columns from right to left."""
+    t, teeth = recipe.teeth, []
+    for jaw in range(2):
+        strip = b.new((t.ring, 2 * max(t.upper, t.lower) + 1), len(PARTS) + jaw)
+        b.pair(strip, strip[:, ::-1])
+        b.add(grid_quads(strip if jaw else strip[::-1]))
+        teeth.append(strip.ravel())
+    grids["teeth"] = np.asarray(teeth)
+    return "teeth_upper", "teeth_lower"

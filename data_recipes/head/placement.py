@@ -36,7 +36,7 @@ def body_rays(recipe: Recipe) -> tuple[Float[np.ndarray, "rows columns 3"], Floa
 
 def start(shape: Shape, layout: Layout, pins: dict[str, tuple[np.ndarray, np.ndarray]]) -> Float[np.ndarray, "n 3"]:
     """Return first positions of the surface: cast rays for the grid, rings blended between pins and the grid."""
-    x, grids = np.zeros((len(layout.segment), 3)), layout.grids
+    x, grids = np.zeros((len(layout.part), 3)), layout.grids
     origin, direction = body_rays(shape.recipe)
     body = grids["body"]
     kept = body >= 0
@@ -77,7 +77,7 @@ def mirror_left(layout: Layout, x: np.ndarray) -> np.ndarray:
 def left_half(layout: Layout) -> Int[np.ndarray, " h"]:
     """Return one vertex of each mirrored pair, the character's left one, and the midline."""
     half = layout.grids["body"].shape[1] // 2
-    side = np.zeros(len(layout.segment), int)
+    side = np.zeros(len(layout.part), int)
     for name, grid in layout.grids.items():
         if name.endswith(("_left", "_right")):
             side[grid[grid >= 0]] = 1 if name.endswith("_left") else -1
@@ -100,7 +100,7 @@ def left_half(layout: Layout) -> Int[np.ndarray, " h"]:
 
 def _along_rings(layout: Layout, edges: Int[np.ndarray, "e 2"]) -> Bool[np.ndarray, " e"]:
     """Return which edges run along a ring around mouth, eye or nostril."""
-    ring, count = np.full(len(layout.segment), -1), 0
+    ring, count = np.full(len(layout.part), -1), 0
     for name in ("mouth", "eye_left", "eye_right", "nostril_left", "nostril_right"):
         for ids in layout.grids[name][:-1]:
             ring[ids], count = count, count + 1

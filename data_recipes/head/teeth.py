@@ -72,8 +72,10 @@ _CONE = (
 
 
 def tooth_positions(recipe: Recipe, front_z: float, upper: bool) -> Float[np.ndarray, "teeth v 3"]:
-    """Return the teeth of one jaw, rings from the root to the biting edge."""
+    """Return the teeth of one jaw: rings from the root to the biting edge; of a strip, rows over the edge inwards."""
     t = recipe.teeth
+    if t.style == "strip":
+        return _strip_positions(recipe, front_z, upper)
     curve, (centres, widths) = arch(recipe, front_z, upper), tooth_centres(recipe, upper)
     point, tangent = along(curve, centres)
     phase = 2 * np.pi * (np.arange(t.ring) - 0.5) / t.ring
@@ -101,6 +103,23 @@ def tooth_positions(recipe: Recipe, front_z: float, upper: bool) -> Float[np.nda
             rings.append(np.stack([flat[:, 0], np.full(t.ring, y), flat[:, 1]], -1))
         out.append(np.concatenate(rings))
     return np.array(out)
+
+
+def _strip_positions(recipe: Recipe, front_z: float, upper: bool) -> Float[np.ndarray, "1 v 3"]:
+    """Return a jaw's teeth as one strip, fuller in the middle of each tooth than where two meet, thin at its ends."""
+    t, columns = recipe.teeth, 2 * max(recipe.teeth.upper, recipe.teeth.lower) + 1
+    curve, (centres, widths) = arch(recipe, front_z, upper), tooth_centres(recipe, upper)
+    reach = np.abs(centres).max() + widths[0] / 2
+    point, tangent = along(curve, np.linspace(-reach, reach, columns))
+    labial = np.stack([-tangent[:, 1], tangent[:, 0]], -1)
+    phase = np.pi * np.linspace(-0.04, 1.04, t.ring)[:, None]
+    deep, high = (np.sign(c) * np.abs(c) ** 0.5 for c in (np.cos(phase), np.sin(phase)))
+    full = np.where(np.arange(columns) % 2, 1.0, 0.94)
+    full[[0, -1]] = 0.3
+    flat = point + (t.thickness / 2 * (full * deep - 1))[..., None] * labial
+    long = (1.0 if upper else -0.86) * t.length * np.maximum(full, 0.9)
+    edge = recipe.mouth.y + t.bite_y + (0.0 if upper else 0.55 * t.overbite - 0.4)
+    return np.stack([flat[..., 0], edge + long * (1 - high), flat[..., 1]], -1).reshape(1, -1, 3)
 
 
 def gum_positions(
