@@ -9,7 +9,7 @@ import pytest
 
 from replicate.figures import render as module
 from replicate.figures.render import render, working_renderer
-from replicate.figures.scene import Camera, Surface
+from replicate.figures.scene import MATT, PORTRAIT, STUDIO, Camera, Finish, Light, Lighting, Surface
 
 SQUARE = np.float32([[-20, -20, 0], [20, -20, 0], [20, 20, 0], [-20, 20, 0]])
 QUAD = np.int32([[0, 1, 2], [0, 2, 3]])
@@ -52,6 +52,27 @@ def test_unlit_face_colours_are_the_colours_given(renderer):
     assert (image[50, 50] == colours[0]).all() and (image[30, 30] == colours[1]).all()
 
 
+def test_paint_is_blended_between_the_vertices(renderer):
+    paint = np.uint8([[0, 0, 0], [200, 0, 0], [200, 100, 0], [0, 100, 0]])
+    image = render([Surface(SQUARE, QUAD, lit=False, paint=paint)], VIEW, 80, 80, renderer=renderer).astype(int)
+    np.testing.assert_allclose(image[40, 22:58, 0], (np.arange(22, 58) - 19.5) * 5, atol=4)
+    np.testing.assert_allclose(image[22:58, 40, 1], (59.5 - np.arange(22, 58)) * 2.5, atol=4)
+    assert (image[40, 40] != 255).all()
+
+
+def test_a_coloured_light_tints_and_a_sharp_finish_glints(renderer):
+    red = Lighting((Light((0, 0, 1), 0.5, (1.0, 0.0, 0.0)),), 0.2)
+    flat = render([Surface(SQUARE, QUAD, (200, 200, 200))], VIEW, 40, 40, renderer=renderer, lighting=red)[25, 12]
+    assert flat[0] > flat[1] + 60 and abs(int(flat[1]) - 40) < 6
+    white = Lighting((Light((-0.5, 0.5, 0.7), 0.6),), 0.2)
+    ball = [
+        render([Surface(*sphere(), (90, 90, 90), finish=f)], VIEW, 80, 80, (0, 0, 0), renderer, white)
+        for f in (MATT, Finish(1.0, 100.0))
+    ]
+    assert int(ball[1].max()) > int(ball[0].max()) + 60  # the glint
+    assert np.abs(ball[1][45, 50].astype(int) - ball[0][45, 50]).max() < 20  # and nothing beside it
+
+
 def test_what_is_nearer_hides_what_is_farther_in_either_order(renderer):
     near = Surface(SQUARE * 0.5 + np.float32([0, 0, 10]), QUAD, (255, 0, 0), lit=False)
     far = Surface(SQUARE, QUAD, (0, 0, 255), lit=False)
@@ -83,12 +104,16 @@ def test_smooth_shading_has_no_facets_and_flat_shading_has(renderer):
     assert np.abs(np.diff(smooth, axis=0)).max() < 0.5 * np.abs(np.diff(flat, axis=0)).max()
 
 
-def test_the_two_renderers_draw_the_same_picture():
+@pytest.mark.parametrize("lighting", [STUDIO, PORTRAIT], ids=["studio", "portrait"])
+def test_the_two_renderers_draw_the_same_picture(lighting):
     if working_renderer() != "pyvista":
         pytest.skip("no OpenGL here")
-    scene = [Surface(*sphere()), Surface(SQUARE + np.float32([12, -9, 25]), QUAD, (200, 120, 40), smooth=False)]
+    vertices, faces = sphere()
+    paint = np.uint8(255 * (0.5 + vertices / 80))
+    square = Surface(SQUARE + np.float32([12, -9, 25]), QUAD, (200, 120, 40), smooth=False)
+    scene = [Surface(vertices, faces, paint=paint, finish=Finish(0.6, 40.0)), square]
     view = Camera((3, 2, 0), 90, 25, 15)
-    a, b = (render(scene, view, 120, 90, renderer=r).astype(int) for r in ("pyvista", "software"))
+    a, b = (render(scene, view, 120, 90, renderer=r, lighting=lighting).astype(int) for r in ("pyvista", "software"))
     assert np.abs(a - b).mean() < 1.0 and (np.abs(a - b).max(-1) > 24).mean() < 0.01
 
 

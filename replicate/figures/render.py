@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import UInt8
 
-from replicate.figures.scene import AMBIENT, LIGHTS, SHININESS, SPECULAR, WHITE, Camera, Surface, axes
+from replicate.figures.scene import STUDIO, WHITE, Camera, Lighting, Surface, axes
 from replicate.figures.software import rasterise
 from replicate.mesh import vertex_normals
 
@@ -30,13 +30,15 @@ def render(
     height: int,
     background: tuple[int, int, int] = WHITE,
     renderer: Literal["pyvista", "software"] | None = None,
+    lighting: Lighting = STUDIO,
 ) -> UInt8[np.ndarray, "h w 3"]:
     """Draw surfaces as a camera sees them, smoothed at the edges.
 
+    lighting: of the surfaces that are lit.
     renderer: None takes pyvista where it works (probed once a process), else the software rasteriser.
     """
     draw = {"pyvista": _pyvista, "software": rasterise}[renderer or working_renderer()]
-    large = draw(surfaces, camera, SUPERSAMPLING * width, SUPERSAMPLING * height, background)
+    large = draw(surfaces, camera, SUPERSAMPLING * width, SUPERSAMPLING * height, background, lighting)
     blocks = large.reshape(height, SUPERSAMPLING, width, SUPERSAMPLING, 3)
     return np.rint(blocks.mean((1, 3))).astype(np.uint8)
 
@@ -71,7 +73,7 @@ def _choose_window() -> None:
             os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkEGLRenderWindow"
 
 
-def _pyvista(surfaces, camera: Camera, width: int, height: int, background) -> np.ndarray:
+def _pyvista(surfaces, camera: Camera, width: int, height: int, background, lighting: Lighting) -> np.ndarray:
     _choose_window()
     import pyvista
 
@@ -80,13 +82,17 @@ def _pyvista(surfaces, camera: Camera, width: int, height: int, background) -> n
     try:
         plotter.set_background([channel / 255 for channel in background])
         for surface in surfaces:
-            _add(plotter, pyvista, surface)
-        for light in LIGHTS:
+            _add(plotter, pyvista, surface, lighting)
+        for light in lighting.lights:
             towards = np.asarray(light.direction) @ rows
             place = np.asarray(camera.focus) + camera.distance_mm * towards / np.linalg.norm(towards)
             plotter.add_light(
                 pyvista.Light(
-                    position=place, focal_point=camera.focus, intensity=light.strength, light_type="scene light"
+                    position=place,
+                    focal_point=camera.focus,
+                    color=light.colour,
+                    intensity=light.strength,
+                    light_type="scene light",
                 )
             )
         view = plotter.camera
@@ -100,18 +106,24 @@ def _pyvista(surfaces, camera: Camera, width: int, height: int, background) -> n
         plotter.close()
 
 
-def _add(plotter, pyvista, surface: Surface) -> None:
+def _add(plotter, pyvista, surface: Surface, lighting: Lighting) -> None:
     mesh = pyvista.PolyData.from_regular_faces(np.asarray(surface.vertices, np.float32), np.asarray(surface.faces))
     if surface.smooth:
         mesh.point_data["Normals"] = vertex_normals(np.asarray(surface.vertices, np.float32), surface.faces)
         mesh.point_data.active_normals_name = "Normals"
     style = {"interpolation": "phong" if surface.smooth else "flat", "show_scalar_bar": False}
     if surface.lit:
-        style |= {"ambient": AMBIENT, "diffuse": 1.0, "specular": SPECULAR, "specular_power": SHININESS}
+        shine = surface.finish
+        style |= {"ambient": lighting.ambient, "diffuse": 1.0}
+        style |= {"specular": shine.specular, "specular_power": shine.shininess}
     else:  # VTK adds ambient and diffuse colour even without light
         style |= {"lighting": False, "ambient": 0.0, "diffuse": 1.0, "specular": 0.0}
-    if isinstance(surface.colours, tuple):
-        plotter.add_mesh(mesh, color=[channel / 255 for channel in surface.colours], **style)
+    if surface.paint is not None:
+        mesh.point_data["colours"] = np.asarray(surface.paint, np.uint8)
+        actor = plotter.add_mesh(mesh, scalars="colours", rgb=True, **style)
+    elif isinstance(surface.colours, tuple):
+        actor = plotter.add_mesh(mesh, color=[channel / 255 for channel in surface.colours], **style)
     else:
         mesh.cell_data["colours"] = np.asarray(surface.colours, np.uint8)
-        plotter.add_mesh(mesh, scalars="colours", rgb=True, **style)
+        actor = plotter.add_mesh(mesh, scalars="colours", rgb=True, **style)
+    actor.prop.specular_color = "white"  # a dark surface glints as brightly as a light one

@@ -13,11 +13,25 @@ WHITE = (255, 255, 255)
 
 
 @dataclass(frozen=True)
+class Finish:
+    """How a surface shines: the strength of its glints, and how sharp they are (Phong's exponent)."""
+
+    specular: float
+    shininess: float
+
+
+MATT = Finish(0.10, 24.0)
+WET = Finish(0.22, 60.0)  # eyeballs, mouths
+SILKY = Finish(0.16, 14.0)  # hair
+
+
+@dataclass(frozen=True)
 class Surface:
     """A triangle mesh to draw.
 
     vertices: (n, 3) mm. faces: (f, 3). colours: one RGB triple 0–255, or (f, 3) uint8, one for each face.
     lit: False draws the colours as they are (heatmaps: shading would falsify them). smooth: interpolate normals.
+    paint: (n, 3) uint8, a colour for each vertex in place of `colours`; faces blend those of their corners.
     """
 
     vertices: np.ndarray
@@ -25,6 +39,8 @@ class Surface:
     colours: tuple[int, int, int] | np.ndarray = CLAY
     lit: bool = True
     smooth: bool = True
+    paint: np.ndarray | None = None
+    finish: Finish = MATT
 
 
 @dataclass(frozen=True)
@@ -57,17 +73,40 @@ CAMERAS = {
 
 @dataclass(frozen=True)
 class Light:
-    """A directional light fixed to the camera: where it comes from (x right, y up, z to the eye) and its strength."""
+    """A directional light fixed to the camera: where it comes from (x right, y up, z to the eye), how strong, its RGB.
+
+    The colour's parts are from 0 to 1.
+    """
 
     direction: tuple[float, float, float]
     strength: float
+    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
-# The key light is high and to the left, so that both upright and level wrinkles throw a shade.
-LIGHTS = (Light((-0.50, 0.75, 0.60), 0.80), Light((0.85, 0.10, 0.55), 0.36), Light((0.0, -0.6, 0.6), 0.10))
-AMBIENT = 0.13
-SPECULAR = 0.10
-SHININESS = 24.0
+@dataclass(frozen=True)
+class Lighting:
+    """All lights of a scene, and how bright a surface is that none of them reaches."""
+
+    lights: tuple[Light, ...]
+    ambient: float
+
+
+# For clay. The key light is high and to the left, so that both upright and level wrinkles throw a shade.
+STUDIO = Lighting(
+    (Light((-0.50, 0.75, 0.60), 0.80), Light((0.85, 0.10, 0.55), 0.36), Light((0.0, -0.6, 0.6), 0.10)), 0.13
+)
+# For characters in colour: a warm key light, a wide soft fill whose tint keeps skin warm in the shade, as light that
+# has passed through it does, light from the floor, and a cool rim from behind that parts the head from the paper.
+PORTRAIT = Lighting(
+    (
+        Light((-0.48, 0.54, 0.80), 0.62, (1.0, 0.97, 0.92)),
+        Light((0.75, 0.10, 0.75), 0.38, (1.0, 0.91, 0.86)),
+        Light((0.0, -0.70, 0.65), 0.20, (1.0, 0.86, 0.80)),
+        Light((0.80, 0.55, -0.45), 0.40, (0.90, 0.95, 1.0)),
+        Light((-0.90, 0.35, -0.45), 0.25, (0.90, 0.95, 1.0)),
+    ),
+    0.23,
+)
 
 
 def camera_for(name: str, neutral: Float[np.ndarray, "n 3"]) -> Camera:

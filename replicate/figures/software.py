@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import UInt8
 
-from replicate.figures.scene import AMBIENT, LIGHTS, SHININESS, SPECULAR, WHITE, Camera, Surface, axes, project
+from replicate.figures.scene import MATT, STUDIO, WHITE, Camera, Finish, Lighting, Surface, axes, project
 from replicate.mesh import face_normals, vertex_normals
 
 # How many (face, pixel) pairs are tried at once.
@@ -16,7 +16,12 @@ _CHUNK = 1_000_000
 
 
 def rasterise(
-    surfaces: Sequence[Surface], camera: Camera, width: int, height: int, background: tuple[int, int, int] = WHITE
+    surfaces: Sequence[Surface],
+    camera: Camera,
+    width: int,
+    height: int,
+    background: tuple[int, int, int] = WHITE,
+    lighting: Lighting = STUDIO,
 ) -> UInt8[np.ndarray, "h w 3"]:
     """Draw the surfaces; hidden parts are hidden, and both sides of a face are visible."""
     depth = np.full(width * height, np.inf)
@@ -28,7 +33,7 @@ def rasterise(
         face = _nearest(pixels, distance, surface.faces, depth, width, height)
         hit = np.flatnonzero(face >= 0)
         if len(hit):
-            image[hit] = _colours(surface, vertices, pixels, distance, face[hit], hit, width, camera)
+            image[hit] = _colours(surface, vertices, pixels, distance, face[hit], hit, width, camera, lighting)
     return np.clip(np.rint(image), 0, 255).astype(np.uint8).reshape(height, width, 3)
 
 
@@ -70,35 +75,42 @@ def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
 
 
-def _colours(surface, vertices, pixels, distance, face, hit, width, camera) -> np.ndarray:
+def _colours(surface, vertices, pixels, distance, face, hit, width, camera, lighting) -> np.ndarray:
     corner = surface.faces[face]
-    colour = np.asarray(surface.colours, float)
-    colour = np.broadcast_to(colour, (len(face), 3)) if colour.ndim == 1 else colour[face]
-    if not surface.lit:
-        return colour
     weight = _barycentric(pixels[corner], np.stack([hit % width, hit // width], -1) + 0.5) / distance[corner]
     weight /= weight.sum(-1, keepdims=True)  # straight lines in space, not in the picture
+    if surface.paint is not None:
+        colour = (np.asarray(surface.paint, float)[corner] * weight[..., None]).sum(1)
+    else:
+        colour = np.asarray(surface.colours, float)
+        colour = np.broadcast_to(colour, (len(face), 3)) if colour.ndim == 1 else colour[face]
+    if not surface.lit:
+        return colour
     place = (vertices[corner] * weight[..., None]).sum(1)
     if surface.smooth:
         normal = (vertex_normals(vertices, surface.faces)[corner] * weight[..., None]).sum(1)
     else:
         normal = face_normals(vertices, surface.faces)[face]
     rows, eye = axes(camera)
-    return shade(colour, normal @ rows.T, (eye - place) @ rows.T)
+    return shade(colour, normal @ rows.T, (eye - place) @ rows.T, lighting, surface.finish)
 
 
-def shade(colour: np.ndarray, normal: np.ndarray, to_eye: np.ndarray) -> np.ndarray:
-    """Return lit colours (k, 3): ambient, diffuse and a little specular light, on whichever side faces the eye.
+def shade(
+    colour: np.ndarray, normal: np.ndarray, to_eye: np.ndarray, lighting: Lighting = STUDIO, finish: Finish = MATT
+) -> np.ndarray:
+    """Return lit colours (k, 3): ambient, diffuse and specular light, on whichever side faces the eye.
 
     normal, to_eye: (k, 3) in the camera's axes, of any length.
     """
     normal, to_eye = (v / np.linalg.norm(v, axis=-1, keepdims=True).clip(1e-12) for v in (normal, to_eye))
     normal = np.where((normal * to_eye).sum(-1, keepdims=True) < 0, -normal, normal)
-    diffuse, glint = np.full(len(normal), AMBIENT), np.zeros(len(normal))
-    for light in LIGHTS:
+    diffuse, glint = np.full((len(normal), 3), lighting.ambient), np.zeros((len(normal), 3))
+    for light in lighting.lights:
         towards = np.asarray(light.direction) / np.linalg.norm(light.direction)
-        half = towards + to_eye
-        half /= np.linalg.norm(half, axis=-1, keepdims=True)
-        diffuse += light.strength * (normal @ towards).clip(0)
-        glint += light.strength * (normal * half).sum(-1).clip(0) ** SHININESS
-    return colour * diffuse[:, None] + 255 * SPECULAR * glint[:, None]
+        tint = light.strength * np.asarray(light.colour)
+        lit = (normal @ towards).clip(0)
+        mirrored = 2 * (normal @ towards)[:, None] * normal - towards  # Phong's glint, as VTK draws it
+        shine = (mirrored * to_eye).sum(-1).clip(0) ** finish.shininess
+        diffuse += lit[:, None] * tint
+        glint += (shine * (lit > 0))[:, None] * tint
+    return colour * diffuse + 255 * finish.specular * glint
