@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, UInt8
 
 from data_recipes.controls import make_controls
 from data_recipes.deformers import face, props
@@ -23,10 +23,11 @@ from replicate.mesh import Mesh
 
 @dataclass(frozen=True)
 class FaceParts:
-    """What makes a rig one of ours: the deformers' constants and the props at rest; leaves are arrays."""
+    """What makes a rig one of ours: the deformers' constants, the props at rest and the paint; leaves are arrays."""
 
     constants: Any
     props: tuple[props.RestProp, ...]
+    paint: UInt8[np.ndarray, "n 3"]
 
 
 @cache
@@ -79,7 +80,7 @@ def build(name_or_recipe: str | Path) -> Rig:
         control_point_regions=regions,
         clips=tuple(clips) or None,
         function=face_function(constants),
-        face=FaceParts(constants, props.rest_props(head)),
+        face=FaceParts(constants, props.rest_props(head), head.paint),
     )
     return check_rig(rig)
 
@@ -108,8 +109,8 @@ def run_nodes(rig: Rig, params: Float[np.ndarray, "b m"]) -> Float32[np.ndarray,
     return np.asarray(face.finish(state))
 
 
-def pose_props(rig: Rig, params: Float[np.ndarray, " m"]) -> list[tuple[str, np.ndarray, np.ndarray, tuple]]:
-    """Return each prop's name, vertices, faces and colour in a pose."""
+def pose_props(rig: Rig, params: Float[np.ndarray, " m"]) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
+    """Return each prop's name, vertices, faces and colours in a pose."""
     p = np.asarray(params, np.float32).reshape(1, -1)
     vertices = np.asarray(rig.function(p))[0]
     columns = {control.name: i for i, control in enumerate(rig.controls)}

@@ -38,6 +38,14 @@ def _triple(default: Triple, lower: float = -300.0, upper: float = 300.0):
     return field(default=default, metadata={"kind": "tuple", "length": 3, "range": (lower, upper)})
 
 
+def _colour(red: float, green: float, blue: float):
+    return _triple((red, green, blue), 0.0, 1.0)
+
+
+def _share(default: float):
+    return _number(default, 0.0, 1.0)
+
+
 def _list(default: tuple[float, ...], lower: float, upper: float):
     return field(default=default, metadata={"kind": "list", "range": (lower, upper)})
 
@@ -127,7 +135,7 @@ class Eyes:
     iris_deg: float = _number(28.5, 2.0, 80.0)
     pupil_deg: float = _number(12.0, 1.0, 79.0)
     pupil: str = _choice("round", "round", "slit")
-    iris_colour: Triple = _triple((0.20, 0.55, 0.30), 0.0, 1.0)
+    iris_colour: Triple = _colour(0.20, 0.55, 0.30)
 
 
 @dataclass(frozen=True)
@@ -246,12 +254,31 @@ class Template:
 
 @dataclass(frozen=True)
 class Props:
-    """Display-only things: they ride along in pictures and are no part of the approximated mesh."""
+    """Display-only things: they ride along in pictures and are no part of the approximated mesh.
 
-    hair: str = _choice("cap", "cap", "none")
-    brows: str = _choice("natural", "natural", "thin", "none")
-    lashes: str = _choice("short", "short", "none")
-    hair_colour: Triple = _triple((0.50, 0.28, 0.14), 0.0, 1.0)
+    Colours are RGB from 0 to 1. `lip`, `blush`, `lid`, `back` and `throat` are how much of a part's colour covers the
+    skin: lips; cheeks, nose tip and ears; lids and what lies under the eyes; crown, nape and snout ridge; throat.
+    horn_length: 1 gives horns of 11 to 38 mm on a cranium 74 mm high.
+    """
+
+    hair: str = _choice("cap", "cap", "short", "bob", "none")
+    brows: str = _choice("natural", "natural", "thin", "thick", "none")
+    lashes: str = _choice("short", "short", "long", "none")
+    horns: str = _choice("none", "crown", "none")
+    horn_length: float = _number(1.0, 0.1, 3.0)
+    horn_colour: Triple = _colour(0.16, 0.17, 0.20)
+    hair_colour: Triple = _colour(0.50, 0.28, 0.14)
+    skin_colour: Triple = _colour(0.90, 0.71, 0.59)
+    lip_colour: Triple = _colour(0.80, 0.45, 0.42)
+    lip: float = _share(0.75)
+    blush_colour: Triple = _colour(0.87, 0.47, 0.40)
+    blush: float = _share(0.40)
+    lid_colour: Triple = _colour(0.74, 0.48, 0.41)
+    lid: float = _share(0.35)
+    back_colour: Triple = _colour(0.12, 0.16, 0.22)
+    back: float = _share(0.0)
+    throat_colour: Triple = _colour(0.42, 0.50, 0.58)
+    throat: float = _share(0.0)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, UInt8
 
 from data_recipes.controls import Control
 from data_recipes.sampling import (
@@ -53,7 +53,7 @@ __all__ = [
 ]
 
 BATCH = 32  # poses evaluated at once; larger calls go through in parts, so that a function compiles for few sizes
-Prop = tuple[str, np.ndarray, np.ndarray, tuple[float, float, float]]  # name, vertices (k, 3), faces (f, 3), rgb
+Prop = tuple[str, np.ndarray, np.ndarray, np.ndarray]  # name, vertices (k, 3), faces (f, 3), colours (k, 3) uint8
 
 
 @dataclass(frozen=True)
@@ -159,6 +159,11 @@ class Rig:
         from data_recipes.face_rig import run_nodes
 
         return run_nodes(self, params)
+
+    @property
+    def paint(self) -> UInt8[np.ndarray, "n 3"] | None:
+        """A colour for each vertex, for display only; None for foreign rigs."""
+        return self.face.paint if self.face is not None else None
 
     def pose_props(self, params) -> list[Prop]:
         """Return the display-only meshes (eyeballs, brows, …) in the pose (m,); none for foreign rigs."""

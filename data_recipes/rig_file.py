@@ -18,9 +18,9 @@ from replicate.errors import InputError
 from replicate.mesh import Mesh
 
 DESCRIPTION, ARRAYS = "rig.json", "rig.npz"
-FORMAT = 1
+FORMAT = 2
 MESH = ("neutral", "faces", "uv", "segment")
-PROP = ("vertices", "faces", "index", "weight")
+PROP = ("colours", "vertices", "faces", "index", "weight")
 
 
 def _flatten(tree: Any, path: str) -> dict[str, np.ndarray]:
@@ -54,7 +54,7 @@ def save_rig(rig: Rig, folder: Path) -> None:
     arrays = _flatten(rig.face.constants, "constants") | {f"mesh/{name}": getattr(rig.mesh, name) for name in MESH}
     arrays |= {f"props/{i}/{name}": getattr(prop, name) for i, prop in enumerate(rig.face.props) for name in PROP}
     arrays |= {f"clips/{i}": clip.values for i, clip in enumerate(rig.clips or ())}
-    arrays |= {"landmarks": rig.landmarks, "control_points": rig.control_points}
+    arrays |= {"landmarks": rig.landmarks, "control_points": rig.control_points, "paint": rig.face.paint}
     description = {
         "format": FORMAT,
         "name": rig.name,
@@ -63,7 +63,7 @@ def save_rig(rig: Rig, folder: Path) -> None:
         "landmark_names": rig.landmark_names,
         "control_point_regions": rig.control_point_regions,
         "clips": None if rig.clips is None else [clip.name for clip in rig.clips],
-        "props": [[prop.name, prop.follow, *prop.colour] for prop in rig.face.props],
+        "props": [[prop.name, prop.follow] for prop in rig.face.props],
     }
     np.savez(folder / ARRAYS, **arrays)
     beside = folder / (DESCRIPTION + ".part")
@@ -94,8 +94,8 @@ def load_rig(folder: Path) -> Rig:
 def _assemble(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> Rig:
     constants = _unflatten(arrays, "constants")
     props = tuple(
-        RestProp(name, follow, tuple(colour), **{part: arrays[f"props/{i}/{part}"] for part in PROP})
-        for i, (name, follow, *colour) in enumerate(about["props"])
+        RestProp(name, follow, **{part: arrays[f"props/{i}/{part}"] for part in PROP})
+        for i, (name, follow) in enumerate(about["props"])
     )
     clips = about["clips"]
     if clips is not None:
@@ -110,5 +110,5 @@ def _assemble(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> Rig:
         control_point_regions=tuple(about["control_point_regions"]),
         clips=clips,
         function=face_function(constants),
-        face=FaceParts(constants, props),
+        face=FaceParts(constants, props, arrays["paint"]),
     )

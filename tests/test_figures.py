@@ -17,6 +17,8 @@ from replicate.figures.figure09 import figure09
 from replicate.figures.figure10 import figure10
 from replicate.figures.heatmap import NO_NORMAL, error_colours, normal_heat
 from replicate.figures.panels import DPI, Words, panel_grid, save_figure
+from replicate.figures.props import prop_surfaces
+from replicate.figures.scene import Camera, axes
 from replicate.figures.table_figure import table2_chart
 from replicate.mesh import Mesh
 
@@ -177,3 +179,18 @@ def test_an_expression_sheet_shows_every_pose_with_its_title_and_props(record):
     assert len(pictures) == 4 and (pictures[3] == 255).all()
     assert (pictures[1] != pictures[2]).any() and (pictures[0][..., 2] > pictures[0][..., 0] + 60).any()
     assert "plate in 3 poses: rest, left, right" in words.alt
+
+
+@pytest.mark.parametrize("azimuth", [-40.0, 0.0, 40.0])
+def test_a_catchlight_stays_on_the_cameras_side_of_an_eyeball(azimuth):
+    turn, pitch = np.meshgrid(np.linspace(0, 6, 20), np.linspace(-1.4, 1.4, 12))
+    unit = np.stack([np.cos(pitch) * np.sin(turn), np.sin(pitch), np.cos(pitch) * np.cos(turn)], -1).reshape(-1, 3)
+    eye, centre = (20 * unit + (33, 2, 60)).astype(np.float32), np.array([33, 2, 60])
+    camera = Camera((0, 0, 40), 264, azimuth)
+    props = [(f"eye_{zone}_left", eye[part], np.int32([[0, 1, 2]]), (250, 250, 250))
+             for zone, part in (("white", slice(0, 120)), ("iris", slice(120, 240)))]  # fmt: skip
+    assert len(prop_surfaces(props)) == 2
+    light = prop_surfaces(props, camera)[-1]
+    towards = (light.vertices - centre) @ axes(camera)[0].T  # right, up, to the eye
+    assert (towards[:, 0] < 0).all() and (towards[:, 1] > 0).all() and (towards[:, 2] > 15).all()
+    assert np.linalg.norm(towards, axis=1) == pytest.approx(20 * 1.012, abs=0.1)

@@ -6,10 +6,22 @@ import heads
 import numpy as np
 import pytest
 
+from data_recipes.head.brows import COLUMNS, ROWS
+from data_recipes.head.horns import COLUMNS as HORN_COLUMNS
+from data_recipes.head.horns import CREST, PAIRS
 from data_recipes.head.layout import build_layout
 from data_recipes.head.props import build_props
-from data_recipes.head.shape import build_shape, lidded_distance, skull_distance
+from data_recipes.head.shape import lidded_distance, skull_distance
 from data_recipes.recipe import load_recipe
+
+ZONES = ("white", "limbus", "iris", "pupil")
+EYES = {f"eye_{zone}_{side}" for zone in ZONES for side in ("left", "right")}
+
+
+def props_with(head, **wanted):
+    """Return the props by name of the tiny head with another `[props]`."""
+    recipe = replace(head.recipe, props=replace(head.recipe.props, **wanted))
+    return {prop.name: prop for prop in build_props(recipe, build_layout(recipe), head.vertices)}
 
 
 @pytest.fixture
@@ -81,26 +93,96 @@ def test_hair_covers_the_crown_and_leaves_face_and_ears_free(head, props):
     hair = props["hair"].vertices
     distance = skull_distance(head.recipe, hair)
     rim = distance < 0
-    assert rim.sum() >= 145 and distance[~rim].min() > 1 and distance.max() < 9
+    assert rim.sum() >= 200 and distance[~rim].min() > 0.5 and distance.max() < 12
     crown = head.vertices[head.grids["crown"]]
     assert hair[:, 1].max() > crown[..., 1].max() + 2
     front = hair[(np.abs(hair[:, 0]) < 30) & (hair[:, 2] > 0)]
     assert front[:, 1].min() > head.vertices[head.landmarks["forehead"], 1] - 5
 
 
-def test_props_can_be_left_out():
-    recipe = load_recipe("tiny")
-    layout = build_layout(recipe)
-    bare = replace(recipe, props=replace(recipe.props, hair="none", brows="none", lashes="none"))
-    parts = build_props(build_shape(bare), layout, np.zeros((len(layout.part), 3)))
-    zones = ("white", "limbus", "iris", "pupil")
-    assert {prop.name for prop in parts} == {f"eye_{zone}_{side}" for zone in zones for side in ("left", "right")}
+def test_props_can_be_left_out(head):
+    assert set(props_with(head, hair="none", brows="none", lashes="none")) == EYES
 
 
 def test_a_slit_pupil_is_narrow():
     recipe = load_recipe("tiny")
-    layout = build_layout(recipe)
     slit = replace(recipe, eyes=replace(recipe.eyes, pupil="slit"), props=replace(recipe.props, hair="none"))
-    parts = build_props(build_shape(slit), layout, np.zeros((len(layout.part), 3)))
+    layout = build_layout(slit)
+    parts = build_props(slit, layout, np.zeros((len(layout.part), 3)))
     pupil = next(prop for prop in parts if prop.name == "eye_pupil_left").vertices - recipe.eyes.centre
     assert np.ptp(pupil[:, 0]) < 0.5 * np.ptp(pupil[:, 1])
+
+
+def test_every_vertex_of_a_prop_has_a_colour(head):
+    for prop in props_with(head, hair="bob", horns="crown", lashes="long").values():
+        assert prop.colours.shape == prop.vertices.shape and np.isfinite(prop.vertices).all(), prop.name
+        assert 0 <= prop.colours.min() and prop.colours.max() <= 1, prop.name
+
+
+def test_irises_have_a_dark_rim_and_eyes_lie_in_the_shade_of_the_upper_lid(props):
+    bright = {zone: props[f"eye_{zone}_left"].colours.mean() for zone in ZONES}
+    assert bright["pupil"] < bright["limbus"] < 0.7 * bright["iris"] < bright["iris"] < bright["white"] < 0.93
+    iris = props["eye_iris_left"]
+    height = iris.vertices[:, 1]
+    assert iris.colours[height > np.quantile(height, 0.9)].mean() < iris.colours[height < np.median(height)].mean()
+
+
+@pytest.mark.parametrize("style", ["natural", "thin", "thick"])
+def test_brows_at_rest_say_nothing(head, style):
+    """Head and tail lie at one height, the arch is low: neither sad nor cross."""
+    grid = props_with(head, brows=style, hair="none")["brow_left"].vertices.reshape(ROWS, COLUMNS, 3)
+    middle = grid[ROWS // 2, :, 1]
+    assert abs(middle[2] - middle[-3]) < 3 and 0.5 < middle.max() - middle[[2, -3]].max() < 4.5
+    assert 0.35 < middle.argmax() / COLUMNS < 0.75
+    thickness = np.ptp(grid[..., 1], axis=0)
+    assert thickness[8:20].min() > 1.5 * thickness[-3]
+
+
+def test_thick_brows_are_thicker_than_natural_ones_and_these_than_thin_ones(head):
+    high = [
+        np.ptp(props_with(head, brows=style)["brow_left"].vertices.reshape(ROWS, COLUMNS, 3)[..., 1], axis=0).max()
+        for style in ("thick", "natural", "thin")
+    ]
+    assert high[0] > 1.2 * high[1] > 1.5 * high[2]
+
+
+def test_short_hair_leaves_more_of_the_forehead_and_lies_closer(head, props):
+    short = props_with(head, hair="short")["hair"].vertices
+
+    def front(p):
+        return p[(np.abs(p[:, 0]) < 20) & (p[:, 2] > 0), 1].min()
+
+    assert front(short) > front(props["hair"].vertices) + 4
+    assert skull_distance(head.recipe, short).max() < skull_distance(head.recipe, props["hair"].vertices).max() - 3
+
+
+def test_a_bob_falls_to_the_jaw_over_the_ears_and_leaves_the_face_free(head):
+    hair = props_with(head, hair="bob")["hair"]
+    assert hair.follow == "hair"
+    p = hair.vertices
+    mouth = head.recipe.mouth.y
+    assert p[:, 1].min() < mouth - 20
+    behind = p[(p[:, 2] < -30)]
+    assert np.ptp(behind[:, 1]) > 120
+    face = (np.abs(p[:, 0]) < 45) & (p[:, 2] > 20)
+    assert p[face, 1].min() > head.vertices[head.landmarks["forehead"], 1]
+    ears = head.vertices[np.isin(head.part, [head.part_names.index("ear_left")])]
+    beside = p[(p[:, 0] > 0) & (np.abs(p[:, 1] - ears[:, 1].mean()) < 20) & (np.abs(p[:, 2] - ears[:, 2].mean()) < 15)]
+    assert beside[:, 0].max() > ears[:, 0].max()
+
+
+def test_horns_stand_in_pairs_and_a_crest_outside_the_skull_and_point_backwards(head):
+    props = props_with(head, hair="none", horns="crown")
+    horns = {name: prop for name, prop in props.items() if name.startswith("horn")}
+    assert {name.replace("left", "right") for name in horns if "left" in name} <= set(horns)
+    assert len(horns) == 2 * len(PAIRS) + len(CREST)
+    for name, prop in horns.items():
+        tip = prop.vertices.reshape(-1, HORN_COLUMNS, 3)[-1, 0]
+        foot = prop.vertices.reshape(-1, HORN_COLUMNS, 3)[0].mean(0)
+        assert skull_distance(head.recipe, tip[None])[0] > 4 and skull_distance(head.recipe, foot[None])[0] < 0, name
+        assert tip[2] < foot[2] + 2, name
+        axis = prop.vertices.reshape(-1, HORN_COLUMNS, 3)[:, :-1].mean(1)
+        nearest = np.repeat(axis, HORN_COLUMNS, 0)[prop.faces].mean(1)
+        assert ((normals(prop) * (prop.vertices[prop.faces].mean(1) - nearest)).sum(1) > 0).mean() > 0.95, name
+    longer = props_with(head, hair="none", horns="crown", horn_length=2.0)["horn_left_3"].vertices
+    assert np.ptp(longer, axis=0).max() > 1.6 * np.ptp(horns["horn_left_3"].vertices, axis=0).max()

@@ -85,6 +85,7 @@ def test_a_record_comes_back_from_disk_to_a_micrometre(tmp_path):
     rng = np.random.default_rng(0)
     offsets = rng.normal(size=(64, 3)).astype(np.float32) * 10
     props = [("eye", TENT, TENT_FACES, (250.0, 250.0, 245.0)), ("brow", TENT, TENT_FACES, (0.2, 0.0, 1.0))]
+    props.append(("iris", TENT, TENT_FACES, np.arange(TENT.size, dtype=np.uint8).reshape(TENT.shape)))
     truth = mesh.neutral + offsets
     shown = {"truth": truth, "coarse": truth + np.float32(0.25), "neutral": mesh.neutral}
     record = PoseRecord("teen", 1, mesh.neutral, mesh.faces, shown, tuple(props))
@@ -96,6 +97,7 @@ def test_a_record_comes_back_from_disk_to_a_micrometre(tmp_path):
     np.testing.assert_array_equal(back.faces, mesh.faces)
     assert back.props[0][0] == "eye" and back.props[0][3] == (250, 250, 245)
     assert back.props[1][3] == (51, 0, 255)
+    np.testing.assert_array_equal(back.props[2][3], props[2][3])
 
 
 def test_the_same_record_gives_the_same_bytes(tmp_path):

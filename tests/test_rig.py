@@ -211,6 +211,8 @@ def test_a_saved_rig_comes_back_the_same_and_without_its_geometry(teen, tmp_path
     assert [c.name for c in again.clips] == [c.name for c in teen.clips]
     for one, other in zip(again.pose_props(p[0]), teen.pose_props(p[0]), strict=True):
         np.testing.assert_array_equal(one[1], other[1])
+        np.testing.assert_array_equal(one[3], other[3])
+    np.testing.assert_array_equal(again.paint, teen.paint)
     assert not list((tmp_path / "teen").glob("*.part"))
 
 
@@ -335,7 +337,7 @@ def test_a_plain_numpy_function_is_a_rig():
     rig = check_rig(foreign())
     np.testing.assert_allclose(rig(np.array([0.5, 0])) - MESH.neutral, np.tile([0, 2.5, 0], (4, 1)))
     assert rig(np.zeros((33, 2))).shape == (33, 4, 3)
-    assert rig.nodes == () and rig.pose_props(rig.default) == []
+    assert rig.nodes == () and rig.pose_props(rig.default) == [] and rig.paint is None
     with pytest.raises(InputError, match="built from recipes"):
         save_rig(rig, Path("nowhere"))
 

@@ -1,4 +1,4 @@
-"""Display-only meshes that ride along: eyeballs turn with the gaze, brows, lashes and hair sit on the skin."""
+"""Display-only meshes that ride along: eyeballs turn with the gaze; brows, lashes, hair and horns sit on the skin."""
 
 from __future__ import annotations
 
@@ -7,23 +7,28 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
 from scipy.spatial import cKDTree
 
 from data_recipes.deformers import face, head_shape
 from data_recipes.deformers.saturation import saturate
 
 NEAREST = 4
+SCALP_MM = 26.0  # hair that hangs below this height, on a head of adult size, moves with the scalp at it
+ADULT_HALF_WIDTH_MM = 75.0
 GAZE_RAD = (np.deg2rad(26.0), np.deg2rad(20.0))  # a full look aside, up
 
 
 @dataclass(frozen=True)
 class RestProp:
-    """A prop at rest, with what it follows: "eye_left", "eye_right", or "skin" by its `index` and `weight`, (k, 4)."""
+    """A prop at rest, with what it follows: "eye_left", "eye_right", or the skin by its `index` and `weight`, (k, 4).
+
+    colours: an RGB from 0 to 255 for each vertex.
+    """
 
     name: str
     follow: str
-    colour: tuple[float, float, float]
+    colours: UInt8[np.ndarray, "k 3"]
     vertices: Float[np.ndarray, "k 3"]
     faces: Int[np.ndarray, "f 3"]
     index: Int[np.ndarray, "k 4"]
@@ -31,21 +36,23 @@ class RestProp:
 
 
 def rest_props(head: Any) -> tuple[RestProp, ...]:
-    """Return a head's props, each skin prop tied to the outer skin vertices nearest to it."""
+    """Return a head's props, those on the skin tied to the outer skin vertices nearest to them."""
     outer = np.flatnonzero(
         np.isin(head.part, [i for i, n in enumerate(head.part_names) if n in ("face", "cranium", "neck")])
     )
     tree = cKDTree(head.vertices[outer])
+    scalp = SCALP_MM * head.recipe.skull.cranium_radii[0] / ADULT_HALF_WIDTH_MM
     rest = []
     for prop in head.props:
         vertices = np.asarray(prop.vertices, np.float32)
-        distance, index = tree.query(vertices, k=NEAREST)
+        tied = np.maximum(vertices, (-np.inf, scalp, -np.inf)) if prop.follow == "hair" else vertices
+        distance, index = tree.query(tied, k=NEAREST)
         weight = 1 / (distance + 0.5) ** 2
         rest.append(
             RestProp(
                 name=prop.name,
                 follow=prop.follow,
-                colour=tuple(float(c) for c in prop.colour),
+                colours=np.rint(255 * prop.colours).astype(np.uint8),
                 vertices=vertices,
                 faces=np.asarray(prop.faces, np.int32),
                 index=outer[index].astype(np.int32),
@@ -62,10 +69,16 @@ def pose(
     params: Float[np.ndarray, "1 m"],
     vertices: Float[np.ndarray, "n 3"],
     neutral: Float[np.ndarray, "n 3"],
-) -> list[tuple[str, np.ndarray, np.ndarray, tuple[float, float, float]]]:
-    """Return name, vertices (k, 3), faces and colour of each prop where the posed skin `vertices` take it."""
+) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
+    """Return name, vertices (k, 3), faces and colours (k, 3) of each prop where the posed skin `vertices` take it."""
     u = np.asarray(saturate(constants["limits"], jnp.asarray(params)))
     values = face.shape_values(constants, jnp.asarray(u))
+
+    def warped(x: np.ndarray) -> np.ndarray:
+        """Bend, squash and stretch as the whole head does."""
+        return np.asarray(head_shape.warp(constants["shape"], values, jnp.asarray(x.T[None], jnp.float32)))[0].T
+
+    moved = vertices - warped(neutral)  # what the skin does beside that
     posed = []
     for prop in props:
         x = prop.vertices
@@ -76,10 +89,10 @@ def pose(
             )
             centre = np.asarray(constants[f"lids_{side}"]["centre"])
             x = (x - centre) @ _gaze(aside * GAZE_RAD[0], up * GAZE_RAD[1]) + centre
-            x = np.asarray(head_shape.warp(constants["shape"], values, jnp.asarray(x.T[None], jnp.float32)))[0].T
+            x = warped(x)
         else:
-            x = x + ((vertices - neutral)[prop.index] * prop.weight[..., None]).sum(axis=1)
-        posed.append((prop.name, x.astype(np.float32), prop.faces, prop.colour))
+            x = warped(x) + (moved[prop.index] * prop.weight[..., None]).sum(axis=1)
+        posed.append((prop.name, x.astype(np.float32), prop.faces, prop.colours))
     return posed
 
 

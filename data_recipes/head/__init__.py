@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
 
 from data_recipes.head import mouth, placement
 from data_recipes.head.assembly import place, triangulate
 from data_recipes.head.charts import build_charts
 from data_recipes.head.landmarks import name_curves, name_landmarks
 from data_recipes.head.layout import build_layout
+from data_recipes.head.paint import paint
 from data_recipes.head.props import Prop, build_props
 from data_recipes.head.segments import build_segments
 from data_recipes.head.shape import build_shape, eye_frame, skull_distance
@@ -48,6 +49,7 @@ class Head:
         curves: ordered vertex indices; landmarks: single ones.
         mouth_axis: (z, radius) of the wrapped coordinates. jaw_pivot: (3,).
         teeth_jaw: +1 upper, -1 lower, per tooth or strip.
+        props, paint: for display only; `paint` is a colour 0–255 for each vertex.
     """
 
     recipe: Recipe
@@ -69,6 +71,7 @@ class Head:
     mouth_axis: tuple[float, float]
     teeth_jaw: Int[np.ndarray, " teeth"]
     props: tuple[Prop, ...]
+    paint: UInt8[np.ndarray, "n 3"]
 
     def sdf(self, points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
         """Return the distance (mm, negative inside) to the head without lips and lids."""
@@ -118,5 +121,6 @@ def build_head(recipe: Recipe) -> Head:
         jaw_pivot=np.array([0.0, -14.0, 2.0]),
         mouth_axis=(recipe.mouth.axis_z, recipe.mouth.axis_radius),
         teeth_jaw=np.array([1 if "upper" in name else -1 for name in layout.part_names[len(PARTS) :]], np.int32),
-        props=build_props(shape, layout, x),
+        props=build_props(recipe, layout, x),
+        paint=paint(recipe, layout, x),
     )

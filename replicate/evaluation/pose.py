@@ -25,8 +25,8 @@ class PoseRecord:
     """A test pose of one character.
 
     pose: its index among the test poses. neutral: (n, 3) mm; faces: (f, 3). vertices: "truth" and each method's label →
-    (n, 3) float32 mm. props: (name, vertices (k, 3), faces (g, 3), colour), for display only; a colour whose parts
-    are at most 1, as `rig.pose_props` gives them, is brought to 0–255.
+    (n, 3) float32 mm. props: (name, vertices (k, 3), faces (g, 3), colour), for display only; the colour is (k, 3)
+    uint8, one for each vertex, as `rig.pose_props` gives it, or one RGB, which is brought to 0–255.
     """
 
     character: str
@@ -34,11 +34,12 @@ class PoseRecord:
     neutral: np.ndarray
     faces: np.ndarray
     vertices: dict[str, np.ndarray]
-    props: tuple[tuple[str, np.ndarray, np.ndarray, tuple[float, float, float]], ...] = ()
+    props: tuple[tuple[str, np.ndarray, np.ndarray, np.ndarray | tuple[float, float, float]], ...] = ()
 
     def __post_init__(self) -> None:
         coloured = tuple(
-            (name, vertices, faces, colour_in_bytes(colour)) for name, vertices, faces, colour in self.props
+            (name, vertices, faces, colour if np.ndim(colour) == 2 else colour_in_bytes(colour))
+            for name, vertices, faces, colour in self.props
         )
         object.__setattr__(self, "props", coloured)
 
@@ -114,7 +115,10 @@ def save_pose(path: Path, record: PoseRecord) -> None:
     arrays["offsets"], facts["step_mm"] = np.rint(offsets / step).astype(np.int16), step
     for k, (name, vertices, faces, colour) in enumerate(record.props):
         arrays[f"prop_{k}_vertices"], arrays[f"prop_{k}_faces"] = np.float32(vertices), np.int32(faces)
-        facts["props"].append([name, list(colour)])
+        painted = np.ndim(colour) == 2
+        if painted:
+            arrays[f"prop_{k}_colours"] = np.asarray(colour, np.uint8)
+        facts["props"].append([name, None if painted else list(colour)])
     arrays["facts"] = np.frombuffer(json.dumps(facts, sort_keys=True).encode(), np.uint8)
     beside = path.with_name(f".{path.name}.{os.getpid()}.npz")
     np.savez_compressed(beside, **arrays)
@@ -129,7 +133,12 @@ def load_pose(path: Path) -> PoseRecord:
             neutral, faces = stored["neutral"], stored["faces"]
             offsets = stored["offsets"].astype(np.float32) * np.float32(facts["step_mm"])
             props = tuple(
-                (name, stored[f"prop_{k}_vertices"], stored[f"prop_{k}_faces"], tuple(colour))
+                (
+                    name,
+                    stored[f"prop_{k}_vertices"],
+                    stored[f"prop_{k}_faces"],
+                    stored[f"prop_{k}_colours"] if colour is None else tuple(colour),
+                )
                 for k, (name, colour) in enumerate(facts["props"])
             )
     except FileNotFoundError:

@@ -4,17 +4,23 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 
-from replicate.evaluation.pose import colour_in_bytes
 from replicate.figures.panels import Words, panel_grid
+from replicate.figures.props import prop_surfaces
 from replicate.figures.render import render
-from replicate.figures.scene import CLAY, Surface, camera_for
+from replicate.figures.scene import PORTRAIT, Camera, Surface, camera_for
 from replicate.mesh import Mesh
 
 SKIN = (226, 178, 148)
 # By the beginning of a segment's name; what begins otherwise is skin.
-COLOURS = {"tooth": (245, 242, 230), "gum": (205, 105, 105), "tongue": (214, 110, 112), "mouth": (150, 60, 60)}
+COLOURS = {
+    "tooth": (245, 242, 230),
+    "teeth": (245, 242, 230),
+    "gum": (205, 105, 105),
+    "tongue": (214, 110, 112),
+    "mouth": (150, 60, 60),
+}
 ROOM = 1.07  # a stretched head is taller than one at rest
 BACKGROUND = (231, 235, 238)
 
@@ -25,31 +31,37 @@ def segment_colours(mesh: Mesh, skin: tuple[int, int, int] = SKIN) -> UInt8[np.n
     return np.array(named, np.uint8)[mesh.face_segment]
 
 
+def character_surfaces(rig, params: Float[np.ndarray, " m"], camera: Camera | None = None) -> list[Surface]:
+    """Return a rig in a pose with its props, in its own paint or, where it has none, coloured by segment.
+
+    rig: any that keeps the Rig contract. camera: gives the eyes catchlights, see `prop_surfaces`.
+    """
+    paint = getattr(rig, "paint", None)
+    colours = {"colours": segment_colours(rig.mesh)} if paint is None else {"paint": paint}
+    props = rig.pose_props(params) if hasattr(rig, "pose_props") else []
+    return [Surface(rig(params), rig.mesh.faces, **colours), *prop_surfaces(props, camera)]
+
+
 def expression_sheet(
     rig,
     poses: Mapping[str, np.ndarray],
     columns: int = 4,
     camera: str = "front",
-    clay: bool = False,
     width: int = 300,
     height: int = 320,
     renderer=None,
 ):
     """Return (figure, words): a rig in several poses, titled, row by row, with its props where it has any.
 
-    rig: any that keeps the Rig contract. poses: title → parameters (m,). clay: leave out colours, as in the paper.
+    rig: any that keeps the Rig contract. poses: title → parameters (m,).
     """
     mesh = rig.mesh
     view = camera_for(camera, mesh.neutral)
     view = replace(view, height_mm=ROOM * view.height_mm)
-    colours = CLAY if clay else segment_colours(mesh)
-    pictures = []
-    for params in poses.values():
-        surfaces = [Surface(rig(params), mesh.faces, colours)]
-        if hasattr(rig, "pose_props"):
-            for _, vertices, faces, colour in rig.pose_props(params):
-                surfaces.append(Surface(vertices, faces, colour_in_bytes(colour)))
-        pictures.append(render(surfaces, view, width, height, BACKGROUND, renderer))
+    pictures = [
+        render(character_surfaces(rig, params, view), view, width, height, BACKGROUND, renderer, PORTRAIT)
+        for params in poses.values()
+    ]
     blank = np.full((height, width, 3), 255, np.uint8)
     pictures += [blank] * (-len(pictures) % columns)
     titles = [*poses, *[""] * (len(pictures) - len(poses))]

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from replicate.evaluation.pose import TRUTH, PoseRecord
 from replicate.figures.panels import Words, panel_grid
+from replicate.figures.props import prop_surfaces
 from replicate.figures.render import render
 from replicate.figures.scene import Surface, camera_for
 from replicate.figures.style import label, plain_name
@@ -15,7 +16,7 @@ def figure09(record: PoseRecord, methods: Sequence[str] = SHOWN, width: int = 40
     """Return (figure, words): the record's pose from the forehead camera, one panel for each of the given methods."""
     view = camera_for("forehead", record.neutral)
     shown = [method for method in methods if method in record.vertices]
-    props = [Surface(vertices, faces, colour) for _, vertices, faces, colour in record.props]
+    props = prop_surfaces(record.props)
     panels = [
         render([Surface(record.vertices[method], record.faces), *props], view, width, height, renderer=renderer)
         for method in shown

@@ -8,6 +8,7 @@ from replicate.evaluation.pose import TRUTH, PoseRecord
 from replicate.evaluation.table2 import OURS_ALONE, in_order
 from replicate.figures.heatmap import colour_bar, normal_heat
 from replicate.figures.panels import Words, panel_grid
+from replicate.figures.props import prop_surfaces
 from replicate.figures.render import render
 from replicate.figures.scene import Surface, camera_for
 from replicate.figures.style import label, plain_name
@@ -25,7 +26,7 @@ def figure10(
     """Return (figure, words). limit_deg: the upper end of the colours, the same for every panel."""
     view = camera_for(camera, record.neutral)
     shown = [TRUTH, *(method for method in in_order(record.vertices) if method not in OURS_ALONE)]
-    props = [Surface(vertices, faces, colour) for _, vertices, faces, colour in record.props]
+    props = prop_surfaces(record.props)
     truth = record.vertices[TRUTH]
     draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
     shaded = [draw([Surface(record.vertices[method], record.faces), *props]) for method in shown]

@@ -1,0 +1,49 @@
+"""Brows, for display only: strips of hair over the brow ridge that say nothing at rest. Left one; the right mirrors it.
+
+Both ends lie at one height, or a face at rest looks sad or cross; the arch peaks at two thirds of the way outwards.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from data_recipes.head.prop_mesh import Prop, on_skin, sheet, smooth_step
+from data_recipes.head.shape import lidded_distance
+from data_recipes.recipe import Recipe
+
+# Half height (mm), how far the arch rises (share of the ridge's radius), how far it stands out (mm).
+STYLES = {"natural": (2.9, 0.52, 1.0), "thin": (1.6, 0.66, 0.7), "thick": (4.4, 0.42, 1.5)}
+COLUMNS, ROWS = 41, 11
+
+
+def brow(recipe: Recipe) -> Prop:
+    """Return the left brow: it sets in softly near the nose, is fullest at a third and ends in a point."""
+    s = recipe.skull
+    half_mm, arch, stands = STYLES[recipe.props.brows]
+    t, across = np.linspace(0, 1, COLUMNS), np.linspace(-1, 1, ROWS)
+    inner, outer = np.array(s.brow_inner), np.array(s.brow_outer)
+    line = inner + (outer - inner) * (0.06 + 1.04 * t)[:, None]
+    level = inner[1] + 0.35 * (outer[1] - inner[1]) + 0 * t  # the ridge may slope; the brow does by a third of it
+    level = level + (0.3 * (outer[1] - inner[1]) - 0.3 * s.brow_radii[0]) * (t - 0.5)
+    peak = np.sin(np.pi * t ** (np.log(0.5) / np.log(0.58)))
+    rise = s.brow_radii[0] * (0.45 + arch * peak)
+    half = half_mm * (0.62 + 0.38 * smooth_step(t, 0.0, 0.3)) * (1 - smooth_step(t, 0.5, 1.02)) ** 0.9 + 0.2
+    half = half * np.minimum(1, t / 0.05 + 0.35) ** 0.5
+    middle = level + rise
+    flat = np.stack([np.broadcast_to(line[:, 0], (ROWS, COLUMNS)), middle + across[:, None] * half], -1)
+    flat[..., 0] += 0.35 * across[:, None] * half  # hairs lean outwards
+    origin = np.concatenate([flat, np.zeros((ROWS, COLUMNS, 1))], -1).reshape(-1, 3)
+    straight = np.array([0.0, 0, 1.0]) + 0 * origin
+    origin[:, 0] *= 0.5  # the rays fan out, so that they meet the temple at a fair angle
+    straight[:, 0] = origin[:, 0] / np.repeat(line[None, :, 2], ROWS, 0).ravel()
+    straight /= np.linalg.norm(straight, axis=1, keepdims=True)
+    p, normal = on_skin(lambda q: lidded_distance(recipe, q), origin, straight)
+    hairs = np.cos(1.3 * np.arange(COLUMNS) + 2.2 * across[:, None])  # combed up and outwards
+    ends = smooth_step(t, 0.0, 0.10) * smooth_step(t, 1.0, 0.94)
+    height = stands * (1 - across[:, None] ** 2) ** 0.8 * (0.55 + 0.45 * half / half.max()) * (1 + 0.12 * hairs)
+    height = height * (0.15 + 0.85 * ends) - 0.25
+    grid = (p + height.reshape(-1, 1) * normal).reshape(ROWS, COLUMNS, 3)
+    colour = 0.66 * np.array(recipe.props.hair_colour) * (1 + 0.16 * hairs)[..., None]
+    skin = 0.86 * np.array(recipe.props.skin_colour)
+    soft = np.maximum(smooth_step(np.abs(across), 0.72, 1.05)[:, None], 0.75 * smooth_step(t, 0.12, 0.0))[..., None]
+    return sheet("brow_left", "skin", colour + 0.6 * soft * (skin - colour), grid)

@@ -1,0 +1,63 @@
+"""What all props are made of: a mesh with a colour for each vertex, and the ways to lay one on the head."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from data_recipes.head.layout import grid_quads
+from data_recipes.head.sdf import distance_and_gradient, raycast
+
+FLIP = np.array([-1.0, 1.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Prop:
+    """A mesh at rest: vertices (mm), an RGB in [0, 1] for each, triangles, and what it follows.
+
+    follow: "eye_left" or "eye_right" turns with the gaze, "skin" moves with the skin under it, and "hair" does so with
+    the scalp above it where it hangs lower than the ears.
+    """
+
+    name: str
+    follow: str
+    colours: Float[np.ndarray, "k 3"]
+    vertices: Float[np.ndarray, "k 3"]
+    faces: Int[np.ndarray, "f 3"]
+
+
+def sheet(name: str, follow: str, colours, grid: Float[np.ndarray, "rows columns 3"]) -> Prop:
+    """Make a prop of a grid whose rows run up and whose columns run to the right, seen from outside.
+
+    colours: one RGB, or one for each point of the grid.
+    """
+    quads = grid_quads(np.arange(grid.shape[0] * grid.shape[1]).reshape(grid.shape[:2]))
+    faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).astype(np.int32)
+    p = grid.reshape(-1, 3)
+    area = np.linalg.norm(np.cross(p[faces[:, 1]] - p[faces[:, 0]], p[faces[:, 2]] - p[faces[:, 0]]), axis=1)
+    painted = np.broadcast_to(np.asarray(colours, float), grid.shape).reshape(-1, 3)
+    return Prop(name, follow, np.clip(painted, 0, 1), p, faces[area > 1e-9])
+
+
+def mirrored(prop: Prop) -> Prop:
+    """Return a left-hand prop's image on the right."""
+    name, follow = prop.name.replace("left", "right"), prop.follow.replace("left", "right")
+    return Prop(name, follow, prop.colours, prop.vertices * FLIP, prop.faces[:, ::-1].copy())
+
+
+def on_skin(
+    sdf: Callable, origins: Float[np.ndarray, "k 3"], directions: Float[np.ndarray, "k 3"]
+) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
+    """Return where rays meet a surface, and its unit normals there."""
+    p = raycast(sdf, origins, directions)
+    _, normal = distance_and_gradient(sdf, p, 0.5)
+    return p, normal / np.linalg.norm(normal, axis=1, keepdims=True)
+
+
+def smooth_step(x, low: float, high: float):
+    """Return 0 below `low`, 1 above `high`, and a smooth rise between them; the other way round if low > high."""
+    t = np.clip((np.asarray(x, float) - low) / (high - low), 0, 1)
+    return t * t * (3 - 2 * t)
