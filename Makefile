@@ -3,6 +3,7 @@
 
 PROFILE    ?= laptop
 CHARACTERS ?= teen
+SEVERAL    := $(strip $(foreach name,teen woman dragon toon,$(if $(wildcard data_recipes/$(name).toml),$(name))))
 SEED       ?=
 JOBS       ?=
 DEVICE     ?=
@@ -30,13 +31,18 @@ RUN := .venv/bin/python
 ENVIRONMENT := .venv/installed
 endif
 
-RUN_OPTIONS = --profile "$(PROFILE)" --characters "$(CHARACTERS)" $(if $(SEED),--seed "$(SEED)") \
+RUN_OPTIONS = --profile "$(PROFILE)" --characters "$(CHARACTERS)" $(OTHER_OPTIONS)
+# Table 1 and the figures of rigs take few minutes: all of the paper's characters, unless some are named.
+CAST_OPTIONS = --profile "$(PROFILE)" --characters "$(if $(filter file,$(origin CHARACTERS)),$(SEVERAL),$(CHARACTERS))" \
+	$(OTHER_OPTIONS)
+OTHER_OPTIONS = $(if $(SEED),--seed "$(SEED)") \
 	$(if $(DEVICE),--device "$(DEVICE)") $(if $(CONFIG),--config "$(CONFIG)") $(if $(SPLIT),--split "$(SPLIT)")
+JOB_OPTIONS = $(if $(JOBS),--jobs "$(JOBS)")
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: help environment table2 compare rigs status test lint bench-rig bench-training bench-faults clean clean-all
+.PHONY: help environment table1 table2 figure05 figure07 figure08 compare rigs status test lint bench-rig bench-training bench-faults clean clean-all
 
 help: ## print this help
 	@echo "usage: make <target> [VARIABLE=value ...]"
@@ -45,14 +51,27 @@ help: ## print this help
 	@echo
 	@echo "  PROFILE=$(PROFILE)    quick, laptop or paper: how many samples and steps"
 	@echo "  CHARACTERS=$(CHARACTERS)   names, or paths of .toml recipes, separated by commas or spaces"
+	@echo "                  (table1, figure05, figure07 and figure08: $(SEVERAL), unless some are named)"
 	@echo "  SEED=  JOBS=  DEVICE=  CONFIG=  SPLIT=   as \`python -m replicate table2 --help\` says"
 	@echo "  LATEX=1         \`make compare\` in LaTeX"
 	@echo "  PYTHON=         the Python, 3.11 or newer, that .venv is made with"
 
 environment: $(ENVIRONMENT) ## make .venv with the exact packages, unless an active environment has them
 
+table1: $(ENVIRONMENT) ## counts of segments and sizes of models, beside the paper's
+	@$(RUN) -m replicate table1 $(CAST_OPTIONS) $(JOB_OPTIONS)
+
 table2: $(ENVIRONMENT) ## approximation errors on held-out poses, beside the paper's
-	@$(RUN) -m replicate table2 $(RUN_OPTIONS) $(if $(JOBS),--jobs "$(JOBS)")
+	@$(RUN) -m replicate table2 $(RUN_OPTIONS) $(JOB_OPTIONS)
+
+figure05: $(ENVIRONMENT) ## poses of the training data, and strips of the clips behind them
+	@$(RUN) -m replicate figure05 $(CAST_OPTIONS) $(JOB_OPTIONS)
+
+figure07: $(ENVIRONMENT) ## the mesh segments in colours
+	@$(RUN) -m replicate figure07 $(CAST_OPTIONS) $(JOB_OPTIONS)
+
+figure08: $(ENVIRONMENT) ## the refinement segments in colours
+	@$(RUN) -m replicate figure08 $(CAST_OPTIONS) $(JOB_OPTIONS)
 
 compare: $(ENVIRONMENT) ## print the paper's numbers, the reference results and yours
 	@$(RUN) -m replicate compare --profile "$(PROFILE)" $(if $(LATEX),--latex)

@@ -25,6 +25,7 @@ class Command:
     about: str
     function: Callable[[argparse.Namespace], None]
     options: tuple[str, ...] = ()
+    characters: tuple[str, ...] = ("teen",)  # those that it takes if none is named
 
 
 class _Parser(argparse.ArgumentParser):
@@ -89,15 +90,36 @@ def _seeds(options: argparse.Namespace) -> list[int]:
 def _table2(options: argparse.Namespace) -> None:
     from replicate.pipeline import table2_graph
     from replicate.publish import publish_table2
-    from replicate.scheduler import run
 
     configs = configurations(options)
+    publish_table2(configs, _made(options, configs, [table2_graph(config) for config in configs]))
+
+
+def _table1(options: argparse.Namespace) -> None:
+    from replicate.pipeline import table1_graph
+    from replicate.publish import publish_table1
+
+    configs = configurations(options)
+    publish_table1(configs, _made(options, configs, [table1_graph(config) for config in configs]))
+
+
+def _figure(options: argparse.Namespace) -> None:
+    from replicate.pipeline import figure_graph
+    from replicate.publish import publish_figure
+
+    configs = configurations(options)
+    made = _made(options, configs, [figure_graph(config, options.command) for config in configs])
+    publish_figure(options.command, configs, made)
+
+
+def _made(options: argparse.Namespace, configs: list[Config], graphs: list[list]) -> list:
+    """Run some graphs and return the last stage of each."""
+    from replicate.scheduler import run
+
     workers = _workers(options)
-    graphs = [table2_graph(config) for config in configs]
-    stages = [stage for graph in graphs for stage in graph]
     facts = provenance(options.typed, options.profile, sorted({config.seed for config in configs}), workers)
-    run(stages, workers, facts)
-    publish_table2(configs, [graph[-1] for graph in graphs])
+    run([stage for graph in graphs for stage in graph], workers, facts)
+    return [graph[-1] for graph in graphs]
 
 
 def _compare(options: argparse.Namespace) -> None:
@@ -141,11 +163,24 @@ def _clean_cache(options: argparse.Namespace) -> None:
     print(f"removed {count} folders, {size_bytes / 1e6:,.1f} MB, from {paths.cache_folder()}")
 
 
+# The characters that stand for the paper's four, in its order: those that have a recipe.
+CAST = tuple(name for name in ("teen", "woman", "dragon", "toon") if paths.recipe_file(name).is_file())
 _RUN_OPTIONS = ("profile", "characters", "seed", "device", "config", "split")
 COMMANDS = {
     "table2": Command(
         "make Table 2: approximation errors on held-out poses, beside the paper's", _table2, (*_RUN_OPTIONS, "jobs")
     ),
+    "table1": Command(
+        "make Table 1: counts of segments and sizes of models, beside the paper's",
+        _table1,
+        (*_RUN_OPTIONS, "jobs"),
+        CAST,
+    ),
+    "figure05": Command(
+        "draw Figure 5: poses of the training data, and the clips behind them", _figure, (*_RUN_OPTIONS, "jobs"), CAST
+    ),
+    "figure07": Command("draw Figure 7: the mesh segments in colours", _figure, (*_RUN_OPTIONS, "jobs"), CAST),
+    "figure08": Command("draw Figure 8: the refinement segments in colours", _figure, (*_RUN_OPTIONS, "jobs"), CAST),
     "compare": Command("print the paper's numbers, the reference results and yours", _compare, ("profile", "latex")),
     "rigs": Command("draw sheets of the characters' expressions", _rigs, ("characters",)),
     "status": Command("list the artefacts of Table 2 and what else the cache holds", _status, _RUN_OPTIONS),
@@ -154,9 +189,8 @@ COMMANDS = {
 _OPTIONS = {
     "profile": {"default": "laptop", "help": f"one of {', '.join(PROFILES)} (default: laptop)"},
     "characters": {
-        "default": ["teen"],
         "nargs": "+",
-        "help": f"names, of {', '.join(paths.character_names())}, or paths of .toml recipes (default: teen)",
+        "help": f"names, of {', '.join(paths.character_names())}, or paths of .toml recipes",
     },
     "seed": {
         "default": ["0"],
@@ -182,7 +216,11 @@ def _parser() -> argparse.ArgumentParser:
             name, help=command.about, description=about, epilog=_EPILOG, formatter_class=plain
         )
         for option in command.options:
-            subparser.add_argument(f"--{option}", **_OPTIONS[option])
+            settings = dict(_OPTIONS[option])
+            if option == "characters":
+                settings["default"] = list(command.characters)
+                settings["help"] += f" (default: {' '.join(command.characters)})"
+            subparser.add_argument(f"--{option}", **settings)
     return parser
 
 

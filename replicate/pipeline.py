@@ -1,38 +1,72 @@
-"""The graph of stages behind Table 2; what each stage does is in `stage_bodies`.
+"""The graphs of stages behind the tables and figures; what each stage does is in `stage_bodies`.
 
 rig ─┬─ samples ──┬─ rigid ─┬─ coarse ───┬─ refined
      └─ influence ┘         ├─ selection ┘
                             └─ dense
      samples ── lbs16, lbs24, lbs32         each method ── its errors ── table2
+
+Table 1 and Figures 5, 7 and 8 show rigs and segments, and need nothing that is trained:
+     rig, influence, rigid, selection ── table1, figure08      rig, samples ── figure05      rig, rigid ── figure07
 """
+
+from functools import partial
 
 from data_recipes.rig import recipe_files
 from replicate.config import Config
 from replicate.paths import recipe_file
-from replicate.stage_bodies import Character, Measured, Reported, Section, Selection
+from replicate.stage_bodies import Character, Drawn, Measured, Reported, Section, Selection, Shape, Sized
 from replicate.stages import Stage
 
 BODIES = "replicate.stage_bodies"
+FIGURES = {"figure05": ("rig", "samples"), "figure07": ("rig", "rigid"), "figure08": ("rig", "selection")}
+
+
+def _stage(config: Config, name: str, settings: object, *inputs: Stage, body: str = "") -> Stage:
+    character = recipe_file(config.character).stem
+    label = f"{character}-seed{config.seed}" if config.seed else character
+    return Stage(name, f"{BODIES}:make_{body or name}", settings, inputs, label)
+
+
+def untrained_stages(config: Config) -> dict[str, Stage]:
+    """Return, by name, the stages of one character that every graph shares and that train nothing."""
+    stage = partial(_stage, config)
+    rig = Stage(
+        "rig",
+        f"{BODIES}:make_rig",
+        Character(config.character),
+        label=recipe_file(config.character).stem,
+        files=recipe_files(config.character),
+    )
+    samples = stage("samples", Section(config.samples, config.seed), rig)
+    influence = stage("influence", Section(config.samples, config.seed), rig)
+    rigid = stage("rigid", Section(config.rigid, config.seed), rig, samples)
+    where = config.refinement
+    deciding = Selection(where.poses, where.square, where.clusters_max, config.coarse.map_size)
+    selection = stage("selection", Section(deciding, config.seed), rig, samples, influence, rigid)
+    return {found.name: found for found in (rig, samples, influence, rigid, selection)}
+
+
+def table1_graph(config: Config) -> list[Stage]:
+    """Return the last stage of one character's Table 1: its rows. Sizes follow from what the untrained stages find."""
+    found = untrained_stages(config)
+    shapes = (Shape(part.map_size, part.channels, part.hidden) for part in (config.coarse, config.refinement))
+    settings = Sized(recipe_file(config.character).stem, config.profile, *shapes)
+    return [_stage(config, "table1", settings, *(found[name] for name in ("rig", "influence", "rigid", "selection")))]
+
+
+def figure_graph(config: Config, name: str) -> list[Stage]:
+    """Return the stage that draws one character's figure; name: one of `FIGURES`."""
+    found = untrained_stages(config)
+    settings = Drawn(recipe_file(config.character).stem, config.seed)
+    return [_stage(config, name, settings, *(found[needed] for needed in FIGURES[name]))]
 
 
 def table2_graph(config: Config) -> list[Stage]:
     """Return the stages of one character's Table 2; its table is the last, the slow ones come first."""
-    character = recipe_file(config.character).stem
-    label = f"{character}-seed{config.seed}" if config.seed else character
-
-    def stage(name: str, settings: object, *inputs: Stage, body: str = "") -> Stage:
-        return Stage(name, f"{BODIES}:make_{body or name}", settings, inputs, label)
-
-    files = recipe_files(config.character)
-    rig = Stage("rig", f"{BODIES}:make_rig", Character(config.character), label=character, files=files)
-    samples = stage("samples", Section(config.samples, config.seed), rig)
-    influence = stage("influence", Section(config.samples, config.seed), rig)
-    rigid = stage("rigid", Section(config.rigid, config.seed), rig, samples)
+    stage = partial(_stage, config)
+    rig, samples, influence, rigid, selection = untrained_stages(config).values()
     nets = (rig, samples, influence, rigid)
     coarse = stage("coarse", Section(config.coarse, config.seed, config.device), *nets)
-    where = config.refinement
-    deciding = Selection(where.poses, where.square, where.clusters_max, config.coarse.map_size)
-    selection = stage("selection", Section(deciding, config.seed), *nets)
     refined = stage("refined", Section(config.refinement, config.seed, config.device), rig, samples, coarse, selection)
     dense = stage("dense", Section(config.dense, config.seed, config.device), *nets)
     skins = [
@@ -59,6 +93,6 @@ def table2_graph(config: Config) -> list[Stage]:
         own = refit if method.startswith("lbs") else maps if method.startswith("floor") else {}
         settings = Measured(method, poses, numbers.batch, config.seed, **own)
         errors.append(stage(f"errors_{method}", settings, rig, samples, wrinkled, *inputs, body="errors"))
-    reported = Reported(character, config.profile, config.seed)
+    reported = Reported(recipe_file(config.character).stem, config.profile, config.seed)
     table = stage("table2", reported, rig, samples, wrinkled, rigid, coarse, selection, refined, dense, *errors)
     return [coarse, refined, dense, *reversed(skins), *errors, table]

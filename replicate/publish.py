@@ -1,7 +1,6 @@
 """From finished artefacts to what a person reads: results/runs/<profile>/ with CSVs, manifest, figures and notebook."""
 
 import contextlib
-import json
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,17 +8,17 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from replicate import paths
+from replicate import manifest, paths
 from replicate.config import Config
 from replicate.evaluation.curves import read_curves, write_curves
 from replicate.evaluation.results import Row, over_seeds, read_results, write_results
+from replicate.evaluation.table1 import size_claim, table1
 from replicate.evaluation.table2 import table2
 from replicate.evaluation.tables import as_text
-from replicate.provenance import graph_git, stage_facts
 from replicate.stages import Stage
-from replicate.store import artefact_folder, read_manifest
+from replicate.store import artefact_folder
 
-MANIFEST = "manifest.json"
+MANIFEST = manifest.NAME
 
 
 def publish_table2(configs: Sequence[Config], tables: Sequence[Stage]) -> None:
@@ -31,11 +30,7 @@ def publish_table2(configs: Sequence[Config], tables: Sequence[Stage]) -> None:
     process publishes to the same folder, this one waits, so that neither loses the other's results.
     """
     profile = configs[0].profile
-    folder = paths.run_folder(profile)
-    folder.mkdir(parents=True, exist_ok=True)
-    seeded: dict[str, list[tuple[Config, Stage]]] = {}
-    for config, stage in zip(configs, tables, strict=True):
-        seeded.setdefault(paths.recipe_file(config.character).stem, []).append((config, stage))
+    folder, seeded = _folder(profile), _by_character(configs, tables)
     with _alone(folder):
         rows = _merge(folder, seeded)
         _draw(folder, profile, configs[0].evaluation.heatmap_deg)
@@ -45,6 +40,91 @@ def publish_table2(configs: Sequence[Config], tables: Sequence[Stage]) -> None:
         print(as_text(table2(rows, paper, character)))
         print(f"split by {split}" + (", as in the paper" if split == "frames" else ""))
     print(f"written to {paths.shown(folder)}: table2.csv, {MANIFEST}, figures, and table2.ipynb to read them in")
+
+
+def publish_table1(configs: Sequence[Config], tables: Sequence[Stage]) -> None:
+    """Write Table 1 of some characters to the profile's folder, print it, and execute its notebook if it is stale.
+
+    Arguments, seeds and characters that are there already: as for `publish_table2`.
+    """
+    from replicate.figures.notebooks import run_notebook
+
+    profile = configs[0].profile
+    folder, seeded = _folder(profile), _by_character(configs, tables)
+    with _alone(folder):
+        facts = manifest.entries(folder, "table1")
+        rows = _readable(read_results, folder / "table1.csv") or []
+        runs = {name: {row.run for row in rows if row.character == name} for name in facts}
+        facts = {name: own for name, own in facts.items() if runs[name] == {own.get("run")} and name not in seeded}
+        rows = [row for row in rows if row.character in facts]
+        for character, made in seeded.items():
+            rows += over_seeds([read_results(_artefact(stage) / "table1.csv") for _, stage in made])
+            facts[character] = manifest.facts_of(*zip(*made, strict=True), rows[-1].run)
+        write_results(folder / "table1.csv", rows)
+        manifest.write_entries(folder, "table1", dict(sorted(facts.items())))
+        run_notebook("table1", profile)
+    paper = read_results(paths.PAPER / "table1.csv")
+    print(as_text(table1(rows, paper)))
+    print(size_claim(rows, paper))
+    print(f"written to {paths.shown(folder)}: table1.csv, {MANIFEST}, and table1.ipynb to read it in")
+
+
+def publish_figure(name: str, configs: Sequence[Config], drawings: Sequence[Stage]) -> None:
+    """Copy a figure of some characters, with its words and numbers, to the profile's folder, and execute its notebook.
+
+    name: "figure05", …; drawings: each configuration's last stage, whose files are named name_character….
+    Of several seeds the first is shown. Figures of characters that are not among them stay.
+    """
+    from replicate.figures.notebooks import run_notebook
+
+    profile = configs[0].profile
+    folder, seeded = _folder(profile), _by_character(configs, drawings)
+    with _alone(folder):
+        before = manifest.entries(folder, name)
+        facts = {
+            character: own
+            for character, own in before.items()
+            if character not in seeded and all((folder / file).is_file() for file in own.get("files", ["?"]))
+        }
+        for character, (first, *_) in seeded.items():
+            made = sorted(file for file in _artefact(first[1]).glob(f"{name}_{character}*") if file.is_file())
+            for file in before.get(character, {}).get("files", ()):
+                if file not in {path.name for path in made}:
+                    (folder / file).unlink(missing_ok=True)
+            for file in made:
+                _copy(file, folder / file.name)
+            own = manifest.facts_of([first[0]], [first[1]], first[1].key)
+            facts[character] = {**own, "files": [file.name for file in made]}
+        manifest.write_entries(folder, name, dict(sorted(facts.items())))
+        run_notebook(name, profile)
+    for character in seeded:
+        pictures = [file for file in facts[character]["files"] if file.endswith(".png")]
+        print(f"written to {paths.shown(folder)}: {', '.join(pictures)}, with their words and numbers beside them")
+    print(f"written to {paths.shown(folder)}: {name}.ipynb to read them in")
+
+
+def _folder(profile: str) -> Path:
+    folder = paths.run_folder(profile)
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _by_character(configs: Sequence[Config], lasts: Sequence[Stage]) -> dict[str, list[tuple[Config, Stage]]]:
+    """Return, by character, the configuration and the last stage of each of its seeds."""
+    seeded: dict[str, list[tuple[Config, Stage]]] = {}
+    for config, stage in zip(configs, lasts, strict=True):
+        seeded.setdefault(paths.recipe_file(config.character).stem, []).append((config, stage))
+    return seeded
+
+
+def _artefact(stage: Stage) -> Path:
+    return artefact_folder(stage.identifier)
+
+
+def _copy(source: Path, target: Path) -> None:
+    beside = target.with_name(f".{target.name}.{os.getpid()}")
+    shutil.copyfile(source, beside)
+    os.replace(beside, target)
 
 
 @contextlib.contextmanager
@@ -67,18 +147,18 @@ def _merge(folder: Path, seeded: Mapping[str, Sequence[tuple[Config, Stage]]]) -
 
     seeded: by character, the configuration and the last stage of each of its seeds.
     """
-    rows, curves, manifest = _present(folder)
+    rows, curves, facts = _present(folder)
     for character, runs in seeded.items():
-        made = [artefact_folder(stage.identifier) for _, stage in runs]
+        made = [_artefact(stage) for _, stage in runs]
         rows = [row for row in rows if row.character != character]
         rows += over_seeds([read_results(folder / "table2.csv") for folder in made])
         curves = {key: curve for key, curve in curves.items() if key[0] != character}
         curves |= read_curves(made[0] / "table2_curves.csv")
         shutil.copyfile(made[0] / f"table2_{character}_pose.npz", folder / f"table2_{character}_pose.npz")
-        manifest[character] = _facts([config for config, _ in runs], [stage for _, stage in runs], rows[-1].run)
+        facts[character] = manifest.facts_of(*zip(*runs, strict=True), rows[-1].run)
     write_results(folder / "table2.csv", rows)
     write_curves(folder / "table2_curves.csv", curves)
-    _write_manifest(folder / MANIFEST, {name: manifest[name] for name in sorted({row.character for row in rows})})
+    manifest.write_entries(folder, "table2", {name: facts[name] for name in sorted({row.character for row in rows})})
     return rows
 
 
@@ -92,10 +172,10 @@ def _present(folder: Path) -> tuple[list[Row], dict, dict]:
 
     rows = _readable(read_results, folder / "table2.csv") or []
     curves = _readable(read_curves, folder / "table2_curves.csv") or {}
-    manifest = _readable(_entries, folder / MANIFEST) or {}
+    entries = manifest.entries(folder, "table2")
     whole = {
         name
-        for name, facts in manifest.items()
+        for name, facts in entries.items()
         if {row.run for row in rows if row.character == name} == {facts.get("run")}
         and any(name == character for character, _ in curves)
         and _readable(load_pose, folder / f"table2_{name}_pose.npz")
@@ -103,7 +183,7 @@ def _present(folder: Path) -> tuple[list[Row], dict, dict]:
     return (
         [row for row in rows if row.character in whole],
         {key: curve for key, curve in curves.items() if key[0] in whole},
-        {name: facts for name, facts in manifest.items() if name in whole},
+        {name: facts for name, facts in entries.items() if name in whole},
     )
 
 
@@ -113,41 +193,6 @@ def _readable(read: Callable[[Path], object], file: Path):
         return read(file)
     except Exception:
         return None
-
-
-def _entries(file: Path) -> dict[str, dict]:
-    """Return each character's own facts from a manifest that `_write_manifest` wrote."""
-    characters = json.loads(file.read_text(encoding="utf-8"))["characters"]
-    return {name: facts for name, facts in characters.items() if isinstance(facts, dict)}
-
-
-def _facts(configs: list[Config], tables: list[Stage], run: str) -> dict:
-    """Return where one character's numbers come from: the run that made its table, and every stage behind it.
-
-    configs, tables: the configuration and the last stage of each seed; they differ in nothing else.
-    """
-    return {
-        **read_manifest(artefact_folder(tables[0].identifier))["run"],
-        "git": graph_git(tables),
-        "seeds": [config.seed for config in configs],
-        "split": configs[0].samples.split,
-        "run": run,
-        "stages": stage_facts(tables),
-    }
-
-
-def _write_manifest(file: Path, characters: dict[str, dict]) -> None:
-    """Write what all characters share at the top, and each one's own facts below."""
-    each = list(characters.values())
-    shared = {
-        key: value
-        for key, value in each[0].items()
-        if key not in ("stages", "run") and all(facts.get(key) == value for facts in each)
-    }
-    text = json.dumps({**shared, "characters": characters}, indent=1, ensure_ascii=False) + "\n"
-    beside = file.with_name(f".{file.name}.{os.getpid()}")
-    beside.write_text(text, encoding="utf-8")
-    os.replace(beside, file)
 
 
 def _draw(folder: Path, profile: str, limit_deg: float) -> None:

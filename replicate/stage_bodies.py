@@ -65,6 +65,33 @@ class Reported:
     seed: int
 
 
+@dataclass(frozen=True)
+class Shape:
+    """The shape of a map network, for its size: what `evaluation.model_size` needs of a network's section."""
+
+    map_size: int
+    channels: int
+    hidden: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Sized:
+    """What the rows of Table 1 are labelled with, and the shapes of the networks whose sizes they hold."""
+
+    character: str
+    profile: str
+    coarse: Shape
+    refined: Shape
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Whose figure is drawn, and the seed that examples are chosen with."""
+
+    character: str
+    seed: int
+
+
 def make_rig(context: StageContext) -> None:
     """Build a character's rig and keep it; the mesh alone as well, for stages that need no rig."""
     from data_recipes.rig import build_rig, save_rig
@@ -231,6 +258,43 @@ def make_table2(context: StageContext) -> None:
     props = rig.pose_props(samples.test_params[pose])
     record = pose_of(settings.character, inputs, rig.mesh, pose, samples.test_offsets[pose], props)
     save_pose(context.out / f"table2_{settings.character}_pose.npz", record)
+
+
+def make_table1(context: StageContext) -> None:
+    """Count one character's segments and weigh its models (Table 1)."""
+    from replicate.evaluation.results import write_results
+    from replicate.evaluation.table1_rows import rows_of
+
+    write_results(context.out / "table1.csv", rows_of(context.config, context.inputs, load_mesh(context)))
+
+
+def make_figure05(context: StageContext) -> None:
+    """Draw some training poses, and a strip of each kind of clip (Fig. 5)."""
+    from replicate.figures.figure05 import POSES, save_clips, save_poses
+
+    rig, samples, name = load_rig(context), load_samples(context), f"figure05_{context.config.character}"
+    shown = np.sort(context.rng("poses").choice(len(samples), min(POSES, len(samples)), replace=False))
+    save_poses(rig, samples.params[shown], shown, context.out / name)
+    if rig.clips:
+        save_clips(rig, context.out / f"{name}_clips")
+
+
+def make_figure07(context: StageContext) -> None:
+    """Draw the mesh segments in colours (Fig. 7)."""
+    from replicate.figures.figure07 import save_segments_figure
+
+    rigid = load_attachments(context.inputs).segment.tolist()
+    save_segments_figure(load_rig(context), rigid, context.out / f"figure07_{context.config.character}")
+
+
+def make_figure08(context: StageContext) -> None:
+    """Draw the refinement segments in colours, what is unused in grey (Fig. 8)."""
+    from replicate.approximation.segments import load_segments
+    from replicate.figures.figure08 import save_refinement_figure
+
+    found = load_segments(context.inputs["selection"] / "segments.npz")
+    errors = np.load(context.inputs["selection"] / "map_error.npy")
+    save_refinement_figure(load_rig(context), found, errors, context.out / f"figure08_{context.config.character}")
 
 
 def load_rig(context: StageContext):

@@ -113,6 +113,52 @@ def test_two_recipes_of_one_name_are_refused_with_both_files(capsys, cache, pipe
     assert not cache.exists()
 
 
+@pytest.fixture
+def drawing(pipeline, monkeypatch):
+    """The graphs of Table 1 and of the figures as toys too; returns what was published of them."""
+    published = []
+    module = sys.modules["replicate.pipeline"]
+    module.table1_graph = module.table2_graph
+    module.figure_graph = lambda config, name: module.table2_graph(config)
+    monkeypatch.setattr("replicate.publish.publish_table1", lambda *given: published.append(("table1", *given)))
+    monkeypatch.setattr("replicate.publish.publish_figure", lambda *given: published.append(given))
+    return published
+
+
+@pytest.mark.parametrize("command", ["table1", "figure05", "figure07", "figure08"])
+def test_what_needs_no_training_runs_its_own_graph_and_publishes_under_its_name(capfd, cache, drawing, command):
+    assert cli.main([command, "--profile", "quick", "--characters", "teen,dragon", "--seed", "3"]) == 0
+    ((name, configs, lasts),) = drawing
+    assert name == command and [config.character for config in configs] == ["teen", "dragon"]
+    assert {config.seed for config in configs} == {3} and [stage.name for stage in lasts] == ["errors"] * 2
+
+
+@pytest.mark.parametrize("command", ["table1", "figure05", "figure07", "figure08"])
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--characters", "hiccup"], ["'hiccup'", "dragon, teen, woman"]),
+        (["--profile", "fast"], ["'fast'", "quick, laptop, paper"]),
+        (["--jobs", "0"], ["jobs is 0", "at least 1"]),
+        (["--latex"], ["--latex"]),
+    ],
+)
+def test_a_bad_option_of_theirs_is_refused_too(capsys, cache, drawing, command, arguments, named):
+    sentence = refused(capsys, command, *arguments)
+    assert all(part in sentence for part in named), sentence
+    assert not cache.exists() and not drawing
+
+
+def test_table1_and_figures_take_all_of_the_papers_characters_that_have_a_recipe(capsys):
+    there = [
+        name for name in ("teen", "woman", "dragon", "toon") if (paths.ROOT / f"data_recipes/{name}.toml").is_file()
+    ]
+    assert list(cli.CAST) == there and "teen" in there
+    for command in ("table1", "figure05", "figure07", "figure08"):
+        assert cli._parser().parse_args([command]).characters == there
+    assert cli._parser().parse_args(["table2"]).characters == ["teen"]
+
+
 def test_table2_again_has_nothing_to_do(capfd, cache, pipeline):
     cli.main(["table2"])
     capfd.readouterr()

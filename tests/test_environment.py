@@ -104,6 +104,18 @@ def test_variables_reach_the_command_line(tmp_path):
     assert "--config" not in told and "--split" not in told
 
 
+@pytest.mark.parametrize("target", ["table1", "figure05", "figure07", "figure08"])
+def test_table1_and_figures_show_every_recipe_of_the_papers_four_unless_some_are_named(tmp_path, target):
+    shutil.copy(ROOT / "Makefile", tmp_path)
+    for name in (".venv/installed", "requirements.lock", *(f"data_recipes/{c}.toml" for c in ("toon", "tiny", "teen"))):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("")
+    assert '--characters "teen toon"' in make("-n", target, folder=tmp_path).stdout
+    assert '--characters "tiny"' in make("-n", target, "CHARACTERS=tiny", "JOBS=1", folder=tmp_path).stdout
+    assert '--characters "tiny"' in make("-n", target, folder=tmp_path, CHARACTERS="tiny").stdout
+    assert '--characters "teen"' in make("-n", "table2", folder=tmp_path).stdout
+
+
 @pytest.mark.parametrize("path", tracked(), ids=lambda path: str(path.relative_to(ROOT)))
 def test_tracked_files_keep_the_house_rules(path):
     text = path.read_text(encoding="utf-8")

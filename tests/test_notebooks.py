@@ -55,7 +55,7 @@ def test_a_notebook_begins_with_parameters_and_provenance_and_is_thin(path):
     code = cells(path, "code")
     assert json.loads(path.read_text())["cells"][0]["metadata"]["tags"] == ["parameters"]
     assert all(isinstance(node, ast.Assign) for node in ast.parse(code[0]["source"]).body)
-    assert "provenance_text(RESULTS)" in code[1]["source"]
+    assert "provenance_text(RESULTS" in code[1]["source"]
     for cell in code:
         kinds = [type(node) for node in ast.walk(ast.parse(cell["source"]))]
         assert ast.FunctionDef not in kinds and ast.ClassDef not in kinds

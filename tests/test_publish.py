@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from test_figures import LOG
+from test_table1 import ours as sized
 from test_tables import ours
 from toy_stages import ToyConfig
 
-from replicate import publish, store
+from replicate import manifest, publish, store
 from replicate.config import resolve
 from replicate.evaluation.curves import read_curves, write_curves
 from replicate.evaluation.pose import PoseRecord, save_pose
@@ -228,3 +229,117 @@ def test_what_is_published_says_how_the_poses_were_split(folder, capsys):
     assert {name: own["split"] for name, own in facts.items()} == {"teen": "frames", "tiny": "clips"}
     told = notebooks.provenance_text("quick")
     assert "split by frames" in told and "split by clips" in told
+
+
+@pytest.fixture
+def executed(place, monkeypatch):
+    """Unexecuted notebooks; returns the names of those that would have been."""
+    done = []
+
+    def execute(source, out, parameters, stamp):
+        done.append(out.name)
+        out.write_text(stamp)
+
+    monkeypatch.setattr(notebooks, "execute", execute)
+    return done
+
+
+def table1_made(character: str, seed: int = 0, run: str = "r", small: float = 8.0):
+    """Return a configuration and the stage of its Table 1."""
+
+    def build(out, scratch):
+        write_results(out / "table1.csv", [replace(row, run=run) for row in sized(character, small)])
+        return {"key": "k", "wall_s": 1.0, "run": {"git": GIT, "profile": "quick"}}
+
+    stage = Stage("table1", "toy_stages:numbers", ToyConfig(seed), label=f"{character}-{run}")
+    store.make(stage.identifier, build)
+    return resolve(character, "quick", seed=seed), stage
+
+
+def publish_sizes(*runs) -> None:
+    publish.publish_table1([config for config, _ in runs], [stage for _, stage in runs])
+
+
+def test_table_1_is_published_character_by_character_with_the_claim(place, executed, capsys):
+    publish_sizes(table1_made("teen"))
+    publish_sizes(table1_made("tiny", small=4.0))
+    assert {row.character for row in read_results(place / "table1.csv")} == {"teen", "tiny"}
+    assert executed == ["table1.ipynb"] * 2
+    told = capsys.readouterr().out
+    assert "holds on teen and fails on tiny" in told and "Table 1" in told
+    before = {path.name: path.read_bytes() for path in place.iterdir()}
+    publish_sizes(table1_made("tiny", small=4.0))
+    assert {path.name: path.read_bytes() for path in place.iterdir()} == before and len(executed) == 2
+
+
+def test_table_1_shows_the_mean_over_its_seeds(place, executed):
+    publish_sizes(table1_made("teen", 0, "r", 7.0), table1_made("teen", 1, "s", 9.0))
+    row = next(
+        row for row in read_results(place / "table1.csv") if row.metric == "model_size" and row.method == "refined"
+    )
+    assert (row.value, row.sd, row.seeds) == (8.0, pytest.approx(2**0.5), 2)
+    assert manifest.entries(place, "table1")["teen"]["run"] == row.run
+
+
+def test_rows_of_table_1_that_the_manifest_does_not_know_are_left_out(place, executed):
+    publish_sizes(table1_made("teen"))
+    rows = read_results(place / "table1.csv")
+    write_results(place / "table1.csv", [replace(row, run="killed before the manifest was written") for row in rows])
+    publish_sizes(table1_made("tiny"))
+    assert {row.character for row in read_results(place / "table1.csv")} == {"tiny"}
+
+
+def drawn(character: str, run: str = "r", clips: bool = True):
+    """Return a configuration and the stage of its Figure 5, with or without strips of clips."""
+
+    def build(out, scratch):
+        for name in (f"figure05_{character}", *([f"figure05_{character}_clips"] if clips else [])):
+            for ending in ("png", "json", "csv"):
+                (out / f"{name}.{ending}").write_text(f"{run} of {name}")
+        return {"key": "k", "wall_s": 1.0, "run": {"git": GIT, "profile": "quick"}}
+
+    stage = Stage("figure05", "toy_stages:numbers", ToyConfig(0), label=f"{character}-{run}")
+    store.make(stage.identifier, build)
+    return resolve(character, "quick"), stage
+
+
+def test_a_figure_is_copied_with_its_words_and_numbers_and_others_stay(place, executed, capsys):
+    publish.publish_figure("figure05", *zip(drawn("teen"), strict=True))
+    publish.publish_figure("figure05", *zip(drawn("tiny", clips=False), strict=True))
+    assert (place / "figure05_teen_clips.csv").read_text() == "r of figure05_teen_clips"
+    found = manifest.entries(place, "figure05")
+    assert found["teen"]["files"] == sorted(path.name for path in place.glob("figure05_teen*"))
+    assert found["tiny"]["files"] == [f"figure05_tiny.{ending}" for ending in ("csv", "json", "png")]
+    assert (
+        executed == ["figure05.ipynb"] * 2 and "figure05_teen.png, figure05_teen_clips.png" in capsys.readouterr().out
+    )
+
+
+def test_a_picture_that_a_character_no_longer_has_is_removed_and_one_that_is_gone_is_forgotten(place, executed):
+    publish.publish_figure("figure05", *zip(drawn("teen"), strict=True))
+    publish.publish_figure("figure05", *zip(drawn("teen", "s", clips=False), strict=True))
+    assert not list(place.glob("*_clips*")) and (place / "figure05_teen.png").read_text() == "s of figure05_teen"
+    (place / "figure05_teen.csv").unlink()
+    publish.publish_figure("figure05", *zip(drawn("tiny"), strict=True))
+    assert set(manifest.entries(place, "figure05")) == {"tiny"}
+
+
+def test_what_the_manifest_tells_of_one_target_stays_when_another_is_published(folder, executed):
+    publish_made(made("teen"))
+    top = json.loads((folder / "manifest.json").read_text())
+    publish_sizes(table1_made("tiny"))
+    publish.publish_figure("figure05", *zip(drawn("teen"), strict=True))
+    told = json.loads((folder / "manifest.json").read_text())
+    assert set(told.pop("targets")) == {"figure05", "table1"} and told == top
+    publish_made(made("teen"), made("tiny"))
+    assert set(json.loads((folder / "manifest.json").read_text())["targets"]) == {"figure05", "table1"}
+    assert set(manifest.entries(folder, "table1")) == {"tiny"} and "tiny" in manifest.entries(folder, "table2")
+
+
+@pytest.mark.parametrize("text", ["", "7", "[]", '{"targets": 7}', '{"targets": {"table1": []}}', "[7, \xff"])
+def test_a_damaged_manifest_counts_as_none_for_every_target(place, executed, text):
+    publish_sizes(table1_made("teen"))
+    (place / "manifest.json").write_text(text)
+    publish_sizes(table1_made("tiny"))
+    assert set(manifest.entries(place, "table1")) == {"tiny"}
+    assert {row.character for row in read_results(place / "table1.csv")} == {"tiny"}

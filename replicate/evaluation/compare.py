@@ -14,16 +14,17 @@ COMPARED = ("table1", "table2", "table3", "table4")
 def compare(paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row], table: str) -> Table:
     """Return one printed table: a line for every number of `table` that the reference results or yours have.
 
-    The last column is yours over the reference's. Percentiles and maxima stay in the full tables.
+    The last column is yours over the reference's. Percentiles, maxima and brackets stay in the full tables.
     """
     keys = {row.key[1:]: row.unit for row in (*reference, *yours) if row.table == table and _compared(row)}
     body: list[tuple[str, ...] | None] = []
     last = None
     known = in_order({method for _, method, _ in keys})
     for character, method, metric in sorted(keys, key=lambda key: _order(key, known)):
-        if last is not None and (character, metric) != last:
+        group = (character,) if table == "table1" else (character, metric)  # counts and sizes stand together
+        if last is not None and group != last:
             body.append(None)
-        last = character, metric
+        last = group
         theirs = find(paper, table, STANDS_FOR.get(character, ""), method, metric)
         old, new = (find(rows, table, character, method, metric) for rows in (reference, yours))
         unit = keys[character, method, metric]
@@ -41,7 +42,9 @@ def compare_folders(paper: Path, reference: Path, yours: Path) -> list[Table]:
     """
     present = {folder: [t for t in COMPARED if (folder / f"{t}.csv").is_file()] for folder in (reference, yours)}
     if not present[yours]:
-        raise InputError(f"{yours}: there are no results of yours to compare yet; `make table2` makes some.")
+        raise InputError(
+            f"{yours}: there are no results of yours to compare yet; `make table1` or `make table2` makes some."
+        )
     tables = []
     for table in COMPARED:
         if table in present[reference] or table in present[yours]:
@@ -54,7 +57,7 @@ def compare_folders(paper: Path, reference: Path, yours: Path) -> list[Table]:
 
 
 def _compared(row: Row) -> bool:
-    return not row.metric.endswith(("_p95", "_max", "_left_out")) and "texels" not in row.metric
+    return not row.metric.endswith(("_p95", "_max", "_left_out", "_least", "_most")) and "texels" not in row.metric
 
 
 def _order(key: tuple[str, str, str], known: Sequence[str]) -> tuple:

@@ -21,6 +21,7 @@ METHODS = {
     "attachment": "Attached rigid segments ¶",
     "neutral": "Neutral pose §",
 }
+OF_TABLE1 = {"model": "Model", "dense_released": "Dense, 256 and 512"}
 OURS_ALONE = ("floor", "floor_refined", "attachment", "neutral")
 NOTES = {
     "†": "An oracle: its bones are refitted to the true mesh of each test pose; it is no function of rig parameters.",
@@ -43,7 +44,7 @@ def in_order(methods: Iterable[str]) -> list[str]:
 def title(method: str) -> str:
     """Return a method's name as tables show it, with the mark of its note."""
     bones = _BONES.fullmatch(method)
-    return METHODS.get(method, f"LBS: {bones[1]} bones †" if bones else method)
+    return (METHODS | OF_TABLE1).get(method, f"LBS: {bones[1]} bones †" if bones else method)
 
 
 def table2(ours: Iterable[Row], paper: Sequence[Row], character: str) -> Table:

@@ -13,11 +13,14 @@ import tempfile
 from pathlib import Path
 
 from replicate.errors import InputError
+from replicate.evaluation.results import Row, read_results
+from replicate.evaluation.table1 import order_of
 from replicate.evaluation.tables import Table, as_markdown
 from replicate.evaluation.trainings import draws_text
 from replicate.figures.panels import Words, png
 from replicate.figures.table2_figures import Table2Results, open_table2
-from replicate.paths import REFERENCE, ROOT, run_folder
+from replicate.manifest import section
+from replicate.paths import REFERENCE, ROOT, run_folder, shown
 
 NOTEBOOKS = ROOT / "notebooks"
 TIMEOUT_S = 600
@@ -37,10 +40,33 @@ def open_results(name: str) -> Table2Results:
     return open_table2(results_folder(name))
 
 
-def provenance_text(name: str) -> str:
-    """Return where these results come from, in a few lines, from the manifest beside them."""
-    path, manifest = _manifest(name)
-    lines = {"results": str(path.parent.relative_to(ROOT) if path.is_relative_to(ROOT) else path.parent)}
+def open_table(name: str, target: str) -> list[Row]:
+    """Read the rows of another table, "table1", from `results_folder`. Raises InputError where there is none."""
+    file = results_folder(name) / f"{target}.csv"
+    if not file.is_file():
+        raise InputError(f"{file}: there is no such results file; `make {target}` writes it.")
+    return read_results(file)
+
+
+def figure_files(name: str, target: str) -> dict[str, list[Path]]:
+    """Return, by character, the pictures of a figure, "figure05" …, that the manifest in `results_folder` names.
+
+    Raises InputError, with the target that makes them, where there are none or one is gone.
+    """
+    folder = results_folder(name)
+    found = {}
+    for character, facts in section(folder, target).get("characters", {}).items():
+        found[character] = [folder / file for file in facts.get("files", ()) if file.endswith(".png")]
+        gone = [file for file in found[character] if not file.is_file()]
+        if gone:
+            raise InputError(f"{gone[0]}: there is no such picture; `make {target}` draws it.")
+    return dict(sorted(found.items(), key=lambda item: order_of(item[0])))
+
+
+def provenance_text(name: str, target: str = "table2") -> str:
+    """Return where the results of a target come from, in a few lines, from the manifest beside them."""
+    folder = results_folder(name)
+    manifest, lines = section(folder, target), {"results": shown(folder)}
     for character, own in (manifest.get("characters") or {"": {}}).items():
         facts = {**manifest, **own}
         for label, value in _told(facts).items():
@@ -52,22 +78,12 @@ def provenance_text(name: str) -> str:
 def balance_text(name: str) -> str:
     """Return, for each character whose manifest tells it, how §3.5's balanced draws were spread over the samples."""
     lines = []
-    for character, facts in _manifest(name)[1].get("characters", {}).items():
+    for character, facts in section(results_folder(name), "table2").get("characters", {}).items():
         samples = [stage for title, stage in facts.get("stages", {}).items() if title.startswith("samples-")]
         counts = samples[0].get("notes", {}).get("samples_per_bin") if samples else None
         if counts:
             lines.append(f"{character}: {draws_text(counts)}")
     return "\n".join(lines)
-
-
-def _manifest(name: str) -> tuple[Path, dict]:
-    path = results_folder(name) / "manifest.json"
-    try:
-        return path, json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such manifest; `make table2` writes it with the results.") from None
-    except ValueError as error:
-        raise InputError(f"{path}: found no JSON ({error}).") from None
 
 
 def _told(facts: dict) -> dict[str, str]:
@@ -104,6 +120,21 @@ def show(figure, words: Words) -> None:
     from IPython.display import Image, Markdown, display
 
     display(Image(png(figure, words), alt=words.alt), Markdown(f"*{words.caption}*"))
+
+
+def show_text(text: str) -> None:
+    """Show a sentence in a notebook."""
+    from IPython.display import Markdown, display
+
+    display(Markdown(text))
+
+
+def show_picture(file: Path) -> None:
+    """Show a saved figure in a notebook, with its alt text and its caption, which stand beside it as JSON."""
+    from IPython.display import Image, Markdown, display
+
+    words = json.loads(file.with_suffix(".json").read_text(encoding="utf-8"))
+    display(Image(file.read_bytes(), alt=words["alt"]), Markdown(f"*{words['caption']}*"))
 
 
 def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str | None = None) -> None:
@@ -175,8 +206,7 @@ def run_notebook(name: str, results: str, **parameters: object) -> Path:
     if not source.is_file():
         allowed = ", ".join(sorted(path.stem for path in NOTEBOOKS.glob("*.ipynb")))
         raise InputError(f"{source}: there is no such notebook; allowed are {allowed}.")
-    open_results(results)  # to fail with one sentence, not with a kernel's
-    provenance_text(results)
+    _open(name, results)  # to fail with one sentence, not with a kernel's
     if results == "reference":
         execute(source, source, {"RESULTS": results, **parameters})
         return source
@@ -184,6 +214,19 @@ def run_notebook(name: str, results: str, **parameters: object) -> Path:
     if not is_current(name, results, **parameters):
         execute(source, out, {"RESULTS": results, **parameters}, _stamp(source, out.parent, parameters))
     return out
+
+
+def _open(name: str, results: str) -> None:
+    """Read what a notebook shows, if it is one of those that show results."""
+    if name == "table2":
+        open_results(results)
+    elif name.startswith("table"):
+        open_table(results, name)
+    elif name.startswith("figure"):
+        figure_files(results, name)
+    else:
+        return
+    provenance_text(results, name)
 
 
 def is_current(name: str, results: str, **parameters: object) -> bool:
@@ -194,15 +237,19 @@ def is_current(name: str, results: str, **parameters: object) -> bool:
 
 
 def _stamp(source: Path, folder: Path, parameters: dict) -> str:
-    """Return a hash of what a notebook's outputs depend on: its cells, the results, and the code that shows them.
+    """Return a hash of what a notebook's outputs depend on: its cells, its results, and the code that shows them.
 
-    The manifest counts as one of the results: the notebook tells where its numbers come from.
+    What the manifest tells of it counts as one of the results: the notebook tells where its numbers come from.
     """
     cells = [cell["source"] for cell in json.loads(source.read_text(encoding="utf-8"))["cells"]]
-    digest = hashlib.sha256(json.dumps([cells, parameters]).encode())
+    try:
+        told = section(folder, source.stem)
+    except InputError:
+        told = None
+    digest = hashlib.sha256(json.dumps([cells, parameters, told]).encode())
     code = [path for package in ("figures", "evaluation") for path in (ROOT / "replicate" / package).glob("*.py")]
-    shown = [path for kind in ("*.csv", "*.npz", "manifest.json") for path in folder.glob(kind)]
-    for path in sorted([*code, *shown]):
+    files = [path for kind in ("csv", "json", "npz", "png") for path in folder.glob(f"{source.stem}*.{kind}")]
+    for path in sorted([*code, *files]):
         digest.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()
 

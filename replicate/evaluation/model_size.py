@@ -1,0 +1,55 @@
+"""How large a model is, counted from its architecture alone (Table 1): no network is built for it.
+
+A size is that of all trained weights as float32, in MB of 10⁶ bytes. What decides it: how many rig parameters each
+network sees, and for the dense baseline how many vertices it moves. A model whose networks see no parameter and one
+whose networks see all of them are therefore the least and the most that a given set of segments can make.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+START = 8  # pixels a side of the maps that the dense layers make (Fig. 3)
+BYTES = 4
+
+
+def megabytes(weights: int) -> float:
+    """Return the size of some weights in MB."""
+    return weights * BYTES / 1e6
+
+
+def cnn_weights(inputs: int, shape) -> int:
+    """Return the number of weights of one map network of Fig. 3.
+
+    inputs: how many rig parameters it sees. shape: a CoarseConfig or RefinementConfig, or whatever else has their
+    `map_size`, `channels` and `hidden`.
+    """
+    dense = sum(a * b + b for a, b in pairwise((inputs, *shape.hidden)))
+    levels = (shape.map_size // START).bit_length() - 1
+    depths = (shape.hidden[-1] // START**2, *[shape.channels] * (levels + 1))
+    convolutions = sum(9 * a * b + b for a, b in pairwise(depths))  # 3×3, one a level and one more
+    return dense + convolutions + 3 * shape.channels + 3
+
+
+def dense_weights(inputs: int, vertices: int, hidden: Sequence[int]) -> int:
+    """Return the number of weights of one network of the dense baseline (§5.1)."""
+    return sum(a * b + b for a, b in pairwise((inputs, *hidden, 3 * vertices)))
+
+
+def cnn_size_mb(coarse: Sequence[int], refined: Sequence[int], coarse_shape, refined_shape) -> float:
+    """Return the size of the full approximation.
+
+    coarse, refined: how many rig parameters each of their networks sees. The shapes are as in `cnn_weights`.
+    """
+    weights = sum(cnn_weights(inputs, coarse_shape) for inputs in coarse)
+    return megabytes(weights + sum(cnn_weights(inputs, refined_shape) for inputs in refined))
+
+
+def dense_size_mb(inputs: Sequence[int], vertices: Sequence[int], hidden: Sequence[int]) -> float:
+    """Return the size of a dense model: for each network the parameters it sees and the vertices it moves."""
+    return megabytes(sum(dense_weights(j, k, hidden) for j, k in zip(inputs, vertices, strict=True)))
+
+
+def dense_vertices(size_mb: float, segments: int, inputs: int, hidden: Sequence[int]) -> float:
+    """Return how many vertices a dense model of some size moves, if each of its networks sees `inputs` parameters."""
+    least = segments * dense_weights(inputs, 0, hidden)
+    return (size_mb * 1e6 / BYTES - least) / (dense_weights(0, 1, hidden) - dense_weights(0, 0, hidden))
