@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from test_figures import LOG
+from test_table1 import ours as table1_rows
 from test_tables import ours
 
 from replicate.errors import InputError
@@ -15,6 +16,9 @@ from replicate.evaluation.pose import PoseRecord, save_pose
 from replicate.evaluation.results import Row, write_results
 from replicate.evaluation.trainings import draws_text
 from replicate.figures import notebooks, render
+from replicate.figures.figure05 import POSES_HEADER
+from replicate.figures.figure07 import HEADER as SEGMENTS_HEADER
+from replicate.figures.figure08 import HEADER as REFINEMENT_HEADER
 from replicate.figures.notebooks import balance_text, execute, main, provenance_text, with_parameters
 from replicate.figures.table2_figures import open_table2, pose_file, table2_figure_names, table2_figures
 
@@ -82,6 +86,79 @@ def test_table2s_notebook_shows_the_results_of_a_folder(folder, monkeypatch):
     ]
     captions = " ".join(words.caption for words in shown if hasattr(words, "caption"))
     assert "Test pose 5 of teen" in captions and captions.count("Fig.") == 3
+
+
+def in_manifest(folder: Path, target: str, characters: dict[str, dict]) -> None:
+    """Add a target to the manifest of `folder`."""
+    file = folder / "manifest.json"
+    manifest = json.loads(file.read_text())
+    manifest.setdefault("targets", {})[target] = {"profile": "quick", "characters": characters}
+    file.write_text(json.dumps(manifest))
+
+
+def run_cells(path: Path, folder: Path, monkeypatch) -> list:
+    """Run a notebook's code on a folder of results and return what it shows: tables, texts and files."""
+    shown = []
+    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
+    for name in ("show_table", "show_text", "show_picture"):
+        monkeypatch.setattr(notebooks, name, shown.append)
+    names = {}
+    for cell in cells(path, "code"):
+        exec(cell["source"], names)
+    return shown
+
+
+def test_table1s_notebook_shows_the_table_and_the_claim(folder, monkeypatch):
+    write_results(folder / "table1.csv", table1_rows())
+    in_manifest(folder, "table1", {"teen": {"run": "r", "stages": {"table1-teen": {"wall_s": 60}}}})
+    table, claim = run_cells(notebooks.NOTEBOOKS / "table1.ipynb", folder, monkeypatch)
+    assert table.title.startswith("Table 1") and "holds on teen" in claim
+    assert "1.0 min" in provenance_text("any", "table1") and "c0ffee" not in provenance_text("any", "table1")
+
+
+@pytest.mark.parametrize(
+    ("target", "header", "line"),
+    [
+        ("figure05", POSES_HEADER, "1,7,jaw_open,1.5,0.0,1.0"),
+        ("figure07", SEGMENTS_HEADER, "face,deforms,81,128,#f3c300"),
+        ("figure08", REFINEMENT_HEADER, "face_1,face,20,9,0.0,0.2,0.0,0.2,1.5,0.5,#f3c300"),
+    ],
+)
+def test_a_figures_notebook_shows_the_pictures_that_the_manifest_names(folder, monkeypatch, target, header, line):
+    (folder / f"{target}_teen.csv").write_text(f"{','.join(header)}\n{line}\n")
+    (folder / f"{target}_teen.png").write_bytes(b"a picture")
+    (folder / f"{target}_woman.png").write_bytes(b"one that no manifest names")
+    in_manifest(folder, target, {"teen": {"run": "r", "files": [f"{target}_teen.csv", f"{target}_teen.png"]}})
+    picture, table = run_cells(notebooks.NOTEBOOKS / f"{target}.ipynb", folder, monkeypatch)
+    assert picture == folder / f"{target}_teen.png" and "teen" in table.title and len(table.body) == 1
+    (folder / f"{target}_teen.png").unlink()
+    with pytest.raises(InputError, match=rf"{target}_teen.png: there is no such picture; `make {target}` draws it"):
+        notebooks.figure_files("any", target)
+
+
+@pytest.mark.parametrize("target", ["table1", "figure05", "figure07", "figure08"])
+def test_a_notebook_without_its_results_names_the_target_that_makes_them(folder, monkeypatch, capsys, target):
+    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
+    assert main([target, "reference"]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1 and f"`make {target}`" in told
+
+
+def test_a_notebook_is_stale_when_its_own_results_change_and_not_when_others_do(folder, monkeypatch):
+    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
+    write_results(folder / "table1.csv", table1_rows())
+    in_manifest(folder, "table1", {"teen": {"run": "r"}})
+    monkeypatch.setattr(notebooks, "execute", lambda source, out, given, stamp: out.write_text(stamp))
+    notebooks.run_notebook("table1", "quick")
+    in_manifest(folder, "figure07", {"teen": {"run": "r"}})
+    (folder / "figure07_teen.csv").write_text("another's")
+    write_results(folder / "table2.csv", ours(("tiny",)))
+    assert notebooks.is_current("table1", "quick")
+    in_manifest(folder, "table1", {"teen": {"run": "s"}})
+    assert not notebooks.is_current("table1", "quick")
+    notebooks.run_notebook("table1", "quick")
+    write_results(folder / "table1.csv", table1_rows(large=30.0))
+    assert not notebooks.is_current("table1", "quick")
 
 
 def test_figures_of_a_folder_have_names_of_their_own(folder):
