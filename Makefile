@@ -76,8 +76,8 @@ figure08: $(ENVIRONMENT) ## the refinement segments in colours
 compare: $(ENVIRONMENT) ## print the paper's numbers, the reference results and yours
 	@$(RUN) -m replicate compare --profile "$(PROFILE)" $(if $(LATEX),--latex)
 
-rigs: $(ENVIRONMENT) ## draw the characters' expressions
-	@$(RUN) -m replicate rigs --characters "$(CHARACTERS)"
+rigs: $(ENVIRONMENT) ## draw the characters: views, wireframe, charts, expressions
+	@$(RUN) -m replicate rigs --characters "$(if $(filter file,$(origin CHARACTERS)),$(SEVERAL),$(CHARACTERS))"
 
 status: $(ENVIRONMENT) ## list which artefacts are up to date, and what the cache holds
 	@$(RUN) -m replicate status $(RUN_OPTIONS)

@@ -132,14 +132,16 @@ def _compare(options: argparse.Namespace) -> None:
 
 
 def _rigs(options: argparse.Namespace) -> None:
-    from replicate.figures.rigs import draw_sheets
+    from replicate.figures.rigs import draw_line_up, draw_sheets
     from replicate.made import made_rig
 
     folder = paths.run_folder("rigs")
     folder.mkdir(parents=True, exist_ok=True)
-    for character in _characters(options):
-        for file in draw_sheets(made_rig(character), folder):
+    rigs = [made_rig(character) for character in _characters(options)]
+    for rig in rigs:
+        for file in draw_sheets(rig, folder):
             print(f"written to {paths.shown(file)}")
+    print(f"written to {paths.shown(draw_line_up(rigs, folder))}")
 
 
 def _status(options: argparse.Namespace) -> None:
@@ -182,7 +184,7 @@ COMMANDS = {
     "figure07": Command("draw Figure 7: the mesh segments in colours", _figure, (*_RUN_OPTIONS, "jobs"), CAST),
     "figure08": Command("draw Figure 8: the refinement segments in colours", _figure, (*_RUN_OPTIONS, "jobs"), CAST),
     "compare": Command("print the paper's numbers, the reference results and yours", _compare, ("profile", "latex")),
-    "rigs": Command("draw sheets of the characters' expressions", _rigs, ("characters",)),
+    "rigs": Command("draw the characters: what each is, and what it can express", _rigs, ("characters",), CAST),
     "status": Command("list the artefacts of Table 2 and what else the cache holds", _status, _RUN_OPTIONS),
     "clean-cache": Command("remove what is stale, damaged or unfinished from the cache", _clean_cache, ("all",)),
 }

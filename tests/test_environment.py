@@ -104,7 +104,7 @@ def test_variables_reach_the_command_line(tmp_path):
     assert "--config" not in told and "--split" not in told
 
 
-@pytest.mark.parametrize("target", ["table1", "figure05", "figure07", "figure08"])
+@pytest.mark.parametrize("target", ["table1", "figure05", "figure07", "figure08", "rigs"])
 def test_table1_and_figures_show_every_recipe_of_the_papers_four_unless_some_are_named(tmp_path, target):
     shutil.copy(ROOT / "Makefile", tmp_path)
     for name in (".venv/installed", "requirements.lock", *(f"data_recipes/{c}.toml" for c in ("toon", "tiny", "teen"))):

@@ -1,7 +1,6 @@
 """A character in several poses, in the colours of skin, teeth and mouth: what a reader sees first."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -9,7 +8,7 @@ from jaxtyping import Float, UInt8
 from replicate.figures.panels import Words, panel_grid
 from replicate.figures.props import prop_surfaces
 from replicate.figures.render import render
-from replicate.figures.scene import PORTRAIT, Camera, Surface, camera_for
+from replicate.figures.scene import PORTRAIT, Camera, Surface, camera_for, framed
 from replicate.mesh import Mesh
 
 SKIN = (226, 178, 148)
@@ -21,7 +20,6 @@ COLOURS = {
     "tongue": (214, 110, 112),
     "mouth": (150, 60, 60),
 }
-ROOM = 1.07  # a stretched head is taller than one at rest
 BACKGROUND = (231, 235, 238)
 
 
@@ -57,7 +55,8 @@ def expression_sheet(
     """
     mesh = rig.mesh
     view = camera_for(camera, mesh.neutral)
-    view = replace(view, height_mm=ROOM * view.height_mm)
+    posed = [surface for params in poses.values() for surface in character_surfaces(rig, params)]
+    view = framed(view, posed, width / height)  # a stretched head is taller than one at rest
     pictures = [
         render(character_surfaces(rig, params, view), view, width, height, BACKGROUND, renderer, PORTRAIT)
         for params in poses.values()

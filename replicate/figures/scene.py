@@ -3,7 +3,8 @@
 Both renderers, pyvista's and the software one, draw these same scenes.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -99,13 +100,13 @@ STUDIO = Lighting(
 # has passed through it does, light from the floor, and a cool rim from behind that parts the head from the paper.
 PORTRAIT = Lighting(
     (
-        Light((-0.48, 0.54, 0.80), 0.62, (1.0, 0.97, 0.92)),
+        Light((-0.48, 0.54, 0.80), 0.65, (1.0, 0.97, 0.92)),
         Light((0.75, 0.10, 0.75), 0.38, (1.0, 0.91, 0.86)),
         Light((0.0, -0.70, 0.65), 0.20, (1.0, 0.86, 0.80)),
         Light((0.80, 0.55, -0.45), 0.40, (0.90, 0.95, 1.0)),
         Light((-0.90, 0.35, -0.45), 0.25, (0.90, 0.95, 1.0)),
     ),
-    0.23,
+    0.25,
 )
 
 
@@ -135,6 +136,23 @@ def project(
     depth = -seen[:, 2]
     scale = height / camera.height_mm * camera.distance_mm / depth
     return np.stack([width / 2 + seen[:, 0] * scale, height / 2 - seen[:, 1] * scale], -1), depth
+
+
+def framed(camera: Camera, surfaces: Sequence[Surface], aspect: float, margin: float = 0.04) -> Camera:
+    """Return the camera moved and widened so that the surfaces fill a picture of this width over height.
+
+    margin: the share of the height that stays free on each side.
+    """
+    points = np.concatenate([np.asarray(surface.vertices, float) for surface in surfaces])
+    for _ in range(3):  # perspective changes a little as the focus moves
+        pixels, _ = project(points, camera, 1, 1)
+        low, high = pixels.min(0), pixels.max(0)
+        rows, _ = axes(camera)
+        middle = ((low + high) / 2 - 0.5) * camera.height_mm
+        focus = np.asarray(camera.focus) + middle[0] * rows[0] - middle[1] * rows[1]
+        height = camera.height_mm * max(high[1] - low[1], (high[0] - low[0]) / aspect) / (1 - 2 * margin)
+        camera = replace(camera, focus=tuple(focus.tolist()), height_mm=float(height))
+    return camera
 
 
 def faces_in_view(
