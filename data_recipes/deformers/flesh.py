@@ -55,11 +55,15 @@ def smooth(constants: Constants, x: Float[Values, "b 3 s"]) -> Float[Values, "b 
 def frames(constants: Constants, smoothed: Float[Values, "b 3 s"]) -> tuple[Array, Array, Array]:
     """Return the orthonormal frames (upward tangent, sideward tangent, normal), each (b, 3, s), of a smoothed skin."""
     rows = smoothed.reshape(-1, smoothed.shape[-1]).T
-    arms = [rows[index] for index in constants["neighbour"]]
-    up, side = (
-        sum(arm * weight[:, None] for arm, weight in zip(arms, fan, strict=True)).T.reshape(smoothed.shape)
-        for fan in constants["fans"]
-    )
+    index, (upward, sideward) = jnp.asarray(constants["neighbour"]), jnp.asarray(constants["fans"])
+
+    def add(k, sums):
+        arm = rows[index[k]]
+        return sums[0] + arm * upward[k, :, None], sums[1] + arm * sideward[k, :, None]
+
+    # Without the loop the compiler would compute both sums anew for each of the nine components below.
+    sums = jax.lax.fori_loop(0, index.shape[0], add, (jnp.zeros_like(rows), jnp.zeros_like(rows)))
+    up, side = (rows.T.reshape(smoothed.shape) for rows in sums)
     first = unit(up)
     normal = unit(cross(up, side))
     return first, cross(normal, first), normal
