@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from data_recipes.controls import make_controls
-from data_recipes.deformers import face, props
+from data_recipes.deformers import face, props, wrinkles
 from data_recipes.rig import Clip, Rig, check_rig
 from replicate.errors import InputError
 from replicate.mesh import Mesh
@@ -29,17 +29,21 @@ class FaceParts:
     props: tuple[props.RestProp, ...]
     paint: UInt8[np.ndarray, "n 3"]
 
+    @cached_property
+    def held(self) -> Any:
+        """The constants where JAX computes: handed over as numpy arrays they would be copied at every call."""
+        return jax.tree.map(jnp.asarray, self.constants)
+
 
 @cache
 def _evaluate() -> Callable:
     return jax.jit(face.evaluate)
 
 
-def face_function(constants: Any) -> Callable:
+def face_function(parts: FaceParts) -> Callable:
     """Return r(p), (b, m) → (b, n, 3), compiled per batch size; its constants are arguments, so it compiles fast."""
-    held = jax.tree.map(jnp.asarray, constants)
     evaluate = _evaluate()
-    return lambda params: evaluate(held, jnp.asarray(params, jnp.float32))
+    return lambda params: evaluate(parts.held, jnp.asarray(params, jnp.float32))
 
 
 def build(name_or_recipe: str | Path) -> Rig:
@@ -69,7 +73,7 @@ def build(name_or_recipe: str | Path) -> Rig:
             segment_names=head.segment_names,
         )
         points, regions = control_points(Sculptor(head))
-        constants = build_constants(head, controls)
+        parts = FaceParts(build_constants(head, controls), props.rest_props(head), head.paint)
     rig = Rig(
         name=recipe.name,
         mesh=mesh,
@@ -79,8 +83,8 @@ def build(name_or_recipe: str | Path) -> Rig:
         control_points=points,
         control_point_regions=regions,
         clips=tuple(clips) or None,
-        function=face_function(constants),
-        face=FaceParts(constants, props.rest_props(head), head.paint),
+        function=face_function(parts),
+        face=parts,
     )
     return check_rig(rig)
 
@@ -97,16 +101,58 @@ def _naming(file: str) -> Iterator[None]:
 
 
 @cache
-def _compiled_nodes() -> tuple[tuple[str, Callable], ...]:
-    return tuple((node.name, jax.jit(node.function)) for node in face.NODES)
+def _compiled(node: face.Node) -> Callable:
+    return jax.jit(node.function)
 
 
-def run_nodes(rig: Rig, params: Float[np.ndarray, "b m"]) -> Float32[np.ndarray, "b n 3"]:
-    """Return r(p) by running each node for itself, its result handed on in memory."""
-    state = face.start(jnp.asarray(params, jnp.float32))
-    for _, function in _compiled_nodes():
-        state = jax.block_until_ready(function(rig.face.constants, state))
+@cache
+def _switched_off(node: face.Node) -> face.Node:
+    return face.switched_off(node)
+
+
+def node_steps(
+    rig: Rig, params: Float[np.ndarray, "b m"], skip: Collection[str] = (), upto: str | None = None
+) -> Iterator[tuple[str, face.State]]:
+    """Run each node for itself, its result handed on in memory, and yield its name and the state after it.
+
+    skip: names of nodes to switch off; upto: the last node to run. Raises InputError for a rig or a name without nodes.
+    """
+    nodes = _chosen(rig, skip, upto)
+    constants = rig.face.held
+    state = face.start(constants, jnp.asarray(params, jnp.float32))
+    for node in nodes:
+        # Of the constants each node gets its own alone: to hand over all would take longer than some nodes do.
+        own = {name: constants[name] for name in node.reads}
+        state = jax.block_until_ready(_compiled(node)(own, state))
+        yield node.name, state
+
+
+def _chosen(rig: Rig, skip: Collection[str], upto: str | None) -> list[face.Node]:
+    if rig.face is None:
+        raise InputError(f"rig '{rig.name}': it has no nodes, where only rigs built from recipes can be run by them.")
+    names = [node.name for node in face.NODES]
+    skip = (skip,) if isinstance(skip, str) else tuple(skip)
+    unknown = [name for name in (*skip, *([upto] if upto is not None else [])) if name not in names]
+    if unknown:
+        raise InputError(f"rig '{rig.name}': it has no node '{unknown[0]}'; allowed are {', '.join(names)}.")
+    last = len(names) if upto is None else names.index(upto) + 1
+    return [_switched_off(node) if node.name in skip else node for node in face.NODES[:last]]
+
+
+def run_nodes(
+    rig: Rig, params: Float[np.ndarray, "b m"], skip: Collection[str] = (), upto: str | None = None
+) -> Float32[np.ndarray, "b n 3"]:
+    """Return r(p), or what the chosen nodes make of p, by running each node for itself; see `node_steps`."""
+    *_, (_, state) = node_steps(rig, params, skip, upto)
     return np.asarray(face.finish(state))
+
+
+def wrinkle_states(rig: Rig, params: Float[np.ndarray, " m"]) -> dict[str, wrinkles.RegionState]:
+    """Return what each wrinkle region does in a pose, by name."""
+    names = [node.name for node in face.NODES]
+    before = names[names.index("wrinkles") - 1]
+    *_, (_, state) = node_steps(rig, np.asarray(params, np.float32)[None], upto=before)
+    return wrinkles.region_states(rig.face.held["wrinkles"], state["x"], state["u"])
 
 
 def pose_props(rig: Rig, params: Float[np.ndarray, " m"]) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:

@@ -7,7 +7,7 @@ it need not be differentiable.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -154,11 +154,30 @@ class Rig:
 
         return NODES if self.face is not None else ()
 
-    def run_nodes(self, params) -> np.ndarray:
-        """Return the vertices (b, n, 3) of (b, m) by running each node for itself, as a production engine does."""
+    def run_nodes(self, params, skip: Collection[str] = (), upto: str | None = None) -> np.ndarray:
+        """Return the vertices (b, n, 3) of (b, m) by running each node for itself, as a production engine does.
+
+        skip: names of nodes to switch off; upto: the last node to run. Raises InputError for unknown names and for
+        foreign rigs.
+        """
         from data_recipes.face_rig import run_nodes
 
-        return run_nodes(self, params)
+        return run_nodes(self, params, skip, upto)
+
+    def node_steps(self, params, skip: Collection[str] = (), upto: str | None = None) -> Iterator[tuple[str, Any]]:
+        """Run the nodes as `run_nodes` does and yield, when each is done, its name and the state after it.
+
+        The state's "x" are the positions so far as planes (b, 3, n), "u" the limited controls (b, m).
+        """
+        from data_recipes.face_rig import node_steps
+
+        return node_steps(self, params, skip, upto)
+
+    def wrinkle_states(self, params) -> dict[str, Any]:
+        """Return each wrinkle region's vertices, compression c̃, excess c₊ and height_mm, (s,), in the pose (m,)."""
+        from data_recipes.face_rig import wrinkle_states
+
+        return wrinkle_states(self, params)
 
     @property
     def paint(self) -> UInt8[np.ndarray, "n 3"] | None:

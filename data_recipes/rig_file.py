@@ -97,6 +97,7 @@ def _assemble(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> Rig:
         RestProp(name, follow, **{part: arrays[f"props/{i}/{part}"] for part in PROP})
         for i, (name, follow) in enumerate(about["props"])
     )
+    parts = FaceParts(constants, props, arrays["paint"])
     clips = about["clips"]
     if clips is not None:
         clips = tuple(Clip(name, arrays[f"clips/{i}"]) for i, name in enumerate(clips))
@@ -109,6 +110,6 @@ def _assemble(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> Rig:
         control_points=arrays["control_points"],
         control_point_regions=tuple(about["control_point_regions"]),
         clips=clips,
-        function=face_function(constants),
-        face=FaceParts(constants, props, arrays["paint"]),
+        function=face_function(parts),
+        face=parts,
     )

@@ -1,5 +1,7 @@
 """Wrinkles: no strain, no fold; a known compression, the known amplitude."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 from test_deformers_surface_operators import plane
@@ -71,3 +73,29 @@ def test_where_regions_overlap_heights_add_up():
     np.testing.assert_allclose(both, alone, atol=1e-6)
     twice = wrinkles.prepare([one, wrinkles.Region(**{**vars(one), "name": "again"})], vertices, faces)
     np.testing.assert_allclose(wrinkles.wrinkle(twice, x, jnp.zeros((1, 1))) - x, 2 * (alone - x), atol=1e-5)
+
+
+def test_the_states_of_the_regions_hold_what_the_layer_adds():
+    vertices, faces = plane(12, 12)
+    halves = [np.flatnonzero(vertices[:, 0] <= 6), np.flatnonzero(vertices[:, 0] >= 4)]
+    whole = region(vertices)
+    parts = [
+        dataclasses.replace(
+            whole, name=name, vertices=half, fibre=whole.fibre[half], pattern=whole.pattern[half] * scale,
+            gain_weights=whole.gain_weights[:, half],
+        )
+        for name, half, scale in zip(("left", "right"), halves, (1.0, 0.5), strict=True)
+    ]  # fmt: skip
+    constants = wrinkles.prepare(parts[::-1], vertices, faces)
+    x, u = compressed(vertices, 0.15), jnp.zeros((1, 1))
+    found = wrinkles.region_states(constants, x, u)
+    total = np.zeros(len(vertices))
+    for half, (name, state) in zip(halves, found.items(), strict=True):
+        np.testing.assert_array_equal(state.vertices, half, err_msg=name)
+        assert abs(np.median(state.compression) - 0.15) < 1e-5  # but for corners that lie in no face of the patch
+        assert abs(np.median(state.excess) - (0.15 - 0.012)) < 5e-3
+        total[half] += state.height_mm
+    added = np.asarray(wrinkles.wrinkle(constants, x, u) - x)[0]
+    np.testing.assert_allclose(np.linalg.norm(added, axis=0), np.abs(total), atol=1e-4)
+    assert total.max() > 0.1
+    assert wrinkles.region_states({}, x, u) == {}

@@ -89,6 +89,53 @@ def test_the_nodes_one_by_one_give_the_compiled_rig(tiny):
     assert len({node.name for node in tiny.nodes}) == len(tiny.nodes) >= 10
 
 
+MOVES = {"brow_inner_up": 1, "smile": 0.8, "jaw_open": 0.7, "squint": 1, "blink": 0.6, "squash": 0.5, "nose_wrinkle": 1}
+
+
+def strained(rig: Rig) -> np.ndarray:
+    """A pose in which every node has something to do, some controls beyond their limits, as a batch of one."""
+    p = np.array([next((v for n, v in MOVES.items() if c.name.startswith(n)), 0.0) for c in rig.controls])
+    p += [2.5 * c.name.endswith("_x") + 0.8 * c.name.startswith(("lips_together", "sticky")) for c in rig.controls]
+    return p[None].astype(np.float32)
+
+
+def test_no_node_can_be_left_out_unnoticed(teen):
+    p = strained(teen)
+    whole = teen(p)
+    np.testing.assert_allclose(teen.run_nodes(p), whole, atol=2e-3)
+    for node in teen.nodes:
+        assert np.abs(teen.run_nodes(p, skip=[node.name]) - whole).max() > 0.05, node.name
+
+
+def test_a_node_that_is_switched_off_moves_nothing_and_those_after_it_see_it_at_rest(tiny):
+    p = strained(tiny)
+    jaw = next(k for k, node in enumerate(tiny.nodes) if node.name == "jaw")
+    without = {name: np.asarray(state["x"]) for name, state in tiny.node_steps(p, skip=("jaw",))}
+    before = tiny.nodes[jaw - 1].name
+    np.testing.assert_array_equal(without["jaw"], without[before])
+    np.testing.assert_allclose(tiny.run_nodes(p, upto=before), without[before].transpose(0, 2, 1))
+    lower = [i for i, name in enumerate(tiny.mesh.segment_names) if name.startswith("tooth_lower")]
+    teeth = np.isin(tiny.mesh.segment, lower)
+    still = tiny.run_nodes(p, skip=("jaw", "head_shape"))[0]
+    np.testing.assert_allclose(still[teeth], tiny.mesh.neutral[teeth], atol=1e-3)
+    everything = [node.name for node in tiny.nodes]
+    np.testing.assert_allclose(tiny.run_nodes(p, skip=everything)[0], tiny.mesh.neutral, atol=1e-3)
+
+
+def test_without_the_limits_a_control_of_three_is_three(tiny):
+    p = 3 * strained(tiny)
+    states = [dict(tiny.node_steps(p, skip=skip)) for skip in ((), ("limit",))]
+    limited, free = (np.asarray(state["limit"]["u"]) for state in states)
+    np.testing.assert_allclose(free, p)
+    assert np.abs(limited).max() < 1.5 < np.abs(free).max()
+
+
+@pytest.mark.parametrize("choice", [{"skip": ["jaw", "wrinkle"]}, {"skip": "wrinkle"}, {"upto": "wrinkle"}])
+def test_a_node_that_there_is_not_is_refused_with_those_that_there_are(tiny, choice):
+    with pytest.raises(InputError, match=r"rig 'tiny': it has no node 'wrinkle'; allowed are limit, pose_curves, .*"):
+        tiny.run_nodes(tiny.default[None], **choice)
+
+
 def test_the_jacobian_agrees_with_central_differences(tiny):
     generator = np.random.default_rng(3)
     p = (tiny.default + 0.3 * generator.uniform(-1, 1, len(tiny.controls)) * (tiny.upper - tiny.lower)).astype(
@@ -338,6 +385,8 @@ def test_a_plain_numpy_function_is_a_rig():
     np.testing.assert_allclose(rig(np.array([0.5, 0])) - MESH.neutral, np.tile([0, 2.5, 0], (4, 1)))
     assert rig(np.zeros((33, 2))).shape == (33, 4, 3)
     assert rig.nodes == () and rig.pose_props(rig.default) == [] and rig.paint is None
+    with pytest.raises(InputError, match="rig 'box': it has no nodes"):
+        rig.run_nodes(np.zeros((1, 2)))
     with pytest.raises(InputError, match="built from recipes"):
         save_rig(rig, Path("nowhere"))
 

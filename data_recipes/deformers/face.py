@@ -45,10 +45,11 @@ GAZE = tuple(f"{part}_{side}" for side in ("left", "right") for part in ("look_y
 
 @dataclass(frozen=True)
 class Node:
-    """One step of the rig: a name and a function of the constants and the state."""
+    """One step of the rig: a name, a function of the constants and the state, and which of the constants it reads."""
 
     name: str
     function: Callable[[FaceConstants, State], State]
+    reads: tuple[str, ...]
 
 
 def limit(constants: FaceConstants, state: State) -> State:
@@ -143,25 +144,39 @@ def bitten(constants: FaceConstants, state: State) -> State:
 
 
 NODES = (
-    Node("limit", limit),
-    Node("pose_curves", sculpted),
-    Node("skull_slide", slid),
-    Node("bulges", bulged),
-    Node("handles", shaped),
-    Node("jaw", opened),
-    Node("lip_contact", closed),
-    Node("teeth_contact", rolled),
-    Node("lids", lidded),
-    Node("flesh", mushed),
-    Node("wrinkles", wrinkled),
-    Node("head_shape", warped),
-    Node("teeth", bitten),
+    Node("limit", limit, ("limits",)),
+    Node("pose_curves", sculpted, ("neutral", "pose")),
+    Node("skull_slide", slid, ("neutral", "slide")),
+    Node("bulges", bulged, ("bulge",)),
+    Node("handles", shaped, ("handles",)),
+    Node("jaw", opened, ("jaw_controls", "jaw")),
+    Node("lip_contact", closed, ("lips",)),
+    Node("teeth_contact", rolled, ("wall_upper", "wall_lower")),
+    Node("lids", lidded, ("gaze_controls", "lids_left", "lids_right")),
+    Node("flesh", mushed, ("flesh",)),
+    Node("wrinkles", wrinkled, ("wrinkles",)),
+    Node("head_shape", warped, ("head_controls", "shape")),
+    Node("teeth", bitten, ("shape", "teeth")),
 )
 
 
-def start(params: Float[Values, "b m"]) -> State:
-    """Return the state before the first node."""
-    return {"p": params}
+def start(constants: FaceConstants, params: Float[Values, "b m"]) -> State:
+    """Return the state before the first node: the neutral face, and controls without limits."""
+    neutral = jnp.broadcast_to(constants["neutral"], (len(params), *constants["neutral"].shape[-2:]))
+    return {"p": params, "u": params - constants["limits"]["default"], "x": neutral}
+
+
+def switched_off(node: Node) -> Node:
+    """Return a node that leaves positions and controls as they were, and hands on what the node does at rest.
+
+    So without the jaw's node the lower teeth stay closed too, since they ask it how far the jaw has turned.
+    """
+
+    def function(constants: FaceConstants, state: State) -> State:
+        still = node.function(constants, state | {"u": jnp.zeros_like(state["u"])})
+        return still | {name: state[name] for name in ("p", "u", "x")}
+
+    return Node(node.name, function, node.reads)
 
 
 def finish(state: State) -> Float[Array, "b n 3"]:
@@ -171,7 +186,7 @@ def finish(state: State) -> Float[Array, "b n 3"]:
 
 def evaluate(constants: FaceConstants, params: Float[Values, "b m"]) -> Float[Array, "b n 3"]:
     """Return r(p) for a batch: every node in turn."""
-    state = start(params)
+    state = start(constants, params)
     for node in NODES:
         state = node.function(constants, state)
     return finish(state)

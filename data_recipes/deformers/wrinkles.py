@@ -159,6 +159,45 @@ def prepare(
     return constants | {"surface": surface | {"place": place, "sources": slots}}
 
 
+def region_vertices(constants: Mapping[str, Constants]) -> dict[str, Int[np.ndarray, " s"]]:
+    """Return each region's vertices as mesh indices, in the order of its heights."""
+    names = sorted(name for name in constants if name != "surface")
+    sizes = [np.asarray(constants[name]["raise"]).shape[0] for name in names]
+    if not names:
+        return {}
+    place, sources = (np.asarray(constants["surface"][part]) for part in ("place", "sources"))
+    found = np.zeros(sum(sizes) + 1, np.int32)  # the last slot is the padding's
+    found[sources] = np.flatnonzero(place < sources.shape[1])  # places rise with the vertices
+    return dict(zip(names, np.split(found[:-1], np.cumsum(sizes)[:-1]), strict=True))
+
+
+@dataclass(frozen=True)
+class RegionState:
+    """What a region does in a pose, (s,) each: compression c̃, its excess c₊ (1 is the whole length), height h in mm.
+
+    vertices: mesh indices; threshold: ε.
+    """
+
+    vertices: np.ndarray
+    threshold: float
+    compression: np.ndarray
+    excess: np.ndarray
+    height_mm: np.ndarray
+
+
+def region_states(
+    constants: Mapping[str, Constants], x: Float[Values, "1 3 n"], u: Float[Values, "1 m"]
+) -> dict[str, RegionState]:
+    """Return what each region does, by name, at the positions before the layer and the limited controls of one pose."""
+    found = {}
+    for name, vertices in region_vertices(constants).items():
+        own = constants[name]
+        c = compression(own, x)
+        parts = (c, excess(c, own["threshold"]), heights(own, x, u))
+        found[name] = RegionState(vertices, float(own["threshold"]), *(np.asarray(part)[0] for part in parts))
+    return found
+
+
 def wrinkle(
     constants: Mapping[str, Constants], x: Float[Values, "b 3 n"], u: Float[Values, "b m"]
 ) -> Float[Values, "b 3 n"]:
