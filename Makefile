@@ -89,8 +89,8 @@ lint: $(ENVIRONMENT) ## check the style of the sources
 	$(RUN) -m ruff check .
 	$(RUN) -m ruff format --check .
 
-bench-rig: $(ENVIRONMENT) ## poses per second of the rigs, batched and one at a time
-	@$(RUN) -m replicate.benchmarks.rig --characters "$(CHARACTERS)"
+bench-rig: $(ENVIRONMENT) ## poses per second of all rigs, batched and one at a time, and each deformer's share
+	@$(RUN) -m replicate.benchmarks.rig $(if $(filter-out file,$(origin CHARACTERS)),--characters "$(CHARACTERS)")
 
 bench-training: $(ENVIRONMENT) ## what peak rates and balanced draws do to the networks' errors
 	@$(RUN) -m replicate.benchmarks.training --profile "$(PROFILE)" --characters "$(CHARACTERS)"

@@ -3,26 +3,67 @@
 import numpy as np
 import pytest
 
-from replicate.benchmarks.rig import BATCH, bench, rows
+from replicate.benchmarks.rig import BATCH, bench, rows, run_timed, shares, tables
 
 
 class Doubling:
-    """A rig that does next to nothing."""
+    """A rig that does next to nothing, in two nodes."""
 
     def __call__(self, params):
         return 2 * params
+
+    def node_steps(self, params):
+        yield "first", params
+        yield "second", params + np.zeros((4, *params.shape), np.float32).sum(0)
 
     def run_nodes(self, params):
         return params + params + np.float32(0.5)
 
 
-def test_a_row_holds_the_number_of_poses_and_ratios_are_those_of_the_times():
-    found = bench(Doubling(), np.ones((BATCH, 3), np.float32), 3)
+@pytest.fixture(scope="module")
+def found():
+    return bench(Doubling(), np.ones((BATCH, 3), np.float32), 3)
+
+
+def test_a_row_holds_the_number_of_poses_and_ratios_are_those_of_the_times(found):
     listed = {(row.method, row.metric): row for row in rows("teen", found)}
     for way, poses in {"batched": 32, "single": 4, "nodes": 4, "nodes_batched": 32}.items():
         assert listed[way, "time_per_pose"].poses == poses
     assert listed["single/batched", "time_ratio"].poses == 4
     single, batched = (listed[way, "time_per_pose"].value for way in ("single", "batched"))
     assert listed["single/batched", "time_ratio"].value == pytest.approx(single / batched)
+    assert listed["batched", "time_for_50000_poses"].value == pytest.approx(50_000 * batched)
     difference = listed["nodes", "largest_difference"]
     assert (difference.value, difference.poses) == (0.5, 1)
+
+
+def test_the_shares_of_the_nodes_are_those_of_their_times(found):
+    listed = {(row.method, row.metric): row for row in rows("teen", found)}
+    for way in ("nodes", "nodes_batched"):
+        assert sum(shares(found, way).values()) == pytest.approx(1)
+        first, second = (listed[way, f"time_per_pose[{name}]"].value for name in ("first", "second"))
+        assert listed[way, "time_share[second]"].value == pytest.approx(second / (first + second))
+        assert second > first
+
+
+def test_each_node_gets_the_time_that_it_took():
+    import time
+
+    class Slow:
+        def node_steps(self, params):
+            yield "quick", None
+            time.sleep(0.05)
+            yield "slow", None
+
+    seconds = {}
+    run_timed(Slow(), np.zeros((1, 3)), seconds)
+    run_timed(Slow(), np.zeros((1, 3)), seconds)
+    assert seconds["slow"] >= 0.1 and seconds["slow"] > seconds["quick"]
+
+
+def test_the_printed_tables_have_every_character_and_every_node(found):
+    speeds, nodes = tables([*rows("teen", found), *rows("woman", found)], 3)
+    assert [line[0] for line in speeds.body] == ["teen", "woman"]
+    assert [line[0] for line in nodes.body] == ["second", "first"]
+    assert all(len(line) == len(nodes.headers[1]) == 1 + 2 * 4 for line in nodes.body)
+    assert all(len(line) == len(speeds.headers[0]) for line in speeds.body)

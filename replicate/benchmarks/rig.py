@@ -1,8 +1,9 @@
 """How fast the rigs are: batched, one pose at a time, and node by node as a production engine runs them.
 
-`make bench-rig` prints milliseconds a pose and poses a second, with ratios of the ways to call the same deformers, and
-writes bench_rig.csv. The ways take turns within a round, so that a busy machine slows all of them alike; the median of
-the rounds counts. All threads of the machine are used, unlike in a stage.
+`make bench-rig` prints milliseconds a pose, ratios of the ways to call the same deformers, and each deformer's share of
+the node-by-node evaluation, and writes bench_rig.csv. The ways take turns within a round, so that a busy machine slows
+all of them alike; the median of the rounds counts. All threads of the machine are used, unlike in a stage. Processor
+time counts all threads and no other process: on a busy machine it is the number to look at.
 """
 
 import argparse
@@ -23,37 +24,72 @@ BATCH = 32
 APART = 4  # poses that a round evaluates one by one
 ROUNDS = 15
 POSES = {"batched": BATCH, "single": APART, "nodes": APART, "nodes_batched": BATCH}  # that each way evaluates a round
+DATA_SET = 50_000  # poses of the profile "paper"
+RATIOS = ("single/batched", "nodes/single", "nodes_batched/batched")
 
 
 def timed(ways: dict[str, Callable[[], object]], rounds: int) -> dict[str, np.ndarray]:
-    """Return the seconds that each way took in each round; one unmeasured round comes first, to compile."""
-    seconds = {name: np.empty(rounds) for name in ways}
+    """Return each way's wall time and processor time in each round, (rounds, 2) seconds.
+
+    One unmeasured round comes first, to compile.
+    """
+    seconds = {name: np.empty((rounds, 2)) for name in ways}
     with progress((rounds + 1) * len(ways), "timing") as bar:
         for r in range(-1, rounds):
             for name, call in ways.items():
-                started = time.perf_counter()
+                started = np.array([time.perf_counter(), time.process_time()])
                 call()
                 if r >= 0:
-                    seconds[name][r] = time.perf_counter() - started
+                    seconds[name][r] = np.array([time.perf_counter(), time.process_time()]) - started
                 bar.update(1)
     return seconds
 
 
+def run_timed(rig, params: np.ndarray, into: dict[str, float]) -> None:
+    """Run a rig's nodes one by one and add to each name's entry how many seconds it took."""
+    started = time.perf_counter()
+    for name, _ in rig.node_steps(params):
+        ended = time.perf_counter()
+        into[name] = into.get(name, 0.0) + ended - started
+        started = ended
+
+
 def bench(rig, params: np.ndarray, rounds: int) -> dict[str, float]:
-    """Return milliseconds a pose of each way to call a rig, and the worst batch's; params: (BATCH, m)."""
+    """Return what was measured, by name: milliseconds a pose of each way to call a rig, on the clock and of processor
+    time; of each node, in both ways to run nodes; of the worst batch; and the ways' difference. params: (BATCH, m).
+    """
     single, poses = params[:1], [params[k : k + 1] for k in range(APART)]
+    parts: dict[str, list[dict[str, float]]] = {"nodes": [], "nodes_batched": []}
+
+    def by_node(way: str, batches: Sequence[np.ndarray]) -> None:
+        parts[way].append({})
+        for batch in batches:
+            run_timed(rig, batch, parts[way][-1])
+
     ways = {
         "batched": lambda: rig(params),
         "single": lambda: [rig(pose) for pose in poses],
-        "nodes": lambda: [rig.run_nodes(pose) for pose in poses],
-        "nodes_batched": lambda: rig.run_nodes(params),
+        "nodes": lambda: by_node("nodes", poses),
+        "nodes_batched": lambda: by_node("nodes_batched", [params]),
     }
     found = timed(ways, rounds)
-    result = {name: 1e3 * float(np.median(found[name])) / POSES[name] for name in ways}
-    result["batched_worst"] = 1e3 * float(found["batched"].max()) / BATCH
-    difference = float(np.abs(rig(single) - rig.run_nodes(single)).max())
-    result["nodes_difference_mm"] = difference
+    result = {}
+    for way in ways:
+        wall, processor = 1e3 * np.median(found[way], axis=0) / POSES[way]
+        result |= {way: float(wall), f"{way} processor": float(processor)}
+    for way, measured in parts.items():
+        for name in measured[-1]:
+            middle = np.median([seconds[name] for seconds in measured[1:]])  # the first round compiled
+            result[f"{way}[{name}]"] = 1e3 * float(middle) / POSES[way]
+    result["batched_worst"] = 1e3 * float(found["batched"][:, 0].max()) / BATCH
+    result["nodes_difference_mm"] = float(np.abs(rig(single) - rig.run_nodes(single)).max())
     return result
+
+
+def shares(found: dict[str, float], way: str) -> dict[str, float]:
+    """Return each node's share of a way to run nodes, "nodes" or "nodes_batched"; they sum to 1."""
+    own = {key[len(way) + 1 : -1]: value for key, value in found.items() if key.startswith(f"{way}[")}
+    return {name: value / sum(own.values()) for name, value in own.items()}
 
 
 def rows(character: str, found: dict[str, float]) -> list[Row]:
@@ -63,38 +99,81 @@ def rows(character: str, found: dict[str, float]) -> list[Row]:
         poses = 1 if metric == "largest_difference" else min(POSES[way] for way in method.split("/"))
         return Row("bench_rig", character, method, metric, unit, value, None, None, poses, "bench", "bench-rig")
 
-    listed = [row(way, "time_per_pose", "ms", found[way]) for way in ("batched", "single", "nodes", "nodes_batched")]
-    listed += [row(way, "poses_per_second", "count", 1e3 / found[way]) for way in ("batched", "single", "nodes")]
+    listed = [row(way, "time_per_pose", "ms", found[way]) for way in POSES]
+    listed += [row(way, "processor_time_per_pose", "ms", found[f"{way} processor"]) for way in POSES]
+    listed += [row(way, "poses_per_second", "count", 1e3 / found[way]) for way in POSES]
     listed.append(row("batched", "worst_time_per_pose", "ms", found["batched_worst"]))
+    listed.append(row("batched", f"time_for_{DATA_SET}_poses", "ms", DATA_SET * found["batched"]))
     listed.append(row("nodes", "largest_difference", "mm", found["nodes_difference_mm"]))
-    listed.append(row("single/batched", "time_ratio", "ratio", found["single"] / found["batched"]))
-    listed.append(row("nodes/single", "time_ratio", "ratio", found["nodes"] / found["single"]))
+    for pair in RATIOS:
+        above, below = pair.split("/")
+        listed.append(row(pair, "time_ratio", "ratio", found[above] / found[below]))
+    for way in ("nodes", "nodes_batched"):
+        for name, share in shares(found, way).items():
+            listed.append(row(way, f"time_per_pose[{name}]", "ms", found[f"{way}[{name}]"]))
+            listed.append(row(way, f"time_share[{name}]", "ratio", share))
     return listed
+
+
+def tables(listed: Sequence[Row], rounds: int | None = None) -> list[Table]:
+    """Return two printed tables of some characters' rows: the ways to call a rig, and its nodes, slowest first."""
+    value = {(row.character, row.method, row.metric): row.value for row in listed}
+    characters = list(dict.fromkeys(row.character for row in listed))
+    speeds, nodes = [], []
+    for who in characters:
+        times = [f"{value[who, way, 'time_per_pose']:.2f}" for way in POSES]
+        ratios = [f"{value[who, pair, 'time_ratio']:.1f}" for pair in RATIOS]
+        whole = value[who, "batched", f"time_for_{DATA_SET}_poses"] / 60e3
+        processor = f"{value[who, 'batched', 'processor_time_per_pose']:.2f}"
+        speeds.append(
+            (who, *times, processor, f"{value[who, 'batched', 'poses_per_second']:,.0f}", *ratios, f"{whole:.1f}")
+        )
+    names = [row.metric for row in listed if row.method == "nodes" and row.metric.startswith("time_share[")]
+    share = lambda metric: value.get((characters[0], "nodes_batched", metric), 0.0)  # noqa: E731
+    for metric in sorted(dict.fromkeys(names), key=share, reverse=True):
+        cells = []
+        for who in characters:
+            for way in ("nodes_batched", "nodes"):
+                cells += [f"{value[who, way, metric.replace('share', 'per_pose')]:.2f}"]
+                cells += [f"{100 * value[who, way, metric]:.0f} %"]
+        nodes.append((metric.removeprefix("time_share[").removesuffix("]"), *cells))
+    header = ("", "batched", "single", "nodes", "nodes batched", "batched, processor", "poses/s")
+    header += (*(pair.replace("_", " ") for pair in RATIOS), f"{DATA_SET:,} poses, min")
+    many = rounds or "several"
+    note = f"ms a pose; batches of {BATCH} frames of the clips; medians of {many} rounds of all ways in turn."
+    spans = tuple(text for who in characters for text in (f"{who}, batched", "", f"{who}, single", ""))
+    return [
+        Table("Rigs: time of one pose", (header,), tuple(speeds), (note,)),
+        Table(
+            "Rigs: what each deformer takes, node by node",
+            (("", *spans), ("", *("ms", "share") * (2 * len(characters)))),
+            tuple(nodes),
+            ("ms a pose, and the share of the whole evaluation.",),
+        ),
+    ]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
+    own = [name for name in paths.character_names() if name != "tiny"]
     parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.rig", description="Time the rigs.")
-    parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
+    parser.add_argument(
+        "--characters", default=" ".join(own), help=f"names or recipes, separated by commas (default: {', '.join(own)})"
+    )
     parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"how often each way is timed (default: {ROUNDS})")
     options = parser.parse_args(arguments)
     try:
         if options.rounds < 3:
             raise InputError(f"rounds is {options.rounds}: allowed is a whole number of at least 3")
-        listed, lines = [], []
+        listed: list[Row] = []
         for character in options.characters.replace(",", " ").split():
             rig = made_rig(character)
-            found = bench(rig, _poses(rig), options.rounds)
-            listed += rows(rig.name, found)
-            times = [f"{found[way]:.2f}" for way in ("batched", "batched_worst", "single", "nodes")]
-            ratios = [f"{found['single'] / found['batched']:.1f}", f"{found['nodes'] / found['single']:.1f}"]
-            lines.append((rig.name, *times, f"{1e3 / found['batched']:.0f}", *ratios))
+            listed += rows(rig.name, bench(rig, _poses(rig), options.rounds))
     except (InputError, RunError) as error:
         print(error, file=sys.stderr)
         return 2 if isinstance(error, InputError) else 1
-    header = ("", "batched", "worst batch", "single", "node by node", "poses/s", "single/batched", "nodes/single")
-    note = f"ms a pose; batches of {BATCH} frames of the clips; median of {options.rounds} rounds of all ways in turn."
-    print(as_text(Table("Rigs: time of one pose", (header,), tuple(lines), (note,))))
+    for table in tables(listed, options.rounds):
+        print(as_text(table))
     folder = paths.run_folder("bench")
     folder.mkdir(parents=True, exist_ok=True)
     write_results(folder / "bench_rig.csv", listed)
