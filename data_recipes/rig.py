@@ -7,7 +7,7 @@ it need not be differentiable.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -135,17 +135,19 @@ class Rig:
 
         return jax.jit(push)
 
-    def jacobian(self, params) -> Float32[np.ndarray, "n 3 m"]:
+    def jacobian(self, params, columns: Sequence[int] | None = None) -> Float32[np.ndarray, "n 3 k"]:
         """Return ∂V/∂p (n, 3, m) in mm per unit of each control, exact, by forward differentiation.
 
-        Needs a function that JAX can trace; our own rigs' can.
+        columns: the controls wanted, by their place in p; None for all. Needs a function that JAX can trace; our own
+        rigs' can.
         """
-        p = np.asarray(params, np.float32)
-        m = len(self.controls)
-        seeds = np.zeros((-(-m // BATCH) * BATCH, m), np.float32)
-        seeds[:m] = np.eye(m, dtype=np.float32)
-        parts = [np.asarray(self._tangents(p, seeds[i : i + BATCH])) for i in range(0, len(seeds), BATCH)]
-        return np.moveaxis(np.concatenate(parts)[:m], 0, 2)
+        p, every = np.asarray(params, np.float32), np.eye(len(self.controls), dtype=np.float32)
+        wanted = every if columns is None else every[np.asarray(columns, int)]
+        k = len(wanted)
+        size = min(k, BATCH)
+        seeds = np.concatenate([wanted, np.zeros((-k % size, len(p)), np.float32)])
+        parts = [np.asarray(self._tangents(p, seeds[i : i + size])) for i in range(0, len(seeds), size)]
+        return np.moveaxis(np.concatenate(parts)[:k], 0, 2)
 
     @property
     def nodes(self) -> tuple:
