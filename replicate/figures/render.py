@@ -73,32 +73,39 @@ def _choose_window() -> None:
             os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkEGLRenderWindow"
 
 
-def _pyvista(surfaces, camera: Camera, width: int, height: int, background, lighting: Lighting) -> np.ndarray:
+def plotter_of(
+    surfaces: Sequence[Surface], camera: Camera, width: int, height: int, background=WHITE, lighting: Lighting = STUDIO
+) -> tuple:
+    """Return an off-screen pyvista plotter, which the caller closes, and the mesh that it holds of each surface."""
     _choose_window()
     import pyvista
 
     rows, eye = axes(camera)
     plotter = pyvista.Plotter(off_screen=True, window_size=(width, height), lighting="none")
-    try:
-        plotter.set_background([channel / 255 for channel in background])
-        for surface in surfaces:
-            _add(plotter, pyvista, surface, lighting)
-        for light in lighting.lights:
-            towards = np.asarray(light.direction) @ rows
-            place = np.asarray(camera.focus) + camera.distance_mm * towards / np.linalg.norm(towards)
-            plotter.add_light(
-                pyvista.Light(
-                    position=place,
-                    focal_point=camera.focus,
-                    color=light.colour,
-                    intensity=light.strength,
-                    light_type="scene light",
-                )
+    plotter.set_background([channel / 255 for channel in background])
+    meshes = [_add(plotter, pyvista, surface, lighting) for surface in surfaces]
+    for light in lighting.lights:
+        towards = np.asarray(light.direction) @ rows
+        place = np.asarray(camera.focus) + camera.distance_mm * towards / np.linalg.norm(towards)
+        plotter.add_light(
+            pyvista.Light(
+                position=place,
+                focal_point=camera.focus,
+                color=light.colour,
+                intensity=light.strength,
+                light_type="scene light",
             )
-        view = plotter.camera
-        view.position, view.focal_point, view.up = eye, camera.focus, rows[1]
-        view.view_angle = 2 * np.degrees(np.arctan2(camera.height_mm / 2, camera.distance_mm))
-        plotter.renderer.ResetCameraClippingRange()
+        )
+    view = plotter.camera
+    view.position, view.focal_point, view.up = eye, camera.focus, rows[1]
+    view.view_angle = 2 * np.degrees(np.arctan2(camera.height_mm / 2, camera.distance_mm))
+    plotter.renderer.ResetCameraClippingRange()
+    return plotter, meshes
+
+
+def _pyvista(surfaces, camera: Camera, width: int, height: int, background, lighting: Lighting) -> np.ndarray:
+    plotter, _ = plotter_of(surfaces, camera, width, height, background, lighting)
+    try:
         if all(surface.lit for surface in surfaces):  # shades would falsify a heatmap's colours
             plotter.enable_ssao(radius=SHADE_MM, bias=0.5, kernel_size=64, blur=True)
         return np.asarray(plotter.screenshot(return_img=True))[..., :3]
@@ -106,7 +113,7 @@ def _pyvista(surfaces, camera: Camera, width: int, height: int, background, ligh
         plotter.close()
 
 
-def _add(plotter, pyvista, surface: Surface, lighting: Lighting) -> None:
+def _add(plotter, pyvista, surface: Surface, lighting: Lighting):
     mesh = pyvista.PolyData.from_regular_faces(np.asarray(surface.vertices, np.float32), np.asarray(surface.faces))
     if surface.smooth:
         mesh.point_data["Normals"] = vertex_normals(np.asarray(surface.vertices, np.float32), surface.faces)
@@ -127,3 +134,4 @@ def _add(plotter, pyvista, surface: Surface, lighting: Lighting) -> None:
         mesh.cell_data["colours"] = np.asarray(surface.colours, np.uint8)
         actor = plotter.add_mesh(mesh, scalars="colours", rgb=True, **style)
     actor.prop.specular_color = "white"  # a dark surface glints as brightly as a light one
+    return mesh
