@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -73,13 +76,7 @@ def pose(
     """Return name, vertices (k, 3), faces and colours (k, 3) of each prop where the posed skin `vertices` take it."""
     u = np.asarray(saturate(constants["limits"], jnp.asarray(params)))
     values = face.shape_values(constants, jnp.asarray(u))
-
-    def warped(x: np.ndarray) -> np.ndarray:
-        """Bend, squash and stretch as the whole head does."""
-        return np.asarray(head_shape.warp(constants["shape"], values, jnp.asarray(x.T[None], jnp.float32)))[0].T
-
-    moved = vertices - warped(neutral)  # what the skin does beside that
-    posed = []
+    rest = [neutral]
     for prop in props:
         x = prop.vertices
         if prop.follow.startswith("eye"):
@@ -89,11 +86,24 @@ def pose(
             )
             centre = np.asarray(constants[f"lids_{side}"]["centre"])
             x = (x - centre) @ _gaze(aside * GAZE_RAD[0], up * GAZE_RAD[1]) + centre
-            x = warped(x)
-        else:
-            x = warped(x) + (moved[prop.index] * prop.weight[..., None]).sum(axis=1)
+        rest.append(x)
+    # Everything bends, squashes and stretches as the whole head does, in one go.
+    planes = jnp.asarray(np.concatenate(rest).T[None], jnp.float32)
+    warped = np.asarray(_compiled_warp()(constants["shape"], values, planes))[0].T
+    skin, *warped = np.split(warped, np.cumsum([len(x) for x in rest])[:-1])
+    moved = vertices - skin  # what the skin does beside that
+    posed = []
+    for prop, x in zip(props, warped, strict=True):
+        if not prop.follow.startswith("eye"):
+            x = x + (moved[prop.index] * prop.weight[..., None]).sum(axis=1)
         posed.append((prop.name, x.astype(np.float32), prop.faces, prop.colours))
     return posed
+
+
+@cache
+def _compiled_warp() -> Callable:
+    """Return the head's map of space, compiled once: its loop, called as it is, would be compiled at every call."""
+    return jax.jit(head_shape.warp)
 
 
 def _gaze(aside: float, up: float) -> np.ndarray:
