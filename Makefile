@@ -10,6 +10,11 @@ DEVICE     ?=
 CONFIG     ?=
 SPLIT      ?=
 LATEX      ?=
+POSE       ?=
+CLIP       ?=
+PARAMS     ?=
+TO         ?=
+TOLERANCE  ?=
 RECENT     := import sys; sys.exit(sys.version_info < (3, 11))
 PYTHON     ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 	$$p -c '$(RECENT)' 2>/dev/null && echo $$p && exit; done; echo python3)
@@ -42,7 +47,7 @@ JOB_OPTIONS = $(if $(JOBS),--jobs "$(JOBS)")
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: help environment table1 table2 figure05 figure07 figure08 compare rigs status test lint bench-rig bench-training bench-faults clean clean-all
+.PHONY: help environment table1 table2 figure05 figure07 figure08 compare rigs export status test lint bench-rig bench-training bench-faults clean clean-all
 
 help: ## print this help
 	@echo "usage: make <target> [VARIABLE=value ...]"
@@ -53,6 +58,7 @@ help: ## print this help
 	@echo "  CHARACTERS=$(CHARACTERS)   names, or paths of .toml recipes, separated by commas or spaces"
 	@echo "                  (table1, figure05, figure07 and figure08: $(SEVERAL), unless some are named)"
 	@echo "  SEED=  JOBS=  DEVICE=  CONFIG=  SPLIT=   as \`python -m replicate table2 --help\` says"
+	@echo "  POSE=  CLIP=  PARAMS=  TO=  TOLERANCE=   as \`python -m replicate export --help\` says"
 	@echo "  LATEX=1         \`make compare\` in LaTeX"
 	@echo "  PYTHON=         the Python, 3.11 or newer, that .venv is made with"
 
@@ -78,6 +84,11 @@ compare: $(ENVIRONMENT) ## print the paper's numbers, the reference results and 
 
 rigs: $(ENVIRONMENT) ## draw the characters: views, wireframe, charts, expressions
 	@$(RUN) -m replicate rigs --characters "$(if $(filter file,$(origin CHARACTERS)),$(SEVERAL),$(CHARACTERS))"
+
+export: $(ENVIRONMENT) ## write a pose as OBJ or GLB, or a clip as an animated GLB
+	@$(RUN) -m replicate export --characters "$(CHARACTERS)" $(if $(POSE),--pose "$(POSE)") \
+	  $(if $(CLIP),--clip "$(CLIP)") $(if $(PARAMS),--params "$(PARAMS)") $(if $(TO),--to "$(TO)") \
+	  $(if $(TOLERANCE),--tolerance "$(TOLERANCE)")
 
 status: $(ENVIRONMENT) ## list which artefacts are up to date, and what the cache holds
 	@$(RUN) -m replicate status $(RUN_OPTIONS)

@@ -44,6 +44,7 @@ __all__ = [
     "expression_poses",
     "hold_out",
     "load_rig",
+    "read_clip",
     "recipe_files",
     "rig_names",
     "sample_uniform",
@@ -282,6 +283,16 @@ def save_rig(rig: Rig, folder: Path) -> None:
     from data_recipes import rig_file
 
     rig_file.save_rig(rig, Path(folder))
+
+
+def read_clip(rig: Rig, file: Path) -> Float32[np.ndarray, "t m"]:
+    """Return the poses (t, m) of a CSV file whose header names controls of the rig; the others keep their defaults.
+
+    Raises InputError, naming file, line and control, for anything else (see clip_file.py).
+    """
+    from data_recipes import clip_file
+
+    return clip_file.read_clip(file, rig.controls)
 
 
 def expression_poses(rig: Rig) -> dict[str, Float32[np.ndarray, " m"]]:

@@ -144,6 +144,21 @@ def _rigs(options: argparse.Namespace) -> None:
     print(f"written to {paths.shown(draw_line_up(rigs, folder))}")
 
 
+def _export(options: argparse.Namespace) -> None:
+    from replicate.export.command import Request, export
+    from replicate.made import made_rig
+
+    request = Request(options.pose, options.clip, options.params, options.to, options.tolerance)
+    characters = _characters(options)
+    if request.to is not None and len(characters) > 1:
+        raise InputError(
+            f"{len(characters)} characters can't all be written to {request.to}: name one, or leave out to"
+        )
+    for character in characters:
+        files, words = export(made_rig(character), request)
+        print(f"written to {', '.join(paths.shown(file.absolute()) for file in files)}: {words}")
+
+
 def _status(options: argparse.Namespace) -> None:
     from replicate import pipeline
     from replicate.inventory import inventory, states
@@ -185,6 +200,11 @@ COMMANDS = {
     "figure08": Command("draw Figure 8: the refinement segments in colours", _figure, (*_RUN_OPTIONS, "jobs"), CAST),
     "compare": Command("print the paper's numbers, the reference results and yours", _compare, ("profile", "latex")),
     "rigs": Command("draw the characters: what each is, and what it can express", _rigs, ("characters",), CAST),
+    "export": Command(
+        "write a pose as OBJ or GLB, or a clip as an animated GLB",
+        _export,
+        ("characters", "pose", "clip", "params", "to", "tolerance"),
+    ),
     "status": Command("list the artefacts of Table 2 and what else the cache holds", _status, _RUN_OPTIONS),
     "clean-cache": Command("remove what is stale, damaged or unfinished from the cache", _clean_cache, ("all",)),
 }
@@ -204,6 +224,22 @@ _OPTIONS = {
     "config": {"metavar": "FILE", "help": "a TOML file whose keys override the profile's, as [coarse] map_size = 64"},
     "latex": {"action": "store_true", "help": "print LaTeX (packages: booktabs) instead of text"},
     "split": {"help": "frames (as in the paper) or clips: what is held out for the test"},
+    "pose": {"help": "an expression, as joy; a wrong name lists them (default: neutral)"},
+    "clip": {"help": "a clip's name, or its number from 0; a wrong one lists them"},
+    "params": {
+        "metavar": "FILE",
+        "help": "a CSV file whose header names controls: one row is a pose, several are a clip of 24 frames a second",
+    },
+    "to": {
+        "metavar": "FILE",
+        "help": "the .glb (metres) or, for a pose, .obj (mm) to write (default: a .glb in results/runs/export)",
+    },
+    "tolerance": {
+        "type": float,
+        "default": 0.05,
+        "metavar": "MM",
+        "help": "how far a clip's vertices may be from the rig's: smaller makes larger files (default: 0.05 mm)",
+    },
     "all": {"action": "store_true", "help": "remove everything that this suite has put there"},
 }
 

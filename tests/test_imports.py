@@ -49,7 +49,8 @@ def floor(module):
     if module == "replicate" or module in GROUND_FLOOR:
         return 0
     return {"approximation": 2, "inverse": 3, "evaluation": 4, "figures": 4}.get(
-        package, 5 if package in ("benchmarks", "made", "pipeline", "publish", "stage_bodies", "__main__") else 1
+        package,
+        5 if package in ("benchmarks", "export", "made", "pipeline", "publish", "stage_bodies", "__main__") else 1,
     )
 
 

@@ -23,10 +23,15 @@ COLOURS = {
 BACKGROUND = (231, 235, 238)
 
 
+def colours_by_segment(mesh: Mesh, skin: tuple[int, int, int] = SKIN) -> UInt8[np.ndarray, "s 3"]:
+    """Return each segment's colour by what it is part of."""
+    named = [next((c for start, c in COLOURS.items() if name.startswith(start)), skin) for name in mesh.segment_names]
+    return np.array(named, np.uint8)
+
+
 def segment_colours(mesh: Mesh, skin: tuple[int, int, int] = SKIN) -> UInt8[np.ndarray, "f 3"]:
     """Return each face's colour by what it is part of."""
-    named = [next((c for start, c in COLOURS.items() if name.startswith(start)), skin) for name in mesh.segment_names]
-    return np.array(named, np.uint8)[mesh.face_segment]
+    return colours_by_segment(mesh, skin)[mesh.face_segment]
 
 
 def character_surfaces(rig, params: Float[np.ndarray, " m"], camera: Camera | None = None) -> list[Surface]:

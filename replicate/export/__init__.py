@@ -1,0 +1,1 @@
+"""Poses and clips as files for other programs: OBJ, GLB, and GLB with animated morph targets."""

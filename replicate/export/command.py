@@ -1,0 +1,120 @@
+"""What `make export` does: choose a pose or a clip of a character by name, and write it where it is wanted."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float32
+
+from data_recipes.rig import expression_poses, read_clip
+from replicate import paths
+from replicate.errors import InputError
+from replicate.export.animation import FRAMES_PER_SECOND, animated_glb
+from replicate.export.files import glb, obj, write_whole
+from replicate.export.parts import by_material, moving_parts, posed_parts
+
+ENDINGS = (".glb", ".obj")
+TOLERANCE_MM = 0.05
+LEAST_TOLERANCE_MM = 0.001
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to export: one of `pose`, `clip` and `params`, or none of them for the neutral pose.
+
+    pose: an expression's name. clip: a clip's name or number. params: a CSV file of control values, a row a frame.
+    to: the file to write, else one in results/runs/export. tolerance_mm: how far a vertex of a clip may be off.
+
+    Raises InputError for more than one of them, or a file or a tolerance that can't be.
+    """
+
+    pose: str | None = None
+    clip: str | None = None
+    params: str | None = None
+    to: str | None = None
+    tolerance_mm: float = TOLERANCE_MM
+
+    def __post_init__(self) -> None:
+        given = [name for name in ("pose", "clip", "params") if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise InputError(f"{' and '.join(given)} are given: allowed is one of pose, clip and params")
+        if not self.tolerance_mm >= LEAST_TOLERANCE_MM or self.tolerance_mm == float("inf"):
+            raise InputError(
+                f"tolerance is {self.tolerance_mm}: allowed is a number of at least {LEAST_TOLERANCE_MM} mm"
+            )
+        if self.to is not None:
+            _check_file(Path(self.to).expanduser())
+            if self.clip is not None and Path(self.to).suffix.lower() == ".obj":
+                raise InputError(f"{self.to} can hold one pose and not a clip: allowed for a clip is .glb")
+
+
+def _check_file(file: Path) -> None:
+    if file.suffix.lower() not in ENDINGS:
+        raise InputError(f"{file} ends in {file.suffix or 'nothing'!r}: allowed are {' and '.join(ENDINGS)}")
+    if file.is_dir():
+        raise InputError(f"{file} is a folder: name the file to write")
+    if not file.absolute().parent.is_dir():
+        raise InputError(f"there is no folder {file.absolute().parent} to write {file.name} to: make it first")
+
+
+def export(rig, request: Request) -> tuple[list[Path], str]:
+    """Write a rig's pose or clip; return the files, which appear whole or not at all, and what is in them, in words.
+
+    rig: any that keeps the Rig contract. Raises InputError for an unknown pose or clip, or a bad file of parameters.
+    """
+    name, poses = chosen(rig, request)
+    file = Path(request.to).expanduser() if request.to else paths.run_folder("export") / f"{rig.name}_{name}.glb"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    about = {"character": rig.name, "pose": name}
+    if len(poses) > 1:
+        if file.suffix.lower() == ".obj":
+            raise InputError(f"{file} can hold one pose, and {name} has {len(poses)}: allowed for a clip is .glb")
+        rest, frames = moving_parts(rig, poses)
+        about |= {"clip": about.pop("pose"), "frames_per_second": FRAMES_PER_SECOND}
+        data, tracks = animated_glb(rest, frames, about, request.tolerance_mm)
+        write_whole(file, data)
+        return [file], _told(poses, tracks, len(data))
+    head, *props = posed_parts(rig, poses[0])
+    words = f"{len(head.vertices):,} vertices and {len(props)} props"
+    if file.suffix.lower() == ".glb":
+        write_whole(file, glb([head, *props], about))
+        return [file], words
+    material = file.with_suffix(".mtl")
+    text, materials = obj([*by_material(rig, head), *props], f"{rig.name}, {name}", material.name)
+    write_whole(material, materials.encode())
+    write_whole(file, text.encode())
+    return [file, material], words
+
+
+def _told(poses: np.ndarray, tracks: list, size_bytes: int) -> str:
+    head, worst = len(tracks[0].shapes), max(track.error_mm for track in tracks)
+    return (
+        f"{len(poses)} frames at {FRAMES_PER_SECOND} a second; {head} morph targets for the head, "
+        f"no vertex more than {worst:.3f} mm off; {size_bytes / 1e6:.1f} MB"
+    )
+
+
+def chosen(rig, request: Request) -> tuple[str, Float32[np.ndarray, "t m"]]:
+    """Return the name and the parameters (t, m) of what is asked for; a pose has one row."""
+    if request.params is not None:
+        return Path(request.params).stem, read_clip(rig, Path(request.params))
+    if request.clip is not None:
+        clip = _clip(rig, request.clip)
+        return clip.name, np.asarray(clip.values, np.float32)
+    poses = expression_poses(rig)
+    wanted = request.pose if request.pose is not None else "neutral"
+    if wanted not in poses:
+        raise InputError(f"{rig.name} has no pose {wanted!r}: allowed are {', '.join(poses)}")
+    return wanted, poses[wanted][None]
+
+
+def _clip(rig, wanted: str):
+    clips = {clip.name: clip for clip in rig.clips or ()}
+    if wanted in clips:
+        return clips[wanted]
+    if not clips:
+        raise InputError(f"{rig.name} has no clips: allowed are poses, and files of parameters")
+    if wanted.isdecimal() and int(wanted) < len(clips):
+        return list(clips.values())[int(wanted)]
+    allowed = f"numbers from 0 to {len(clips) - 1} and {', '.join(clips)}"
+    raise InputError(f"{rig.name} has no clip {wanted!r}: allowed are {allowed}")
