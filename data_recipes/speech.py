@@ -10,8 +10,8 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float64
 
-from data_recipes.expressions import VISEMES
 from data_recipes.motion import pose
+from data_recipes.visemes import VISEMES
 
 ONSETS = (*"bmpfvtdnlszkgrw", "sh", "ch", "th", "pl", "br", "st", "")
 NUCLEI = (*"aeiou", "oo", "ee", "ai", "ou")

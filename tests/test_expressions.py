@@ -3,7 +3,8 @@
 import pytest
 
 from data_recipes.controls import control_groups
-from data_recipes.expressions import EXPRESSIONS, VISEMES
+from data_recipes.expressions import EXPRESSIONS
+from data_recipes.visemes import VISEMES
 
 CONTROLS = {control.name: control for group in control_groups().values() for control in group}
 
