@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from data_recipes.deformers.face_fields import tongue_reach
-from data_recipes.deformers.mouth_fields import Curve, Motion, lip_change
+from data_recipes.deformers.lip_motions import Curve, Motion, arch
+from data_recipes.deformers.mouth_fields import lip_change
 from data_recipes.deformers.pose_curves import PoseFields
 from data_recipes.deformers.sculpting import Sculptor, smoothstep
 
@@ -16,7 +17,8 @@ from data_recipes.deformers.sculpting import Sculptor, smoothstep
 
 def _laugh(u: Curve, side: Curve) -> Motion:
     corner = np.abs(u) ** 2
-    return -2.5 * np.sign(u) * corner, 2.5 * corner - 1.5 * (side > 0) * (1 - u * u), -0.5 * corner
+    bared = (side > 0) * arch(u, 2.6)  # the upper lip goes up with the corners and bares the upper teeth
+    return -2.5 * np.sign(u) * corner, 2.5 * corner + 6.0 * bared, -0.5 * corner - 1.0 * bared
 
 
 def _oh(u: Curve, side: Curve) -> Motion:
@@ -36,12 +38,29 @@ def _less_protrusion(u: Curve, side: Curve) -> Motion:
     return 5.0 * np.sign(u) * np.abs(u) ** 0.9, 0 * u, -5.5 * (1 - u * u) - 1.0
 
 
+def _less_lift(u: Curve, side: Curve) -> Motion:
+    # The chin pushes the upper lip through the lower one; a lip that is up already it doesn't reach.
+    return 0 * u, -3.4 * (side > 0) * arch(u, 1.8), 0 * u
+
+
+def _less_frown(u: Curve, side: Curve) -> Motion:
+    return 0 * u, -1.6 * arch(u, 1.8) + 1.0 * np.abs(u) ** 2, 0 * u
+
+
+def _smug(u: Curve, side: Curve) -> Motion:
+    # Puckered lips keep most of their way from a smile: it draws them out a little and hardly up.
+    return 2.5 * np.sign(u) * np.abs(u), -6.5 * np.abs(u) ** 2.2 + 1.0 * arch(u), 0 * u
+
+
 CORRECTIVES = (
     (("smile_*", "jaw_open"), _laugh),
     (("pucker_*", "jaw_open"), _oh),
     (("smile_*", "frown_*"), _less_smile),
     (("smile_*", "mouth_stretch_*"), _less_stretch),
     (("pucker_*", "funnel_*"), _less_protrusion),
+    (("smile_*", "pucker_*"), _smug),
+    (("upper_lip_raise_*", "chin_raise"), _less_lift),
+    (("frown_*", "chin_raise"), _less_frown),
 )
 
 

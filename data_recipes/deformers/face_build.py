@@ -163,12 +163,10 @@ def _jaw_weight(s: Sculptor) -> Float[np.ndarray, " n"]:
     """Return each vertex's share in the jaw's motion: 1 on chin, lower gum and tongue, 0 from the cheekbones up."""
     head = s.head
     mouth, bag = head.grids["mouth"], head.grids["mouth_bag"]
-    k = mouth.shape[1]
     lip_rings = head.recipe.template.lip_rings
-    column = np.arange(k)
-    from_corner = np.minimum(column % (k // 2), k // 2 - column % (k // 2))
-    t = np.clip(from_corner / (0.17 * k), 0, 1)
-    profile = 0.5 - 0.5 * head.ring_parameter["mouth_side"] * t * (2 - t)
+    # A lens that is round at the corners; 0/1 weights would give a square mouth.
+    parted = np.clip(1 - np.abs(head.ring_parameter["mouth_u"]) ** 2.2, 0, 1) ** 0.7
+    profile = 0.5 - 0.5 * head.ring_parameter["mouth_side"] * parted
     fixed: dict[int, float] = {}
     for rings in (mouth[: lip_rings + 1], bag):
         for ring in rings:

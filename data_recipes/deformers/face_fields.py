@@ -26,9 +26,9 @@ def cheeks(s: Sculptor) -> dict[str, Path]:
     beside = s.nearest(s.point("eye_outer_left") + np.array([9.0, -2, -10]))
     gather = -0.3 * (s.bump(beside, 32.0) * (s.x[:, 1] - s.x[beside, 1]))[:, None] * s.up
     return {
-        "cheek_raise_*": s.slide(apple[:, None] * (6.0 * s.up + 1.5 * s.out) + 0.5 * gather, 3.2 * apple),
+        "cheek_raise_*": s.slide(apple[:, None] * (6.5 * s.up + 1.5 * s.out) + 0.5 * gather, 4.6 * apple),
         "cheek_puff_*": s.straight(np.zeros_like(s.x), 10.0 * puff + 1.5 * upper_lip * lips),
-        "smile_*": s.slide(apple[:, None] * (1.6 * s.up + 0.4 * s.out) + 0.3 * gather, 3.6 * apple - 1.6 * dent),
+        "smile_*": s.slide(apple[:, None] * (2.6 * s.up + 0.6 * s.out) + 0.3 * gather, 4.2 * apple - 0.6 * dent),
         "squint_*": s.slide(gather),
         "dimple_*": s.straight(np.zeros_like(s.x), -2.4 * dent),
     }
@@ -47,7 +47,7 @@ def nose(s: Sculptor) -> dict[str, Path]:
     up = s.up
     return {
         "nose_wrinkle_*": s.slide(
-            5.0 * (0.8 * wing * lips + 0.7 * flank)[:, None] * up + 3.2 * bridge[:, None] * up, 0.8 * flank
+            6.5 * (0.8 * wing * lips + 0.7 * flank)[:, None] * up + 4.0 * bridge[:, None] * up, 1.6 * flank
         )
         + s.slide(-3.0 * (s.bump("brow_inner_left", 26.0) * side * lids)[:, None] * up),
         "nostril_flare_*": s.straight(np.array([3.2, 0.8, 0.2]) * (s.bump("nose_wing_left", 17.0) * side)[:, None]),

@@ -179,8 +179,9 @@ def _nasolabial(s: Sculptor, side: str) -> Parts:
     near = (along.min(axis=1) < 17) & (sign * s.x[:, 0] > 8) & (s.x[:, 2] > 20) & off_lips
     vertices = _inside(s, near)
     d, place = signed[vertices], place[vertices] / 59
-    p = -1.9 * np.exp(-((d / 2.8) ** 2)) + 1.3 * np.exp(-(((d - 6.5) / 4.4) ** 2))
-    window = smoothstep(place, 0.0, 0.12) * smoothstep(place, 1.0, 0.8) * smoothstep(np.abs(d), 16, 11)
+    # A groove of two edges' width on this mesh: a narrower one would be drawn as stairs.
+    p = -1.3 * np.exp(-((d / 3.8) ** 2)) + 1.0 * np.exp(-(((d - 7.5) / 5.0) ** 2))
+    window = smoothstep(place, 0.0, 0.12) * smoothstep(place, 0.95, 0.6) * smoothstep(np.abs(d), 16, 11)
     return (
         f"nasolabial_{side}",
         vertices,
@@ -224,6 +225,6 @@ def _under_eye(s: Sculptor, side: str) -> Parts:
         vertices,
         fibre,
         wavelength,
-        window * ridges(ring / 4.0 + 0.5),
+        0.6 * window * ridges(ring / 4.0 + 0.5),
         {f"wrinkle_under_eye_{side}": np.ones(len(vertices))},
     )
