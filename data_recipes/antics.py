@@ -114,7 +114,7 @@ ANTICS: dict[str, dict[str, float]] = {
     "puffed": {
         "cheek_puff_*": 0.9,
         "lip_press_*": 0.6,
-        "eye_wide_*": 0.4,
+        "eye_wide_*": 0.15,
         "brow_outer_up_*": 0.5,
         "pucker_*": 0.25,
         "lips_together": 0.4,
@@ -128,7 +128,7 @@ ANTICS: dict[str, dict[str, float]] = {
         "lip_press_*": 0.6,
         "mouth_stretch_*": 0.3,
         "brow_inner_up_*": 0.6,
-        "eye_wide_*": 0.4,
+        "eye_wide_*": 0.15,
         "chin_raise": 0.3,
         "tongue_raise": 0.4,
         "neck_tighten_*": 0.4,

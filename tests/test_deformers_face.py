@@ -7,6 +7,7 @@ from data_recipes.controls import control_index, make_controls
 from data_recipes.deformers import brow_fields, face_build, mouth_fields
 from data_recipes.deformers.face_points import control_points, handle_vertices
 from data_recipes.deformers.lid_fields import build_patch, ring_shares
+from data_recipes.deformers.lip_motions import ACTIONS
 from data_recipes.deformers.sculpting import FLIP, Sculptor
 from data_recipes.deformers.wrinkle_regions import build_regions, ridges
 from data_recipes.head import build_head
@@ -49,6 +50,22 @@ def test_a_smile_moves_its_own_corner_up_and_out_and_leaves_the_other(sculptor):
     corner = sculptor.head.landmarks["mouth_corner_right"]
     np.testing.assert_allclose(mirrored.full[corner], left * FLIP, atol=1e-9)
     assert np.abs(path.half - 0.5 * path.full).max() > 0.5  # an arc, not a chord
+
+
+@pytest.mark.parametrize("name, way", [("upper_lip_raise_*", 1), ("lower_lip_depress_*", -1)])
+def test_both_sides_of_a_lip_move_its_middle_too_and_leave_no_notch(name, way):
+    action, u = ACTIONS[name], np.linspace(-1, 1, 201)
+    travel = way * action.seam(u, np.full(201, float(way)))[1]
+    assert travel[100] > 0.8 * travel.max() > 4  # the windows of both sides add up to 1
+    assert np.abs(action.seam(u, np.full(201, -float(way)))[1]).max() < 1e-9
+
+
+@pytest.mark.parametrize("name, which", [("lip_roll_upper", 1), ("lip_roll_lower", -1)])
+def test_a_lip_that_rolls_in_takes_the_other_along(name, which):
+    middle = np.zeros(1)
+    mine, other = (ACTIONS[name].seam(middle, np.full(1, float(side))) for side in (which, -which))
+    assert mine[2] < other[2] < 0  # both go back
+    assert which * (mine[1] - other[1]) < 0  # and the other one closes up
 
 
 def test_both_sides_of_a_lip_action_add_up_to_a_symmetric_mouth(sculptor):

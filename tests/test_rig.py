@@ -12,7 +12,18 @@ import pytest
 from data_recipes.animation import act
 from data_recipes.head import build_head
 from data_recipes.recipe import load_recipe
-from data_recipes.rig import Clip, Control, Rig, build_rig, check_rig, load_rig, recipe_files, rig_names, save_rig
+from data_recipes.rig import (
+    Clip,
+    Control,
+    Rig,
+    build_rig,
+    check_rig,
+    expression_poses,
+    load_rig,
+    recipe_files,
+    rig_names,
+    save_rig,
+)
 from replicate.errors import InputError
 from replicate.mesh import Mesh, face_normals
 from replicate.paths import RECIPES
@@ -232,6 +243,51 @@ def test_a_blink_covers_the_eyeball_and_no_lid_enters_it(teen):
         lids = teen.face.constants[f"lids_{side}"]
         distance = np.linalg.norm(closed[lids["support"]] - lids["centre"], axis=1)
         assert (distance > lids["ball"] - 0.06).all()
+
+
+def still_headed(rig: Rig, pose: np.ndarray) -> np.ndarray:
+    """The pose with the head's shape at rest, so that heights can be compared."""
+    return np.where([c.region == "head" for c in rig.controls], rig.default, pose)
+
+
+@pytest.mark.parametrize("name", ["joy", "laugh", "grin", "snarl", "fear", "shout"])
+def test_a_mouth_that_should_bare_the_upper_teeth_does(teen, name):
+    marks = dict(zip(teen.landmark_names, teen.landmarks.tolist(), strict=True))
+    teeth = np.isin(
+        teen.mesh.segment, [i for i, n in enumerate(teen.mesh.segment_names) if n.startswith("tooth_upper")]
+    )
+    front = np.flatnonzero(teeth & (np.abs(teen.mesh.neutral[:, 0]) < 9))
+    rest, posed = teen.mesh.neutral, teen(still_headed(teen, expression_poses(teen)[name]))
+    bared = lambda v: v[marks["lip_upper_mid"], 1] - v[front, 1].min()  # noqa: E731
+    assert bared(posed) > 4
+    assert rest[marks["lip_lower_mid"], 1] > rest[front, 1].min() + 1  # at rest the lower lip hides them
+    assert posed[marks["lip_lower_mid"], 1] < posed[front, 1].min() + 1
+
+
+@pytest.mark.parametrize("with_it", ["squint", "eye_wide", "look_y", "look_x", "smile", "brow_outer_up", "brow_down"])
+def test_lids_close_whatever_the_face_does_besides(teen, with_it):
+    columns = {c.name: i for i, c in enumerate(teen.controls)}
+    marks = dict(zip(teen.landmark_names, teen.landmarks.tolist(), strict=True))
+    for amount in (1, -1):
+        p = teen.default.copy()
+        for side in ("left", "right"):
+            p[columns[f"{with_it}_{side}"]] = amount
+            p[columns[f"blink_{side}"]] = 1
+        closed = teen(p)
+        for side in ("left", "right"):
+            assert np.linalg.norm(closed[marks[f"lid_upper_{side}"]] - closed[marks[f"lid_lower_{side}"]]) < 1.5
+
+
+def test_the_upper_lid_rests_on_the_iris_and_bares_white_in_surprise_and_fear_alone(teen):
+    marks = dict(zip(teen.landmark_names, teen.landmarks.tolist(), strict=True))
+
+    def white_mm(name):
+        p = still_headed(teen, expression_poses(teen)[name])
+        iris = next(vertices for part, vertices, _, _ in teen.pose_props(p) if part == "eye_limbus_left")
+        return teen(p)[marks["lid_upper_left"], 1] - iris[:, 1].max()
+
+    assert min(white_mm(name) for name in ("surprise", "shock", "fear")) > 2
+    assert max(white_mm(name) for name in ("neutral", "joy", "anger", "sadness", "disgust")) < 0.3
 
 
 def test_wrinkles_sleep_at_rest_and_no_pose_of_a_batch_costs_15_ms_of_processor_time(teen):

@@ -42,7 +42,8 @@ def corner(u: Curve, power: float) -> Curve:
 def _smile_seam(u: Curve, side: Curve) -> Motion:
     # Closed lips: both dip alike. What bares the teeth is raising the lip, and a corrective with the open jaw.
     up = 11.5 * corner(u, 2.2) - 1.2 * arch(u)
-    return 10.0 * np.sign(u) * corner(u, 1.2), up, -2.0 * corner(u, 2.0) - 0.8 * arch(u)
+    # The corners go back too, around the teeth, as far as the contact lets them.
+    return 10.0 * np.sign(u) * corner(u, 1.2), up, -4.5 * corner(u, 2.0) - 0.8 * arch(u)
 
 
 def _smile_border(u: Curve, side: Curve) -> Motion:
@@ -93,7 +94,7 @@ def _depress_border(u: Curve, side: Curve) -> Motion:
 
 
 def _stretch_seam(u: Curve, side: Curve) -> Motion:
-    return 10.0 * np.sign(u) * corner(u, 1.3), -3.2 * corner(u, 2) - 0.4, -2.0 * corner(u, 1.6) - 1.0
+    return 10.0 * np.sign(u) * corner(u, 1.3), -3.2 * corner(u, 2) - 0.4, -4.0 * corner(u, 1.8) - 1.0
 
 
 def _stretch_border(u: Curve, side: Curve) -> Motion:

@@ -180,7 +180,7 @@ def _nasolabial(s: Sculptor, side: str) -> Parts:
     vertices = _inside(s, near)
     d, place = signed[vertices], place[vertices] / 59
     # A groove of two edges' width on this mesh: a narrower one would be drawn as stairs.
-    p = -1.3 * np.exp(-((d / 3.8) ** 2)) + 1.0 * np.exp(-(((d - 7.5) / 5.0) ** 2))
+    p = -1.6 * np.exp(-((d / 3.8) ** 2)) + 1.2 * np.exp(-(((d - 7.5) / 5.0) ** 2))
     window = smoothstep(place, 0.0, 0.12) * smoothstep(place, 0.95, 0.6) * smoothstep(np.abs(d), 16, 11)
     return (
         f"nasolabial_{side}",
