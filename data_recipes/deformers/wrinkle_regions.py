@@ -225,6 +225,6 @@ def _under_eye(s: Sculptor, side: str) -> Parts:
         vertices,
         fibre,
         wavelength,
-        0.6 * window * ridges(ring / 4.0 + 0.5),
+        0.8 * window * ridges(ring / 4.0 + 0.5),
         {f"wrinkle_under_eye_{side}": np.ones(len(vertices))},
     )
