@@ -19,7 +19,8 @@ from replicate.figures.scene import Surface, camera_for
 POSES = 8
 FRAMES = 10
 FRAMES_PER_SECOND = 24
-ROOM, CLIP_ROOM = 1.1, 1.3  # an open mouth needs more height than a closed one, a stretched head still more
+ROOM, CLIP_ROOM = 1.1, 1.4  # an open mouth needs more height than a closed one, a stretched head still more
+LARGEST_BYTES = 95_000  # seven of these pictures, for four characters, make one notebook of less than 1 MB
 POSES_HEADER = ("pose", "sample", "control", "value", "lower", "upper")
 CLIPS_HEADER = ("kind", "clip", "frames", "shown_frame", "time_s")
 
@@ -57,7 +58,7 @@ def save_poses(rig, params: Float[np.ndarray, "k m"], samples: Int[np.ndarray, "
     samples: each pose's index in the training data.
     """
     figure, words = figure05(rig, params)
-    save_figure(figure, stem.with_suffix(".png"), words)
+    save_figure(figure, stem.with_suffix(".png"), words, LARGEST_BYTES)
     lines = (
         (k + 1, samples[k], rig.controls[j].name, params[k, j], rig.lower[j], rig.upper[j])
         for k in range(len(params))
@@ -80,7 +81,7 @@ def shown_frames(clip: Clip, count: int = FRAMES) -> Int[np.ndarray, " count"]:
     return np.linspace(0, len(clip.values) - 1, count + 2)[1:-1].round().astype(int)
 
 
-def clip_strips(rig, width: int = 122, height: int = 140, renderer=None):
+def clip_strips(rig, width: int = 122, height: int = 150, renderer=None):
     """Return (figure, words): a strip of frames of the first clip of each kind, in clay."""
     view, kinds = camera_for("front", rig.mesh.neutral), clip_kinds(rig.clips)
     view = replace(view, height_mm=CLIP_ROOM * view.height_mm)
@@ -106,7 +107,7 @@ def _surfaces(rig, params: Float[np.ndarray, " m"]) -> list[Surface]:
 def save_clips(rig, stem: Path) -> None:
     """Write the strips of a rig's clips as PNG, their words as JSON, and the frames shown as CSV."""
     figure, words = clip_strips(rig)
-    save_figure(figure, stem.with_suffix(".png"), words)
+    save_figure(figure, stem.with_suffix(".png"), words, LARGEST_BYTES)
     lines = (
         (kind, clip.name, len(clip.values), k, k / FRAMES_PER_SECOND)
         for kind, clip in clip_kinds(rig.clips).items()

@@ -66,7 +66,7 @@ def panel_grid(rows: Sequence[Sequence[np.ndarray]], titles: Sequence, names: Se
     return figure
 
 
-def png(figure, words: Words) -> bytes:
+def png(figure, words: Words, largest_bytes: int = LARGEST_BYTES) -> bytes:
     """Return a figure as PNG with a palette and its alt text inside, in fewer colours if it would be too large.
 
     The same figure gives the same bytes.
@@ -82,7 +82,7 @@ def png(figure, words: Words) -> bytes:
     for colours in (256, 128, 64, 32, 16):
         out = io.BytesIO()
         _with_palette(picture, colours).save(out, format="PNG", optimize=True, pnginfo=about)
-        if out.tell() < LARGEST_BYTES:
+        if out.tell() < largest_bytes:
             break
     return out.getvalue()
 
@@ -101,8 +101,8 @@ def _with_palette(picture, colours: int):
     return found
 
 
-def save_figure(figure, path: Path, words: Words) -> None:
+def save_figure(figure, path: Path, words: Words, largest_bytes: int = LARGEST_BYTES) -> None:
     """Write a figure as `png` makes it, and `path` with the ending .json beside it with alt text and caption."""
-    path.write_bytes(png(figure, words))
+    path.write_bytes(png(figure, words, largest_bytes))
     text = json.dumps({"alt": words.alt, "caption": words.caption}, indent=1, ensure_ascii=False)
     path.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
