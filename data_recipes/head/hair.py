@@ -44,7 +44,7 @@ STYLES = {
         (
             (0, 66), (16, 65), (32, 60), (45, 53), (55, 42), (62, 28), (68, 14), (74, 4), (78, 2), (82, 8), (88, 13),
             (96, 12), (104, -4), (112, -20), (124, -34), (150, -45), (180, -47),
-        ), 8.5, (30, 1.0), 3.0,
+        ), 8.0, (30, 1.0), 4.5,
     ),
     "short": Style(
         (
@@ -70,7 +70,8 @@ def hair(recipe: Recipe, x: Float[np.ndarray, "n 3"]) -> Prop:
     line = PchipInterpolator(*_line(style, recipe, centre).T)(side) * scale
     count, depth = style.locks
     front = 1 - smooth_step(side, 50, 66)
-    line = line - style.fringe * scale * front * np.abs(np.cos(0.5 * count * turn))
+    uneven = 0.62 + 0.38 * np.sin(3.4 * turn + 0.9)  # no two tips of a fringe hang alike
+    line = line - style.fringe * scale * front * uneven * np.abs(np.cos(0.42 * count * turn + 0.5 * np.sin(4 * turn)))
     p, normal = (_both_sides(half) for half in _scalp(recipe, style, turn[COLUMNS // 2 :], centre, x))
     low = _meet(p, line)
     share = np.concatenate([[0.0, 0.0], np.linspace(0.0, 1.0, ROWS - 2) ** 1.15])
