@@ -46,6 +46,11 @@ def test_a_head_twice_as_large_looks_the_same():
     np.testing.assert_allclose(project(points, small, 100, 100)[0], project(2 * points, large, 100, 100)[0], atol=1e-9)
 
 
+def test_shoulders_do_not_change_a_camera():
+    bust = np.concatenate([HEAD, np.float32([[-150, -180, 0], [150, -180, 0]])])
+    assert camera_for("front", bust) == camera_for("front", HEAD)
+
+
 def test_only_faces_in_the_frame_and_turned_to_the_camera_are_in_view():
     triangle = np.float32([[0, 0, 0], [10, 0, 0], [0, 10, 0]])
     vertices = np.concatenate([triangle, triangle + np.float32([500, 0, 0])])

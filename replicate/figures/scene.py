@@ -61,6 +61,7 @@ class Camera:
 
 # For a head of the teen's size, eyes at y = 0; `camera_for` fits them to others by their width from ear to ear.
 HEAD_WIDTH_MM = 188.0
+HEAD_FROM_MM = -60.0  # the width is that above this height: a bust's shoulders don't count
 CAMERAS = {
     "front": Camera((0, -11, 40), 264),
     "three_quarter": Camera((0, -11, 30), 264, 35, 6),
@@ -112,7 +113,8 @@ PORTRAIT = Lighting(
 
 def camera_for(name: str, neutral: Float[np.ndarray, "n 3"]) -> Camera:
     """Return a named camera, scaled to the width of a head in its neutral pose."""
-    camera, scale = CAMERAS[name], float(np.ptp(neutral[:, 0])) / HEAD_WIDTH_MM
+    head = neutral[neutral[:, 1] > HEAD_FROM_MM]
+    camera, scale = CAMERAS[name], float(np.ptp((head if len(head) else neutral)[:, 0])) / HEAD_WIDTH_MM
     focus = tuple(scale * x for x in camera.focus)
     return Camera(focus, scale * camera.height_mm, camera.azimuth_deg, camera.elevation_deg, scale * camera.distance_mm)
 
