@@ -82,8 +82,14 @@ def load_recipe(name_or_path: str | Path) -> Recipe:
         if not path.is_file():
             allowed = f"{', '.join(recipe_names())} or a .toml file"
             raise InputError(f"recipe {str(name_or_path)!r}: found no such character, allowed are {allowed}")
+    recipe = _check(read_table(Recipe, read_toml(path), str(path), "", {"file": path.name}))
+    return replace(recipe, clip_files=tuple(str(path.parent / name) for name in recipe.clip_files))
+
+
+def read_toml(path: Path) -> dict:
+    """Return a TOML file's table. Raises InputError for a missing file, bytes that are no text, and broken TOML."""
     try:
-        table = tomllib.loads(path.read_bytes().decode("utf-8"))
+        return tomllib.loads(path.read_bytes().decode("utf-8"))
     except OSError as error:
         raise InputError(f"{path}: found no readable file ({error.strerror}), allowed is a recipe in TOML") from error
     except UnicodeDecodeError as error:
@@ -91,12 +97,14 @@ def load_recipe(name_or_path: str | Path) -> Recipe:
         raise InputError(f"{path}: found {found}, allowed is a recipe in TOML") from error
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: found broken TOML ({error}), allowed is a recipe in TOML") from error
-    recipe = _check(_read(Recipe, table, str(path), "", {"file": path.name}))
-    return replace(recipe, clip_files=tuple(str(path.parent / name) for name in recipe.clip_files))
 
 
-def _read(kind: type, table: dict, file: str, prefix: str, given: dict) -> Any:
-    """Build a dataclass from a TOML table, field by field; `given` are fields that don't come from it."""
+def read_table(kind: type, table: dict, file: str, prefix: str, given: dict) -> Any:
+    """Build a dataclass from a TOML table, field by field; `given` are fields that don't come from it.
+
+    kind: a dataclass whose fields say by their metadata what is allowed, as in `recipe_sections`. file, prefix: for
+    messages. Raises InputError, naming file and key.
+    """
     known = {spec.name: spec for spec in fields(kind) if spec.name not in given}
     for key in table:
         if key not in known:
@@ -110,7 +118,7 @@ def _read(kind: type, table: dict, file: str, prefix: str, given: dict) -> Any:
         elif is_dataclass(section):
             if not isinstance(table[key], dict):
                 raise InputError(f"{file}: '{prefix}{key}': found {table[key]!r}, allowed is a table [{key}]")
-            values[key] = _read(section, table[key], file, f"{prefix}{key}.", {})
+            values[key] = read_table(section, table[key], file, f"{prefix}{key}.", {})
         else:
             try:
                 values[key] = _value(table[key], spec)
