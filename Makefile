@@ -10,6 +10,8 @@ DEVICE     ?=
 CONFIG     ?=
 SPLIT      ?=
 LATEX      ?=
+ICT_FACEKIT ?=
+export ICT_FACEKIT
 POSE       ?=
 CLIP       ?=
 PARAMS     ?=
@@ -60,6 +62,7 @@ help: ## print this help
 	@echo "  SEED=  JOBS=  DEVICE=  CONFIG=  SPLIT=   as \`python -m replicate table2 --help\` says"
 	@echo "  POSE=  CLIP=  PARAMS=  TO=  TOLERANCE=   as \`python -m replicate export --help\` says"
 	@echo "  LATEX=1         \`make compare\` in LaTeX"
+	@echo "  ICT_FACEKIT=    the folder of ICT-FaceKit, for CHARACTERS=ict: a face that nobody here made"
 	@echo "  PYTHON=         the Python, 3.11 or newer, that .venv is made with"
 
 environment: $(ENVIRONMENT) ## make .venv with the exact packages, unless an active environment has them

@@ -16,6 +16,8 @@ from jaxtyping import Float, Float32, UInt8
 
 from data_recipes.controls import make_controls
 from data_recipes.deformers import face, props, wrinkles
+from data_recipes.ict import chain as ict_chain
+from data_recipes.ict import props as ict_props
 from data_recipes.rig import Clip, Rig, check_rig
 from replicate.errors import InputError
 from replicate.mesh import Mesh
@@ -23,11 +25,15 @@ from replicate.mesh import Mesh
 
 @dataclass(frozen=True)
 class FaceParts:
-    """What makes a rig one of ours: the deformers' constants, the props at rest and the paint; leaves are arrays."""
+    """What makes a rig one of ours: the deformers' constants, the props at rest, the paint; and which deformers.
+
+    The leaves are arrays. chain: a key of `CHAINS`.
+    """
 
     constants: Any
     props: tuple[props.RestProp, ...]
     paint: UInt8[np.ndarray, "n 3"]
+    chain: str = "face"
 
     @cached_property
     def held(self) -> Any:
@@ -35,14 +41,18 @@ class FaceParts:
         return jax.tree.map(jnp.asarray, self.constants)
 
 
+# By chain: the module of its nodes, and the function that poses its props.
+CHAINS = {"face": (face, props.pose), "ict": (ict_chain, ict_props.pose)}
+
+
 @cache
-def _evaluate() -> Callable:
-    return jax.jit(face.evaluate)
+def _evaluate(chain: str) -> Callable:
+    return jax.jit(CHAINS[chain][0].evaluate)
 
 
 def face_function(parts: FaceParts) -> Callable:
     """Return r(p), (b, m) → (b, n, 3), compiled per batch size; its constants are arguments, so it compiles fast."""
-    evaluate = _evaluate()
+    evaluate = _evaluate(parts.chain)
     return lambda params: evaluate(parts.held, jnp.asarray(params, jnp.float32))
 
 
@@ -130,13 +140,14 @@ def node_steps(
 def _chosen(rig: Rig, skip: Collection[str], upto: str | None) -> list[face.Node]:
     if rig.face is None:
         raise InputError(f"rig '{rig.name}': it has no nodes, where only rigs built from recipes can be run by them.")
-    names = [node.name for node in face.NODES]
+    chain = CHAINS[rig.face.chain][0].NODES
+    names = [node.name for node in chain]
     skip = (skip,) if isinstance(skip, str) else tuple(skip)
     unknown = [name for name in (*skip, *([upto] if upto is not None else [])) if name not in names]
     if unknown:
         raise InputError(f"rig '{rig.name}': it has no node '{unknown[0]}'; allowed are {', '.join(names)}.")
     last = len(names) if upto is None else names.index(upto) + 1
-    return [_switched_off(node) if node.name in skip else node for node in face.NODES[:last]]
+    return [_switched_off(node) if node.name in skip else node for node in chain[:last]]
 
 
 def run_nodes(
@@ -149,7 +160,7 @@ def run_nodes(
 
 def wrinkle_states(rig: Rig, params: Float[np.ndarray, " m"]) -> dict[str, wrinkles.RegionState]:
     """Return what each wrinkle region does in a pose, by name."""
-    names = [node.name for node in face.NODES]
+    names = [node.name for node in CHAINS[rig.face.chain][0].NODES]
     before = names[names.index("wrinkles") - 1]
     *_, (_, state) = node_steps(rig, np.asarray(params, np.float32)[None], upto=before)
     return wrinkles.region_states(rig.face.held["wrinkles"], state["x"], state["u"])
@@ -160,4 +171,4 @@ def pose_props(rig: Rig, params: Float[np.ndarray, " m"]) -> list[tuple[str, np.
     p = np.asarray(params, np.float32).reshape(1, -1)
     vertices = np.asarray(rig.function(p))[0]
     columns = {control.name: i for i, control in enumerate(rig.controls)}
-    return props.pose(rig.face.props, rig.face.constants, columns, p, vertices, rig.mesh.neutral)
+    return CHAINS[rig.face.chain][1](rig.face.props, rig.face.constants, columns, p, vertices, rig.mesh.neutral)

@@ -29,7 +29,7 @@ from data_recipes.sampling import (
 )
 from replicate.errors import InputError
 from replicate.mesh import Mesh
-from replicate.paths import recipe_file
+from replicate.paths import character_names, recipe_file
 
 __all__ = [
     "Clip",
@@ -153,9 +153,9 @@ class Rig:
     @property
     def nodes(self) -> tuple:
         """The deformers in order, each a name and a `function(constants, state) → state`; none for foreign rigs."""
-        from data_recipes.deformers.face import NODES
+        from data_recipes.face_rig import CHAINS
 
-        return NODES if self.face is not None else ()
+        return CHAINS[self.face.chain][0].NODES if self.face is not None else ()
 
     def run_nodes(self, params, skip: Collection[str] = (), upto: str | None = None) -> np.ndarray:
         """Return the vertices (b, n, 3) of (b, m) by running each node for itself, as a production engine does.
@@ -245,19 +245,22 @@ def check_rig(rig: Rig, tolerance_mm: float = 1e-3) -> Rig:
 
 
 def rig_names() -> tuple[str, ...]:
-    """Return the names of the characters that come with the suite."""
-    from data_recipes.recipe import recipe_names
-
-    return recipe_names()
+    """Return the names of the characters that come with the suite, and of those whose folders a variable names."""
+    return character_names()
 
 
 def recipe_files(name_or_recipe: str | Path) -> tuple[Path, ...]:
-    """Return the files that a character is made of: its recipe and the clips that this names.
+    """Return the files that a character is made of: its recipe, the clips that this names, and a model's files.
 
-    Raises InputError for a bad recipe.
+    Raises InputError for a bad recipe or a model that is not there.
     """
+    from data_recipes.ict import recipe as ict_recipe
+    from data_recipes.ict.model import model_files
     from data_recipes.recipe import load_recipe
 
+    if ict_recipe.is_facekit(name_or_recipe):
+        clips = map(Path, ict_recipe.load_recipe(name_or_recipe).clip_files)
+        return recipe_file(str(name_or_recipe)), *clips, *model_files()
     return recipe_file(str(name_or_recipe)), *map(Path, load_recipe(name_or_recipe).clip_files)
 
 
@@ -267,8 +270,10 @@ def build_rig(name_or_recipe: str | Path) -> Rig:
     name_or_recipe: one of `rig_names()`, or the path of a recipe in TOML. Raises InputError for a bad recipe.
     """
     from data_recipes import face_rig
+    from data_recipes.ict import build as ict_build
+    from data_recipes.ict.recipe import is_facekit
 
-    return face_rig.build(name_or_recipe)
+    return ict_build.build(name_or_recipe) if is_facekit(name_or_recipe) else face_rig.build(name_or_recipe)
 
 
 def load_rig(folder: Path) -> Rig:
@@ -298,15 +303,16 @@ def read_clip(rig: Rig, file: Path) -> Float32[np.ndarray, "t m"]:
 def expression_poses(rig: Rig) -> dict[str, Float32[np.ndarray, " m"]]:
     """Return a face's expressions by name, each as parameters (m,) within the controls' ranges; the neutral pose first.
 
-    A rig whose controls have other names than ours has the neutral pose alone.
+    A rig whose controls have other names than ours, or than ARKit's, has the neutral pose alone.
     """
     from data_recipes.expressions import EXPRESSIONS
+    from data_recipes.ict.names import our_pose
     from data_recipes.motion import pose
 
     columns = {control.name: index for index, control in enumerate(rig.controls)}
     poses = {"neutral": rig.default}
     for name, amounts in EXPRESSIONS.items():
-        found = np.clip(pose(columns, amounts), rig.lower, rig.upper).astype(np.float32)
+        found = np.clip(pose(columns, amounts) + our_pose(columns, amounts), rig.lower, rig.upper).astype(np.float32)
         if found.any():
             poses[name] = found
     return poses

@@ -12,13 +12,13 @@ import numpy as np
 
 from data_recipes.controls import Control
 from data_recipes.deformers.props import RestProp
-from data_recipes.face_rig import FaceParts, face_function
+from data_recipes.face_rig import CHAINS, FaceParts, face_function
 from data_recipes.rig import Clip, Rig
 from replicate.errors import InputError
 from replicate.mesh import Mesh
 
 DESCRIPTION, ARRAYS = "rig.json", "rig.npz"
-FORMAT = 2
+FORMAT = 3
 MESH = ("neutral", "faces", "uv", "segment")
 PROP = ("colours", "vertices", "faces", "index", "weight")
 
@@ -64,6 +64,7 @@ def save_rig(rig: Rig, folder: Path) -> None:
         "control_point_regions": rig.control_point_regions,
         "clips": None if rig.clips is None else [clip.name for clip in rig.clips],
         "props": [[prop.name, prop.follow] for prop in rig.face.props],
+        "chain": rig.face.chain,
     }
     np.savez(folder / ARRAYS, **arrays)
     beside = folder / (DESCRIPTION + ".part")
@@ -97,7 +98,9 @@ def _assemble(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> Rig:
         RestProp(name, follow, **{part: arrays[f"props/{i}/{part}"] for part in PROP})
         for i, (name, follow) in enumerate(about["props"])
     )
-    parts = FaceParts(constants, props, arrays["paint"])
+    if about["chain"] not in CHAINS:
+        raise ValueError(f"its chain is {about['chain']!r}, of {', '.join(CHAINS)}")
+    parts = FaceParts(constants, props, arrays["paint"], about["chain"])
     clips = about["clips"]
     if clips is not None:
         clips = tuple(Clip(name, arrays[f"clips/{i}"]) for i, name in enumerate(clips))

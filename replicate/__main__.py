@@ -212,7 +212,8 @@ _OPTIONS = {
     "profile": {"default": "laptop", "help": f"one of {', '.join(PROFILES)} (default: laptop)"},
     "characters": {
         "nargs": "+",
-        "help": f"names, of {', '.join(paths.character_names())}, or paths of .toml recipes",
+        "help": f"names, of {', '.join(paths.character_names())}, or paths of .toml recipes; "
+        + ", ".join(f"{name} needs {variable}=folder in the environment" for name, variable in paths.OUTSIDE.items()),
     },
     "seed": {
         "default": ["0"],

@@ -8,6 +8,7 @@ RECIPES = ROOT / "data_recipes"
 RESULTS = ROOT / "results"
 PAPER = RESULTS / "paper"
 REFERENCE = RESULTS / "reference"
+OUTSIDE = {"ict": "ICT_FACEKIT"}  # characters whose data is not in the project → the variable that names its folder
 
 
 def cache_folder() -> Path:
@@ -23,13 +24,17 @@ def run_folder(profile: str) -> Path:
 
 
 def character_names() -> tuple[str, ...]:
-    """Return the names of the characters: one recipe file each."""
-    return tuple(sorted(path.stem for path in RECIPES.glob("*.toml")))
+    """Return the names of the characters: one recipe file each, and those whose data a variable names."""
+    outside = tuple(name for name, variable in OUTSIDE.items() if os.environ.get(variable, "").strip())
+    return (*sorted(path.stem for path in RECIPES.glob("*.toml")), *outside)
 
 
 def recipe_file(character: str) -> Path:
     """Return the recipe of a character, given by its name or as the path of a `.toml` file of one's own."""
-    return Path(character).resolve() if character.endswith(".toml") else RECIPES / f"{character}.toml"
+    if character.endswith(".toml"):
+        return Path(character).resolve()
+    inner = RECIPES / character / f"{character}.toml"  # of a character whose data lies elsewhere
+    return inner if inner.is_file() else RECIPES / f"{character}.toml"
 
 
 def shown(path: Path) -> str:

@@ -85,7 +85,7 @@ def pose(
                 u[0, columns[name]] if name in columns else 0.0 for name in (f"look_x_{side}", f"look_y_{side}")
             )
             centre = np.asarray(constants[f"lids_{side}"]["centre"])
-            x = (x - centre) @ _gaze(aside * GAZE_RAD[0], up * GAZE_RAD[1]) + centre
+            x = (x - centre) @ gaze_rotation(aside * GAZE_RAD[0], up * GAZE_RAD[1]) + centre
         rest.append(x)
     # Everything bends, squashes and stretches as the whole head does, in one go.
     planes = jnp.asarray(np.concatenate(rest).T[None], jnp.float32)
@@ -106,7 +106,7 @@ def _compiled_warp() -> Callable:
     return jax.jit(head_shape.warp)
 
 
-def _gaze(aside: float, up: float) -> np.ndarray:
+def gaze_rotation(aside: float, up: float) -> np.ndarray:
     """Return the matrix for row vectors that turns z up and then towards +x."""
     c, s = np.cos(up), np.sin(up)
     pitch = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])

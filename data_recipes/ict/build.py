@@ -1,0 +1,179 @@
+"""A rig from a folder in ICT-FaceKit's format: its mesh, its expressions as controls, our jaw, wrinkles and acting."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from data_recipes.clip_file import read_clip
+from data_recipes.controls import Control
+from data_recipes.deformers import jaw, wrinkles
+from data_recipes.deformers.planes import place_of
+from data_recipes.deformers.saturation import REACH, SHARPNESS, limits
+from data_recipes.deformers.surface_operators import adjacency
+from data_recipes.ict.acting import perform
+from data_recipes.ict.charts import build_charts
+from data_recipes.ict.jaw_fit import JAW_CONTROLS, fit_jaw
+from data_recipes.ict.marks import control_points, landmarks, region_of
+from data_recipes.ict.model import FaceKit, read_model
+from data_recipes.ict.paint import paint
+from data_recipes.ict.parts import SOFT, Segments, split
+from data_recipes.ict.props import rest_props, sphere_centre
+from data_recipes.ict.recipe import FaceKitRecipe, Reach, load_recipe
+from data_recipes.ict.regions import build_regions
+from replicate.errors import InputError
+from replicate.mesh import Mesh
+
+EYES_Z_MM = 62.0  # our own heads' eyes are at y = 0 and here, and the cameras know it
+NOISE_MM = 0.01  # what a shape moves by less is rounding of the model's making, and would count as influence
+CLOSE, SIDES = "mouthClose", ("L", "R")
+LID_CONTROLS = ("eyeSquint_*", "eyeWide_*", "eyeLookUp_*", "eyeLookDown_*")
+CLOSING = ("eyeBlink_L", "eyeBlink_R", CLOSE)
+
+
+def build(name_or_recipe: str | Path):
+    """Return the rig. Raises InputError, naming the folder, the file or the recipe's key, for what cannot be."""
+    from data_recipes.face_rig import FaceParts, face_function
+    from data_recipes.rig import Clip, Rig, check_rig
+
+    recipe = load_recipe(name_or_recipe)
+    model = placed(read_model(recipe.vertices), recipe)
+    controls = tuple(Control(name, 0.0, 0.0, 1.0, region_of(name)) for name in model.offsets)
+    clips = [Clip(Path(file).stem, read_clip(Path(file), controls)) for file in recipe.clip_files]
+    clips = [Clip(name, values) for name, values in perform(controls, recipe.acting)] + clips
+    segments = split(model, recipe.parts, recipe.file)
+    uv, _ = build_charts(model, segments, len(SOFT))
+    mesh = Mesh(
+        neutral=model.vertices[segments.vertices].astype(np.float32),
+        faces=segments.faces.astype(np.int32),
+        uv=np.clip(uv, 0, 1).astype(np.float32),
+        segment=segments.segment.astype(np.int32),
+        segment_names=segments.names,
+    )
+    marks = _marks(model, segments, recipe.file)
+    constants = build_constants(model, segments, marks, recipe)
+    colours = paint(mesh.neutral.astype(np.float64), segments, marks)
+    face = FaceParts(constants, rest_props(model, recipe.parts), colours, "ict")
+    names, vertices = landmarks(marks)
+    points, regions = control_points(marks)
+    rig = Rig(
+        name=recipe.name,
+        mesh=mesh,
+        controls=controls,
+        landmarks=vertices,
+        landmark_names=names,
+        control_points=points,
+        control_point_regions=regions,
+        clips=tuple(clips) or None,
+        function=face_function(face),
+        face=face,
+    )
+    return check_rig(rig, tolerance_mm=1e-4)
+
+
+def placed(model: FaceKit, recipe: FaceKitRecipe) -> FaceKit:
+    """Return the model moved, not turned or scaled, so that the middle between its eyes is where ours have it."""
+    balls = [getattr(recipe.parts, f"eyeball_{side}") for side in ("left", "right")]
+    centre = np.mean([sphere_centre(model.vertices[a : b + 1]) for a, b in balls], axis=0)
+    shift = np.array([0.0, -centre[1], EYES_Z_MM - centre[2]])
+    return FaceKit(model.vertices + shift, model.polygons, model.uv, model.uv_polygons, model.offsets, model.landmarks)
+
+
+def _marks(model: FaceKit, segments: Segments, file: str) -> Int[np.ndarray, " l"]:
+    place = np.full(len(model.vertices), -1)
+    place[segments.vertices] = np.arange(len(segments.vertices))
+    marks = place[model.landmarks]
+    if (marks < 0).any():
+        found = model.landmarks[np.flatnonzero(marks < 0)[0]]
+        raise InputError(f"{file}: 'parts': found landmark vertex {found} in none of them, where one is needed")
+    return marks
+
+
+def build_constants(model: FaceKit, segments: Segments, marks: np.ndarray, recipe: FaceKitRecipe) -> dict[str, Any]:
+    """Return the constants of every node of `chain.NODES`."""
+    x = model.vertices[segments.vertices]
+    n, m = len(x), len(model.offsets)
+    columns = {name: column for column, name in enumerate(model.offsets)}
+    teeth = [name for name in segments.names if name not in SOFT]
+    lower = segments.members(*segments.lower)
+    still = segments.members(*(name for name in teeth if name not in segments.lower))
+    graph = adjacency(segments.faces, n)
+    shapes = {name: _clean(offset[segments.vertices]) for name, offset in model.offsets.items()}
+    fit = fit_jaw(x, {name: shapes[name] for name in JAW_CONTROLS if name in shapes}, lower, still, graph)
+    inside = np.concatenate([segments.members("gums_tongue"), lower, still])
+    fields = np.stack([fit.offsets.get(name, shapes[name]) for name in columns])
+    for name, column in columns.items():
+        fields[column] = _clean(fields[column])
+        if name not in JAW_CONTROLS:
+            fields[column, inside] = 0.0  # the mouth's inside moves with the jaw alone; there is noise in other shapes
+    closing = np.zeros_like(fields)
+    if CLOSE in columns:
+        closing[columns[CLOSE]], fields[columns[CLOSE]] = fields[columns[CLOSE]].copy(), 0.0
+    turn, slide = np.zeros((m, 3)), np.zeros((m, 3))
+    for name, rotation, shift in zip(JAW_CONTROLS, fit.turn_rad, fit.slide_mm, strict=True):
+        turn[columns[name]], slide[columns[name]] = rotation, shift
+    face = np.zeros(n, bool)
+    face[segments.members("face")] = True
+    regions = build_regions(x, segments.faces, segments.polygons, face, x[marks], recipe.folds, m)
+    return {
+        "neutral": np.ascontiguousarray(x.T, np.float32),
+        "limits": control_limits(columns, recipe.reach),
+        "controls": control_constants(columns, recipe.reach),
+        "shapes": _bounded(_packed(fields), recipe.reach.vertex),
+        "jaw": jaw.prepare(fit.weight, fit.pivot),
+        "jaw_turn": turn.astype(np.float32),
+        "jaw_slide": slide.astype(np.float32),
+        "closing": _packed(closing),
+        "wrinkles": wrinkles.prepare(regions, x, segments.faces),
+    }
+
+
+def _clean(offset: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    return np.where(np.linalg.norm(offset, axis=1, keepdims=True) > NOISE_MM, offset, 0.0)
+
+
+def _farthest(columns: dict[str, int], reach: Reach) -> Float[np.ndarray, " m"]:
+    return np.array([reach.closing if name in CLOSING else reach.control for name in columns])
+
+
+def control_limits(columns: dict[str, int], reach: Reach) -> dict[str, np.ndarray]:
+    """Return what `saturate` needs: every control rests at 0 and goes as far as its reach."""
+    rest = np.zeros(len(columns))
+    return limits(rest, _farthest(columns, reach) / REACH, rest)
+
+
+def control_constants(columns: dict[str, int], reach: Reach) -> dict[str, np.ndarray]:
+    """Return what `chain.effective` needs besides: the stretch that makes 1 give a full shape, blinks and gates."""
+    m = len(columns)
+    blink, gate, free = np.zeros((m, m)), np.zeros((m, m)), np.ones(m)
+    for side in SIDES:
+        shut = columns.get(f"eyeBlink_{side}")
+        for name in (name.replace("*", side) for name in LID_CONTROLS):
+            if shut is not None and name in columns:
+                blink[shut, columns[name]] = 1.0
+    if CLOSE in columns and "jawOpen" in columns:
+        gate[columns["jawOpen"], columns[CLOSE]] = 1.0
+        free[columns[CLOSE]] = 0.0
+    return {
+        "stretch": ((1 - _farthest(columns, reach) ** -SHARPNESS) ** (-1 / SHARPNESS)).astype(np.float32),
+        "blink": blink.astype(np.float32),
+        "gate": gate.astype(np.float32),
+        "free": free.astype(np.float32),
+    }
+
+
+def _packed(fields: Float[np.ndarray, "m n 3"]) -> dict[str, np.ndarray]:
+    """Return the fields (m, 3 s) on the vertices that any of them moves, and these vertices' places."""
+    support = np.flatnonzero(np.abs(fields).max(axis=(0, 2)) > 0)
+    packed = np.ascontiguousarray(fields[:, support].transpose(0, 2, 1), np.float32)
+    return {"fields": packed.reshape(len(fields), -1), "place": place_of(support, fields.shape[1])}
+
+
+def _bounded(shapes: dict[str, np.ndarray], reach: float) -> dict[str, np.ndarray]:
+    """Add 1/c² of each moved vertex: c is `reach` times the farthest that any one shape moves it, in mm."""
+    fields = shapes["fields"].reshape(len(shapes["fields"]), 3, -1).astype(np.float64)
+    farthest = np.maximum((fields**2).sum(axis=1).max(axis=0), NOISE_MM**2)
+    return shapes | {"inverse_square": (1 / (reach**2 * farthest)).astype(np.float32)}

@@ -1,0 +1,110 @@
+"""A real jaw out of linear shapes: what the lower teeth do in each jaw shape is rigid, so it is a rotation and a slide.
+
+The skin follows by weights that are read off jawOpen, and what weights can't say stays as an offset, applied in the
+resting jaw's frame: each jaw shape alone, in full, is the model's own to rounding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
+
+from data_recipes.deformers.jaw import turn
+from data_recipes.deformers.surface_operators import smooth_values
+from replicate.errors import InputError
+
+JAW_CONTROLS = ("jawOpen", "jawForward", "jawLeft", "jawRight")
+SMOOTHING_PASSES = 6
+SOFTNESS_MM2 = 1.0  # of the weights' least squares: near the axis, where the jaw moves nothing, the weight goes to 0
+SMALLEST_TURN = 1e-3  # of a rotation matrix less the identity; smaller ones leave the pivot open
+
+
+@dataclass(frozen=True)
+class JawFit:
+    """A jaw.
+
+    pivot: (3,) mm, the point of jawOpen's axis nearest to the middle. turn_rad: (4, 3) rotation vectors and slide_mm:
+    (4, 3) translations of `JAW_CONTROLS` at 1. weight: (n,) shares, 1 on the lower teeth, 0 on the upper ones.
+    offsets: by control, (n, 3) mm in the resting jaw's frame. residual_mm: (4,) RMS by which the model's own lower
+    teeth miss a rigid motion.
+    """
+
+    pivot: Float[np.ndarray, " 3"]
+    turn_rad: Float[np.ndarray, "4 3"]
+    slide_mm: Float[np.ndarray, "4 3"]
+    weight: Float[np.ndarray, " n"]
+    offsets: dict[str, Float[np.ndarray, "n 3"]]
+    residual_mm: Float[np.ndarray, " 4"]
+
+
+def fit_jaw(
+    x: Float[np.ndarray, "n 3"],
+    shapes: dict[str, Float[np.ndarray, "n 3"]],
+    lower: Int[np.ndarray, " l"],
+    still: Int[np.ndarray, " s"],
+    graph,
+) -> JawFit:
+    """Fit the jaw to its shapes.
+
+    x: the neutral. shapes: `JAW_CONTROLS`' offsets from it. lower: the lower teeth. still: the upper ones. graph: of
+    the mesh's edges, for smoothing. Raises InputError when a shape is missing or jawOpen turns nothing.
+    """
+    for name in JAW_CONTROLS:
+        if name not in shapes:
+            raise InputError(f"expressions: found no '{name}', where {', '.join(JAW_CONTROLS)} are required")
+    motions = [_rigid(x[lower], x[lower] + shapes[name][lower]) for name in JAW_CONTROLS]
+    pivot = _pivot(*motions[0])
+    turns = np.array([Rotation.from_matrix(rotation.T).as_rotvec() for rotation, _ in motions])
+    slides = np.array([pivot @ rotation + shift - pivot for rotation, shift in motions])
+    missed = [
+        np.sqrt((((x[lower] @ rotation + shift) - (x[lower] + shapes[name][lower])) ** 2).sum(1).mean())
+        for name, (rotation, shift) in zip(JAW_CONTROLS, motions, strict=True)
+    ]
+    if np.linalg.norm(turns[0]) < SMALLEST_TURN:
+        raise InputError(f"expressions: '{JAW_CONTROLS[0]}' doesn't turn the lower teeth, where a rotation is needed")
+    weight = _weights(x, shapes[JAW_CONTROLS[0]], pivot, turns[0], slides[0], lower, still, graph)
+    offsets = {}
+    for name, rotation, slide in zip(JAW_CONTROLS, turns, slides, strict=True):
+        posed = x + shapes[name] - pivot - weight[:, None] * slide
+        offsets[name] = turned(posed, -weight[:, None] * rotation) + pivot - x
+        offsets[name][np.concatenate([lower, still])] = 0.0
+    return JawFit(pivot, turns, slides, weight, offsets, np.array(missed))
+
+
+def turned(vectors: Float[np.ndarray, "n 3"], rotation: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Return vectors turned by rotation vectors, with the deformer's own series."""
+    planes = (jnp.asarray(a.T[None], jnp.float32) for a in (vectors, rotation))
+    return np.asarray(turn(*planes), np.float64)[0].T
+
+
+def _rigid(
+    source: Float[np.ndarray, "l 3"], target: Float[np.ndarray, "l 3"]
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
+    """Return the rotation R and translation t, for row vectors, that best carry one set of points to another."""
+    from_centre, to_centre = source.mean(axis=0), target.mean(axis=0)
+    rotation = Rotation.align_vectors(target - to_centre, source - from_centre)[0].as_matrix().T
+    return rotation, to_centre - from_centre @ rotation
+
+
+def _pivot(rotation: Float[np.ndarray, "3 3"], shift: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
+    """Return the point that a motion leaves where it is, or slides least: of its axis, the one nearest to 0."""
+    return np.linalg.lstsq((rotation - np.eye(3)).T, -shift, rcond=SMALLEST_TURN)[0]
+
+
+def _weights(x, offset, pivot, rotation, slide, lower, still, graph) -> Float[np.ndarray, " n"]:
+    """Return each vertex's share in jawOpen, 0 … 1: where on its arc it comes nearest to the shape."""
+    weight = np.zeros(len(x))
+    for _ in range(6):  # Gauss–Newton on the arc
+        moved = turned(x - pivot, weight[:, None] * rotation)
+        tangent = np.cross(rotation, moved) + slide
+        missing = offset + x - pivot - moved - weight[:, None] * slide
+        gradient = (tangent * missing).sum(1) - SOFTNESS_MM2 * weight
+        weight = np.clip(weight + gradient / ((tangent**2).sum(1) + SOFTNESS_MM2), 0.0, 1.0)
+    fixed = np.zeros(len(x), bool)
+    fixed[lower] = fixed[still] = True
+    weight[lower], weight[still] = 1.0, 0.0
+    return np.clip(smooth_values(weight, graph, SMOOTHING_PASSES, fixed), 0.0, 1.0)

@@ -1,0 +1,71 @@
+"""The model's 68 landmarks (Multi-PIE) as landmarks and control points of the rig, and its controls' regions."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Int
+
+# Thirty of them, of both sides and the middle; the model's left is the picture's right.
+LANDMARKS = {
+    "chin": 8,
+    "jaw_right": 5,
+    "jaw_left": 11,
+    "jaw_corner_right": 3,
+    "jaw_corner_left": 13,
+    "brow_outer_right": 17,
+    "brow_mid_right": 19,
+    "brow_inner_right": 21,
+    "brow_inner_left": 22,
+    "brow_mid_left": 24,
+    "brow_outer_left": 26,
+    "nasion": 27,
+    "nose_tip": 30,
+    "nose_wing_right": 31,
+    "nose_wing_left": 35,
+    "eye_outer_right": 36,
+    "lid_upper_right": 37,
+    "eye_inner_right": 39,
+    "lid_lower_right": 41,
+    "eye_inner_left": 42,
+    "lid_upper_left": 44,
+    "eye_outer_left": 45,
+    "lid_lower_left": 46,
+    "mouth_corner_right": 48,
+    "lip_upper_top": 51,
+    "mouth_corner_left": 54,
+    "lip_lower_bottom": 57,
+    "lip_upper_mid": 62,
+    "lip_lower_mid": 66,
+}
+# First and last landmark of each region of control points.
+REGIONS = (
+    ((4, 12), "jaw"),
+    ((17, 26), "brows"),
+    ((28, 35), "nose"),
+    ((36, 41), "eye_right"),
+    ((42, 47), "eye_left"),
+    ((48, 67), "mouth"),
+)
+# By the beginning of a control's name.
+CONTROL_REGIONS = (("brow", "brows"), ("cheek", "cheeks"), ("jaw", "jaw"), ("mouth", "mouth"), ("nose", "nose"))
+
+
+def region_of(control: str) -> str:
+    """Return the region of the face that a control belongs to."""
+    if control.startswith("eye"):
+        return "eye_left" if control.endswith("_L") else "eye_right"
+    return next((region for start, region in CONTROL_REGIONS if control.startswith(start)), "head")
+
+
+def landmarks(marks: Int[np.ndarray, " l"]) -> tuple[tuple[str, ...], Int[np.ndarray, " k"]]:
+    """Return the landmarks' names and vertices. marks: the 68 as the mesh's vertices."""
+    return tuple(LANDMARKS), marks[list(LANDMARKS.values())].astype(np.int32)
+
+
+def control_points(marks: Int[np.ndarray, " l"]) -> tuple[Int[np.ndarray, " c"], tuple[str, ...]]:
+    """Return the vertices that an animator drags, each once, and their regions."""
+    chosen: dict[int, str] = {}
+    for (first, last), region in REGIONS:
+        for vertex in marks[first : last + 1].tolist():
+            chosen.setdefault(vertex, region)
+    return np.array(list(chosen), np.int32), tuple(chosen.values())

@@ -1,0 +1,188 @@
+"""Reading ICT-FaceKit's files: a neutral OBJ with polygons and charts, an OBJ an expression, indices in JSON.
+
+The format is plain Wavefront OBJ. A reader of our own takes it, because general ones split vertices at the charts'
+seams or merge them, and every index of this model means something.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from replicate.errors import InputError
+
+VARIABLE = "ICT_FACEKIT"
+SOURCE = "ICT-FaceKit by USC ICT on GitHub, ICT-FaceKit/FaceXModel"
+NEUTRAL, INDICES = "generic_neutral_mesh.obj", "vertex_indices.json"
+MM = 10.0  # the model is in centimetres
+LANDMARKS = 68  # Multi-PIE's markup
+WIDEST_MM, NARROWEST_MM = 2000.0, 60.0  # a bust whose unit is not the centimetre lies outside
+
+
+@dataclass(frozen=True)
+class FaceKit:
+    """A model as its files give it, in mm.
+
+    vertices: (n, 3). polygons: (q, 4) vertex indices, −1 in the last place of a triangle; uv_polygons: (q, 4) the same
+    for `uv` (t, 2). offsets: by expression, (n, 3) from the neutral. landmarks: (68,) vertices in Multi-PIE's order.
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    polygons: Int[np.ndarray, "q 4"]
+    uv: Float[np.ndarray, "t 2"]
+    uv_polygons: Int[np.ndarray, "q 4"]
+    offsets: dict[str, Float[np.ndarray, "n 3"]]
+    landmarks: Int[np.ndarray, " l"]
+
+
+def model_folder() -> Path:
+    """Return the folder of the model's files: `$ICT_FACEKIT` itself or its FaceXModel.
+
+    Raises InputError when the variable is not set or names no folder with a neutral mesh.
+    """
+    named = os.environ.get(VARIABLE, "").strip()
+    if not named:
+        raise InputError(
+            f"the character needs a folder that is not part of this project ({SOURCE}): get it and name it, as in "
+            f"{VARIABLE}=/path/to/ICT-FaceKit"
+        )
+    folder = Path(named).expanduser().resolve()
+    for found in (folder, folder / "FaceXModel"):
+        if (found / NEUTRAL).is_file():
+            return found
+    raise InputError(f"{VARIABLE}={named}: found no {NEUTRAL} there, allowed is the folder of {SOURCE}")
+
+
+def model_files() -> tuple[Path, ...]:
+    """Return the files that are read: indices, neutral and the expressions that the indices list, in their order.
+
+    Raises InputError for a missing one.
+    """
+    folder = model_folder()
+    names = _indices(folder / INDICES)["expressions"]
+    files = (folder / INDICES, folder / NEUTRAL, *(folder / f"{name}.obj" for name in names))
+    for file in files:
+        if not file.is_file():
+            raise InputError(f"{file}: found no such file, though {INDICES} lists it: allowed is a whole {SOURCE}")
+    return files
+
+
+def read_model(vertices: int) -> FaceKit:
+    """Read the model. `vertices` is how many it must have.
+
+    Raises InputError, naming the file, for one that is missing, broken or of another version.
+    """
+    indices_file, neutral_file, *expression_files = model_files()
+    indices = _indices(indices_file)
+    rest, uv, polygons, uv_polygons = read_obj(neutral_file)
+    if len(rest) != vertices:
+        raise InputError(f"{neutral_file}: found {len(rest)} vertices, where the {vertices} of {SOURCE} are allowed")
+    width = MM * np.ptp(rest[:, 0])
+    if not NARROWEST_MM < width < WIDEST_MM:
+        raise InputError(
+            f"{neutral_file}: the model is {width:g} mm wide, where {NARROWEST_MM:g} to {WIDEST_MM:g} are allowed; "
+            "its unit is taken to be the centimetre"
+        )
+    offsets = {}
+    for file in expression_files:
+        posed = read_vertices(file)
+        if len(posed) != len(rest):
+            raise InputError(f"{file}: found {len(posed)} vertices, where the {len(rest)} of {NEUTRAL} are allowed")
+        offsets[file.stem] = MM * (posed - rest)
+    landmarks = np.array(indices["idx_to_landmark_verts"], np.int64)
+    bad = np.flatnonzero((landmarks < 0) | (landmarks >= len(rest)))
+    if len(landmarks) != LANDMARKS or len(bad):
+        found = f"{len(landmarks)} landmarks" if len(landmarks) != LANDMARKS else f"vertex {landmarks[bad[0]]}"
+        allowed = f"{LANDMARKS} landmarks from 0 to {len(rest) - 1} are allowed"
+        raise InputError(f"{indices_file}: 'idx_to_landmark_verts': found {found}, where {allowed}")
+    return FaceKit(MM * rest, polygons, uv, uv_polygons, offsets, landmarks)
+
+
+def _indices(file: Path) -> dict[str, list]:
+    try:
+        table = json.loads(file.read_text(encoding="utf-8"))
+        names, landmarks = table["expressions"], table["idx_to_landmark_verts"]
+        if not names or not all(isinstance(name, str) and name.isidentifier() for name in names):
+            raise TypeError("its expressions are no list of names")
+        if not all(type(index) is int for index in landmarks):
+            raise TypeError("its idx_to_landmark_verts are no list of vertices")
+        return {"expressions": names, "idx_to_landmark_verts": landmarks}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{file}: found no readable table of indices ({error}), allowed is that of {SOURCE}"
+        ) from error
+
+
+def _text(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{file}: found no readable OBJ ({error})") from error
+
+
+def _numbers(text: str, kind: str, width: int, file: Path) -> Float[np.ndarray, "n w"]:
+    """Return the first `width` numbers of every line that begins with `kind`."""
+    rows = re.findall(rf"^{kind}[ \t]+(.+)$", text, re.MULTILINE)
+    try:  # all lines have the same count of numbers; some exporters add colours or a third coordinate
+        values = np.array(" ".join(rows).split(), np.float64).reshape(len(rows), -1)[:, :width]
+        if values.shape[1] < width:
+            raise ValueError
+    except ValueError as error:
+        raise InputError(f"{file}: found a line '{kind}' without {width} numbers, or no such line") from error
+    if not len(rows) or not np.isfinite(values).all():
+        raise InputError(f"{file}: found {len(rows)} lines '{kind}', where finite numbers in one or more are allowed")
+    return values
+
+
+def read_vertices(file: Path) -> Float[np.ndarray, "n 3"]:
+    """Return the vertices of an OBJ in its own unit. Raises InputError, naming the file, when there are none."""
+    return _numbers(_text(file), "v", 3, file)
+
+
+def read_obj(file: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return vertices (n, 3), texture coordinates (t, 2), polygons and their texture polygons, both (q, 4).
+
+    A triangle has −1 in the last place; a polygon of more than four corners becomes a fan of triangles. A vertex keeps
+    its index, however many texture coordinates its polygons give it. Raises InputError, naming file and line, for
+    faces without texture coordinates or with indices out of range.
+    """
+    text = _text(file)
+    vertices, uv = _numbers(text, "v", 3, file), _numbers(text, "vt", 2, file)
+    corners: list[list[tuple[int, int]]] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.startswith("f "):
+            continue
+        try:
+            polygon = [_corner(word, len(vertices), len(uv)) for word in line.split()[1:]]
+        except (ValueError, IndexError):
+            polygon = []
+        if len(polygon) < 3:
+            raise InputError(
+                f"{file}: line {number} is {line.strip()!r}, where a face of three or more corners v/vt within "
+                f"{len(vertices)} vertices and {len(uv)} texture coordinates is allowed"
+            )
+        fans = [polygon] if len(polygon) <= 4 else [[polygon[0], *pair] for pair in pairwise(polygon[1:])]
+        corners += [fan + [(-1, -1)] * (4 - len(fan)) for fan in fans]
+    if not corners:
+        raise InputError(f"{file}: found no faces, where one or more are allowed")
+    table = np.array(corners, np.int64)
+    return vertices, uv, table[:, :, 0], table[:, :, 1]
+
+
+def _corner(word: str, vertices: int, coordinates: int) -> tuple[int, int]:
+    """Return a corner's indices from 0; OBJ counts from 1, and backwards from −1."""
+    index = []
+    for text, count in zip(word.split("/")[:2], (vertices, coordinates), strict=True):
+        value = int(text)
+        value = value - 1 if value > 0 else count + value
+        if not 0 <= value < count:
+            raise IndexError(word)
+        index.append(value)
+    return index[0], index[1]

@@ -1,0 +1,127 @@
+"""The model's parts as segments: which vertices are approximated, their triangles, and every tooth for itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Bool, Float, Int
+from scipy.sparse.csgraph import connected_components
+
+from data_recipes.ict.model import FaceKit
+from data_recipes.ict.recipe import Parts
+from replicate.errors import InputError
+
+# The skin, the sockets behind the lids and the mouth's inside; every tooth is a segment beside them.
+SOFT = ("face", "head", "mouth", "eye_socket_left", "eye_socket_right", "gums_tongue")
+JAW_OPEN = "jawOpen"
+TIE_MM = 1e-9  # diagonals that differ by less are equally long, and the first is taken
+
+
+@dataclass(frozen=True)
+class Segments:
+    """The approximated part of the model.
+
+    vertices: (n,) the model's indices; what else stands here counts in their order. polygons, uv_polygons: (q, 4) as
+    in FaceKit, their vertices renumbered. faces: (f, 3). segment: (n,) with `names`. lower: names of the jaw's teeth.
+    """
+
+    vertices: Int[np.ndarray, " n"]
+    polygons: Int[np.ndarray, "q 4"]
+    uv_polygons: Int[np.ndarray, "q 4"]
+    faces: Int[np.ndarray, "f 3"]
+    segment: Int[np.ndarray, " n"]
+    names: tuple[str, ...]
+    lower: tuple[str, ...]
+
+    def members(self, *names: str) -> Int[np.ndarray, " k"]:
+        """Return the vertices of some segments."""
+        return np.flatnonzero(np.isin(self.segment, [self.names.index(name) for name in names]))
+
+
+def split(model: FaceKit, parts: Parts, file: str) -> Segments:
+    """Return the model's parts as segments, the teeth by connected components.
+
+    file: the recipe, for messages. Raises InputError for parts that share a vertex, or a polygon that no list of
+    parts holds wholly.
+    """
+    ranges = {name: np.arange(getattr(parts, name)[0], getattr(parts, name)[1] + 1) for name in (*SOFT, "teeth")}
+    vertices = np.concatenate(list(ranges.values()))
+    if len(np.unique(vertices)) < len(vertices):
+        raise InputError(f"{file}: 'parts': found a vertex in two of {', '.join(ranges)}, where one is allowed")
+    place = np.full(len(model.vertices) + 1, -1)  # the last stands for "no fourth corner"
+    place[vertices] = np.arange(len(vertices))
+    corners = np.where(model.polygons < 0, len(model.vertices), model.polygons)
+    polygons = place[corners]
+    held = (polygons >= 0).sum(axis=1)
+    wanted = (model.polygons >= 0).sum(axis=1)
+    torn = np.flatnonzero((held > 0) & (held < wanted))
+    if len(torn):
+        found = model.polygons[torn[0]].tolist()
+        raise InputError(f"{file}: 'parts': found face {found} partly outside of {', '.join(ranges)}: allowed is none")
+    keep = held == wanted
+    polygons = polygons[keep]
+
+    segment = np.repeat(np.arange(len(ranges)), [len(ids) for ids in ranges.values()])
+    teeth = np.flatnonzero(segment == len(SOFT))
+    names, lower = list(SOFT), []
+    for name, members, in_jaw in _teeth(model, vertices, polygons, teeth):
+        segment[members] = len(names)
+        names.append(name)
+        lower += [name] * in_jaw
+    faces = triangles(polygons, model.vertices[vertices], _ears(polygons, segment))
+    return Segments(vertices, polygons, model.uv_polygons[keep], faces, segment, tuple(names), tuple(lower))
+
+
+def _teeth(model: FaceKit, vertices: np.ndarray, polygons: np.ndarray, teeth: np.ndarray):
+    """Return (name, vertices, whether the jaw carries it) of each tooth, from the right to the left, upper first."""
+    edges = polygon_edges(polygons)
+    graph = sp.csr_matrix((np.ones(len(edges)), edges.T), shape=(len(vertices),) * 2)
+    count, owner = connected_components(graph[teeth][:, teeth], directed=False)
+    members = [teeth[owner == k] for k in range(count)]
+    moved = np.linalg.norm(model.offsets[JAW_OPEN][vertices], axis=1)
+    in_jaw = [bool(moved[ids].mean() > 0.5 * moved[teeth].max()) for ids in members]
+    along = [model.vertices[vertices[ids], 0].mean() for ids in members]
+    named, seen = [], {False: 0, True: 0}
+    for k in sorted(range(count), key=lambda k: (in_jaw[k], along[k])):
+        seen[in_jaw[k]] += 1
+        named.append((f"tooth_{'lower' if in_jaw[k] else 'upper'}_{seen[in_jaw[k]]:02d}", members[k], in_jaw[k]))
+    return named
+
+
+def _ears(polygons: np.ndarray, segment: np.ndarray) -> np.ndarray:
+    """Return (n,) bool: vertices that only one of their segment's own quads holds, corners that stick out.
+
+    A quad is cut through such a corner: the other way its triangle lies flat where a chart's border is straight.
+    """
+    quads = polygons[polygons[:, 3] >= 0]
+    owner = segment[quads]
+    own = quads[(owner == owner[:, :1]).all(axis=1)]
+    return np.bincount(own.ravel(), minlength=len(segment)) == 1
+
+
+def polygon_edges(polygons: Int[np.ndarray, "q 4"]) -> Int[np.ndarray, "e 2"]:
+    """Return the polygons' edges, without diagonals, each once, smaller index first."""
+    quads, trios = polygons[polygons[:, 3] >= 0], polygons[polygons[:, 3] < 0, :3]
+    pairs = [np.stack([p, np.roll(p, -1, axis=1)], axis=-1).reshape(-1, 2) for p in (quads, trios)]
+    return np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
+
+
+def triangles(
+    polygons: Int[np.ndarray, "q 4"], x: Float[np.ndarray, "n 3"], through: Bool[np.ndarray, " n"] | None = None
+) -> Int[np.ndarray, "f 3"]:
+    """Return triangles, in the polygons' order.
+
+    Quads are cut along their shorter diagonal, but through a corner of `through` where one has one.
+    """
+    quad = polygons[:, 3] >= 0
+    a, b, c, d = polygons.T
+    other = np.linalg.norm(x[b] - x[d], axis=1) < np.linalg.norm(x[a] - x[c], axis=1) - TIE_MM
+    if through is not None:
+        other = (other & ~(through[a] | through[c])) | through[b] | through[d]
+    other &= quad
+    first = np.where(other[:, None], np.stack([a, b, d], 1), np.stack([a, b, c], 1))
+    second = np.where(other[:, None], np.stack([b, c, d], 1), np.stack([a, c, d], 1))
+    both = np.stack([first, second], axis=1).reshape(-1, 3)
+    return both[np.stack([np.ones(len(quad), bool), quad], axis=1).ravel()]

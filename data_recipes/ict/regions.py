@@ -1,0 +1,159 @@
+"""Where this face folds, found by its 68 landmarks: forehead, glabella, crow's feet and nasolabial folds.
+
+The folds are the strain-driven ones of `deformers.wrinkles`, as on our own faces; there is no control for their gains,
+so each region has that of the recipe.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int
+
+from data_recipes.deformers.sculpting import smoothstep
+from data_recipes.deformers.surface_operators import submesh, vertex_normals
+from data_recipes.deformers.wrinkle_regions import ridges
+from data_recipes.deformers.wrinkles import SMALLEST_THRESHOLD, Region
+from data_recipes.ict.recipe import Folds
+
+UP, OUT = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
+# Multi-PIE's numbers. The model's left is +x, the picture's right.
+BROW_INNER, BROW_OUTER, NASION, SUBNASALE = {"left": 22, "right": 21}, {"left": 26, "right": 17}, 27, 33
+NOSE_SIDE, EYE_OUTER = {"left": 35, "right": 31}, {"left": 45, "right": 36}
+MOUTH_CORNER, LIPS = {"left": 54, "right": 48}, slice(48, 60)
+FOREHEAD = 0.75  # brow to hair line, of brow to subnasale; by the canon of thirds it is 1, but the upper part is still
+MIDLINE_MM = 0.5
+FEWEST = 6  # a region of fewer vertices is left out
+
+
+@dataclass(frozen=True)
+class Skin:
+    """The face's skin: x (n, 3) mm with its normals, faces, polygons (q, 4), face: (n,) bool, marks: (68, 3)."""
+
+    x: np.ndarray
+    normals: np.ndarray
+    faces: np.ndarray
+    polygons: np.ndarray
+    face: np.ndarray
+    marks: np.ndarray
+
+
+Parts = tuple[str, np.ndarray, np.ndarray, float, np.ndarray]  # name, vertices, fibre (s, 3), wavelength, pattern
+
+
+def build_regions(x, faces, polygons, face: np.ndarray, marks: np.ndarray, folds: Folds, m: int) -> list[Region]:
+    """Return the wrinkle regions. face: (n,) bool, the skin that may fold. marks: (68, 3). m: the rig's controls."""
+    skin = Skin(x, vertex_normals(x, faces), faces, polygons, face, marks)
+    parts = [(folds.forehead, _forehead(skin, folds.rows)), (folds.glabella, _glabella(skin))]
+    for side in ("left", "right"):
+        parts += [(folds.crow, _crow(skin, side)), (folds.nasolabial, _nasolabial(skin, side))]
+    built = []
+    for gain, (name, vertices, fibre, wavelength, pattern) in parts:
+        used = np.unique(submesh(faces, vertices, len(x))[0])
+        if len(used) < FEWEST or gain == 0:
+            continue
+        natural = np.array([m], np.int32), np.ones((1, len(used)), np.float32)  # no control: always at its gain
+        numbers = (gain * pattern[used], SMALLEST_THRESHOLD, *natural)
+        built.append(Region(name, vertices[used].astype(np.int32), fibre[used], wavelength, *numbers))
+    return built
+
+
+def walk_rows(polygons: Int[np.ndarray, "q 4"], seeds: list[int], inside: np.ndarray) -> dict[int, float]:
+    """Return vertex → number of its row: the seeds' edge loops, followed to both sides while `inside` and regular.
+
+    seeds: a column of vertices, upwards. At a vertex of four quads a loop goes on along the edge that shares no quad
+    with the one it came by; anywhere else it ends.
+    """
+    beside: dict[int, dict[int, set[int]]] = {}
+    for polygon in polygons[polygons[:, 3] >= 0].tolist():
+        for k, vertex in enumerate(polygon):
+            a, b = polygon[k - 1], polygon[(k + 1) % 4]
+            around = beside.setdefault(vertex, {})
+            around.setdefault(a, set()).add(b)
+            around.setdefault(b, set()).add(a)
+    column, row = set(seeds), {}
+    for number, seed in enumerate(seeds):
+        row[seed] = float(number)
+        for step in set(beside.get(seed, {})) - column:
+            before, vertex = seed, step
+            while inside[vertex] and vertex not in row:
+                row[vertex] = float(number)
+                around = beside[vertex]
+                ahead = set(around) - around[before] - {before}
+                if len(around) != 4 or len(ahead) != 1:
+                    break
+                before, vertex = vertex, ahead.pop()
+    return row
+
+
+def _forehead(s: Skin, rows_per_fold: int) -> Parts:
+    """Ridges along the mesh's rows from the brows upwards, their valleys on edge loops."""
+    brow = 0.5 * (s.marks[BROW_INNER["left"]] + s.marks[BROW_INNER["right"]])
+    height = FOREHEAD * (brow[1] - s.marks[SUBNASALE, 1])
+    reach = 1.05 * s.marks[BROW_OUTER["left"], 0]
+    y = s.x[:, 1]
+    band = s.face & (y > brow[1] - 4) & (y < brow[1] + height) & (s.x[:, 2] > 0)
+    middle = np.flatnonzero(band & (np.abs(s.x[:, 0]) < MIDLINE_MM))
+    seeds = middle[np.argsort(y[middle])].tolist()
+    row = walk_rows(s.polygons, seeds, band & (np.abs(s.x[:, 0]) < reach))
+    vertices, number = np.array(list(row), int), np.array(list(row.values()))
+    count = max(len(seeds) - 1, 1)
+    spacing = np.linalg.norm(np.diff(s.x[seeds], axis=0), axis=1).mean() if len(seeds) > 1 else 1.0
+    window = smoothstep(number, 0.02 * count, 0.16 * count) * smoothstep(number, 1.0 * count, 0.75 * count)
+    window = window * smoothstep(np.abs(s.x[vertices, 0]), reach, 0.6 * reach)
+    pattern = 0.8 * window * ridges(number / rows_per_fold + 0.5)
+    return "forehead", vertices, np.tile(UP, (len(vertices), 1)), rows_per_fold * spacing, pattern
+
+
+def _glabella(s: Skin) -> Parts:
+    """Two upright grooves between the brows."""
+    inner, top = s.marks[BROW_INNER["left"], :2]
+    low = 0.5 * (s.marks[NASION, 1] + top)
+    x, y = s.x[:, 0], s.x[:, 1]
+    near = (np.abs(x) < 1.5 * inner) & (y > low - 12) & (y < top + 16) & (s.x[:, 2] > 0)
+    vertices = np.flatnonzero(near & s.face)
+    x, y = np.abs(x[vertices]), y[vertices]
+    groove = 0.5 * inner
+    pattern = 0.5 - 2.0 * np.exp(-(((x - groove) / (0.4 * groove)) ** 2))
+    window = smoothstep(x, 1.45 * inner, 0.8 * inner) * smoothstep(y, low - 11, low) * smoothstep(y, top + 14, top)
+    return "glabella", vertices, np.tile(OUT, (len(vertices), 1)), 9.0, window * pattern
+
+
+def _crow(s: Skin, side: str) -> Parts:
+    """A fan of folds, 19° apart, from the outer corner of the eye."""
+    sign = 1.0 if side == "left" else -1.0
+    away = s.x - s.marks[EYE_OUTER[side]]
+    out = np.array([0.55 * sign, 0, -0.83])  # outwards along the skin
+    along, distance = away @ out, np.linalg.norm(away, axis=1)
+    vertices = np.flatnonzero((distance < 36) & (along > 2) & s.face)
+    a, b, distance = along[vertices], away[vertices, 1], distance[vertices]
+    angle = np.degrees(np.arctan2(b, a + 3.0))
+    window = smoothstep(distance, 6, 12) * smoothstep(distance, 34, 20) * smoothstep(np.abs(angle + 4), 62, 38)
+    radial = (a + 3.0)[:, None] * out + b[:, None] * UP
+    fibre = np.cross(s.normals[vertices], radial)
+    fibre /= np.maximum(np.linalg.norm(fibre, axis=1, keepdims=True), 1e-9)
+    return f"crow_{side}", vertices, fibre, 6.0, window * ridges(angle / 19 + 0.5)
+
+
+def _nasolabial(s: Skin, side: str) -> Parts:
+    """One fold from the nose's wing to beside the mouth's corner: a crease with the cheek's roll beyond it."""
+    sign = 1.0 if side == "left" else -1.0
+    start = s.marks[NOSE_SIDE[side]] + np.array([8.0 * sign, 7.0, -4.0])
+    end = s.marks[MOUTH_CORNER[side]] + np.array([12.0 * sign, -3.0, -6.0])
+    bend = 0.5 * (start + end) + np.array([5.0 * sign, 3.0, 0.0])
+    t = np.linspace(0, 1, 60)[:, None]
+    curve = (1 - t) ** 2 * start + 2 * t * (1 - t) * bend + t**2 * end
+    near = np.linalg.norm(s.x[:, None, :2] - curve[None, :, :2], axis=2)
+    place = near.argmin(axis=1)
+    across = np.cross(np.gradient(curve, axis=0)[place], s.normals)
+    across *= np.where(sign * across[:, :1] < 0, -1.0, 1.0)
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    off_lips = np.linalg.norm(s.x[:, None] - s.marks[None, LIPS], axis=2).min(axis=1) > 7
+    wanted = (near.min(axis=1) < 18) & (sign * s.x[:, 0] > 8) & s.face & off_lips & (s.x[:, 2] > end[2] - 30)
+    vertices = np.flatnonzero(wanted)
+    d = ((s.x - curve[place]) * across).sum(axis=1)[vertices]
+    place = place[vertices] / 59
+    pattern = -1.9 * np.exp(-((d / 3.2) ** 2)) + 1.3 * np.exp(-(((d - 7.5) / 4.8) ** 2))
+    window = smoothstep(place, 0.0, 0.12) * smoothstep(place, 1.0, 0.65) * smoothstep(np.abs(d), 17, 12)
+    return f"nasolabial_{side}", vertices, across[vertices], 11.0, window * pattern
