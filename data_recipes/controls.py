@@ -185,6 +185,21 @@ HEAD = (
 LID_FOLLOW = ("look_y_*", "look_x_*", "follow_upper_*", "follow_lower_*")
 
 
+# What a creature has beyond a human face (name, lower, region); each pair of frills may be missing from a head.
+FRILLS = ("crown", "temple", "cheek", "jaw")
+CREATURE = (
+    *((f"frill_{name}_raise_*", -1.0, "frills") for name in FRILLS),
+    *((f"frill_{name}_spread_*", -1.0, "frills") for name in FRILLS),
+    ("ear_spread_*", -1.0, "ears"),
+    ("ear_fold_*", 0.0, "ears"),
+    ("snarl_*", 0.0, "mouth"),
+    ("jowl_*", 0.0, "mouth"),
+    ("brow_ridge_*", -1.0, "brows"),
+    ("throat_pouch", 0.0, "neck"),
+    ("tongue_hump", -1.0, "mouth"),
+)
+
+
 def _sided(names: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:
     """Expand "*" in (name, region) to both sides."""
     expanded = []
@@ -214,6 +229,11 @@ def control_groups() -> dict[str, list[Control]]:
         "wrinkles": [Control(name, -1.0, 0.0, 1.0, region) for name, region in WRINKLES],
         "head": [Control(name, -1.0, 0.0, 1.0, "head") for name in HEAD],
         "lid_follow": [Control(name, -1.0, 0.0, 1.0, region) for name, region in _sided(follow)],
+        "creature": [
+            Control(name, lower, 0.0, 1.0, region)
+            for pattern, lower, where in CREATURE
+            for name, region in _sided(((pattern, where),))
+        ],
     }
 
 

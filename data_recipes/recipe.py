@@ -18,6 +18,7 @@ from data_recipes.recipe_sections import (
     Controls,
     Ears,
     Eyes,
+    Frills,
     Mouth,
     Nose,
     Props,
@@ -51,6 +52,7 @@ class Recipe:
     eyes: Eyes = field(default_factory=Eyes)
     mouth: Mouth = field(default_factory=Mouth)
     ears: Ears = field(default_factory=Ears)
+    frills: Frills = field(default_factory=Frills)
     teeth: Teeth = field(default_factory=Teeth)
     tongue: Tongue = field(default_factory=Tongue)
     template: Template = field(default_factory=Template)

@@ -96,11 +96,16 @@ class Skull:
     socket: Triple = _triple((33.0, 1.0, 97.0))
     socket_radii: Triple = _triple((28.0, 20.0, 20.0), 2.0)
     socket_yaw_deg: float = _number(-20.0, -80.0, 80.0)
+    jaw_pivot: Triple = _triple((0.0, -14.0, 2.0))
 
 
 @dataclass(frozen=True)
 class Nose:
-    """The nose's cones and the nostrils (mm)."""
+    """The nose's cones and the nostrils (mm).
+
+    Nostrils open towards `nostril_facing`, are longest along `nostril_long` and lead on to `nostril_inwards`, three
+    directions.
+    """
 
     root: Triple = _triple((0.0, 12.0, 77.0))
     root_radius: float = _number(8.0, 1.0, 40.0)
@@ -116,6 +121,9 @@ class Nose:
     wing_blend: float = _number(8.0, 1.0, 40.0)
     nostril_axes: Triple = _triple((2.5, 3.5, 5.0), 0.3, 30.0)
     nostril_place: Triple = _triple((0.74, 0.73, 0.0), -30.0, 30.0)
+    nostril_facing: Triple = _triple((0.0, -1.0, 0.0), -1.0, 1.0)
+    nostril_long: Triple = _triple((0.25, 0.0, 1.0), -1.0, 1.0)
+    nostril_inwards: Triple = _triple((0.0, 0.8, -0.1), -1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -132,6 +140,7 @@ class Eyes:
     lower_deg: float = _number(18.0, 1.0, 80.0)
     crease: float = _number(1.5, 0.0, 6.0)
     under_eye: float = _number(0.5, 0.0, 6.0)
+    gaze_yaw_deg: float = _number(0.0, -80.0, 80.0)
     iris_deg: float = _number(28.5, 2.0, 80.0)
     pupil_deg: float = _number(12.0, 1.0, 79.0)
     pupil: str = _choice("round", "round", "slit")
@@ -143,6 +152,9 @@ class Mouth:
     """Lips and mouth bag.
 
     Curves live in wrapped coordinates: (a, b) is a ray from (0, b, axis_z) at the angle a/axis_radius.
+    bag_wrap: how far the bag follows the lips' own outline (1) instead of a circle (0).
+    corner_reach: how far past the lips' ends their border runs, as a share of the half width.
+    travel: how far actions move the lips across, up and out, as shares of what they do to a human mouth of this width.
     """
 
     y: float = _number(-57.0, -300.0, 0.0)
@@ -154,6 +166,9 @@ class Mouth:
     axis_radius: float = _number(62.0, 10.0, 200.0)
     half_gap: float = _number(0.06, 0.005, 2.0)
     philtrum: float = _number(1.0, 0.0, 4.0)
+    corner_reach: float = _number(0.10, 0.0, 0.5)
+    travel: Triple = _triple((1.0, 1.0, 1.0), 0.05, 4.0)
+    bag_wrap: float = _number(0.0, 0.0, 1.0)
     bag_rings: tuple[tuple[float, ...], ...] = _table(
         (
             (0.0, 0.04, 1.6),
@@ -185,9 +200,34 @@ class Ears:
     point: float = _number(0.0, 0.0, 5.0)
 
 
+def _frill():
+    return field(default=(), metadata={"kind": "tuple", "length": 12, "range": (-300.0, 300.0)})
+
+
+@dataclass(frozen=True)
+class Frills:
+    """Pairs of leaf-shaped shells that stand out of the skin, none by default.
+
+    Each has twelve numbers: its root (x, y, z on the left, brought onto the skin), its direction (3), what its front
+    looks at (3), its length and width (mm), and by how much it bends towards its front (deg).
+    """
+
+    crown: tuple[float, ...] = _frill()
+    temple: tuple[float, ...] = _frill()
+    cheek: tuple[float, ...] = _frill()
+    jaw: tuple[float, ...] = _frill()
+    thickness: float = _number(5.0, 0.5, 40.0)
+    rows: int = _count(8, 3, 40)
+    ring: int = _count(10, 8, 60, even=True)
+
+
 @dataclass(frozen=True)
 class Teeth:
-    """Two arches of teeth; `widths` runs from the middle outwards (mm)."""
+    """Two arches of teeth; `widths` runs from the middle outwards (mm).
+
+    lengths_upper, lengths_lower: factors in the same order, 1 where the list ends.
+    overlap: each row reaches half of it past the other's edge. follow: how far the rows rise and fall with the seam.
+    """
 
     style: str = _choice("human", "human", "cone", "strip")
     upper: int = _count(14, 2, 80, even=True)
@@ -196,6 +236,10 @@ class Teeth:
     rings: int = _count(5, 2, 12)
     widths_upper: tuple[float, ...] = _list((8.4, 6.6, 7.6, 7.0, 7.0, 9.8, 9.6), 0.5, 60.0)
     widths_lower: tuple[float, ...] = _list((5.4, 5.8, 6.8, 6.9, 7.1, 10.4, 10.0), 0.5, 60.0)
+    lengths_upper: tuple[float, ...] = _list((1.0,), 0.2, 4.0)
+    lengths_lower: tuple[float, ...] = _list((1.0,), 0.2, 4.0)
+    overlap: float = _number(0.0, -10.0, 40.0)
+    follow: float = _number(0.0, 0.0, 1.0)
     length: float = _number(9.0, 0.5, 40.0)
     thickness: float = _number(7.0, 0.5, 40.0)
     setback: float = _number(10.0, 1.0, 60.0)
@@ -293,3 +337,4 @@ class Controls:
     wrinkles: int = _count(14, 0, 14)
     head: int = _count(12, 0, 12)
     lid_follow: int = _count(8, 0, 8)
+    creature: int = _count(0, 0, 28)

@@ -23,6 +23,7 @@ from data_recipes.deformers import (
     lids,
     lips,
     pose_curves,
+    riders,
     skull_slide,
     teeth,
     wrinkles,
@@ -124,6 +125,11 @@ def wrinkled(constants: FaceConstants, state: State) -> State:
     return state | {"x": wrinkles.wrinkle(constants["wrinkles"], state["x"], state["u"])}
 
 
+def ridden(constants: FaceConstants, state: State) -> State:
+    """After layer 8: frills go with the skin in which they stand."""
+    return state | {"x": riders.ride(constants["riders"], state["x"])}
+
+
 def shape_values(constants: FaceConstants, u: Float[Values, "b m"]) -> ShapeValues:
     """Return the head controls, (b, 1) each."""
     value = u @ constants["head_controls"]
@@ -155,6 +161,7 @@ NODES = (
     Node("lids", lidded, ("gaze_controls", "lids_left", "lids_right")),
     Node("flesh", mushed, ("flesh",)),
     Node("wrinkles", wrinkled, ("wrinkles",)),
+    Node("riders", ridden, ("riders",)),
     Node("head_shape", warped, ("head_controls", "shape")),
     Node("teeth", bitten, ("shape", "teeth")),
 )

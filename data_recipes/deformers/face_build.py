@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from data_recipes.controls import Control, control_index, handle_names
+from data_recipes.controls import Control, control_groups, control_index, handle_names
 from data_recipes.deformers import (
     brow_fields,
+    creature_fields,
     face_fields,
     flesh,
     handles,
@@ -19,6 +20,7 @@ from data_recipes.deformers import (
     lips,
     mouth_fields,
     pose_curves,
+    riders,
     skull_slide,
     teeth,
     wrinkles,
@@ -33,6 +35,7 @@ from data_recipes.deformers.saturation import limits
 from data_recipes.deformers.sculpting import Path, Sculptor, smoothstep
 from data_recipes.deformers.wrinkle_regions import build_regions
 from data_recipes.head import Head
+from data_recipes.head.frills import frill_parts
 
 HANDLE_RADIUS_MM = 44.0
 HANDLE_TRAVEL_MM = (5.0, 5.0, 4.0)
@@ -62,6 +65,11 @@ def build_constants(head: Head, controls: tuple[Control, ...]) -> dict[str, Any]
         "gaze_controls": selection(_columns(GAZE, columns, m), m),
         "flesh": flesh.prepare(s.x, head.faces, s.graph, _flesh_weight(s)),
         "wrinkles": wrinkles.prepare(build_regions(s, columns, m), s.x, head.faces),
+        "riders": riders.prepare(
+            s.x,
+            [head.grids[name] for name in frill_parts(head.recipe)],
+            np.flatnonzero(s.in_parts("face", "cranium", "neck")),
+        ),
         "head_controls": selection(_columns(HEAD_CONTROLS, columns, m), m),
         "shape": head_shape.prepare(
             float(s.x[:, 1].min() + 22.0),
@@ -104,6 +112,10 @@ def _pose_fields(s: Sculptor, columns: dict[str, int], m: int) -> tuple[dict[str
     for name, action in mouth_fields.ACTIONS.items():
         if name.replace("*", "left") in columns:
             path = mouth_fields.sculpt(s, action)
+            paths[name] = paths[name] + path if name in paths else path
+
+    if any(control.name in columns for control in control_groups()["creature"]):
+        for name, path in creature_fields.sculpt(s).items():
             paths[name] = paths[name] + path if name in paths else path
 
     def add(name: str, path: Path) -> None:

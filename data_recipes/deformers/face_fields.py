@@ -21,7 +21,9 @@ def cheeks(s: Sculptor) -> dict[str, Path]:
     hollow = s.nearest(0.55 * corner + 0.25 * cheek + 0.2 * jaw + np.array([6.0, 0, 0]))
     puff = s.bump(hollow, 46.0) * (0.35 + 0.65 * lips)
     upper_lip = s.bump("lip_upper_top", 24.0) * smoothstep(s.x[:, 0], -8, 8)
-    dent = s.bump(s.nearest(corner + np.array([7.0, 2.0, -3.0])), 11.0)
+    mouth = s.head.recipe.mouth
+    wide = max(1.0, mouth.half_width / 24.0 * mouth.travel[0])
+    dent = s.bump(s.nearest(corner + wide * np.array([7.0, 2.0, -3.0])), 11.0 * wide)
     # The ring muscle of the eye gathers the skin beside it: crow's feet.
     beside = s.nearest(s.point("eye_outer_left") + np.array([9.0, -2, -10]))
     gather = -0.3 * (s.bump(beside, 32.0) * (s.x[:, 1] - s.x[beside, 1]))[:, None] * s.up

@@ -31,7 +31,7 @@ def lip_change(sculptor: Sculptor, seam: Motion, border: Motion) -> Float[np.nda
     for j in range(lip_rings + 1):
         t = j / lip_rings
         change[mouth[j]] = (1 - t) * inner + t * outer
-    size = head.recipe.mouth.half_width / 24.0
+    size = head.recipe.mouth.half_width / 24.0 * np.array(head.recipe.mouth.travel)
     change = sculptor.extend(change * size)
     for j, share in enumerate(BAG_SHARES[: len(bag)]):
         change[bag[j]] = share * inner * size

@@ -207,7 +207,8 @@ class Sculptor:
     def relief(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The skull's radius r over wrapped coordinates on a 2 mm grid, smoothed: (a values, b values, r)."""
         mouth = self.head.landmarks["mouth_corner_left"]
-        a = np.arange(-96.0, 97.0, 2.0)
+        reach = max(96.0, 2.0 * np.ceil(self.head.recipe.mouth.half_width))
+        a = np.arange(-reach, reach + 1.0, 2.0)
         b = np.arange(self.x[mouth, 1] - 60.0, self.x[mouth, 1] + 70.0, 2.0)
         grid = np.stack([*np.meshgrid(a, b, indexing="ij"), np.zeros((len(a), len(b)))], axis=-1).reshape(-1, 3)
         near, far = np.full(len(grid), 10.0), np.full(len(grid), 150.0)

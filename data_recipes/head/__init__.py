@@ -17,7 +17,6 @@ from data_recipes.head.props import Prop, build_props
 from data_recipes.head.segments import build_segments
 from data_recipes.head.shape import build_shape, eye_frame, skull_distance
 from data_recipes.recipe import Recipe
-from data_recipes.recipe_sections import PARTS
 from replicate.errors import InputError
 
 __all__ = ["Eye", "Head", "Prop", "build_head"]
@@ -97,6 +96,7 @@ def build_head(recipe: Recipe) -> Head:
     eye_u, eye_side = mouth.ring_parameter(layout.grids["eye_left"].shape[1])
     curves = name_curves(recipe, layout)
     segment, segment_names, uv = build_segments(recipe, layout.part, layout.part_names, build_charts(recipe, layout))
+    tooth_names = layout.part_names[-len(layout.grids["teeth"]) :]
     left, frame = np.array(recipe.eyes.centre), eye_frame(recipe)
     both = {
         "left": Eye(left, recipe.eyes.radius, frame),
@@ -118,9 +118,9 @@ def build_head(recipe: Recipe) -> Head:
         curves=curves,
         landmarks=name_landmarks(recipe, layout, x),
         eyes=both,
-        jaw_pivot=np.array([0.0, -14.0, 2.0]),
+        jaw_pivot=np.array(recipe.skull.jaw_pivot),
         mouth_axis=(recipe.mouth.axis_z, recipe.mouth.axis_radius),
-        teeth_jaw=np.array([1 if "upper" in name else -1 for name in layout.part_names[len(PARTS) :]], np.int32),
+        teeth_jaw=np.array([1 if "upper" in name else -1 for name in tooth_names], np.int32),
         props=build_props(recipe, layout, x),
         paint=paint(recipe, layout, x),
     )

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float, Int
 
-from data_recipes.head import ears, eyes, mouth, nostrils, placement, teeth
+from data_recipes.head import ears, eyes, frills, mouth, nostrils, placement, teeth
 from data_recipes.head.layout import CRANIUM, FACE, NECK, Layout
 from data_recipes.head.shape import Shape
 from data_recipes.recipe import Recipe
@@ -74,6 +74,9 @@ def place(shape: Shape, layout: Layout) -> Float[np.ndarray, "n 3"]:
         x[grids[name]] = teeth.gum_positions(recipe, front, upper, *grids[name].shape)
     x[grids["tongue"]] = teeth.tongue_positions(recipe, front, *grids["tongue"].shape)
     x[grids["tongue_cap"]] = mouth.fill_cap(x[grids["tongue_cap"]])
+    for name, numbers in frills.frill_numbers(recipe).items():
+        grid = grids[f"frill_{name}_left"]
+        x[grid] = frills.frill_positions(shape, numbers, *grid.shape)
     return placement.mirror_left(layout, x)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from data_recipes.head.embedding import square_embedding
+from data_recipes.head.frills import frill_numbers
 from data_recipes.head.layout import CRANIUM, FACE, NECK, Layout, grid_quads
 from data_recipes.recipe import Recipe
 from data_recipes.recipe_sections import Teeth
@@ -28,7 +29,8 @@ def build_charts(recipe: Recipe, layout: Layout) -> Float[np.ndarray, "n 2"]:
     _face(recipe, layout, uv)
     _cranium(recipe, layout, uv)
     _neck(layout, uv)
-    for rings in (grids["mouth_bag"], grids["tongue"], grids["ear_left"][-2::-1]):
+    frills = [grids[f"frill_{name}_left"] for name in frill_numbers(recipe)]
+    for rings in (grids["mouth_bag"], grids["tongue"], grids["ear_left"][-2::-1], *frills):
         _disc(layout, rings, uv)
     _lids(grids["lid_inner_left"], uv)
     for gum in ("gum_upper", "gum_lower"):
@@ -38,7 +40,7 @@ def build_charts(recipe: Recipe, layout: Layout) -> Float[np.ndarray, "n 2"]:
         uv[grids["teeth"]] = np.stack([_strip(shape, upper).reshape(-1, 2) for upper in (True, False)])
     else:
         uv[grids["teeth"]] = _tooth(recipe.teeth)
-    right = np.flatnonzero(np.isnan(uv[:, 0]))  # the right ear and inner lid
+    right = np.flatnonzero(np.isnan(uv[:, 0]))  # the right ear, inner lid and frills
     uv[right] = uv[layout.mirror[right]] * (-1, 1) + (1, 0)
     return uv
 

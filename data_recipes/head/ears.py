@@ -42,15 +42,16 @@ def ear_frame(recipe: Recipe) -> Float[np.ndarray, "3 3"]:
     return np.stack([np.cos(lean) * back - np.sin(lean) * up, np.cos(lean) * up + np.sin(lean) * back, out])
 
 
-def outline(recipe: Recipe, phase: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 2"]:
+def outline(phase: Float[np.ndarray, " k"], point: float) -> Float[np.ndarray, "k 2"]:
     """Return the egg (backwards, up), about unit-sized: full above, narrow at the lobe, flat in front.
 
-    Phase 0 lies behind, a quarter turn on top.
+    Phase 0 lies behind, a quarter turn on top. point: by how much the top is drawn up, and in on its way.
     """
     across, up = np.cos(phase), np.sin(phase)
     egg = 1.0 + 0.16 * up - 0.14 * np.clip(-up, 0, 1) ** 2
-    top = 1.0 + recipe.ears.point * np.clip(up, 0, 1) ** 6
-    return np.stack([across * egg * (0.80 + 0.20 * np.tanh(3 * across)), up * top], -1)
+    top = 1.0 + point * np.clip(up, 0, 1) ** 6
+    narrow = 1.0 - min(point, 0.6) * np.clip(up, 0, 1) ** 3
+    return np.stack([across * egg * (0.80 + 0.20 * np.tanh(3 * across)) * narrow, up * top], -1)
 
 
 def _phase(k: int) -> Float[np.ndarray, " k"]:
@@ -60,7 +61,7 @@ def _phase(k: int) -> Float[np.ndarray, " k"]:
 def base_pins(shape: Shape, k: int) -> Float[np.ndarray, "k 3"]:
     """Return the ear's base, an oval on the head under the front half of the ear."""
     e = shape.recipe.ears
-    oval = outline(shape.recipe, _phase(k)) * (0.46 * e.width / 2, 0.64 * e.height / 2) + (
+    oval = outline(_phase(k), 0.0) * (0.46 * e.width / 2, 0.64 * e.height / 2) + (
         -0.08 * e.width,
         -0.02 * e.height,
     )
@@ -75,7 +76,7 @@ def ear_rings(recipe: Recipe, base: Float[np.ndarray, "k 3"], rings: int) -> Flo
     """Return the ear's rings from the innermost to the one next to its base."""
     e, k = recipe.ears, len(base)
     frame, phase = ear_frame(recipe), _phase(k)
-    egg = outline(recipe, phase) * (e.width / 2, e.height / 2)
+    egg = outline(phase, e.point) * (e.width / 2, e.height / 2)
     front, low = np.clip(-np.cos(phase), 0, 1), np.clip((-np.sin(phase) - 0.45) / 0.5, 0, 1)
     relief = 0.17 * e.width
     strength = (1 - 0.55 * front**2) * (1 - 0.85 * low**1.5)  # the lobe is plain, the rim's root in front is low

@@ -7,12 +7,14 @@ from jaxtyping import Float
 
 from data_recipes.head.layout import Layout
 from data_recipes.head.prop_mesh import Prop, sheet, smooth_step
+from data_recipes.head.shape import rotation_y
 from data_recipes.recipe import Recipe
 
 EYE_WHITE = np.array([0.93, 0.915, 0.895])
 VEINED = np.array([0.86, 0.70, 0.66])  # the white away from the iris
 PUPIL = np.array([0.02, 0.02, 0.025])
 LASHES = (0.09, 0.06, 0.05)
+SLIT = 0.30  # a slit pupil's width over its height
 LIMBUS_DEG = 3.5  # width of the iris's dark rim
 LONGEST_LASH_MM = {"short": 2.4, "long": 4.2}
 
@@ -31,10 +33,11 @@ def eyeball(recipe: Recipe) -> list[Prop]:
     ):
         degrees = np.linspace(outer, inner, rows)[:, None] + 0 * around
         angle = np.radians(degrees)
-        narrow = 0.35 if e.pupil == "slit" and name == "pupil" else 1.0
+        slit = SLIT if e.pupil == "slit" else 1.0
+        narrow = {"pupil": slit, "iris": np.linspace(1.0, slit, rows)[:, None]}.get(name, 1.0)
         sine = np.sin(angle)
         unit = np.stack([narrow * sine * np.cos(around), sine * np.sin(around), np.cos(angle)], -1)
-        unit /= np.linalg.norm(unit, axis=-1, keepdims=True)
+        unit = unit / np.linalg.norm(unit, axis=-1, keepdims=True) @ rotation_y(e.gaze_yaw_deg)
         lift = 1.003 if name == "pupil" else 1.0
         colours = _colours(recipe, name, degrees, around) * _under_lid(recipe, unit)[..., None]
         parts.append(sheet(f"eye_{name}_left", "eye_left", colours, np.array(e.centre) + lift * e.radius * unit))

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Int
 
+from data_recipes.head.frills import frill_numbers, frill_parts
 from data_recipes.head.rings import block_ring, fill_block, grid_quads, ring_mirror, ring_quads
 from data_recipes.head.segments import part_order
 from data_recipes.recipe import Recipe
@@ -68,7 +69,9 @@ def build_layout(recipe: Recipe) -> Layout:
     _midline_rings(b, recipe, grids)
     _paired_rings(b, recipe, grids)
     _gums_and_tongue(b, recipe, grids)
-    names = PARTS + _teeth(b, recipe, grids)
+    names = PARTS + frill_parts(recipe)
+    _frills(b, recipe, grids)
+    names += _teeth(b, recipe, grids, len(names))
     part = np.asarray(b.part)
     place = np.append(np.argsort(part_order(recipe, names)), len(names))  # part -1: removed
     order = np.argsort(place[part], kind="stable")[: int((part >= 0).sum())]
@@ -219,16 +222,28 @@ def _gums_and_tongue(b: _Builder, recipe: Recipe, grids: dict) -> None:
     grids.update(tongue=rows, tongue_cap=cap)
 
 
-def _teeth(b: _Builder, recipe: Recipe, grids: dict) -> tuple[str, ...]:
+def _frills(b: _Builder, recipe: Recipe, grids: dict) -> None:
+    """Frills: socks as the tongue, open at their roots, closed at their tips by a strip."""
+    f = recipe.frills
+    for i, name in enumerate(frill_numbers(recipe)):
+        part = len(PARTS) + 2 * i
+        rows, other = b.new_pair((f.rows, f.ring), part, part + 1)  # from the root to the tip
+        cap = fill_block(rows[-1], 1, f.ring // 2 - 1, np.empty((0, f.ring // 2 - 2), int))
+        b.add(ring_quads(rows[::-1]), both=True)
+        b.add(grid_quads(cap), both=True)
+        grids[f"frill_{name}_left"], grids[f"frill_{name}_right"] = rows, other
+
+
+def _teeth(b: _Builder, recipe: Recipe, grids: dict, first_part: int) -> tuple[str, ...]:
     """Teeth: rings from the root to the edge, closed by a strip; the upper ones from right to left, then the lower."""
     if recipe.teeth.style == "strip":
-        return _strips(b, recipe, grids)
+        return _strips(b, recipe, grids, first_part)
     t, names, teeth = recipe.teeth, [], []
     count = t.rings * t.ring
     for jaw, number in (("upper", t.upper), ("lower", t.lower)):
         first = len(teeth)
         for i in range(number):
-            ids = b.new((count,), len(PARTS) + len(names))
+            ids = b.new((count,), first_part + len(names))
             names.append(f"tooth_{jaw}_{i + 1:02d}")
             teeth.append(ids)
         for i in range(number // 2):
@@ -242,11 +257,11 @@ def _teeth(b: _Builder, recipe: Recipe, grids: dict) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _strips(b: _Builder, recipe: Recipe, grids: dict) -> tuple[str, ...]:
+def _strips(b: _Builder, recipe: Recipe, grids: dict, first_part: int) -> tuple[str, ...]:
     """Teeth merged to one strip a jaw: rows from the outside over the edge inwards, columns from right to left."""
     t, teeth = recipe.teeth, []
     for jaw in range(2):
-        strip = b.new((t.ring, 2 * max(t.upper, t.lower) + 1), len(PARTS) + jaw)
+        strip = b.new((t.ring, 2 * max(t.upper, t.lower) + 1), first_part + jaw)
         b.pair(strip, strip[:, ::-1])
         b.add(grid_quads(strip if jaw else strip[::-1]))
         teeth.append(strip.ravel())

@@ -54,14 +54,14 @@ def lip_pins(shape: Shape, k: int) -> tuple[Float[np.ndarray, "k 3"], Float[np.n
     closed = on_surface(shape, m.half_width * u, seam(recipe, u))
     closed[:, 1] += m.half_gap * side
     v = np.sign(u) * (1 - (1 - np.abs(u)) ** 1.15)  # denser towards the corners, where the lips taper
-    border = on_surface(shape, 1.10 * m.half_width * v, vermilion(recipe, v, side))
+    border = on_surface(shape, (1 + m.corner_reach) * m.half_width * v, vermilion(recipe, v, side))
     return closed, border
 
 
 def corner_pins(shape: Shape, lip_rings: int, rings: int) -> Float[np.ndarray, "r 3"]:
     """Return where the first rings' vertices at the left mouth corner lie: free ones would slip over the seam's end."""
     m, ring = shape.recipe.mouth, np.arange(1, min(lip_rings + 3, rings))
-    reach = 1 + 0.10 * ring / lip_rings + 0.03 * np.maximum(ring - lip_rings, 0)
+    reach = 1 + m.corner_reach * ring / lip_rings + 0.3 * m.corner_reach * np.maximum(ring - lip_rings, 0)
     return on_surface(shape, m.half_width * reach, np.full(len(ring), seam(shape.recipe, np.ones(1))[0]))
 
 
@@ -74,8 +74,10 @@ def bag_positions(recipe: Recipe, seam_ring: Float[np.ndarray, "k 3"], rings: in
     m, k = recipe.mouth, len(seam_ring)
     u, side = ring_parameter(k)
     radius = np.hypot(seam_ring[:, 0], seam_ring[:, 2] - m.axis_z)
-    middle = radius.max()
     phase = np.pi * np.arange(k) / (k // 2)
+    order = np.argsort(u[: k // 2 + 1])
+    outline = np.interp(np.cos(phase), u[: k // 2 + 1][order], radius[: k // 2 + 1][order])
+    middle = (1 - m.bag_wrap) * radius.max() + m.bag_wrap * outline
     out = np.empty((rings, k, 3))
     for i, (growth, half_height, depth) in enumerate(m.bag_rings):
         open_ = np.clip(half_height / 8.0, 0.0, 1.0)

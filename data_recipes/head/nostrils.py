@@ -14,11 +14,12 @@ def _frame(shape: Shape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     n = shape.recipe.nose
     along, tip = n.nostril_place[0], n.nostril_place[1]
     x, z = along * n.wing[0], tip * n.tip[2] + (1 - tip) * n.columella[2] + n.nostril_place[2]
-    below = np.array([[x, n.columella[1] - n.columella_radii[1] - 12.0, z]])
-    centre = raycast(lambda p: skin_distance(shape, p), below + np.array([0, 60.0, 0]), np.array([[0, -1.0, 0]]), 60.0)
+    facing = np.array(n.nostril_facing) / np.linalg.norm(n.nostril_facing)
+    before = np.array([[x, n.columella[1] - n.columella_radii[1], z]]) + 12.0 * facing
+    centre = raycast(lambda p: skin_distance(shape, p), before - 60.0 * facing, facing[None], 60.0)
     normal = distance_and_gradient(lambda p: skin_distance(shape, p), centre, 1.0)[1][0]
     normal /= np.linalg.norm(normal)
-    forward = np.array([0.25, 0, 1.0]) - (0.25 * normal[0] + normal[2]) * normal
+    forward = np.array(n.nostril_long) - (np.array(n.nostril_long) @ normal) * normal
     forward /= np.linalg.norm(forward)
     return centre[0], np.stack([np.cross(forward, normal), forward]), normal
 
@@ -30,9 +31,8 @@ def nostril_rings(shape: Shape, k: int, rings: int) -> Float[np.ndarray, "rings 
     phase = 2 * np.pi * np.arange(k) / k
     oval = (np.stack([np.cos(phase) * wide, np.sin(phase) * long], -1)) @ axes
     rim = project(lambda p: skin_distance(shape, p), centre + oval, steps=6)
-    inwards = (
-        np.array([0.0, 0.8, -0.1]) - 0.6 * normal
-    )  # up into the nose more than straight in: seen from in front, it is dark
+    # A human nostril leads up more than straight in: seen from in front, it is dark.
+    inwards = np.array(shape.recipe.nose.nostril_inwards) - 0.6 * normal
     inwards /= np.linalg.norm(inwards)
     out = [rim]
     for i in range(1, rings):

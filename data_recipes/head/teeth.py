@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from data_recipes.head.mouth import seam
 from data_recipes.recipe import Recipe
+
+LEAN = 0.35  # of its width by which a cone's tip stands behind its root
 
 
 def arch(recipe: Recipe, front_z: float, upper: bool) -> Float[np.ndarray, "s 2"]:
@@ -47,6 +50,21 @@ def tooth_centres(recipe: Recipe, upper: bool) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([-centres[::-1], centres]), np.concatenate([widths[::-1], widths])
 
 
+def seam_lift(recipe: Recipe, points: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, " k"]:
+    """Return how far the rows of teeth rise with the lips' seam at points (x, z) of an arch."""
+    m = recipe.mouth
+    u = np.arctan2(points[:, 0], points[:, 1] - m.axis_z) * m.axis_radius / m.half_width
+    return recipe.teeth.follow * (seam(recipe, np.clip(u, -1, 1)) - seam(recipe, np.zeros(1)))
+
+
+def length_factors(recipe: Recipe, upper: bool) -> Float[np.ndarray, " teeth"]:
+    """Return the teeth's lengths against `teeth.length`, right to left."""
+    t = recipe.teeth
+    given, half = t.lengths_upper if upper else t.lengths_lower, (t.upper if upper else t.lower) // 2
+    left = np.array([*given, *[1.0] * half][:half])
+    return np.concatenate([left[::-1], left])
+
+
 # height share of the crown, width, thickness, inward shift (shares of the tooth's own size)
 # An incisor's front stays upright and it thins from behind, so that light falls on what a smile shows.
 _INCISOR = (
@@ -84,22 +102,31 @@ def tooth_positions(recipe: Recipe, front_z: float, upper: bool) -> Float[np.nda
         np.sign(np.stack([np.cos(phase), np.sin(phase)], -1))
         * np.abs(np.stack([np.cos(phase), np.sin(phase)], -1)) ** 0.75
     )
-    edge = recipe.mouth.y + t.bite_y
+    edge = recipe.mouth.y + t.bite_y - t.overlap / 2 * (1 if upper else -1)
+    factors = length_factors(recipe, upper)
     share = np.abs(centres) / np.abs(centres).max()
+    cone = t.style == "cone"
+    lift = seam_lift(recipe, point)
     out = []
     for i, (p, along_x) in enumerate(zip(point, tangent, strict=True)):
-        molar = np.clip((share[i] - 0.45) / 0.25, 0, 1)
-        table = np.array(_CONE) if t.style == "cone" else (1 - molar) * np.array(_INCISOR) + molar * np.array(_MOLAR)
+        molar = 0.0 if cone else np.clip((share[i] - 0.45) / 0.25, 0, 1)
+        table = np.array(_CONE) if cone else (1 - molar) * np.array(_INCISOR) + molar * np.array(_MOLAR)
         table = np.stack([np.interp(np.linspace(0, 4, t.rings), np.arange(5), column) for column in table.T], -1)
-        long = t.length * (1 - 0.22 * molar) * (1.0 if upper else 0.86) * (1.06 if 0.3 < share[i] < 0.42 else 1.0)
+        long = factors[i] * t.length * (1 - 0.22 * molar) * (1.0 if upper else 0.86)
+        long = long * (1.06 if 0.3 < share[i] < 0.42 and not cone else 1.0)
         thick = t.thickness * (0.9 + 0.45 * molar)
         labial = np.array([-along_x[1], along_x[0]])  # outwards, in (x, z)
         rings = []
         for rise, wide, deep, shift in table:
             u = section[:, 0] * wide * widths[i] / 2 * 0.97
             v = section[:, 1] * deep * thick / 2 * (1 if upper else -1)
+            if cone:  # cones bend backwards along the jaw
+                u = u + LEAN * widths[i] * np.sign(centres[i]) * max(rise, 0.0) ** 2
             flat = p + u[:, None] * along_x + (v - thick / 2 - shift * thick)[:, None] * labial
             tip = edge - 0.6 * molar if upper else edge + t.overbite * 0.55 * (1 - molar) - 0.4
+            if cone:  # their roots stand in line, their tips don't
+                tip = edge + (1 if upper else -1) * (t.length * (1.0 if upper else 0.86) - long)
+            tip = tip + lift[i]
             y = tip + long * (1 - rise) if upper else tip - long * (1 - rise)
             rings.append(np.stack([flat[:, 0], np.full(t.ring, y), flat[:, 1]], -1))
         out.append(np.concatenate(rings))
@@ -134,7 +161,8 @@ def gum_positions(
     point, tangent = along(curve, np.linspace(-reach, reach, columns))
     labial = np.stack([-tangent[:, 1], tangent[:, 0]], -1)
     up = 1.0 if upper else -1.0
-    line = recipe.mouth.y + t.bite_y + up * t.length * (0.86 if upper else 0.72)
+    line = recipe.mouth.y + t.bite_y + up * (t.length * (0.86 if upper else 0.72) - t.overlap / 2)
+    line = line + seam_lift(recipe, point)
     out = np.empty((rows, columns, 3))
     for i, phase in enumerate(np.linspace(-0.15 * np.pi, 1.15 * np.pi, rows)):
         across = g.gum_thickness / 2 * np.cos(phase)
@@ -144,7 +172,7 @@ def gum_positions(
             else point + (across - t.thickness / 2) * labial
         )
         y = line + up * g.gum_height * (0.35 - 0.55 * np.sin(phase))
-        out[i] = np.stack([flat[:, 0], np.full(columns, y), flat[:, 1]], -1)
+        out[i] = np.stack([flat[:, 0], y, flat[:, 1]], -1)
     return out
 
 
