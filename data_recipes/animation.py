@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from data_recipes import speech
-from data_recipes.expressions import EXPRESSIONS
+from data_recipes.expressions import EXPRESSIONS, expression
 from data_recipes.motion import FRAMES_PER_SECOND, blink_profile, drift, freeze, move_keys, pose, through
 from data_recipes.polish import QUIET, deal, family_columns, gesture
 
@@ -42,6 +42,7 @@ class Acting:
     hand: int = _count(6, 0, 20)  # families of fine controls polished in a shot
     holds: float = _number(0.45, 0.0, 1.0)  # share of key poses on which everything stands still for a while
     blinks_per_minute: float = _number(16.0, 0.0, 120.0)
+    dialogues: int = _count(3, 0, 3)  # of ten shots; what there are fewer than three, there are more takes
 
 
 # What a shot is: how many of ten shots, and how it is played.
@@ -53,7 +54,19 @@ KINDS = {
 }
 DECIMALS = 4  # of a key's value; without them a pose at rest would differ from another by rounding alone
 # By how many frames a control drags behind, by the beginning of its name; 1 where none fits.
-LAGS = {"brow": 0, "eye": 0, "blink": 0, "lid": 0, "ear": 4, "handle": 2, "shape": 3, "neck": 2, "scalp": 2}
+LAGS = {
+    "frill": 5,
+    "throat_pouch": 3,
+    "brow": 0,
+    "eye": 0,
+    "blink": 0,
+    "lid": 0,
+    "ear": 4,
+    "handle": 2,
+    "shape": 3,
+    "neck": 2,
+    "scalp": 2,
+}
 BREATHING = ("bend_sideways", "bend_forward", "twist", "brow_inner_up_*", "nostril_flare_*", "neck_tighten_*")
 MOUTH = ("smile", "frown", "pucker", "upper_lip", "lower_lip", "mouth", "dimple", "funnel", "lip", "jaw", "tongue")
 
@@ -71,7 +84,8 @@ def act(controls: Sequence, acting: Acting) -> list[tuple[str, np.ndarray]]:
     families = family_columns(columns)
     director = np.random.default_rng([acting.seed])
     hands = deal(list(families), acting.clips, min(acting.hand, len(families)), director)
-    shots = [kind for kind, how in KINDS.items() for _ in range(how["share"])]
+    fewer = {"dialogue": acting.dialogues - 3, "take": 3 - acting.dialogues}
+    shots = [kind for kind, how in KINDS.items() for _ in range(how["share"] + fewer.get(kind, 0))]
     casts = deal(list(EXPRESSIONS), acting.clips, 4, director)
     clips = []
     for index in range(acting.clips):
@@ -124,12 +138,12 @@ def _shot(kind, cast, nudged, columns, acting, generator) -> Float64[np.ndarray,
     return freeze(values, {frame: count for frame, count in holds.items() if frame < frames - 14 or frame == 0})
 
 
-def _feel(expression, gain, columns, acting, generator) -> Float64[np.ndarray, " m"]:
+def _feel(name, gain, columns, acting, generator) -> Float64[np.ndarray, " m"]:
     """Return an expression as it is played once: its strength, its uneven sides, its parts a little off the book."""
-    amounts = pose(columns, EXPRESSIONS[expression])
+    amounts = pose(columns, expression(name, columns))
     if generator.random() < 0.3:  # mixed feelings
         other = list(EXPRESSIONS)[generator.integers(len(EXPRESSIONS))]
-        amounts = 0.7 * amounts + 0.4 * pose(columns, EXPRESSIONS[other])
+        amounts = 0.7 * amounts + 0.4 * pose(columns, expression(other, columns))
     strength = acting.intensity * gain * generator.uniform(0.6, 1.15)
     lean = acting.asymmetry * generator.normal()
     side = np.array([("left" in name) * 1.0 - ("right" in name) for name in columns])

@@ -5,7 +5,16 @@ them, makes them uneven and lets a smaller rig leave out the controls that it la
 together here: a smile lifts the cheeks and narrows the eyes, a cry opens the jaw and squares the lower lip.
 """
 
+from collections.abc import Container
+
 from data_recipes.antics import ANTICS
+from data_recipes.creature_acts import CREATURE
 from data_recipes.feelings import FEELINGS
 
 EXPRESSIONS = FEELINGS | ANTICS
+MARK = "snarl_left"  # a control that only creatures have
+
+
+def expression(name: str, controls: Container[str]) -> dict[str, float]:
+    """Return an expression's amounts for a rig with the given controls (their names)."""
+    return EXPRESSIONS[name] | (CREATURE.get(name, {}) if MARK in controls else {})

@@ -33,6 +33,9 @@ FAMILIES: dict[str, tuple[str, ...]] = {
     "tongue": ("tongue",),
     "lip rolls": ("lip_roll", "mouth_up_down", "mouth_sideways"),
     "head attitude": ("bend", "twist"),
+    "frills": ("frill",),
+    "ear turns": ("ear_spread", "ear_fold"),
+    "snout": ("snarl", "jowl", "brow_ridge", "throat_pouch"),
     "jaw and nose offsets": ("jaw_forward", "jaw_sideways", "jaw_twist", "nose_up_down", "scalp"),
 }
 # A full bend moves the crown by half a decimetre, a full lip point a lip by 4 mm: families that a face is sparing with.

@@ -305,13 +305,14 @@ def expression_poses(rig: Rig) -> dict[str, Float32[np.ndarray, " m"]]:
 
     A rig whose controls have other names than ours, or than ARKit's, has the neutral pose alone.
     """
-    from data_recipes.expressions import EXPRESSIONS
+    from data_recipes.expressions import EXPRESSIONS, expression
     from data_recipes.ict.names import our_pose
     from data_recipes.motion import pose
 
     columns = {control.name: index for index, control in enumerate(rig.controls)}
     poses = {"neutral": rig.default}
-    for name, amounts in EXPRESSIONS.items():
+    for name in EXPRESSIONS:
+        amounts = expression(name, columns)
         found = np.clip(pose(columns, amounts) + our_pose(columns, amounts), rig.lower, rig.upper).astype(np.float32)
         if found.any():
             poses[name] = found

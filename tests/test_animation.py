@@ -1,6 +1,7 @@
 """The acting: within limits, reproducible, using every control, moving and holding still as animation does."""
 
 from collections import Counter
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -8,8 +9,9 @@ import pytest
 from data_recipes.animation import KINDS, Acting, act
 from data_recipes.controls import control_groups, make_controls
 from data_recipes.motion import FRAMES_PER_SECOND
+from data_recipes.recipe_sections import Controls
 
-TEEN = make_controls({group: len(controls) for group, controls in control_groups().items()})  # all 258
+TEEN = make_controls(asdict(Controls()))
 
 
 @pytest.fixture(scope="module")
@@ -130,3 +132,8 @@ def test_values_are_offsets_from_each_default():
     plain, shifted = act(groups, Acting(clips=2)), act(moved, Acting(clips=2))
     inside = np.abs(plain[0][1]) < 0.7
     assert np.allclose((shifted[0][1] - plain[0][1])[inside], 0.25, atol=1e-6)
+
+
+def test_a_character_of_few_words_has_more_takes_instead():
+    kinds = Counter(name.split("_")[1] for name, _ in act(TEEN, Acting(clips=20, dialogues=1)))
+    assert kinds == {"emotion": 8, "dialogue": 2, "take": 8, "exercise": 2}
