@@ -1,20 +1,32 @@
 """Controls: names, counts, ranges, and what a bad recipe hears."""
 
 import re
+from dataclasses import asdict
 
 import pytest
 
 from data_recipes.controls import Control, control_groups, control_index, handle_names, make_controls
+from data_recipes.recipe import load_recipe
 from replicate.errors import InputError
 
 ALL = {group: len(controls) for group, controls in control_groups().items()}
 
 
-def test_the_full_list_has_258_controls_with_distinct_plain_names():
+def test_every_control_has_a_plain_name_of_its_own():
     controls = make_controls(ALL)
-    assert len(controls) == 258
-    assert len({c.name for c in controls}) == 258
+    assert len({c.name for c in controls}) == len(controls)
     assert all(re.fullmatch(r"[a-z][a-z0-9_]*", c.name) for c in controls)
+
+
+@pytest.mark.parametrize("name, count", [("teen", 258), ("dragon", 286)])
+def test_a_recipe_has_as_many_controls_as_the_character_it_stands_for(name, count):
+    assert len(make_controls(asdict(load_recipe(name).controls))) == count
+
+
+def test_the_dragon_has_every_control_of_the_teen_and_then_those_of_a_creature():
+    teen, dragon = (make_controls(asdict(load_recipe(name).controls)) for name in ("teen", "dragon"))
+    assert dragon[:258] == teen
+    assert list(dragon[258:]) == control_groups()["creature"]
 
 
 def test_every_default_is_zero_and_inside_its_range():
