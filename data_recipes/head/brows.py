@@ -43,7 +43,7 @@ def brow(recipe: Recipe) -> Prop:
     height = stands * (1 - across[:, None] ** 2) ** 0.8 * (0.55 + 0.45 * half / half.max()) * (1 + 0.12 * hairs)
     height = height * (0.15 + 0.85 * ends) - 0.25
     grid = (p + height.reshape(-1, 1) * normal).reshape(ROWS, COLUMNS, 3)
-    colour = 0.66 * np.array(recipe.props.hair_colour) * (1 + 0.16 * hairs)[..., None]
+    colour = 0.66 * np.array(recipe.props.hair_colour) * (1 + 0.10 * hairs)[..., None]
     skin = 0.86 * np.array(recipe.props.skin_colour)
     soft = np.maximum(smooth_step(np.abs(across), 0.72, 1.05)[:, None], 0.75 * smooth_step(t, 0.12, 0.0))[..., None]
     return sheet("brow_left", "skin", colour + 0.6 * soft * (skin - colour), grid)

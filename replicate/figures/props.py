@@ -12,7 +12,7 @@ from replicate.figures.scene import MATT, SILKY, WET, WHITE, Camera, Finish, Sur
 FINISHES = {"eye": WET, "hair": SILKY, "horn": SILKY}
 # Where a window would be mirrored in an eyeball, in the camera's axes (right, up, to the eye); its size and how far it
 # lies before the eyeball, as shares of the radius.
-CATCHLIGHT = np.array([-0.22, 0.24, 0.95])
+CATCHLIGHT = np.array([-0.20, 0.14, 0.97])
 CATCHLIGHT_SIZE, CATCHLIGHT_LIFT = 0.115, 0.012
 
 

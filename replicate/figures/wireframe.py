@@ -6,7 +6,7 @@ from jaxtyping import Float, Int
 from replicate.figures.scene import Camera, Surface, axes
 from replicate.mesh import face_normals
 
-INK = (104, 106, 112)
+INK = (66, 69, 76)
 LIFT_MM = 0.35  # towards the eye, so that the surface doesn't cut the ribbons
 
 
