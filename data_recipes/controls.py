@@ -82,6 +82,12 @@ FACE_SINGLES = (
     ("throat_swallow", 0.0, "neck"),
     ("scalp_raise", -1.0, "brows"),
 )
+# Further face actions, ((name, region), lower), that only the larger rigs have.
+FACE_MORE = (
+    (("nasolabial_deepen_*", "cheeks"), 0.0),
+    (("neck_tendon_*", "neck"), 0.0),
+    (("nose_sideways", "nose"), -1.0),
+)
 JAW = (
     ("jaw_open", 0.0, "jaw"),
     ("jaw_sideways", -1.0, "jaw"),
@@ -182,7 +188,7 @@ HEAD = (
     "shape_neck",
 )
 # Gaze turns the display eyeballs; the lids follow it as far as the follow gains say.
-LID_FOLLOW = ("look_y_*", "look_x_*", "follow_upper_*", "follow_lower_*")
+LID_FOLLOW = ("look_y_*", "look_x_*", "follow_upper_*", "follow_lower_*", "follow_aside_*")
 
 
 # What a creature has beyond a human face (name, lower, region); each pair of frills may be missing from a head.
@@ -215,9 +221,10 @@ def control_groups() -> dict[str, list[Control]]:
     follow = tuple((part, "eye_*") for part in LID_FOLLOW)
     pairs = [Control(name, 0.0, 0.0, 1.0, region) for name, region in _sided(FACE_PAIRS)]
     singles = [Control(name, lower, 0.0, 1.0, region) for name, lower, region in FACE_SINGLES]
+    more = [Control(name, lower, 0.0, 1.0, region) for pair, lower in FACE_MORE for name, region in _sided((pair,))]
     return {
         # The singles stand in the middle, so that a rig with 24 face controls also has chin and lip rolls.
-        "face": pairs[:20] + singles + pairs[20:],
+        "face": pairs[:20] + singles + pairs[20:] + more,
         "jaw": [Control(name, lower, 0.0, 1.0, region) for name, lower, region in JAW],
         "lids": [Control(name, -1.0, 0.0, 1.0, region) for name, region in _sided(eyes)],
         "lips": [Control(f"{point}_{axis}", -1.0, 0.0, 1.0, "mouth") for point in LIP_POINTS for axis in AXES],

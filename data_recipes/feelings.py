@@ -106,6 +106,7 @@ FEELINGS: dict[str, dict[str, float]] = {
         "tongue_raise": -0.4,
         "tongue_wide": 0.2,
         "jaw_forward": 0.2,
+        "neck_tendon_*": 0.7,
     },
     "sadness": {
         "brow_inner_up_*": 1.0,
@@ -124,6 +125,7 @@ FEELINGS: dict[str, dict[str, float]] = {
         "crease_inner_*": 0.3,
         "mouth_up_down": -0.2,
         "look_y_*": -0.25,
+        "nasolabial_deepen_*": 0.3,
     },
     "cry": {
         "brow_inner_up_*": 0.7,
@@ -142,6 +144,8 @@ FEELINGS: dict[str, dict[str, float]] = {
         "wrinkle_glabella": 0.5,
         "sticky_*": 0.6,
         "wrinkle_crow_*": 0.3,
+        "nasolabial_deepen_*": 0.6,
+        "neck_tendon_*": 0.3,
     },
     "surprise": {
         "brow_inner_up_*": 1.0,
@@ -186,6 +190,7 @@ FEELINGS: dict[str, dict[str, float]] = {
         "bend_forward": -0.15,
         "scalp_raise": 0.3,
         "twist": -0.07,
+        "neck_tendon_*": 0.5,
     },
     "disgust": {
         "nose_wrinkle_*": 1.0,
@@ -205,6 +210,7 @@ FEELINGS: dict[str, dict[str, float]] = {
         "bend_forward": -0.12,
         "twist": 0.1,
         "jaw_sideways": 0.1,
+        "nasolabial_deepen_*": 0.4,
     },
     "contempt": {
         "dimple_right": 0.8,

@@ -36,7 +36,8 @@ FAMILIES: dict[str, tuple[str, ...]] = {
     "frills": ("frill",),
     "ear turns": ("ear_spread", "ear_fold"),
     "snout": ("snarl", "jowl", "brow_ridge", "throat_pouch"),
-    "jaw and nose offsets": ("jaw_forward", "jaw_sideways", "jaw_twist", "nose_up_down", "scalp"),
+    "jaw and nose offsets": ("jaw_forward", "jaw_sideways", "jaw_twist", "nose_up_down", "nose_sideways", "scalp"),
+    "folds and tendons": ("nasolabial_deepen", "neck_tendon"),
 }
 # A full bend moves the crown by half a decimetre, a full lip point a lip by 4 mm: families that a face is sparing with.
 QUIET = {"head attitude": 0.3, "head shape": 0.5}

@@ -329,12 +329,12 @@ class Props:
 class Controls:
     """How many controls of each group the rig has: the first ones of the lists in `data_recipes.controls`."""
 
-    face: int = _count(52, 0, 52)
+    face: int = _count(52, 0, 57)
     jaw: int = _count(16, 0, 16)
     lids: int = _count(24, 0, 24)
     lips: int = _count(36, 0, 36)
     handles: int = _count(96, 0, 96)
     wrinkles: int = _count(14, 0, 14)
     head: int = _count(12, 0, 12)
-    lid_follow: int = _count(8, 0, 8)
+    lid_follow: int = _count(8, 0, 10)
     creature: int = _count(0, 0, 28)

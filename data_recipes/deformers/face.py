@@ -41,7 +41,9 @@ JAW_CONTROLS = ("jaw_open", "jaw_sideways", "jaw_forward", "jaw_drop", "jaw_twis
 TURN_RAD = np.deg2rad([(27.0, 0, 0), (0, 4.5, 0), (0, 0, 0), (0, 0, 0), (0, 0, -4.5)]).astype(np.float32)
 GLIDE_MM = ((0.0, -1.0, 1.5), (5.0, 0.0, 0.0), (0.0, -0.8, 6.0), (0.0, -7.0, -1.0), (0.0, 0.0, 0.0))
 HEAD_CONTROLS = tuple(f.name for f in fields(ShapeValues))
-GAZE = tuple(f"{part}_{side}" for side in ("left", "right") for part in ("look_y", "follow_upper", "follow_lower"))
+GAZE_PARTS = ("look_y", "follow_upper", "follow_lower", "look_x", "follow_aside")
+GAZE = tuple(f"{part}_{side}" for side in ("left", "right") for part in GAZE_PARTS)
+ASIDE_GAIN = 2.0  # per unit of the control: aside, lids follow little by themselves
 
 
 @dataclass(frozen=True)
@@ -91,9 +93,11 @@ def opened(constants: FaceConstants, state: State) -> State:
 
 
 def gaze_controls(constants: FaceConstants, u: Float[Values, "b m"]) -> Float[Array, "b q"]:
-    """Return u and four derived controls: the gaze's height times each lid's follow gain (1 + the follow control)."""
-    left_y, left_up, left_low, right_y, right_up, right_low = (u @ constants["gaze_controls"]).T
-    derived = [left_y * (1 + left_up), left_y * (1 + left_low), right_y * (1 + right_up), right_y * (1 + right_low)]
+    """Return u and six derived controls: the gaze times each follow gain (see `lid_fields.DERIVED`)."""
+    value = u @ constants["gaze_controls"]
+    derived = []
+    for up, upper, lower, aside, sideways in (value[:, :5].T, value[:, 5:].T):
+        derived += [up * (1 + upper), up * (1 + lower), aside * (1 + ASIDE_GAIN * sideways)]
     return jnp.concatenate([u, jnp.stack(derived, axis=1)], axis=1)
 
 

@@ -16,6 +16,7 @@ from data_recipes.deformers import (
     handles,
     head_shape,
     jaw,
+    lid_fields,
     lids,
     lips,
     mouth_fields,
@@ -29,7 +30,6 @@ from data_recipes.deformers.correctives import add_correctives
 from data_recipes.deformers.face import GAZE, HEAD_CONTROLS, JAW_CONTROLS
 from data_recipes.deformers.face_fields import fade
 from data_recipes.deformers.face_points import handle_vertices
-from data_recipes.deformers.lid_fields import build_patch
 from data_recipes.deformers.planes import selection
 from data_recipes.deformers.saturation import limits
 from data_recipes.deformers.sculpting import Path, Sculptor, smoothstep
@@ -48,10 +48,8 @@ def build_constants(head: Head, controls: tuple[Control, ...]) -> dict[str, Any]
     columns, m = control_index(controls), len(controls)
     numbers = np.array([[c.lower, c.upper, c.default] for c in controls], np.float64)
     pose, bulge = _pose_fields(s, columns, m)
-    lid_columns = columns | {
-        name: m + i
-        for i, name in enumerate(("gaze_upper_left", "gaze_lower_left", "gaze_upper_right", "gaze_lower_right"))
-    }
+    lid_columns = columns | {name: m + i for i, name in enumerate(lid_fields.DERIVED)}
+    several = m + len(lid_fields.DERIVED)
     constants: dict[str, Any] = {
         "neutral": np.ascontiguousarray(s.x.T, np.float32),
         "limits": limits(*numbers.T),
@@ -87,14 +85,14 @@ def build_constants(head: Head, controls: tuple[Control, ...]) -> dict[str, Any]
         constants[name] = _wall(s, upper)
     for side in ("left", "right"):
         eye = head.eyes[side]
-        patch = build_patch(s, side, lid_columns, m + 4)
+        patch = lid_fields.build_patch(s, side, lid_columns, several)
         constants[f"lids_{side}"] = lids.prepare(
             s.x,
             patch,
             np.asarray(eye.frame),
             np.asarray(eye.centre),
             float(eye.radius),
-            columns.get(f"blink_{side}", m + 4),
+            columns.get(f"blink_{side}", several),
         )
     return constants
 

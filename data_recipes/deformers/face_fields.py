@@ -10,7 +10,7 @@ from data_recipes.deformers.sculpting import Path, Sculptor, smoothstep
 
 def sculpt(s: Sculptor) -> dict[str, Path]:
     """Return the actions by name; "*" stands for the left side."""
-    return cheeks(s) | nose(s) | jaw_and_neck(s) | tongue(s)
+    return cheeks(s) | nose(s) | jaw_and_neck(s) | neck_tendon(s) | tongue(s)
 
 
 def cheeks(s: Sculptor) -> dict[str, Path]:
@@ -26,6 +26,10 @@ def cheeks(s: Sculptor) -> dict[str, Path]:
     dent = s.bump(s.nearest(corner + wide * np.array([7.0, 2.0, -3.0])), 11.0 * wide)
     # The ring muscle of the eye gathers the skin beside it: crow's feet.
     beside = s.nearest(s.point("eye_outer_left") + np.array([9.0, -2, -10]))
+    wing = s.point("nose_wing_left")
+    fold = [s.nearest(wing + t * (corner - wing) + np.array([5.0, 2.0, -4.0])) for t in (0.1, 0.4, 0.7)]
+    roll = [s.nearest(s.x[vertex] + np.array([6.0, 2.0, -2.0])) for vertex in fold]
+    crease, beyond = s.bump(np.array(fold), 10.0) * lips, s.bump(np.array(roll), 17.0) * lips * lids
     gather = -0.3 * (s.bump(beside, 32.0) * (s.x[:, 1] - s.x[beside, 1]))[:, None] * s.up
     return {
         "cheek_raise_*": s.slide(apple[:, None] * (6.5 * s.up + 1.5 * s.out) + 0.5 * gather, 4.6 * apple),
@@ -33,6 +37,7 @@ def cheeks(s: Sculptor) -> dict[str, Path]:
         "smile_*": s.slide(apple[:, None] * (2.6 * s.up + 0.6 * s.out) + 0.3 * gather, 4.2 * apple - 0.6 * dent),
         "squint_*": s.slide(gather),
         "dimple_*": s.straight(np.zeros_like(s.x), -2.4 * dent),
+        "nasolabial_deepen_*": s.slide(beyond[:, None] * (2.4 * s.up - 1.0 * s.out), 2.4 * beyond - 2.8 * crease),
     }
 
 
@@ -54,6 +59,7 @@ def nose(s: Sculptor) -> dict[str, Path]:
         + s.slide(-3.0 * (s.bump("brow_inner_left", 26.0) * side * lids)[:, None] * up),
         "nostril_flare_*": s.straight(np.array([3.2, 0.8, 0.2]) * (s.bump("nose_wing_left", 17.0) * side)[:, None]),
         "nose_up_down": s.straight(np.array([0, 3.6, 0.6]) * tip[:, None]),
+        "nose_sideways": s.straight(np.array([4.0, 0, 0]) * tip[:, None]),
         "upper_lip_raise_*": s.slide(2.6 * (0.7 * wing * lips + flank)[:, None] * up, 1.4 * flank),
     }
 
@@ -92,6 +98,20 @@ def jaw_and_neck(s: Sculptor) -> dict[str, Path]:
             lift[:, None] * np.array([0.6, 2.0, -0.6]), lift[:, None] * np.array([0.4, 4.0, -2.2]), still, still
         ),
     }
+
+
+def neck_tendon(s: Sculptor) -> dict[str, Path]:
+    """Return the cord that runs down the neck from behind the ear to the pit of the throat, standing out."""
+    top, low = s.point("chin")[1] + 12, s.x[:, 1].min()
+    y = s.x[:, 1]
+    neck = s.in_segments("neck", "face", "cranium") & (y < top)
+    skull = s.head.recipe.skull
+    axis = np.interp(y, [skull.neck_bottom[1], skull.neck_top[1]], [skull.neck_bottom[2], skull.neck_top[2]])
+    angle = np.degrees(np.arctan2(s.x[:, 0], s.x[:, 2] - axis))
+    away = angle - np.interp(y, [low, top], [32.0, 100.0])
+    along = smoothstep(y, low + 4, low + 24) * smoothstep(y, top, top - 26) * neck
+    ridge = np.exp(-((away / 11.0) ** 2)) - 0.35 * np.exp(-(((np.abs(away) - 24.0) / 13.0) ** 2))
+    return {"neck_tendon_*": s.straight(np.zeros_like(s.x), 4.2 * ridge * along)}
 
 
 def tongue(s: Sculptor) -> dict[str, Path]:

@@ -1,6 +1,6 @@
 """What each control does to an eye's lids: edges, creases and bags, as elevations and distances on the lid ball.
 
-Besides the rig's own controls there are four derived ones, "gaze_upper_left" and so on: the gaze's height times the
+Besides the rig's own controls there are derived ones, `DERIVED`: the gaze's height, or how far it goes aside, times the
 lid's follow gain.
 """
 
@@ -13,6 +13,7 @@ from data_recipes.deformers.lids import LidPatch
 from data_recipes.deformers.sculpting import Sculptor, smoothstep
 
 RAD = np.pi / 180
+DERIVED = tuple(f"gaze_{part}_{side}" for side in ("left", "right") for part in ("upper", "lower", "aside"))
 # How far the edges follow the gaze (radians per full look): upper lid, lower lid.
 FOLLOW = (9.0 * RAD, 5.0 * RAD)
 
@@ -72,7 +73,7 @@ def build_patch(s: Sculptor, side: str, columns: dict[str, int], m: int) -> LidP
     edge("gaze_upper", "upper", FOLLOW[0], arch**0.7)
     edge("gaze_lower", "lower", FOLLOW[1], arch**0.7)
     # Looking aside, the cornea lifts the lid over it; u runs from nose to temple, look_x to the character's left.
-    edge("look_x", "upper", (2.5 if side == "left" else -2.5) * RAD, u * arch)
+    edge("gaze_aside", "upper", (2.5 if side == "left" else -2.5) * RAD, u * arch)
 
     def shape(control: str, on: str, low: float, high: float, window: np.ndarray, lift_rad: float, swell_mm: float):
         """Add a ridge on the rings from `low` to `high` (shares of the ring count) of one lid."""
