@@ -293,6 +293,7 @@ class Template:
     ear_rings: int = _count(11, 3, 30)
     coarse_rows: tuple[int, ...] = _span((31, 85), 0, 300)
     coarse_from: int = _count(32, 1, 119)
+    nose_weight: float = _number(2.5, 0.0, 30.0)  # how much more densely the nose is covered than the back of the head
     iterations: int = _count(140, 1, 2000)
 
 

@@ -5,6 +5,8 @@ from functools import cache
 from data_recipes.head import Head, build_head
 from data_recipes.recipe import load_recipe
 
+NAMES = ("tiny", "teen", "woman", "toon")
+
 
 @cache
 def head(name: str) -> Head:

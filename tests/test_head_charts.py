@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from heads import NAMES
 from scipy.spatial import cKDTree
 
 from data_recipes.head.charts import build_charts
@@ -33,7 +34,7 @@ def laid_out(recipe):
     return SimpleNamespace(**kept, segment=segment, segment_names=names), uv
 
 
-@pytest.fixture(scope="module", params=("teen", "tiny", "merged"))
+@pytest.fixture(scope="module", params=(*NAMES, "merged"))
 def chart(request):
     return laid_out(merged() if request.param == "merged" else load_recipe(request.param))
 

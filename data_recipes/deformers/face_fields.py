@@ -104,7 +104,7 @@ def neck_tendon(s: Sculptor) -> dict[str, Path]:
     """Return the cord that runs down the neck from behind the ear to the pit of the throat, standing out."""
     top, low = s.point("chin")[1] + 12, s.x[:, 1].min()
     y = s.x[:, 1]
-    neck = s.in_segments("neck", "face", "cranium") & (y < top)
+    neck = s.in_parts("neck", "face", "cranium") & (y < top)
     skull = s.head.recipe.skull
     axis = np.interp(y, [skull.neck_bottom[1], skull.neck_top[1]], [skull.neck_bottom[2], skull.neck_top[2]])
     angle = np.degrees(np.arctan2(s.x[:, 0], s.x[:, 2] - axis))

@@ -90,7 +90,7 @@ def weights(recipe: Recipe, layout: Layout) -> Float[np.ndarray, " n"]:
     face = np.clip((t.face_columns + 3 - column) / 6.0, 0, 1)
     forehead = face * np.clip((row - t.eye_rows[1]) / 3.0, 0, 1) * np.clip((t.hair_row + 3 - row) / 4.0, 0, 1)
     nose = np.exp(-((column / t.nostril_columns[1]) ** 4)) * (row > t.nostril_rows[0] - 1) * (row < t.eye_rows[1])
-    total = 1 + 2.2 * face + 2.6 * forehead + 2.5 * nose
+    total = 1 + 2.2 * face + 2.6 * forehead + t.nose_weight * nose
     weight[body[body >= 0]] = total[body >= 0]
     for name, ring in (
         ("mouth", 5.5),
