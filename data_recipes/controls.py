@@ -8,8 +8,8 @@ why the most expressive ones stand first.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -262,6 +262,25 @@ def make_controls(counts: Mapping[str, object], source: str = "recipe") -> tuple
     if not controls:
         raise InputError(f"{source}: controls has no entry above 0, but a rig needs at least one control.")
     return controls
+
+
+def limit_controls(
+    controls: tuple[Control, ...], reach: float, full: Sequence[str], source: str = "recipe"
+) -> tuple[Control, ...]:
+    """Return controls whose limits lie closer to their defaults: at `reach` times the way, 1 changing nothing.
+
+    full: names of those that keep their limits, "*" for both sides. Raises InputError for one that the rig lacks.
+    """
+    kept = {name for name, _ in _sided(tuple((name, "") for name in full))}
+    unknown = sorted(kept - {control.name for control in controls})
+    if unknown:
+        raise InputError(f"{source}: limits.full names '{unknown[0]}', but the rig has no such control.")
+
+    def drawn_in(c: Control) -> Control:
+        lower, upper = (c.default + reach * (limit - c.default) for limit in (c.lower, c.upper))
+        return replace(c, lower=lower, upper=upper)
+
+    return tuple(control if control.name in kept else drawn_in(control) for control in controls)
 
 
 def control_index(controls: tuple[Control, ...]) -> dict[str, int]:

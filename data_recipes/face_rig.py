@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from data_recipes.controls import make_controls
+from data_recipes.controls import limit_controls, make_controls
 from data_recipes.deformers import face, props, wrinkles
 from data_recipes.ict import chain as ict_chain
 from data_recipes.ict import props as ict_props
@@ -71,6 +71,7 @@ def build(name_or_recipe: str | Path) -> Rig:
 
     recipe = load_recipe(name_or_recipe)
     controls = make_controls(asdict(recipe.controls), recipe.file)
+    controls = limit_controls(controls, recipe.limits.reach, recipe.limits.full, recipe.file)
     clips = [Clip(Path(file).stem, read_clip(Path(file), controls)) for file in recipe.clip_files]
     clips = [Clip(name, values) for name, values in act(controls, recipe.acting)] + clips
     with _naming(recipe.file):

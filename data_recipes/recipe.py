@@ -19,6 +19,7 @@ from data_recipes.recipe_sections import (
     Ears,
     Eyes,
     Frills,
+    Limits,
     Mouth,
     Nose,
     Props,
@@ -58,6 +59,7 @@ class Recipe:
     template: Template = field(default_factory=Template)
     props: Props = field(default_factory=Props)
     controls: Controls = field(default_factory=Controls)
+    limits: Limits = field(default_factory=Limits)
     acting: Acting = field(default_factory=Acting)
 
 
@@ -146,6 +148,10 @@ def _value(found: Any, spec: Field) -> Any:
         if not fits:
             raise ValueError("a table of lists of the parts " + ", ".join(PARTS))
         return {name: tuple(parts) for name, parts in found.items()}
+    if kind == "names":
+        if not isinstance(found, list) or not all(isinstance(item, str) and item for item in found):
+            raise ValueError("a list of names")
+        return tuple(found)
     if kind == "files":
         if not isinstance(found, list) or not all(isinstance(item, str) and item for item in found):
             raise ValueError("a list of paths of CSV files")

@@ -339,3 +339,15 @@ class Controls:
     head: int = _count(12, 0, 12)
     lid_follow: int = _count(8, 0, 10)
     creature: int = _count(0, 0, 28)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How far the controls go.
+
+    reach: their limits, as a share of a full performance; a rig whose poses are drawn uniformly has all of its controls
+    on at once. full: those that keep their whole range, such as "blink_*", for both sides.
+    """
+
+    reach: float = _number(1.0, 0.05, 1.0)
+    full: tuple[str, ...] = field(default=(), metadata={"kind": "names"})

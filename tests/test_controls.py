@@ -5,7 +5,7 @@ from dataclasses import asdict
 
 import pytest
 
-from data_recipes.controls import Control, control_groups, control_index, handle_names, make_controls
+from data_recipes.controls import Control, control_groups, control_index, handle_names, limit_controls, make_controls
 from data_recipes.recipe import load_recipe
 from replicate.errors import InputError
 
@@ -18,7 +18,7 @@ def test_every_control_has_a_plain_name_of_its_own():
     assert all(re.fullmatch(r"[a-z][a-z0-9_]*", c.name) for c in controls)
 
 
-@pytest.mark.parametrize("name, count", [("teen", 258), ("woman", 265), ("dragon", 286)])
+@pytest.mark.parametrize("name, count", [("teen", 258), ("woman", 265), ("dragon", 286), ("toon", 99)])
 def test_a_recipe_has_as_many_controls_as_the_character_it_stands_for(name, count):
     assert len(make_controls(asdict(load_recipe(name).controls))) == count
 
@@ -57,6 +57,17 @@ def test_a_smaller_rig_takes_the_first_controls_of_each_group():
     ]  # fmt: skip
     assert handle_names(small) == ["brow_left_02", "brow_right_02"]
     assert control_index(small)["jaw_open"] == 4
+
+
+def test_a_reach_draws_the_limits_in_and_leaves_those_named_full():
+    controls = make_controls({"face": 12, "jaw": 2})
+    limited = {c.name: c for c in limit_controls(controls, 0.5, ["blink_*"])}
+    assert (limited["smile_left"].lower, limited["smile_left"].upper) == (0.0, 0.5)
+    assert (limited["jaw_sideways"].lower, limited["jaw_sideways"].upper) == (-0.5, 0.5)
+    assert limited["blink_left"].upper == limited["blink_right"].upper == 1
+    assert limit_controls(controls, 1.0, []) == controls
+    with pytest.raises(InputError, match=r"toon\.toml: limits\.full names 'wink_left'"):
+        limit_controls(controls, 0.5, ["wink_*"], "toon.toml")
 
 
 @pytest.mark.parametrize(

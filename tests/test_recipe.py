@@ -75,7 +75,7 @@ def test_a_key_left_out_keeps_its_default_and_a_given_one_counts(tmp_path):
         ("[tongue]\ncap = [2, 3]", "'tongue.cap': found [2, 3], allowed is two even numbers"),
         ("[tongue]\ngum_columns_lower = 6", "'tongue.gum_columns_lower': found 6, allowed is an odd number"),
         ("[mouth]\nbag_rings = [[0, 1]]", "'mouth.bag_rings': found [[0, 1]], allowed is rows of 3 numbers"),
-        ("[controls]\nface = 53", "'controls.face': found 53, allowed is a whole number from 0 to 52"),
+        ("[controls]\nface = 58", "'controls.face': found 58, allowed is a whole number from 0 to 57"),
         (
             "[segments]\nears = 'ear_left'",
             "'segments': found {'ears': 'ear_left'}, allowed is a table of lists of the parts",
