@@ -281,6 +281,7 @@ class Template:
     mouth_columns: int = _count(11, 1, 60)
     mouth_rings: int = _count(11, 2, 40)
     lip_rings: int = _count(4, 1, 20)
+    corner_rings: int = _count(2, 0, 20)  # rings beyond the lips that are pinned at the mouth's corners
     eye_rows: tuple[int, ...] = _span((35, 47), 0, 300)
     eye_columns: tuple[int, ...] = _span((6, 20), 1, 119)
     eye_rings: int = _count(11, 1, 40)

@@ -48,9 +48,8 @@ def augmented(rig: Rig, count: int, seed: int = 0) -> np.ndarray:
 
 
 def skin_faces(mesh: Mesh) -> np.ndarray:
-    skin = [
-        i for i, name in enumerate(mesh.segment_names) if name in ("face", "cranium", "neck", "ear_left", "ear_right")
-    ]
+    names = ("face", "cranium", "neck", "ear_left", "ear_right", "ears")
+    skin = [i for i, name in enumerate(mesh.segment_names) if name in names]
     return mesh.faces[np.isin(mesh.segment[mesh.faces], skin).all(axis=1)]
 
 

@@ -38,7 +38,7 @@ def place(shape: Shape, layout: Layout) -> Float[np.ndarray, "n 3"]:
     nostril = nostrils.nostril_rings(shape, grids["nostril_left"].shape[1], max(t.nostril_rings - 1, 1))
     base = ears.base_pins(shape, grids["ear_left"].shape[1])
     bottom = grids["body"][0]
-    tips = mouth.corner_pins(shape, t.lip_rings, t.mouth_rings)
+    tips = mouth.corner_pins(shape)
     pins = {
         "corner": (grids["mouth"][1 : len(tips) + 1, 0], tips),
         "seam": (grids["mouth"][0], seam),

@@ -58,9 +58,11 @@ def lip_pins(shape: Shape, k: int) -> tuple[Float[np.ndarray, "k 3"], Float[np.n
     return closed, border
 
 
-def corner_pins(shape: Shape, lip_rings: int, rings: int) -> Float[np.ndarray, "r 3"]:
+def corner_pins(shape: Shape) -> Float[np.ndarray, "r 3"]:
     """Return where the first rings' vertices at the left mouth corner lie: free ones would slip over the seam's end."""
-    m, ring = shape.recipe.mouth, np.arange(1, min(lip_rings + 3, rings))
+    m, t = shape.recipe.mouth, shape.recipe.template
+    lip_rings = t.lip_rings
+    ring = np.arange(1, min(lip_rings + t.corner_rings + 1, t.mouth_rings))
     reach = 1 + m.corner_reach * ring / lip_rings + 0.3 * m.corner_reach * np.maximum(ring - lip_rings, 0)
     return on_surface(shape, m.half_width * reach, np.full(len(ring), seam(shape.recipe, np.ones(1))[0]))
 
