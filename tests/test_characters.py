@@ -39,7 +39,11 @@ def test_the_default_pose_is_the_neutral(rig):
 def test_every_control_moves_something_at_one_of_several_poses(rig):
     m = len(rig.controls)
     moved = np.zeros(m)
-    acted = [("smile", "squint", "look"), ("brow_inner", "nose_wrinkle", "chin_raise")]  # what wrinkles most regions
+    acted = [  # what parts the lips, turns the eyes, and compresses each region that wrinkles
+        ("smile", "squint", "look", "jaw_open"),
+        ("brow_inner", "chin_raise"),
+        ("nose_wrinkle", "brow_down", "cheek_raise", "squint"),
+    ]
     bases = [0.9 * np.array([c.name.startswith(parts) for c in rig.controls]) for parts in acted]
     for base in (*bases, poses_of(rig, 1, seed=5)[0].clip(rig.lower, rig.upper)):
         step = np.where(base < 0.5 * (rig.lower + rig.upper), 0.4, -0.4)
