@@ -21,7 +21,7 @@ def recipes(tmp_path, monkeypatch):
     """Three characters, whatever the project has."""
     folder = tmp_path / "recipes"
     folder.mkdir()
-    for name in ("dragon", "teen", "woman"):
+    for name in ("dragon", "teen", "toon", "woman"):
         (folder / f"{name}.toml").write_text("")
     monkeypatch.setattr(paths, "RECIPES", folder)
 
@@ -53,7 +53,7 @@ def refused(capsys, *arguments):
 
 def test_an_unknown_character_is_refused_with_those_there_are(capsys, pipeline):
     sentence = refused(capsys, "table2", "--characters", "hiccup")
-    assert "'hiccup'" in sentence and "dragon, teen, woman" in sentence
+    assert "'hiccup'" in sentence and "dragon, teen, toon, woman" in sentence
 
 
 @pytest.mark.parametrize("command", ["table2", "compare", "status"])
@@ -137,7 +137,7 @@ def test_what_needs_no_training_runs_its_own_graph_and_publishes_under_its_name(
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (["--characters", "hiccup"], ["'hiccup'", "dragon, teen, woman"]),
+        (["--characters", "hiccup"], ["'hiccup'", "dragon, teen, toon, woman"]),
         (["--profile", "fast"], ["'fast'", "quick, laptop, paper"]),
         (["--jobs", "0"], ["jobs is 0", "at least 1"]),
         (["--latex"], ["--latex"]),
