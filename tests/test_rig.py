@@ -153,7 +153,8 @@ def test_the_jacobian_agrees_with_central_differences(tiny):
     )
     exact = tiny.jacobian(p)
     assert exact.shape == (*tiny.mesh.neutral.shape, len(p))
-    np.testing.assert_allclose(tiny.jacobian(p, [7, 2]), exact[:, :, [7, 2]], atol=1e-2)
+    some = np.arange(len(p))[::-1][:40]
+    np.testing.assert_allclose(tiny.jacobian(p, some), exact[:, :, some], atol=1e-2)
     step = 4e-3
     moved = np.repeat(p[None], 2 * len(p), axis=0)
     moved[: len(p)] += step * np.eye(len(p), dtype=np.float32)
