@@ -49,7 +49,7 @@ JOB_OPTIONS = $(if $(JOBS),--jobs "$(JOBS)")
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: help environment table1 table2 figure05 figure07 figure08 compare rigs export status test lint bench-rig bench-training bench-faults clean clean-all
+.PHONY: help environment table1 table2 figure05 figure07 figure08 compare rigs tour export status test lint bench-rig bench-training bench-faults clean clean-all
 
 help: ## print this help
 	@echo "usage: make <target> [VARIABLE=value ...]"
@@ -58,7 +58,7 @@ help: ## print this help
 	@echo
 	@echo "  PROFILE=$(PROFILE)    quick, laptop or paper: how many samples and steps"
 	@echo "  CHARACTERS=$(CHARACTERS)   names, or paths of .toml recipes, separated by commas or spaces"
-	@echo "                  (table1, figure05, figure07 and figure08: $(SEVERAL), unless some are named)"
+	@echo "                  (table1, figure05, figure07, figure08, rigs and bench-rig: $(SEVERAL), unless some are named)"
 	@echo "  SEED=  JOBS=  DEVICE=  CONFIG=  SPLIT=   as \`python -m replicate table2 --help\` says"
 	@echo "  POSE=  CLIP=  PARAMS=  TO=  TOLERANCE=   as \`python -m replicate export --help\` says"
 	@echo "  LATEX=1         \`make compare\` in LaTeX"
@@ -92,6 +92,9 @@ export: $(ENVIRONMENT) ## write a pose as OBJ or GLB, or a clip as an animated G
 	@$(RUN) -m replicate export --characters "$(CHARACTERS)" $(if $(POSE),--pose "$(POSE)") \
 	  $(if $(CLIP),--clip "$(CLIP)") $(if $(PARAMS),--params "$(PARAMS)") $(if $(TO),--to "$(TO)") \
 	  $(if $(TOLERANCE),--tolerance "$(TOLERANCE)")
+
+tour: $(ENVIRONMENT) ## a notebook that takes a rig apart: layers, wrinkles, sliders, derivatives, speed
+	@$(RUN) -m replicate tour --characters "$(CHARACTERS)"
 
 status: $(ENVIRONMENT) ## list which artefacts are up to date, and what the cache holds
 	@$(RUN) -m replicate status $(RUN_OPTIONS)

@@ -159,6 +159,21 @@ def _export(options: argparse.Namespace) -> None:
         print(f"written to {', '.join(paths.shown(file.absolute()) for file in files)}: {words}")
 
 
+def _tour(options: argparse.Namespace) -> None:
+    from replicate.figures.notebooks import NOTEBOOKS, execute
+    from replicate.made import made_rig
+
+    folder = paths.run_folder("tour")
+    folder.mkdir(parents=True, exist_ok=True)
+    for character in _characters(options):
+        made_rig(character)  # here its making is seen, and a bad recipe gets one sentence
+        recipe = paths.recipe_file(character)
+        file = folder / f"rig_tour_{recipe.stem}.ipynb"
+        named = str(recipe) if character.endswith(".toml") else character  # the notebook runs in another folder
+        execute(NOTEBOOKS / "rig_tour.ipynb", file, {"CHARACTER": named})
+        print(f"written to {paths.shown(file)}")
+
+
 def _status(options: argparse.Namespace) -> None:
     from replicate import pipeline
     from replicate.inventory import inventory, states
@@ -205,6 +220,7 @@ COMMANDS = {
         _export,
         ("characters", "pose", "clip", "params", "to", "tolerance"),
     ),
+    "tour": Command("execute the notebook that takes a rig apart", _tour, ("characters",)),
     "status": Command("list the artefacts of Table 2 and what else the cache holds", _status, _RUN_OPTIONS),
     "clean-cache": Command("remove what is stale, damaged or unfinished from the cache", _clean_cache, ("all",)),
 }

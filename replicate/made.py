@@ -2,8 +2,9 @@
 
 from replicate.config import resolve
 from replicate.pipeline import table2_graph
+from replicate.provenance import package_versions
 from replicate.scheduler import run
-from replicate.stages import in_order
+from replicate.stages import Stage, in_order
 from replicate.store import artefact_folder
 
 
@@ -11,6 +12,24 @@ def made_rig(character: str):
     """Return a character's rig. Raises InputError for an unknown one or a bad recipe."""
     from data_recipes.rig import load_rig
 
-    stage = next(stage for stage in in_order(table2_graph(resolve(character))) if stage.name == "rig")
+    stage = _rig_stage(character)
     run([stage])
     return load_rig(artefact_folder(stage.identifier) / "rig")
+
+
+def rig_provenance_text(character: str) -> str:
+    """Return what tells a rig from others, in a few lines.
+
+    The artefact's name ends with a hash of the recipe and of all sources that the rig depends on.
+    """
+    packages = package_versions()
+    lines = {
+        "rig": character,
+        "artefact": _rig_stage(character).identifier,
+        "packages": ", ".join(f"{name} {packages[name]}" for name in ("jax", "jaxlib", "numpy", "scipy")),
+    }
+    return "\n".join(f"{label:24}{value}" for label, value in lines.items())
+
+
+def _rig_stage(character: str) -> Stage:
+    return next(stage for stage in in_order(table2_graph(resolve(character))) if stage.name == "rig")

@@ -159,6 +159,22 @@ def test_table1_and_figures_take_all_of_the_papers_characters_that_have_a_recipe
     assert cli._parser().parse_args(["table2"]).characters == ["teen"]
 
 
+def test_the_tour_is_executed_once_for_each_character(capfd, monkeypatch, tmp_path):
+    executed = []
+    monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path / "runs"))
+    monkeypatch.setattr("replicate.made.made_rig", lambda character: executed.append(character))
+    monkeypatch.setattr("replicate.figures.notebooks.execute", lambda *given: executed.append(given))
+    mine = tmp_path / "mine.toml"
+    assert cli.main(["tour", "--characters", "teen", str(mine)]) == 0
+    source, folder = paths.ROOT / "notebooks" / "rig_tour.ipynb", tmp_path / "runs" / "tour"
+    assert executed == [
+        "teen",
+        (source, folder / "rig_tour_teen.ipynb", {"CHARACTER": "teen"}),
+        str(mine),
+        (source, folder / "rig_tour_mine.ipynb", {"CHARACTER": str(mine)}),
+    ]
+
+
 def test_table2_again_has_nothing_to_do(capfd, cache, pipeline):
     cli.main(["table2"])
     capfd.readouterr()

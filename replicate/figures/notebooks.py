@@ -24,6 +24,7 @@ from replicate.paths import REFERENCE, ROOT, run_folder, shown
 
 NOTEBOOKS = ROOT / "notebooks"
 TIMEOUT_S = 600
+WIDGET = "application/vnd.jupyter.widget-view+json"
 METADATA = {
     "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
     "language_info": {"name": "python"},
@@ -185,13 +186,15 @@ def with_parameters(source: str, parameters: dict[str, object]) -> str:
 
 
 def _stable(outputs: list) -> list:
-    """Join what was printed in several pieces; pass stderr on to ours; number no outputs."""
+    """Join what was printed in several pieces; pass stderr on to ours; number no outputs; leave widgets out."""
     kept: list = []
     for output in outputs:
         if output.output_type == "stream" and output.name == "stderr":
             sys.stderr.write(output.text)
         elif output.output_type == "stream" and kept and kept[-1].output_type == "stream":
             kept[-1].text += output.text
+        elif WIDGET in output.get("data", {}):
+            continue  # it has another name each time, and shows nothing without a kernel
         else:
             kept.append(output)
     return kept
