@@ -103,7 +103,8 @@ def test_a_live_view_shows_moved_points_as_a_new_one_does():
 
 
 def test_every_node_has_an_exhibit_and_the_sheet_says_how_far_it_moves(tiny):
-    assert [exhibit.node for exhibit in EXHIBITS] == [node.name for node in tiny.nodes]
+    nodes = [node.name for node in tiny.nodes if node.name != "riders"]  # only creatures have frills
+    assert [exhibit.node for exhibit in EXHIBITS] == nodes
     shown = [exhibit for exhibit in EXHIBITS if exhibit.node in ("jaw", "wrinkles")]
     figure, words = layer_sheet(tiny, shown, **SMALL)
     params = posed(tiny, shown[0].amounts)[None]
