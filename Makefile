@@ -49,7 +49,7 @@ JOB_OPTIONS = $(if $(JOBS),--jobs "$(JOBS)")
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: help environment table1 table2 figure05 figure07 figure08 compare rigs tour export status test lint bench-rig bench-training bench-faults clean clean-all
+.PHONY: help environment table1 table2 figure05 figure07 figure08 compare rigs tour export status test lint bench-rig bench-poses bench-training bench-faults clean clean-all
 
 help: ## print this help
 	@echo "usage: make <target> [VARIABLE=value ...]"
@@ -108,6 +108,9 @@ lint: $(ENVIRONMENT) ## check the style of the sources
 
 bench-rig: $(ENVIRONMENT) ## poses per second of all rigs, batched and one at a time, and each deformer's share
 	@$(RUN) -m replicate.benchmarks.rig $(if $(filter-out file,$(origin CHARACTERS)),--characters "$(CHARACTERS)")
+
+bench-poses: $(ENVIRONMENT) ## how many poses are broken: flipped triangles, teeth through skin, eyes through lids
+	@$(RUN) -m replicate.benchmarks.poses --characters "$(CHARACTERS)"
 
 bench-training: $(ENVIRONMENT) ## what peak rates and balanced draws do to the networks' errors
 	@$(RUN) -m replicate.benchmarks.training --profile "$(PROFILE)" --characters "$(CHARACTERS)"

@@ -1,0 +1,185 @@
+"""How healthy the rigs' poses are: NaN, flipped skin, vertices that fly away, teeth through skin, eyes through lids.
+
+`make bench-poses` measures 10,000 samples of Eq. 5 as training draws them (uniform ones for a rig without clips), every
+frame of the clips once, and each control alone at its ends. The mouth and the lids are measured on the frames and on
+the single controls: what an animator shows, and what can be told from one control. evaluation/skin.py, mouth.py and
+lids.py say what counts. It prints the worst and the controls behind them, writes bench_poses.csv and draws the worst.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from replicate import paths
+from replicate.config import SamplesConfig
+from replicate.errors import InputError, RunError
+from replicate.evaluation.lids import find_eyes
+from replicate.evaluation.mouth import find_mouth
+from replicate.evaluation.pose_health import Health, each_alone, measure, strongest, worst
+from replicate.evaluation.results import Row, read_results, write_results
+from replicate.evaluation.skin import Skin
+from replicate.evaluation.tables import Table, as_text
+from replicate.made import made_rig
+from replicate.samples import choose_poses
+from replicate.stages import stream_rng
+
+COUNT = 10_000
+UNIFORM_MOUTHS = 1_000  # of a rig without clips: in how many of its samples the mouth is measured
+DEEP_MM = 1.0
+LISTED = 5
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One set of poses: "augmented" or "uniform", "clips" or "controls"; a name for each pose; what was found."""
+
+    kind: str
+    names: list[str]
+    health: Health
+
+
+def sets_of_poses(rig, count: int, every: int = 1) -> dict[str, tuple[list[str], np.ndarray]]:
+    """Return each set's names and parameters (b, m); every: take each k-th of the clips' frames only."""
+    drawn = choose_poses(rig, SamplesConfig(count=count), lambda name: stream_rng(0, "samples", name))["training"]
+    found = {"uniform" if rig.clips is None else "augmented": ([f"sample {k}" for k in range(count)], drawn)}
+    if rig.clips is not None:
+        names = [f"{clip.name} {frame}" for clip in rig.clips for frame in range(len(clip.values))]
+        frames = np.concatenate([np.asarray(clip.values, np.float32) for clip in rig.clips])
+        first = np.sort(np.unique(frames, axis=0, return_index=True)[1])[::every]
+        found["clips"] = [names[k] for k in first], frames[first]
+    found["controls"] = each_alone(rig)
+    return found
+
+
+def bench(rig, count: int, every: int = 1) -> list[Measured]:
+    """Return what is found in each set of poses."""
+    skin, mouth, eyes = Skin(rig.mesh), find_mouth(rig.mesh), find_eyes(rig)
+    found = []
+    for kind, (names, params) in sets_of_poses(rig, count, every).items():
+        if kind == "uniform":
+            inner = measure(rig, params[:UNIFORM_MOUTHS], skin, mouth, eyes, f"{rig.name}, mouths")
+            found.append(Measured("uniform, mouths", names[:UNIFORM_MOUTHS], inner))
+        full = kind in ("clips", "controls")
+        health = measure(rig, params, skin, mouth if full else None, eyes if full else None, f"{rig.name}, {kind}")
+        found.append(Measured(kind, names, health))
+    return found
+
+
+def rows(character: str, measured: Measured) -> list[Row]:
+    """Return one set's numbers as rows; `poses` is how many they stand on."""
+    health = measured.health
+
+    def row(metric: str, unit: str, value: float, poses: int | None = None) -> Row:
+        poses = len(health.params) if poses is None else poses
+        return Row(
+            "bench_poses", character, measured.kind, metric, unit, float(value), None, 1, poses, "bench", "bench-poses"
+        )
+
+    listed = [
+        row("bad_vertices", "count", health.bad.sum()),
+        row("flipped_triangles_mean", "ratio", health.flipped.mean()),
+        row("flipped_triangles_worst", "ratio", health.flipped.max()),
+        row("furthest_vertex", "ratio", health.furthest.max()),
+    ]
+    for name, depth in (("through", health.through), ("buried", health.buried)):
+        for kind, values in depth.items():
+            listed.append(row(f"{kind}_{name}_worst", "mm", values.max()))
+            listed.append(row(f"{kind}_{name}_over_1mm", "ratio", (values > DEEP_MM).mean()))
+    if health.lids:
+        eyes = [lid for _, _, lid in health.lids]
+        listed += [
+            row("eye_shows_worst", "ratio", max(lid.shows for lid in eyes), len(eyes)),
+            row("eye_sticks_out_worst", "mm", max(lid.sticks_out_mm for lid in eyes), len(eyes)),
+            row("lid_gap_worst", "mm", max(lid.gap_mm for lid in eyes), len(eyes)),
+        ]
+    return listed
+
+
+def summary(listed: Sequence[Row]) -> Table:
+    """Return the printed table of all rows: a set of a character a line."""
+    value = {(row.character, row.method, row.metric): row.value for row in listed}
+    body = []
+    for who, kind in dict.fromkeys((row.character, row.method) for row in listed):
+        poses = next(row.poses for row in listed if (row.character, row.method) == (who, kind))
+
+        def cell(metric: str, scale: float, pattern: str, who=who, kind=kind) -> str:
+            found = value.get((who, kind, metric))
+            return "–" if found is None else pattern.format(scale * found)
+
+        body.append((
+            f"{who}, {kind}", f"{poses:,}", cell("bad_vertices", 1, "{:.0f}"),
+            cell("flipped_triangles_mean", 100, "{:.3f}"), cell("flipped_triangles_worst", 100, "{:.2f}"),
+            cell("furthest_vertex", 1, "{:.2f}"), cell("teeth_through_worst", 1, "{:.2f}"),
+            cell("teeth_through_over_1mm", 100, "{:.2f}"), cell("gums_through_worst", 1, "{:.2f}"),
+            cell("tongue_through_worst", 1, "{:.2f}"), cell("eye_shows_worst", 100, "{:.1f}"),
+            cell("eye_sticks_out_worst", 1, "{:.2f}"),
+        ))  # fmt: skip
+    header = ("", "poses", "NaN", "flips, %", "worst, %", "furthest", "teeth, mm", "> 1 mm, %", "gums, mm",
+              "tongue, mm", "eye shows, %", "sticks out, mm")  # fmt: skip
+    notes = (
+        "Flips: the share of skin triangles turned over against their neighbours; furthest: in head sizes; teeth, gums "
+        "and tongue: the deepest through the skin; eyes: the share of their opening that shows at full blinks.",
+    )
+    return Table("Poses: what is broken", (header,), tuple(body), notes)
+
+
+def told(rig, measured: Measured) -> list[str]:
+    """Return lines that name a set's worst poses and the controls that they use most."""
+    health, lines = measured.health, []
+    measures = {"flips, %": 100 * health.flipped}
+    for where, depth in (("through the skin", health.through), ("in the flesh", health.buried)):
+        measures |= {f"{kind} {where}, mm": values for kind, values in depth.items()}
+    for what, values in measures.items():
+        found = worst(values, LISTED)
+        if len(found):
+            lines.append(f"{rig.name}, {measured.kind}: worst {what}")
+        for k in found:
+            lines.append(f"  {values[k]:7.2f}  {measured.names[k]:28} {strongest(rig.controls, health.params[k])}")
+    return lines
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the benchmark from the command line; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.poses", description="Look for broken poses.")
+    parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
+    parser.add_argument("--count", type=int, default=COUNT, help=f"samples of Eq. 5 (default: {COUNT})")
+    parser.add_argument("--every", type=int, default=1, help="take each k-th frame of the clips only (default: 1)")
+    options = parser.parse_args(arguments)
+    try:
+        for name in ("count", "every"):
+            if getattr(options, name) < 1:
+                raise InputError(f"{name} is {getattr(options, name)}: allowed is a whole number of at least 1")
+        listed = [row for name in options.characters.replace(",", " ").split() for row in _run(name, options)]
+    except (InputError, RunError) as error:
+        print(error, file=sys.stderr)
+        return 2 if isinstance(error, InputError) else 1
+    print(as_text(summary(listed)))
+    return 0
+
+
+def _run(character: str, options: argparse.Namespace) -> list[Row]:
+    """Measure one character; write its rows, in place of those of an earlier run, and draw its worst poses."""
+    from replicate.figures.panels import save_figure
+    from replicate.figures.worst_poses import worst_poses
+
+    rig = made_rig(character)
+    found = bench(rig, options.count, options.every)
+    listed = [row for measured in found for row in rows(rig.name, measured)]
+    folder = paths.run_folder("bench")
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "bench_poses.csv"
+    kept = [row for row in read_results(file) if row.character != rig.name] if file.is_file() else []
+    write_results(file, kept + listed)
+    for measured in found:
+        print("\n".join(told(rig, measured)))
+    figure, words = worst_poses(rig, found)
+    save_figure(figure, folder / f"{rig.name}_worst_poses.png", words)
+    print(f"written to {paths.shown(folder)}: bench_poses.csv and {rig.name}_worst_poses.png")
+    return listed
+
+
+if __name__ == "__main__":
+    sys.exit(main())
