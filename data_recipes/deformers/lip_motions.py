@@ -13,19 +13,27 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from data_recipes.deformers.sculpting import EXTENSION_MM2
+
 Curve = Float[np.ndarray, " k"]
 Motion = tuple[Curve, Curve, Curve]
+SLACK_MM2 = 4.0
 ROUND = 0.94  # the last of a lip moves with its corner, which is drawn out rounded and not to a point
 
 
 @dataclass(frozen=True)
 class LipAction:
-    """How an action moves the lips at full strength, and which part of (Δa, Δb, Δr) it has done half-way."""
+    """How an action moves the lips at full strength, and which part of (Δa, Δb, Δr) it has done half-way.
+
+    bending_mm2: of the skin around, as `Sculptor.extend` takes it. Where a lip turns about itself the skin is slack, or
+    it would go on turning down to the chin.
+    """
 
     seam: Callable[[Curve, Curve], Motion]
     border: Callable[[Curve, Curve], Motion]
     half: tuple[float, float, float] = (0.5, 0.5, 0.5)
     sided: bool = True
+    bending_mm2: float = EXTENSION_MM2
 
 
 def arch(u: Curve, power: float = 2.0) -> Curve:
@@ -161,8 +169,10 @@ ACTIONS = {
     "dimple_*": LipAction(_dimple, _dimple, (0.6, 0.5, 0.35)),
     "lip_press_*": LipAction(_press_seam, _press_border),
     "chin_raise": LipAction(_chin_seam, _chin_border, (0.5, 0.45, 0.6), sided=False),
-    "lip_roll_upper": LipAction(_roll_seam(1), _roll_border(1), (0.5, 0.62, 0.42), sided=False),
-    "lip_roll_lower": LipAction(_roll_seam(-1), _roll_border(-1), (0.5, 0.62, 0.42), sided=False),
+    "lip_roll_upper": LipAction(_roll_seam(1), _roll_border(1), (0.5, 0.55, 0.46), sided=False, bending_mm2=SLACK_MM2),
+    "lip_roll_lower": LipAction(
+        _roll_seam(-1), _roll_border(-1), (0.5, 0.55, 0.46), sided=False, bending_mm2=SLACK_MM2
+    ),
     "mouth_sideways": LipAction(_sideways, _sideways, sided=False),
     "mouth_up_down": LipAction(_up, _up, sided=False),
 }

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from data_recipes.deformers.lip_motions import ACTIONS, Curve, LipAction, Motion, arch
-from data_recipes.deformers.sculpting import Path, Sculptor, smoothstep
+from data_recipes.deformers.sculpting import EXTENSION_MM2, Path, Sculptor, smoothstep
 
 __all__ = ["ACTIONS", "BAG_SHARES", "lip_change", "sculpt", "sculpt_point"]
 BAG_SHARES = (1.0, 0.95, 0.85, 0.7, 0.5, 0.32, 0.18, 0.08)
@@ -21,7 +21,9 @@ POINT_U = {"01": -0.72, "02": -0.38, "03": 0.0, "04": 0.38, "05": 0.72}
 POINT_TRAVEL_MM = {"x": 4.0, "y": 4.0, "z": 3.5}
 
 
-def lip_change(sculptor: Sculptor, seam: Motion, border: Motion) -> Float[np.ndarray, "n 3"]:
+def lip_change(
+    sculptor: Sculptor, seam: Motion, border: Motion, bending_mm2: float = EXTENSION_MM2
+) -> Float[np.ndarray, "n 3"]:
     """Return (Δa, Δb, Δr) of every vertex for a motion of seam and border: lips, mouth bag, and the skin around."""
     head = sculptor.head
     mouth, bag = head.grids["mouth"], head.grids["mouth_bag"]
@@ -32,7 +34,7 @@ def lip_change(sculptor: Sculptor, seam: Motion, border: Motion) -> Float[np.nda
         t = j / lip_rings
         change[mouth[j]] = (1 - t) * inner + t * outer
     size = head.recipe.mouth.half_width / 24.0 * np.array(head.recipe.mouth.travel)
-    change = sculptor.extend(change * size)
+    change = sculptor.extend(change * size, bending_mm2)
     for j, share in enumerate(BAG_SHARES[: len(bag)]):
         change[bag[j]] = share * inner * size
     # Deep in the bag, rings stand much higher than the seam: they must not be drawn out with it.
@@ -49,7 +51,8 @@ def sculpt(sculptor: Sculptor, action: LipAction) -> Path:
     """Return an action's path, of the left side if it has sides; left and right together give the whole mouth's."""
     u, side = sculptor.head.ring_parameter["mouth_u"], sculptor.head.ring_parameter["mouth_side"]
     window = smoothstep(u, -0.45, 0.45) if action.sided else np.ones_like(u)
-    change = lip_change(sculptor, _windowed(action.seam(u, side), window), _windowed(action.border(u, side), window))
+    seam, border = (_windowed(motion(u, side), window) for motion in (action.seam, action.border))
+    change = lip_change(sculptor, seam, border, action.bending_mm2)
     half, full = sculptor.along_surface(change * np.array(action.half)), sculptor.along_surface(change)
     still = np.zeros(sculptor.n)
     return Path(half, full, still, still)

@@ -240,8 +240,8 @@ class Sculptor:
     # -- carrying a curve's motion into the skin -----------------------------------------------------------------
 
     @cached_property
-    def _extension(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, sp.csr_matrix, object]:
-        """What `extend` needs: its vertices, which of them are lips, which are free, the operator and its solver."""
+    def _extension(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, sp.csr_matrix, sp.csr_matrix]:
+        """What `extend` needs: its vertices, which of them are lips, which are free; what stretches and what bends."""
         head = self.head
         lips = head.grids["mouth"][: head.recipe.template.lip_rings + 1].ravel()
         far = geodesic(self.x, self.graph, lips, 74.0)
@@ -251,18 +251,27 @@ class Sculptor:
         x = self.x[patch]
         k = stiffness(x, local)
         mass = vertex_areas(x, local)
-        operator = (k + EXTENSION_MM2 * k @ sp.diags(1 / mass) @ k).tocsr()
         held = [head.landmarks["nose_tip"]]
         for side in ("left", "right"):
             held += head.grids[f"eye_{side}"][:3].ravel().tolist() + head.grids[f"nostril_{side}"].ravel().tolist()
         is_lip = np.isin(patch, lips)
         free = ~is_lip & ~np.isin(patch, held) & (far[patch] < 62.0)
-        solver = sp.linalg.splu(operator[free][:, free].tocsc())
-        return patch, is_lip, free, operator, solver
+        return patch, is_lip, free, k, (k @ sp.diags(1 / mass) @ k).tocsr()
 
-    def extend(self, on_lips: Float[np.ndarray, "n c"]) -> Float[np.ndarray, "n c"]:
-        """Return values given on the lips' rings carried into the skin around, to 0 at eyes, nose tip and afar."""
-        patch, is_lip, free, operator, solver = self._extension
+    @cached_property
+    def _extension_solvers(self) -> dict[float, object]:
+        return {}
+
+    def extend(self, on_lips: Float[np.ndarray, "n c"], bending_mm2: float = EXTENSION_MM2) -> Float[np.ndarray, "n c"]:
+        """Return values given on the lips' rings carried into the skin around, to 0 at eyes, nose tip and afar.
+
+        bending_mm2: how far the skin goes on as the lips slope (large), against how soon it is back at rest (small).
+        """
+        patch, is_lip, free, stretch, bend = self._extension
+        operator = (stretch + bending_mm2 * bend).tocsr()
+        if bending_mm2 not in self._extension_solvers:
+            self._extension_solvers[bending_mm2] = sp.linalg.splu(operator[free][:, free].tocsc())
+        solver = self._extension_solvers[bending_mm2]
         values = np.zeros((len(patch), on_lips.shape[1]))
         values[is_lip] = on_lips[patch[is_lip]]
         right = -(operator[free][:, is_lip] @ values[is_lip])
