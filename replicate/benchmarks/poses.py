@@ -72,22 +72,21 @@ def rows(character: str, measured: Measured) -> list[Row]:
     """Return one set's numbers as rows; `poses` is how many they stand on."""
     health = measured.health
 
-    def row(metric: str, unit: str, value: float, poses: int | None = None) -> Row:
+    def row(metric: str, unit: str, value: float | int, poses: int | None = None) -> Row:
         poses = len(health.params) if poses is None else poses
         return Row(
             "bench_poses", character, measured.kind, metric, unit, float(value), None, 1, poses, "bench", "bench-poses"
         )
 
     listed = [
-        row("bad_vertices", "count", health.bad.sum()),
-        row("flipped_triangles_mean", "ratio", health.flipped.mean()),
-        row("flipped_triangles_worst", "ratio", health.flipped.max()),
-        row("furthest_vertex", "ratio", health.furthest.max()),
+        row("bad_vertices", "count", int(health.bad.sum())),
+        row("flipped_triangles_mean", "ratio", float(health.flipped.mean())),
+        row("flipped_triangles_worst", "ratio", float(health.flipped.max())),
+        row("furthest_vertex", "ratio", float(health.furthest.max())),
     ]
-    for name, depth in (("through", health.through), ("buried", health.buried)):
-        for kind, values in depth.items():
-            listed.append(row(f"{kind}_{name}_worst", "mm", values.max()))
-            listed.append(row(f"{kind}_{name}_over_1mm", "ratio", (values > DEEP_MM).mean()))
+    for kind, values in health.through.items():
+        listed.append(row(f"{kind}_through_worst", "mm", float(values.max())))
+        listed.append(row(f"{kind}_through_over_1mm", "ratio", float((values > DEEP_MM).mean())))
     if health.lids:
         eyes = [lid for _, _, lid in health.lids]
         listed += [
@@ -130,8 +129,7 @@ def told(rig, measured: Measured) -> list[str]:
     """Return lines that name a set's worst poses and the controls that they use most."""
     health, lines = measured.health, []
     measures = {"flips, %": 100 * health.flipped}
-    for where, depth in (("through the skin", health.through), ("in the flesh", health.buried)):
-        measures |= {f"{kind} {where}, mm": values for kind, values in depth.items()}
+    measures |= {f"{kind} through the skin, mm": values for kind, values in health.through.items()}
     for what, values in measures.items():
         found = worst(values, LISTED)
         if len(found):

@@ -1,29 +1,26 @@
-"""What is in a mouth stays in it: how far teeth, gums and tongue come through the skin, or into the flesh.
+"""What is in a mouth stays in it: how far teeth, gums and tongue come through the skin.
 
-The face and the mouth bag are one surface, the wall; teeth, gums and tongue are pieces of their own that lie in the
-bag, on the wall's outer side. Two lengths in mm say where a vertex of theirs has gone, each beyond what it has at rest:
-
-- *through*: it lies in front of outer skin, where it can be seen. A ray from it back into the head, against the
-  direction in which it faces lips, cheek or chin at rest (which turns with its piece), meets skin that faces that
-  direction; the depth is the distance to that skin's plane. Through an open mouth the ray meets none.
-- *buried*: it lies behind the wall, in the flesh, by the distance to the nearest wall. In a thin lip it is at most half
-  of the lip's thickness.
+The face and the mouth bag are one surface; teeth, gums and tongue are pieces of their own that lie in the bag. A vertex
+of theirs has come *through* when it lies in front of outer skin, where it can be seen: a ray from it back into the
+head, against the direction in which it faces lips, cheek or chin at rest (which turns with its piece), meets skin that
+faces that direction. The depth is the distance to that skin's plane, in mm beyond what it is at rest. Through an open
+mouth the ray meets none. Where they lie behind the skin, in the bag or in its wall, is not looked at: nobody sees it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from replicate.evaluation.triangle_kernel import ray_hits, signed_distances
+from replicate.evaluation.triangle_kernel import ray_hits
 from replicate.mesh import Mesh, face_normals
 from replicate.rigid import align
 
 HEAD_WIDTH_MM = 188.0  # the lengths below are for a head of this width, and scale with it
-WALL_MM = 30.0  # triangles this near to the pieces are wall
+NEAR_MM = 30.0  # skin this near to the pieces is looked at
 REACH_MM = 25.0  # how far back a ray looks for skin
 FACING = 0.3  # cosine above which skin faces the ray's way
 NEIGHBOURS = 24  # of a vertex, over which its direction is the mean
@@ -32,11 +29,11 @@ KINDS = {"tooth": "teeth", "teeth": "teeth", "gum": "gums", "tongue": "tongue"} 
 
 @dataclass(frozen=True)
 class Mouth:
-    """What of a mesh is in the mouth, and the wall around it.
+    """What of a mesh is in the mouth, and the skin around it.
 
     points (k,): vertices of all pieces; piece (k,): which one each belongs to; kind (k,): its index in `kinds`; outward
-    (k, 3): the direction in which it faces the skin at rest. wall (w, 3): triangles; skin (w,): those not of the bag.
-    resting: through and buried (k,) of the neutral pose, in mm.
+    (k, 3): the direction in which it faces the skin at rest. skin (s, 3): triangles of the outer skin near them.
+    resting (k,): depths of the neutral pose, in mm.
     """
 
     kinds: tuple[str, ...]
@@ -44,11 +41,10 @@ class Mouth:
     piece: Int[np.ndarray, " k"]
     kind: Int[np.ndarray, " k"]
     outward: Float[np.ndarray, "k 3"]
-    wall: Int[np.ndarray, "w 3"]
-    skin: Bool[np.ndarray, " w"]
+    skin: Int[np.ndarray, "s 3"]
     reach_mm: float
     neutral: Float[np.ndarray, "n 3"]
-    resting: tuple[np.ndarray, np.ndarray]
+    resting: Float[np.ndarray, " k"]
 
 
 def find_mouth(mesh: Mesh) -> Mouth | None:
@@ -72,18 +68,13 @@ def find_mouth(mesh: Mesh) -> Mouth | None:
     x = mesh.neutral.astype(float)
     faces = mesh.faces[(piece[mesh.faces] == outer).all(1)]
     near, _ = cKDTree(x[points]).query(x[faces].mean(1))
-    wall = faces[near < WALL_MM * scale]
     bag = np.array([name.startswith("mouth") for name in mesh.segment_names])[mesh.segment]
-    skin = ~bag[wall].any(1)
-    if not skin.any():
+    skin = faces[(near < NEAR_MM * scale) & ~bag[faces].any(1)]
+    if not len(skin):
         return None
-    outward = _outward(x, points, wall[skin])
-    resting = np.zeros(len(points)), np.zeros(len(points))
-    mouth = Mouth(tuple(kinds), points, piece[points], kind[points], outward, wall, skin, REACH_MM * scale, x, resting)
-    at_rest = depths(mouth, mesh.neutral)
-    for held, found in zip(resting, at_rest, strict=True):
-        held[:] = found
-    return mouth
+    outward, zero = _outward(x, points, skin), np.zeros(len(points))
+    mouth = Mouth(tuple(kinds), points, piece[points], kind[points], outward, skin, REACH_MM * scale, x, zero)
+    return replace(mouth, resting=depths(mouth, mesh.neutral))
 
 
 def _outward(x: np.ndarray, points: np.ndarray, skin: np.ndarray) -> Float[np.ndarray, "k 3"]:
@@ -100,20 +91,19 @@ def _outward(x: np.ndarray, points: np.ndarray, skin: np.ndarray) -> Float[np.nd
     return mean / np.linalg.norm(mean, axis=1, keepdims=True)
 
 
-def depths(mouth: Mouth, vertices: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Return how far each of the mouth's points is through the skin, and buried in the flesh, beyond its rest; mm."""
+def depths(mouth: Mouth, vertices: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " k"]:
+    """Return how far each of the mouth's points is through the skin, beyond its rest; mm."""
     posed = vertices.astype(float)
-    at, corners = posed[mouth.points], posed[mouth.wall]
+    at = posed[mouth.points]
     outward = np.empty_like(mouth.outward)
     for index in np.unique(mouth.piece):
         members = mouth.piece == index
         turn, _ = align(mouth.neutral[mouth.points[members]], at[members])
         outward[members] = mouth.outward[members] @ turn
-    share, cosine = ray_hits(at, -mouth.reach_mm * outward, corners, mouth.skin)
+    share, cosine = ray_hits(at, -mouth.reach_mm * outward, posed[mouth.skin])
     behind = np.isfinite(share) & (cosine < -FACING)
     through = np.where(behind, np.where(behind, share, 0) * mouth.reach_mm * -cosine, 0.0)
-    buried = np.maximum(-signed_distances(at, corners), 0)
-    return np.maximum(through - mouth.resting[0], 0), np.maximum(buried - mouth.resting[1], 0)
+    return np.maximum(through - mouth.resting, 0)
 
 
 def deepest(mouth: Mouth, depth_mm: Float[np.ndarray, " k"]) -> dict[str, float]:

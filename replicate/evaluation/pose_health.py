@@ -18,8 +18,8 @@ class Health:
     """What was found in some poses, (b,) each.
 
     params (b, m). bad: vertices that are NaN or infinite; of such poses nothing else is measured. flipped: the share of
-    the skin's triangles; furthest: in head sizes. through, buried: kind of mouth part → depth in mm; empty if not asked
-    for. lids: (pose, side, Lids) for each eye that blinks fully.
+    the skin's triangles; furthest: in head sizes. through: kind of mouth part → depth in mm; empty if not
+    asked for. lids: (pose, side, Lids) for each eye that blinks fully.
     """
 
     params: Float[np.ndarray, "b m"]
@@ -27,7 +27,6 @@ class Health:
     flipped: np.ndarray
     furthest: np.ndarray
     through: dict[str, np.ndarray] = field(default_factory=dict)
-    buried: dict[str, np.ndarray] = field(default_factory=dict)
     lids: tuple[tuple[int, str, Lids], ...] = ()
 
 
@@ -43,7 +42,7 @@ def measure(
     count = len(params)
     bad, flipped, furthest = np.zeros(count, int), np.zeros(count), np.zeros(count)
     kinds = mouth.kinds if mouth is not None else ()
-    through, buried = ({kind: np.zeros(count) for kind in kinds} for _ in range(2))
+    through = {kind: np.zeros(count) for kind in kinds}
     lids = []
     with progress(count, label) as bar:
         for rows, vertices in evaluate(rig, np.asarray(params, np.float32)):
@@ -55,14 +54,13 @@ def measure(
             furthest[at] = skin.furthest(vertices[sound])
             for k, pose in zip(sound, at, strict=True):
                 if mouth is not None:
-                    for found, depth_mm in zip((through, buried), depths(mouth, vertices[k]), strict=True):
-                        for kind, value in deepest(mouth, depth_mm).items():
-                            found[kind][pose] = value
+                    for kind, value in deepest(mouth, depths(mouth, vertices[k])).items():
+                        through[kind][pose] = value
                 if eyes is not None:
                     found = measure_lids(rig, eyes, params[pose], vertices[k])
                     lids += [(int(pose), side, lid) for side, lid in found.items()]
             bar.update(len(vertices))
-    return Health(np.asarray(params), bad, flipped, furthest, through, buried, tuple(lids))
+    return Health(np.asarray(params), bad, flipped, furthest, through, tuple(lids))
 
 
 def worst(values: np.ndarray, count: int) -> np.ndarray:

@@ -18,21 +18,17 @@ from replicate.mesh import Mesh
 SHOWN, COLUMNS = 10, 5
 FLIPPED, BESIDE, OUTSIDE = (220, 0, 110), (250, 190, 90), (220, 0, 110)
 SKIN = (214, 206, 198)
-LEAST = {"flips": 1e-9, "through": 0.05, "buried": 0.05}  # what is worth a picture: a share, mm, mm
+LEAST = {"flips": 1e-9, "through": 0.05}  # what is worth a picture: a share, mm
 
 
 def worst_poses(rig, measured: Sequence, width: int = 250, height: int = 270, renderer=None):
     """Return (figure, words): the poses with most flipped triangles, then those whose teeth go furthest.
 
     rig: any that keeps the Rig contract. measured: sets of poses with `kind`, `names` and `health`, as the benchmark of
-    poses finds them. Where no tooth comes through the skin, those that are buried in the flesh are shown instead.
+    poses finds them.
     """
     flips = _ranked(measured, lambda health: health.flipped, "flips")
-    which = "through"
-    deep = _ranked(measured, lambda health: health.through.get("teeth", ()), which)
-    if not deep:
-        which = "buried"
-        deep = _ranked(measured, lambda health: health.buried.get("teeth", ()), which)
+    deep = _ranked(measured, lambda health: health.through.get("teeth", ()), "through")
     skin, mouth = Skin(rig.mesh), find_mouth(rig.mesh)
     pictures, titles = [], []
     for value, name, params in flips:
@@ -44,9 +40,9 @@ def worst_poses(rig, measured: Sequence, width: int = 250, height: int = 270, re
     _fill(pictures, titles, width, height)
     for value, name, params in deep:
         vertices = rig(params)
-        depth_mm = depths(mouth, vertices)[0 if which == "through" else 1]
+        depth_mm = depths(mouth, vertices)
         out = np.zeros(len(vertices), bool)
-        out[mouth.points[depth_mm > LEAST[which]]] = True
+        out[mouth.points[depth_mm > LEAST["through"]]] = True
         colours = segment_colours(rig.mesh, SKIN)
         colours[out[rig.mesh.faces].any(1)] = OUTSIDE
         camera = camera_for("mouth", rig.mesh.neutral)
@@ -59,14 +55,13 @@ def worst_poses(rig, measured: Sequence, width: int = 250, height: int = 270, re
     step = min(COLUMNS, len(pictures))
     rows = [pictures[k : k + step] for k in range(0, len(pictures), step)]
     figure = panel_grid(rows, [titles[k : k + step] for k in range(0, len(titles), step)])
-    return figure, _words(rig, flips, deep, which)
+    return figure, _words(rig, flips, deep)
 
 
-def _words(rig, flips: list, deep: list, which: str) -> Words:
-    where = "through the skin" if which == "through" else "in the flesh"
+def _words(rig, flips: list, deep: list) -> Words:
     most = f"up to {100 * flips[0][0]:.2f} % of the skin's triangles" if flips else "none"
-    far = f"up to {deep[0][0]:.2f} mm {where}" if deep else f"nowhere more than {LEAST[which]} mm {where}"
-    count = f"{len(flips)} poses with most flipped triangles ({most}) and {len(deep)} whose teeth go furthest ({far})"
+    far = f"up to {deep[0][0]:.2f} mm" if deep else "nowhere"
+    count = f"{len(flips)} with most flipped triangles ({most}), {len(deep)} with teeth furthest through skin ({far})"
     return Words(
         f"Renders of the character {rig.name} in its worst poses: {count}.",
         f"{rig.name}: {count}; of samples of training, frames of clips and single controls. Flipped triangles are "
