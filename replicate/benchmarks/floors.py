@@ -1,0 +1,145 @@
+"""What maps of a resolution can hold at best: floors at several resolutions, over the head and where it is refined.
+
+`make bench-floors` fits maps to the true offsets of test poses by least squares (`deformation_map.Floor`), no network
+involved: coarse maps of 16 to 128 pixels a side, and refinement maps of the same sizes on top of the profile's coarse
+ones. The refined regions are the triangles whose corners all lie in refinement segments.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from replicate import paths
+from replicate.config import Config, resolve
+from replicate.errors import InputError, RunError
+from replicate.evaluation.errors import unique_poses
+from replicate.evaluation.results import Row, find, read_results, write_results
+from replicate.evaluation.tables import Table, as_text, rounded
+from replicate.mesh import Mesh
+from replicate.metrics import normal_error, vertex_error
+from replicate.pipeline import table2_graph
+from replicate.progress import progress
+from replicate.provenance import core_count, provenance
+from replicate.scheduler import run
+from replicate.stages import in_order
+from replicate.store import artefact_folder
+
+TABLE = "bench_floors"
+SIZES = (16, 32, 64, 128)
+POSES = 100
+BATCH = 20
+LEVELS = {"coarse": "coarse maps", "refinement": "refinement maps on coarse ones"}
+REGIONS = {"": "all", "refined": "refined regions"}
+
+
+def floor_errors(
+    mesh: Mesh, floor, offsets: Float[np.ndarray, "b n 3"], inside: Bool[np.ndarray, " n"]
+) -> dict[str, tuple[float, float]]:
+    """Return what a floor misses of true offsets (mm): region → mean vertex error (mm) and mean normal error (degrees).
+
+    inside: which vertices the refined regions consist of.
+    """
+    vertices, faces = {"": slice(None), "refined": inside}, {"": slice(None), "refined": inside[mesh.faces].all(1)}
+    sums = {region: np.zeros((2, 2)) for region in REGIONS}
+    for start in range(0, len(offsets), BATCH):
+        truth = mesh.neutral + np.asarray(offsets[start : start + BATCH], np.float32)
+        held = mesh.neutral + floor(truth - mesh.neutral)
+        millimetres, degrees = vertex_error(held, truth), normal_error(held, truth, mesh.faces)
+        for region, total in sums.items():
+            for k, values in enumerate((millimetres[:, vertices[region]], degrees[:, faces[region]])):
+                known = np.isfinite(values)
+                total[k] += values[known].sum(dtype=np.float64), known.sum()
+    return {region: tuple(float(total / max(count, 1)) for total, count in both) for region, both in sums.items()}
+
+
+def floors(config: Config) -> list[Row]:
+    """Make what is needed of a character, nothing trained, and return its floors at all sizes."""
+    from replicate.approximation.segments import load_segments
+    from replicate.deformation_map import Floor
+    from replicate.samples import SampleSet
+    from replicate.stage_bodies import load_coarse_segments
+
+    selection = next(stage for stage in in_order(table2_graph(config)) if stage.name == "selection")
+    run([selection], facts=provenance(["make", "bench-floors"], config.profile, [0], core_count()))
+    inputs = {stage.name: artefact_folder(stage.identifier) for stage in in_order([selection])}
+    inputs["selection"] = artefact_folder(selection.identifier)
+    mesh, samples = Mesh.load(inputs["rig"] / "mesh.npz"), SampleSet.open(inputs["samples"])
+    segments = load_coarse_segments(inputs, mesh)
+    squares = load_segments(inputs["selection"] / "segments.npz")
+    inside = np.zeros(len(mesh.neutral), bool)
+    for square in squares:
+        inside[square.vertices] = True
+    poses = unique_poses(np.asarray(samples.test_params))
+    poses = poses[:: max(1, len(poses) // POSES)][:POSES]
+    offsets, rows = samples.test_offsets[poses], []
+    with progress(len(LEVELS) * len(SIZES), f"{selection.label}, floors") as bar:
+        for level in LEVELS:
+            for size in SIZES:
+                coarse = size if level == "coarse" else config.coarse.map_size
+                floor = Floor(segments, coarse, squares if level == "refinement" else (), size)
+                for region, errors in floor_errors(mesh, floor, offsets, inside).items():
+                    suffix = f"[{size}, {region}]" if region else f"[{size}]"
+                    for kind, unit, value in zip(("vertex", "normal"), ("mm", "deg"), errors, strict=True):
+                        facts = (unit, value, None, 1, len(poses), config.profile, "bench-floors")
+                        rows.append(Row(TABLE, selection.label, level, f"{kind}_error_mean{suffix}", *facts))
+                bar.update(1)
+    return rows
+
+
+def floors_table(rows: Sequence[Row], character: str) -> Table:
+    """Return one character's floors, a resolution a line, and each over that of half the resolution."""
+    body: list[tuple[str, ...] | None] = []
+    for level, words in LEVELS.items():
+        body += [None] if body else []
+        before: dict[str, float] = {}
+        for size in SIZES:
+            cells = [f"{words}, {size}×{size}"]
+            for region in REGIONS:
+                suffix = f"[{size}, {region}]" if region else f"[{size}]"
+                for kind, unit in (("vertex", "mm"), ("normal", "deg")):
+                    row = find(rows, TABLE, character, level, f"{kind}_error_mean{suffix}")
+                    key = f"{region} {kind}"
+                    share = row.value / before[key] if row and before.get(key) else None
+                    cells += [
+                        rounded(row.value, unit) if row else "–",
+                        "–" if share is None else rounded(share, "ratio"),
+                    ]
+                    before[key] = row.value if row else 0.0
+            body.append(tuple(cells))
+    header = [
+        "",
+        *(f"{what}{region}" for region in ("", ", refined") for what in ("mm", "× half", "degrees", "× half")),
+    ]
+    notes = ("Least-squares maps of the true offsets of test poses. × half: over the floor at half the resolution.",)
+    return Table(f"Projection floors: {character}", (tuple(header),), tuple(body), notes)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the benchmark from the command line; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.floors", description=__doc__)
+    parser.add_argument("--profile", default="laptop", help="whose samples and refinement segments (default: laptop)")
+    parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
+    options = parser.parse_args(arguments)
+    try:
+        rows = []
+        for name in options.characters.replace(",", " ").split():
+            rows += floors(resolve(name, options.profile))
+    except (InputError, RunError) as error:
+        print(error, file=sys.stderr)
+        return 2 if isinstance(error, InputError) else 1
+    named = list(dict.fromkeys(row.character for row in rows))
+    print("\n\n".join(as_text(floors_table(rows, name)) for name in named))
+    folder = paths.run_folder("bench")
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "bench_floors.csv"
+    kept = [row for row in read_results(file) if row.character not in named] if file.is_file() else []
+    write_results(file, kept + rows)
+    print(f"written to {paths.shown(folder)}: bench_floors.csv")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
