@@ -23,7 +23,7 @@ PYTHON     ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 
 # An active environment is used as it is if it has all packages, and .venv otherwise.
 MODULES := beartype filelock ipykernel jax jaxtyping jupyter matplotlib nbclient nbformat numba numpy pandas PIL \
-	psutil pytest pyvista ruff safetensors sklearn scipy threadpoolctl torch tqdm trimesh
+	psutil pytest xdist pyvista ruff safetensors sklearn scipy threadpoolctl torch tqdm trimesh
 COMPLETE := import sys, importlib.util as u; \
 	print(*["yes"] * (sys.version_info >= (3, 11) and all(u.find_spec(m) for m in sys.argv[1:])))
 ACTIVE := $(or $(VIRTUAL_ENV),$(CONDA_PREFIX))
@@ -100,7 +100,7 @@ status: $(ENVIRONMENT) ## list which artefacts are up to date, and what the cach
 	@$(RUN) -m replicate status $(RUN_OPTIONS)
 
 test: $(ENVIRONMENT) ## run all tests
-	$(RUN) -m pytest
+	$(RUN) -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 lint: $(ENVIRONMENT) ## check the style of the sources
 	$(RUN) -m ruff check .

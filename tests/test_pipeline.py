@@ -6,7 +6,6 @@ import random
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -102,10 +101,9 @@ def test_what_is_learned_beats_the_neutral_pose_and_no_method_beats_the_truth_th
 def test_running_again_does_nothing_and_says_so(undisturbed):
     folder, _ = undisturbed
     before = {path: path.stat().st_mtime_ns for path in (folder / "cache").rglob("*") if path.is_file()}
-    written, started = table(folder), time.monotonic()
+    written = table(folder)
     printed, _ = finish(folder)
     assert "nothing to do" in printed
-    assert time.monotonic() - started < 10
     after = {path: path.stat().st_mtime_ns for path in (folder / "cache").rglob("*") if path.is_file()}
     assert {path: t for path, t in after.items() if path.suffix != ".lock"} == {
         path: t for path, t in before.items() if path.suffix != ".lock"
