@@ -68,7 +68,7 @@ ANTICS: dict[str, dict[str, float]] = {
     "yawn": {
         "jaw_open": 0.9,
         "jaw_drop": 0.4,
-        "blink_*": 0.85,
+        "blink_*": 1.0,
         "brow_inner_up_*": 0.5,
         "brow_outer_up_*": 0.4,
         "nostril_flare_*": 0.5,

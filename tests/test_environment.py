@@ -10,7 +10,11 @@ import pytest
 
 from replicate.paths import ROOT
 
-MODULE_NAMES = {"pillow": "PIL", "pytest-xdist": "xdist", "scikit-learn": "sklearn"}  # where a package is imported by another name
+MODULE_NAMES = {
+    "pillow": "PIL",
+    "pytest-xdist": "xdist",
+    "scikit-learn": "sklearn",
+}  # where a package is imported by another name
 TEXT = {"", ".cff", ".csv", ".ipynb", ".json", ".lock", ".md", ".py", ".toml", ".yml"}
 
 
