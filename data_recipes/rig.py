@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, Int, UInt8
 
 from data_recipes.controls import Control
 from data_recipes.sampling import (
@@ -136,7 +136,9 @@ class Rig:
 
         return jax.jit(push)
 
-    def jacobian(self, params, columns: Sequence[int] | None = None) -> Float32[np.ndarray, "n 3 k"]:
+    def jacobian(
+        self, params, columns: Sequence[int] | Int[np.ndarray, " k"] | None = None
+    ) -> Float32[np.ndarray, "n 3 k"]:
         """Return ∂V/∂p (n, 3, m) in mm per unit of each control, exact, by forward differentiation.
 
         columns: the controls wanted, by their place in p; None for all. Needs a function that JAX can trace; our own

@@ -123,7 +123,7 @@ def test_a_signal_ends_the_workers_too(cache, number):
     process = start(cache, 1.0, 20, 2)
     children = children_after(process, 1)
     process.send_signal(number)
-    process.communicate(timeout=20)
+    process.communicate(timeout=90)
     assert process.returncode != 0
     _, alive = psutil.wait_procs(children, timeout=5)
     assert not alive

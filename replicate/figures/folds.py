@@ -1,6 +1,6 @@
 """The wrinkle model in pictures: compression painted on the face, and how a fold grows out of it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
@@ -121,7 +121,7 @@ def fold_chart(rig, amounts: Mapping[str, float], region: str = "forehead"):
     )
 
 
-def middle_line(places: Float[np.ndarray, "s 3"], half_width_mm: float = 1.5) -> tuple[Sequence[int], np.ndarray]:
+def middle_line(places: Float[np.ndarray, "s 3"], half_width_mm: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
     """Return the vertices near the region's middle from bottom to top, and how far up each lies in mm."""
     middle = np.median(places[:, 0])
     near = np.flatnonzero(np.abs(places[:, 0] - middle) < half_width_mm)
