@@ -10,11 +10,13 @@ from typing import no_type_check
 import numba
 import numpy as np
 
+from replicate.compiled import KEPT
+
 LANES = 8
 _BUFFER = 28 * LANES
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(cache=KEPT, error_model="numpy")
 @no_type_check
 def loss_and_gradient(vertices, target, faces, vertex_scale, normal_scale):
     """Return the summed Eq. 1 of all lanes and its gradient, (n, 3, LANES), in the vertices.
@@ -27,7 +29,7 @@ def loss_and_gradient(vertices, target, faces, vertex_scale, normal_scale):
     return total, gradient.reshape(vertices.shape)
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(cache=KEPT, error_model="numpy")
 @no_type_check
 def _vertex_term(vertices, target, scale):
     gradient = np.empty_like(vertices)
@@ -40,7 +42,7 @@ def _vertex_term(vertices, target, scale):
     return gradient, sums.sum() * scale
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(cache=KEPT, error_model="numpy")
 @no_type_check
 def _normal_term(vertices, target, faces, scale, gradient):
     sums = np.zeros(LANES, np.float64)
@@ -82,7 +84,7 @@ def _normal_term(vertices, target, faces, scale, gradient):
     return sums.sum() * scale
 
 
-@numba.njit(inline="always", error_model="numpy")
+@numba.njit(cache=KEPT, inline="always", error_model="numpy")
 @no_type_check
 def _edge(w, start, end, lane):
     """Return the vector between the corners whose coordinates begin at two rows of the buffer."""
@@ -90,7 +92,7 @@ def _edge(w, start, end, lane):
     return w[b] - w[a], w[b + LANES] - w[a + LANES], w[b + 2 * LANES] - w[a + 2 * LANES]
 
 
-@numba.njit(inline="always", error_model="numpy")
+@numba.njit(cache=KEPT, inline="always", error_model="numpy")
 @no_type_check
 def _unit(x, y, z):
     """Return a vector's direction and one over its length; zeros for a vector of no length."""

@@ -1,10 +1,20 @@
 """Shapes and types of annotated functions are checked while tests run; every test has a cache of its own."""
 
+import atexit
 import os
+import shutil
+import tempfile
 
 for library in ("OMP", "MKL", "OPENBLAS", "NUMEXPR", "NUMBA"):  # before any of them is loaded
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+if "PYTEST_XDIST_WORKER" not in os.environ:  # all processes of the tests share the code that one of them compiles
+    folder = tempfile.mkdtemp(prefix="replicate-compiled-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    os.environ["NUMBA_CACHE_DIR"] = os.path.join(folder, "numba")
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = os.path.join(folder, "jax")
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.3"
+    os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "0"
 
 import pytest
 from jaxtyping import install_import_hook

@@ -5,8 +5,10 @@ from typing import no_type_check
 import numpy as np
 from numba import njit
 
+from replicate.compiled import KEPT
 
-@njit(fastmath={"reassoc", "contract", "nsz"})
+
+@njit(cache=KEPT, fastmath={"reassoc", "contract", "nsz"})
 @no_type_check
 def solve_all(products, table, carried, square, old_index, old_weights, rounds, index, result, error):
     """Solve for the weights of all vertices; fill in `index`, `result` and `error`.
@@ -80,7 +82,7 @@ def solve_all(products, table, carried, square, old_index, old_weights, rounds, 
         error[i] = max(_energy(gram, support, weights, size) - ridge * squares, 0.0)
 
 
-@njit(fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=KEPT, fastmath={"reassoc", "contract", "nsz"})
 @no_type_check
 def _descend(gram, support, weights, size, influences, factor, y):
     """Minimise on the support in place, dropping what would turn negative or is too many; return its new size."""
@@ -117,7 +119,7 @@ def _descend(gram, support, weights, size, influences, factor, y):
     return size
 
 
-@njit
+@njit(cache=KEPT)
 @no_type_check
 def _cheapest(weights, size, factor, y, total):
     """Return the place in the support whose removal raises the energy least."""
@@ -137,7 +139,7 @@ def _cheapest(weights, size, factor, y, total):
     return cheapest
 
 
-@njit
+@njit(cache=KEPT)
 @no_type_check
 def _remove(support, weights, size, place):
     for a in range(place, size - 1):
@@ -146,7 +148,7 @@ def _remove(support, weights, size, place):
     return size - 1
 
 
-@njit
+@njit(cache=KEPT)
 @no_type_check
 def _factorise(gram, support, size, factor):
     """Cholesky of the Gram matrix on the support, lower triangle."""
@@ -162,7 +164,7 @@ def _factorise(gram, support, size, factor):
                 factor[a, b] = value / factor[b, b]
 
 
-@njit
+@njit(cache=KEPT)
 @no_type_check
 def _solve_ones(factor, size, y):
     """Solve G y = 1 from the Cholesky factor."""
@@ -178,7 +180,7 @@ def _solve_ones(factor, size, y):
         y[a] = value / factor[a, a]
 
 
-@njit(fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=KEPT, fastmath={"reassoc", "contract", "nsz"})
 @no_type_check
 def _gradient(gram, support, weights, size, gradient):
     """Fill in Gw for all bones and return wᵀGw."""
@@ -194,7 +196,7 @@ def _gradient(gram, support, weights, size, gradient):
     return energy
 
 
-@njit
+@njit(cache=KEPT)
 @no_type_check
 def _energy(gram, support, weights, size):
     total = 0.0

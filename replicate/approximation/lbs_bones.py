@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from numba import njit
 
+from replicate.compiled import KEPT
 from replicate.rigid import nearest_rotation
 
 # Pulls an undetermined rotation (a bone that holds one vertex, or a line) to where it was; the pull follows the bone,
@@ -83,7 +84,7 @@ def _empty(uu: np.ndarray) -> float:
     return 1e-12 * np.trace(uu)
 
 
-@njit(fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=KEPT, fastmath={"reassoc", "contract", "nsz"})
 @no_type_check
 def _sweep(motion, uu, vu, sweeps, settled):
     frames, _, width = motion.shape
@@ -135,7 +136,7 @@ def _sweep(motion, uu, vu, sweeps, settled):
                 break
 
 
-@njit
+@njit(cache=KEPT)
 @no_type_check
 def _project(motion):
     frames, _, bones, _ = motion.shape
@@ -151,7 +152,7 @@ def _project(motion):
                     motion[f, k, b, p] = turn[p, k] - (1.0 if p == k else 0.0)
 
 
-@njit
+@njit(cache=KEPT)
 @no_type_check
 def rotation_of(matrix):
     """Return the R in SO(3) that maximises tr(Rᵀ matrix), by Horn's quaternion: no reflection can come out.

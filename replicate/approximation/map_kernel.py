@@ -16,6 +16,7 @@ import torch
 from numba import njit
 
 from replicate.approximation.tile_kernel import CHANNELS, TILE, correlate, multiply
+from replicate.compiled import KEPT
 
 # _SHARE[p, t, k]: whether row k of a 3×3 kernel falls on the t-th of the two source rows that a row of parity p shows.
 _SHARE = np.array([[[1, 0, 0], [0, 1, 1]], [[1, 1, 0], [0, 0, 1]]], np.float32)
@@ -38,7 +39,7 @@ def _give(*images: np.ndarray) -> None:
         _free.setdefault(len(image), []).append(image)
 
 
-@njit(error_model="numpy")
+@njit(cache=KEPT, error_model="numpy")
 @no_type_check
 def _convolve(image, x_scale, size, taps, offsets, bias, out, y_scale, firsts):
     """Write to `out` at y_scale·(r, c) + firsts[k] the sum over taps[k] of `image` at x_scale·(r, c) + offsets[k].
@@ -56,7 +57,7 @@ def _convolve(image, x_scale, size, taps, offsets, bias, out, y_scale, firsts):
                     multiply(out, y, y_scale * CHANNELS, image, x, x_scale * CHANNELS, offsets[k], taps[k], bias)
 
 
-@njit(error_model="numpy")
+@njit(cache=KEPT, error_model="numpy")
 @no_type_check
 def _correlate(image, size, offsets, upstream, y_scale, firsts):
     """Return the gradients (k, t, 16, 16) of the taps that `_convolve` with x_scale 1 gave `upstream` from `image`."""
@@ -74,7 +75,7 @@ def _correlate(image, size, offsets, upstream, y_scale, firsts):
     return gradient
 
 
-@njit(error_model="numpy")
+@njit(cache=KEPT, error_model="numpy")
 @no_type_check
 def _activate(image, batch, size, slope):
     """Apply the leaky ReLU in place, all but the border."""
@@ -86,7 +87,7 @@ def _activate(image, batch, size, slope):
                 row[k] = row[k] if row[k] > 0 else row[k] * slope
 
 
-@njit(error_model="numpy")
+@njit(cache=KEPT, error_model="numpy")
 @no_type_check
 def _deactivate(upstream, image, batch, size, slope):
     """Take a gradient through the leaky ReLU that gave `image`, in place; return its sum over all pixels (16,)."""
@@ -104,7 +105,7 @@ def _deactivate(upstream, image, batch, size, slope):
     return sums
 
 
-@njit(error_model="numpy", fastmath=_REORDER)
+@njit(cache=KEPT, error_model="numpy", fastmath=_REORDER)
 @no_type_check
 def _read(image, size, pixels, shares, weight, bias, out):
     """Write to `out` (b, k, 3) what vertices read bilinearly from an image, through the last 1×1 convolution."""
@@ -122,7 +123,7 @@ def _read(image, size, pixels, shares, weight, bias, out):
             out[b, i, 0], out[b, i, 1], out[b, i, 2] = x + bias[0], y + bias[1], z + bias[2]
 
 
-@njit(error_model="numpy", fastmath=_REORDER)
+@njit(cache=KEPT, error_model="numpy", fastmath=_REORDER)
 @no_type_check
 def _read_backward(image, size, pixels, shares, weight, upstream, out):
     """Write the gradient in the image to `out`; return those in the 1×1 convolution's weight and bias."""
@@ -154,7 +155,7 @@ def _read_backward(image, size, pixels, shares, weight, upstream, out):
     return gradient, bias
 
 
-@njit(inline="always", error_model="numpy")
+@njit(cache=KEPT, inline="always", error_model="numpy")
 @no_type_check
 def _pixels(image, b, pixel, size, side):
     """Return the two pixels of the upper row around a vertex, and the two of the lower row, as views."""

@@ -10,6 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numba import njit
 
+from replicate.compiled import KEPT
+
 
 def ray_hits(
     origins: Float[np.ndarray, "k 3"],
@@ -36,7 +38,7 @@ def _balls(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
     return corners, normal, centre, np.sqrt(((corners - centre[:, None]) ** 2).sum(-1).max(1))
 
 
-@njit(error_model="numpy")
+@njit(cache=KEPT, error_model="numpy")
 @no_type_check
 def _first(origins, directions, corners, normals, centres, radii):
     found, cosines = np.full(len(origins), np.inf), np.zeros(len(origins))
