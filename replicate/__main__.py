@@ -92,7 +92,8 @@ def _table2(options: argparse.Namespace) -> None:
     from replicate.publish import publish_table2
 
     configs = configurations(options)
-    publish_table2(configs, _made(options, configs, [table2_graph(config) for config in configs]))
+    made = _made(options, configs, [table2_graph(config) for config in configs])
+    publish_table2(configs, made, not options.numbers_only)
 
 
 def _table1(options: argparse.Namespace) -> None:
@@ -200,7 +201,9 @@ CAST = tuple(name for name in ("teen", "woman", "dragon", "toon") if paths.recip
 _RUN_OPTIONS = ("profile", "characters", "seed", "device", "config", "split")
 COMMANDS = {
     "table2": Command(
-        "make Table 2: approximation errors on held-out poses, beside the paper's", _table2, (*_RUN_OPTIONS, "jobs")
+        "make Table 2: approximation errors on held-out poses, beside the paper's",
+        _table2,
+        (*_RUN_OPTIONS, "jobs", "numbers-only"),
     ),
     "table1": Command(
         "make Table 1: counts of segments and sizes of models, beside the paper's",
@@ -238,6 +241,7 @@ _OPTIONS = {
     },
     "device": {"default": "auto", "help": "auto, cpu or cuda (default: CUDA if there is one, else the CPU)"},
     "jobs": {"type": int, "help": f"processes side by side (default: one a core, here {core_count()})"},
+    "numbers-only": {"action": "store_true", "help": "write the CSV and its manifest, no figures and no notebook"},
     "config": {"metavar": "FILE", "help": "a TOML file whose keys override the profile's, as [coarse] map_size = 64"},
     "latex": {"action": "store_true", "help": "print LaTeX (packages: booktabs) instead of text"},
     "split": {"help": "frames (as in the paper) or clips: what is held out for the test"},

@@ -21,25 +21,28 @@ from replicate.store import artefact_folder
 MANIFEST = manifest.NAME
 
 
-def publish_table2(configs: Sequence[Config], tables: Sequence[Stage]) -> None:
+def publish_table2(configs: Sequence[Config], tables: Sequence[Stage], draw: bool = True) -> None:
     """Write Table 2 of some characters to the profile's folder, print it, and execute its notebook if it is stale.
 
     tables: each configuration's last stage. Configurations of one character differ in their seeds: its numbers are the
     means over them, its curves and pictures those of the first. Results of characters that are not among them stay in
-    the folder. Where a number comes from is read from the artefacts, so publishing again changes nothing. While another
-    process publishes to the same folder, this one waits, so that neither loses the other's results.
+    the folder. draw: False writes the numbers alone, neither figures nor notebook. Where a number comes from is read
+    from the artefacts, so publishing again changes nothing. While another process publishes to the same folder, this
+    one waits, so that neither loses the other's results.
     """
     profile = configs[0].profile
     folder, seeded = _folder(profile), _by_character(configs, tables)
     with _alone(folder):
         rows = _merge(folder, seeded)
-        _draw(folder, profile, configs[0].evaluation.heatmap_deg)
+        if draw:
+            _draw(folder, profile, configs[0].evaluation.heatmap_deg)
     paper = read_results(paths.PAPER / "table2.csv")
     for character, runs in seeded.items():
         split = runs[0][0].samples.split
         print(as_text(table2(rows, paper, character)))
         print(f"split by {split}" + (", as in the paper" if split == "frames" else ""))
-    print(f"written to {paths.shown(folder)}: table2.csv, {MANIFEST}, figures, and table2.ipynb to read them in")
+    with_it = ", figures, and table2.ipynb to read them in" if draw else ""
+    print(f"written to {paths.shown(folder)}: table2.csv, {MANIFEST}{with_it}")
 
 
 def publish_table1(configs: Sequence[Config], tables: Sequence[Stage]) -> None:

@@ -23,6 +23,14 @@ import replicate.config  # noqa: F401, loaded before the hook: it checks its val
 
 _hook = install_import_hook(["replicate", "data_recipes"], "typechecker.check")
 
+LONG = ("test_pipeline.py", "test_rig.py", "test_characters.py", "test_dragon.py", "test_figures.py")
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with the longest files, so that no process is left with one of them when the others are done."""
+    places = {name: place for place, name in enumerate(LONG)}
+    items.sort(key=lambda item: places.get(item.path.name, len(LONG)))
+
 
 @pytest.fixture
 def cache(tmp_path, monkeypatch):

@@ -39,7 +39,7 @@ def pipeline(monkeypatch, recipes):
     module.table2_graph = graph
     monkeypatch.setitem(sys.modules, "replicate.pipeline", module)
     monkeypatch.setattr(replicate, "pipeline", module, raising=False)
-    monkeypatch.setattr("replicate.publish.publish_table2", lambda *given: published.append(given))
+    monkeypatch.setattr("replicate.publish.publish_table2", lambda *given: published.append(given[:2]))
     return published
 
 

@@ -68,7 +68,8 @@ def _barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
     doubled = _cross(b - a, c - a)
     with np.errstate(divide="ignore", invalid="ignore"):
         wb, wc = _cross(points - a, c - a) / doubled, _cross(b - a, points - a) / doubled
-    return np.where(doubled[:, None] == 0, -1.0, np.stack([1 - wb - wc, wb, wc], -1))
+        weights = np.stack([1 - wb - wc, wb, wc], -1)
+    return np.where(doubled[:, None] == 0, -1.0, weights)
 
 
 def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
