@@ -125,7 +125,15 @@ CREATURE: dict[str, dict[str, float]] = {
     "determined": {"brow_ridge_*": 0.7, "ear_fold_*": 0.4, **_frills(0.0, 0.4)},
     "puffed": {"throat_pouch": 1.0, **_frills(0.3, 0.5)},
     "gulp": {"throat_pouch": 0.7, "tongue_hump": 0.5, **_frills(-0.3, -0.2)},
-    "tease": {"tongue_hump": 0.4, "ear_raise_right": 0.6, "ear_fold_left": 0.3, **_frills(0.4, 0.3)},
+    "tease": {
+        "tongue_out": 1.0,
+        "tongue_hump": 0.0,
+        "jaw_open": 0.45,
+        "lower_lip_depress_*": 0.5,
+        "ear_raise_right": 0.6,
+        "ear_fold_left": 0.3,
+        **_frills(0.4, 0.3),
+    },
     "sniff": {"ear_spread_*": 0.3, "brow_ridge_*": -0.4, **_frills(0.3, 0.2)},
     "plead": {"lid_upper_outer_*": -0.4, "ear_fold_*": 0.6, "ear_spread_*": 0.4, **_frills(-0.7, -0.3)},
 }

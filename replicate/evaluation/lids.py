@@ -1,7 +1,8 @@
-"""Does an eye show when its lids are closed: rays from the eyeball's middle through its surface, and what they meet.
+"""Does an eye show when its lids are closed: rays from the eyeball's surface outwards, and what they meet.
 
-A ray that meets nothing beyond the eyeball passes between the lids; one that meets skin within it says by how much the
-eyeball sticks out. Eyeballs are display-only, so this needs a rig that brings them (`eye_…_left` and `eye_…_right`).
+Where a ray meets nothing the eyeball shows: it looks out between the lids, or sticks out of them by as much as skin
+lies within it on the way from its middle. Lids have an inner side, which may touch the eyeball behind the outer one.
+Eyeballs are display-only, so this needs a rig that brings them (`eye_…_left` and `eye_…_right`).
 """
 
 from dataclasses import dataclass
@@ -109,8 +110,9 @@ def _rays(
     length = np.linalg.norm(towards, axis=1)
     front = towards @ forward > np.cos(np.radians(CONE_DEG)) * length
     towards, length, area = towards[front], length[front], area[front]
-    rays = towards * (NEAR_RADII * radius / length)[:, None]
-    share, _ = ray_hits(centre + 0 * rays, rays, lids)
-    met = np.isfinite(share)
-    out = np.where(met, np.maximum(length - np.where(met, share, 0) * NEAR_RADII * radius, 0), 0)
-    return float(area[~met | (out > TOUCH_MM)].sum()), float(out.max())
+    unit = towards / length[:, None]
+    outwards, _ = ray_hits(centre + unit * (length - TOUCH_MM)[:, None], NEAR_RADII * radius * unit, lids)
+    shows = ~np.isfinite(outwards)
+    within, _ = ray_hits(centre + 0 * unit[shows], towards[shows], lids)
+    out = np.where(np.isfinite(within), (1 - np.where(np.isfinite(within), within, 0)) * length[shows], 0)
+    return float(area[shows].sum()), float(out.max(initial=0.0))

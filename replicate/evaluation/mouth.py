@@ -57,7 +57,9 @@ def find_mouth(mesh: Mesh) -> Mouth | None:
     for index in np.unique(piece[piece != outer]):
         members = piece == index
         name = mesh.segment_names[np.bincount(mesh.segment[members]).argmax()]
-        label = next((label for start, label in KINDS.items() if name.startswith(start)), "gums_and_tongue")
+        label = next((label for start, label in KINDS.items() if name.startswith(start)), None)
+        if label is None:  # frills, say
+            continue
         if label not in kinds:
             kinds.append(label)
         kind[members] = kinds.index(label)
