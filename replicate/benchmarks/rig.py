@@ -17,11 +17,11 @@ import numpy as np
 from replicate import paths
 from replicate.errors import InputError, RunError
 from replicate.evaluation.results import Row, read_results, write_results
+from replicate.evaluation.table2 import STANDS_FOR
 from replicate.evaluation.tables import Table, as_text
 from replicate.made import made_rig
 from replicate.progress import progress
 
-CAST = ("teen", "woman", "dragon", "toon")  # timed unless others are named, as far as they have a recipe
 BATCH = 32
 APART = 4  # poses that a round evaluates one by one
 ROUNDS = 15
@@ -164,7 +164,7 @@ def speed_tables(path: Path) -> list[Table]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
-    own = [name for name in CAST if paths.recipe_file(name).is_file()]
+    own = [name for name in STANDS_FOR if paths.recipe_file(name).is_file()]
     parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.rig", description="Time the rigs.")
     parser.add_argument(
         "--characters", default=" ".join(own), help=f"names or recipes, separated by commas (default: {', '.join(own)})"
