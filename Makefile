@@ -49,7 +49,7 @@ JOB_OPTIONS = $(if $(JOBS),--jobs "$(JOBS)")
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: help environment table1 table2 figure05 figure07 figure08 compare rigs tour export status test lint bench-rig bench-poses bench-floors bench-training bench-faults clean clean-all
+.PHONY: help environment table1 table2 figure05 figure07 figure08 compare rigs tour export status test lint bench-rig bench-poses bench-floors bench-lbs bench-training bench-faults clean clean-all
 
 help: ## print this help
 	@echo "usage: make <target> [VARIABLE=value ...]"
@@ -114,6 +114,9 @@ bench-poses: $(ENVIRONMENT) ## how many poses are broken: flipped triangles, tee
 
 bench-floors: $(ENVIRONMENT) ## what maps of several resolutions can hold at best, where skin wrinkles and elsewhere
 	@$(RUN) -m replicate.benchmarks.floors --profile "$(PROFILE)" --characters "$(CHARACTERS)"
+
+bench-lbs: $(ENVIRONMENT) ## our SSDR beside Dem Bones (pip install py-dem-bones) on the same poses
+	@$(RUN) -m replicate.benchmarks.lbs $(if $(filter-out file,$(origin CHARACTERS)),--characters "$(CHARACTERS)")
 
 bench-training: $(ENVIRONMENT) ## what peak rates and balanced draws do to the networks' errors
 	@$(RUN) -m replicate.benchmarks.training --profile "$(PROFILE)" --characters "$(CHARACTERS)"

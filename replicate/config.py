@@ -128,6 +128,16 @@ class LbsConfig(Checked):
 
 
 @dataclass(frozen=True)
+class DrivenConfig(Checked):
+    """LBS that sees rig parameters: a network that moves the bones of the largest skin (not in the paper)."""
+
+    hidden: tuple[int, ...] = number((256, 256), 1)
+    leaky_slope: float = number(0.2, 0.0, 1.0)
+    normal_weight: float = number(5.0, 0.0)
+    training: TrainingConfig = TrainingConfig()
+
+
+@dataclass(frozen=True)
 class EvaluationConfig(Checked):
     """What is measured and shown (§5.1)."""
 
@@ -151,6 +161,7 @@ class Config(Checked):
     dense: DenseConfig = DenseConfig()
     rigid: RigidConfig = RigidConfig()
     lbs: LbsConfig = LbsConfig()
+    driven: DrivenConfig = DrivenConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
 
     def __post_init__(self):
@@ -179,6 +190,7 @@ PROFILES: dict[str, dict] = {
         "dense": _one_cycle(800),
         "rigid": {"poses": 100},
         "lbs": {"samples": 200, "iterations": 15, "refit_sweeps": 40},
+        "driven": _one_cycle(600),
         "evaluation": {"test_poses": 200, "floor_poses": 50},
     },
     "laptop": {
@@ -186,6 +198,7 @@ PROFILES: dict[str, dict] = {
         "coarse": _one_cycle(22_000),
         "refinement": _one_cycle(10_000),
         "dense": _one_cycle(16_000),
+        "driven": _one_cycle(8_000),
     },
     "paper": {},
 }

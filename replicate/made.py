@@ -17,6 +17,11 @@ def made_rig(character: str):
     return load_rig(artefact_folder(stage.identifier) / "rig")
 
 
+def rig_identifier(character: str) -> str:
+    """Return the name of a rig's artefact, which ends with a hash of its recipe and of all sources behind it."""
+    return _rig_stage(character).identifier
+
+
 def rig_provenance_text(character: str) -> str:
     """Return what tells a rig from others, in a few lines.
 

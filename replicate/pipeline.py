@@ -3,7 +3,7 @@
 rig ─┬─ samples ──┬─ rigid ─┬─ coarse ───┬─ refined
      └─ influence ┘         ├─ selection ┘
                             └─ dense
-     samples ── lbs16, lbs24, lbs32         each method ── its errors ── table2
+     samples ── lbs16, lbs24, lbs32 ── driven      each method ── its errors ── table2
 
 Table 1 and Figures 5, 7 and 8 show rigs and segments, and need nothing that is trained:
      rig, influence, rigid, selection ── table1, figure08      rig, samples ── figure05      rig, rigid ── figure07
@@ -73,6 +73,9 @@ def table2_graph(config: Config) -> list[Stage]:
         stage(f"lbs{bones}", Section(config.lbs, config.seed, bones=bones), rig, samples, body="lbs")
         for bones in config.lbs.bones
     ]
+    largest = max(skins, key=lambda skin: skin.config.bones)
+    driving = Section(config.driven, config.seed, config.device, largest.config.bones)
+    driven = stage("driven", driving, rig, samples, largest)
     wrinkled = stage("wrinkled", None, rig, samples)
     measured = {
         "coarse": (coarse, rigid),
@@ -83,6 +86,7 @@ def table2_graph(config: Config) -> list[Stage]:
         "floor": (influence, rigid),
         "floor_refined": (influence, rigid, selection),
         **{skin.name: (skin, rigid) for skin in skins},
+        "driven": (driven, rigid),
     }
     numbers = config.evaluation
     refit = {"refit_sweeps": config.lbs.refit_sweeps, "refit_settled": config.lbs.refit_settled}
@@ -94,5 +98,5 @@ def table2_graph(config: Config) -> list[Stage]:
         settings = Measured(method, poses, numbers.batch, config.seed, **own)
         errors.append(stage(f"errors_{method}", settings, rig, samples, wrinkled, *inputs, body="errors"))
     reported = Reported(recipe_file(config.character).stem, config.profile, config.seed)
-    table = stage("table2", reported, rig, samples, wrinkled, rigid, coarse, selection, refined, dense, *errors)
-    return [coarse, refined, dense, *reversed(skins), *errors, table]
+    table = stage("table2", reported, rig, samples, wrinkled, rigid, coarse, selection, refined, dense, driven, *errors)
+    return [coarse, refined, dense, *reversed(skins), driven, *errors, table]

@@ -204,6 +204,22 @@ def make_lbs(context: StageContext) -> None:
     skin.save(context.out / "skin.npz")
 
 
+def make_driven(context: StageContext) -> None:
+    """Train the network that moves a skin's bones as the rig parameters say."""
+    from replicate.approximation.lbs import Skin
+    from replicate.approximation.lbs_driven import save, train_driven
+
+    settings = context.config
+    skin = Skin.load(context.inputs[f"lbs{settings.bones}"] / "skin.npz")
+    given, kept = (
+        (load_mesh(context), skin, load_samples(context), settings.section),
+        (context.scratch, context.progress),
+    )
+    model, log = train_driven(*given, *kept, settings.seed, settings.device)
+    save(model, skin, context.out, settings.section)
+    _keep_log(context, model, log)
+
+
 def make_wrinkled(context: StageContext) -> None:
     """Choose the test pose that figures show: the one that folds the forehead most."""
     from replicate.evaluation.pose import most_wrinkled

@@ -16,7 +16,7 @@ from replicate.mesh import Mesh
 from replicate.rigid import Attachments
 from replicate.store import read_manifest
 
-TRAINED = ("coarse", "refined", "dense")
+TRAINED = ("coarse", "refined", "dense", "driven")
 PREFIX = "errors_"
 
 

@@ -23,6 +23,9 @@ def load_predictor(settings, inputs: Mapping[str, Path], mesh: Mesh, attachments
         return lambda params, truth: np.broadcast_to(mesh.neutral, truth.shape)
     if method.startswith("lbs"):
         return _skinned(inputs[method] / "skin.npz", settings)
+    if method == "driven":
+        driven = _network(method, inputs)
+        return lambda params, truth: mesh.neutral + driven.offsets(params)
     deform = _deformation(settings, inputs, mesh)
     return lambda params, truth: attach(mesh, attachments, deform(params, truth))
 
@@ -42,6 +45,10 @@ def _network(method: str, inputs: Mapping[str, Path]):
     from replicate.approximation.training import prepare
 
     prepare("cpu")
+    if method == "driven":
+        from replicate.approximation.lbs_driven import load_driven
+
+        return load_driven(inputs["driven"])
     if method == "dense":
         from replicate.approximation.dense import load_dense
 

@@ -16,15 +16,17 @@ METHODS = {
     "lbs16": "LBS: 16 bones †",
     "lbs24": "LBS: 24 bones †",
     "lbs32": "LBS: 32 bones †",
+    "driven": "LBS moved by a network ◊",
     "floor": "Floor, coarse maps ‡",
     "floor_refined": "Floor, refined maps ‡",
     "attachment": "Attached rigid segments ¶",
     "neutral": "Neutral pose §",
 }
 OF_TABLE1 = {"model": "Model", "dense_released": "Dense, 256 and 512"}
-OURS_ALONE = ("floor", "floor_refined", "attachment", "neutral")
+OURS_ALONE = ("driven", "floor", "floor_refined", "attachment", "neutral")
 NOTES = {
     "†": "An oracle: its bones are refitted to the true mesh of each test pose; it is no function of rig parameters.",
+    "◊": "The skin with the most bones, moved by a small network that sees rig parameters: LBS as a prediction.",
     "‡": "An oracle: the true mesh projected onto the deformation maps by least squares: what their resolution allows.",
     "¶": "An oracle: the true mesh, but for the rigid segments, which are placed by their attachment vertices (§3.4).",
     "§": "The neutral pose as prediction: how much the test poses move.",

@@ -11,6 +11,7 @@ COLOURS = {
     "lbs16": "#BBBBBB",
     "lbs24": "#888888",
     "lbs32": "#555555",
+    "driven": "#F0E442",
     "floor": "#009E73",
     "floor_refined": "#56B4E9",
     "neutral": "#CC79A7",
@@ -33,7 +34,7 @@ def label(method: str) -> str:
 
 def plain_name(method: str) -> str:
     """Return a method's name without the marks of the printed tables."""
-    return label(method).rstrip(" †‡¶§")
+    return label(method).rstrip(" †‡¶§◊")
 
 
 def tidy(axes) -> None:

@@ -1,0 +1,116 @@
+"""Electronic Arts' Dem Bones as a peer of our SSDR: its best configuration for a head, and the one it comes with.
+
+Dem Bones is C++ under the BSD licence; `py-dem-bones` binds it and is no dependency of this suite: only
+`make bench-lbs` looks for it. Its clusters and its candidates for weights spread along the polygons' edges, so that
+separate parts (gums, tongue, teeth) share no bones unless they are linked, by two-vertex polygons between near parts.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
+from scipy.spatial import cKDTree
+
+from replicate.approximation.lbs import Skin
+from replicate.errors import InputError
+
+LINKS = 12  # two-vertex polygons between two parts that are linked
+INFLUENCES = 8
+
+
+@dataclass(frozen=True)
+class Options:
+    """What is set on the solver; None leaves its own default."""
+
+    linked: bool = True
+    trans_affine: float | None = 0.0
+    weights_smooth: float | None = 1e-6
+
+
+BEST = Options()
+DEFAULT = Options(linked=False, trans_affine=None, weights_smooth=None)
+
+
+def solver_class():
+    """Return the solver of `py-dem-bones`. Raises InputError where it isn't installed."""
+    try:
+        from py_dem_bones._py_dem_bones import DemBones
+    except ImportError:
+        raise InputError(
+            "py-dem-bones is not installed, and make bench-lbs measures against it: pip install py-dem-bones"
+        ) from None
+    return DemBones
+
+
+def links(neutral: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "t 3"]) -> Int[np.ndarray, "l 2"]:
+    """Return pairs of vertices that join a mesh's separate parts into one, by its nearest parts.
+
+    Parts are joined along the shortest tree between them, each pair of parts by its `LINKS` nearest pairs of vertices.
+    """
+    n = len(neutral)
+    ends = faces.ravel(), np.roll(faces, 1, axis=1).ravel()
+    count, part = connected_components(csr_array((np.ones(len(ends[0])), ends), (n, n)), directed=False)
+    members = [np.flatnonzero(part == k) for k in range(count)]
+    trees = [cKDTree(neutral[those]) for those in members]
+    distance = np.zeros((count, count))
+    for a in range(count):
+        for b in range(a):
+            distance[a, b] = trees[a].query(neutral[members[b]])[0].min() + 1e-9
+    found = []
+    for a, b in zip(*minimum_spanning_tree(csr_array(distance)).nonzero(), strict=True):
+        away, other = trees[a].query(neutral[members[b]])
+        nearest = np.argsort(away, kind="stable")[:LINKS]
+        found.append(np.stack([members[b][nearest], members[a][other[nearest]]], 1))
+    return np.concatenate(found) if found else np.zeros((0, 2), int)
+
+
+def fit(
+    neutral: Float[np.ndarray, "n 3"],
+    vertices: Float[np.ndarray, "f n 3"],
+    faces: Int[np.ndarray, "t 3"],
+    bones: int,
+    options: Options,
+    go_on: Callable[[int, float, float], bool],
+) -> Skin:
+    """Fit Dem Bones to poses and return its skin.
+
+    go_on: called after the start and after every iteration with the iterations so far, the seconds that they took, and
+    the RMSE in mm (its own, not counted in the time); the fit ends when it returns False.
+    """
+    solver = solver_class()()
+    polygons = [face.tolist() for face in faces]
+    if options.linked:
+        polygons += links(neutral, faces).tolist()
+    solver.nV, solver.nF, solver.nS, solver.nB = len(neutral), len(vertices), 1, bones
+    solver.nnz = min(INFLUENCES, bones)
+    solver.fStart, solver.subjectID = np.array([0, len(vertices)], np.int32), np.zeros(len(vertices), np.int32)
+    solver.u = np.ascontiguousarray(neutral.T, dtype=np.float64)
+    solver.v = np.ascontiguousarray(vertices.transpose(0, 2, 1), dtype=np.float64).reshape(-1, len(neutral))
+    solver.fv = polygons
+    if options.trans_affine is not None:
+        solver.transAffine = options.trans_affine
+    if options.weights_smooth is not None:
+        solver.weightsSmooth = options.weights_smooth
+    started = time.perf_counter()
+    solver.init()
+    seconds, iteration = time.perf_counter() - started, 0
+    while go_on(iteration, seconds, float(solver.rmse())):
+        started = time.perf_counter()
+        solver.computeTranformations()  # so it is spelt there
+        solver.computeWeights()
+        seconds += time.perf_counter() - started
+        iteration += 1
+    return skin_of(neutral, np.asarray(solver.get_weights(), np.float64).T)
+
+
+def skin_of(neutral: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, "n bones"]) -> Skin:
+    """Return a skin of dense weights, of which at most `INFLUENCES` a vertex are not zero."""
+    kept = min(INFLUENCES, weights.shape[1])
+    index = np.argsort(-weights, axis=1, kind="stable")[:, :kept].astype(np.int32)
+    chosen = np.take_along_axis(weights, index, 1)
+    chosen = (chosen / chosen.sum(1, keepdims=True)).astype(np.float32)
+    return Skin(np.asarray(neutral, np.float32), index, chosen, weights.shape[1])

@@ -1,0 +1,315 @@
+"""Our SSDR and Dem Bones on the same poses: errors on held-out poses, time, memory.
+
+`make bench-lbs` draws training poses of a character (Eq. 5; a seed each time) and test poses, fits both methods until
+they have converged by one rule, refits both on the same test poses in the same way (`lbs.refit`), and measures. Each
+fit runs in a process of its own, one after the other. What is finished is kept: the same command goes on from there.
+"""
+
+import argparse
+import json
+import math
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from replicate import paths
+from replicate.config import SamplesConfig
+from replicate.errors import InputError, RunError
+from replicate.evaluation.results import Row, read_results, write_results
+from replicate.evaluation.tables import Table, as_text, rounded
+from replicate.stages import stream_rng
+
+TABLE = "bench_lbs"
+METHODS = {"ssdr": "ours", "dem_bones": "Dem Bones", "dem_bones_default": "Dem Bones, as it comes"}
+BONES, SEEDS = (16, 24, 32), (0, 1, 2)
+TRAINING, TEST = 1_000, 200
+MOST, LEAST = 200, 30  # iterations
+WINDOW, SETTLED = 10, 0.002  # converged: the last so many iterations lowered the RMSE by less than this share
+EQUAL = 30  # iterations at which times are compared
+METRICS = {
+    "rmse": "mm", "mean": "mm", "normal": "deg", "max": "mm", "training_rmse": "mm", "iterations": "count",
+    "time": "ms", "time_at_equal_iterations": "ms", "time_to_dem_bones_error": "ms", "peak_memory": "MB",
+}  # fmt: skip
+
+
+@dataclass
+class Course:
+    """How a fit goes: seconds and training RMSE in mm after each iteration, and whether it has converged."""
+
+    seconds: list[float]
+    rmse: list[float]
+
+    def go_on(self, iteration: int, seconds: float, rmse: float) -> bool:
+        """Note one iteration and return whether another is wanted."""
+        self.seconds.append(seconds)
+        self.rmse.append(rmse)
+        if iteration < LEAST:
+            return True
+        return iteration < MOST and min(self.rmse[-WINDOW:]) < (1 - SETTLED) * min(self.rmse[:-WINDOW])
+
+    def time_to(self, rmse: float) -> float:
+        """Return the seconds after which the error was no larger than this; infinite if it never was."""
+        return next((s for s, r in zip(self.seconds, self.rmse, strict=True) if r <= rmse), math.inf)
+
+
+def fit_ours(neutral, vertices, faces, bones: int, seed: int, course: Course):
+    """Fit as `lbs.fit` does with its usual settings, an iteration at a time; what is noted costs no time."""
+    from replicate.approximation.lbs import check, skin_of
+    from replicate.approximation.lbs_compression import canonical_order, compress
+    from replicate.approximation.lbs_descent import step
+    from replicate.approximation.lbs_metric import edge_metric
+    from replicate.approximation.lbs_start import start
+    from replicate.config import LbsConfig
+
+    usual = LbsConfig()
+    started = time.perf_counter()
+    check(neutral, vertices, bones, usual.influences)
+    vertex_order, pose_order = canonical_order(neutral, vertices)
+    rest, ranks = neutral[vertex_order], np.argsort(vertex_order)
+    data = compress(rest, vertices[pose_order[:, None], vertex_order[None]], stream_rng(seed, "lbs", "sketch"))
+    metric = edge_metric(data.points[:, :3], ranks[faces], usual.coherence)
+    state = start(data, metric, bones, usual.influences)
+    seconds = time.perf_counter() - started
+    while course.go_on(state.iteration, seconds, training_rmse(data, state)):
+        started = time.perf_counter()
+        state = step(data, metric, state)
+        seconds += time.perf_counter() - started
+    return skin_of(neutral, vertex_order, state)
+
+
+def training_rmse(data, state) -> float:
+    """Return the root of the mean squared distance over vertices and poses, in mm."""
+    from scipy.sparse import eye_array
+
+    from replicate.approximation.lbs_descent import normal_equations
+    from replicate.approximation.lbs_metric import Metric
+
+    n, bones = len(data.points), state.motion.shape[2]
+    plain = Metric(eye_array(n, format="csr"), eye_array(n, format="csr"), ())
+    uu, vu = normal_equations(data, plain, state.bone_index, state.weights, bones)
+    flat = state.motion.reshape(3 * data.frames, -1)
+    squared = np.sum(data.coefficients**2) - 2 * np.sum(flat * vu.reshape(flat.shape)) + np.sum((flat.T @ flat) * uu)
+    return data.radius_mm * math.sqrt(max(float(squared), 0.0) / (n * data.frames))
+
+
+def held_out(skin, truth, faces) -> dict[str, float]:
+    """Return the errors of a skin that is refitted to test poses."""
+    from replicate.approximation.lbs import refit
+    from replicate.metrics import normal_error, vertex_error
+
+    posed = skin.deform(*refit(skin, truth))
+    distance = vertex_error(posed, truth).astype(np.float64)
+    return {
+        "rmse": float(np.sqrt((distance**2).mean())),
+        "mean": float(distance.mean()),
+        "max": float(distance.max()),
+        "normal": float(np.nanmean(normal_error(posed, truth, faces), dtype=np.float64)),
+    }
+
+
+def one_fit(folder: Path, method: str, bones: int, seed: int) -> None:
+    """Fit and measure one method on the poses in a folder; write what is found beside them, as JSON."""
+    from replicate.benchmarks import dem_bones
+
+    with np.load(folder / "poses.npz", allow_pickle=False) as stored:
+        neutral, faces, training, test = (stored[name] for name in ("neutral", "faces", "training", "test"))
+    course = Course([], [])
+    if method == "ssdr":
+        compile_kernels()
+        skin = fit_ours(neutral, training, faces, bones, seed, course)
+    else:
+        options = dem_bones.BEST if method == "dem_bones" else dem_bones.DEFAULT
+        skin = dem_bones.fit(neutral, training, faces, bones, options, course.go_on)
+    peak = peak_memory_mb()  # the test poses' refit is not the fit's
+    found = held_out(skin, test, faces) | {"seconds": course.seconds, "rmse_course": course.rmse, "peak_mb": peak}
+    (folder / f"{method}.json").write_text(json.dumps(found))
+
+
+def compile_kernels() -> None:
+    """Fit a sheet of a few vertices, so that no time goes into compiling."""
+    from replicate.approximation.lbs import fit
+
+    x, y = np.meshgrid(np.arange(6.0), np.arange(6.0))
+    neutral = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], 1).astype(np.float32)
+    rng = np.random.default_rng(0)
+    poses = neutral + rng.normal(size=(5, 36, 3)).astype(np.float32)
+    fit(neutral, poses, 4, rng, iterations=2, faces=np.int32([[0, 1, 7], [0, 7, 6]]))
+
+
+def peak_memory_mb() -> float:
+    """Return the most memory that this process has held."""
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1024 * 1024 if sys.platform == "darwin" else 1024)
+
+
+def write_poses(rig, seed: int, training: int, test: int, file: Path) -> None:
+    """Write a character's training and test poses for one seed, in mm."""
+    from replicate.samples import choose_poses, evaluate
+
+    chosen = choose_poses(rig, SamplesConfig(count=training), lambda name: stream_rng(seed, "samples", name))
+    unique = np.unique(chosen["test"], axis=0)
+    picked = unique[np.sort(stream_rng(seed, "lbs", "test").permutation(len(unique))[:test])]
+    posed = {
+        part: np.concatenate([vertices for _, vertices in evaluate(rig, params)])
+        for part, params in (("training", chosen["training"]), ("test", picked))
+    }
+    np.savez(file, neutral=rig.mesh.neutral, faces=rig.mesh.faces, **posed)
+
+
+def measured(character: str, options: argparse.Namespace, file: Path) -> list[Row]:
+    """Fit all methods at all numbers of bones and seeds that the file lacks, and return all rows of this character."""
+    from replicate.made import made_rig, rig_identifier
+
+    rig, run = made_rig(character), rig_identifier(character)
+    for seed in options.seeds:
+        with tempfile.TemporaryDirectory(prefix="bench-lbs-") as name:
+            folder, missing = Path(name), _missing(file, rig.name, run, seed, options)
+            if missing:
+                write_poses(rig, seed, options.training, options.test, folder / "poses.npz")
+            for bones in missing:
+                found = {}
+                for method in options.methods:
+                    print(f"{rig.name}, {bones} bones, seed {seed}: {METHODS[method]} …", file=sys.stderr, flush=True)
+                    command = [sys.executable, "-m", __spec__.name, "--fit", str(folder), method, str(bones), str(seed)]
+                    if subprocess.run(command, check=False).returncode:
+                        raise RunError(f"{METHODS[method]}, {bones} bones, seed {seed}: the fit failed; see above")
+                    found[method] = json.loads((folder / f"{method}.json").read_text())
+                rows = [row for method in found for row in rows_of(rig.name, method, bones, seed, run, found, options)]
+                _keep(file, rows)
+    return [row for row in read_results(file) if row.character == rig.name]
+
+
+def _missing(file: Path, character: str, run: str, seed: int, options: argparse.Namespace) -> list[int]:
+    """Return the numbers of bones for which some method has no numbers of this rig and seed."""
+    known = {(row.method, row.metric) for row in _known(file) if (row.character, row.run) == (character, run)}
+    return [b for b in options.bones if any((m, f"rmse[{b}, seed {seed}]") not in known for m in options.methods)]
+
+
+def _known(file: Path) -> list[Row]:
+    return read_results(file) if file.is_file() else []
+
+
+def _keep(file: Path, rows: Sequence[Row]) -> None:
+    """Put rows into the file, in place of those about the same things; another rig's numbers go."""
+    new = {row.key for row in rows}
+    runs = {(row.character, row.run) for row in rows}
+    names = {character for character, _ in runs}
+    kept = [r for r in _known(file) if r.key not in new and (r.character not in names or (r.character, r.run) in runs)]
+    write_results(file, [*kept, *rows])
+
+
+def rows_of(character: str, method: str, bones: int, seed: int, run: str, found: dict, options) -> list[Row]:
+    """Return one fit's numbers as rows; times in ms."""
+    own = found[method]
+    course = Course(own["seconds"], own["rmse_course"])
+    values = {name: own[name] for name in ("rmse", "mean", "normal", "max")}
+    values |= {
+        "training_rmse": course.rmse[-1],
+        "iterations": len(course.rmse) - 1,
+        "time": 1e3 * course.seconds[-1],
+        "time_at_equal_iterations": 1e3 * course.seconds[min(EQUAL, len(course.seconds) - 1)],
+        "peak_memory": own["peak_mb"],
+    }
+    peer = found.get("dem_bones")
+    if peer is not None:
+        reached = course.time_to(min(peer["rmse_course"]))
+        if math.isfinite(reached):
+            values["time_to_dem_bones_error"] = 1e3 * reached
+    return [
+        Row(TABLE, character, method, f"{name}[{bones}, seed {seed}]", METRICS[name], float(value), None, 1,
+            options.test, "bench", run)
+        for name, value in values.items()
+    ]  # fmt: skip
+
+
+def lbs_table(rows: Sequence[Row], character: str) -> Table:
+    """Return one character's table: each method's means over seeds, and ours over Dem Bones' with its spread."""
+    value = {(row.method, row.metric): row.value for row in rows if row.character == character}
+    cases = sorted({tuple(map(int, m.partition("[")[2][:-1].replace("seed ", "").split(", "))) for _, m in value})
+    body: list[tuple[str, ...] | None] = []
+    shown = ("rmse", "mean", "normal", "max", "time", "time_at_equal_iterations", "time_to_dem_bones_error",
+             "peak_memory", "iterations")  # fmt: skip
+    for bones in sorted({b for b, _ in cases}):
+        body += [None] if body else []
+        seeds = [s for b, s in cases if b == bones]
+
+        def of(method: str, name: str, bones=bones, seeds=seeds) -> list[float]:
+            return [value.get((method, f"{name}[{bones}, seed {s}]"), math.nan) for s in seeds]
+
+        for method, words in METHODS.items():
+            if np.isfinite(of(method, "rmse")).any():
+                cells = [_mean(of(method, name), METRICS[name]) for name in shown]
+                body.append((f"{words}, {bones} bones", *cells))
+        ratios = [np.divide(of("ssdr", name), of("dem_bones", name)) for name in shown]
+        if np.isfinite(ratios[0]).any():
+            body.append((f"ours / Dem Bones, {bones} bones", *(_ratio(r) for r in ratios)))
+    header = ("", "RMSE, mm", "mean, mm", "normal, °", "max, mm", "time, s", f"{EQUAL} iterations, s",
+              "to equal error, s", "memory, MB", "iterations")  # fmt: skip
+    count = len({s for _, s in cases})
+    notes = (
+        f"Held-out poses, bones refitted to each alike; means over {count} seeds of poses; ratios with their standard "
+        "deviation over seeds. To equal error: until the training error is no larger than Dem Bones' last.",
+    )
+    return Table(f"LBS: {character}", (header,), tuple(body), notes)
+
+
+def _mean(values: Sequence[float], unit: str) -> str:
+    known = [v for v in values if math.isfinite(v)]
+    if not known:
+        return "–"
+    mean = sum(known) / len(known)
+    return f"{mean / 1e3:.1f}" if unit == "ms" else rounded(mean, unit) if unit in ("mm", "deg") else f"{mean:,.0f}"
+
+
+def _ratio(values: np.ndarray) -> str:
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return "–"
+    return f"{known.mean():.2f}" + (f" ± {known.std(ddof=1):.2f}" if len(known) > 1 else "")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the benchmark from the command line; return the exit code."""
+    from replicate.benchmarks.dem_bones import solver_class
+
+    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.lbs", description=__doc__)
+    parser.add_argument("--characters", default="teen dragon", help="names or recipes (default: teen dragon)")
+    parser.add_argument("--bones", type=int, nargs="+", default=BONES, help="numbers of bones (default: 16 24 32)")
+    parser.add_argument("--seeds", type=int, nargs="+", default=SEEDS, help="seeds of the poses (default: 0 1 2)")
+    parser.add_argument("--methods", nargs="+", default=tuple(METHODS), choices=METHODS, help="default: all")
+    parser.add_argument("--training", type=int, default=TRAINING, help=f"training poses (default: {TRAINING})")
+    parser.add_argument("--test", type=int, default=TEST, help=f"held-out poses (default: {TEST})")
+    parser.add_argument("--fit", nargs=4, metavar=("FOLDER", "METHOD", "BONES", "SEED"), help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    if options.fit:
+        folder, method, bones, seed = options.fit
+        one_fit(Path(folder), method, int(bones), int(seed))
+        return 0
+    try:
+        if any(method != "ssdr" for method in options.methods):
+            solver_class()
+        for name in ("training", "test"):
+            if getattr(options, name) < 1:
+                raise InputError(f"{name} is {getattr(options, name)}: allowed is a whole number of at least 1")
+        folder = paths.run_folder("bench")
+        folder.mkdir(parents=True, exist_ok=True)
+        for character in options.characters.replace(",", " ").split():
+            rows = measured(character, options, folder / "bench_lbs.csv")
+            print(as_text(lbs_table(rows, rows[0].character)) + "\n")
+    except (InputError, RunError) as error:
+        print(error, file=sys.stderr)
+        return 2 if isinstance(error, InputError) else 1
+    print(f"written to {paths.shown(folder)}: bench_lbs.csv")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

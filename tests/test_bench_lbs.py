@@ -1,0 +1,107 @@
+"""Our SSDR beside its peer: when a fit has converged, what is kept of it, and how it is shown."""
+
+import argparse
+
+import numpy as np
+import pytest
+import trimesh
+
+from replicate.benchmarks import dem_bones
+from replicate.benchmarks import lbs as bench
+from replicate.evaluation.results import read_results
+
+
+def test_a_fit_ends_when_its_last_iterations_gain_next_to_nothing():
+    course, iteration = bench.Course([], []), 0
+    while course.go_on(iteration, float(iteration), 1.0 + 0.9**iteration):
+        iteration += 1
+    gained = 1 - course.rmse[-1] / course.rmse[-1 - bench.WINDOW]
+    assert bench.LEAST < iteration < bench.MOST and 0 < gained < bench.SETTLED
+    assert course.time_to(1.5) == 7 and course.time_to(0.9) == float("inf")
+
+
+def test_a_fit_that_keeps_gaining_goes_on_to_the_most():
+    course, iteration = bench.Course([], []), 0
+    while course.go_on(iteration, 0.0, 0.9**iteration):
+        iteration += 1
+    assert iteration == bench.MOST
+
+
+def test_links_make_one_part_of_several():
+    boxes = [trimesh.creation.box((10, 10, 10)) for _ in range(4)]
+    for k, box in enumerate(boxes):
+        box.apply_translation((14.0 * k, k**2, 0))
+    whole = trimesh.util.concatenate(boxes)
+    pairs = dem_bones.links(np.asarray(whole.vertices), np.asarray(whole.faces))
+    joined = {frozenset((int(a) // 8, int(b) // 8)) for a, b in pairs}
+    assert joined == {frozenset((k, k + 1)) for k in range(3)}, "each part to its nearest"
+    one = trimesh.creation.box((10, 10, 10))
+    assert len(dem_bones.links(np.asarray(one.vertices), np.asarray(one.faces))) == 0
+
+
+def test_a_skin_of_dense_weights_keeps_the_largest_eight():
+    weights = np.random.default_rng(0).dirichlet(np.full(12, 0.2), size=30)
+    weights[np.arange(30)[:, None], np.argsort(weights, 1)[:, :4]] = 0
+    weights /= weights.sum(1, keepdims=True)
+    skin = dem_bones.skin_of(np.zeros((30, 3), np.float32), weights)
+    assert skin.weights.shape == (30, 8) and skin.bones == 12
+    np.testing.assert_allclose(skin.dense_weights(), weights, atol=1e-6)
+
+
+def wave() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A sheet that two bones fold, and its poses."""
+    x, y = np.meshgrid(np.arange(12.0), np.arange(8.0))
+    neutral = np.stack([10 * x.ravel(), 10 * y.ravel(), 0 * x.ravel()], 1).astype(np.float32)
+    a = (np.arange(7)[:, None] * 12 + np.arange(11)).ravel()
+    faces = np.concatenate([np.stack([a, a + 1, a + 13], 1), np.stack([a, a + 13, a + 12], 1)]).astype(np.int32)
+    angles = np.random.default_rng(3).uniform(-1, 1, 20)
+    share = np.clip(neutral[:, 0] / 40 - 1, 0, 1)
+    poses = np.repeat(neutral[None], 20, 0)
+    poses[:, :, 2] += angles[:, None].astype(np.float32) * share * (neutral[:, 0] - 55)
+    return neutral, poses.astype(np.float32), faces
+
+
+def test_ours_is_fitted_as_the_library_fits_and_its_error_is_that_of_its_skin():
+    from replicate.approximation.lbs import fit
+    from replicate.stages import stream_rng
+
+    neutral, poses, faces = wave()
+    course = bench.Course([], [])
+    course.go_on = lambda iteration, seconds, rmse: (course.rmse.append(rmse), iteration < 6)[1]
+    skin = bench.fit_ours(neutral, poses, faces, 3, 0, course)
+    same = fit(neutral, poses, 3, stream_rng(0, "lbs", "sketch"), iterations=6, faces=faces)
+    np.testing.assert_array_equal(skin.dense_weights(), same.dense_weights())
+    found = bench.held_out(skin, poses, faces)
+    assert found["rmse"] <= course.rmse[-1] * 1.001 and found["rmse"] == pytest.approx(course.rmse[-1], rel=0.05)
+    assert found["mean"] <= found["rmse"] <= found["max"]
+
+
+def found(rmse: float, course: list[float]) -> dict:
+    errors = {"rmse": rmse, "mean": rmse / 2, "normal": 2.0, "max": 9.0}
+    return errors | {"seconds": [float(k) for k in range(len(course))], "rmse_course": course, "peak_mb": 100.0}
+
+
+def test_rows_are_kept_by_rig_and_shown_as_ratios_with_their_spread(tmp_path):
+    file, options = tmp_path / "bench_lbs.csv", argparse.Namespace(test=9, bones=[16], methods=["ssdr", "dem_bones"])
+    for seed, ours in ((0, 0.9), (1, 0.8)):
+        both = {"ssdr": found(ours, [3.0, 1.0, 0.5]), "dem_bones": found(1.0, [3.0, 2.0, 1.0])}
+        for method in both:
+            bench._keep(file, bench.rows_of("teen", method, 16, seed, "rig-1", both, options))
+    rows = read_results(file)
+    value = {(row.method, row.metric): row.value for row in rows}
+    assert value["ssdr", "time_to_dem_bones_error[16, seed 0]"] == 1000
+    assert value["dem_bones", "time_to_dem_bones_error[16, seed 0]"] == 2000
+    assert bench._missing(file, "teen", "rig-1", 0, options) == []
+    assert bench._missing(file, "teen", "rig-2", 0, options) == [16], "another rig's numbers don't count"
+    lines = {line[0]: line[1:] for line in bench.lbs_table(rows, "teen").body if line}
+    assert lines["ours / Dem Bones, 16 bones"][0] == "0.85 ± 0.07"
+    assert lines["ours, 16 bones"][0] == "0.85"
+    fresh = bench.rows_of("teen", "ssdr", 16, 0, "rig-2", {"ssdr": found(0.5, [1.0])}, options)
+    bench._keep(file, fresh)
+    assert {row.run for row in read_results(file)} == {"rig-2"}
+
+
+def test_without_the_peer_a_sentence_says_how_to_get_it(capsys, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "py_dem_bones._py_dem_bones", None)
+    assert bench.main(["--characters", "tiny"]) == 2
+    assert "pip install py-dem-bones" in capsys.readouterr().err
