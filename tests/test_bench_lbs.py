@@ -61,7 +61,7 @@ def wave() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return neutral, poses.astype(np.float32), faces
 
 
-def test_ours_is_fitted_as_the_library_fits_and_its_error_is_that_of_its_skin():
+def test_ours_is_fitted_as_the_library_fits():
     from replicate.approximation.lbs import fit
     from replicate.stages import stream_rng
 
@@ -72,8 +72,24 @@ def test_ours_is_fitted_as_the_library_fits_and_its_error_is_that_of_its_skin():
     same = fit(neutral, poses, 3, stream_rng(0, "lbs", "sketch"), iterations=6, faces=faces)
     np.testing.assert_array_equal(skin.dense_weights(), same.dense_weights())
     found = bench.held_out(skin, poses, faces)
-    assert found["rmse"] <= course.rmse[-1] * 1.001 and found["rmse"] == pytest.approx(course.rmse[-1], rel=0.05)
+    assert 0 < found["rmse"] <= course.rmse[-1] * 1.001, "refitted bones are no worse than those of the fit"
     assert found["mean"] <= found["rmse"] <= found["max"]
+
+
+def test_the_training_error_is_that_of_the_skinned_poses():
+    from replicate.approximation.lbs_bones import weighted_points
+    from replicate.approximation.lbs_compression import compress
+    from replicate.approximation.lbs_descent import dense
+    from replicate.approximation.lbs_metric import edge_metric
+    from replicate.approximation.lbs_start import start
+
+    neutral, poses, faces = wave()
+    data = compress(neutral, poses, np.random.default_rng(0))
+    state = start(data, edge_metric(data.points[:, :3], faces, 0.1), 3, 8)
+    spread = weighted_points(data.points, dense(state.bone_index, state.weights, 3))
+    moved = np.einsum("nj,fcj->fnc", spread, state.motion.reshape(len(poses), 3, -1)) * data.radius_mm
+    exact = np.sqrt(((moved - (poses - neutral)) ** 2).sum(-1).mean())
+    assert bench.training_rmse(data, state) == pytest.approx(exact, rel=1e-4)
 
 
 def found(rmse: float, course: list[float]) -> dict:

@@ -25,6 +25,8 @@ poses = 60
 steps = 120
 [dense.training]
 steps = 250
+[driven.training]
+steps = 120
 [rigid]
 poses = 40
 [lbs]
