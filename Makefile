@@ -49,7 +49,7 @@ JOB_OPTIONS = $(if $(JOBS),--jobs "$(JOBS)")
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: help environment table1 table2 figure05 figure07 figure08 compare rigs tour export status test lint bench-rig bench-poses bench-floors bench-lbs bench-training bench-faults clean clean-all
+.PHONY: help environment table1 table2 figure05 figure07 figure08 lbs compare rigs tour export status test lint bench-rig bench-poses bench-floors bench-lbs bench-training bench-faults clean clean-all
 
 help: ## print this help
 	@echo "usage: make <target> [VARIABLE=value ...]"
@@ -81,6 +81,9 @@ figure07: $(ENVIRONMENT) ## the mesh segments in colours
 
 figure08: $(ENVIRONMENT) ## the refinement segments in colours
 	@$(RUN) -m replicate figure08 $(CAST_OPTIONS) $(JOB_OPTIONS)
+
+lbs: $(ENVIRONMENT) ## linear blend skinning: bones, weights, errors against their number
+	@$(RUN) -m replicate lbs $(RUN_OPTIONS) $(JOB_OPTIONS)
 
 compare: $(ENVIRONMENT) ## print the paper's numbers, the reference results and yours
 	@$(RUN) -m replicate compare --profile "$(PROFILE)" $(if $(LATEX),--latex)

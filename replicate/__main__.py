@@ -105,11 +105,16 @@ def _table1(options: argparse.Namespace) -> None:
 
 
 def _figure(options: argparse.Namespace) -> None:
-    from replicate.pipeline import figure_graph
+    from replicate import pipeline
     from replicate.publish import publish_figure
 
     configs = configurations(options)
-    made = _made(options, configs, [figure_graph(config, options.command) for config in configs])
+    named = options.command
+    if named == "lbs":
+        graphs = [pipeline.lbs_graph(config) for config in configs]
+    else:
+        graphs = [pipeline.figure_graph(config, named) for config in configs]
+    made = _made(options, configs, graphs)
     publish_figure(options.command, configs, made)
 
 
@@ -216,6 +221,9 @@ COMMANDS = {
     ),
     "figure07": Command("draw Figure 7: the mesh segments in colours", _figure, (*_RUN_OPTIONS, "jobs"), CAST),
     "figure08": Command("draw Figure 8: the refinement segments in colours", _figure, (*_RUN_OPTIONS, "jobs"), CAST),
+    "lbs": Command(
+        "draw what linear blend skinning makes of a face, and how that is found", _figure, (*_RUN_OPTIONS, "jobs")
+    ),
     "compare": Command("print the paper's numbers, the reference results and yours", _compare, ("profile", "latex")),
     "rigs": Command("draw the characters: what each is, and what it can express", _rigs, ("characters",), CAST),
     "export": Command(

@@ -7,8 +7,12 @@ rig ─┬─ samples ──┬─ rigid ─┬─ coarse ───┬─ refine
 
 Table 1 and Figures 5, 7 and 8 show rigs and segments, and need nothing that is trained:
      rig, influence, rigid, selection ── table1, figure08      rig, samples ── figure05      rig, rigid ── figure07
+
+What linear blend skinning makes of a face, with more numbers of bones than Table 2:
+     rig, samples ── lbs4 … lbs64 ── lbs
 """
 
+from collections.abc import Iterable
 from functools import partial
 
 from data_recipes.rig import recipe_files
@@ -18,6 +22,7 @@ from replicate.stage_bodies import Character, Drawn, Measured, Reported, Section
 from replicate.stages import Stage
 
 BODIES = "replicate.stage_bodies"
+SKINS = (4, 8, 16, 24, 32, 48, 64)  # numbers of bones of the figures about LBS
 FIGURES = {"figure05": ("rig", "samples"), "figure07": ("rig", "rigid"), "figure08": ("rig", "selection")}
 
 
@@ -61,6 +66,21 @@ def figure_graph(config: Config, name: str) -> list[Stage]:
     return [_stage(config, name, settings, *(found[needed] for needed in FIGURES[name]))]
 
 
+def lbs_graph(config: Config) -> list[Stage]:
+    """Return the stage that draws one character's linear blend skinning; its skins are those of Table 2, and others."""
+    found = untrained_stages(config)
+    rig, samples = found["rig"], found["samples"]
+    wrinkled = _stage(config, "wrinkled", None, rig, samples)
+    settings = Drawn(recipe_file(config.character).stem, config.seed)
+    return [_stage(config, "lbs", settings, rig, samples, wrinkled, *skins(config, rig, samples, SKINS))]
+
+
+def skins(config: Config, rig: Stage, samples: Stage, bones: Iterable[int]) -> list[Stage]:
+    """Return the stages that fit LBS with several numbers of bones."""
+    settings = ((count, Section(config.lbs, config.seed, bones=count)) for count in bones)
+    return [_stage(config, f"lbs{count}", own, rig, samples, body="skin") for count, own in settings]
+
+
 def table2_graph(config: Config) -> list[Stage]:
     """Return the stages of one character's Table 2; its table is the last, the slow ones come first."""
     stage = partial(_stage, config)
@@ -69,11 +89,8 @@ def table2_graph(config: Config) -> list[Stage]:
     coarse = stage("coarse", Section(config.coarse, config.seed, config.device), *nets)
     refined = stage("refined", Section(config.refinement, config.seed, config.device), rig, samples, coarse, selection)
     dense = stage("dense", Section(config.dense, config.seed, config.device), *nets)
-    skins = [
-        stage(f"lbs{bones}", Section(config.lbs, config.seed, bones=bones), rig, samples, body="lbs")
-        for bones in config.lbs.bones
-    ]
-    largest = max(skins, key=lambda skin: skin.config.bones)
+    fitted = skins(config, rig, samples, config.lbs.bones)
+    largest = max(fitted, key=lambda skin: skin.config.bones)
     driving = Section(config.driven, config.seed, config.device, largest.config.bones)
     driven = stage("driven", driving, rig, samples, largest)
     wrinkled = stage("wrinkled", None, rig, samples)
@@ -85,7 +102,7 @@ def table2_graph(config: Config) -> list[Stage]:
         "attachment": (rigid,),
         "floor": (influence, rigid),
         "floor_refined": (influence, rigid, selection),
-        **{skin.name: (skin, rigid) for skin in skins},
+        **{skin.name: (skin, rigid) for skin in fitted},
         "driven": (driven, rigid),
     }
     numbers = config.evaluation
@@ -99,4 +116,4 @@ def table2_graph(config: Config) -> list[Stage]:
         errors.append(stage(f"errors_{method}", settings, rig, samples, wrinkled, *inputs, body="errors"))
     reported = Reported(recipe_file(config.character).stem, config.profile, config.seed)
     table = stage("table2", reported, rig, samples, wrinkled, rigid, coarse, selection, refined, dense, driven, *errors)
-    return [coarse, refined, dense, *reversed(skins), driven, *errors, table]
+    return [coarse, refined, dense, *reversed(fitted), driven, *errors, table]

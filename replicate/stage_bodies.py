@@ -182,7 +182,7 @@ def make_dense(context: StageContext) -> None:
     _train(context, dense.make_network, dense.shape_facts(context.config.section), dense.save)
 
 
-def make_lbs(context: StageContext) -> None:
+def make_skin(context: StageContext) -> None:
     """Fit linear blend skinning to training poses, the same for every number of bones (§5.1)."""
     from replicate.approximation.lbs import fit
 
@@ -293,6 +293,24 @@ def make_figure05(context: StageContext) -> None:
     save_poses(rig, samples.params[shown], shown, context.out / name)
     if rig.clips:
         save_clips(rig, context.out / f"{name}_clips")
+
+
+def make_lbs(context: StageContext) -> None:
+    """Measure skins of several numbers of bones on test poses, and draw what they are."""
+    from replicate.approximation.lbs import Skin
+    from replicate.figures.lbs import TEST, TRAINING, save_all
+
+    rig, samples, name = load_rig(context), load_samples(context), f"lbs_{context.config.character}"
+    files = {folder.name: folder / "skin.npz" for folder in context.inputs.values() if (folder / "skin.npz").is_file()}
+    skins = {skin.bones: skin for skin in map(Skin.load, files.values())}
+    count = len(samples.test_params)
+    drawn = np.sort(context.rng("poses").choice(count, min(TEST, count), replace=False))
+    test = rig.mesh.neutral + np.asarray(samples.test_offsets[drawn], np.float32)
+    training = samples.draw(context.rng("training"), min(TRAINING, len(samples)))
+    wrinkled = rig.mesh.neutral + np.asarray(samples.test_offsets[load_wrinkled(context.inputs)], np.float32)
+    posed = rig.mesh.neutral + samples.offsets(training)
+    with context.progress(len(skins), "LBS", 0) as bar:
+        save_all(rig, skins, posed, test, wrinkled, context.out / name, bar)
 
 
 def make_figure07(context: StageContext) -> None:
