@@ -49,7 +49,7 @@ JOB_OPTIONS = $(if $(JOBS),--jobs "$(JOBS)")
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: help environment table1 table2 figure05 figure07 figure08 lbs compare rigs tour export status test lint bench-rig bench-poses bench-floors bench-lbs bench-training bench-faults clean clean-all
+.PHONY: help environment table1 table2 figure05 figure07 figure08 lbs compare reference rigs tour export status test lint bench-rig bench-poses bench-floors bench-lbs bench-training bench-faults clean clean-all
 
 help: ## print this help
 	@echo "usage: make <target> [VARIABLE=value ...]"
@@ -87,6 +87,9 @@ lbs: $(ENVIRONMENT) ## linear blend skinning: bones, weights, errors against the
 
 compare: $(ENVIRONMENT) ## print the paper's numbers, the reference results and yours
 	@$(RUN) -m replicate compare --profile "$(PROFILE)" $(if $(LATEX),--latex)
+
+reference: $(ENVIRONMENT) ## put your results and benchmarks in the place of the committed ones
+	@$(RUN) -m replicate reference --profile "$(PROFILE)"
 
 rigs: $(ENVIRONMENT) ## draw the characters: views, wireframe, charts, expressions
 	@$(RUN) -m replicate rigs --characters "$(if $(filter file,$(origin CHARACTERS)),$(SEVERAL),$(CHARACTERS))"

@@ -10,6 +10,7 @@ from replicate import paths, store
 from replicate.config import PROFILES, Config, resolve
 from replicate.device import choose_device
 from replicate.errors import InputError, RunError
+from replicate.evaluation.table2 import STANDS_FOR
 from replicate.provenance import core_count, provenance
 
 _EPILOG = """\
@@ -137,6 +138,14 @@ def _compare(options: argparse.Namespace) -> None:
         print(as_latex(table) if options.latex else as_text(table))
 
 
+def _reference(options: argparse.Namespace) -> None:
+    from replicate.reference import publish_reference
+
+    _check_profile(options.profile)
+    for file in publish_reference(options.profile):
+        print(f"written to {paths.shown(file)}")
+
+
 def _rigs(options: argparse.Namespace) -> None:
     from replicate.figures.rigs import draw_line_up, draw_sheets
     from replicate.made import made_rig
@@ -202,7 +211,7 @@ def _clean_cache(options: argparse.Namespace) -> None:
 
 
 # The characters that stand for the paper's four, in its order: those that have a recipe.
-CAST = tuple(name for name in ("teen", "woman", "dragon", "toon") if paths.recipe_file(name).is_file())
+CAST = tuple(name for name in STANDS_FOR if paths.recipe_file(name).is_file())
 _RUN_OPTIONS = ("profile", "characters", "seed", "device", "config", "split")
 COMMANDS = {
     "table2": Command(
@@ -225,6 +234,9 @@ COMMANDS = {
         "draw what linear blend skinning makes of a face, and how that is found", _figure, (*_RUN_OPTIONS, "jobs")
     ),
     "compare": Command("print the paper's numbers, the reference results and yours", _compare, ("profile", "latex")),
+    "reference": Command(
+        "put a run's results and the benchmarks' in the place of the committed ones", _reference, ("profile",)
+    ),
     "rigs": Command("draw the characters: what each is, and what it can express", _rigs, ("characters",), CAST),
     "export": Command(
         "write a pose as OBJ or GLB, or a clip as an animated GLB",

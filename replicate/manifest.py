@@ -44,6 +44,12 @@ def entries(folder: Path, target: str) -> dict[str, dict]:
         return {}
 
 
+def targets(folder: Path) -> list[str]:
+    """Return the names of the targets that a folder's manifest tells of; none where it is missing or damaged."""
+    top, others = _other(folder)
+    return [*([TOP] if top.get("characters") else []), *others]
+
+
 def section(folder: Path, target: str) -> dict:
     """Return what a folder's manifest tells of one target: what all characters share, and each one's own facts.
 

@@ -12,6 +12,7 @@ from replicate.sources import MACHINERY
 SOURCES = sorted(path for folder in ("replicate", "data_recipes") for path in (ROOT / folder).rglob("*.py"))
 GROUND_FLOOR = {"replicate.errors", *MACHINERY, "replicate.device", "replicate.inventory"}
 FOR_RECIPES = {f"replicate.{name}" for name in ("checked", "config", "errors", "mesh", "paths", "provenance", "store")}
+TOP_FLOOR = ("benchmarks", "export", "made", "pipeline", "publish", "reference", "stage_bodies", "__main__")
 DISPLAY_ONLY = {"pyvista", "trimesh", "vtk", "vtkmodules"}
 
 
@@ -50,7 +51,7 @@ def floor(module):
         return 0
     return {"approximation": 2, "inverse": 3, "evaluation": 4, "figures": 4}.get(
         package,
-        5 if package in ("benchmarks", "export", "made", "pipeline", "publish", "stage_bodies", "__main__") else 1,
+        5 if package in TOP_FLOOR else 1,
     )
 
 

@@ -19,7 +19,7 @@ CHARACTER = "teen"
 def committed(name: str, target: str = "make table2") -> Path:
     """Return a file of the reference results; where it is missing the target that makes it is named."""
     file = paths.REFERENCE / name
-    assert file.is_file(), f"{file} is missing: `{target}` makes it, in results/runs, to be copied there"
+    assert file.is_file(), f"{file} is missing: `{target}` makes it in results/runs, and `make reference` puts it there"
     return file
 
 

@@ -20,11 +20,11 @@ from replicate import paths
 from replicate.approximation.cnn import load_coarse, make_network
 from replicate.approximation.model import load_model
 from replicate.approximation.refinement import RefinedModel
+from replicate.benchmarks.common import check_at_least, exit_code, publish
 from replicate.config import Config, resolve
-from replicate.errors import InputError, RunError
 from replicate.evaluation.errors import Predictor, error_rows, evaluate, unique_poses
 from replicate.evaluation.methods import load_predictor
-from replicate.evaluation.results import Row, write_results
+from replicate.evaluation.results import Row
 from replicate.evaluation.tables import Table, as_text, rounded
 from replicate.mesh import Mesh
 from replicate.pipeline import table2_graph
@@ -126,20 +126,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--profile", default="laptop", help="whose networks are broken (default: laptop)")
     parser.add_argument("--characters", default="teen", help="a name or recipe (default: teen)")
     parser.add_argument("--poses", type=int, default=POSES, help=f"test poses to measure on (default: {POSES})")
-    options = parser.parse_args(arguments)
-    try:
-        if options.poses < 1:
-            raise InputError(f"poses is {options.poses}: allowed is a whole number of at least 1")
-        rows = measure(resolve(options.characters, options.profile), options.poses)
-    except (InputError, RunError) as error:
-        print(error, file=sys.stderr)
-        return 2 if isinstance(error, InputError) else 1
+    return exit_code(partial(_run, parser.parse_args(arguments), arguments))
+
+
+def _run(options: argparse.Namespace, typed: Sequence[str] | None) -> None:
+    check_at_least(1, poses=options.poses)
+    rows = measure(resolve(options.characters, options.profile), options.poses)
     print(as_text(_table(rows)))
-    folder = paths.run_folder("bench")
-    folder.mkdir(parents=True, exist_ok=True)
-    write_results(folder / "bench_faults.csv", rows)
-    print(f"written to {paths.shown(folder)}: bench_faults.csv")
-    return 0
+    publish("bench_faults", rows, typed, lambda row: False)
 
 
 def _table(rows: Sequence[Row]) -> Table:

@@ -8,15 +8,15 @@ ones. The refined regions are the triangles whose corners all lie in refinement 
 import argparse
 import sys
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from replicate import paths
+from replicate.benchmarks.common import exit_code, named, publish
 from replicate.config import Config, resolve
-from replicate.errors import InputError, RunError
 from replicate.evaluation.errors import unique_poses
-from replicate.evaluation.results import Row, find, read_results, write_results
+from replicate.evaluation.results import Row, find
 from replicate.evaluation.tables import Table, as_text, rounded
 from replicate.mesh import Mesh
 from replicate.metrics import normal_error, vertex_error
@@ -122,23 +122,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.floors", description=__doc__)
     parser.add_argument("--profile", default="laptop", help="whose samples and refinement segments (default: laptop)")
     parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
-    options = parser.parse_args(arguments)
-    try:
-        rows = []
-        for name in options.characters.replace(",", " ").split():
-            rows += floors(resolve(name, options.profile))
-    except (InputError, RunError) as error:
-        print(error, file=sys.stderr)
-        return 2 if isinstance(error, InputError) else 1
-    named = list(dict.fromkeys(row.character for row in rows))
-    print("\n\n".join(as_text(floors_table(rows, name)) for name in named))
-    folder = paths.run_folder("bench")
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / "bench_floors.csv"
-    kept = [row for row in read_results(file) if row.character not in named] if file.is_file() else []
-    write_results(file, kept + rows)
-    print(f"written to {paths.shown(folder)}: bench_floors.csv")
-    return 0
+    return exit_code(partial(_run, parser.parse_args(arguments), arguments))
+
+
+def _run(options: argparse.Namespace, typed: Sequence[str] | None) -> None:
+    rows = [row for name in named(options.characters) for row in floors(resolve(name, options.profile))]
+    measured = dict.fromkeys(row.character for row in rows)
+    print("\n\n".join(as_text(floors_table(rows, name)) for name in measured))
+    publish("bench_floors", rows, typed)
 
 
 if __name__ == "__main__":

@@ -14,14 +14,15 @@ import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from replicate import paths
+from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, exit_code, merge, named, note
 from replicate.config import SamplesConfig
-from replicate.errors import InputError, RunError
-from replicate.evaluation.results import Row, read_results, write_results
+from replicate.errors import RunError
+from replicate.evaluation.results import Row, read_results
 from replicate.evaluation.tables import Table, as_text, rounded
 from replicate.stages import stream_rng
 
@@ -199,11 +200,9 @@ def _known(file: Path) -> list[Row]:
 
 def _keep(file: Path, rows: Sequence[Row]) -> None:
     """Put rows into the file, in place of those about the same things; another rig's numbers go."""
-    new = {row.key for row in rows}
     runs = {(row.character, row.run) for row in rows}
     names = {character for character, _ in runs}
-    kept = [r for r in _known(file) if r.key not in new and (r.character not in names or (r.character, r.run) in runs)]
-    write_results(file, [*kept, *rows])
+    merge(file, rows, lambda row: row.character not in names or (row.character, row.run) in runs)
 
 
 def rows_of(character: str, method: str, bones: int, seed: int, run: str, found: dict, options) -> list[Row]:
@@ -225,7 +224,7 @@ def rows_of(character: str, method: str, bones: int, seed: int, run: str, found:
             values["time_to_dem_bones_error"] = 1e3 * reached
     return [
         Row(TABLE, character, method, f"{name}[{bones}, seed {seed}]", METRICS[name], float(value), None, 1,
-            options.test, "bench", run)
+            options.test, PROFILE, run)
         for name, value in values.items()
     ]  # fmt: skip
 
@@ -278,8 +277,6 @@ def _ratio(values: np.ndarray) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
-    from replicate.benchmarks.dem_bones import solver_class
-
     parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.lbs", description=__doc__)
     parser.add_argument("--characters", default="teen dragon", help="names or recipes (default: teen dragon)")
     parser.add_argument("--bones", type=int, nargs="+", default=BONES, help="numbers of bones (default: 16 24 32)")
@@ -293,22 +290,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         folder, method, bones, seed = options.fit
         one_fit(Path(folder), method, int(bones), int(seed))
         return 0
-    try:
-        if any(method != "ssdr" for method in options.methods):
-            solver_class()
-        for name in ("training", "test"):
-            if getattr(options, name) < 1:
-                raise InputError(f"{name} is {getattr(options, name)}: allowed is a whole number of at least 1")
-        folder = paths.run_folder("bench")
-        folder.mkdir(parents=True, exist_ok=True)
-        for character in options.characters.replace(",", " ").split():
-            rows = measured(character, options, folder / "bench_lbs.csv")
-            print(as_text(lbs_table(rows, rows[0].character)) + "\n")
-    except (InputError, RunError) as error:
-        print(error, file=sys.stderr)
-        return 2 if isinstance(error, InputError) else 1
-    print(f"written to {paths.shown(folder)}: bench_lbs.csv")
-    return 0
+    return exit_code(partial(_run, options, arguments))
+
+
+def _run(options: argparse.Namespace, typed: Sequence[str] | None) -> None:
+    from replicate.benchmarks.dem_bones import solver_class
+
+    check_at_least(1, training=options.training, test=options.test)
+    if any(method != "ssdr" for method in options.methods):
+        solver_class()
+    for character in named(options.characters):
+        rows = measured(character, options, bench_folder() / "bench_lbs.csv")
+        print(as_text(lbs_table(rows, rows[0].character)) + "\n")
+        note("bench_lbs", [rows[0].character], typed)
 
 
 if __name__ == "__main__":

@@ -10,16 +10,17 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from replicate import paths
+from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, exit_code, named, publish
 from replicate.config import SamplesConfig
-from replicate.errors import InputError, RunError
 from replicate.evaluation.lids import find_eyes
 from replicate.evaluation.mouth import find_mouth
 from replicate.evaluation.pose_health import Health, each_alone, measure, strongest, worst
-from replicate.evaluation.results import Row, read_results, write_results
+from replicate.evaluation.results import Row
 from replicate.evaluation.skin import Skin
 from replicate.evaluation.tables import Table, as_text
 from replicate.made import made_rig
@@ -75,7 +76,7 @@ def rows(character: str, measured: Measured) -> list[Row]:
     def row(metric: str, unit: str, value: float | int, poses: int | None = None) -> Row:
         poses = len(health.params) if poses is None else poses
         return Row(
-            "bench_poses", character, measured.kind, metric, unit, float(value), None, 1, poses, "bench", "bench-poses"
+            "bench_poses", character, measured.kind, metric, unit, float(value), None, 1, poses, PROFILE, "bench-poses"
         )
 
     listed = [
@@ -145,20 +146,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
     parser.add_argument("--count", type=int, default=COUNT, help=f"samples of Eq. 5 (default: {COUNT})")
     parser.add_argument("--every", type=int, default=1, help="take each k-th frame of the clips only (default: 1)")
-    options = parser.parse_args(arguments)
-    try:
-        for name in ("count", "every"):
-            if getattr(options, name) < 1:
-                raise InputError(f"{name} is {getattr(options, name)}: allowed is a whole number of at least 1")
-        listed = [row for name in options.characters.replace(",", " ").split() for row in _run(name, options)]
-    except (InputError, RunError) as error:
-        print(error, file=sys.stderr)
-        return 2 if isinstance(error, InputError) else 1
+    return exit_code(partial(_run, parser.parse_args(arguments), arguments))
+
+
+def _run(options: argparse.Namespace, typed: Sequence[str] | None) -> None:
+    check_at_least(1, count=options.count, every=options.every)
+    listed = [row for name in named(options.characters) for row in _measured(name, options, typed)]
     print(as_text(summary(listed)))
-    return 0
 
 
-def _run(character: str, options: argparse.Namespace) -> list[Row]:
+def _measured(character: str, options: argparse.Namespace, typed: Sequence[str] | None) -> list[Row]:
     """Measure one character; write its rows, in place of those of an earlier run, and draw its worst poses."""
     from replicate.figures.panels import save_figure
     from replicate.figures.worst_poses import worst_poses
@@ -166,16 +163,12 @@ def _run(character: str, options: argparse.Namespace) -> list[Row]:
     rig = made_rig(character)
     found = bench(rig, options.count, options.every)
     listed = [row for measured in found for row in rows(rig.name, measured)]
-    folder = paths.run_folder("bench")
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / "bench_poses.csv"
-    kept = [row for row in read_results(file) if row.character != rig.name] if file.is_file() else []
-    write_results(file, kept + listed)
     for measured in found:
         print("\n".join(told(rig, measured)))
+    publish("bench_poses", listed, typed)
     figure, words = worst_poses(rig, found)
-    save_figure(figure, folder / f"{rig.name}_worst_poses.png", words)
-    print(f"written to {paths.shown(folder)}: bench_poses.csv and {rig.name}_worst_poses.png")
+    save_figure(figure, bench_folder() / f"{rig.name}_worst_poses.png", words)
+    print(f"written to {paths.shown(bench_folder())}: {rig.name}_worst_poses.png")
     return listed
 
 

@@ -10,13 +10,15 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from replicate import paths
-from replicate.errors import InputError, RunError
-from replicate.evaluation.results import Row, read_results, write_results
+from replicate.benchmarks.common import PROFILE, check_at_least, exit_code, named, publish
+from replicate.errors import InputError
+from replicate.evaluation.results import Row, read_results
 from replicate.evaluation.table2 import STANDS_FOR
 from replicate.evaluation.tables import Table, as_text
 from replicate.made import made_rig
@@ -99,7 +101,7 @@ def rows(character: str, found: dict[str, float]) -> list[Row]:
 
     def row(method: str, metric: str, unit: str, value: float) -> Row:
         poses = 1 if metric == "largest_difference" else min(POSES[way] for way in method.split("/"))
-        return Row("bench_rig", character, method, metric, unit, value, None, None, poses, "bench", "bench-rig")
+        return Row("bench_rig", character, method, metric, unit, value, None, None, poses, PROFILE, "bench-rig")
 
     listed = [row(way, "time_per_pose", "ms", found[way]) for way in POSES]
     listed += [row(way, "processor_time_per_pose", "ms", found[f"{way} processor"]) for way in POSES]
@@ -170,23 +172,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--characters", default=" ".join(own), help=f"names or recipes, separated by commas (default: {', '.join(own)})"
     )
     parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"how often each way is timed (default: {ROUNDS})")
-    options = parser.parse_args(arguments)
-    try:
-        if options.rounds < 3:
-            raise InputError(f"rounds is {options.rounds}: allowed is a whole number of at least 3")
-        listed: list[Row] = []
-        for character in options.characters.replace(",", " ").split():
-            rig = made_rig(character)
-            listed += rows(rig.name, bench(rig, frames_of(rig), options.rounds))
-    except (InputError, RunError) as error:
-        print(error, file=sys.stderr)
-        return 2 if isinstance(error, InputError) else 1
+    return exit_code(partial(_run, parser.parse_args(arguments), arguments))
+
+
+def _run(options: argparse.Namespace, typed: Sequence[str] | None) -> None:
+    check_at_least(3, rounds=options.rounds)
+    listed: list[Row] = []
+    for character in named(options.characters):
+        rig = made_rig(character)
+        listed += rows(rig.name, bench(rig, frames_of(rig), options.rounds))
     for table in tables(listed, options.rounds):
         print(as_text(table))
-    folder = paths.run_folder("bench")
-    folder.mkdir(parents=True, exist_ok=True)
-    write_results(folder / "bench_rig.csv", listed)
-    return 0
+    publish("bench_rig", listed, typed)
 
 
 def frames_of(rig) -> np.ndarray:

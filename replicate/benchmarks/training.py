@@ -9,14 +9,15 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from replicate import paths
+from replicate.benchmarks.common import exit_code, publish
 from replicate.config import Config, resolve
-from replicate.errors import InputError, RunError
+from replicate.errors import InputError
 from replicate.evaluation.curves import read_log
-from replicate.evaluation.results import Row, read_results, write_results
+from replicate.evaluation.results import Row
 from replicate.evaluation.tables import as_text
 from replicate.evaluation.trainings import METRICS, TABLE, trainings_table
 from replicate.pipeline import table2_graph
@@ -118,20 +119,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--only", default="", help="only trainings whose description contains this; others stay in the file"
     )
-    options = parser.parse_args(arguments)
-    try:
-        rows = compare(options)
-    except (InputError, RunError) as error:
-        print(error, file=sys.stderr)
-        return 2 if isinstance(error, InputError) else 1
+    return exit_code(partial(_run, parser.parse_args(arguments), arguments))
+
+
+def _run(options: argparse.Namespace, typed: Sequence[str] | None) -> None:
+    rows = compare(options)
     print(as_text(trainings_table(rows)))
-    folder = paths.run_folder("bench")
-    folder.mkdir(parents=True, exist_ok=True)
-    file, measured_now = folder / "bench_training.csv", {row.key for row in rows}
-    kept = read_results(file) if options.only and file.is_file() else []
-    write_results(file, [row for row in kept if row.key not in measured_now] + rows)
-    print(f"written to {paths.shown(folder)}: bench_training.csv")
-    return 0
+    publish("bench_training", rows, typed, (lambda row: True) if options.only else (lambda row: False))
 
 
 def compare(options: argparse.Namespace) -> list[Row]:

@@ -1,0 +1,75 @@
+"""What the benchmarks share: what their command line answers to a mistake, and the folder that they write to."""
+
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from replicate import manifest, paths
+from replicate.errors import InputError, RunError
+from replicate.evaluation.results import Row, read_results, write_results
+from replicate.provenance import core_count, provenance
+
+PROFILE = "bench"  # the folder's name, and what rows say that no profile made
+
+
+def exit_code(measure: Callable[[], None]) -> int:
+    """Run a benchmark and return its exit code; whoever made a mistake is told in one sentence."""
+    try:
+        measure()
+    except (InputError, RunError) as error:
+        print(" ".join(str(error).split()), file=sys.stderr)
+        return 2 if isinstance(error, InputError) else 1
+    return 0
+
+
+def named(characters: str) -> list[str]:
+    """Return the characters that a text names, separated by commas or spaces. Raises InputError if there are none."""
+    found = list(dict.fromkeys(characters.replace(",", " ").split()))
+    if not found:
+        raise InputError(f"no character is named: allowed are {', '.join(paths.character_names())}")
+    return found
+
+
+def check_at_least(least: int, **values: int) -> None:
+    """Raise InputError for a number that is too small, by its name."""
+    for name, value in values.items():
+        if value < least:
+            raise InputError(f"{name} is {value}: allowed is a whole number of at least {least}")
+
+
+def bench_folder() -> Path:
+    """Return the folder that benchmarks write to; it is made if there is none."""
+    found = paths.run_folder(PROFILE)
+    found.mkdir(parents=True, exist_ok=True)
+    return found
+
+
+def publish(
+    name: str, rows: Sequence[Row], typed: Sequence[str] | None, keep: Callable[[Row], bool] | None = None
+) -> None:
+    """Write rows to <name>.csv in the benchmarks' folder, note in its manifest how they were made, and say so.
+
+    typed: the command line's arguments, None for those of this process. keep: which rows of an earlier file stay; those
+    of other characters by default.
+    """
+    measured = {row.character for row in rows}
+    merge(bench_folder() / f"{name}.csv", rows, keep or (lambda row: row.character not in measured))
+    note(name, measured, typed)
+
+
+def merge(file: Path, rows: Sequence[Row], keep: Callable[[Row], bool]) -> None:
+    """Write rows to a CSV file beside those that it has already and that shall stay; never two about the same thing."""
+    new = {row.key for row in rows}
+    kept = [row for row in read_results(file) if keep(row) and row.key not in new] if file.is_file() else []
+    write_results(file, [*kept, *rows])
+
+
+def note(name: str, characters: Iterable[str], typed: Sequence[str] | None) -> None:
+    """Note in the folder's manifest how <name>.csv's rows about some characters were made, and say so."""
+    into = bench_folder()
+    command = ["python", "-m", f"replicate.benchmarks.{name.removeprefix('bench_')}"]
+    command += sys.argv[1:] if typed is None else typed
+    facts = provenance(command, PROFILE, [0], core_count())
+    known = manifest.entries(into, name)
+    manifest.write_entries(into, name, dict(sorted((known | dict.fromkeys(characters, facts)).items())))
+    print(f"written to {paths.shown(into)}: {name}.csv, {manifest.NAME}")

@@ -1,0 +1,100 @@
+"""From a run of one's own to the committed results: `make reference`, for whoever maintains this repository.
+
+It copies a profile's tables and figures, the benchmarks' numbers and the pictures that texts show to results/reference,
+merges the manifests, executes the notebooks on what is there then, and writes README's table.
+"""
+
+import re
+from pathlib import Path
+
+from replicate import manifest, paths
+from replicate.benchmarks.common import PROFILE as BENCH
+from replicate.benchmarks.common import merge
+from replicate.errors import InputError
+from replicate.evaluation.results import read_results
+from replicate.evaluation.table2 import table2_overview
+from replicate.evaluation.tables import as_markdown
+
+KINDS = (".csv", ".json", ".npz", ".png")
+README = paths.ROOT / "README.md"
+BEGIN, END = "<!-- Table 2, by make reference -->\n", "<!-- end of Table 2 -->\n"
+ALWAYS = ("rig_tour",)  # notebooks that show a rig; the others show results
+
+
+def publish_reference(profile: str) -> list[Path]:
+    """Put a profile's results and the benchmarks' in the place of the committed ones; return the files written.
+
+    Raises InputError, and has written nothing, if there are no results, or some were made from a tree with changes.
+    """
+    run, bench, rigs = (paths.run_folder(name) for name in (profile, BENCH, "rigs"))
+    told = manifest.targets(run)
+    if not told:
+        raise InputError(f"{run}: there are no results; `make table2 PROFILE={profile}` writes them.")
+    benched = manifest.targets(bench)
+    for folder, found in ((run, told), (bench, benched)):
+        for target in found:
+            for character, facts in manifest.entries(folder, target).items():
+                if not (facts.get("git") or {}).get("clean"):
+                    raise InputError(
+                        f"{target} of {character} in {paths.shown(folder)} was made from a tree with changes: commit "
+                        "them and make it again"
+                    )
+    paths.REFERENCE.mkdir(parents=True, exist_ok=True)
+    written = [_copied(file) for file in sorted(run.iterdir()) if _is_result(file)]
+    for target in told:
+        manifest.write_entries(paths.REFERENCE, target, manifest.entries(run, target))
+    written += _benchmarks(bench, benched)
+    written += [_copied(rigs / name) for name in shown_pictures() if (rigs / name).is_file()]
+    return written + _texts(manifest.targets(paths.REFERENCE))
+
+
+def shown_pictures() -> list[str]:
+    """Return the names of the committed pictures that texts show."""
+    texts = [README, *(file for part in ("data_recipes", "results") for file in (paths.ROOT / part).glob("*.md"))]
+    return sorted({name for text in texts for name in re.findall(r"reference/(\w+\.png)", text.read_text("utf-8"))})
+
+
+def with_table(text: str, table: str) -> str:
+    """Return README's text with another table between its marks. Raises InputError where it lacks them."""
+    before, begin, rest = text.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not (begin and end):
+        raise InputError(f"{README}: found no lines {BEGIN.strip()!r} and {END.strip()!r} to write Table 2 between.")
+    return before + begin + table.strip() + "\n" + end + after
+
+
+def _is_result(file: Path) -> bool:
+    return file.suffix in KINDS and file.name != manifest.NAME and not file.name.startswith(".")
+
+
+def _copied(file: Path) -> Path:
+    into = paths.REFERENCE / file.name
+    into.write_bytes(file.read_bytes())
+    return into
+
+
+def _benchmarks(folder: Path, targets: list[str]) -> list[Path]:
+    """Merge the benchmarks' rows, a character's as a whole, and copy the pictures of those that were measured."""
+    written = []
+    for target in targets:
+        rows, into = read_results(folder / f"{target}.csv"), paths.REFERENCE / f"{target}.csv"
+        measured = {row.character for row in rows}
+        merge(into, rows, lambda row, measured=measured: row.character not in measured)
+        known = manifest.entries(paths.REFERENCE, target)
+        manifest.write_entries(paths.REFERENCE, target, known | manifest.entries(folder, target))
+        written.append(into)
+    pictures = [file for file in sorted(folder.iterdir()) if file.suffix in (".png", ".json")] if targets else []
+    return written + [_copied(file) for file in pictures if _is_result(file)]
+
+
+def _texts(targets: list[str]) -> list[Path]:
+    """Execute the notebooks about some targets on the committed results, and write README's table."""
+    from replicate.figures.notebooks import NOTEBOOKS, run_notebook
+
+    named = [file.stem for file in sorted(NOTEBOOKS.glob("*.ipynb")) if file.stem in (*targets, *ALWAYS)]
+    written = [run_notebook(name, "reference") for name in named]
+    if (paths.REFERENCE / "table2.csv").is_file():
+        table = table2_overview(*(read_results(folder / "table2.csv") for folder in (paths.REFERENCE, paths.PAPER)))
+        README.write_text(with_table(README.read_text("utf-8"), as_markdown(table)), encoding="utf-8")
+        written.append(README)
+    return written
