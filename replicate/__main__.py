@@ -194,7 +194,7 @@ def _status(options: argparse.Namespace) -> None:
     from replicate.inventory import inventory, states
 
     for config in configurations(options):
-        for stage, state in states(pipeline.table2_graph(config)):
+        for stage, state in states(pipeline.all_graphs(config)):
             print(f"{stage.title:28} {stage.key}  {state}")
     entries = inventory()
     print(f"\n{paths.cache_folder()}")
@@ -244,7 +244,9 @@ COMMANDS = {
         ("characters", "pose", "clip", "params", "to", "tolerance"),
     ),
     "tour": Command("execute the notebook that takes a rig apart", _tour, ("characters",)),
-    "status": Command("list the artefacts of Table 2 and what else the cache holds", _status, _RUN_OPTIONS),
+    "status": Command(
+        "list the artefacts of all tables and figures, and what else the cache holds", _status, _RUN_OPTIONS
+    ),
     "clean-cache": Command("remove what is stale, damaged or unfinished from the cache", _clean_cache, ("all",)),
 }
 _OPTIONS = {

@@ -75,6 +75,12 @@ def lbs_graph(config: Config) -> list[Stage]:
     return [_stage(config, "lbs", settings, rig, samples, wrinkled, *skins(config, rig, samples, SKINS))]
 
 
+def all_graphs(config: Config) -> list[Stage]:
+    """Return the last stages of everything that `make` makes of one character."""
+    graphs = [table2_graph(config), table1_graph(config), lbs_graph(config)]
+    return [stage for graph in (*graphs, *(figure_graph(config, name) for name in FIGURES)) for stage in graph]
+
+
 def skins(config: Config, rig: Stage, samples: Stage, bones: Iterable[int]) -> list[Stage]:
     """Return the stages that fit LBS with several numbers of bones."""
     settings = ((count, Section(config.lbs, config.seed, bones=count)) for count in bones)

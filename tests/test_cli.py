@@ -36,7 +36,7 @@ def pipeline(monkeypatch, recipes):
         return [Stage("errors", "toy_stages:total", ToyConfig(seed=config.seed), (rig,), label=config.character)]
 
     module = types.ModuleType("replicate.pipeline")
-    module.table2_graph = graph
+    module.table2_graph = module.all_graphs = graph
     monkeypatch.setitem(sys.modules, "replicate.pipeline", module)
     monkeypatch.setattr(replicate, "pipeline", module, raising=False)
     monkeypatch.setattr("replicate.publish.publish_table2", lambda *given: published.append(given[:2]))

@@ -158,9 +158,9 @@ RADIUS, LID = 10.0, 10.5
 class Eyed:
     """Two eyes at (±40, 0, 0) behind lids that are parts of a sphere; the control of each closes them by its value."""
 
-    def __init__(self, out_mm: float = 0.0):
+    def __init__(self, out_mm: float = 0.0, wall_mm: float | None = None):
         self.controls = tuple(Control(f"blink_{side}", 0.0, 0.0, 1.0, "eyes") for side in ("left", "right"))
-        self.default, self.out_mm = np.zeros(2, np.float32), out_mm
+        self.default, self.out_mm, self.wall_mm = np.zeros(2, np.float32), out_mm, wall_mm
         self.landmarks, self.landmark_names = np.zeros(0, np.int32), ()
         ball = trimesh.creation.icosphere(5, RADIUS)
         self.ball, self.ball_faces = np.asarray(ball.vertices), np.asarray(ball.faces)
@@ -170,7 +170,10 @@ class Eyed:
         patch = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
         lid = rows * columns
         faces = np.concatenate([patch + k * lid for k in range(4)])  # left upper, left lower, right upper, right lower
-        segment, uv = np.zeros(4 * lid, np.int32), np.zeros((4 * lid, 2), np.float32)
+        if wall_mm is not None:
+            faces = np.concatenate([faces, 4 * lid + np.array([[0, 1, 2], [0, 2, 3]])])
+        count = faces.max() + 1
+        segment, uv = np.zeros(count, np.int32), np.zeros((count, 2), np.float32)
         self.mesh = Mesh(self(self.default), np.int32(faces), uv, segment, ("face",))
 
     def __call__(self, params):
@@ -183,6 +186,8 @@ class Eyed:
                 x = np.sin(azimuth) * np.cos(elevation)
                 sphere = np.stack([x, np.sin(elevation) + 0 * x, np.cos(azimuth) * np.cos(elevation)], -1)
                 parts.append(LID * sphere.reshape(-1, 3) + (40 * side, 0, 0))
+        if self.wall_mm is not None:
+            parts.append(self.wall_mm * np.array([[-2, -2, 1], [2, -2, 1], [2, 2, 1], [-2, 2, 1]]))
         return np.float32(np.concatenate(parts))
 
     def pose_props(self, params):
@@ -206,6 +211,15 @@ def test_closed_lids_hide_the_eye_and_half_closed_ones_show_their_share():
     assert measure_lids(rig, eyes, rig.default, rig(rig.default)) == {}, "open eyes are not looked at"
     ajar = measure_lids(rig, eyes, closed, rig(closed - 1 / 3))
     assert all(lid.shows == pytest.approx(1 / 3, abs=0.08) for lid in ajar.values())
+
+
+def test_what_stands_before_an_eye_hides_it_though_it_is_no_lid():
+    rig = Eyed(wall_mm=6 * RADIUS)
+    eyes, closed = find_eyes(rig), np.ones(2, np.float32)
+    ajar = measure_lids(rig, eyes, closed, rig(closed - 1 / 3))
+    assert all(lid.shows == 0 for lid in ajar.values())
+    corners = 4 * 20 * 41 + np.arange(4)
+    assert not any(np.isin(corners, around).any() for around in eyes.around.values()), "no part of an eye's socket"
 
 
 def test_an_eyeball_that_pops_out_of_its_lids_sticks_out_by_so_much():

@@ -14,19 +14,22 @@ from replicate.evaluation.triangle_kernel import ray_hits
 from replicate.rigid import align
 
 SIDES = ("left", "right")
-NEAR_RADII = 3.5  # skin within so many radii of an eye's middle can be in front of it
+NEAR_RADII = 3.5  # an eye's surroundings, which move with its socket: skin within so many radii of its middle
+FAR_RADII = 12.0  # a broad nose can stand before an eye as far away as this
 CONE_DEG = 52.0  # about where the eye looks at rest: its lids and their corners, and nothing else's rim
+SPARE_DEG = 30.0  # by so much skin may come into the cone from beside it
 TOUCH_MM = 0.05  # what a lid may lie within an eyeball that is made of flat pieces
 FULL_BLINK = 0.98
 
 
 @dataclass(frozen=True)
 class Eyes:
-    """Each eye's lids and what is around them (f, 3), where it looks at rest, its open area then in mm², and its blink
-    control; rims: landmarks on the upper and the lower one.
+    """Each eye's lids and all else that can stand before it (f, 3), the vertices around it, where it looks at rest, its
+    open area then in mm², and its blink control; rims: landmarks on the upper and the lower one.
     """
 
     faces: dict[str, Int[np.ndarray, "f 3"]]
+    around: dict[str, Int[np.ndarray, " k"]]
     forward: dict[str, Float[np.ndarray, " 3"]]
     open_mm2: dict[str, float]
     blink: dict[str, int]
@@ -50,17 +53,22 @@ def find_eyes(rig) -> Eyes | None:
     if set(balls) != set(SIDES) or set(blink) != set(SIDES):
         return None
     marks = dict(zip(rig.landmark_names, rig.landmarks.tolist(), strict=True)) if rig.landmark_names else {}
-    faces, forward, rims, open_mm2 = {}, {}, {}, {}
+    faces, around, forward, rims, open_mm2 = {}, {}, {}, {}, {}
+    middles = rig.mesh.neutral[rig.mesh.faces].mean(1)
     iris = {p[0].removeprefix("eye_iris_"): p[1].mean(0) for p in rig.pose_props(rig.default) if "iris" in p[0]}
     for side, (vertices, triangles) in balls.items():
         centre, radius = _sphere(vertices)
-        near = np.linalg.norm(rig.mesh.neutral[rig.mesh.faces].mean(1) - centre, axis=1) < NEAR_RADII * radius
-        faces[side] = rig.mesh.faces[near]
         forward[side] = (iris[side] - centre) / np.linalg.norm(iris[side] - centre)
+        towards = middles - centre
+        length = np.linalg.norm(towards, axis=1)
+        near = length < NEAR_RADII * radius
+        ahead = towards @ forward[side] > np.cos(np.radians(CONE_DEG + SPARE_DEG)) * length
+        faces[side] = rig.mesh.faces[near | (ahead & (length < FAR_RADII * radius))]
+        around[side] = np.unique(rig.mesh.faces[near])
         open_mm2[side] = _rays(vertices, triangles, rig.mesh.neutral[faces[side]], forward[side])[0]
         if {f"lid_upper_{side}", f"lid_lower_{side}"} <= set(marks):
             rims[side] = marks[f"lid_upper_{side}"], marks[f"lid_lower_{side}"]
-    return Eyes(faces, forward, open_mm2, blink, rims)
+    return Eyes(faces, around, forward, open_mm2, blink, rims)
 
 
 def measure_lids(
@@ -71,7 +79,7 @@ def measure_lids(
     balls = _eyeballs(rig.pose_props(params)) if closed else {}
     found = {}
     for side in closed:
-        around = np.unique(eyes.faces[side])
+        around = eyes.around[side]
         turn, _ = align(rig.mesh.neutral[around].astype(float), vertices[around].astype(float))
         shows, out = _rays(*balls[side], vertices[eyes.faces[side]], eyes.forward[side] @ turn)
         upper, lower = eyes.rims.get(side, (0, 0))
@@ -111,7 +119,7 @@ def _rays(
     front = towards @ forward > np.cos(np.radians(CONE_DEG)) * length
     towards, length, area = towards[front], length[front], area[front]
     unit = towards / length[:, None]
-    outwards, _ = ray_hits(centre + unit * (length - TOUCH_MM)[:, None], NEAR_RADII * radius * unit, lids)
+    outwards, _ = ray_hits(centre + unit * (length - TOUCH_MM)[:, None], FAR_RADII * radius * unit, lids)
     shows = ~np.isfinite(outwards)
     within, _ = ray_hits(centre + 0 * unit[shows], towards[shows], lids)
     out = np.where(np.isfinite(within), (1 - np.where(np.isfinite(within), within, 0)) * length[shows], 0)

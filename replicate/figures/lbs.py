@@ -21,7 +21,7 @@ from replicate.metrics import normal_error, vertex_error
 HEADER = ("bones", "poses", "rmse_mm", "mean_mm", "normal_deg", "floor_rmse_mm", "floor_normal_deg")
 PAINTED = (8, 16, 32)  # numbers of bones whose weights are painted, of those that there are
 FOLDED = (16, 32, 64)  # and those shown in a wrinkled pose
-TEST, TRAINING = 100, 64  # poses that errors and the bones' motions are measured on
+TEST, TRAINING = 200, 64  # poses that errors and the bones' motions are measured on
 ALONE = 6  # bones shown one by one
 GOLDEN = 0.618034  # of a turn of hue from a bone to the next: neighbours differ
 PALE, DEEP = (236, 236, 232), (178, 24, 43)  # a weight of 0 and of 1
@@ -33,7 +33,7 @@ def bone_colours(skin: Skin) -> UInt8[np.ndarray, "n 3"]:
     from matplotlib.colors import hsv_to_rgb
 
     k = np.arange(skin.bones)
-    hues = np.stack([(k * GOLDEN) % 1, 0.45 + 0.4 * (k % 2), 0.95 - 0.25 * (k % 3) / 2], 1)
+    hues = np.stack([(k * GOLDEN) % 1, 0.95 - 0.35 * (k % 2), 1 - 0.2 * (k % 3) / 2], 1)
     return np.rint(255 * (skin.dense_weights() @ hsv_to_rgb(hues))).astype(np.uint8)
 
 

@@ -11,6 +11,7 @@ from replicate.evaluation.pose_health import worst
 from replicate.evaluation.skin import Skin
 from replicate.figures.expressions import BACKGROUND, segment_colours
 from replicate.figures.panels import Words, panel_grid
+from replicate.figures.props import prop_surfaces
 from replicate.figures.render import render
 from replicate.figures.scene import STUDIO, Camera, Surface, camera_for
 from replicate.mesh import Mesh
@@ -35,7 +36,7 @@ def worst_poses(rig, measured: Sequence, width: int = 250, height: int = 270, re
         vertices = rig(params)
         colours = _flip_colours(rig.mesh, skin, skin.flipped(vertices[None])[0])
         camera = _following(camera_for("front", rig.mesh.neutral), rig.mesh.neutral, vertices)
-        pictures.append(_picture(rig, vertices, colours, camera, width, height, renderer))
+        pictures.append(_picture(rig, params, vertices, colours, camera, width, height, renderer))
         titles.append(f"{name}: {100 * value:.2f} %")
     _fill(pictures, titles, width, height)
     for value, name, params in deep:
@@ -47,7 +48,7 @@ def worst_poses(rig, measured: Sequence, width: int = 250, height: int = 270, re
         colours[out[rig.mesh.faces].any(1)] = OUTSIDE
         camera = camera_for("mouth", rig.mesh.neutral)
         camera = _following(camera, rig.mesh.neutral[mouth.points], vertices[mouth.points])
-        pictures.append(_picture(rig, vertices, colours, camera, width, height, renderer))
+        pictures.append(_picture(rig, params, vertices, colours, camera, width, height, renderer))
         titles.append(f"{name}: {value:.2f} mm")
     _fill(pictures, titles, width, height)
     if not pictures:
@@ -71,19 +72,18 @@ def _words(rig, flips: list, deep: list) -> Words:
 
 def _ranked(measured: Sequence, value_of, kind: str) -> list[tuple[float, str, np.ndarray]]:
     """Return the largest values of all sets with their poses' names and parameters, one a clip, largest first."""
-    found = []
+    found: dict[str, tuple[float, str, np.ndarray]] = {}
     for one in measured:
         values = value_of(one.health)
-        if len(values):
-            taken = set()
-            for k in worst(values, len(values)):
-                source = one.names[k].rsplit(" ", 1)[0] if one.kind == "clips" else one.names[k]
-                if source not in taken and values[k] >= LEAST[kind]:
-                    taken.add(source)
-                    found.append((float(values[k]), one.names[k], one.health.params[k]))
-                if len(taken) == SHOWN:
-                    break
-    return sorted(found, key=lambda entry: -entry[0])[:SHOWN]
+        kept = 0
+        for k in worst(values, len(values)) if len(values) else ():
+            source = one.names[k].rsplit(" ", 1)[0] if one.kind == "clips" else one.names[k]
+            if source not in found and values[k] >= LEAST[kind]:  # a sample can be in two sets
+                found[source] = float(values[k]), one.names[k], one.health.params[k]
+                kept += 1
+            if kept == SHOWN:
+                break
+    return sorted(found.values(), key=lambda entry: -entry[0])[:SHOWN]
 
 
 def _flip_colours(mesh: Mesh, skin: Skin, flipped: Bool[np.ndarray, " f"]) -> np.ndarray:
@@ -102,9 +102,10 @@ def _following(camera: Camera, rest: Float[np.ndarray, "k 3"], posed: Float[np.n
     return replace(camera, focus=tuple(float(x) for x in np.asarray(camera.focus) + moved))
 
 
-def _picture(rig, vertices, colours, camera: Camera, width: int, height: int, renderer) -> np.ndarray:
-    surface = Surface(vertices, rig.mesh.faces, colours)
-    return render([surface], camera, width, height, BACKGROUND, renderer, STUDIO)
+def _picture(rig, params, vertices, colours, camera: Camera, width: int, height: int, renderer) -> np.ndarray:
+    props = rig.pose_props(params) if hasattr(rig, "pose_props") else []
+    surfaces = [Surface(vertices, rig.mesh.faces, colours), *prop_surfaces(props)]
+    return render(surfaces, camera, width, height, BACKGROUND, renderer, STUDIO)
 
 
 def _fill(pictures: list, titles: list, width: int, height: int) -> None:
