@@ -244,9 +244,7 @@ COMMANDS = {
         ("characters", "pose", "clip", "params", "to", "tolerance"),
     ),
     "tour": Command("execute the notebook that takes a rig apart", _tour, ("characters",)),
-    "status": Command(
-        "list the artefacts of all tables and figures, and what else the cache holds", _status, _RUN_OPTIONS
-    ),
+    "status": Command("list the artefacts of tables and figures, and what the cache holds", _status, _RUN_OPTIONS),
     "clean-cache": Command("remove what is stale, damaged or unfinished from the cache", _clean_cache, ("all",)),
 }
 _OPTIONS = {
