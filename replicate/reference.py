@@ -1,23 +1,27 @@
 """From a run of one's own to the committed results: `make reference`, for whoever maintains this repository.
 
 It copies a profile's tables and figures, the benchmarks' numbers and the pictures that texts show to results/reference,
-merges the manifests, executes the notebooks on what is there then, and writes README's table.
+merges the manifests, executes the notebooks on what is there then, and writes the tables that texts show.
 """
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 from replicate import manifest, paths
 from replicate.benchmarks.common import PROFILE as BENCH
 from replicate.benchmarks.common import merge
+from replicate.benchmarks.poses import health_card
+from replicate.benchmarks.rig import speed_card
 from replicate.errors import InputError
-from replicate.evaluation.results import read_results
+from replicate.evaluation.results import Row, read_results
 from replicate.evaluation.table2 import table2_overview
-from replicate.evaluation.tables import as_markdown
+from replicate.evaluation.tables import Table, as_markdown
 
 KINDS = (".csv", ".json", ".npz", ".png")
-README = paths.ROOT / "README.md"
-BEGIN, END = "<!-- Table 2, by make reference -->\n", "<!-- end of Table 2 -->\n"
+README, DATA_CARD, REPRODUCING = (
+    paths.ROOT / name for name in ("README.md", "data_recipes/README.md", "REPRODUCING.md")
+)
 ALWAYS = ("rig_tour",)  # notebooks that show a rig; the others show results
 
 
@@ -50,17 +54,28 @@ def publish_reference(profile: str) -> list[Path]:
 
 def shown_pictures() -> list[str]:
     """Return the names of the committed pictures that texts show."""
-    texts = [README, *(file for part in ("data_recipes", "results") for file in (paths.ROOT / part).glob("*.md"))]
-    return sorted({name for text in texts for name in re.findall(r"reference/(\w+\.png)", text.read_text("utf-8"))})
+    texts = [file.read_text("utf-8") for file in (README, DATA_CARD)]
+    return sorted({name for text in texts for name in re.findall(r"reference/(\w+\.png)", text)})
 
 
-def with_table(text: str, table: str) -> str:
-    """Return README's text with another table between its marks. Raises InputError where it lacks them."""
-    before, begin, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
+def tables_in_texts() -> dict[str, tuple[Path, Callable[[list[Row]], Table]]]:
+    """Return, by the name of a committed CSV, which text shows it, and as what table."""
+    paper = read_results(paths.PAPER / "table2.csv")
+    return {
+        "table2": (README, lambda rows: table2_overview(rows, paper)),
+        "bench_poses": (DATA_CARD, health_card),
+        "bench_rig": (REPRODUCING, speed_card),
+    }
+
+
+def with_table(text: str, name: str, table: Table) -> str:
+    """Return a text with a table between the marks of that name. Raises InputError where it lacks them."""
+    marks = f"<!-- {name}, by make reference -->\n", f"<!-- end of {name} -->\n"
+    before, begin, rest = text.partition(marks[0])
+    _, end, after = rest.partition(marks[1])
     if not (begin and end):
-        raise InputError(f"{README}: found no lines {BEGIN.strip()!r} and {END.strip()!r} to write Table 2 between.")
-    return before + begin + table.strip() + "\n" + end + after
+        raise InputError(f"found no lines {' and '.join(repr(m.strip()) for m in marks)} to write a table between.")
+    return before + begin + as_markdown(table).strip() + "\n" + end + after
 
 
 def _is_result(file: Path) -> bool:
@@ -88,13 +103,13 @@ def _benchmarks(folder: Path, targets: list[str]) -> list[Path]:
 
 
 def _texts(targets: list[str]) -> list[Path]:
-    """Execute the notebooks about some targets on the committed results, and write README's table."""
+    """Execute the notebooks about some targets on the committed results, and write the tables that texts show."""
     from replicate.figures.notebooks import NOTEBOOKS, run_notebook
 
     named = [file.stem for file in sorted(NOTEBOOKS.glob("*.ipynb")) if file.stem in (*targets, *ALWAYS)]
     written = [run_notebook(name, "reference") for name in named]
-    if (paths.REFERENCE / "table2.csv").is_file():
-        table = table2_overview(*(read_results(folder / "table2.csv") for folder in (paths.REFERENCE, paths.PAPER)))
-        README.write_text(with_table(README.read_text("utf-8"), as_markdown(table)), encoding="utf-8")
-        written.append(README)
+    for name, (text, make_table) in tables_in_texts().items():
+        if (file := paths.REFERENCE / f"{name}.csv").is_file():
+            text.write_text(with_table(text.read_text("utf-8"), name, make_table(read_results(file))), "utf-8")
+            written.append(text)
     return written

@@ -32,6 +32,17 @@ def test_counts_are_the_papers(rig):
     assert (rig.clips is None) == (rig.name == "toon")
 
 
+def test_skin_that_wrinkles_is_fine_enough_to_fold(rig):
+    mesh, coarsest = rig.mesh, {}
+    for name, region in rig.face.constants["wrinkles"].items():
+        if name != "surface":
+            inside = np.isin(np.arange(len(mesh.neutral)), region["corners"])
+            a, b, c = mesh.neutral[mesh.faces[inside[mesh.faces].all(1)]].transpose(1, 0, 2)
+            quads_mm2 = np.linalg.norm(np.cross(b - a, c - a), axis=1)  # two triangles each
+            coarsest[name] = np.sqrt(quads_mm2.mean())
+    assert max(coarsest.values()) < {"woman": 4.0, "toon": 7.0}[rig.name], coarsest
+
+
 def test_the_default_pose_is_the_neutral(rig):
     assert np.abs(rig(rig.default) - rig.mesh.neutral).max() < 1e-4
 

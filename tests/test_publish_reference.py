@@ -7,8 +7,10 @@ import pytest
 from replicate import manifest, paths, reference
 from replicate.errors import InputError
 from replicate.evaluation.results import Row, read_results, write_results
+from replicate.evaluation.tables import Table
 from replicate.figures import notebooks
 
+TABLES = ("table2", "bench_poses", "bench_rig")
 CLEAN = {"git": {"commit": "c" * 40, "clean": True}, "run": "r"}
 
 
@@ -21,8 +23,10 @@ def folders(tmp_path, monkeypatch):
     """A profile's results, two benchmarks' and committed ones; what executes notebooks is noted, not run."""
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path / "runs"))
     monkeypatch.setattr(paths, "REFERENCE", tmp_path / "reference")
-    monkeypatch.setattr(reference, "README", tmp_path / "README.md")
-    (tmp_path / "README.md").write_text(f"before\n{reference.BEGIN}old\n{reference.END}after\n")
+    for name in ("README", "DATA_CARD", "REPRODUCING"):
+        monkeypatch.setattr(reference, name, tmp_path / f"{name}.md")
+        marked = [f"<!-- {table}, by make reference -->\nold\n<!-- end of {table} -->\n" for table in TABLES]
+        (tmp_path / f"{name}.md").write_text("before\n" + "".join(marked) + "after\n")
     executed = []
     monkeypatch.setattr(notebooks, "run_notebook", lambda name, results: executed.append(name) or tmp_path / name)
     run, bench = tmp_path / "runs" / "laptop", tmp_path / "runs" / "bench"
@@ -32,29 +36,28 @@ def folders(tmp_path, monkeypatch):
     (run / "figure10_teen.png").write_bytes(b"png")
     (run / "table2.ipynb").write_text("{}")
     manifest.write_entries(run, "table2", {"teen": CLEAN})
-    write_results(bench / "bench_rig.csv", [row("teen", "bench_rig", 1.0)])
-    manifest.write_entries(bench, "bench_rig", {"teen": CLEAN})
+    write_results(bench / "bench_floors.csv", [row("teen", "bench_floors", 1.0)])
+    manifest.write_entries(bench, "bench_floors", {"teen": CLEAN})
     return run, bench, tmp_path / "reference", executed
 
 
 def test_results_benchmarks_manifest_and_readme_are_written(folders):
     run, _, committed, executed = folders
     committed.mkdir()
-    write_results(committed / "bench_rig.csv", [row("teen", "bench_rig", 2.0), row("woman", "bench_rig", 3.0)])
+    write_results(committed / "bench_floors.csv", [row(who, "bench_floors", 2.0) for who in ("teen", "woman")])
     reference.publish_reference("laptop")
     assert (committed / "table2.csv").read_bytes() == (run / "table2.csv").read_bytes()
     assert (committed / "figure10_teen.png").is_file() and not (committed / "table2.ipynb").exists()
-    kept = {found.character: found.value for found in read_results(committed / "bench_rig.csv")}
-    assert kept == {"teen": 1.0, "woman": 3.0}, "the other character's stays"
-    assert manifest.targets(committed) == ["table2", "bench_rig"]
+    kept = {found.character: found.value for found in read_results(committed / "bench_floors.csv")}
+    assert kept == {"teen": 1.0, "woman": 2.0}, "the other character's stays"
+    assert manifest.targets(committed) == ["table2", "bench_floors"]
     assert executed == ["rig_tour", "table2"]
     text = reference.README.read_text()
-    assert (
-        text.startswith("before\n") and text.endswith("after\n") and "old" not in text and "| Coarse | 0.50 |" in text
-    )
+    assert text.startswith("before\n") and text.endswith("after\n") and text.count("old") == len(TABLES) - 1
+    assert "| Coarse | 0.50 |" in text
 
 
-@pytest.mark.parametrize("where", ["table2", "bench_rig"])
+@pytest.mark.parametrize("where", ["table2", "bench_floors"])
 def test_a_tree_with_changes_is_refused_and_nothing_is_written(folders, where):
     run, bench, committed, _ = folders
     changed = {**CLEAN, "git": {"commit": "c" * 40, "clean": False}}
@@ -72,5 +75,5 @@ def test_without_results_the_target_that_makes_them_is_named(folders):
 
 
 def test_a_readme_without_its_marks_is_refused():
-    with pytest.raises(InputError, match="found no lines"):
-        reference.with_table("# A text\n", "| a |")
+    with pytest.raises(InputError, match=r"found no lines .*table2, by make reference"):
+        reference.with_table("# A text\n", "table2", Table("", (("a",),), (("b",),)))

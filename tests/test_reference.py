@@ -9,8 +9,9 @@ import pytest
 
 from replicate import paths
 from replicate.evaluation.results import find, read_results
-from replicate.evaluation.table2 import METHODS, table2, table2_overview
+from replicate.evaluation.table2 import METHODS, table2
 from replicate.evaluation.tables import as_markdown
+from replicate.reference import tables_in_texts, with_table
 
 BANDS = tomllib.loads((Path(__file__).parent / "tolerances.toml").read_text())["band"]
 CHARACTER = "teen"
@@ -70,9 +71,11 @@ def test_the_manifest_names_the_run_and_a_clean_tree(rows):
     assert {row.profile for row in rows} == {"laptop"}
 
 
-def test_readme_shows_the_reference_and_nothing_else(rows):
-    paper = read_results(paths.PAPER / "table2.csv")
-    assert as_markdown(table2_overview(rows, paper)).strip() in (paths.ROOT / "README.md").read_text()
+@pytest.mark.parametrize("name", list(tables_in_texts()))
+def test_a_text_shows_the_reference_and_nothing_else(name):
+    file, make_table = tables_in_texts()[name]
+    text = file.read_text()
+    assert with_table(text, name, make_table(read_results(committed(f"{name}.csv")))) == text
 
 
 def test_the_notebook_was_executed_on_the_reference(rows):

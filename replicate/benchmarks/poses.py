@@ -22,6 +22,7 @@ from replicate.evaluation.mouth import find_mouth
 from replicate.evaluation.pose_health import Health, each_alone, measure, strongest, worst
 from replicate.evaluation.results import Row
 from replicate.evaluation.skin import Skin
+from replicate.evaluation.table1 import order_of
 from replicate.evaluation.tables import Table, as_text
 from replicate.made import made_rig
 from replicate.samples import choose_poses
@@ -31,6 +32,7 @@ COUNT = 10_000
 UNIFORM_MOUTHS = 1_000  # of a rig without clips: in how many of its samples the mouth is measured
 DEEP_MM = 1.0
 LISTED = 5
+SAMPLED = ("uniform", "uniform, mouths")  # the sets of a rig without clips that stand for samples and for frames
 
 
 @dataclass(frozen=True)
@@ -124,6 +126,35 @@ def summary(listed: Sequence[Row]) -> Table:
         "and tongue: the deepest through the skin; eyes: the share of their opening that shows at full blinks.",
     )
     return Table("Poses: what is broken", (header,), tuple(body), notes)
+
+
+def health_card(listed: Sequence[Row]) -> Table:
+    """Return the table of the data card: a character a line, in the order of the paper's."""
+    value = {(row.character, row.method, row.metric): row for row in listed}
+    body = []
+    for who in sorted({row.character for row in listed}, key=order_of):
+        drawn, acted = ("augmented", "clips") if (who, "clips", "bad_vertices") in value else SAMPLED
+
+        def number(kind: str, metric: str, who=who) -> float:
+            return value[who, kind, metric].value
+
+        eyes = {
+            metric: max(number(kind, metric) for kind in (acted, "controls") if (who, kind, metric) in value)
+            for metric in ("eye_shows_worst", "eye_sticks_out_worst")
+            if (who, "controls", metric) in value
+        }
+        body.append((
+            who, f"{value[who, drawn, 'bad_vertices'].poses:,}", f"{number(drawn, 'bad_vertices'):.0f}",
+            f"{100 * number(drawn, 'flipped_triangles_mean'):.3f} %",
+            f"{100 * number(drawn, 'flipped_triangles_worst'):.2f} %", f"{number(drawn, 'furthest_vertex'):.2f}",
+            f"{value[who, acted, 'bad_vertices'].poses:,}", f"{100 * number(acted, 'teeth_through_over_1mm'):.2f} %",
+            f"{number(acted, 'teeth_through_worst'):.2f} mm",
+            f"{100 * eyes['eye_shows_worst']:.1f} %" if eyes else "–",
+            f"{eyes['eye_sticks_out_worst']:.2f} mm" if eyes else "–",
+        ))  # fmt: skip
+    header = ("", "samples", "NaN", "skin triangles flipped, mean", "worst", "furthest vertex", "frames",
+              "with a tooth > 1 mm through skin", "deepest", "eye that shows at full blinks", "sticks out")  # fmt: skip
+    return Table("What is broken in poses of our characters", (header,), tuple(body))
 
 
 def told(rig, measured: Measured) -> list[str]:

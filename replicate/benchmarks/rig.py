@@ -19,6 +19,7 @@ from replicate import paths
 from replicate.benchmarks.common import PROFILE, check_at_least, exit_code, named, publish
 from replicate.errors import InputError
 from replicate.evaluation.results import Row, read_results
+from replicate.evaluation.table1 import order_of
 from replicate.evaluation.table2 import STANDS_FOR
 from replicate.evaluation.tables import Table, as_text
 from replicate.made import made_rig
@@ -155,6 +156,19 @@ def tables(listed: Sequence[Row], rounds: int | None = None) -> list[Table]:
             ("ms a pose, and the share of the whole evaluation.",),
         ),
     ]
+
+
+def speed_card(listed: Sequence[Row]) -> Table:
+    """Return the table of REPRODUCING: milliseconds a pose in three ways, a character a line."""
+    value = {(row.character, row.method, row.metric): row.value for row in listed}
+    body = []
+    for who in sorted({row.character for row in listed}, key=order_of):
+        times = [f"{value[who, way, 'time_per_pose']:.1f}" for way in ("batched", "single", "nodes")]
+        ratios = [f"{value[who, pair, 'time_ratio']:.1f}" for pair in RATIOS[:2]]
+        body.append((who, *times, *ratios, f"{value[who, 'batched', f'time_for_{DATA_SET}_poses'] / 60e3:.1f} min"))
+    header = ("", "batched", "one at a time", "node by node", "one at a time / batched", "node by node / one at a time",
+              f"{DATA_SET:,} poses")  # fmt: skip
+    return Table("Milliseconds a pose", (header,), tuple(body))
 
 
 def speed_tables(path: Path) -> list[Table]:
