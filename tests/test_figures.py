@@ -156,7 +156,7 @@ def test_the_chart_of_table_2_shows_ours_and_the_papers():
     figure, words = table2_chart(ours(), PAPER, "teen")
     points = {(round(line.get_xdata()[0], 2), line.get_ydata()[0]) for line in figure.axes[0].lines}
     assert (0.11, 0) in points and (0.36, 0) in points  # coarse: ours, Hiccup's
-    assert len(figure.axes[0].lines) == 8 + 6
+    assert len(figure.axes[0].lines) == 9 + 6  # ours, the driven skin among them, and the paper's
     assert "Refined 0.22 mm" in words.alt and "Hiccup" in words.caption
 
 

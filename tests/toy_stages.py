@@ -96,8 +96,10 @@ def run_toys(pause_s: str, steps: str, workers: str) -> None:
 
 
 if __name__ == "__main__":
+    import signal
     import sys
 
     import toy_stages  # under its own name, as the workers import it
 
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it, and hands that on
     toy_stages.run_toys(*sys.argv[1:])
