@@ -185,12 +185,12 @@ def _one_cycle(steps: int) -> dict:
 PROFILES: dict[str, dict] = {
     "quick": {
         "samples": {"count": 1_500, "uniform_test": 200},
-        "coarse": _one_cycle(1_200),
-        "refinement": {"poses": 200, **_one_cycle(800)},
-        "dense": _one_cycle(800),
+        "coarse": _one_cycle(800),
+        "refinement": {"poses": 200, **_one_cycle(500)},
+        "dense": _one_cycle(600),
         "rigid": {"poses": 100},
         "lbs": {"samples": 200, "iterations": 15, "refit_sweeps": 40},
-        "driven": _one_cycle(600),
+        "driven": _one_cycle(400),
         "evaluation": {"test_poses": 200, "floor_poses": 50},
     },
     "laptop": {
