@@ -106,16 +106,11 @@ def _table1(options: argparse.Namespace) -> None:
 
 
 def _figure(options: argparse.Namespace) -> None:
-    from replicate import pipeline
+    from replicate.pipeline import figure_graph
     from replicate.publish import publish_figure
 
     configs = configurations(options)
-    named = options.command
-    if named == "lbs":
-        graphs = [pipeline.lbs_graph(config) for config in configs]
-    else:
-        graphs = [pipeline.figure_graph(config, named) for config in configs]
-    made = _made(options, configs, graphs)
+    made = _made(options, configs, [figure_graph(config, options.command) for config in configs])
     publish_figure(options.command, configs, made)
 
 

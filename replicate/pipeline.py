@@ -23,7 +23,12 @@ from replicate.stages import Stage
 
 BODIES = "replicate.stage_bodies"
 SKINS = (4, 8, 16, 24, 32, 48, 64)  # numbers of bones of the figures about LBS
-FIGURES = {"figure05": ("rig", "samples"), "figure07": ("rig", "rigid"), "figure08": ("rig", "selection")}
+FIGURES = {
+    "figure05": ("rig", "samples"),
+    "figure07": ("rig", "rigid"),
+    "figure08": ("rig", "selection"),
+    "lbs": ("rig", "samples"),
+}
 
 
 def _stage(config: Config, name: str, settings: object, *inputs: Stage, body: str = "") -> Stage:
@@ -60,25 +65,23 @@ def table1_graph(config: Config) -> list[Stage]:
 
 
 def figure_graph(config: Config, name: str) -> list[Stage]:
-    """Return the stage that draws one character's figure; name: one of `FIGURES`."""
-    found = untrained_stages(config)
-    settings = Drawn(recipe_file(config.character).stem, config.seed)
-    return [_stage(config, name, settings, *(found[needed] for needed in FIGURES[name]))]
+    """Return the stage that draws one character's figure; name: one of `FIGURES`.
 
-
-def lbs_graph(config: Config) -> list[Stage]:
-    """Return the stage that draws one character's linear blend skinning; its skins are those of Table 2, and others."""
+    "lbs" also needs skins: those of Table 2, and others.
+    """
     found = untrained_stages(config)
-    rig, samples = found["rig"], found["samples"]
-    wrinkled = _stage(config, "wrinkled", None, rig, samples)
+    inputs = [found[needed] for needed in FIGURES[name]]
+    if name == "lbs":
+        inputs.append(_stage(config, "wrinkled", None, found["rig"], found["samples"]))
+        inputs += skins(config, found["rig"], found["samples"], SKINS)
     settings = Drawn(recipe_file(config.character).stem, config.seed)
-    return [_stage(config, "lbs", settings, rig, samples, wrinkled, *skins(config, rig, samples, SKINS))]
+    return [_stage(config, name, settings, *inputs)]
 
 
 def all_graphs(config: Config) -> list[Stage]:
     """Return the last stages of everything that `make` makes of one character."""
-    graphs = [table2_graph(config), table1_graph(config), lbs_graph(config)]
-    return [stage for graph in (*graphs, *(figure_graph(config, name) for name in FIGURES)) for stage in graph]
+    graphs = [table2_graph(config), table1_graph(config), *(figure_graph(config, name) for name in FIGURES)]
+    return [stage for graph in graphs for stage in graph]
 
 
 def skins(config: Config, rig: Stage, samples: Stage, bones: Iterable[int]) -> list[Stage]:

@@ -133,7 +133,7 @@ def _run(options: argparse.Namespace, typed: Sequence[str] | None) -> None:
     check_at_least(1, poses=options.poses)
     rows = measure(resolve(options.characters, options.profile), options.poses)
     print(as_text(_table(rows)))
-    publish("bench_faults", rows, typed, lambda row: False)
+    publish("bench_faults", rows, typed)
 
 
 def _table(rows: Sequence[Row]) -> Table:

@@ -125,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace, typed: Sequence[str] | None) -> None:
     rows = compare(options)
     print(as_text(trainings_table(rows)))
-    publish("bench_training", rows, typed, (lambda row: True) if options.only else (lambda row: False))
+    publish("bench_training", rows, typed, (lambda row: True) if options.only else None)
 
 
 def compare(options: argparse.Namespace) -> list[Row]:
