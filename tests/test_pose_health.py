@@ -1,6 +1,7 @@
 """Broken poses: each criterion is silent on sound ones and says how much of a fault that was built in."""
 
 import types
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -143,6 +144,34 @@ def test_what_shows_through_an_open_mouth_or_moves_with_the_head_is_not_through_
     one, other = depths(mouth, moved), depths(mouth, moved @ turn.T.astype(np.float32) + 50)
     np.testing.assert_allclose(other, one, atol=1e-3)
     assert one.max() > 0
+
+
+def wall_with_a_tongue() -> tuple[Mesh, np.ndarray]:
+    """A sheet of skin that faces forwards up to y = 80, a tooth behind it, and a strip of tongue from root to tip."""
+    mesh = sheet()
+    steps = np.arange(6)
+    strip = np.stack([np.tile([30, 50], 6), np.full(12, 60), np.repeat(-30 + 5 * steps, 2)], 1)
+    first = len(mesh.neutral) + 2 * steps[:-1]
+    quads = np.stack([first, first + 1, first + 3, first + 2], 1)
+    neutral = np.concatenate([mesh.neutral, strip])
+    neutral[len(mesh.neutral) - 3 : len(mesh.neutral)] -= (160, -40, 10)
+    segment = np.append(mesh.segment, np.full(12, 2))
+    faces = np.concatenate([mesh.faces, quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    uv, names = np.zeros((len(neutral), 2), np.float32), ("face", "tooth", "tongue")
+    return Mesh(np.float32(neutral), np.int32(faces), uv, np.int32(segment), names), np.flatnonzero(segment == 2)
+
+
+def test_a_tongue_that_lolls_over_the_lip_is_not_through_it_and_one_that_pierces_it_is():
+    mesh, tongue = wall_with_a_tongue()
+    mouth = find_mouth(mesh)
+    pierced, lolling = mesh.neutral.copy(), mesh.neutral.copy()
+    pierced[tongue, 2] += 12
+    assert deepest(mouth, depths(mouth, pierced))["tongue"] == pytest.approx(7, abs=0.1)
+    lolling[tongue, 1] = np.repeat([60, 75, 90, 90, 75, 60], 2)
+    lolling[tongue, 2] = np.repeat([-25, -25, -15, 5, 5, 5], 2)
+    assert deepest(mouth, depths(mouth, lolling))["tongue"] == 0
+    stiff = replace(mouth, lolling=mouth.lolling[:0])
+    assert deepest(mouth, depths(stiff, lolling))["tongue"] > 3, "its tip is in front of the lip"
 
 
 def test_a_mesh_without_teeth_has_no_mouth():

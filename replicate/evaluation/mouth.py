@@ -5,18 +5,21 @@ of theirs has come *through* when it lies in front of outer skin, where it can b
 head, against the direction in which it faces lips, cheek or chin at rest (which turns with its piece), meets skin that
 faces that direction. The depth is the distance to that skin's plane, in mm beyond what it is at rest. Through an open
 mouth the ray meets none. Where they lie behind the skin, in the bag or in its wall, is not looked at: nobody sees it.
+
+A tongue may loll over a lip, and then lies in front of skin without having come through it. It has where the skin parts
+its front from its root: where no way along its edges leads back without crossing skin.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from replicate.evaluation.triangle_kernel import ray_hits
-from replicate.mesh import Mesh, face_normals
+from replicate.mesh import Mesh, edges, face_normals
 from replicate.rigid import align
 
 HEAD_WIDTH_MM = 188.0  # the lengths below are for a head of this width, and scale with it
@@ -24,6 +27,7 @@ NEAR_MM = 30.0  # skin this near to the pieces is looked at
 REACH_MM = 25.0  # how far back a ray looks for skin
 FACING = 0.3  # cosine above which skin faces the ray's way
 NEIGHBOURS = 24  # of a vertex, over which its direction is the mean
+LOLLS = "tongue"
 KINDS = {"tooth": "teeth", "teeth": "teeth", "gum": "gums", "tongue": "tongue"}  # by a segment's beginning
 
 
@@ -33,7 +37,7 @@ class Mouth:
 
     points (k,): vertices of all pieces; piece (k,): which one each belongs to; kind (k,): its index in `kinds`; outward
     (k, 3): the direction in which it faces the skin at rest. skin (s, 3): triangles of the outer skin near them.
-    resting (k,): depths of the neutral pose, in mm.
+    lolling (e, 2): edges of the tongue, as indices in `points`. resting (k,): depths of the neutral pose, in mm.
     """
 
     kinds: tuple[str, ...]
@@ -42,6 +46,7 @@ class Mouth:
     kind: Int[np.ndarray, " k"]
     outward: Float[np.ndarray, "k 3"]
     skin: Int[np.ndarray, "s 3"]
+    lolling: Int[np.ndarray, "e 2"]
     reach_mm: float
     neutral: Float[np.ndarray, "n 3"]
     resting: Float[np.ndarray, " k"]
@@ -75,8 +80,18 @@ def find_mouth(mesh: Mesh) -> Mouth | None:
     if not len(skin):
         return None
     outward, zero = _outward(x, points, skin), np.zeros(len(points))
-    mouth = Mouth(tuple(kinds), points, piece[points], kind[points], outward, skin, REACH_MM * scale, x, zero)
+    lolling = _edges_between(mesh.faces, points, kind[points] == kinds.index(LOLLS) if LOLLS in kinds else zero > 0)
+    mouth = Mouth(tuple(kinds), points, piece[points], kind[points], outward, skin, lolling, REACH_MM * scale, x, zero)
     return replace(mouth, resting=depths(mouth, mesh.neutral))
+
+
+def _edges_between(faces: np.ndarray, points: np.ndarray, wanted: np.ndarray) -> Int[np.ndarray, "e 2"]:
+    """Return the edges whose ends are both wanted points, as indices in `points`."""
+    every = edges(faces)
+    number = np.full(faces.max() + 1, -1)
+    number[points[wanted]] = np.flatnonzero(wanted)
+    found = number[every]
+    return found[(found >= 0).all(1)]
 
 
 def _outward(x: np.ndarray, points: np.ndarray, skin: np.ndarray) -> Float[np.ndarray, "k 3"]:
@@ -105,7 +120,23 @@ def depths(mouth: Mouth, vertices: Float[np.ndarray, "n 3"]) -> Float[np.ndarray
     share, cosine = ray_hits(at, -mouth.reach_mm * outward, posed[mouth.skin])
     behind = np.isfinite(share) & (cosine < -FACING)
     through = np.where(behind, np.where(behind, share, 0) * mouth.reach_mm * -cosine, 0.0)
-    return np.maximum(through - mouth.resting, 0)
+    through = np.maximum(through - mouth.resting, 0)
+    through[_lolling_over(mouth, posed, through)] = 0
+    return through
+
+
+def _lolling_over(mouth: Mouth, posed: np.ndarray, through: np.ndarray) -> Bool[np.ndarray, " k"]:
+    """Return which points are in front of the skin but still joined, past no skin, to a part that is behind it."""
+    out = through > 0
+    if not len(mouth.lolling) or not out[mouth.lolling].any():
+        return np.zeros(len(out), bool)
+    start, end = posed[mouth.points[mouth.lolling.T]]
+    crossed, _ = ray_hits(start, end - start, posed[mouth.skin])
+    a, b = mouth.lolling[~np.isfinite(crossed)].T
+    _, part = connected_components(sparse.coo_matrix((np.ones(len(a)), (a, b)), (len(out), len(out))), directed=False)
+    tongue = np.unique(mouth.lolling)
+    behind = np.bincount(part[tongue], ~out[tongue])
+    return out & (part == behind.argmax()) if behind.max() else np.zeros(len(out), bool)
 
 
 def deepest(mouth: Mouth, depth_mm: Float[np.ndarray, " k"]) -> dict[str, float]:
