@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from replicate.evaluation.results import Row, find
 from replicate.evaluation.table2 import STANDS_FOR, in_order, title
+from replicate.evaluation.tables import rounded
 from replicate.figures.panels import DPI, Words
 from replicate.figures.style import MEASURES, colour, plain_name, tidy
 
@@ -30,16 +31,15 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str):
                 find(rows, "table2", who, method, metric) for rows, who in ((ours, character), (paper, theirs))
             )
             axes.plot(mine.value, y, "o", color=colour(method), markersize=8)
-            axes.annotate(
-                f"{mine.value:.2f}", (mine.value, y), (0, 7), textcoords="offset points", ha="center", fontsize=7
-            )
+            shown = rounded(mine.value, unit)
+            axes.annotate(shown, (mine.value, y), (0, 7), textcoords="offset points", ha="center", fontsize=7)
             if mine.sd is not None:
                 axes.errorbar(mine.value, y, xerr=mine.sd, color=colour(method), capsize=3)
             if other:
                 axes.plot(other.value, y, "o", markerfacecolor="none", markeredgecolor="black", markersize=8)
-            spoken.append(f"{plain_name(method)} {mine.value:.2f} {UNITS[unit]}")
+            spoken.append(f"{plain_name(method)} {shown} {UNITS[unit]}")
         if still := find(ours, "table2", character, "neutral", metric):
-            motion.append(f"{still.value:.2f} {UNITS[unit]}")
+            motion.append(f"{rounded(still.value, unit)} {UNITS[unit]}")
         axes.set_yticks(range(len(methods)), [title(method) for method in methods])
         axes.set_xlim(left=0)
         axes.set_xlabel(label)
