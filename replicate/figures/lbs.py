@@ -24,17 +24,18 @@ FOLDED = (16, 32, 64)  # and those shown in a wrinkled pose
 TEST, TRAINING = 200, 64  # poses that errors and the bones' motions are measured on
 ALONE = 6  # bones shown one by one
 GOLDEN = 0.618034  # of a turn of hue from a bone to the next: neighbours differ
+GAMMA = 2.2  # of what is shown: its power is proportional to light
 PALE, DEEP = (236, 236, 232), (178, 24, 43)  # a weight of 0 and of 1
 LIMIT_DEG = 10.0
 
 
 def bone_colours(skin: Skin) -> UInt8[np.ndarray, "n 3"]:
-    """Return each vertex's colour: its bones' colours mixed by its weights."""
+    """Return each vertex's colour: its bones' colours mixed by its weights, as light mixes."""
     from matplotlib.colors import hsv_to_rgb
 
     k = np.arange(skin.bones)
-    hues = np.stack([(k * GOLDEN) % 1, 0.95 - 0.35 * (k % 2), 1 - 0.2 * (k % 3) / 2], 1)
-    return np.rint(255 * (skin.dense_weights() @ hsv_to_rgb(hues))).astype(np.uint8)
+    colours = hsv_to_rgb(np.stack([(k * GOLDEN) % 1, 0.8 - 0.25 * (k % 2), np.ones(skin.bones)], 1))
+    return np.rint(255 * (skin.dense_weights() @ colours**GAMMA) ** (1 / GAMMA)).astype(np.uint8)
 
 
 def weight_colours(weights: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, "n 3"]:
