@@ -1,8 +1,10 @@
 """Artefacts for those who work outside the graph: made by their stages if they are not there yet."""
 
+import sys
+
 from replicate.config import resolve
 from replicate.pipeline import table2_graph
-from replicate.provenance import package_versions
+from replicate.provenance import core_count, package_versions, provenance
 from replicate.scheduler import run
 from replicate.stages import Stage, in_order
 from replicate.store import artefact_folder
@@ -13,7 +15,7 @@ def made_rig(character: str):
     from data_recipes.rig import load_rig
 
     stage = _rig_stage(character)
-    run([stage])
+    run([stage], facts=provenance(["python", *sys.orig_argv[1:]], "any", [], core_count()))
     return load_rig(artefact_folder(stage.identifier) / "rig")
 
 

@@ -8,6 +8,7 @@ import sys
 import pytest
 from toy_stages import toy_graph
 
+from replicate import made
 from replicate.paths import ROOT
 from replicate.provenance import core_count, git_state, graph_git, processor, provenance, stage_facts
 from replicate.scheduler import run
@@ -109,3 +110,11 @@ def test_a_stage_from_outside_a_checkout_is_not_clean(mixed):
 def test_a_graph_from_outside_a_checkout_has_no_commit(mixed):
     graph = mixed(OLD, None)
     assert graph_git(graph) is None and stage_facts(graph)["first"]["git"] == OLD
+
+
+def test_a_rig_made_outside_a_tables_graph_says_what_it_was_made_from(monkeypatch):
+    noted = {}
+    monkeypatch.setattr(made, "run", lambda stages, facts: noted.update(facts))
+    monkeypatch.setattr("data_recipes.rig.load_rig", lambda folder: folder)
+    assert made.made_rig("tiny").parent.name == made.rig_identifier("tiny")
+    assert noted["git"] == git_state() and noted["command"].startswith("python ")
