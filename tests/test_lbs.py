@@ -1,8 +1,10 @@
 """SSDR end to end on meshes whose bones are known, and on meshes that leave it little to hold."""
 
-import multiprocessing
 import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -221,21 +223,32 @@ def test_a_scratch_of_another_fit_or_a_damaged_one_is_not_used(tmp_path):
     np.testing.assert_array_equal(again.weights, whole.weights)
 
 
-def test_a_killed_process_leaves_a_scratch_that_the_next_one_ends_with_the_same_bits(tmp_path, monkeypatch):
-    monkeypatch.setattr(lbs_checkpoint, "SECONDS", 0.0)
+FIT_FOR_LONG = """
+import sys
+from pathlib import Path
+
+sys.path.insert(0, sys.argv[1])
+import numpy as np
+from test_lbs import fit, lbs_checkpoint, noisy_problem
+
+lbs_checkpoint.SECONDS = 0.0
+fit(*noisy_problem(), 5, np.random.default_rng(2), iterations=100_000, scratch=Path(sys.argv[2]))
+"""
+
+
+def test_a_killed_process_leaves_a_scratch_that_the_next_one_ends_with_the_same_bits(tmp_path):
     neutral, poses = noisy_problem()
     settings = {"generator": np.random.default_rng(2), "iterations": 60}
     whole = fit(neutral, poses, 5, **settings)
-    for _ in range(3):
-        child = multiprocessing.get_context("fork").Process(
-            target=fit, args=(neutral, poses, 5), kwargs=settings | {"iterations": 100000, "scratch": tmp_path}
-        )
-        child.start()
-        while not (tmp_path / "state.npz").exists() and child.is_alive():
+    state = tmp_path / "state.npz"
+    for _ in range(2):
+        before = state.stat().st_mtime_ns if state.exists() else 0
+        command = [sys.executable, "-c", FIT_FOR_LONG, str(Path(__file__).parent), str(tmp_path)]
+        child = subprocess.Popen(command, cwd=Path(__file__).parent.parent)
+        while child.poll() is None and not (state.exists() and state.stat().st_mtime_ns > before):
             time.sleep(0.001)
         child.kill()
-        child.join()
-        assert child.exitcode == -signal.SIGKILL
+        assert child.wait() == -signal.SIGKILL
     again = fit(neutral, poses, 5, **settings, scratch=tmp_path)
     np.testing.assert_array_equal(again.weights, whole.weights)
     np.testing.assert_array_equal(again.bone_index, whole.bone_index)
