@@ -7,7 +7,6 @@ the stage prints goes to the log. It never outlives the scheduler: the end of st
 import ctypes
 import json
 import os
-import resource
 import signal
 import sys
 import threading
@@ -18,7 +17,7 @@ from pathlib import Path
 from replicate import progress, store
 from replicate.checked import from_json
 from replicate.errors import InputError, RunError
-from replicate.provenance import gpu
+from replicate.provenance import gpu, peak_memory_mb
 from replicate.stages import StageContext, stage_function
 
 _PR_SET_PDEATHSIG = 1
@@ -68,7 +67,6 @@ def _build(orders: dict, out: Path, scratch: Path) -> dict:
     config = from_json(orders["config"])
     context = StageContext(orders["name"], config, inputs, out, scratch, orders["threads"])
     stage_function(orders["function"])(context)
-    kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1024 if sys.platform == "darwin" else 1)
     return {
         "stage": orders["title"],
         "key": orders["key"],
@@ -80,7 +78,7 @@ def _build(orders: dict, out: Path, scratch: Path) -> dict:
         "wall_s": round(time.monotonic() - started, 3),
         "resumed": resumed,
         "threads": orders["threads"],
-        "peak_memory_mb": round(kilobytes / 1024),
+        "peak_memory_mb": round(peak_memory_mb()),
         "gpu": gpu(),
         "run": orders["run"],
     }

@@ -5,12 +5,13 @@ import shutil
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from toy_stages import toy_graph
 
 from replicate import made
 from replicate.paths import ROOT
-from replicate.provenance import core_count, git_state, graph_git, processor, provenance, stage_facts
+from replicate.provenance import core_count, git_state, graph_git, peak_memory_mb, processor, provenance, stage_facts
 from replicate.scheduler import run
 
 
@@ -118,3 +119,10 @@ def test_a_rig_made_outside_a_tables_graph_says_what_it_was_made_from(monkeypatc
     monkeypatch.setattr("data_recipes.rig.load_rig", lambda folder: folder)
     assert made.made_rig("tiny").parent.name == made.rig_identifier("tiny")
     assert noted["git"] == git_state() and noted["command"].startswith("python ")
+
+
+def test_a_process_does_not_count_the_memory_of_the_one_that_started_it():
+    held = np.ones(40_000_000)
+    ask = "from replicate.provenance import peak_memory_mb; print(peak_memory_mb())"
+    child = subprocess.run([sys.executable, "-c", ask], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert peak_memory_mb() > held.nbytes / 2**20 > 300 > float(child.stdout) > 5

@@ -24,6 +24,7 @@ from replicate.config import SamplesConfig
 from replicate.errors import RunError
 from replicate.evaluation.results import Row, read_results
 from replicate.evaluation.tables import Table, as_text, rounded
+from replicate.provenance import peak_memory_mb
 from replicate.stages import stream_rng
 
 TABLE = "bench_lbs"
@@ -141,14 +142,6 @@ def compile_kernels() -> None:
     rng = np.random.default_rng(0)
     poses = neutral + rng.normal(size=(5, 36, 3)).astype(np.float32)
     fit(neutral, poses, 4, rng, iterations=2, faces=np.int32([[0, 1, 7], [0, 7, 6]]))
-
-
-def peak_memory_mb() -> float:
-    """Return the most memory that this process has held."""
-    import resource
-
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (1024 * 1024 if sys.platform == "darwin" else 1024)
 
 
 def write_poses(rig, seed: int, training: int, test: int, file: Path) -> None:
