@@ -247,8 +247,9 @@ def lbs_table(rows: Sequence[Row], character: str) -> Table:
               "to equal error, s", "memory, MB", "iterations")  # fmt: skip
     count = len({s for _, s in cases})
     notes = (
-        f"Held-out poses, bones refitted to each alike; means over {count} seeds of poses; ratios with their standard "
-        "deviation over seeds. To equal error: until the training error is no larger than Dem Bones' last.",
+        "Held-out poses, bones refitted to each alike; "
+        + ("one seed of poses" if count == 1 else f"means over {count} seeds of poses; ratios ± their standard deviation")
+        + ". To equal error: until the training error is no larger than Dem Bones' last.",
     )
     return Table(f"LBS: {character}", (header,), tuple(body), notes)
 
