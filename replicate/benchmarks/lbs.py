@@ -246,10 +246,10 @@ def lbs_table(rows: Sequence[Row], character: str) -> Table:
     header = ("", "RMSE, mm", "mean, mm", "normal, °", "max, mm", "time, s", f"{EQUAL} iterations, s",
               "to equal error, s", "memory, MB", "iterations")  # fmt: skip
     count = len({s for _, s in cases})
+    several = f"means over {count} seeds of poses; ratios ± their standard deviation"
     notes = (
-        "Held-out poses, bones refitted to each alike; "
-        + ("one seed of poses" if count == 1 else f"means over {count} seeds of poses; ratios ± their standard deviation")
-        + ". To equal error: until the training error is no larger than Dem Bones' last.",
+        f"Held-out poses, bones refitted to each alike; {several if count > 1 else 'one seed of poses'}. "
+        "To equal error: until the training error is no larger than Dem Bones' last.",
     )
     return Table(f"LBS: {character}", (header,), tuple(body), notes)
 
