@@ -80,7 +80,7 @@ def find_mouth(mesh: Mesh) -> Mouth | None:
     if not len(skin):
         return None
     outward, zero = _outward(x, points, skin), np.zeros(len(points))
-    lolling = _edges_between(mesh.faces, points, kind[points] == kinds.index(LOLLS) if LOLLS in kinds else zero > 0)
+    lolling = _edges_between(mesh.faces, points, np.array(kinds)[kind[points]] == LOLLS)
     mouth = Mouth(tuple(kinds), points, piece[points], kind[points], outward, skin, lolling, REACH_MM * scale, x, zero)
     return replace(mouth, resting=depths(mouth, mesh.neutral))
 
