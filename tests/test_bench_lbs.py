@@ -99,21 +99,23 @@ def found(rmse: float, course: list[float]) -> dict:
 
 def test_rows_are_kept_by_rig_and_shown_as_ratios_with_their_spread(tmp_path):
     file, options = tmp_path / "bench_lbs.csv", argparse.Namespace(test=9, bones=[16], methods=["ssdr", "dem_bones"])
+    assert bench._missing(file, "teen", "rig-1", 0, options) == [(16, "dem_bones"), (16, "ssdr")]
     for seed, ours in ((0, 0.9), (1, 0.8)):
-        both = {"ssdr": found(ours, [3.0, 1.0, 0.5]), "dem_bones": found(1.0, [3.0, 2.0, 1.0])}
-        for method in both:
-            bench._keep(file, bench.rows_of("teen", method, 16, seed, "rig-1", both, options))
+        bench._keep(file, bench.rows_of("teen", "dem_bones", 16, seed, "rig-1", found(1.0, [3.0, 2.0, 1.0]), 1.0, 9))
+        assert bench._missing(file, "teen", "rig-1", seed, options) == [(16, "ssdr")]
+        peer = bench._peer_error(file, "teen", "rig-1", 16, seed)
+        bench._keep(file, bench.rows_of("teen", "ssdr", 16, seed, "rig-1", found(ours, [3.0, 1.0, 0.5]), peer, 9))
     rows = read_results(file)
     value = {(row.method, row.metric): row.value for row in rows}
     assert value["ssdr", "time_to_dem_bones_error[16, seed 0]"] == 1000
     assert value["dem_bones", "time_to_dem_bones_error[16, seed 0]"] == 2000
     assert bench._missing(file, "teen", "rig-1", 0, options) == []
-    assert bench._missing(file, "teen", "rig-2", 0, options) == [16], "another rig's numbers don't count"
+    assert bench._missing(file, "teen", "rig-2", 0, options), "another rig's numbers don't count"
     lines = {line[0]: line[1:] for line in bench.lbs_table(rows, "teen").body if line}
     assert lines["ours / Dem Bones, 16 bones"][0] == "0.85 ± 0.07"
     assert lines["ours, 16 bones"][0] == "0.85"
-    fresh = bench.rows_of("teen", "ssdr", 16, 0, "rig-2", {"ssdr": found(0.5, [1.0])}, options)
-    bench._keep(file, fresh)
+    assert bench._peer_error(file, "teen", "rig-2", 16, 0) == 0
+    bench._keep(file, bench.rows_of("teen", "ssdr", 16, 0, "rig-2", found(0.5, [1.0]), 0.0, 9))
     assert {row.run for row in read_results(file)} == {"rig-2"}
 
 

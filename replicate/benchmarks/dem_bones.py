@@ -78,8 +78,8 @@ def fit(
 ) -> Skin:
     """Fit Dem Bones to poses and return its skin.
 
-    go_on: called after the start and after every iteration with the iterations so far, the seconds that they took, and
-    the RMSE in mm (its own, not counted in the time); the fit ends when it returns False.
+    go_on: called after the start and after every iteration with the iterations so far, the processor's seconds that
+    they took, and the RMSE in mm (its own, not counted in the time); the fit ends when it returns False.
     """
     solver = solver_class()()
     polygons = [face.tolist() for face in faces]
@@ -95,14 +95,14 @@ def fit(
         solver.transAffine = options.trans_affine
     if options.weights_smooth is not None:
         solver.weightsSmooth = options.weights_smooth
-    started = time.perf_counter()
+    started = time.process_time()
     solver.init()
-    seconds, iteration = time.perf_counter() - started, 0
+    seconds, iteration = time.process_time() - started, 0
     while go_on(iteration, seconds, float(solver.rmse())):
-        started = time.perf_counter()
+        started = time.process_time()
         solver.computeTranformations()  # so it is spelt there
         solver.computeWeights()
-        seconds += time.perf_counter() - started
+        seconds += time.process_time() - started
         iteration += 1
     return skin_of(neutral, np.asarray(solver.get_weights(), np.float64).T)
 
