@@ -79,13 +79,13 @@ def test_ours_is_fitted_as_the_library_fits():
 def test_the_training_error_is_that_of_the_skinned_poses():
     from replicate.approximation.lbs_bones import weighted_points
     from replicate.approximation.lbs_compression import compress
-    from replicate.approximation.lbs_descent import dense
+    from replicate.approximation.lbs_descent import Problem, dense
     from replicate.approximation.lbs_metric import edge_metric
     from replicate.approximation.lbs_start import start
 
     neutral, poses, faces = wave()
     data = compress(neutral, poses, np.random.default_rng(0))
-    state = start(data, edge_metric(data.points[:, :3], faces, 0.1), 3, 8)
+    state = start(Problem(data, edge_metric(data.points[:, :3], faces, 0.1)), 3, 8)
     spread = weighted_points(data.points, dense(state.bone_index, state.weights, 3))
     moved = np.einsum("nj,fcj->fnc", spread, state.motion.reshape(len(poses), 3, -1)) * data.radius_mm
     exact = np.sqrt(((moved - (poses - neutral)) ** 2).sum(-1).mean())

@@ -6,7 +6,7 @@ from test_lbs import known_skin, moved, sheet
 
 from replicate.approximation.lbs import fit
 from replicate.approximation.lbs_compression import compress
-from replicate.approximation.lbs_descent import dense, improve_weights, step
+from replicate.approximation.lbs_descent import Problem, dense, improve_weights, step
 from replicate.approximation.lbs_metric import colour, diffuse, edge_metric
 from replicate.approximation.lbs_start import start
 
@@ -76,36 +76,37 @@ def test_both_steps_lower_the_energy_of_the_metric(coherence):
     neutral, poses, faces = wrinkled()
     data = compress(neutral, poses, np.random.default_rng(0))
     metric = edge_metric(data.points[:, :3], faces, coherence)
+    problem = Problem(data, metric)
 
     def energy(motion, index, weights):
         made = np.einsum("fkbp,np,nb->fkn", motion, data.points, dense(index, weights, 4))
         left = made.reshape(-1, len(neutral)) - data.basis @ data.coefficients
         return float(np.sum(left.T * (metric.matrix @ left.T)))
 
-    state = start(data, metric, 4, 3)
+    state = start(problem, 4, 3)
     before = energy(state.motion, state.bone_index, state.weights)
     for _ in range(6):
-        index, weights, _ = improve_weights(data, metric, state.motion, state.bone_index, state.weights, False)
+        index, weights, _ = improve_weights(problem, state.motion, state.bone_index, state.weights, False)
         half = energy(state.motion, index, weights)
         assert half <= before * (1 + 1e-9)
-        after = step(data, metric, state)
+        after = step(problem, state)
         if after.motion is not state.motion:
             assert energy(after.motion, after.bone_index, after.weights) == pytest.approx(after.energy, rel=1e-6)
         assert after.energy <= state.energy
         state, before = after, energy(after.motion, after.bone_index, after.weights)
-    assert before < 0.9 * energy(*(lambda s: (s.motion, s.bone_index, s.weights))(start(data, metric, 4, 3)))
+    assert before < 0.9 * energy(*(lambda s: (s.motion, s.bone_index, s.weights))(start(problem, 4, 3)))
 
 
 def test_coherence_trades_distance_for_less_tilt():
     neutral, poses, faces = wrinkled()
     data = compress(neutral, poses, np.random.default_rng(0))
     plain, coherent = (edge_metric(data.points[:, :3], faces, c) for c in (0.0, 1.0))
-    state = start(data, plain, 4, 4)  # as many influences as bones: the weight problem is convex, its minima are global
+    state = start(Problem(data, plain), 4, 4)  # as many influences as bones: the weight problem is convex, its minima are global
     parts = []
     for metric in (plain, coherent):
         index, weights = state.bone_index, state.weights
         for _ in range(30):
-            index, weights, _ = improve_weights(data, metric, state.motion, index, weights, False)
+            index, weights, _ = improve_weights(Problem(data, metric), state.motion, index, weights, False)
         made = np.einsum("fkbp,np,nb->fkn", state.motion, data.points, dense(index, weights, 4))
         left = (made.reshape(-1, len(neutral)) - data.basis @ data.coefficients).T
         distance = np.sum(left**2)

@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 from replicate.approximation.lbs_bones import sweep, weighted_points
 from replicate.approximation.lbs_checkpoint import Checkpoints, fingerprint
 from replicate.approximation.lbs_compression import canonical_order, compress, rest_frame, scaled_displacements
-from replicate.approximation.lbs_descent import State, step
+from replicate.approximation.lbs_descent import Problem, State, step
 from replicate.approximation.lbs_metric import edge_metric
 from replicate.approximation.lbs_start import start
 from replicate.errors import InputError
@@ -102,11 +102,11 @@ def fit(
         data = compress(rest, ordered, generator)
         kept.keep_data(data)
     del ordered
-    metric = edge_metric(data.points[:, :3], corners, coherence)
-    state = kept.state() or start(data, metric, bones, influences)
+    problem = Problem(data, edge_metric(data.points[:, :3], corners, coherence))
+    state = kept.state() or start(problem, bones, influences)
     with progress(iterations, f"LBS, {bones} bones", state.iteration) if progress else nullcontext() as bar:
         while state.iteration < iterations:
-            state = step(data, metric, state)
+            state = step(problem, state)
             kept.keep_state(state, at_once=state.iteration == iterations)
             if bar is not None:
                 bar.update(1)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 TOLERANCE = 1e-5  # of the RMS displacement
-FIRST_RANK, LARGEST_RANK = 192, 768
+FIRST_RANK, LARGEST_RANK = 192, 384  # a skin of fewer than 96 bones has a rank below the latter
 
 
 @dataclass(frozen=True)

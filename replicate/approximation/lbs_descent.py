@@ -1,6 +1,7 @@
 """The alternation of SSDR: its state, one iteration, and bones that nobody uses."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,6 +17,31 @@ SWEEPS = 3  # Gauss–Seidel sweeps over the bones in each iteration
 BETA_STEP, BETA_MOST = 0.1, 0.9  # of the extrapolation
 FIRST_ROUNDS = 24  # additions a vertex in the first iteration, which starts from one bone
 UNUSED = 1e-2  # Σ w² of a bone below which it carries nothing
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The poses and the metric of a fit, and what of both together stays as it is while bones and weights change."""
+
+    data: Compressed
+    metric: Metric
+
+    @cached_property
+    def constant(self) -> float:
+        """The energy of a skin that never moves, in units of the rest radius squared."""
+        y = self.data.coefficients.T
+        return float(np.sum(y * (self.metric.matrix @ y)))
+
+    @cached_property
+    def neighbourhoods(self) -> tuple[tuple[Int[np.ndarray, " c"], csr_array, Float[np.ndarray, " c"]], ...]:
+        """Every colour's vertices, their rows of K over their diagonal, and ‖Σ_j (K_ij / K_ii) x_j‖² of each."""
+        diagonal = self.metric.matrix.diagonal()
+        y = np.ascontiguousarray(self.data.coefficients.T)
+        found = []
+        for colour in self.metric.colours:
+            share = csr_array(self.metric.matrix[colour] / diagonal[colour, None])
+            found.append((colour, share, ((share @ y) ** 2).sum(1)))
+        return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -36,27 +62,27 @@ class State:
 
 
 def normal_equations(
-    data: Compressed, metric: Metric, index: Int[np.ndarray, "n k"], weights: Float[np.ndarray, "n k"], bones: int
+    problem: Problem, index: Int[np.ndarray, "n k"], weights: Float[np.ndarray, "n k"], bones: int
 ) -> tuple[Float[np.ndarray, "j j"], Float[np.ndarray, "f 3 j"]]:
     """Return UU = ZᵀKZ and VU = Q Y K Z of the bone step."""
+    data = problem.data
     z = weighted_points(data.points, dense(index, weights, bones))
-    kz = metric.matrix @ z
+    kz = problem.metric.matrix @ z
     return z.T @ kz, (data.basis @ (data.coefficients @ kz)).reshape(data.frames, 3, -1)
 
 
-def step(data: Compressed, metric: Metric, state: State) -> State:
+def step(problem: Problem, state: State) -> State:
     """Return the state one iteration on: extrapolate, weights, bones; extrapolation that does harm is taken back."""
     motion = state.motion
     if state.beta > 0:
         motion = project(motion + state.beta * (motion - state.before))
     bones = motion.shape[2]
-    index, weights, error = improve_weights(data, metric, motion, state.bone_index, state.weights, state.iteration == 0)
-    index, weights = reseed(data.points[:, :3], index, weights, error, bones)
-    uu, vu = normal_equations(data, metric, index, weights, bones)
+    index, weights, error = improve_weights(problem, motion, state.bone_index, state.weights, state.iteration == 0)
+    index, weights = reseed(problem.data.points[:, :3], index, weights, error, bones)
+    uu, vu = normal_equations(problem, index, weights, bones)
     motion = sweep(motion, uu, vu, SWEEPS)
-    flat = motion.reshape(3 * data.frames, -1)
-    constant = np.sum(data.coefficients.T * (metric.matrix @ data.coefficients.T))
-    energy = float(constant - 2 * np.sum(flat * vu.reshape(flat.shape)) + np.sum((flat.T @ flat) * uu))
+    flat = motion.reshape(3 * problem.data.frames, -1)
+    energy = float(problem.constant - 2 * np.sum(flat * vu.reshape(flat.shape)) + np.sum((flat.T @ flat) * uu))
     if energy > state.energy and state.beta > 0:
         return replace(state, iteration=state.iteration + 1, beta=0.0)
     beta = min(state.beta + BETA_STEP, BETA_MOST)
@@ -64,8 +90,7 @@ def step(data: Compressed, metric: Metric, state: State) -> State:
 
 
 def improve_weights(
-    data: Compressed,
-    metric: Metric,
+    problem: Problem,
     motion: Float[np.ndarray, "f 3 bones 4"],
     index: Int[np.ndarray, "n k"],
     weights: Float[np.ndarray, "n k"],
@@ -75,26 +100,24 @@ def improve_weights(
 
     Vertices of one colour do not see each other in the metric. With its neighbours' errors r_j held, a vertex's part of
     the energy is K_ii ‖r_i + Σ_j≠i (K_ij / K_ii) r_j‖²: the plain problem for a displacement x_i that is shifted by the
-    neighbours' errors. These lie in the span of Q and of the motions, so the shifted one is Q y + M z for some y and z.
+    neighbours' errors. With r_j = x_j − M z_j the shifted one is Σ_j (K_ij / K_ii) x_j + M (z_i − Σ_j (K_ij / K_ii) z_j),
+    sums over all j, so that its products with the motions are sums over those of the x_j.
     """
-    bones = motion.shape[2]
+    data, bones = problem.data, motion.shape[2]
     flat = motion.reshape(3 * data.frames, -1)
-    gram, across = flat.T @ flat, flat.T @ data.basis  # MᵀM, MᵀQ
+    gram = flat.T @ flat  # MᵀM
     table = gram_table(gram)
-    y = np.ascontiguousarray(data.coefficients.T)
+    own = data.coefficients.T @ (data.basis.T @ flat)  # (n, 4B), (Mᵀx_i)ᵀ
     z = weighted_points(data.points, dense(index, weights, bones))
     index, weights, error = index.copy(), weights.copy(), np.empty(len(index))
-    diagonal = metric.matrix.diagonal()
-    for colour in metric.colours:
-        rows = metric.matrix[colour]
-        share = csr_array(rows / diagonal[colour, None])
-        shifted_y, moved_z = share @ y, z[colour] - share @ z
-        carried_flat = shifted_y @ across.T + moved_z @ gram
-        square = (shifted_y**2).sum(1) + (moved_z * (carried_flat + shifted_y @ across.T)).sum(1)
+    for colour, share, square in problem.neighbourhoods:
+        carried, moved = share @ own, z[colour] - share @ z
+        together = moved @ gram
+        square = square + (moved * (together + 2 * carried)).sum(1)
         index[colour], weights[colour], error[colour] = solve_weights(
             monomials(data.points[colour]),
             table,
-            np.einsum("nbp,np->nb", carried_flat.reshape(-1, bones, 4), data.points[colour]),
+            np.einsum("nbp,np->nb", (carried + together).reshape(-1, bones, 4), data.points[colour]),
             square,
             index[colour],
             weights[colour],

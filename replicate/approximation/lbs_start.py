@@ -13,8 +13,8 @@ import numpy as np
 from replicate.approximation.lbs_bones import sweep, weighted_points
 from replicate.approximation.lbs_clusters import cluster, split
 from replicate.approximation.lbs_compression import Compressed
-from replicate.approximation.lbs_descent import State, dense, normal_equations, sparse, step
-from replicate.approximation.lbs_metric import Metric, diffuse
+from replicate.approximation.lbs_descent import Problem, State, dense, normal_equations, sparse, step
+from replicate.approximation.lbs_metric import diffuse
 
 CLUSTERED = 0.5  # of the bones come from rigid clusters
 GROWTH = 0.25  # of the bones so far are added at a time
@@ -23,19 +23,19 @@ CLUSTER_BLEND, ADDED_BLEND = 30.0, 5.0  # diffusion times, in squared edges, of 
 SWEEPS = 10  # over the bones, once borders are blended
 
 
-def start(data: Compressed, metric: Metric, bones: int, influences: int) -> State:
+def start(problem: Problem, bones: int, influences: int) -> State:
     """Return the state before the first iteration, with all the bones."""
-    labels, motion = cluster(data, max(int(bones * CLUSTERED), 1))
-    blended = diffuse(metric.edges, np.eye(motion.shape[2])[labels], CLUSTER_BLEND)
-    state = settle(data, metric, motion, np.where(blended > 1e-3, blended, 0.0), influences)
+    labels, motion = cluster(problem.data, max(int(bones * CLUSTERED), 1))
+    blended = diffuse(problem.metric.edges, np.eye(motion.shape[2])[labels], CLUSTER_BLEND)
+    state = settle(problem, motion, np.where(blended > 1e-3, blended, 0.0), influences)
     while (count := state.motion.shape[2]) < bones:
         for _ in range(ITERATIONS):
-            state = step(data, metric, state)
-        state = grow(data, metric, state, min(bones - count, max(int(count * GROWTH), 1)))
+            state = step(problem, state)
+        state = grow(problem, state, min(bones - count, max(int(count * GROWTH), 1)))
     return replace(state, iteration=0)
 
 
-def grow(data: Compressed, metric: Metric, state: State, added: int) -> State:
+def grow(problem: Problem, state: State, added: int) -> State:
     """Return the state with more bones, each on a part that the worst-fitted regions are split into.
 
     A region is the vertices of one strongest bone; its part starts with that bone's motion.
@@ -45,21 +45,21 @@ def grow(data: Compressed, metric: Metric, state: State, added: int) -> State:
     strongest = np.argmax(loads, axis=1)
     labels = np.unique(strongest, return_inverse=True)[1]
     first = int(labels.max()) + 1
-    error = vertex_errors(data, motion, loads)
+    error = vertex_errors(problem.data, motion, loads)
     for _ in range(added):
-        labels, error = split(data.points[:, :3], labels, error)
+        labels, error = split(problem.data.points[:, :3], labels, error)
     parts = labels[:, None] == np.arange(first, first + added)
-    share = diffuse(metric.edges, parts.astype(np.float64), ADDED_BLEND)
+    share = diffuse(problem.metric.edges, parts.astype(np.float64), ADDED_BLEND)
     share = np.where(share > 0.02, share, 0.0)
     loads = np.hstack([loads * np.maximum(1.0 - share.sum(1, keepdims=True), 0.0), share])
     parents = [strongest[np.argmax(part)] for part in parts.T]
-    return settle(data, metric, np.concatenate([motion, motion[:, :, parents]], axis=2), loads, weights.shape[1])
+    return settle(problem, np.concatenate([motion, motion[:, :, parents]], axis=2), loads, weights.shape[1])
 
 
-def settle(data: Compressed, metric: Metric, motion: np.ndarray, loads: np.ndarray, influences: int) -> State:
+def settle(problem: Problem, motion: np.ndarray, loads: np.ndarray, influences: int) -> State:
     """Return the state of given weights (n, bones), its bones fitted to them from given motions (f, 3, bones, 4)."""
     index, weights = sparse(loads, influences)
-    motion = sweep(motion, *normal_equations(data, metric, index, weights, motion.shape[2]), SWEEPS)
+    motion = sweep(motion, *normal_equations(problem, index, weights, motion.shape[2]), SWEEPS)
     return State(0, motion, motion, index, weights, np.inf, 0.0)
 
 
