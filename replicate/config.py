@@ -121,8 +121,9 @@ class LbsConfig(Checked):
     bones: tuple[int, ...] = number((16, 24, 32), 1)
     influences: int = number(8, 1)
     samples: int = number(1_000, 2)
+    relaxed: int = number(60, 0)  # iterations in which all bones may act on every vertex, before the others
     iterations: int = number(100, 1)
-    coherence: float = number(0.1, 0.0)  # weight of the error's differences along edges, which normals see
+    coherence: float = number(0.2, 0.0)  # weight of the error's differences along edges, which normals see
     refit_sweeps: int = number(500, 1)  # the most sweeps over the bones of a test pose
     refit_settled: float = number(1e-7, 0.0)  # they stop when no bone moves by more, in radians and rest radii
 
@@ -189,7 +190,7 @@ PROFILES: dict[str, dict] = {
         "refinement": {"poses": 200, **_one_cycle(500)},
         "dense": _one_cycle(600),
         "rigid": {"poses": 100},
-        "lbs": {"samples": 200, "iterations": 15, "refit_sweeps": 40},
+        "lbs": {"samples": 200, "relaxed": 10, "iterations": 15, "refit_sweeps": 40},
         "driven": _one_cycle(400),
         "evaluation": {"test_poses": 200, "floor_poses": 50},
     },

@@ -200,6 +200,7 @@ def make_skin(context: StageContext) -> None:
         context.progress,
         mesh.faces,
         section.coherence,
+        section.relaxed,
     )
     skin.save(context.out / "skin.npz")
 

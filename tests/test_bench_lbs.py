@@ -72,7 +72,8 @@ def test_ours_is_fitted_as_the_library_fits():
     same = fit(neutral, poses, 3, stream_rng(0, "lbs", "sketch"), iterations=6, faces=faces)
     np.testing.assert_array_equal(skin.dense_weights(), same.dense_weights())
     found = bench.held_out(skin, poses, faces)
-    assert 0 < found["rmse"] <= course.rmse[-1] * 1.001, "refitted bones are no worse than those of the fit"
+    motion = np.sqrt(((poses - neutral) ** 2).sum(-1).mean())
+    assert 0 < found["rmse"] <= course.rmse[-1] + 0.005 * motion, "refitted bones are about as good as those of the fit"
     assert found["mean"] <= found["rmse"] <= found["max"]
 
 

@@ -101,7 +101,9 @@ def test_coherence_trades_distance_for_less_tilt():
     neutral, poses, faces = wrinkled()
     data = compress(neutral, poses, np.random.default_rng(0))
     plain, coherent = (edge_metric(data.points[:, :3], faces, c) for c in (0.0, 1.0))
-    state = start(Problem(data, plain), 4, 4)  # as many influences as bones: the weight problem is convex, its minima are global
+    state = start(
+        Problem(data, plain), 4, 4
+    )  # as many influences as bones: the weight problem is convex, its minima are global
     parts = []
     for metric in (plain, coherent):
         index, weights = state.bone_index, state.weights

@@ -3,7 +3,7 @@
 Two steps alternate: sparse convex weights for all vertices with the bones fixed (`lbs_weights`), rigid motions of all
 bones with the weights fixed (`lbs_bones`). Both work on compressed poses (`lbs_compression`), measure errors in
 `lbs_metric`, and start from `lbs_start`; bone motions are extrapolated along their last change as long as the error
-falls (`lbs_descent`).
+falls (`lbs_descent`). At first every bone may act everywhere; sparse supports come last (`lbs_relaxation`).
 
 An LBS row is an oracle: `refit` sees the very mesh that it then approximates, never a rig parameter.
 """
@@ -18,9 +18,8 @@ from jaxtyping import Float, Int
 from replicate.approximation.lbs_bones import sweep, weighted_points
 from replicate.approximation.lbs_checkpoint import Checkpoints, fingerprint
 from replicate.approximation.lbs_compression import canonical_order, compress, rest_frame, scaled_displacements
-from replicate.approximation.lbs_descent import Problem, State, step
-from replicate.approximation.lbs_metric import edge_metric
-from replicate.approximation.lbs_start import start
+from replicate.approximation.lbs_descent import State
+from replicate.approximation.lbs_relaxation import descent
 from replicate.errors import InputError
 
 
@@ -77,7 +76,8 @@ def fit(
     scratch: Path | None = None,
     progress=None,
     faces: Int[np.ndarray, "t 3"] | None = None,
-    coherence: float = 0.1,
+    coherence: float = 0.2,
+    relaxed: int = 60,
 ) -> Skin:
     """Fit bones and sparse convex weights to example poses.
 
@@ -86,6 +86,7 @@ def fit(
     with the same bits; a scratch of other data or settings is ignored. progress: (total, label, initial) -> context
     manager with `update(k)`. faces: the mesh's triangles; with them borders between bones start out blended, and a fit
     also keeps errors alike along edges, `coherence` weighing that against distance (`lbs_metric`; DEVIATIONS, LBS).
+    relaxed: iterations before the others, in which all bones may act on every vertex.
 
     The result depends on the order of neither vertices nor poses. Raises InputError for no poses, for numbers that are
     not finite, or for more bones than the mesh can hold.
@@ -96,18 +97,18 @@ def fit(
     rest = neutral[vertex_order]
     ranks = np.argsort(vertex_order)
     corners = np.zeros((0, 3), np.int64) if faces is None else ranks[faces]
-    kept = Checkpoints(scratch, fingerprint(rest, ordered, corners, bones, influences, coherence))
+    kept = Checkpoints(scratch, fingerprint(rest, ordered, corners, bones, influences, coherence, relaxed))
     data = kept.data()
     if data is None:
         data = compress(rest, ordered, generator)
         kept.keep_data(data)
     del ordered
-    problem = Problem(data, edge_metric(data.points[:, :3], corners, coherence))
-    state = kept.state() or start(problem, bones, influences)
-    with progress(iterations, f"LBS, {bones} bones", state.iteration) if progress else nullcontext() as bar:
-        while state.iteration < iterations:
-            state = step(problem, state)
-            kept.keep_state(state, at_once=state.iteration == iterations)
+    course, total = descent(data, corners, coherence, influences, relaxed), relaxed + iterations
+    state = kept.state() or course.start(bones)
+    with progress(total, f"LBS, {bones} bones", state.iteration) if progress else nullcontext() as bar:
+        while state.iteration < total:
+            state = course.step(state)
+            kept.keep_state(state, at_once=state.iteration == total)
             if bar is not None:
                 bar.update(1)
     return skin_of(neutral, vertex_order, state)

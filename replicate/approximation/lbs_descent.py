@@ -100,8 +100,8 @@ def improve_weights(
 
     Vertices of one colour do not see each other in the metric. With its neighbours' errors r_j held, a vertex's part of
     the energy is K_ii ‖r_i + Σ_j≠i (K_ij / K_ii) r_j‖²: the plain problem for a displacement x_i that is shifted by the
-    neighbours' errors. With r_j = x_j − M z_j the shifted one is Σ_j (K_ij / K_ii) x_j + M (z_i − Σ_j (K_ij / K_ii) z_j),
-    sums over all j, so that its products with the motions are sums over those of the x_j.
+    neighbours' errors. As r_j = x_j − M z_j and with s_j = K_ij / K_ii, that is Σ_j s_j x_j + M (z_i − Σ_j s_j z_j),
+    sums over all j, whose products with the motions are sums of those of the x_j.
     """
     data, bones = problem.data, motion.shape[2]
     flat = motion.reshape(3 * data.frames, -1)

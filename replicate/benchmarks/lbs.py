@@ -67,9 +67,7 @@ def fit_ours(neutral, vertices, faces, bones: int, seed: int, course: Course):
     """Fit as `lbs.fit` does with its usual settings, an iteration at a time; what is noted costs no time."""
     from replicate.approximation.lbs import check, skin_of
     from replicate.approximation.lbs_compression import canonical_order, compress
-    from replicate.approximation.lbs_descent import Problem, step
-    from replicate.approximation.lbs_metric import edge_metric
-    from replicate.approximation.lbs_start import start
+    from replicate.approximation.lbs_relaxation import descent
     from replicate.config import LbsConfig
 
     usual = LbsConfig()
@@ -78,12 +76,14 @@ def fit_ours(neutral, vertices, faces, bones: int, seed: int, course: Course):
     vertex_order, pose_order = canonical_order(neutral, vertices)
     rest, ranks = neutral[vertex_order], np.argsort(vertex_order)
     data = compress(rest, vertices[pose_order[:, None], vertex_order[None]], stream_rng(seed, "lbs", "sketch"))
-    problem = Problem(data, edge_metric(data.points[:, :3], ranks[faces], usual.coherence))
-    state = start(problem, bones, usual.influences)
+    way = descent(data, ranks[faces], usual.coherence, usual.influences, usual.relaxed)
+    state = way.start(bones)
+    for _ in range(way.relaxed):
+        state = way.step(state)
     seconds = time.process_time() - started
-    while course.go_on(state.iteration, seconds, training_rmse(data, state)):
+    while course.go_on(state.iteration - way.relaxed, seconds, training_rmse(data, state)):
         started = time.process_time()
-        state = step(problem, state)
+        state = way.step(state)
         seconds += time.process_time() - started
     return skin_of(neutral, vertex_order, state)
 
@@ -99,7 +99,8 @@ def training_rmse(data, state) -> float:
     plain = Metric(eye_array(n, format="csr"), eye_array(n, format="csr"), ())
     uu, vu = normal_equations(Problem(data, plain), state.bone_index, state.weights, bones)
     flat = state.motion.reshape(3 * data.frames, -1)
-    squared = np.sum(data.coefficients**2) - 2 * np.sum(flat * vu.reshape(flat.shape)) + np.sum((flat.T @ flat) * uu)
+    whole = np.sum(data.coefficients**2) / (1 - data.lost**2)  # what compression left out is an error too
+    squared = whole - 2 * np.sum(flat * vu.reshape(flat.shape)) + np.sum((flat.T @ flat) * uu)
     return data.radius_mm * math.sqrt(max(float(squared), 0.0) / (n * data.frames))
 
 
