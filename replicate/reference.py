@@ -28,13 +28,13 @@ ALWAYS = ("rig_tour",)  # notebooks that show a rig; the others show results
 def publish_reference(profile: str) -> list[Path]:
     """Put a profile's results and the benchmarks' in the place of the committed ones; return the files written.
 
-    Raises InputError, and has written nothing, if there are no results, or some were made from a tree with changes.
+    What the profile or the benchmarks have not made stays as it is. Raises InputError, and has written nothing, if
+    neither has results, or some were made from a tree with changes.
     """
     run, bench, rigs = (paths.run_folder(name) for name in (profile, BENCH, "rigs"))
-    told = manifest.targets(run)
-    if not told:
+    told, benched = manifest.targets(run), manifest.targets(bench)
+    if not (told or benched):
         raise InputError(f"{run}: there are no results; `make table2 PROFILE={profile}` writes them.")
-    benched = manifest.targets(bench)
     for folder, found in ((run, told), (bench, benched)):
         for target in found:
             for character, facts in manifest.entries(folder, target).items():
@@ -44,7 +44,7 @@ def publish_reference(profile: str) -> list[Path]:
                         "them and make it again"
                     )
     paths.REFERENCE.mkdir(parents=True, exist_ok=True)
-    written = [_copied(file) for file in sorted(run.iterdir()) if _is_result(file)]
+    written = [_copied(file) for file in sorted(run.iterdir()) if _is_result(file)] if told else []
     for target in told:
         manifest.write_entries(paths.REFERENCE, target, manifest.entries(run, target))
     written += _benchmarks(bench, benched)

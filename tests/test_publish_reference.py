@@ -57,6 +57,18 @@ def test_results_benchmarks_manifest_and_readme_are_written(folders):
     assert "| Coarse | 0.50 |" in text
 
 
+def test_benchmarks_alone_are_put_beside_committed_results(folders):
+    run, _, committed, _ = folders
+    (run / manifest.NAME).unlink()
+    committed.mkdir()
+    write_results(committed / "table2.csv", [row("teen", value=0.7)])
+    reference.publish_reference("laptop")
+    assert read_results(committed / "table2.csv")[0].value == 0.7, "no manifest tells of the profile's"
+    assert not (committed / "figure10_teen.png").exists()
+    assert read_results(committed / "bench_floors.csv")[0].value == 1.0
+    assert manifest.targets(committed) == ["bench_floors"]
+
+
 @pytest.mark.parametrize("where", ["table2", "bench_floors"])
 def test_a_tree_with_changes_is_refused_and_nothing_is_written(folders, where):
     run, bench, committed, _ = folders
@@ -68,8 +80,9 @@ def test_a_tree_with_changes_is_refused_and_nothing_is_written(folders, where):
 
 
 def test_without_results_the_target_that_makes_them_is_named(folders):
-    run, *_ = folders
-    (run / manifest.NAME).write_text(json.dumps([]))
+    run, bench, *_ = folders
+    for folder in (run, bench):
+        (folder / manifest.NAME).write_text(json.dumps([]))
     with pytest.raises(InputError, match="there are no results; `make table2 PROFILE=laptop` writes them"):
         reference.publish_reference("laptop")
 
