@@ -64,12 +64,12 @@ def merge(file: Path, rows: Sequence[Row], keep: Callable[[Row], bool]) -> None:
     write_results(file, [*kept, *rows])
 
 
-def note(name: str, characters: Iterable[str], typed: Sequence[str] | None) -> None:
+def note(name: str, characters: Iterable[str], typed: Sequence[str] | None, seeds: Sequence[int] = (0,)) -> None:
     """Note in the folder's manifest how <name>.csv's rows about some characters were made, and say so."""
     into = bench_folder()
     command = ["python", "-m", f"replicate.benchmarks.{name.removeprefix('bench_')}"]
     command += sys.argv[1:] if typed is None else typed
-    facts = provenance(command, PROFILE, [0], core_count())
+    facts = provenance(command, PROFILE, list(seeds), core_count())
     known = manifest.entries(into, name)
     manifest.write_entries(into, name, dict(sorted((known | dict.fromkeys(characters, facts)).items())))
     print(f"written to {paths.shown(into)}: {name}.csv, {manifest.NAME}")

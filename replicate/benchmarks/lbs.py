@@ -313,7 +313,7 @@ def _run(options: argparse.Namespace, typed: Sequence[str] | None) -> None:
     for character in named(options.characters):
         rows = measured(character, options, bench_folder() / "bench_lbs.csv")
         print(as_text(lbs_table(rows, rows[0].character)) + "\n")
-        note("bench_lbs", [rows[0].character], typed)
+        note("bench_lbs", [rows[0].character], typed, options.seeds)
 
 
 if __name__ == "__main__":
