@@ -127,14 +127,19 @@ def _start(stage: Stage, slot: int, workers: int, facts: dict) -> _Worker:
     return _Worker(stage, process, StageDisplay(stage.title, slot), threads)
 
 
+def thread_limits(threads: int) -> dict[str, str]:
+    """Return the environment variables that bound every library's thread pool."""
+    libraries = ("OMP", "MKL", "OPENBLAS", "NUMEXPR", "NUMBA", "VECLIB_MAXIMUM")
+    waiting = {"OMP_WAIT_POLICY": "passive"}  # waiting threads that spin cost 10 to 90 times on a busy machine
+    return {f"{library}_NUM_THREADS": str(threads) for library in libraries} | waiting
+
+
 def _environment(threads: int) -> dict[str, str]:
     """Return a worker's environment: every library's thread pool bounded before it is loaded."""
-    counts = ("OMP", "MKL", "OPENBLAS", "NUMEXPR", "NUMBA", "VECLIB_MAXIMUM")
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen={'true' if threads > 1 else 'false'}"
     return {
         **os.environ,
-        **{f"{library}_NUM_THREADS": str(threads) for library in counts},
-        "OMP_WAIT_POLICY": "passive",  # waiting threads that spin cost 10 to 90 times on a busy machine
+        **thread_limits(threads),
         "NPROC": str(threads),  # the size of XLA's pool
         "XLA_FLAGS": flags.strip(),
         "PYTHONPATH": os.pathsep.join(dict.fromkeys([str(ROOT), *(str(root.resolve()) for root in project_roots())])),
