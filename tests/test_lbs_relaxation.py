@@ -7,7 +7,7 @@ from test_lbs_metric import wrinkled
 from replicate.approximation.lbs import fit, refit
 from replicate.approximation.lbs_compression import compress
 from replicate.approximation.lbs_descent import dense
-from replicate.approximation.lbs_relaxation import descent, sparsified
+from replicate.approximation.lbs_relaxation import alternation, sparsified
 
 BONES, INFLUENCES = 6, 2
 
@@ -15,7 +15,7 @@ BONES, INFLUENCES = 6, 2
 @pytest.fixture(scope="module")
 def course():
     neutral, poses, faces = wrinkled()
-    return descent(compress(neutral, poses, np.random.default_rng(0)), faces, 0.1, INFLUENCES, 8)
+    return alternation(compress(neutral, poses, np.random.default_rng(0)), faces, 0.1, INFLUENCES, 8)
 
 
 def test_all_bones_may_act_until_the_last_relaxed_iteration(course):

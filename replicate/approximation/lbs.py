@@ -19,7 +19,7 @@ from replicate.approximation.lbs_bones import sweep, weighted_points
 from replicate.approximation.lbs_checkpoint import Checkpoints, fingerprint
 from replicate.approximation.lbs_compression import canonical_order, compress, rest_frame, scaled_displacements
 from replicate.approximation.lbs_descent import State
-from replicate.approximation.lbs_relaxation import descent
+from replicate.approximation.lbs_relaxation import alternation
 from replicate.errors import InputError
 
 
@@ -103,7 +103,7 @@ def fit(
         data = compress(rest, ordered, generator)
         kept.keep_data(data)
     del ordered
-    course, total = descent(data, corners, coherence, influences, relaxed), relaxed + iterations
+    course, total = alternation(data, corners, coherence, influences, relaxed), relaxed + iterations
     state = kept.state() or course.start(bones)
     with progress(total, f"LBS, {bones} bones", state.iteration) if progress else nullcontext() as bar:
         while state.iteration < total:

@@ -22,7 +22,7 @@ SMOOTHING = 2.0  # diffusion time, in squared edges, of the weights that decide 
 
 
 @dataclass(frozen=True)
-class Descent:
+class Alternation:
     """A fit from its start to its end. relaxed: iterations, before the others, in which all bones may act."""
 
     stiff: Problem
@@ -44,13 +44,13 @@ class Descent:
         return sparsified(self.plain, state, self.influences) if state.iteration == self.relaxed else state
 
 
-def descent(
+def alternation(
     data: Compressed, faces: Int[np.ndarray, "t 3"], coherence: float, influences: int, relaxed: int
-) -> Descent:
+) -> Alternation:
     """Return how poses of a mesh are fitted."""
     rest = data.points[:, :3]
     stiff, plain = (Problem(data, edge_metric(rest, faces, c)) for c in (STIFFER * coherence, coherence))
-    return Descent(stiff, plain, influences, relaxed)
+    return Alternation(stiff, plain, influences, relaxed)
 
 
 def sparsified(problem: Problem, state: State, influences: int) -> State:

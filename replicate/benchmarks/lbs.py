@@ -74,7 +74,7 @@ def fit_ours(neutral, vertices, faces, bones: int, seed: int, course: Course, re
     """
     from replicate.approximation.lbs import check, skin_of
     from replicate.approximation.lbs_compression import canonical_order, compress
-    from replicate.approximation.lbs_relaxation import descent
+    from replicate.approximation.lbs_relaxation import alternation
     from replicate.config import LbsConfig
 
     usual = LbsConfig()
@@ -83,7 +83,8 @@ def fit_ours(neutral, vertices, faces, bones: int, seed: int, course: Course, re
     vertex_order, pose_order = canonical_order(neutral, vertices)
     rest, ranks = neutral[vertex_order], np.argsort(vertex_order)
     data = compress(rest, vertices[pose_order[:, None], vertex_order[None]], stream_rng(seed, "lbs", "sketch"))
-    way = descent(data, ranks[faces], usual.coherence, usual.influences, usual.relaxed if relaxed is None else relaxed)
+    relaxed = usual.relaxed if relaxed is None else relaxed
+    way = alternation(data, ranks[faces], usual.coherence, usual.influences, relaxed)
     state = way.start(bones)
     for _ in range(way.relaxed):
         state = way.step(state)
