@@ -1,6 +1,7 @@
 """Our SSDR beside its peer: when a fit has converged, what is kept of it, and how it is shown."""
 
 import argparse
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -61,6 +62,50 @@ def wave() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return neutral, poses.astype(np.float32), faces
 
 
+class FakeSolver:
+    """Stands in for Dem Bones: its own start finds one bone, and weights follow the clusters that it is given."""
+
+    made: ClassVar[list] = []
+
+    def __init__(self):
+        self.m = None
+        FakeSolver.made.append(self)
+
+    def init(self):
+        self.nB = 1 if self.m is None else self.m.shape[1] // 4
+
+    def rmse(self):
+        return 1.0
+
+    def computeTranformations(self):
+        pass
+
+    computeWeights = computeTranformations
+
+    def get_weights(self):
+        return np.full((self.nB, self.nV), 1 / self.nB)
+
+
+@pytest.mark.parametrize(("options", "starts"), [(dem_bones.BEST, 2), (dem_bones.DEFAULT, 1)])
+def test_where_its_start_finds_too_few_bones_the_peer_starts_from_our_clusters(monkeypatch, options, starts):
+    monkeypatch.setattr(dem_bones, "solver_class", lambda: FakeSolver)
+    monkeypatch.setattr(FakeSolver, "made", [])
+    neutral, poses, faces = wave()
+    skin, own_start = dem_bones.fit(neutral, poses, faces, 2, options, lambda iteration, seconds, rmse: iteration < 3)
+    assert own_start == 1 and skin.bones == starts == len(FakeSolver.made)
+
+
+def test_our_clusters_move_as_the_peer_wants_its_bones():
+    neutral, poses, _ = wave()
+    blocks = dem_bones.cluster_motions(neutral, poses, 4).reshape(len(poses), 4, 4, 4)
+    points = np.concatenate([neutral, np.ones((len(neutral), 1))], 1)
+    carried = np.einsum("fibj,nj->fbni", blocks, points)
+    np.testing.assert_allclose(carried[..., 3], 1)
+    error = np.linalg.norm(carried[..., :3] - poses[:, None], axis=-1)
+    one = np.linalg.norm(poses - neutral, axis=-1)
+    assert np.sqrt((error.min(1) ** 2).mean()) < 0.2 * np.sqrt((one**2).mean()), "a vertex has a bone that carries it"
+
+
 def test_ours_is_fitted_as_the_library_fits():
     from replicate.approximation.lbs import fit
     from replicate.stages import stream_rng
@@ -115,6 +160,10 @@ def test_rows_are_kept_by_rig_and_shown_as_ratios_with_their_spread(tmp_path):
     lines = {line[0]: line[1:] for line in bench.lbs_table(rows, "teen").body if line}
     assert lines["ours / Dem Bones, 16 bones"][0] == "0.85 ± 0.07"
     assert lines["ours, 16 bones"][0] == "0.85"
+    assert "own start" not in bench.lbs_table(rows, "teen").notes[0]
+    few = found(1.0, [3.0, 2.0, 1.0]) | {"bones_of_own_start": 3}
+    bench._keep(file, bench.rows_of("teen", "dem_bones", 16, 0, "rig-1", few, 1.0, 9))
+    assert "(3 of 16)" in bench.lbs_table(read_results(file), "teen").notes[0]
     assert bench._peer_error(file, "teen", "rig-2", 16, 0) == 0
     bench._keep(file, bench.rows_of("teen", "ssdr", 16, 0, "rig-2", found(0.5, [1.0]), 0.0, 9))
     assert {row.run for row in read_results(file)} == {"rig-2"}

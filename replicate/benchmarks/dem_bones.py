@@ -3,6 +3,10 @@
 Dem Bones is C++ under the BSD licence; `py-dem-bones` binds it and is no dependency of this suite: only
 `make bench-lbs` looks for it. Its clusters and its candidates for weights spread along the polygons' edges, so that
 separate parts (gums, tongue, teeth) share no bones unless they are linked, by two-vertex polygons between near parts.
+
+Its start splits one cluster into many and ends at the first split that adds none. Where a part of the mesh stays still,
+as ICT-FaceKit's neck does, the first split may be that one: its motion fits nearly everything, nothing is left to the
+other cluster, and one bone is all there is. There the best configuration starts from our rigid clusters instead.
 """
 
 import time
@@ -16,7 +20,11 @@ from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
 from replicate.approximation.lbs import Skin
+from replicate.approximation.lbs_clusters import cluster
+from replicate.approximation.lbs_compression import compress
 from replicate.errors import InputError
+from replicate.rigid import align
+from replicate.stages import stream_rng
 
 LINKS = 12  # two-vertex polygons between two parts that are linked
 INFLUENCES = 8
@@ -24,15 +32,19 @@ INFLUENCES = 8
 
 @dataclass(frozen=True)
 class Options:
-    """What is set on the solver; None leaves its own default."""
+    """What is set on the solver; None leaves its own default.
+
+    all_bones: where its own start finds fewer bones than asked for, it starts from our clusters.
+    """
 
     linked: bool = True
+    all_bones: bool = True
     trans_affine: float | None = 0.0
     weights_smooth: float | None = 1e-6
 
 
 BEST = Options()
-DEFAULT = Options(linked=False, trans_affine=None, weights_smooth=None)
+DEFAULT = Options(linked=False, all_bones=False, trans_affine=None, weights_smooth=None)
 
 
 def solver_class():
@@ -75,12 +87,41 @@ def fit(
     bones: int,
     options: Options,
     go_on: Callable[[int, float, float], bool],
-) -> Skin:
-    """Fit Dem Bones to poses and return its skin.
+) -> tuple[Skin, int]:
+    """Fit Dem Bones to poses and return its skin and how many bones its own start found.
 
     go_on: called after the start and after every iteration with the iterations so far, the processor's seconds that
-    they took, and the RMSE in mm (its own, not counted in the time); the fit ends when it returns False.
+    they took, and the RMSE in mm (its own, not counted in the time); the fit ends when it returns False. A start that
+    isn't used isn't counted either.
     """
+    solver = prepared(neutral, vertices, faces, bones, options)
+    started = time.process_time()
+    solver.init()
+    seconds, own_start = time.process_time() - started, solver.nB
+    if options.all_bones and own_start < bones:
+        solver = prepared(neutral, vertices, faces, bones, options)
+        started = time.process_time()
+        solver.m = cluster_motions(neutral, vertices, bones)
+        solver.init()
+        seconds = time.process_time() - started
+    iteration = 0
+    while go_on(iteration, seconds, float(solver.rmse())):
+        started = time.process_time()
+        solver.computeTranformations()  # so it is spelt there
+        solver.computeWeights()
+        seconds += time.process_time() - started
+        iteration += 1
+    return skin_of(neutral, np.asarray(solver.get_weights(), np.float64).T), own_start
+
+
+def prepared(
+    neutral: Float[np.ndarray, "n 3"],
+    vertices: Float[np.ndarray, "f n 3"],
+    faces: Int[np.ndarray, "t 3"],
+    bones: int,
+    options: Options,
+):
+    """Return a solver that holds the poses and the options, before its start."""
     solver = solver_class()()
     polygons = [face.tolist() for face in faces]
     if options.linked:
@@ -95,16 +136,21 @@ def fit(
         solver.transAffine = options.trans_affine
     if options.weights_smooth is not None:
         solver.weightsSmooth = options.weights_smooth
-    started = time.process_time()
-    solver.init()
-    seconds, iteration = time.process_time() - started, 0
-    while go_on(iteration, seconds, float(solver.rmse())):
-        started = time.process_time()
-        solver.computeTranformations()  # so it is spelt there
-        solver.computeWeights()
-        seconds += time.process_time() - started
-        iteration += 1
-    return skin_of(neutral, np.asarray(solver.get_weights(), np.float64).T)
+    return solver
+
+
+def cluster_motions(
+    neutral: Float[np.ndarray, "n 3"], vertices: Float[np.ndarray, "f n 3"], bones: int
+) -> Float[np.ndarray, "rows columns"]:
+    """Return the rigid motions of our clusters as Dem Bones holds bones: a 4 × 4 block a pose and bone, for columns."""
+    labels, _ = cluster(compress(neutral, vertices, stream_rng(0, "lbs", "sketch")), bones)
+    blocks = np.zeros((len(vertices), 4, bones, 4))
+    blocks[:, 3, :, 3] = 1.0
+    for bone in range(bones):
+        rotation, translation = align(neutral[labels == bone], vertices[:, labels == bone])
+        blocks[:, :3, bone, :3] = rotation.swapaxes(1, 2)
+        blocks[:, :3, bone, 3] = translation
+    return blocks.reshape(4 * len(vertices), 4 * bones)
 
 
 def skin_of(neutral: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, "n bones"]) -> Skin:
