@@ -5,7 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.colors import hsv_to_rgb
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 from test_tables import PAPER, ours
 
 from replicate.errors import InputError
@@ -108,6 +110,22 @@ def test_a_figure_that_would_be_too_large_gets_fewer_colours(tmp_path):
     assert 50_000 < size < 300_000
     save_figure(figure, tmp_path / "f.png", Words("noise", "noise"), size - 1)
     assert 30_000 < (tmp_path / "f.png").stat().st_size < size
+
+
+def test_mixtures_of_many_hues_show_no_bands_where_palette_colours_are_mixed(tmp_path):
+    hue, light = np.meshgrid(np.linspace(0, 1, 300), np.linspace(0.3, 1, 300))
+    smooth = np.uint8(255 * hsv_to_rgb(np.stack([hue, 0 * hue + 0.8, light], -1)))
+    figure = panel_grid([[smooth]], ["hues"])
+    shown = {}
+    for dither in (False, True):
+        save_figure(figure, tmp_path / "f.png", Words("hues", "hues"), dither=dither)
+        image = Image.open(tmp_path / "f.png")
+        assert image.mode == "P"
+        shown[dither] = np.asarray(image.convert("RGB"), float)
+    figure.savefig(tmp_path / "exact.png", dpi=DPI)
+    exact = np.asarray(Image.open(tmp_path / "exact.png").convert("RGB"), float)
+    banding = {d: np.abs(gaussian_filter(shown[d] - exact, (3, 3, 0))).mean() for d in shown}
+    assert banding[True] < 0.5 * banding[False]
 
 
 def test_the_same_figure_gives_the_same_bytes(tmp_path, record):

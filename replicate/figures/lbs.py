@@ -27,6 +27,7 @@ GOLDEN = 0.618034  # of a turn of hue from a bone to the next: neighbours differ
 GAMMA = 2.2  # of what is shown: its power is proportional to light
 PALE, DEEP = (236, 236, 232), (178, 24, 43)  # a weight of 0 and of 1
 LIMIT_DEG = 10.0
+DITHERED = ("1_weights", "2_bones")  # their colours are mixtures
 
 
 def bone_colours(skin: Skin) -> UInt8[np.ndarray, "n 3"]:
@@ -183,7 +184,7 @@ def save_all(
         "4_wrinkles": folded(mesh, skins, wrinkled),
     }
     for name, (figure, words) in pictures.items():
-        save_figure(figure, stem.with_name(f"{stem.name}_{name}.png"), words)
+        save_figure(figure, stem.with_name(f"{stem.name}_{name}.png"), words, dither=name in DITHERED)
 
 
 def lbs_table(file: Path, character: str) -> Table:

@@ -66,10 +66,11 @@ def panel_grid(rows: Sequence[Sequence[np.ndarray]], titles: Sequence, names: Se
     return figure
 
 
-def png(figure, words: Words, largest_bytes: int = LARGEST_BYTES) -> bytes:
+def png(figure, words: Words, largest_bytes: int = LARGEST_BYTES, dither: bool = False) -> bytes:
     """Return a figure as PNG with a palette and its alt text inside, in fewer colours if it would be too large.
 
-    The same figure gives the same bytes.
+    dither: mix neighbouring colours, where more hues are drawn than a palette holds; not for colours that are read off
+    a bar. The same figure gives the same bytes.
     """
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
@@ -81,17 +82,18 @@ def png(figure, words: Words, largest_bytes: int = LARGEST_BYTES) -> bytes:
     about.add_itxt("Description", words.alt)
     for colours in (256, 128, 64, 32, 16):
         out = io.BytesIO()
-        _with_palette(picture, colours).save(out, format="PNG", optimize=True, pnginfo=about)
+        _with_palette(picture, colours, dither).save(out, format="PNG", optimize=True, pnginfo=about)
         if out.tell() < largest_bytes:
             break
     return out.getvalue()
 
 
-def _with_palette(picture, colours: int):
+def _with_palette(picture, colours: int, dither: bool):
     from PIL import Image
 
     palette = picture.quantize(colours - 1, method=Image.Quantize.MEDIANCUT, kmeans=2)
-    indices = np.array(picture.quantize(palette=palette, dither=Image.Dither.NONE))
+    mixed = Image.Dither.FLOYDSTEINBERG if dither else Image.Dither.NONE
+    indices = np.array(picture.quantize(palette=palette, dither=mixed))
     indices[(np.asarray(picture) == 255).all(-1)] = colours - 1  # paper is white, not the mean of the near-whites
     table = np.full((colours, 3), 255, np.uint8)
     known = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)[: colours - 1]
@@ -101,8 +103,8 @@ def _with_palette(picture, colours: int):
     return found
 
 
-def save_figure(figure, path: Path, words: Words, largest_bytes: int = LARGEST_BYTES) -> None:
+def save_figure(figure, path: Path, words: Words, largest_bytes: int = LARGEST_BYTES, dither: bool = False) -> None:
     """Write a figure as `png` makes it, and `path` with the ending .json beside it with alt text and caption."""
-    path.write_bytes(png(figure, words, largest_bytes))
+    path.write_bytes(png(figure, words, largest_bytes, dither))
     text = json.dumps({"alt": words.alt, "caption": words.caption}, indent=1, ensure_ascii=False)
     path.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
