@@ -99,6 +99,7 @@ def fit(
     solver.init()
     seconds, own_start = time.process_time() - started, solver.nB
     if options.all_bones and own_start < bones:
+        del solver  # or the memory of two is measured
         solver = prepared(neutral, vertices, faces, bones, options)
         started = time.process_time()
         solver.m = cluster_motions(neutral, vertices, bones)

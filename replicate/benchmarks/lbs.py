@@ -278,8 +278,10 @@ def _rescued(value: dict[tuple[str, str], float], cases: Sequence[tuple[int, int
     """Return a sentence on where Dem Bones was not left to its own start, or nothing."""
     starts = [(value.get(("dem_bones", f"bones_of_own_start[{b}, seed {s}]"), b), b) for b, s in cases]
     few = sorted({(b, int(own)) for own, b in starts if own < b})
+    if not few:
+        return ""
     found = ", ".join(f"{own} of {b}" for b, own in few)
-    return f" Dem Bones' own start found too few bones ({found}): it went on from our rigid clusters." if few else ""
+    return f" Dem Bones' own start found too few bones ({found}): it got our clusters, which its memory includes."
 
 
 def _mean(values: Sequence[float], unit: str) -> str:
