@@ -11,6 +11,7 @@ import os
 import shutil
 import zlib
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
@@ -209,14 +210,12 @@ def _open_scratch(scratch: Path, key: str, shapes: dict) -> tuple[dict[str, np.m
     """Open the half-made arrays when they belong to the same poses, or make new ones."""
     scratch.mkdir(parents=True, exist_ok=True)
     fresh = {"key": key, **dict.fromkeys(PARTS, 0)}
-    try:
+    with suppress(OSError, ValueError):  # nothing there yet, or cut off before the first checkpoint
         state = json.loads((scratch / "state.json").read_text())
         arrays = {name: np.load(scratch / f"{name}.npy", mmap_mode="r+", allow_pickle=False) for name in shapes}
         fits = all((arrays[name].dtype, arrays[name].shape) == shapes[name] for name in shapes)
         if state.keys() == fresh.keys() and state["key"] == key and fits:
             return arrays, state
-    except (OSError, ValueError):
-        pass  # nothing there yet, or cut off before the first checkpoint
     (scratch / "state.json").unlink(missing_ok=True)
     paths = {name: scratch / f"{name}.npy" for name in shapes}
     for path in paths.values():

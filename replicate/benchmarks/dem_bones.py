@@ -94,35 +94,6 @@ def fit(
     they took, and the RMSE in mm (its own, not counted in the time); the fit ends when it returns False. A start that
     isn't used isn't counted either.
     """
-    solver = prepared(neutral, vertices, faces, bones, options)
-    started = time.process_time()
-    solver.init()
-    seconds, own_start = time.process_time() - started, solver.nB
-    if options.all_bones and own_start < bones:
-        del solver  # or the memory of two is measured
-        solver = prepared(neutral, vertices, faces, bones, options)
-        started = time.process_time()
-        solver.m = cluster_motions(neutral, vertices, bones)
-        solver.init()
-        seconds = time.process_time() - started
-    iteration = 0
-    while go_on(iteration, seconds, float(solver.rmse())):
-        started = time.process_time()
-        solver.computeTranformations()  # so it is spelt there
-        solver.computeWeights()
-        seconds += time.process_time() - started
-        iteration += 1
-    return skin_of(neutral, np.asarray(solver.get_weights(), np.float64).T), own_start
-
-
-def prepared(
-    neutral: Float[np.ndarray, "n 3"],
-    vertices: Float[np.ndarray, "f n 3"],
-    faces: Int[np.ndarray, "t 3"],
-    bones: int,
-    options: Options,
-):
-    """Return a solver that holds the poses and the options, before its start."""
     solver = solver_class()()
     polygons = [face.tolist() for face in faces]
     if options.linked:
@@ -137,7 +108,21 @@ def prepared(
         solver.transAffine = options.trans_affine
     if options.weights_smooth is not None:
         solver.weightsSmooth = options.weights_smooth
-    return solver
+    started = time.process_time()
+    solver.init()
+    seconds, iteration, own_start = time.process_time() - started, 0, solver.nB
+    if options.all_bones and own_start < bones:
+        started = time.process_time()
+        solver.nB, solver.m = bones, cluster_motions(neutral, vertices, bones)
+        solver.init()
+        seconds = time.process_time() - started
+    while go_on(iteration, seconds, float(solver.rmse())):
+        started = time.process_time()
+        solver.computeTranformations()  # so it is spelt there
+        solver.computeWeights()
+        seconds += time.process_time() - started
+        iteration += 1
+    return skin_of(neutral, np.asarray(solver.get_weights(), np.float64).T), own_start
 
 
 def cluster_motions(
