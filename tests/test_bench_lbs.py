@@ -158,6 +158,9 @@ def test_rows_are_kept_by_rig_and_shown_as_ratios_with_their_spread(tmp_path):
     few = found(1.0, [3.0, 2.0, 1.0]) | {"bones_of_own_start": 3}
     bench._keep(file, bench.rows_of("teen", "dem_bones", 16, 0, "rig-1", few, 1.0, 9))
     assert "(3 of 16)" in bench.lbs_table(read_results(file), "teen").notes[0]
+    bench._keep(file, bench.rows_of("teen", "dem_bones_default", 16, 1, "rig-1", few, 1.0, 9))
+    labels = [line[0] for line in bench.lbs_table(read_results(file), "teen").body if line]
+    assert "Dem Bones, as it comes, 16 bones (1 of 2 seeds)" in labels and "Dem Bones, 16 bones" in labels
     assert bench._peer_error(file, "teen", "rig-2", 16, 0) == 0
     bench._keep(file, bench.rows_of("teen", "ssdr", 16, 0, "rig-2", found(0.5, [1.0]), 0.0, 9))
     assert {row.run for row in read_results(file)} == {"rig-2"}

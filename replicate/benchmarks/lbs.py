@@ -256,9 +256,10 @@ def lbs_table(rows: Sequence[Row], character: str) -> Table:
             return [value.get((method, f"{name}[{bones}, seed {s}]"), math.nan) for s in seeds]
 
         for method, words in METHODS.items():
-            if np.isfinite(of(method, "rmse")).any():
+            if known := int(np.isfinite(of(method, "rmse")).sum()):
                 cells = [_mean(of(method, name), METRICS[name]) for name in shown]
-                body.append((f"{words}, {bones} bones", *cells))
+                fewer = f" ({known} of {len(seeds)} seeds)" if known < len(seeds) else ""
+                body.append((f"{words}, {bones} bones{fewer}", *cells))
         ratios = [np.divide(of("ssdr", name), of("dem_bones", name)) for name in shown]
         if np.isfinite(ratios[0]).any():
             body.append((f"ours / Dem Bones, {bones} bones", *(_ratio(r) for r in ratios)))
