@@ -155,12 +155,22 @@ def test_rows_are_kept_by_rig_and_shown_as_ratios_with_their_spread(tmp_path):
     assert lines["ours / Dem Bones, 16 bones"][0] == "0.85 ± 0.07"
     assert lines["ours, 16 bones"][0] == "0.85"
     assert "own start" not in bench.lbs_table(rows, "teen").notes[0]
+    assert "brackets" not in bench.lbs_table(rows, "teen").notes[0]
+    bench._keep(file, bench.rows_of("teen", "ssdr_sparse", 16, 0, "rig-1", found(1.0, [3.0, 1.0]), 1.0, 9))
+    bench._keep(file, bench.rows_of("teen", "ssdr_sparse", 16, 1, "rig-1", found(1.0, [3.0, 2.0]), 1.0, 9))
+    table = bench.lbs_table(read_results(file), "teen")
+    lines = {line[0]: line[1:] for line in table.body if line}
+    assert "1.0 (1)" in lines["ours, sparse from the start, 16 bones"], "only one seed came to Dem Bones' error"
+    assert "brackets" in table.notes[0]
     few = found(1.0, [3.0, 2.0, 1.0]) | {"bones_of_own_start": 3}
     bench._keep(file, bench.rows_of("teen", "dem_bones", 16, 0, "rig-1", few, 1.0, 9))
     assert "(3 of 16)" in bench.lbs_table(read_results(file), "teen").notes[0]
     bench._keep(file, bench.rows_of("teen", "dem_bones_default", 16, 1, "rig-1", few, 1.0, 9))
     labels = [line[0] for line in bench.lbs_table(read_results(file), "teen").body if line]
     assert "Dem Bones, as it comes, 16 bones (1 of 2 seeds)" in labels and "Dem Bones, 16 bones" in labels
+    partial = [r for r in read_results(file) if (r.method, r.metric) != ("dem_bones", "rmse[16, seed 0]")]
+    labels = [line[0] for line in bench.lbs_table(partial, "teen").body if line]
+    assert "ours / Dem Bones, 16 bones (1 of 2 seeds)" in labels
     assert bench._peer_error(file, "teen", "rig-2", 16, 0) == 0
     bench._keep(file, bench.rows_of("teen", "ssdr", 16, 0, "rig-2", found(0.5, [1.0]), 0.0, 9))
     assert {row.run for row in read_results(file)} == {"rig-2"}

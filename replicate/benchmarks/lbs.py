@@ -252,25 +252,30 @@ def lbs_table(rows: Sequence[Row], character: str) -> Table:
         body += [None] if body else []
         seeds = [s for b, s in cases if b == bones]
 
-        def of(method: str, name: str, bones=bones, seeds=seeds) -> list[float]:
-            return [value.get((method, f"{name}[{bones}, seed {s}]"), math.nan) for s in seeds]
+        def of(method: str, name: str, bones=bones, seeds=seeds) -> np.ndarray:
+            return np.array([value.get((method, f"{name}[{bones}, seed {s}]"), math.nan) for s in seeds])
+
+        def line(words: str, cells: Sequence[str], known: int, bones=bones, seeds=seeds) -> tuple[str, ...]:
+            fewer = f" ({known} of {len(seeds)} seeds)" if known < len(seeds) else ""
+            return f"{words}, {bones} bones{fewer}", *cells
 
         for method, words in METHODS.items():
-            if known := int(np.isfinite(of(method, "rmse")).sum()):
-                cells = [_mean(of(method, name), METRICS[name]) for name in shown]
-                fewer = f" ({known} of {len(seeds)} seeds)" if known < len(seeds) else ""
-                body.append((f"{words}, {bones} bones{fewer}", *cells))
-        ratios = [np.divide(of("ssdr", name), of("dem_bones", name)) for name in shown]
-        if np.isfinite(ratios[0]).any():
-            body.append((f"ours / Dem Bones, {bones} bones", *(_ratio(r) for r in ratios)))
+            if known := _count(of(method, "rmse")):
+                body.append(line(words, [_mean(of(method, name), METRICS[name], known) for name in shown], known))
+        ratios = [of("ssdr", name) / of("dem_bones", name) for name in shown]
+        if known := _count(ratios[0]):
+            body.append(line("ours / Dem Bones", [_ratio(r, known) for r in ratios], known))
     header = ("", "RMSE, mm", "mean, mm", "normal, °", "max, mm", "time, s", f"{EQUAL} iterations, s",
               "to equal error, s", "memory, MB", "iterations")  # fmt: skip
     count = len({s for _, s in cases})
     several = f"means over {count} seeds of poses; ratios ± their standard deviation"
+    partly = any(cell.endswith(")") for row in body if row for cell in row[1:])
     notes = (
         f"Held-out poses, bones refitted to each alike; {several if count > 1 else 'one seed of poses'}. "
         "To equal error: until the training error is no larger than Dem Bones'. Times are the processor's, one thread, "
-        "with all that comes before the first iteration." + _rescued(value, cases),
+        "with all that comes before the first iteration."
+        + (" In brackets: over so many seeds only; in the others it wasn't reached, or not measured." if partly else "")
+        + _rescued(value, cases),
     )
     return Table(f"LBS: {character}", (header,), tuple(body), notes)
 
@@ -285,19 +290,30 @@ def _rescued(value: dict[tuple[str, str], float], cases: Sequence[tuple[int, int
     return f" Dem Bones' own start found too few bones ({found}): it got our clusters, which its memory includes."
 
 
-def _mean(values: Sequence[float], unit: str) -> str:
-    known = [v for v in values if math.isfinite(v)]
-    if not known:
-        return "–"
-    mean = sum(known) / len(known)
-    return f"{mean / 1e3:.1f}" if unit == "ms" else rounded(mean, unit) if unit in ("mm", "deg") else f"{mean:,.0f}"
+def _count(values: np.ndarray) -> int:
+    return int(np.isfinite(values).sum())
 
 
-def _ratio(values: np.ndarray) -> str:
+def _mean(values: np.ndarray, unit: str, seeds: int) -> str:
     known = values[np.isfinite(values)]
     if not len(known):
         return "–"
-    return f"{known.mean():.2f}" + (f" ± {known.std(ddof=1):.2f}" if len(known) > 1 else "")
+    mean = known.mean()
+    text = f"{mean / 1e3:.1f}" if unit == "ms" else rounded(mean, unit) if unit in ("mm", "deg") else f"{mean:,.0f}"
+    return _of_fewer(text, len(known), seeds)
+
+
+def _ratio(values: np.ndarray, seeds: int) -> str:
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return "–"
+    text = f"{known.mean():.2f}" + (f" ± {known.std(ddof=1):.2f}" if len(known) > 1 else "")
+    return _of_fewer(text, len(known), seeds)
+
+
+def _of_fewer(text: str, known: int, seeds: int) -> str:
+    """Return a cell, marked if it is a mean over fewer seeds than the others of its row."""
+    return f"{text} ({known})" if known < seeds else text
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
