@@ -298,9 +298,9 @@ def _mean(values: np.ndarray, unit: str, seeds: int) -> str:
     known = values[np.isfinite(values)]
     if not len(known):
         return "–"
-    mean = known.mean()
-    text = f"{mean / 1e3:.1f}" if unit == "ms" else rounded(mean, unit) if unit in ("mm", "deg") else f"{mean:,.0f}"
-    return _of_fewer(text, len(known), seeds)
+    mean = known.mean() / (1e3 if unit == "ms" else 1)
+    text = f"{mean:.1f}" if unit == "ms" and mean < 100 else f"{mean:,.0f}"
+    return _of_fewer(rounded(mean, unit) if unit in ("mm", "deg") else text, len(known), seeds)
 
 
 def _ratio(values: np.ndarray, seeds: int) -> str:

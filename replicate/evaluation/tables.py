@@ -1,9 +1,13 @@
 """Printed tables: aligned text for a terminal, Markdown and LaTeX for a paper, all from the same cells."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from replicate.evaluation.results import Row
+
+NO_BREAK = "\u00a0"  # a space at which no line ends
+_BREAK = re.compile(r"(?<=±) | (?=[±†‡◊¶§])")
 
 
 @dataclass(frozen=True)
@@ -22,15 +26,15 @@ class Table:
 def rounded(value: float | None, unit: str, sd: float | None = None) -> str:
     """Return a value as it is shown: two decimals, three for less than 0.1 mm; "–" where there is none.
 
-    A standard deviation too small for those decimals gets up to two more, enough for its first digit.
+    A standard deviation too small for those decimals gets up to two more, if its first digit is among them.
     """
     if value is None:
         return "–"
     digits = 3 if unit == "mm" and value < 0.0995 else {"count": 0}.get(unit, 2)
     if sd is None:
         return f"{value:,.{digits}f}"
-    finer = next((more for more in range(digits, digits + 2) if round(sd, more)), digits + 2)
-    return f"{value:,.{digits}f} ± {sd:.{finer if sd else digits}f}"
+    finer = next((more for more in range(digits, digits + 3) if round(sd, more)), digits)
+    return f"{value:,.{digits}f} ± {sd:.{finer}f}"
 
 
 def published(row: Row | None) -> str:
@@ -57,7 +61,10 @@ def as_text(table: Table) -> str:
 
 
 def as_markdown(table: Table) -> str:
-    """Return the table in GitHub's Markdown: spanning headers are joined with the ones below them."""
+    """Return the table in GitHub's Markdown: spanning headers are joined with the ones below them.
+
+    Spaces beside ± and before the marks of notes don't break, so that a narrow page leaves numbers whole.
+    """
     header = list(table.headers[-1])
     for upper in table.headers[:-1]:
         header = [
@@ -65,7 +72,7 @@ def as_markdown(table: Table) -> str:
             for span, cell in zip(_filled(upper), header, strict=True)
         ]
     lines = [f"**{table.title}**", "", _bar(header), _bar([":--"] + ["--:"] * (len(header) - 1))]
-    lines += [_bar(row) for row in table.body if row is not None]
+    lines += [_bar([_BREAK.sub(NO_BREAK, cell) for cell in row]) for row in table.body if row is not None]
     if table.notes:
         lines += ["", "<br>".join(table.notes)]
     return "\n".join(lines) + "\n"

@@ -73,7 +73,8 @@ def provenance_text(name: str, target: str = "table2") -> str:
         for label, value in _told(facts).items():
             if value not in lines.values():  # what characters share is said once
                 lines[f"{label}, {character}" if label in lines else label] = value
-    return "\n".join(f"{label:24}{value}" for label, value in lines.items())
+    width = max(24, *(len(label) + 2 for label in lines))
+    return "\n".join(f"{label:{width}}{value}" for label, value in lines.items())
 
 
 def balance_text(name: str) -> str:
