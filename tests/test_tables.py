@@ -1,5 +1,6 @@
 """Printed tables: the numbers shown are the numbers held, columns line up, and every oracle says that it is one."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -144,6 +145,9 @@ def test_segments_have_a_line_each_and_a_column_for_each_method():
     ]
     text = as_text(table2_segments(rows, "teen"))
     assert line(text, "face, mm") == ["0.50", "0.25"] and line(text, "rigid, deg") == ["0.50", "0.25"]
+    assert "seeds" not in text
+    text = as_text(table2_segments([replace(row, seeds=2, sd=0.01) for row in rows], "teen"))
+    assert line(text, "face, mm") == ["0.50", "0.25"] and "Means over 2 seeds" in text and "table2.csv" in text
 
 
 def test_other_numbers_of_bones_stand_among_those_of_lbs():
@@ -162,6 +166,7 @@ def test_a_spread_is_shown_to_its_first_digit(value, unit, sd, shown):
 
 
 def test_in_markdown_no_line_ends_within_a_number_or_before_a_mark():
-    table = Table("t", (("", "a"),), (("LBS: 16 bones †", "0.37 ± 0.01"), None))
+    table = Table("t", (("", "Floor ‡"),), (("LBS: 16 bones †", "0.37 ± 0.01"), None))
+    assert "|  | Floor\u00a0‡ |" in as_markdown(table)
     assert "| LBS: 16 bones\u00a0† | 0.37\u00a0±\u00a00.01 |" in as_markdown(table)
     assert "0.37 ± 0.01" in as_text(table)

@@ -41,7 +41,10 @@ def _ratio(rows: Iterable[Row], character: str, method: str, other: str, kind: s
 
 
 def table2_segments(ours: Iterable[Row], character: str) -> Table:
-    """Return each segment's mean normal and vertex error for every method, segments in the order of their names."""
+    """Return each segment's mean vertex and normal error for every method, segments in the order of their names.
+
+    Without spreads, which would make it wider than a page; a note says where they are.
+    """
     rows = [row for row in ours if row.table == "table2_segments" and row.character == character]
     methods = [method for method in in_order({row.method for row in rows}) if method != "attachment"]
     names = sorted({row.metric.partition("[")[2].rstrip("]") for row in rows if "_error_" in row.metric})
@@ -50,7 +53,9 @@ def table2_segments(ours: Iterable[Row], character: str) -> Table:
         body += [None] if body else []
         for name in names:
             found = (find(rows, "table2_segments", character, m, f"{kind}_error_mean[{name}]") for m in methods)
-            cells = (rounded(row.value, unit, row.sd) if row else "–" for row in found)
+            cells = (rounded(row.value, unit) if row else "–" for row in found)
             body.append((f"{name}, {unit}", *cells))
     header = ("", *(title(m).replace("LBS: ", "LBS ").replace(" bones", "").replace(", ", " ") for m in methods))
-    return Table(f"Table 2 by segment: {character}, mean errors", (header,), tuple(body))
+    seeds = max((row.seeds or 1 for row in rows), default=1)
+    notes = (f"Means over {seeds} seeds; their standard deviations are in table2.csv.",) if seeds > 1 else ()
+    return Table(f"Table 2 by segment: {character}, mean errors", (header,), tuple(body), notes)
