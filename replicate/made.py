@@ -4,7 +4,7 @@ import sys
 
 from replicate.config import resolve
 from replicate.pipeline import table2_graph
-from replicate.provenance import core_count, package_versions, provenance
+from replicate.provenance import as_lines, core_count, package_versions, provenance
 from replicate.scheduler import run
 from replicate.stages import Stage, in_order
 from replicate.store import artefact_folder
@@ -30,12 +30,12 @@ def rig_provenance_text(character: str) -> str:
     The artefact's name ends with a hash of the recipe and of all sources that the rig depends on.
     """
     packages = package_versions()
-    lines = {
+    facts = {
         "rig": character,
         "artefact": _rig_stage(character).identifier,
         "packages": ", ".join(f"{name} {packages[name]}" for name in ("jax", "jaxlib", "numpy", "scipy")),
     }
-    return "\n".join(f"{label:24}{value}" for label, value in lines.items())
+    return as_lines(facts)
 
 
 def _rig_stage(character: str) -> Stage:

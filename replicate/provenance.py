@@ -36,6 +36,12 @@ def provenance(command: list[str], profile: str, seeds: list[int], workers: int)
     }
 
 
+def as_lines(facts: dict[str, str]) -> str:
+    """Return facts by their labels as lines, all values in one column."""
+    width = max(24, *(len(label) + 2 for label in facts))
+    return "\n".join(f"{label:{width}}{value}" for label, value in facts.items())
+
+
 def git_state(folder: Path = ROOT) -> dict | None:
     """Return {"commit", "clean"} of the checkout that `folder` is the root of; None outside a checkout."""
     if not (folder / ".git").exists():  # without it, git would answer for a repository further up

@@ -1,6 +1,7 @@
 """Our SSDR beside its peer: when a fit has converged, what is kept of it, and how it is shown."""
 
 import argparse
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import trimesh
 
 from replicate.benchmarks import dem_bones
 from replicate.benchmarks import lbs as bench
-from replicate.evaluation.results import read_results
+from replicate.evaluation.results import Row, read_results
 
 
 def test_a_fit_ends_when_its_last_iterations_gain_next_to_nothing():
@@ -137,43 +138,71 @@ def found(rmse: float, course: list[float]) -> dict:
     return errors | {"seconds": [float(k) for k in range(len(course))], "rmse_course": course, "peak_mb": 100.0}
 
 
-def test_rows_are_kept_by_rig_and_shown_as_ratios_with_their_spread(tmp_path):
-    file, options = tmp_path / "bench_lbs.csv", argparse.Namespace(test=9, bones=[16], methods=["ssdr", "dem_bones"])
-    assert bench._missing(file, "teen", "rig-1", 0, options) == [(16, "dem_bones"), (16, "ssdr")]
+def kept(file: Path, method: str, seed: int, rmse: float, course: list[float], **more: float) -> list[Row]:
+    """Put a fit of teen's 16 bones into the file; Dem Bones came to 1 mm. Return all rows."""
+    facts = found(rmse, course) | more
+    bench._keep(file, bench.rows_of("teen", method, 16, seed, "rig-1", facts, 1.0, 9))
+    return read_results(file)
+
+
+def lines(rows: list[Row]) -> dict[str, tuple[str, ...]]:
+    return {line[0]: line[1:] for line in bench.lbs_table(rows, "teen").body if line}
+
+
+@pytest.fixture
+def both(tmp_path) -> Path:
+    """A file with a fit of ours and one of the peer for each of two seeds."""
+    file = tmp_path / "bench_lbs.csv"
     for seed, ours in ((0, 0.9), (1, 0.8)):
-        bench._keep(file, bench.rows_of("teen", "dem_bones", 16, seed, "rig-1", found(1.0, [3.0, 2.0, 1.0]), 1.0, 9))
-        assert bench._missing(file, "teen", "rig-1", seed, options) == [(16, "ssdr")]
-        peer = bench._peer_error(file, "teen", "rig-1", 16, seed)
-        bench._keep(file, bench.rows_of("teen", "ssdr", 16, seed, "rig-1", found(ours, [3.0, 1.0, 0.5]), peer, 9))
-    rows = read_results(file)
-    value = {(row.method, row.metric): row.value for row in rows}
-    assert value["ssdr", "time_to_dem_bones_error[16, seed 0]"] == 1000
-    assert value["dem_bones", "time_to_dem_bones_error[16, seed 0]"] == 2000
+        kept(file, "dem_bones", seed, 1.0, [3.0, 2.0, 1.0])
+        kept(file, "ssdr", seed, ours, [3.0, 1.0, 0.5])
+    return file
+
+
+def test_what_a_file_lacks_is_fitted_the_peer_first(tmp_path):
+    file, options = tmp_path / "bench_lbs.csv", argparse.Namespace(bones=[16], methods=["ssdr", "dem_bones"])
+    assert bench._missing(file, "teen", "rig-1", 0, options) == [(16, "dem_bones"), (16, "ssdr")]
+    kept(file, "dem_bones", 0, 1.0, [3.0, 2.0, 1.0])
+    assert bench._missing(file, "teen", "rig-1", 0, options) == [(16, "ssdr")]
+    assert bench._peer_error(file, "teen", "rig-1", 16, 0) == 1 and bench._peer_error(file, "teen", "rig-2", 16, 0) == 0
+    kept(file, "ssdr", 0, 0.9, [3.0, 1.0, 0.5])
     assert bench._missing(file, "teen", "rig-1", 0, options) == []
     assert bench._missing(file, "teen", "rig-2", 0, options), "another rig's numbers don't count"
-    lines = {line[0]: line[1:] for line in bench.lbs_table(rows, "teen").body if line}
-    assert lines["ours / Dem Bones, 16 bones"][0] == "0.85 ± 0.07"
-    assert lines["ours, 16 bones"][0] == "0.85"
-    assert "own start" not in bench.lbs_table(rows, "teen").notes[0]
-    assert "brackets" not in bench.lbs_table(rows, "teen").notes[0]
-    bench._keep(file, bench.rows_of("teen", "ssdr_sparse", 16, 0, "rig-1", found(1.0, [3.0, 1.0]), 1.0, 9))
-    bench._keep(file, bench.rows_of("teen", "ssdr_sparse", 16, 1, "rig-1", found(1.0, [3.0, 2.0]), 1.0, 9))
-    table = bench.lbs_table(read_results(file), "teen")
-    lines = {line[0]: line[1:] for line in table.body if line}
-    assert "1.0 (1)" in lines["ours, sparse from the start, 16 bones"], "only one seed came to Dem Bones' error"
-    assert "brackets" in table.notes[0]
-    few = found(1.0, [3.0, 2.0, 1.0]) | {"bones_of_own_start": 3}
-    bench._keep(file, bench.rows_of("teen", "dem_bones", 16, 0, "rig-1", few, 1.0, 9))
-    assert "(3 of 16)" in bench.lbs_table(read_results(file), "teen").notes[0]
-    bench._keep(file, bench.rows_of("teen", "dem_bones_default", 16, 1, "rig-1", few, 1.0, 9))
-    labels = [line[0] for line in bench.lbs_table(read_results(file), "teen").body if line]
-    assert "Dem Bones, as it comes, 16 bones (1 of 2 seeds)" in labels and "Dem Bones, 16 bones" in labels
-    partial = [r for r in read_results(file) if (r.method, r.metric) != ("dem_bones", "rmse[16, seed 0]")]
-    labels = [line[0] for line in bench.lbs_table(partial, "teen").body if line]
-    assert "ours / Dem Bones, 16 bones (1 of 2 seeds)" in labels
-    assert bench._peer_error(file, "teen", "rig-2", 16, 0) == 0
     bench._keep(file, bench.rows_of("teen", "ssdr", 16, 0, "rig-2", found(0.5, [1.0]), 0.0, 9))
     assert {row.run for row in read_results(file)} == {"rig-2"}
+
+
+def test_the_time_to_equal_error_ends_where_the_peers_error_is_reached(both):
+    value = {(row.method, row.metric): row.value for row in read_results(both)}
+    assert value["ssdr", "time_to_dem_bones_error[16, seed 0]"] == 1000
+    assert value["dem_bones", "time_to_dem_bones_error[16, seed 0]"] == 2000
+
+
+def test_a_line_has_means_over_seeds_and_ratios_have_the_spread_of_theirs(both):
+    rows = read_results(both)
+    shown = lines(rows)
+    assert list(shown) == ["ours, 16 bones", "Dem Bones, 16 bones", "ours / Dem Bones, 16 bones"]
+    assert shown["ours / Dem Bones, 16 bones"][0] == "0.85 ± 0.07" and shown["ours, 16 bones"][0] == "0.85"
+    (note,) = bench.lbs_table(rows, "teen").notes
+    assert "means over 2 seeds" in note and "brackets" not in note and "own start" not in note
+
+
+def test_a_line_of_fewer_seeds_and_a_number_of_fewer_than_its_line_say_so(both):
+    rows = kept(both, "dem_bones_default", 1, 2.0, [3.0, 2.0])
+    assert "Dem Bones, as it comes, 16 bones (1 of 2 seeds)" in lines(rows) and "Dem Bones, 16 bones" in lines(rows)
+    assert "brackets" not in bench.lbs_table(rows, "teen").notes[0]
+    kept(both, "ssdr_sparse", 0, 1.0, [3.0, 1.0])
+    rows = kept(both, "ssdr_sparse", 1, 1.0, [3.0, 2.0])
+    sparse = lines(rows)["ours, sparse from the start, 16 bones"]
+    assert "1.0 (1)" in sparse, "only one seed came to Dem Bones' error"
+    assert "brackets" in bench.lbs_table(rows, "teen").notes[0]
+    partial = [r for r in rows if not (r.method == "dem_bones" and "seed 0" in r.metric)]
+    assert "ours / Dem Bones, 16 bones (1 of 2 seeds)" in lines(partial)
+
+
+def test_a_peer_that_got_our_clusters_is_told(both):
+    rows = kept(both, "dem_bones", 0, 1.0, [3.0, 2.0, 1.0], bones_of_own_start=3)
+    assert "(3 of 16)" in bench.lbs_table(rows, "teen").notes[0]
 
 
 def test_without_the_peer_a_sentence_says_how_to_get_it(capsys, monkeypatch):

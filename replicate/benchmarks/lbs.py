@@ -10,12 +10,13 @@ import argparse
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -24,7 +25,7 @@ import numpy as np
 from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, exit_code, merge, named, note
 from replicate.config import SamplesConfig
 from replicate.errors import RunError
-from replicate.evaluation.results import Row, read_results
+from replicate.evaluation.results import Row, over_seeds, read_results
 from replicate.evaluation.tables import Table, as_text, rounded
 from replicate.provenance import peak_memory_mb
 from replicate.scheduler import thread_limits
@@ -46,6 +47,14 @@ METRICS = {
     "time": "ms", "time_at_equal_iterations": "ms", "time_to_dem_bones_error": "ms", "peak_memory": "MB",
     "bones_of_own_start": "count",
 }  # fmt: skip
+
+
+SHOWN = {
+    "rmse": "RMSE, mm", "mean": "mean, mm", "normal": "normal, °", "max": "max, mm", "time": "time, s",
+    "time_at_equal_iterations": f"{EQUAL} iterations, s", "time_to_dem_bones_error": "to equal error, s",
+    "peak_memory": "memory, MB", "iterations": "iterations",
+}  # fmt: skip
+RATIO = "ratio"  # in the place of a method: ours over Dem Bones'
 
 
 @dataclass
@@ -243,77 +252,75 @@ def rows_of(
 
 def lbs_table(rows: Sequence[Row], character: str) -> Table:
     """Return one character's table: each method's means over seeds, and ours over Dem Bones' with its spread."""
-    value = {(row.method, row.metric): row.value for row in rows if row.character == character}
-    cases = sorted({tuple(map(int, m.partition("[")[2][:-1].replace("seed ", "").split(", "))) for _, m in value})
+    by_seed = _by_seed([row for row in rows if row.character == character])
+    runs = [[*found, *_ratios(found)] for found in by_seed.values()]
+    known = {(row.method, row.metric): row for row in over_seeds(runs)}
     body: list[tuple[str, ...] | None] = []
-    shown = ("rmse", "mean", "normal", "max", "time", "time_at_equal_iterations", "time_to_dem_bones_error",
-             "peak_memory", "iterations")  # fmt: skip
-    for bones in sorted({b for b, _ in cases}):
+    partly = False
+    for bones in sorted({_place(metric)[1] for _, metric in known}):
         body += [None] if body else []
-        seeds = [s for b, s in cases if b == bones]
-
-        def of(method: str, name: str, bones=bones, seeds=seeds) -> np.ndarray:
-            return np.array([value.get((method, f"{name}[{bones}, seed {s}]"), math.nan) for s in seeds])
-
-        def line(words: str, cells: Sequence[str], known: int, bones=bones, seeds=seeds) -> tuple[str, ...]:
-            fewer = f" ({known} of {len(seeds)} seeds)" if known < len(seeds) else ""
-            return f"{words}, {bones} bones{fewer}", *cells
-
-        for method, words in METHODS.items():
-            if known := _count(of(method, "rmse")):
-                body.append(line(words, [_mean(of(method, name), METRICS[name], known) for name in shown], known))
-        ratios = [of("ssdr", name) / of("dem_bones", name) for name in shown]
-        if known := _count(ratios[0]):
-            body.append(line("ours / Dem Bones", [_ratio(r, known) for r in ratios], known))
-    header = ("", "RMSE, mm", "mean, mm", "normal, °", "max, mm", "time, s", f"{EQUAL} iterations, s",
-              "to equal error, s", "memory, MB", "iterations")  # fmt: skip
-    count = len({s for _, s in cases})
-    several = f"means over {count} seeds of poses; ratios ± their standard deviation"
-    partly = any(cell.endswith(")") for row in body if row for cell in row[1:])
+        seeds = sum(any(_place(row.metric)[1] == bones for row in run) for run in runs)
+        for method, words in (METHODS | {RATIO: "ours / Dem Bones"}).items():
+            found = [known.get((method, f"{name}[{bones}]")) for name in SHOWN]
+            if (first := found[0]) is None:
+                continue
+            fewer = f" ({first.seeds} of {seeds} seeds)" if first.seeds < seeds else ""
+            body.append((f"{words}, {bones} bones{fewer}", *(_cell(row, first.seeds) for row in found)))
+            partly |= any(row.seeds < first.seeds for row in found if row)
+    several = f"means over {len(runs)} seeds of poses; ratios ± their standard deviation"
     notes = (
-        f"Held-out poses, bones refitted to each alike; {several if count > 1 else 'one seed of poses'}. "
+        f"Held-out poses, bones refitted to each alike; {several if len(runs) > 1 else 'one seed of poses'}. "
         "To equal error: until the training error is no larger than Dem Bones'. Times are the processor's, one thread, "
         "with all that comes before the first iteration."
         + (" In brackets: over so many seeds only; in the others it wasn't reached, or not measured." if partly else "")
-        + _rescued(value, cases),
+        + _rescued(rows, character),
     )
-    return Table(f"LBS: {character}", (header,), tuple(body), notes)
+    return Table(f"LBS: {character}", (("", *SHOWN.values()),), tuple(body), notes)
 
 
-def _rescued(value: dict[tuple[str, str], float], cases: Sequence[tuple[int, int]]) -> str:
+def _place(metric: str) -> tuple[str, int, int | None]:
+    """Return the name, the number of bones and the seed of a metric, "rmse[16, seed 0]"; None if it has no seed."""
+    name, bones, seed = re.fullmatch(r"(\w+)\[(\d+)(?:, seed (\d+))?\]", metric).groups()
+    return name, int(bones), None if seed is None else int(seed)
+
+
+def _by_seed(rows: Sequence[Row]) -> dict[int, list[Row]]:
+    """Return the rows of each seed, which their metrics no longer name."""
+    found: dict[int, list[Row]] = {}
+    for row in rows:
+        name, bones, seed = _place(row.metric)
+        found.setdefault(seed, []).append(replace(row, metric=f"{name}[{bones}]"))
+    return found
+
+
+def _ratios(rows: Sequence[Row]) -> list[Row]:
+    """Return ours over Dem Bones', for each metric that both have."""
+    ours, theirs = ({row.metric: row for row in rows if row.method == method} for method in ("ssdr", "dem_bones"))
+    both = ours.keys() & theirs.keys()
+    return [replace(ours[m], method=RATIO, unit="ratio", value=ours[m].value / theirs[m].value) for m in sorted(both)]
+
+
+def _rescued(rows: Sequence[Row], character: str) -> str:
     """Return a sentence on where Dem Bones was not left to its own start, or nothing."""
-    starts = [(value.get(("dem_bones", f"bones_of_own_start[{b}, seed {s}]"), b), b) for b, s in cases]
-    few = sorted({(b, int(own)) for own, b in starts if own < b})
+    theirs = [row for row in rows if (row.character, row.method) == (character, "dem_bones")]
+    starts = [(_place(row.metric)[1], int(row.value)) for row in theirs if row.metric.startswith("bones_of_own_start")]
+    few = sorted({(bones, own) for bones, own in starts if own < bones})
     if not few:
         return ""
-    found = ", ".join(f"{own} of {b}" for b, own in few)
+    found = ", ".join(f"{own} of {bones}" for bones, own in few)
     return f" Dem Bones' own start found too few bones ({found}): it got our clusters, which its memory includes."
 
 
-def _count(values: np.ndarray) -> int:
-    return int(np.isfinite(values).sum())
-
-
-def _mean(values: np.ndarray, unit: str, seeds: int) -> str:
-    known = values[np.isfinite(values)]
-    if not len(known):
+def _cell(row: Row | None, seeds: int) -> str:
+    """Return a number as it is shown, and of how many seeds, if those are fewer than the others of its line."""
+    if row is None:
         return "–"
-    mean = known.mean() / (1e3 if unit == "ms" else 1)
-    text = f"{mean:.1f}" if unit == "ms" and mean < 100 else f"{mean:,.0f}"
-    return _of_fewer(rounded(mean, unit) if unit in ("mm", "deg") else text, len(known), seeds)
-
-
-def _ratio(values: np.ndarray, seeds: int) -> str:
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return "–"
-    text = f"{known.mean():.2f}" + (f" ± {known.std(ddof=1):.2f}" if len(known) > 1 else "")
-    return _of_fewer(text, len(known), seeds)
-
-
-def _of_fewer(text: str, known: int, seeds: int) -> str:
-    """Return a cell, marked if it is a mean over fewer seeds than the others of its row."""
-    return f"{text} ({known})" if known < seeds else text
+    value = row.value / 1e3 if row.unit == "ms" else row.value
+    if row.unit in ("mm", "deg", "ratio"):
+        text = rounded(value, row.unit, row.sd if row.unit == "ratio" else None)
+    else:
+        text = f"{value:.1f}" if row.unit == "ms" and value < 100 else f"{value:,.0f}"
+    return f"{text} ({row.seeds})" if row.seeds < seeds else text
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

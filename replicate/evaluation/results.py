@@ -86,6 +86,11 @@ def read_results(path: Path) -> list[Row]:
     return rows
 
 
+def most_seeds(rows: Iterable[Row]) -> int:
+    """Return on how many seeds the rows stand, the most of any; zero where none says so."""
+    return max((row.seeds or 0 for row in rows), default=0)
+
+
 def over_seeds(runs: Sequence[Sequence[Row]]) -> list[Row]:
     """Return one row for each number of several runs that differ in their seeds alone: its mean and its spread.
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from replicate.config import CoarseConfig, RefinementConfig
 from replicate.evaluation.model_size import cnn_size_mb, dense_vertices
-from replicate.evaluation.results import Row, find
+from replicate.evaluation.results import Row, find, most_seeds
 from replicate.evaluation.table1_rows import WIDTHS
 from replicate.evaluation.table2 import STANDS_FOR
 from replicate.evaluation.tables import Table, published, rounded
@@ -95,7 +95,7 @@ def _widths(method: str) -> str:
 
 
 def _seeds(rows: Sequence[Row]) -> list[str]:
-    seeds = max((row.seeds or 0 for row in rows), default=0)
+    seeds = most_seeds(rows)
     return [f"{seeds} seeds, ± their standard deviation"] if seeds > 1 else ["one seed"]
 
 

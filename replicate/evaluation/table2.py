@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable, Sequence
 
-from replicate.evaluation.results import Row, find
+from replicate.evaluation.results import Row, find, most_seeds
 from replicate.evaluation.tables import Table, published, rounded
 
 STANDS_FOR = {"teen": "Hiccup", "woman": "Valka", "dragon": "Toothless", "toon": "Ray"}
@@ -101,7 +101,7 @@ def _line(rows, paper, character: str, theirs: str | None, method: str) -> tuple
 
 def _about(rows: Sequence[Row], theirs: str | None) -> str:
     about = []
-    seeds = max((row.seeds or 0 for row in rows), default=0)
+    seeds = most_seeds(rows)
     if poses := max((row.poses or 0 for row in rows), default=0):
         about.append(f"{poses:,} unique test poses" + (" or more a seed" if seeds > 1 else ""))
     if seeds:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from replicate.evaluation.results import Row, find
+from replicate.evaluation.results import Row, find, most_seeds
 from replicate.evaluation.table2 import STANDS_FOR, in_order, title
 from replicate.evaluation.tables import Table, rounded
 
@@ -56,6 +56,6 @@ def table2_segments(ours: Iterable[Row], character: str) -> Table:
             cells = (rounded(row.value, unit) if row else "–" for row in found)
             body.append((f"{name}, {unit}", *cells))
     header = ("", *(title(m).replace("LBS: ", "LBS ").replace(" bones", "").replace(", ", " ") for m in methods))
-    seeds = max((row.seeds or 1 for row in rows), default=1)
+    seeds = most_seeds(rows)
     notes = (f"Means over {seeds} seeds; their standard deviations are in table2.csv.",) if seeds > 1 else ()
     return Table(f"Table 2 by segment: {character}, mean errors", (header,), tuple(body), notes)

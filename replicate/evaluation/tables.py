@@ -71,8 +71,8 @@ def as_markdown(table: Table) -> str:
             f"{span}: {cell}" if span and cell else cell or span
             for span, cell in zip(_filled(upper), header, strict=True)
         ]
-    lines = [f"**{table.title}**", "", _whole_bar(header), _bar([":--"] + ["--:"] * (len(header) - 1))]
-    lines += [_whole_bar(row) for row in table.body if row is not None]
+    lines = [f"**{table.title}**", "", _bar(header), _bar([":--"] + ["--:"] * (len(header) - 1))]
+    lines += [_bar(row) for row in table.body if row is not None]
     if table.notes:
         lines += ["", "<br>".join(table.notes)]
     return "\n".join(lines) + "\n"
@@ -143,11 +143,7 @@ def _filled(header: Sequence[str]) -> list[str]:
 
 
 def _bar(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
-
-
-def _whole_bar(cells: Sequence[str]) -> str:
-    return _bar([_BREAK.sub(NO_BREAK, cell) for cell in cells])
+    return "| " + " | ".join(_BREAK.sub(NO_BREAK, cell) for cell in cells) + " |"
 
 
 def _tex(text: str) -> str:

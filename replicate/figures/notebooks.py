@@ -21,6 +21,7 @@ from replicate.figures.panels import Words, png
 from replicate.figures.table2_figures import Table2Results, open_table2
 from replicate.manifest import section
 from replicate.paths import REFERENCE, ROOT, run_folder, shown
+from replicate.provenance import as_lines
 
 NOTEBOOKS = ROOT / "notebooks"
 TIMEOUT_S = 600
@@ -73,8 +74,7 @@ def provenance_text(name: str, target: str = "table2") -> str:
         for label, value in _told(facts).items():
             if value not in lines.values():  # what characters share is said once
                 lines[f"{label}, {character}" if label in lines else label] = value
-    width = max(24, *(len(label) + 2 for label in lines))
-    return "\n".join(f"{label:{width}}{value}" for label, value in lines.items())
+    return as_lines(lines)
 
 
 def balance_text(name: str) -> str:
