@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from replicate.evaluation.results import Row
 
-NO_BREAK = "\u00a0"  # a space at which no line ends
 _BREAK = re.compile(r"(?<=±) | (?=[±†‡◊¶§])")
 
 
@@ -61,10 +60,7 @@ def as_text(table: Table) -> str:
 
 
 def as_markdown(table: Table) -> str:
-    """Return the table in GitHub's Markdown: spanning headers are joined with the ones below them.
-
-    Spaces beside ± and before the marks of notes don't break, so that a narrow page leaves numbers whole.
-    """
+    """Return the table in GitHub's Markdown: spanning headers are joined with the ones below them."""
     header = list(table.headers[-1])
     for upper in table.headers[:-1]:
         header = [
@@ -76,6 +72,14 @@ def as_markdown(table: Table) -> str:
     if table.notes:
         lines += ["", "<br>".join(table.notes)]
     return "\n".join(lines) + "\n"
+
+
+def unbroken(text: str) -> str:
+    """Return a text in which no line ends beside ± or before the mark of a note, however narrow the page.
+
+    Its spaces there are others than one types, so a text that people search is better left as it is.
+    """
+    return _BREAK.sub("\u00a0", text)
 
 
 def as_latex(table: Table) -> str:
@@ -143,7 +147,7 @@ def _filled(header: Sequence[str]) -> list[str]:
 
 
 def _bar(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(_BREAK.sub(NO_BREAK, cell) for cell in cells) + " |"
+    return "| " + " | ".join(cells) + " |"
 
 
 def _tex(text: str) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 from replicate.errors import InputError
 from replicate.evaluation.results import Row, read_results
 from replicate.evaluation.table1 import order_of
-from replicate.evaluation.tables import Table, as_markdown
+from replicate.evaluation.tables import Table, as_markdown, unbroken
 from replicate.evaluation.trainings import draws_text
 from replicate.figures.panels import Words, png
 from replicate.figures.table2_figures import Table2Results, open_table2
@@ -114,7 +114,7 @@ def show_table(table: Table) -> None:
     """Show a printed table in a notebook."""
     from IPython.display import Markdown, display
 
-    display(Markdown(as_markdown(table)))
+    display(Markdown(unbroken(as_markdown(table))))
 
 
 def show(figure, words: Words) -> None:
