@@ -19,8 +19,8 @@ from data_recipes.deformers import face, props, wrinkles
 from data_recipes.ict import chain as ict_chain
 from data_recipes.ict import props as ict_props
 from data_recipes.rig import Clip, Rig, check_rig
-from replicate.errors import InputError
-from replicate.mesh import Mesh
+from replicate.engine.exceptions import InputError
+from replicate.geometry.mesh import Mesh
 
 
 @dataclass(frozen=True)
@@ -61,13 +61,13 @@ def build(name_or_recipe: str | Path) -> Rig:
 
     Raises InputError, naming the recipe or the clip, for anything in the recipe that cannot be.
     """
-    from data_recipes.animation import act
-    from data_recipes.clip_file import read_clip
+    from data_recipes.acting.animation import act
+    from data_recipes.acting.clip_file import read_clip
     from data_recipes.deformers.face_build import build_constants
     from data_recipes.deformers.face_points import control_points
     from data_recipes.deformers.sculpting import Sculptor
     from data_recipes.head import build_head
-    from data_recipes.recipe import load_recipe
+    from data_recipes.recipe.reading import load_recipe
 
     recipe = load_recipe(name_or_recipe)
     controls = make_controls(asdict(recipe.controls), recipe.file)

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float32, Int, UInt8
 
 from data_recipes.controls import Control
-from data_recipes.sampling import (
+from replicate.approximation.sampling import (
     augment,
     balance_bins,
     bin_index,
@@ -27,9 +27,9 @@ from data_recipes.sampling import (
     split_clips,
     split_frames,
 )
-from replicate.errors import InputError
-from replicate.mesh import Mesh
-from replicate.paths import character_names, recipe_file
+from replicate.engine.exceptions import InputError
+from replicate.engine.paths import character_names, recipe_file
+from replicate.geometry.mesh import Mesh
 
 __all__ = [
     "Clip",
@@ -258,7 +258,7 @@ def recipe_files(name_or_recipe: str | Path) -> tuple[Path, ...]:
     """
     from data_recipes.ict import recipe as ict_recipe
     from data_recipes.ict.model import model_files
-    from data_recipes.recipe import load_recipe
+    from data_recipes.recipe.reading import load_recipe
 
     if ict_recipe.is_facekit(name_or_recipe):
         clips = map(Path, ict_recipe.load_recipe(name_or_recipe).clip_files)
@@ -297,7 +297,7 @@ def read_clip(rig: Rig, file: Path) -> Float32[np.ndarray, "t m"]:
 
     Raises InputError, naming file, line and control, for anything else (see clip_file.py).
     """
-    from data_recipes import clip_file
+    from data_recipes.acting import clip_file
 
     return clip_file.read_clip(file, rig.controls)
 
@@ -307,9 +307,9 @@ def expression_poses(rig: Rig) -> dict[str, Float32[np.ndarray, " m"]]:
 
     A rig whose controls have other names than ours, or than ARKit's, has the neutral pose alone.
     """
-    from data_recipes.expressions import EXPRESSIONS, expression
+    from data_recipes.acting.expressions import EXPRESSIONS, expression
+    from data_recipes.acting.motion import pose
     from data_recipes.ict.names import our_pose
-    from data_recipes.motion import pose
 
     columns = {control.name: index for index, control in enumerate(rig.controls)}
     poses = {"neutral": rig.default}

@@ -14,8 +14,8 @@ from data_recipes.controls import Control
 from data_recipes.deformers.props import RestProp
 from data_recipes.face_rig import CHAINS, FaceParts, face_function
 from data_recipes.rig import Clip, Rig
-from replicate.errors import InputError
-from replicate.mesh import Mesh
+from replicate.engine.exceptions import InputError
+from replicate.geometry.mesh import Mesh
 
 DESCRIPTION, ARRAYS = "rig.json", "rig.npz"
 FORMAT = 3

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from replicate import paths, store
 from replicate.config import PROFILES, Config, resolve
-from replicate.device import choose_device
-from replicate.errors import InputError, RunError
-from replicate.evaluation.table2 import STANDS_FOR
-from replicate.provenance import core_count, provenance
+from replicate.engine import paths, store
+from replicate.engine.device import choose_device
+from replicate.engine.exceptions import InputError, RunError
+from replicate.engine.provenance import core_count, provenance
+from replicate.targets.table2.layout import STANDS_FOR
 
 _EPILOG = """\
 Artefacts are kept in .cache, or in $REPLICATE_CACHE, and reused for as long as their configuration, inputs and
@@ -90,7 +90,7 @@ def _seeds(options: argparse.Namespace) -> list[int]:
 
 def _table2(options: argparse.Namespace) -> None:
     from replicate.pipeline import table2_graph
-    from replicate.publish import publish_table2
+    from replicate.report.publish import publish_table2
 
     configs = configurations(options)
     made = _made(options, configs, [table2_graph(config) for config in configs])
@@ -99,7 +99,7 @@ def _table2(options: argparse.Namespace) -> None:
 
 def _table1(options: argparse.Namespace) -> None:
     from replicate.pipeline import table1_graph
-    from replicate.publish import publish_table1
+    from replicate.report.publish import publish_table1
 
     configs = configurations(options)
     publish_table1(configs, _made(options, configs, [table1_graph(config) for config in configs]))
@@ -107,7 +107,7 @@ def _table1(options: argparse.Namespace) -> None:
 
 def _figure(options: argparse.Namespace) -> None:
     from replicate.pipeline import figure_graph
-    from replicate.publish import publish_figure
+    from replicate.report.publish import publish_figure
 
     configs = configurations(options)
     made = _made(options, configs, [figure_graph(config, options.command) for config in configs])
@@ -116,7 +116,7 @@ def _figure(options: argparse.Namespace) -> None:
 
 def _made(options: argparse.Namespace, configs: list[Config], graphs: list[list]) -> list:
     """Run some graphs and return the last stage of each."""
-    from replicate.scheduler import run
+    from replicate.engine.scheduler import run
 
     workers = _workers(options)
     facts = provenance(options.typed, options.profile, sorted({config.seed for config in configs}), workers)
@@ -125,8 +125,8 @@ def _made(options: argparse.Namespace, configs: list[Config], graphs: list[list]
 
 
 def _compare(options: argparse.Namespace) -> None:
-    from replicate.evaluation.compare import compare_folders
-    from replicate.evaluation.tables import as_latex, as_text
+    from replicate.report.compare import compare_folders
+    from replicate.report.tables import as_latex, as_text
 
     _check_profile(options.profile)
     for table in compare_folders(paths.PAPER, paths.REFERENCE, paths.run_folder(options.profile)):
@@ -134,7 +134,7 @@ def _compare(options: argparse.Namespace) -> None:
 
 
 def _reference(options: argparse.Namespace) -> None:
-    from replicate.reference import publish_reference
+    from replicate.report.reference import publish_reference
 
     _check_profile(options.profile)
     for file in publish_reference(options.profile):
@@ -142,8 +142,8 @@ def _reference(options: argparse.Namespace) -> None:
 
 
 def _rigs(options: argparse.Namespace) -> None:
-    from replicate.figures.rigs import draw_line_up, draw_sheets
     from replicate.made import made_rig
+    from replicate.targets.rigs.drawing import draw_line_up, draw_sheets
 
     folder = paths.run_folder("rigs")
     folder.mkdir(parents=True, exist_ok=True)
@@ -170,8 +170,8 @@ def _export(options: argparse.Namespace) -> None:
 
 
 def _tour(options: argparse.Namespace) -> None:
-    from replicate.figures.notebooks import NOTEBOOKS, execute
     from replicate.made import made_rig
+    from replicate.report.notebooks import NOTEBOOKS, execute
 
     folder = paths.run_folder("tour")
     folder.mkdir(parents=True, exist_ok=True)
@@ -186,7 +186,7 @@ def _tour(options: argparse.Namespace) -> None:
 
 def _status(options: argparse.Namespace) -> None:
     from replicate import pipeline
-    from replicate.inventory import inventory, states
+    from replicate.engine.cache_report import inventory, states
 
     for config in configurations(options):
         for stage, state in states(pipeline.all_graphs(config)):
@@ -199,7 +199,7 @@ def _status(options: argparse.Namespace) -> None:
 
 
 def _clean_cache(options: argparse.Namespace) -> None:
-    from replicate.inventory import clean
+    from replicate.engine.cache_report import clean
 
     count, size_bytes = clean(options.all)
     print(f"removed {count} folders, {size_bytes / 1e6:,.1f} MB, from {paths.cache_folder()}")

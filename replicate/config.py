@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from replicate.checked import Checked, number
-from replicate.errors import InputError
-from replicate.paths import character_names, recipe_file
+from replicate.engine.exceptions import InputError
+from replicate.engine.paths import character_names, recipe_file
+from replicate.engine.schema import Checked, number
 
 
 @dataclass(frozen=True)

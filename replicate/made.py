@@ -3,11 +3,11 @@
 import sys
 
 from replicate.config import resolve
+from replicate.engine.provenance import as_lines, core_count, package_versions, provenance
+from replicate.engine.scheduler import run
+from replicate.engine.stage import Stage, in_order
+from replicate.engine.store import artefact_folder
 from replicate.pipeline import table2_graph
-from replicate.provenance import as_lines, core_count, package_versions, provenance
-from replicate.scheduler import run
-from replicate.stages import Stage, in_order
-from replicate.store import artefact_folder
 
 
 def made_rig(character: str):

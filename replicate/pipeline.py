@@ -17,9 +17,9 @@ from functools import partial
 
 from data_recipes.rig import recipe_files
 from replicate.config import Config
-from replicate.paths import recipe_file
+from replicate.engine.paths import recipe_file
+from replicate.engine.stage import Stage
 from replicate.stage_bodies import Character, Drawn, Measured, Reported, Section, Selection, Shape, Sized
-from replicate.stages import Stage
 
 BODIES = "replicate.stage_bodies"
 SKINS = (4, 8, 16, 24, 32, 48, 64)  # numbers of bones of the figures about LBS

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from replicate.mesh import Mesh
-from replicate.stages import StageContext, stream_rng
+from replicate.engine.stage import StageContext, stream_rng
+from replicate.geometry.mesh import Mesh
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def make_rig(context: StageContext) -> None:
 
 def make_samples(context: StageContext) -> None:
     """Draw the poses and evaluate the rig at them (§3.5)."""
-    from replicate.samples import write_samples
+    from replicate.approximation.samples import write_samples
 
     rig = load_rig(context)
     section = context.config.section
@@ -114,8 +114,8 @@ def make_samples(context: StageContext) -> None:
 
 def make_influence(context: StageContext) -> None:
     """Find which control can move which vertex (§3.1): a fact about the rig, so at poses of its own draw."""
-    from replicate.influence import influence, influence_poses
-    from replicate.samples import choose_poses
+    from replicate.approximation.influence import influence, influence_poses
+    from replicate.approximation.samples import choose_poses
 
     rig = load_rig(context)
     training = choose_poses(rig, context.config.section, context.rng)["training"]
@@ -127,7 +127,7 @@ def make_influence(context: StageContext) -> None:
 
 def make_rigid(context: StageContext) -> None:
     """Find the rigid segments and what they are attached to, from training poses (§3.4)."""
-    from replicate.rigid import find_attachments
+    from replicate.approximation.rigid import find_attachments
 
     mesh, samples, section = load_mesh(context), load_samples(context), context.config.section
     poses = samples.draw(context.rng("poses"), min(section.poses, len(samples)))
@@ -184,7 +184,7 @@ def make_dense(context: StageContext) -> None:
 
 def make_skin(context: StageContext) -> None:
     """Fit linear blend skinning to training poses, the same for every number of bones (§5.1)."""
-    from replicate.approximation.lbs import fit
+    from replicate.approximation.skinning.ssdr import fit
 
     section = context.config.section
     mesh, samples = load_mesh(context), load_samples(context)
@@ -207,8 +207,8 @@ def make_skin(context: StageContext) -> None:
 
 def make_driven(context: StageContext) -> None:
     """Train the network that moves a skin's bones as the rig parameters say."""
-    from replicate.approximation.lbs import Skin
-    from replicate.approximation.lbs_driven import save, train_driven
+    from replicate.approximation.skinning.bone_network import save, train_driven
+    from replicate.approximation.skinning.ssdr import Skin
 
     settings = context.config
     skin = Skin.load(context.inputs[f"lbs{settings.bones}"] / "skin.npz")
@@ -223,8 +223,8 @@ def make_driven(context: StageContext) -> None:
 
 def make_wrinkled(context: StageContext) -> None:
     """Choose the test pose that figures show: the one that folds the forehead most."""
-    from replicate.evaluation.pose import most_wrinkled
-    from replicate.figures.scene import forehead_faces
+    from replicate.drawing.scene import forehead_faces
+    from replicate.report.pose_record import most_wrinkled
 
     mesh, samples = load_mesh(context), load_samples(context)
     shown = forehead_faces(mesh.neutral, mesh.faces)
@@ -234,8 +234,8 @@ def make_wrinkled(context: StageContext) -> None:
 
 def make_errors(context: StageContext) -> None:
     """Measure one method on the test poses, and keep the one that figures show as the method predicts it."""
-    from replicate.evaluation.errors import evaluate, unique_poses
-    from replicate.evaluation.methods import load_predictor
+    from replicate.approximation.evaluation import evaluate, unique_poses
+    from replicate.methods.loading import load_predictor
 
     settings, mesh, samples = context.config, load_mesh(context), load_samples(context)
     attachments = load_attachments(context.inputs)
@@ -262,10 +262,10 @@ def make_errors(context: StageContext) -> None:
 
 def make_table2(context: StageContext) -> None:
     """Gather one character's rows of Table 2, the curves of its trainings and the pose that figures show."""
-    from replicate.evaluation.character import curves_of, pose_of, rows_of
-    from replicate.evaluation.curves import write_curves
-    from replicate.evaluation.pose import save_pose
-    from replicate.evaluation.results import write_results
+    from replicate.report.pose_record import save_pose
+    from replicate.report.results import write_results
+    from replicate.report.training_curves import write_curves
+    from replicate.targets.table2.gather import curves_of, pose_of, rows_of
 
     settings, inputs = context.config, context.inputs
     write_results(context.out / "table2.csv", rows_of(settings, inputs, load_mesh(context)))
@@ -279,15 +279,15 @@ def make_table2(context: StageContext) -> None:
 
 def make_table1(context: StageContext) -> None:
     """Count one character's segments and weigh its models (Table 1)."""
-    from replicate.evaluation.results import write_results
-    from replicate.evaluation.table1_rows import rows_of
+    from replicate.report.results import write_results
+    from replicate.targets.table1.rows import rows_of
 
     write_results(context.out / "table1.csv", rows_of(context.config, context.inputs, load_mesh(context)))
 
 
 def make_figure05(context: StageContext) -> None:
     """Draw some training poses, and a strip of each kind of clip (Fig. 5)."""
-    from replicate.figures.figure05 import POSES, save_clips, save_poses
+    from replicate.targets.figure05.picture import POSES, save_clips, save_poses
 
     rig, samples, name = load_rig(context), load_samples(context), f"figure05_{context.config.character}"
     shown = np.sort(context.rng("poses").choice(len(samples), min(POSES, len(samples)), replace=False))
@@ -298,8 +298,8 @@ def make_figure05(context: StageContext) -> None:
 
 def make_lbs(context: StageContext) -> None:
     """Measure skins of several numbers of bones on test poses, and draw what they are."""
-    from replicate.approximation.lbs import Skin
-    from replicate.figures.lbs import TEST, TRAINING, save_all
+    from replicate.approximation.skinning.ssdr import Skin
+    from replicate.targets.lbs.picture import TEST, TRAINING, save_all
 
     rig, samples, name = load_rig(context), load_samples(context), f"lbs_{context.config.character}"
     files = {folder.name: folder / "skin.npz" for folder in context.inputs.values() if (folder / "skin.npz").is_file()}
@@ -316,7 +316,7 @@ def make_lbs(context: StageContext) -> None:
 
 def make_figure07(context: StageContext) -> None:
     """Draw the mesh segments in colours (Fig. 7)."""
-    from replicate.figures.figure07 import save_segments_figure
+    from replicate.targets.figure07.picture import save_segments_figure
 
     rigid = load_attachments(context.inputs).segment.tolist()
     save_segments_figure(load_rig(context), rigid, context.out / f"figure07_{context.config.character}")
@@ -325,7 +325,7 @@ def make_figure07(context: StageContext) -> None:
 def make_figure08(context: StageContext) -> None:
     """Draw the refinement segments in colours, what is unused in grey (Fig. 8)."""
     from replicate.approximation.segments import load_segments
-    from replicate.figures.figure08 import save_refinement_figure
+    from replicate.targets.figure08.picture import save_refinement_figure
 
     found = load_segments(context.inputs["selection"] / "segments.npz")
     errors = np.load(context.inputs["selection"] / "map_error.npy")
@@ -346,14 +346,14 @@ def load_mesh(context: StageContext) -> Mesh:
 
 def load_samples(context: StageContext):
     """Open the samples."""
-    from replicate.samples import SampleSet
+    from replicate.approximation.samples import SampleSet
 
     return SampleSet.open(context.inputs["samples"])
 
 
 def load_attachments(inputs: Mapping[str, Path]):
     """Return the rigid segments and what carries them."""
-    from replicate.rigid import Attachments
+    from replicate.approximation.rigid import Attachments
 
     return Attachments.load(inputs["rigid"] / "attachments.npz")
 

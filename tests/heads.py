@@ -3,7 +3,7 @@
 from functools import cache
 
 from data_recipes.head import Head, build_head
-from data_recipes.recipe import load_recipe
+from data_recipes.recipe.reading import load_recipe
 
 NAMES = ("tiny", "teen", "woman", "toon")
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from replicate.approximation.segment_training import train_segments
 from replicate.approximation.segments import coarse_segments
-from replicate.mesh import Mesh
-from replicate.progress import progress
+from replicate.engine.progress import progress
+from replicate.geometry.mesh import Mesh
 
 SIDES = (16, 9, 2)
 M = 12

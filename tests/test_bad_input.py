@@ -5,7 +5,7 @@ import re
 import pytest
 
 from replicate import __main__ as cli
-from replicate.paths import RECIPES
+from replicate.engine.paths import RECIPES
 
 TINY = (RECIPES / "tiny.toml").read_text(encoding="utf-8")
 

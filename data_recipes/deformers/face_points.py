@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Int
 
 from data_recipes.deformers.sculpting import Sculptor
-from replicate.errors import InputError
+from replicate.engine.exceptions import InputError
 
 
 def _left_points(s: Sculptor) -> dict[str, int]:

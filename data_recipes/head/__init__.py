@@ -16,8 +16,8 @@ from data_recipes.head.paint import paint
 from data_recipes.head.props import Prop, build_props
 from data_recipes.head.segments import build_segments
 from data_recipes.head.shape import build_shape, eye_frame, skull_distance
-from data_recipes.recipe import Recipe
-from replicate.errors import InputError
+from data_recipes.recipe.reading import Recipe
+from replicate.engine.exceptions import InputError
 
 __all__ = ["Eye", "Head", "Prop", "build_head"]
 

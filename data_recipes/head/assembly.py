@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from data_recipes.head import ears, eyes, frills, mouth, nostrils, placement, teeth
 from data_recipes.head.layout import CRANIUM, FACE, NECK, Layout
 from data_recipes.head.shape import Shape
-from data_recipes.recipe import Recipe
+from data_recipes.recipe.reading import Recipe
 
 
 def triangulate(

@@ -9,7 +9,7 @@ import numpy as np
 
 from data_recipes.head.prop_mesh import Prop, on_skin, sheet, smooth_step
 from data_recipes.head.shape import lidded_distance
-from data_recipes.recipe import Recipe
+from data_recipes.recipe.reading import Recipe
 
 # Half height (mm), how far the arch rises (share of the ridge's radius), how far it stands out (mm).
 STYLES = {"natural": (2.9, 0.52, 1.0), "thin": (1.6, 0.66, 0.7), "thick": (4.4, 0.42, 1.5)}

@@ -14,8 +14,8 @@ from jaxtyping import Float, Int
 from data_recipes.head.embedding import square_embedding
 from data_recipes.head.frills import frill_numbers
 from data_recipes.head.layout import CRANIUM, FACE, NECK, Layout, grid_quads
-from data_recipes.recipe import Recipe
-from data_recipes.recipe_sections import Teeth
+from data_recipes.recipe.reading import Recipe
+from data_recipes.recipe.sections import Teeth
 
 MOUTH_OPENING, EYE_OPENING = 0.16, 0.28  # of the holes in the face's chart: height over half the rim's length
 BESIDE = 1.0  # how far rows of cells beside a feature make room for its rings

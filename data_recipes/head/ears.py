@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from data_recipes.head.sdf import project
 from data_recipes.head.shape import Shape, skin_distance
-from data_recipes.recipe import Recipe
+from data_recipes.recipe.reading import Recipe
 
 # From behind the ear over its rim to the canal: size (share of the outline), height over the ear's plane (share of the
 # relief), and how far the ring's middle moves towards the canal.

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from data_recipes.head.layout import Layout
 from data_recipes.head.prop_mesh import Prop, sheet, smooth_step
 from data_recipes.head.shape import rotation_y
-from data_recipes.recipe import Recipe
+from data_recipes.recipe.reading import Recipe
 
 EYE_WHITE = np.array([0.93, 0.915, 0.895])
 VEINED = np.array([0.86, 0.70, 0.66])  # the white away from the iris

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from data_recipes.head.mouth import ring_parameter
 from data_recipes.head.shape import eye_frame, lid_edge
-from data_recipes.recipe import Recipe
+from data_recipes.recipe.reading import Recipe
 
 
 def rim_angles(recipe: Recipe, k: int) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:

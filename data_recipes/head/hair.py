@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from data_recipes.head.prop_mesh import FLIP, Prop, on_skin, sheet, smooth_step
 from data_recipes.head.shape import skull_distance
-from data_recipes.recipe import Recipe
+from data_recipes.recipe.reading import Recipe
 
 COLUMNS, ROWS, RAYS = 217, 40, 56
 LOWEST_DEG = -62.0  # of the rays that find the skull, from the level of the temples

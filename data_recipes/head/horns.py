@@ -6,7 +6,7 @@ import numpy as np
 
 from data_recipes.head.prop_mesh import Prop, mirrored, on_skin, sheet, smooth_step
 from data_recipes.head.shape import skull_distance
-from data_recipes.recipe import Recipe
+from data_recipes.recipe.reading import Recipe
 
 # Around the head from the front (deg), up from the level of the ears (deg), length and radius at the skin (mm, on a
 # cranium 74 mm high). Pairs; those at 180° stand on the midline alone.

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from data_recipes.head.layout import Layout
-from data_recipes.recipe import Recipe
+from data_recipes.recipe.reading import Recipe
 
 
 def name_curves(recipe: Recipe, layout: Layout) -> dict[str, np.ndarray]:

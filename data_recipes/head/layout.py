@@ -13,8 +13,8 @@ from jaxtyping import Int
 from data_recipes.head.frills import frill_numbers, frill_parts
 from data_recipes.head.rings import block_ring, fill_block, grid_quads, ring_mirror, ring_quads
 from data_recipes.head.segments import part_order
-from data_recipes.recipe import Recipe
-from data_recipes.recipe_sections import PARTS
+from data_recipes.recipe.reading import Recipe
+from data_recipes.recipe.sections import PARTS
 
 FACE, CRANIUM, NECK, EAR_LEFT, EAR_RIGHT, LID_LEFT, LID_RIGHT, BAG, GUM_UPPER, GUM_LOWER, TONGUE = range(len(PARTS))
 

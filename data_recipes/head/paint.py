@@ -25,7 +25,7 @@ from data_recipes.head.layout import (
 from data_recipes.head.mouth import ring_parameter
 from data_recipes.head.prop_mesh import smooth_step
 from data_recipes.head.shape import lid_angles
-from data_recipes.recipe import Recipe
+from data_recipes.recipe.reading import Recipe
 
 GUM = np.array([0.78, 0.42, 0.42])
 TONGUE_ROOT, TONGUE_TIP = np.array([0.62, 0.26, 0.28]), np.array([0.84, 0.44, 0.45])

@@ -13,7 +13,7 @@ from data_recipes.head.layout import Layout
 from data_recipes.head.mouth import fill_cap
 from data_recipes.head.sdf import project, raycast
 from data_recipes.head.shape import Shape, skin_distance
-from data_recipes.recipe import Recipe
+from data_recipes.recipe.reading import Recipe
 
 FLIP = np.array([-1.0, 1.0, 1.0])
 RING_PULL = 0.3  # rings pull less along themselves, or they would slip over the corners of mouth and eyes

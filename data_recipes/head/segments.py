@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
-from data_recipes.recipe import Recipe
+from data_recipes.recipe.reading import Recipe
 
 GUTTER = 0.05  # between parts in one chart: more than a texel of 32, so that bilinear samples of neighbours share none
 

@@ -22,7 +22,7 @@ from data_recipes.head.sdf import (
     smooth_min,
     soft_abs,
 )
-from data_recipes.recipe import Recipe
+from data_recipes.recipe.reading import Recipe
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from data_recipes.head.mouth import seam
-from data_recipes.recipe import Recipe
+from data_recipes.recipe.reading import Recipe
 
 LEAN = 0.35  # of its width by which a cone's tip stands behind its root
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from data_recipes.animation import DECIMALS, Acting, act
+from data_recipes.acting.animation import DECIMALS, Acting, act
 from data_recipes.controls import Control, control_groups
 from data_recipes.ict.names import in_their_words, name_pairs
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from data_recipes.clip_file import read_clip
+from data_recipes.acting.clip_file import read_clip
 from data_recipes.controls import Control
 from data_recipes.deformers import jaw, wrinkles
 from data_recipes.deformers.planes import place_of
@@ -24,8 +24,8 @@ from data_recipes.ict.parts import SOFT, Segments, split
 from data_recipes.ict.props import rest_props, sphere_centre
 from data_recipes.ict.recipe import FaceKitRecipe, Reach, load_recipe
 from data_recipes.ict.regions import build_regions
-from replicate.errors import InputError
-from replicate.mesh import Mesh
+from replicate.engine.exceptions import InputError
+from replicate.geometry.mesh import Mesh
 
 EYES_Z_MM = 62.0  # our own heads' eyes are at y = 0 and here, and the cameras know it
 NOISE_MM = 0.01  # what a shape moves by less is rounding of the model's making, and would count as influence

@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 from data_recipes.head.embedding import square_embedding
 from data_recipes.ict.model import FaceKit
 from data_recipes.ict.parts import Segments, polygon_edges
-from replicate.errors import InputError
+from replicate.engine.exceptions import InputError
 
 MARGIN = 0.01
 SAME = 1e-5  # coordinates closer than this are one

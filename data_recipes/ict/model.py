@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from replicate.errors import InputError
+from replicate.engine.exceptions import InputError
 
 VARIABLE = "ICT_FACEKIT"
 SOURCE = "ICT-FaceKit by USC ICT on GitHub, ICT-FaceKit/FaceXModel"

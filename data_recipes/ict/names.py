@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from data_recipes.motion import pose
+from data_recipes.acting.motion import pose
 
 # Ours, and the sign of the amount that is meant → theirs and how much of it. "*" stands for both sides.
 NAMES: tuple[tuple[str, int, dict[str, float]], ...] = (

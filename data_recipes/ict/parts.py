@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from data_recipes.ict.model import FaceKit
 from data_recipes.ict.recipe import Parts
-from replicate.errors import InputError
+from replicate.engine.exceptions import InputError
 
 # The skin, the sockets behind the lids and the mouth's inside; every tooth is a segment beside them.
 SOFT = ("face", "head", "mouth", "eye_socket_left", "eye_socket_right", "gums_tongue")

@@ -17,8 +17,8 @@ from data_recipes.head.eyeballs import eyeball
 from data_recipes.ict.chain import effective
 from data_recipes.ict.model import FaceKit
 from data_recipes.ict.recipe import Parts
-from data_recipes.recipe import Recipe
-from data_recipes.recipe_sections import Eyes
+from data_recipes.recipe.reading import Recipe
+from data_recipes.recipe.sections import Eyes
 
 EYE = {"iris_deg": 27.0, "pupil_deg": 11.0, "iris_colour": (0.33, 0.42, 0.50)}
 LOOK_DEG = {"out": 32.0, "in": 32.0, "up": 24.0, "down": 30.0}  # at 1; the model's shapes move the lids alone

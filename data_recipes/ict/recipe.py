@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
-from data_recipes.animation import Acting
-from data_recipes.recipe import read_table, read_toml
-from replicate.errors import InputError
-from replicate.paths import recipe_file
+from data_recipes.acting.animation import Acting
+from data_recipes.recipe.reading import read_table, read_toml
+from replicate.engine.exceptions import InputError
+from replicate.engine.paths import recipe_file
 
 MODEL = "ict_facekit"
 

@@ -1,1 +1,1 @@
-"""The approximations of a rig: coarse and refined CNNs, dense networks and linear blend skinning (§3, §5.1)."""
+"""The approximation of a rig by networks (§3), and the baselines that it is compared with."""

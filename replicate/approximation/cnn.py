@@ -15,12 +15,12 @@ from jaxtyping import Float
 from torch import nn
 from torch.nn import functional
 
-from replicate.approximation.map_kernel import MapOffsets
+from replicate.approximation.deformation_map import bilinear, sample
+from replicate.approximation.kernels.map_kernel import MapOffsets
+from replicate.approximation.kernels.tile_kernel import CHANNELS
 from replicate.approximation.model import SegmentedModel, load_model, save_model
 from replicate.approximation.segments import Segment
-from replicate.approximation.tile_kernel import CHANNELS
-from replicate.deformation_map import bilinear, sample
-from replicate.errors import InputError
+from replicate.engine.exceptions import InputError
 
 START = 8  # pixels a side of the maps that the dense layers make
 

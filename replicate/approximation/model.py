@@ -19,7 +19,7 @@ from safetensors.torch import load_file, save_file
 from torch import nn
 
 from replicate.approximation.segments import Segment, segment_vertices
-from replicate.errors import InputError
+from replicate.engine.exceptions import InputError
 
 OUTPUT_SHARE = 0.1  # of the size of its targets: what a fresh network gives
 

@@ -12,12 +12,12 @@ from sklearn.cluster import KMeans
 from threadpoolctl import threadpool_limits
 
 from replicate.approximation.cnn import make_network, shape_facts
+from replicate.approximation.deformation_map import bilinear, polyharmonic_map, sampling_matrix
 from replicate.approximation.model import SegmentedModel, fresh_model, load_model
 from replicate.approximation.segments import Segment, make_segment, segment_vertices
 from replicate.approximation.supervision import Supervision
 from replicate.approximation.training import prepare, train
-from replicate.deformation_map import bilinear, polyharmonic_map, sampling_matrix
-from replicate.errors import InputError
+from replicate.engine.exceptions import InputError
 
 UNCOVERED = 0.25  # squared distance, in widths of a chart, of a vertex whose chart has no cluster: half a width
 STARTS = 4  # k-means runs, of which the best counts

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Int
 
-from replicate.errors import InputError
-from replicate.mesh import Mesh
+from replicate.engine.exceptions import InputError
+from replicate.geometry.mesh import Mesh
 
 
 @dataclass(frozen=True)

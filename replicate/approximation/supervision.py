@@ -6,10 +6,10 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 
+from replicate.approximation.losses import FacialLoss
+from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.approximation.segments import faces_touching, faces_within
-from replicate.losses import FacialLoss
-from replicate.mesh import Mesh
-from replicate.metrics import normal_error, vertex_error
+from replicate.geometry.mesh import Mesh
 
 STATISTICS = 512  # training samples, spread over the set, that output lengths are taken from
 

@@ -4,10 +4,11 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from replicate import manifest, paths
-from replicate.errors import InputError, RunError
-from replicate.evaluation.results import Row, read_results, write_results
-from replicate.provenance import core_count, provenance
+from replicate.engine import paths
+from replicate.engine.exceptions import InputError, RunError
+from replicate.engine.provenance import core_count, provenance
+from replicate.report import manifest
+from replicate.report.results import Row, read_results, write_results
 
 PROFILE = "bench"  # the folder's name, and what rows say that no profile made
 

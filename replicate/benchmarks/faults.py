@@ -16,25 +16,25 @@ from pathlib import Path
 
 import numpy as np
 
-from replicate import paths
 from replicate.approximation.cnn import load_coarse, make_network
+from replicate.approximation.evaluation import Predictor, error_rows, evaluate, unique_poses
 from replicate.approximation.model import load_model
 from replicate.approximation.refinement import RefinedModel
+from replicate.approximation.rigid import Attachments, attach
+from replicate.approximation.samples import SampleSet
 from replicate.benchmarks.common import check_at_least, exit_code, publish
 from replicate.config import Config, resolve
-from replicate.evaluation.errors import Predictor, error_rows, evaluate, unique_poses
-from replicate.evaluation.methods import load_predictor
-from replicate.evaluation.results import Row
-from replicate.evaluation.tables import Table, as_text, rounded
-from replicate.mesh import Mesh
+from replicate.engine import paths
+from replicate.engine.progress import progress
+from replicate.engine.provenance import core_count, provenance
+from replicate.engine.scheduler import run
+from replicate.engine.stage import in_order
+from replicate.engine.store import artefact_folder
+from replicate.geometry.mesh import Mesh
+from replicate.methods.loading import load_predictor
 from replicate.pipeline import table2_graph
-from replicate.progress import progress
-from replicate.provenance import core_count, provenance
-from replicate.rigid import Attachments, attach
-from replicate.samples import SampleSet
-from replicate.scheduler import run
-from replicate.stages import in_order
-from replicate.store import artefact_folder
+from replicate.report.results import Row
+from replicate.report.tables import Table, as_text, rounded
 
 POSES = 128
 MEASURED = ("coarse", "refined", "floor", "neutral", "attachment", "lbs16", "lbs32")

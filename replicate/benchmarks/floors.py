@@ -13,19 +13,19 @@ from functools import partial
 import numpy as np
 from jaxtyping import Bool, Float
 
+from replicate.approximation.evaluation import unique_poses
+from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.benchmarks.common import exit_code, named, publish
 from replicate.config import Config, resolve
-from replicate.evaluation.errors import unique_poses
-from replicate.evaluation.results import Row, find
-from replicate.evaluation.tables import Table, as_text, rounded
-from replicate.mesh import Mesh
-from replicate.metrics import normal_error, vertex_error
+from replicate.engine.progress import progress
+from replicate.engine.provenance import core_count, provenance
+from replicate.engine.scheduler import run
+from replicate.engine.stage import in_order
+from replicate.engine.store import artefact_folder
+from replicate.geometry.mesh import Mesh
 from replicate.pipeline import table2_graph
-from replicate.progress import progress
-from replicate.provenance import core_count, provenance
-from replicate.scheduler import run
-from replicate.stages import in_order
-from replicate.store import artefact_folder
+from replicate.report.results import Row, find
+from replicate.report.tables import Table, as_text, rounded
 
 TABLE = "bench_floors"
 SIZES = (16, 32, 64, 128)
@@ -57,9 +57,9 @@ def floor_errors(
 
 def floors(config: Config) -> list[Row]:
     """Make what is needed of a character, nothing trained, and return its floors at all sizes."""
+    from replicate.approximation.deformation_map import Floor
+    from replicate.approximation.samples import SampleSet
     from replicate.approximation.segments import load_segments
-    from replicate.deformation_map import Floor
-    from replicate.samples import SampleSet
     from replicate.stage_bodies import load_coarse_segments
 
     selection = next(stage for stage in in_order(table2_graph(config)) if stage.name == "selection")

@@ -24,12 +24,12 @@ import numpy as np
 
 from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, exit_code, merge, named, note
 from replicate.config import SamplesConfig
-from replicate.errors import RunError
-from replicate.evaluation.results import Row, over_seeds, read_results
-from replicate.evaluation.tables import Table, as_text, rounded
-from replicate.provenance import peak_memory_mb
-from replicate.scheduler import thread_limits
-from replicate.stages import stream_rng
+from replicate.engine.exceptions import RunError
+from replicate.engine.provenance import peak_memory_mb
+from replicate.engine.scheduler import thread_limits
+from replicate.engine.stage import stream_rng
+from replicate.report.results import Row, over_seeds, read_results
+from replicate.report.tables import Table, as_text, rounded
 
 TABLE = "bench_lbs"
 METHODS = {
@@ -82,9 +82,9 @@ def fit_ours(neutral, vertices, faces, bones: int, seed: int, course: Course, re
 
     relaxed: iterations in which all bones may act; the usual number by default.
     """
-    from replicate.approximation.lbs import check, skin_of
-    from replicate.approximation.lbs_compression import canonical_order, compress
-    from replicate.approximation.lbs_relaxation import alternation
+    from replicate.approximation.skinning.compression import canonical_order, compress
+    from replicate.approximation.skinning.relaxation import alternation
+    from replicate.approximation.skinning.ssdr import check, skin_of
     from replicate.config import LbsConfig
 
     usual = LbsConfig()
@@ -110,8 +110,8 @@ def training_rmse(data, state) -> float:
     """Return the root of the mean squared distance over vertices and poses, in mm."""
     from scipy.sparse import eye_array
 
-    from replicate.approximation.lbs_descent import Problem, normal_equations
-    from replicate.approximation.lbs_metric import Metric
+    from replicate.approximation.skinning.alternation import Problem, normal_equations
+    from replicate.approximation.skinning.edge_metric import Metric
 
     n, bones = len(data.points), state.motion.shape[2]
     plain = Metric(eye_array(n, format="csr"), eye_array(n, format="csr"), ())
@@ -124,8 +124,8 @@ def training_rmse(data, state) -> float:
 
 def held_out(skin, truth, faces) -> dict[str, float]:
     """Return the errors of a skin that is refitted to test poses."""
-    from replicate.approximation.lbs import refit
-    from replicate.metrics import normal_error, vertex_error
+    from replicate.approximation.metrics import normal_error, vertex_error
+    from replicate.approximation.skinning.ssdr import refit
 
     posed = skin.deform(*refit(skin, truth))
     distance = vertex_error(posed, truth).astype(np.float64)
@@ -158,7 +158,7 @@ def one_fit(folder: Path, method: str, bones: int, seed: int) -> None:
 
 def compile_kernels() -> None:
     """Fit a sheet of a few vertices, so that no time goes into compiling."""
-    from replicate.approximation.lbs import fit
+    from replicate.approximation.skinning.ssdr import fit
 
     x, y = np.meshgrid(np.arange(6.0), np.arange(6.0))
     neutral = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], 1).astype(np.float32)
@@ -169,7 +169,7 @@ def compile_kernels() -> None:
 
 def write_poses(rig, seed: int, training: int, test: int, file: Path) -> None:
     """Write a character's training and test poses for one seed, in mm."""
-    from replicate.samples import choose_poses, evaluate
+    from replicate.approximation.samples import choose_poses, evaluate
 
     chosen = choose_poses(rig, SamplesConfig(count=training), lambda name: stream_rng(seed, "samples", name))
     unique = np.unique(chosen["test"], axis=0)

@@ -14,19 +14,19 @@ from functools import partial
 
 import numpy as np
 
-from replicate import paths
+from replicate.approximation.samples import choose_poses
 from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, exit_code, named, publish
 from replicate.config import SamplesConfig
-from replicate.evaluation.lids import find_eyes
-from replicate.evaluation.mouth import find_mouth
-from replicate.evaluation.pose_health import Health, each_alone, measure, strongest, worst
-from replicate.evaluation.results import Row
-from replicate.evaluation.skin import Skin
-from replicate.evaluation.table1 import order_of
-from replicate.evaluation.tables import Table, as_text
+from replicate.engine import paths
+from replicate.engine.stage import stream_rng
 from replicate.made import made_rig
-from replicate.samples import choose_poses
-from replicate.stages import stream_rng
+from replicate.report.results import Row
+from replicate.report.tables import Table, as_text
+from replicate.rig_health.eyelids import find_eyes
+from replicate.rig_health.mouth_contents import find_mouth
+from replicate.rig_health.pose_health import Health, each_alone, measure, strongest, worst
+from replicate.rig_health.skin_folds import Skin
+from replicate.targets.table1.layout import order_of
 
 COUNT = 10_000
 UNIFORM_MOUTHS = 1_000  # of a rig without clips: in how many of its samples the mouth is measured
@@ -188,8 +188,8 @@ def _run(options: argparse.Namespace, typed: Sequence[str] | None) -> None:
 
 def _measured(character: str, options: argparse.Namespace, typed: Sequence[str] | None) -> list[Row]:
     """Measure one character; write its rows, in place of those of an earlier run, and draw its worst poses."""
-    from replicate.figures.panels import save_figure
-    from replicate.figures.worst_poses import worst_poses
+    from replicate.drawing.panels import save_figure
+    from replicate.rig_health.worst_poses import worst_poses
 
     rig = made_rig(character)
     found = bench(rig, options.count, options.every)

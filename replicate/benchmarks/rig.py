@@ -15,15 +15,15 @@ from pathlib import Path
 
 import numpy as np
 
-from replicate import paths
 from replicate.benchmarks.common import PROFILE, check_at_least, exit_code, named, publish
-from replicate.errors import InputError
-from replicate.evaluation.results import Row, read_results
-from replicate.evaluation.table1 import order_of
-from replicate.evaluation.table2 import STANDS_FOR
-from replicate.evaluation.tables import Table, as_text
+from replicate.engine import paths
+from replicate.engine.exceptions import InputError
+from replicate.engine.progress import progress
 from replicate.made import made_rig
-from replicate.progress import progress
+from replicate.report.results import Row, read_results
+from replicate.report.tables import Table, as_text
+from replicate.targets.table1.layout import order_of
+from replicate.targets.table2.layout import STANDS_FOR
 
 BATCH = 32
 APART = 4  # poses that a round evaluates one by one

@@ -15,16 +15,16 @@ import numpy as np
 
 from replicate.benchmarks.common import exit_code, publish
 from replicate.config import Config, resolve
-from replicate.errors import InputError
-from replicate.evaluation.curves import read_log
-from replicate.evaluation.results import Row
-from replicate.evaluation.tables import as_text
-from replicate.evaluation.trainings import METRICS, TABLE, trainings_table
+from replicate.engine.exceptions import InputError
+from replicate.engine.provenance import core_count, provenance
+from replicate.engine.scheduler import run
+from replicate.engine.stage import Stage, in_order
+from replicate.engine.store import artefact_folder
 from replicate.pipeline import table2_graph
-from replicate.provenance import core_count, provenance
-from replicate.scheduler import run
-from replicate.stages import Stage, in_order
-from replicate.store import artefact_folder
+from replicate.report.results import Row
+from replicate.report.tables import as_text
+from replicate.report.training_curves import read_log
+from replicate.targets.table2.trainings import METRICS, TABLE, trainings_table
 
 SECTIONS = {"coarse": "coarse", "refined": "refinement", "dense": "dense"}
 RATES = (2e-3, 5e-3, 1.2e-2)
@@ -74,11 +74,11 @@ def measured(stages: dict[str, Stage], method: str) -> tuple[float, float]:
 
 def floor_deg(stages: dict[str, Stage], config: Config, refined: bool) -> float:
     """Return the projection floor's mean normal error on the validation poses, as the log measures it."""
+    from replicate.approximation.deformation_map import Floor
+    from replicate.approximation.samples import SampleSet
     from replicate.approximation.segments import load_segments, segment_vertices
     from replicate.approximation.supervision import Supervision
-    from replicate.deformation_map import Floor
-    from replicate.mesh import Mesh
-    from replicate.samples import SampleSet
+    from replicate.geometry.mesh import Mesh
     from replicate.stage_bodies import load_coarse_segments
 
     inputs = {name: artefact_folder(stage.identifier) for name, stage in stages.items()}
@@ -93,7 +93,7 @@ def floor_deg(stages: dict[str, Stage], config: Config, refined: bool) -> float:
 def axis_rows(stages: dict[str, Stage], profile: str) -> list[Row]:
     """Return which controls the balanced intervals follow: correlations of controls with the samples' intervals."""
     from data_recipes.rig import load_rig
-    from replicate.samples import SampleSet
+    from replicate.approximation.samples import SampleSet
 
     controls = load_rig(artefact_folder(stages["rig"].identifier) / "rig").controls
     samples = SampleSet.open(artefact_folder(stages["samples"].identifier))

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32
 
+from replicate.engine.progress import progress
 from replicate.export.files import MM_PER_M, glb
 from replicate.export.low_rank import follow, low_rank
 from replicate.export.parts import Part, unit_normals
-from replicate.progress import progress
 
 FRAMES_PER_SECOND = 24
 _FLOAT = 5126  # glTF's number for 32-bit floating point

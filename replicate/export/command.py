@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float32
 
 from data_recipes.rig import expression_poses, read_clip
-from replicate import paths
-from replicate.errors import InputError
+from replicate.engine import paths
+from replicate.engine.exceptions import InputError
 from replicate.export.animation import FRAMES_PER_SECOND, animated_glb
 from replicate.export.files import glb, obj, write_whole
 from replicate.export.parts import by_material, moving_parts, posed_parts

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
-from replicate.errors import InputError
+from replicate.engine.exceptions import InputError
+from replicate.engine.store import is_disk_full
 from replicate.export.parts import Part
-from replicate.store import is_disk_full
 
 MM_PER_M = 1000.0
 ROUGHNESS, WET_ROUGHNESS = 0.6, 0.15

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
-from replicate.figures.expressions import COLOURS, colours_by_segment
-from replicate.mesh import vertex_normals
-from replicate.progress import progress
+from replicate.drawing.characters import COLOURS, colours_by_segment
+from replicate.engine.progress import progress
+from replicate.geometry.mesh import vertex_normals
 
 BATCH = 32  # poses between two steps of the progress bar
 

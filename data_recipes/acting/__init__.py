@@ -1,0 +1,1 @@
+"""How a character moves: expressions, speech and clips, all as values of its controls over time."""

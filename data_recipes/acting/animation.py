@@ -1,0 +1,244 @@
+"""Procedural acting: the animation A that a film character would come with (§3.5, §5.1).
+
+A film rig is driven by shots that animators keyed. Ours are invented, from the character's own numbers and seed:
+expressions that ease into each other with anticipation, overshoot and overlap; speech in invented syllables; blinks,
+gaze and what the lids do with it; uneven faces; squash and stretch on the accents; nudges of the fine controls on
+the key poses; and holds, in which nothing moves at all, so that poses recur as they do in real animation.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float64
+
+from data_recipes.acting import speech
+from data_recipes.acting.expressions import EXPRESSIONS, expression
+from data_recipes.acting.motion import FRAMES_PER_SECOND, blink_profile, drift, freeze, move_keys, pose, through
+from data_recipes.acting.polish import QUIET, deal, family_columns, gesture
+
+
+def _number(default: float, lower: float, upper: float):
+    return field(default=default, metadata={"kind": "number", "range": (lower, upper)})
+
+
+def _count(default: int, lower: int, upper: int):
+    return field(default=default, metadata={"kind": "count", "range": (lower, upper), "even": False})
+
+
+@dataclass(frozen=True)
+class Acting:
+    """How a character acts. Shares are of a full performance; times are in seconds."""
+
+    seed: int = _count(1, 0, 2**31)
+    clips: int = _count(40, 0, 1000)
+    clip_s: float = _number(8.5, 1.0, 120.0)  # mean length
+    tempo: float = _number(1.0, 0.3, 3.0)
+    intensity: float = _number(1.0, 0.05, 1.5)
+    asymmetry: float = _number(0.2, 0.0, 1.0)
+    anticipation: float = _number(0.08, 0.0, 0.5)
+    overshoot: float = _number(0.12, 0.0, 0.5)
+    polish: float = _number(0.32, 0.0, 1.0)
+    hand: int = _count(6, 0, 20)  # families of fine controls polished in a shot
+    holds: float = _number(0.45, 0.0, 1.0)  # share of key poses on which everything stands still for a while
+    blinks_per_minute: float = _number(16.0, 0.0, 120.0)
+    dialogues: int = _count(3, 0, 3)  # of ten shots; what there are fewer than three, there are more takes
+
+
+# What a shot is: how many of ten shots, and how it is played.
+KINDS = {
+    "emotion": {"share": 4, "gain": 1.0, "move": (7, 15), "stay": (3, 12)},
+    "dialogue": {"share": 3, "gain": 0.55, "move": (8, 16), "stay": (14, 36)},
+    "take": {"share": 2, "gain": 1.15, "move": (6, 10), "stay": (4, 12)},
+    "exercise": {"share": 1, "gain": 1.0, "move": (6, 10), "stay": (2, 6)},
+}
+DECIMALS = 4  # of a key's value; without them a pose at rest would differ from another by rounding alone
+# By how many frames a control drags behind, by the beginning of its name; 1 where none fits.
+LAGS = {
+    "frill": 5,
+    "throat_pouch": 3,
+    "brow": 0,
+    "eye": 0,
+    "blink": 0,
+    "lid": 0,
+    "ear": 4,
+    "handle": 2,
+    "shape": 3,
+    "neck": 2,
+    "scalp": 2,
+}
+BREATHING = ("bend_sideways", "bend_forward", "twist", "brow_inner_up_*", "nostril_flare_*", "neck_tighten_*")
+MOUTH = ("smile", "frown", "pucker", "upper_lip", "lower_lip", "mouth", "dimple", "funnel", "lip", "jaw", "tongue")
+
+
+def act(controls: Sequence, acting: Acting) -> list[tuple[str, np.ndarray]]:
+    """Return a character's clips: (name, (t, m) float32 at 24 frames a second), within the controls' limits.
+
+    controls: the rig's controls in the order of p, each with name, lower, default and upper; those that a smaller rig
+    lacks are left out of the performance. The same controls and numbers give the same clips, to the last bit.
+    """
+    columns = {control.name: column for column, control in enumerate(controls)}
+    default = np.array([control.default for control in controls])
+    lower = np.array([control.lower for control in controls])
+    upper = np.array([control.upper for control in controls])
+    families = family_columns(columns)
+    director = np.random.default_rng([acting.seed])
+    hands = deal(list(families), acting.clips, min(acting.hand, len(families)), director)
+    fewer = {"dialogue": acting.dialogues - 3, "take": 3 - acting.dialogues}
+    shots = [kind for kind, how in KINDS.items() for _ in range(how["share"] + fewer.get(kind, 0))]
+    casts = deal(list(EXPRESSIONS), acting.clips, 4, director)
+    clips = []
+    for index in range(acting.clips):
+        kind = shots[(index * 7) % len(shots)]  # 7 and 10 share no factor: every ten shots hold all kinds
+        generator = np.random.default_rng([acting.seed, index])
+        nudged = {name: families[name] for name in hands[index]}
+        values = _shot(kind, casts[index], nudged, columns, acting, generator) + default
+        values = np.clip(np.round(values, DECIMALS), lower, upper).astype(np.float32)
+        clips.append((f"{index:02d}_{kind}_{casts[index][0]}", values))
+    return clips
+
+
+def _shot(kind, cast, nudged, columns, acting, generator) -> Float64[np.ndarray, "t m"]:
+    """Return one shot's offsets from the default pose: keys, then speech, gaze and blinks over them, then holds."""
+    how = KINDS[kind]
+    wanted = int(FRAMES_PER_SECOND * acting.clip_s * generator.uniform(0.6, 1.4))
+    rest = np.zeros(len(columns))
+    keys, settled, now = [(0.0, rest)], [], generator.uniform(2, 8)
+    holds = {0: int(generator.integers(4, 14))} if generator.random() < 0.5 else {}
+    lag = _lags(columns)
+    while now + sum(holds.values()) < wanted - 20:
+        before = keys[-1][1]
+        if kind == "exercise":
+            goal = _exercise(columns, generator)
+        else:
+            goal = _feel(cast[generator.integers(len(cast))], how["gain"], columns, acting, generator)
+        for family, members in nudged.items():
+            goal = goal + gesture(members, len(columns), acting.polish * QUIET.get(family, 1.0), generator)
+        if kind == "take":  # go down to come up
+            crouch = pose(columns, {"squash": 0.3, "blink_*": 0.8, "brow_down_*": 0.4, "bend_forward": 0.12})
+            keys += move_keys(now, 4.0, before, 0.4 * before + crouch, 0.0, 0.0)
+            before, now = keys[-1][1], now + 5
+        move = generator.uniform(*how["move"]) / acting.tempo
+        overshoot = acting.overshoot * (1.6 if kind == "take" else 1.0)
+        keys += move_keys(now, move, before, goal, acting.anticipation, overshoot)
+        now += move
+        if generator.random() < acting.holds:
+            holds[int(now) + int(lag.max()) + 1] = int(generator.integers(5, 22))
+        stay = generator.uniform(*how["stay"]) / acting.tempo
+        settled.append((now, now + stay))
+        now += stay
+        keys.append((now, goal))
+    frames = int(now + 16)
+    keys += move_keys(now, 10.0, keys[-1][1], rest, 0.0, 0.0)
+    values = through(keys, frames, lag)
+    if kind == "dialogue":
+        values = _talk(values, settled, columns, acting, generator)
+    values += _breathe(frames, columns, generator)
+    values = _look_and_blink(values, list(holds), columns, acting, generator)
+    return freeze(values, {frame: count for frame, count in holds.items() if frame < frames - 14 or frame == 0})
+
+
+def _feel(name, gain, columns, acting, generator) -> Float64[np.ndarray, " m"]:
+    """Return an expression as it is played once: its strength, its uneven sides, its parts a little off the book."""
+    amounts = pose(columns, expression(name, columns))
+    if generator.random() < 0.3:  # mixed feelings
+        other = list(EXPRESSIONS)[generator.integers(len(EXPRESSIONS))]
+        amounts = 0.7 * amounts + 0.4 * pose(columns, expression(other, columns))
+    strength = acting.intensity * gain * generator.uniform(0.6, 1.15)
+    lean = acting.asymmetry * generator.normal()
+    side = np.array([("left" in name) * 1.0 - ("right" in name) for name in columns])
+    flip = generator.random() < 0.5  # a smirk to the other side
+    if flip:
+        amounts = _mirrored(amounts, columns)
+    return amounts * strength * (1 + np.clip(lean, -0.6, 0.6) * side) * generator.uniform(0.75, 1.2, len(columns))
+
+
+def _mirrored(amounts, columns) -> Float64[np.ndarray, " m"]:
+    """Return a pose with left and right exchanged and sideways controls reversed."""
+    result = np.empty_like(amounts)
+    for name, column in columns.items():
+        swapped = name.replace("left", "#").replace("right", "left").replace("#", "right")
+        sideways = "sideways" in name or "twist" in name or name.startswith("look_x")
+        result[column] = amounts[columns.get(swapped, column)] * (-1 if sideways else 1)
+    return result
+
+
+def _exercise(columns, generator) -> Float64[np.ndarray, " m"]:
+    """Return a few controls far out, as in the calisthenics by which a rig is signed off."""
+    goal = np.zeros(len(columns))
+    for stem in generator.choice(sorted({_stem(name) for name in columns}), size=min(7, len(columns)), replace=False):
+        amount = generator.uniform(0.5, 1.0) * generator.choice([-1, 1, 1])
+        for name, column in columns.items():
+            if _stem(name) == stem and generator.random() < 0.8:
+                goal[column] = amount
+    return goal
+
+
+def _stem(name: str) -> str:
+    return name.replace("left", "*").replace("right", "*")
+
+
+def _lags(columns):
+    """Return by how many frames each control drags: eyes and brows lead, mouth follows, ears and flesh come last."""
+    return np.array([next((lag for start, lag in LAGS.items() if name.startswith(start)), 1) for name in columns])
+
+
+def _talk(values, settled, columns, acting, generator) -> Float64[np.ndarray, "t m"]:
+    """Speak while a mood lasts: mouths that talk show less of it, and accents lift the brows."""
+    frames = len(values)
+    curtain = _curtain(frames)
+    mouth = np.array([name.startswith(MOUTH) for name in columns])
+    for start, end in settled:
+        syllables = max(2, int((end - start) / 7 * acting.tempo))
+        entries = speech.schedule(speech.invent(syllables, generator), acting.tempo, generator)
+        entries = [entry for entry in entries if entry[1] < end - start]
+        spoken, busy = speech.speak(entries, int(start) - 3, frames, columns)
+        spoken, busy = spoken * curtain[:, None], busy * curtain
+        values = np.where(mouth, values * (1 - 0.6 * busy[:, None]), values) + acting.intensity * spoken
+        accents = curtain * blink_profile(frames, list(generator.uniform(start, end, size=2)), 2.0)
+        nod = pose(columns, {"brow_inner_up_*": 0.3, "brow_outer_up_*": 0.35, "bend_forward": 0.08, "squash": -0.03})
+        values = values + accents[:, None] * nod * generator.uniform(0.4, 1.2)
+    return values
+
+
+def _breathe(frames, columns, generator) -> Float64[np.ndarray, "t m"]:
+    """Return the small motion of a face that is alive; holds freeze it with all the rest."""
+    moved = np.flatnonzero(pose(columns, dict.fromkeys(BREATHING, 1.0)))
+    values = np.zeros((frames, len(columns)))
+    if len(moved):
+        values[:, moved] = 0.012 * drift(frames, len(moved), 30.0, generator) * _curtain(frames)[:, None]
+    return values
+
+
+def _curtain(frames) -> Float64[np.ndarray, " t"]:
+    """Return 0 in the first and last frames of a shot and 1 between, so that clips begin and end at rest."""
+    time = np.arange(frames)
+    return np.clip(np.minimum(time - 3, frames - 4 - time) / 10, 0, 1)
+
+
+def _look_and_blink(values, holds, columns, acting, generator) -> Float64[np.ndarray, "t m"]:
+    """Add gaze and blinks, and what lids and brows do with them; no blink is caught half-way by a hold."""
+    frames = len(values)
+    darts, keys, time = [], [(0.0, np.zeros(2))], generator.uniform(8, 40)
+    while time < frames - 16:
+        target = generator.normal(size=2) * (0.45, 0.3) if generator.random() < 0.75 else np.zeros(2)
+        keys += [(time, keys[-1][1]), (time + 2.5, target)]
+        darts.append(time)
+        time += generator.uniform(10, 70)
+    keys += [(frames - 14.0, keys[-1][1]), (frames - 11.0, np.zeros(2))]
+    gaze = through(keys, frames, np.zeros(2, dtype=int))
+    up, down = np.maximum(gaze[:, 1:], 0), np.maximum(-gaze[:, 1:], 0)
+    values = values + gaze[:, :1] * pose(columns, {"look_x_*": 1.0}) + gaze[:, 1:] * pose(columns, {"look_y_*": 1.0})
+    values += up * pose(columns, {"eye_wide_*": 0.3, "brow_outer_up_*": 0.25, "brow_inner_up_*": 0.2})
+    values += down * pose(columns, {"blink_*": 0.3, "brow_down_*": 0.1})
+
+    expected = acting.blinks_per_minute * frames / (60 * FRAMES_PER_SECOND)
+    starts = list(generator.uniform(4, max(5, frames - 12), size=generator.poisson(expected)))
+    starts += [dart for dart in darts if generator.random() < 0.2]  # eyes that travel like to blink
+    starts = [start for start in starts if not any(start - 2 < hold < start + 12 for hold in holds)]
+    shut = blink_profile(frames, starts, generator.uniform(1.0, 1.4))[:, None]
+    late = blink_profile(frames, [start + generator.uniform(-0.7, 0.7) for start in starts], 1.1)[:, None]
+    left, right = pose(columns, {"blink_left": 1.0}), pose(columns, {"blink_right": 1.0})
+    lids = shut * left + late * right
+    values = values * (1 - shut * pose(columns, {"eye_wide_*": 0.9})) + lids * (1 - np.clip(values, 0, 1))
+    return values + shut * pose(columns, {"brow_down_*": 0.07, "squint_*": 0.12, "cheek_raise_*": 0.05})

@@ -1,0 +1,20 @@
+"""What a face does: expressions as amounts of the named controls.
+
+"*" stands for both sides. Amounts are those of a full but not extreme performance; `acting.animation` scales them,
+makes them uneven and lets a smaller rig leave out the controls that it lacks. What faces do together stands
+together here: a smile lifts the cheeks and narrows the eyes, a cry opens the jaw and squares the lower lip.
+"""
+
+from collections.abc import Container
+
+from data_recipes.acting.antics import ANTICS
+from data_recipes.acting.creature_acts import CREATURE
+from data_recipes.acting.feelings import FEELINGS
+
+EXPRESSIONS = FEELINGS | ANTICS
+MARK = "snarl_left"  # a control that only creatures have
+
+
+def expression(name: str, controls: Container[str]) -> dict[str, float]:
+    """Return an expression's amounts for a rig with the given controls (their names)."""
+    return EXPRESSIONS[name] | (CREATURE.get(name, {}) if MARK in controls else {})

@@ -1,0 +1,1 @@
+"""Compiled inner loops; each has a clear twin in plain torch or numpy, which it is tested against."""

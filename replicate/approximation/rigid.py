@@ -1,0 +1,152 @@
+"""Mesh segments that move rigidly, and their placement from vertices near them (§3.4).
+
+Teeth need no network: once the deformable part of a mesh is approximated, each tooth follows the rotation and
+translation of a handful of deformable vertices that move as it does. Which segments are rigid (Eq. 3) and which
+vertices carry them (Eq. 4) is found from example poses. All lengths are millimetres; rotations act on row vectors,
+V @ R + t.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from replicate.engine.exceptions import InputError
+from replicate.geometry.mesh import Mesh
+
+
+def align(
+    source: Float[np.ndarray, "*#batch n 3"],
+    target: Float[np.ndarray, "*#batch n 3"],
+) -> tuple[Float[np.ndarray, "*batch 3 3"], Float[np.ndarray, "*batch 3"]]:
+    """Return the rotation R and translation t that best align two point sets (Eq. 3).
+
+    They minimise Σ_i ‖source_i R + t − target_i‖² with R in SO(3): a mirrored or flat target yields the best
+    proper rotation, never a reflection. Where the points leave a freedom (all on a line, or all in one place) the
+    rotation nearest to the identity is taken. Leading axes are batches and broadcast; the work is done in float64.
+    """
+    source, target = np.asarray(source, np.float64), np.asarray(target, np.float64)
+    source_centre, target_centre = source.mean(-2, keepdims=True), target.mean(-2, keepdims=True)
+    rotation = nearest_rotation(np.swapaxes(source - source_centre, -1, -2) @ (target - target_centre))
+    return rotation, (target_centre - source_centre @ rotation)[..., 0, :]
+
+
+def nearest_rotation(matrix: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3 3"]:
+    """Return the R in SO(3) that maximises tr(Rᵀ matrix).
+
+    A rank-deficient matrix leaves R undetermined; 1e-12 of its size is added along the identity to settle that.
+    """
+    size = np.linalg.norm(matrix, axis=(-2, -1), keepdims=True)
+    settled = matrix + (1e-12 * size + np.finfo(np.float64).tiny) * np.eye(3)
+    left, _, right = np.linalg.svd(settled)
+    sign = np.ones(left.shape[:-1])
+    sign[..., 2] = np.where(np.linalg.det(left) * np.linalg.det(right) < 0, -1.0, 1.0)
+    return (left * sign[..., None, :]) @ right
+
+
+def segment_errors(mesh: Mesh, vertices: Float[np.ndarray, "b n 3"]) -> Float[np.ndarray, "b k"]:
+    """Return how far each segment is from a rigid motion in each pose: Eq. 3's residual as an RMS in millimetres.
+
+    Eq. 3 is a sum of squares over a segment's vertices, which grows with their number and is no length, while the
+    paper's threshold is one; so the mean over vertices is taken and then the root (DEVIATIONS D15). A
+    segment is a column, in the order of `mesh.segment_names`.
+    """
+    errors = np.empty((len(vertices), len(mesh.segment_names)))
+    for k in range(len(mesh.segment_names)):
+        rest, posed = mesh.neutral[mesh.segment == k], vertices[:, mesh.segment == k]
+        rotation, translation = align(rest, posed)
+        residual = rest @ rotation + translation[:, None, :] - posed
+        errors[:, k] = np.sqrt((residual**2).sum(-1).mean(-1))
+    return errors
+
+
+@dataclass(frozen=True)
+class Attachments:
+    """Rigid segments and the deformable vertices that carry them (r segments, c vertices each).
+
+    segment: index into the mesh's segments. vertex: indices into the mesh, best first. error_mm: their root of
+    Eq. 4's ε_rj. rigid_error_mm: the segment's own mean residual of Eq. 3. spread_mm: standard deviations of the
+    carrying vertices along their three principal axes at rest, largest first: a placement is only as well conditioned
+    as the second of them is large.
+    """
+
+    segment: Int[np.ndarray, " r"]
+    vertex: Int[np.ndarray, "r c"]
+    error_mm: Float[np.ndarray, "r c"]
+    rigid_error_mm: Float[np.ndarray, " r"]
+    spread_mm: Float[np.ndarray, "r 3"]
+
+    def save(self, path: Path) -> None:
+        """Write the five arrays as one npz file."""
+        np.savez(path, **vars(self))
+
+    @staticmethod
+    def load(path: Path) -> "Attachments":
+        """Read what `save` wrote."""
+        with np.load(path, allow_pickle=False) as arrays:
+            return Attachments(**{name: arrays[name] for name in arrays.files})
+
+
+def find_attachments(
+    mesh: Mesh, vertices: Float[np.ndarray, "b n 3"], tau_mm: float = 0.3, count: int = 10
+) -> Attachments:
+    """Find the rigid segments (mean of Eq. 3 below τ) and the `count` vertices that best follow each (Eq. 4).
+
+    vertices: example poses (b, n, 3) mm of the rig itself. Vertices of rigid segments carry nothing. Raises InputError
+    when there are rigid segments but fewer deformable vertices than `count`.
+    """
+    errors = segment_errors(mesh, vertices).mean(0)
+    rigid = np.flatnonzero(errors < tau_mm)
+    candidates = np.flatnonzero(~np.isin(mesh.segment, rigid))
+    if len(rigid) and len(candidates) < count:
+        raise InputError(
+            f"rigid segments: {len(candidates)} deformable vertices are left to carry {len(rigid)} rigid segments, "
+            f"at least {count} are needed"
+        )
+    rest_around, around = mesh.neutral[candidates], vertices[:, candidates]
+    chosen = np.empty((len(rigid), count), np.int64)
+    follow = np.empty((len(rigid), count))
+    spread = np.empty((len(rigid), 3))
+    for row, k in enumerate(rigid):
+        motion = align(mesh.neutral[mesh.segment == k], vertices[:, mesh.segment == k])
+        error = following_errors(rest_around, around, *motion)
+        best = np.argsort(error, kind="stable")[:count]
+        chosen[row], follow[row] = candidates[best], error[best]
+        rest = mesh.neutral[chosen[row]].astype(np.float64)
+        variance = np.linalg.eigvalsh(np.cov(rest.T, bias=True))[::-1]
+        spread[row] = np.sqrt(np.maximum(variance, 0.0))
+    return Attachments(rigid, chosen, follow, errors[rigid], spread)
+
+
+def following_errors(
+    neutral: Float[np.ndarray, "n 3"],
+    vertices: Float[np.ndarray, "b n 3"],
+    rotation: Float[np.ndarray, "b 3 3"],
+    translation: Float[np.ndarray, "b 3"],
+) -> Float[np.ndarray, " n"]:
+    """Return for each vertex how badly it follows a rigid motion, √ε_rj of Eq. 4, in millimetres.
+
+    The square is multiplied out, so that poses are summed before vertices are multiplied: with p = (v⁰, 1),
+    A = [R − I; t] and x = v − v⁰, Σ_i ‖p A_i − x_i‖² = p (Σ A_i A_iᵀ) pᵀ − 2 p Σ A_i x_i + Σ ‖x_i‖².
+    """
+    homogeneous = np.concatenate([neutral, np.ones((len(neutral), 1))], axis=1).astype(np.float64)
+    motion = np.concatenate([rotation - np.eye(3), translation[:, None, :]], axis=1)  # (b, 4, 3)
+    motion = motion.transpose(0, 2, 1).reshape(-1, 4)
+    moved = (vertices.astype(np.float64) - neutral).transpose(1, 0, 2).reshape(len(neutral), -1)
+    total = (homogeneous @ (motion.T @ motion) * homogeneous).sum(1)
+    total += (moved**2).sum(1) - 2 * ((moved @ motion) * homogeneous).sum(1)
+    return np.sqrt(np.maximum(total, 0.0) / len(vertices))
+
+
+def attach(mesh: Mesh, attachments: Attachments, vertices: Float[np.ndarray, "b n 3"]) -> Float[np.ndarray, "b n 3"]:
+    """Return the poses with every rigid segment placed by the vertices that carry it (§3.4).
+
+    vertices: (b, n, 3) mm, right on the deformable segments; whatever they hold on rigid ones is replaced.
+    """
+    placed = np.array(vertices, np.float32)
+    rotation, translation = align(mesh.neutral[attachments.vertex], vertices[:, attachments.vertex])  # (b, r, 3, 3)
+    for row, k in enumerate(attachments.segment):
+        members = np.flatnonzero(mesh.segment == k)
+        placed[:, members] = mesh.neutral[members] @ rotation[:, row] + translation[:, row, None, :]
+    return placed

@@ -1,0 +1,241 @@
+"""The training samples (p, V), validation and test poses of one character: made once, then read by memory map (§3.5).
+
+50,000 poses of 12,510 vertices would be 7.5 GB as float32. Vertex offsets V − V⁰ are therefore stored as int16
+multiples of a step that each pose has of its own, the smallest that holds its largest offset: about a micrometre
+for a face, whatever the most extreme pose of the set may be. Test poses stay float32, so that no measured error
+contains a quantisation error; that of the training samples is in samples.json.
+"""
+
+import json
+import os
+import shutil
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float32, Int, Int16
+
+from data_recipes.rig import (
+    augment,
+    balance_bins,
+    bin_index,
+    draw_from_index,
+    hold_out,
+    sample_uniform,
+    split_clips,
+    split_frames,
+)
+from replicate.engine.exceptions import InputError
+
+BATCH = 32  # poses a rig call: always the same, so that a compiled rig compiles once
+CHUNK = 256  # poses between two checkpoints
+INT16_MAX = 32767
+PARTS = ("training", "validation", "test")
+
+
+@dataclass(frozen=True)
+class SampleSet:
+    """The samples of one character, memory-mapped.
+
+    params (N, m) float32, raw control values; quantised (N, n, 3) int16, offsets in steps; steps_mm (N,) float32;
+    bins (N,) int16, each sample's interval for balanced draws; test_params (T, m) and test_offsets (T, n, 3) float32,
+    mm; validation_params and validation_offsets the same for poses that neither training nor test sees; facts: what
+    samples.json states.
+    """
+
+    params: np.ndarray
+    quantised: np.ndarray
+    steps_mm: np.ndarray
+    bins: np.ndarray
+    validation_params: np.ndarray
+    validation_offsets: np.ndarray
+    test_params: np.ndarray
+    test_offsets: np.ndarray
+    facts: dict
+
+    @classmethod
+    def open(cls, folder: Path) -> "SampleSet":
+        """Open what `write_samples` wrote. Raises InputError, naming the file, when one is missing or no array."""
+        folder = Path(folder)
+        held_out = [f"{part}_{name}" for part in ("validation", "test") for name in ("params", "offsets")]
+        names = ("params", "offsets", "steps", "bins", *held_out)
+        try:
+            arrays = [np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False) for name in names]
+            facts = json.loads((folder / "samples.json").read_text())
+        except (OSError, ValueError) as error:
+            raise InputError(f"{folder}: found no readable set of samples there ({error}).") from error
+        return cls(*arrays, facts)
+
+    def __len__(self) -> int:
+        return len(self.params)
+
+    def offsets(self, indices: Int[np.ndarray, " b"]) -> Float32[np.ndarray, "b n 3"]:
+        """Return the offsets V − V⁰ of some samples, in mm."""
+        return self.quantised[indices] * self.steps_mm[indices][:, None, None]
+
+    def vertices_subset(
+        self, indices: Int[np.ndarray, " b"], vertex_ids: Int[np.ndarray, " k"]
+    ) -> Float32[np.ndarray, "b k 3"]:
+        """Return the offsets V − V⁰ of some vertices in some samples, in mm."""
+        rows = np.take(self.quantised[indices], vertex_ids, axis=1)  # six times as fast as indexing both at once
+        return rows * self.steps_mm[indices][:, None, None]
+
+    def draw(self, generator: np.random.Generator, batch: int) -> Int[np.ndarray, " batch"]:
+        """Draw sample indices, balanced: a bin uniformly, then a sample of that bin uniformly (§3.5)."""
+        return draw_from_index(*self._index, batch, generator)
+
+    def draw_for_step(self, seed: int, stream: str, step: int, batch: int) -> Int[np.ndarray, " batch"]:
+        """Draw the batch of one training step, a function of (seed, stream, step) alone: resuming needs no state."""
+        return self.draw(np.random.default_rng([seed, zlib.crc32(stream.encode()), step]), batch)
+
+    @cached_property
+    def _index(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return bin_index(self.bins)
+
+
+def quantise(offsets: Float32[np.ndarray, "b n 3"]) -> tuple[Int16[np.ndarray, "b n 3"], Float32[np.ndarray, " b"]]:
+    """Return offsets as whole steps, and each pose's step in mm: its largest offset over 32767."""
+    steps = np.abs(offsets).max(axis=(1, 2)).astype(np.float32) / np.float32(INT16_MAX)
+    steps = np.maximum(steps, np.float32(1e-9))  # a pose at rest
+    whole = np.clip(np.rint(offsets / steps[:, None, None]), -INT16_MAX, INT16_MAX)
+    return whole.astype(np.int16), steps
+
+
+def choose_poses(rig, config, rng: Callable[[str], np.random.Generator]) -> dict[str, Float32[np.ndarray, "k m"]]:
+    """Return a rig's poses by part: "training", "validation" and "test".
+
+    With clips, the training part is Eq. 5 on the training animation, less the poses held out for validation; without,
+    all three are uniform. rig: anything that keeps the Rig contract. config: a SamplesConfig. rng: a stream's name →
+    its generator.
+    """
+    if rig.clips is None:
+        counts = {"uniform": config.count, "uniform_validation": config.validation, "uniform_test": config.uniform_test}
+        poses = [sample_uniform(rig.lower, rig.upper, count, rng(stream)) for stream, count in counts.items()]
+        return dict(zip(PARTS, poses, strict=True))
+    split = {"frames": split_frames, "clips": split_clips}[config.split]
+    animation, test = split([clip.values for clip in rig.clips], rng("split"), config.held_out)
+    animation, validation = hold_out(animation, config.validation, rng("validation"))
+    training = augment(animation, config.count, rng("augment"), config.low, config.high)
+    return dict(zip(PARTS, (training, validation, test), strict=True))
+
+
+def write_samples(
+    rig, config, folder: Path, rng: Callable[[str], np.random.Generator], scratch: Path, progress: Callable
+) -> dict:
+    """Evaluate a rig at its training, validation and test poses and write the set that `SampleSet.open` reads.
+
+    Stopped at any moment and called again with the same `scratch`, it goes on after the last whole chunk and ends
+    with the same bytes. rig, config, rng: as in `choose_poses`. folder: filled when all is done. scratch: kept
+    between calls. progress: (total, label, initial) → a context manager with update(k).
+
+    Returns the facts of samples.json. Raises InputError, naming pose and vertex, when the rig gives NaN or infinity.
+    """
+    chosen = choose_poses(rig, config, rng)
+    params, n, landmarks = chosen["training"], len(rig.mesh.neutral), len(rig.landmarks)
+    arrays, state = _open_scratch(
+        Path(scratch),
+        sha256(b"".join(poses.tobytes() for poses in chosen.values()) + rig.mesh.neutral.tobytes()).hexdigest(),
+        {
+            "offsets": (np.int16, (len(params), n, 3)),
+            "steps": (np.float32, (len(params),)),
+            "squared_error": (np.float64, (len(params),)),
+            "landmarks": (np.float32, (len(params), landmarks, 3)),
+            **{f"{part}_offsets": (np.float32, (len(chosen[part]), n, 3)) for part in PARTS[1:]},
+        },
+    )
+
+    def store(part: str, rows: slice, offsets: np.ndarray) -> None:
+        if part != "training":
+            arrays[f"{part}_offsets"][rows] = offsets
+            return
+        arrays["offsets"][rows], arrays["steps"][rows] = whole, steps = quantise(offsets)
+        lost = whole * steps[:, None, None] - offsets
+        arrays["squared_error"][rows] = (lost**2).mean(axis=(1, 2), dtype=np.float64)
+        arrays["landmarks"][rows] = offsets[:, rig.landmarks]
+
+    with progress(sum(map(len, chosen.values())), "samples", sum(state[part] for part in PARTS)) as bar:
+        for part, poses in chosen.items():
+            while state[part] < len(poses):
+                first = state[part]
+                for rows, vertices in evaluate(rig, poses[first : first + CHUNK]):
+                    rows = slice(first + rows.start, first + rows.stop)
+                    _check_finite(rig.name, part, rows.start, vertices)
+                    store(part, rows, vertices - rig.mesh.neutral)
+                    bar.update(len(vertices))
+                state[part] = min(first + CHUNK, len(poses))
+                _checkpoint(Path(scratch), arrays, state)
+    facts = {
+        "poses": len(params),
+        "validation_poses": len(chosen["validation"]),
+        "test_poses": len(chosen["test"]),
+        "largest_step_mm": float(arrays["steps"].max()),
+        "mean_step_mm": float(arrays["steps"].mean(dtype=np.float64)),
+        "quantisation_rms_mm": float(np.sqrt(arrays["squared_error"].mean())),
+    }
+    for name in ("offsets", "steps", "validation_offsets", "test_offsets"):
+        _place(Path(scratch) / f"{name}.npy", Path(folder) / f"{name}.npy")
+    bins = balance_bins(arrays["landmarks"], config.bins)
+    kept = {"params": params, "validation_params": chosen["validation"], "test_params": chosen["test"], "bins": bins}
+    for name, array in kept.items():
+        np.save(Path(folder) / f"{name}.npy", array)
+    facts["samples_per_bin"] = np.bincount(bins, minlength=config.bins).tolist()
+    (Path(folder) / "samples.json").write_text(json.dumps(facts, indent=1) + "\n")
+    return facts
+
+
+def evaluate(rig, params: Float32[np.ndarray, "b m"]) -> Iterator[tuple[slice, Float32[np.ndarray, "k n 3"]]]:
+    """Yield (rows, posed vertices in mm) over batches of one size, the last one padded by repeating its last pose."""
+    for start in range(0, len(params), BATCH):
+        part = params[start : start + BATCH]
+        padded = np.concatenate([part, np.repeat(part[-1:], BATCH - len(part), axis=0)])
+        yield slice(start, start + len(part)), np.asarray(rig(padded), dtype=np.float32)[: len(part)]
+
+
+def _check_finite(name: str, part: str, first: int, vertices: np.ndarray) -> None:
+    bad = np.argwhere(~np.isfinite(vertices).all(axis=-1))
+    if len(bad):
+        pose, vertex = bad[0]
+        value = vertices[pose, vertex].tolist()
+        raise InputError(
+            f"rig '{name}': vertex {vertex} of {part} pose {first + pose} is {value}, where only finite mm are allowed."
+        )
+
+
+def _open_scratch(scratch: Path, key: str, shapes: dict) -> tuple[dict[str, np.memmap], dict]:
+    """Open the half-made arrays when they belong to the same poses, or make new ones."""
+    scratch.mkdir(parents=True, exist_ok=True)
+    fresh = {"key": key, **dict.fromkeys(PARTS, 0)}
+    with suppress(OSError, ValueError):  # nothing there yet, or cut off before the first checkpoint
+        state = json.loads((scratch / "state.json").read_text())
+        arrays = {name: np.load(scratch / f"{name}.npy", mmap_mode="r+", allow_pickle=False) for name in shapes}
+        fits = all((arrays[name].dtype, arrays[name].shape) == shapes[name] for name in shapes)
+        if state.keys() == fresh.keys() and state["key"] == key and fits:
+            return arrays, state
+    (scratch / "state.json").unlink(missing_ok=True)
+    paths = {name: scratch / f"{name}.npy" for name in shapes}
+    for path in paths.values():
+        path.unlink(missing_ok=True)  # never write into a file that an artefact may share
+    make = np.lib.format.open_memmap
+    return {name: make(paths[name], "w+", dtype, shape) for name, (dtype, shape) in shapes.items()}, fresh
+
+
+def _checkpoint(scratch: Path, arrays: dict[str, np.memmap], state: dict) -> None:
+    for array in arrays.values():
+        array.flush()
+    beside = scratch / "state.json.new"
+    beside.write_text(json.dumps(state))
+    os.replace(beside, scratch / "state.json")
+
+
+def _place(source: Path, target: Path) -> None:
+    """Put a finished file into the artefact without giving up the scratch copy, should we be stopped right after."""
+    target.unlink(missing_ok=True)
+    try:
+        os.link(source, target)
+    except OSError:  # another file system
+        shutil.copyfile(source, target)

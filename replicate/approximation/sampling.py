@@ -1,0 +1,168 @@
+"""Which poses a method is trained and tested on: the split, Eq. 5, and the balancing of §3.5.
+
+Poses are rows of raw control values p (m,), in the rig's own order and units. Every function takes the
+`np.random.Generator` that it draws from, so that a stage's poses depend on nothing but its own stream.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Float32, Int, Int16
+
+from replicate.engine.exceptions import InputError
+
+
+def split_frames(
+    clips: Sequence[np.ndarray], generator: np.random.Generator, held_out: float = 0.1
+) -> tuple[Float32[np.ndarray, "a m"], Float32[np.ndarray, "t m"]]:
+    """Split an animation by random frames: training poses A, and the unique test poses that A lacks (§5.1).
+
+    The paper's split, by our reading of "randomly split the data 90%/10%". Held frames leave the test set when the
+    very same pose stands in A, and otherwise count once. A keeps its repetitions, because Eq. 5 draws from the
+    animation as it is. Neighbouring frames of one move may fall on both sides: `split_clips` is the stricter split.
+
+    clips: arrays (t_i, m), the poses of each clip in time order.
+    Returns both sets in the order of the animation. Raises InputError when a side would be empty.
+    """
+    poses = _stack(clips)
+    held = np.zeros(len(poses), dtype=bool)
+    held[generator.permutation(len(poses))[: round(held_out * len(poses))]] = True
+    return _separate(poses, held)
+
+
+def split_clips(
+    clips: Sequence[np.ndarray], generator: np.random.Generator, held_out: float = 0.1
+) -> tuple[Float32[np.ndarray, "a m"], Float32[np.ndarray, "t m"]]:
+    """Split an animation by whole clips: no test pose has a neighbour in time among the training poses.
+
+    Clips are held out in random order as long as the share of frames stays within `held_out`; the first one
+    always is. Otherwise as `split_frames`.
+    """
+    poses = _stack(clips)
+    owner = np.repeat(np.arange(len(clips)), [len(clip) for clip in clips])
+    held = np.zeros(len(poses), dtype=bool)
+    for clip in generator.permutation(len(clips)):
+        grown = held | (owner == clip)
+        if not held.any() or grown.sum() <= held_out * len(poses):
+            held = grown
+    return _separate(poses, held)
+
+
+def _stack(clips: Sequence[np.ndarray]) -> Float32[np.ndarray, "a m"]:
+    if not clips:
+        raise InputError("the animation has no clips; a rig without animation is sampled uniformly instead")
+    return np.concatenate([np.asarray(clip, dtype=np.float32) for clip in clips]) + np.float32(0)  # −0 → +0
+
+
+def _separate(poses: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    training, candidates = poses[~held], poses[held]
+    known = {pose.tobytes() for pose in training}
+    fresh = []
+    for index, pose in enumerate(candidates):
+        key = pose.tobytes()
+        if key not in known:
+            known.add(key)
+            fresh.append(index)
+    if not len(training) or not fresh:
+        raise InputError(
+            f"the split of {len(poses)} frames leaves {len(training)} training and {len(fresh)} unique test poses; "
+            "each side needs at least one"
+        )
+    return training, candidates[fresh]
+
+
+def hold_out(
+    poses: Float[np.ndarray, "a m"], count: int, generator: np.random.Generator
+) -> tuple[Float32[np.ndarray, "r m"], Float32[np.ndarray, "v m"]]:
+    """Take `count` poses out of a training animation, to choose schedules by and to follow a training with.
+
+    Only poses that occur once are taken, so that what rests keeps every pose that the animation dwells on, and at most
+    a tenth of them. Returns the rest and the poses taken, both in the order of the animation. Raises InputError when no
+    pose occurs once.
+    """
+    _, first, times = np.unique(poses, axis=0, return_index=True, return_counts=True)
+    single = np.sort(first[times == 1])
+    if not len(single):
+        raise InputError(f"each of the {len(poses)} training poses occurs more than once, so none can be held out")
+    taken = generator.permutation(single)[: min(count, max(1, len(single) // 10))]
+    held = np.zeros(len(poses), dtype=bool)
+    held[taken] = True
+    return poses[~held], poses[held]
+
+
+def augment(
+    poses: Float[np.ndarray, "a m"],
+    count: int,
+    generator: np.random.Generator,
+    low: float = 0.25,
+    high: float = 3.0,
+) -> Float32[np.ndarray, "count m"]:
+    """Draw training poses T = {u ⊙ p : u ~ U(low, high)^m, p ~ A} (Eq. 5).
+
+    The factors multiply the raw values, so that a control at 0 stays at 0 and nothing changes sign: a sample uses
+    the controls that its animator used, and no others. Values reach three times what the animation holds, past the
+    controls' limits, which the rig must bear. All controls of our rigs rest at 0. A rig with a control that rests
+    elsewhere (a gain of 1, say) gets it scattered over [low, high] times that value in *every* sample, whether or
+    not the animation touches it; the equation is kept as it stands, and such a rig had better redefine the control.
+
+    poses: A, training poses only. Poses are drawn with replacement.
+    """
+    source = generator.integers(len(poses), size=count)
+    factors = generator.random((count, poses.shape[1]), dtype=np.float32)
+    factors *= np.float32(high - low)
+    factors += np.float32(low)
+    factors *= np.asarray(poses, dtype=np.float32)[source]
+    return factors
+
+
+def sample_uniform(
+    lower: Float[np.ndarray, " m"], upper: Float[np.ndarray, " m"], count: int, generator: np.random.Generator
+) -> Float32[np.ndarray, "count m"]:
+    """Draw each control independently and uniformly in its range, as the paper does for Ray (§5.1)."""
+    spread = generator.random((count, len(lower)), dtype=np.float32)
+    return (lower + spread * (np.asarray(upper) - lower)).astype(np.float32)
+
+
+def balance_bins(landmark_positions: Float[np.ndarray, "k l 3"], bins: int = 16) -> Int16[np.ndarray, " k"]:
+    """Sort samples into intervals of equal length along the landmarks' first principal component (§3.5).
+
+    landmark_positions: positions (or offsets) in mm of the l landmark vertices in each of k samples.
+    Returns each sample's interval, 0 … bins − 1; some intervals may hold no sample. When no landmark moves,
+    all samples share interval 0.
+    """
+    points = np.asarray(landmark_positions, dtype=np.float64).reshape(len(landmark_positions), -1)
+    centred = points - points.mean(axis=0)
+    axis = np.linalg.eigh(centred.T @ centred)[1][:, -1]
+    axis *= np.sign(axis[np.argmax(np.abs(axis))])  # eigenvectors have no sign; bins should
+    score = centred @ axis
+    span = score.max() - score.min()
+    if span <= 1e-9:
+        return np.zeros(len(points), dtype=np.int16)
+    return np.minimum((score - score.min()) / span * bins, bins - 1).astype(np.int16)
+
+
+def bin_index(
+    bins: Int[np.ndarray, " k"],
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " c"], Int[np.ndarray, " c"]]:
+    """Return samples ordered by bin, and the start and size of each non-empty bin in that order.
+
+    bins: each sample's bin. All of them are sorted, so one index serves many draws.
+    """
+    order = np.argsort(bins, kind="stable")
+    _, starts, sizes = np.unique(np.asarray(bins)[order], return_index=True, return_counts=True)
+    return order, starts, sizes
+
+
+def draw_from_index(
+    order: Int[np.ndarray, " k"],
+    starts: Int[np.ndarray, " c"],
+    sizes: Int[np.ndarray, " c"],
+    count: int,
+    generator: np.random.Generator,
+) -> Int[np.ndarray, " count"]:
+    """Draw sample indices: a non-empty bin uniformly, then a sample of that bin uniformly, with replacement (§3.5).
+
+    order, starts, sizes: as `bin_index` returns them.
+    """
+    chosen = generator.integers(len(starts), size=count)
+    return order[starts[chosen] + generator.integers(sizes[chosen])]

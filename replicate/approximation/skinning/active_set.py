@@ -1,0 +1,206 @@
+"""The compiled active set of SSDR's weight step; `lbs_weights` says what it does, `solve_reference` there says how."""
+
+from typing import no_type_check
+
+import numpy as np
+from numba import njit
+
+from replicate.engine.jit_cache import KEPT
+
+
+@njit(cache=KEPT, fastmath={"reassoc", "contract", "nsz"})
+@no_type_check
+def solve_all(products, table, carried, square, old_index, old_weights, rounds, index, result, error):
+    """Solve for the weights of all vertices; fill in `index`, `result` and `error`.
+
+    products (n, 10), table (10, bones²), carried (n, bones), square (n,); from old_index, old_weights (n, influences).
+    """
+    n, bones = carried.shape
+    influences = old_index.shape[1]
+    room = influences + 1
+    flat = np.empty(bones * bones)
+    gram = flat.reshape(bones, bones)
+    gradient = np.empty(bones)
+    support = np.empty(room, np.int64)
+    weights = np.empty(room)
+    trial_support = np.empty(room, np.int64)
+    trial = np.empty(room)
+    factor = np.empty((room, room))
+    y = np.empty(room)
+    inside = np.zeros(bones, np.bool_)
+    for i in range(n):
+        for j in range(bones * bones):
+            flat[j] = 0.0
+        for m in range(10):
+            scale = products[i, m]
+            row = table[m]
+            for j in range(bones * bones):
+                flat[j] += scale * row[j]
+        trace = 0.0
+        for a in range(bones):
+            shift = square[i] - carried[i, a]
+            for b in range(bones):
+                gram[a, b] += shift - carried[i, b]
+            trace += gram[a, a]
+        ridge = 1e-9 * max(trace, 0.0) / bones + 1e-11 * square[i] + 1e-30
+        for a in range(bones):
+            gram[a, a] += ridge
+        size = 0
+        for k in range(influences):
+            if old_weights[i, k] > 0:
+                support[size] = old_index[i, k]
+                weights[size] = old_weights[i, k]
+                size += 1
+        size = _descend(gram, support, weights, size, influences, factor, y)
+        for _ in range(rounds):
+            energy = _gradient(gram, support, weights, size, gradient)
+            for k in range(size):
+                inside[support[k]] = True
+            new, gain = -1, np.inf
+            for b in range(bones):
+                if not inside[b] and gradient[b] - energy < gain:
+                    new, gain = b, gradient[b] - energy
+            for k in range(size):
+                inside[support[k]] = False
+            if not gain < -1e-6 * energy:
+                break
+            trial_support[:size] = support[:size]
+            trial[:size] = weights[:size]
+            trial_support[size] = new
+            trial[size] = 0.0
+            trial_size = _descend(gram, trial_support, trial, size + 1, influences, factor, y)
+            if not _energy(gram, trial_support, trial, trial_size) < energy:
+                break
+            size = trial_size
+            support[:size] = trial_support[:size]
+            weights[:size] = trial[:size]
+        squares = 0.0
+        for k in range(size):
+            index[i, k] = support[k]
+            result[i, k] = weights[k]
+            squares += weights[k] * weights[k]
+        error[i] = max(_energy(gram, support, weights, size) - ridge * squares, 0.0)
+
+
+@njit(cache=KEPT, fastmath={"reassoc", "contract", "nsz"})
+@no_type_check
+def _descend(gram, support, weights, size, influences, factor, y):
+    """Minimise on the support in place, dropping what would turn negative or is too many; return its new size."""
+    while size > 1:
+        _factorise(gram, support, size, factor)
+        _solve_ones(factor, size, y)
+        total = 0.0
+        for a in range(size):
+            total += y[a]
+        drop, step = -1, np.inf
+        for a in range(size):
+            wanted = y[a] / total
+            if wanted <= 0:
+                length = weights[a] / (weights[a] - wanted) if weights[a] > wanted else 0.0
+                if length < step:
+                    drop, step = a, length
+        if drop >= 0:
+            for a in range(size):
+                weights[a] += step * (y[a] / total - weights[a])
+            size = _remove(support, weights, size, drop)
+            continue
+        for a in range(size):
+            weights[a] = y[a] / total
+        if size <= influences:
+            return size
+        drop = _cheapest(weights, size, factor, y, total)
+        size = _remove(support, weights, size, drop)
+        total = 0.0
+        for a in range(size):
+            total += weights[a]
+        for a in range(size):
+            weights[a] /= total
+    weights[0] = 1.0
+    return size
+
+
+@njit(cache=KEPT)
+@no_type_check
+def _cheapest(weights, size, factor, y, total):
+    """Return the place in the support whose removal raises the energy least."""
+    column = np.empty(size)
+    cheapest, least = 0, np.inf
+    for b in range(size):
+        diagonal = 0.0  # of the inverse at b: the squared norm of column b of the inverse factor
+        for a in range(b, size):
+            value = 1.0 if a == b else 0.0
+            for k in range(b, a):
+                value -= factor[a, k] * column[k]
+            column[a] = value / factor[a, a]
+            diagonal += column[a] * column[a]
+        cost = weights[b] * weights[b] / (diagonal - y[b] * y[b] / total)
+        if cost < least:
+            cheapest, least = b, cost
+    return cheapest
+
+
+@njit(cache=KEPT)
+@no_type_check
+def _remove(support, weights, size, place):
+    for a in range(place, size - 1):
+        support[a] = support[a + 1]
+        weights[a] = weights[a + 1]
+    return size - 1
+
+
+@njit(cache=KEPT)
+@no_type_check
+def _factorise(gram, support, size, factor):
+    """Cholesky of the Gram matrix on the support, lower triangle."""
+    for a in range(size):
+        for b in range(a + 1):
+            value = gram[support[a], support[b]]
+            for k in range(b):
+                value -= factor[a, k] * factor[b, k]
+            if a == b:
+                floor = 1e-14 * gram[support[a], support[a]]
+                factor[a, a] = np.sqrt(max(value, floor))
+            else:
+                factor[a, b] = value / factor[b, b]
+
+
+@njit(cache=KEPT)
+@no_type_check
+def _solve_ones(factor, size, y):
+    """Solve G y = 1 from the Cholesky factor."""
+    for a in range(size):
+        value = 1.0
+        for k in range(a):
+            value -= factor[a, k] * y[k]
+        y[a] = value / factor[a, a]
+    for a in range(size - 1, -1, -1):
+        value = y[a]
+        for k in range(a + 1, size):
+            value -= factor[k, a] * y[k]
+        y[a] = value / factor[a, a]
+
+
+@njit(cache=KEPT, fastmath={"reassoc", "contract", "nsz"})
+@no_type_check
+def _gradient(gram, support, weights, size, gradient):
+    """Fill in Gw for all bones and return wᵀGw."""
+    for b in range(len(gradient)):
+        gradient[b] = 0.0
+    for k in range(size):
+        row = gram[support[k]]
+        for b in range(len(gradient)):
+            gradient[b] += weights[k] * row[b]
+    energy = 0.0
+    for k in range(size):
+        energy += weights[k] * gradient[support[k]]
+    return energy
+
+
+@njit(cache=KEPT)
+@no_type_check
+def _energy(gram, support, weights, size):
+    total = 0.0
+    for a in range(size):
+        for b in range(size):
+            total += weights[a] * weights[b] * gram[support[a], support[b]]
+    return total

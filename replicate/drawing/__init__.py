@@ -1,0 +1,1 @@
+"""How meshes become pictures: scenes, renderers, heatmaps, panels, one style for all charts."""

@@ -1,0 +1,80 @@
+"""A character in several poses, in the colours of skin, teeth and mouth: what a reader sees first."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from replicate.drawing.panels import Words, panel_grid
+from replicate.drawing.prop_surfaces import prop_surfaces
+from replicate.drawing.render import render
+from replicate.drawing.scene import PORTRAIT, Camera, Surface, camera_for, framed
+from replicate.geometry.mesh import Mesh
+
+SKIN = (226, 178, 148)
+# By the beginning of a segment's name; what begins otherwise is skin.
+COLOURS = {
+    "tooth": (245, 242, 230),
+    "teeth": (245, 242, 230),
+    "gum": (205, 105, 105),
+    "tongue": (214, 110, 112),
+    "mouth": (150, 60, 60),
+}
+BACKGROUND = (231, 235, 238)
+
+
+def colours_by_segment(mesh: Mesh, skin: tuple[int, int, int] = SKIN) -> UInt8[np.ndarray, "s 3"]:
+    """Return each segment's colour by what it is part of."""
+    named = [next((c for start, c in COLOURS.items() if name.startswith(start)), skin) for name in mesh.segment_names]
+    return np.array(named, np.uint8)
+
+
+def segment_colours(mesh: Mesh, skin: tuple[int, int, int] = SKIN) -> UInt8[np.ndarray, "f 3"]:
+    """Return each face's colour by what it is part of."""
+    return colours_by_segment(mesh, skin)[mesh.face_segment]
+
+
+def character_surfaces(rig, params: Float[np.ndarray, " m"], camera: Camera | None = None) -> list[Surface]:
+    """Return a rig in a pose with its props, in its own paint or, where it has none, coloured by segment.
+
+    rig: any that keeps the Rig contract. camera: gives the eyes catchlights, see `prop_surfaces`.
+    """
+    paint = getattr(rig, "paint", None)
+    colours = {"colours": segment_colours(rig.mesh)} if paint is None else {"paint": paint}
+    props = rig.pose_props(params) if hasattr(rig, "pose_props") else []
+    return [Surface(rig(params), rig.mesh.faces, **colours), *prop_surfaces(props, camera)]
+
+
+def expression_sheet(
+    rig,
+    poses: Mapping[str, np.ndarray],
+    columns: int = 4,
+    camera: str = "front",
+    width: int = 300,
+    height: int = 320,
+    renderer=None,
+):
+    """Return (figure, words): a rig in several poses, titled, row by row, with its props where it has any.
+
+    rig: any that keeps the Rig contract. poses: title → parameters (m,).
+    """
+    mesh = rig.mesh
+    view = camera_for(camera, mesh.neutral)
+    posed = [surface for params in poses.values() for surface in character_surfaces(rig, params)]
+    view = framed(view, posed, width / height)  # a stretched head is taller than one at rest
+    pictures = [
+        render(character_surfaces(rig, params, view), view, width, height, BACKGROUND, renderer, PORTRAIT)
+        for params in poses.values()
+    ]
+    blank = np.full((height, width, 3), 255, np.uint8)
+    pictures += [blank] * (-len(pictures) % columns)
+    titles = [*poses, *[""] * (len(pictures) - len(poses))]
+    rows = [pictures[k : k + columns] for k in range(0, len(pictures), columns)]
+    grid = [titles[k : k + columns] for k in range(0, len(titles), columns)]
+    figure = panel_grid(rows, grid)
+    listed = ", ".join(poses)
+    return figure, Words(
+        f"Renders of the character {rig.name} in {len(poses)} poses: {listed}.",
+        f"{rig.name}: {len(mesh.neutral):,} vertices, {len(rig.controls)} controls. Poses: {listed}. Hair, brows and "
+        "eyeballs are for display only; no method approximates them.",
+    )

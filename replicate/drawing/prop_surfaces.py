@@ -1,0 +1,65 @@
+"""Display-only meshes as surfaces: each part of a character shines in its own way, and eyes catch the light."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from replicate.drawing.scene import MATT, SILKY, WET, WHITE, Camera, Finish, Surface, axes
+from replicate.report.pose_record import colour_in_bytes
+
+# By the beginning of a prop's name; what begins otherwise is matt.
+FINISHES = {"eye": WET, "hair": SILKY, "horn": SILKY}
+# Where a window would be mirrored in an eyeball, in the camera's axes (right, up, to the eye); its size and how far it
+# lies before the eyeball, as shares of the radius.
+CATCHLIGHT = np.array([-0.20, 0.14, 0.97])
+CATCHLIGHT_SIZE, CATCHLIGHT_LIFT = 0.115, 0.012
+
+
+def finish_of(name: str) -> Finish:
+    """Return how a part shines, by its name."""
+    return next((finish for start, finish in FINISHES.items() if name.startswith(start)), MATT)
+
+
+def prop_surfaces(props: Iterable[Sequence], camera: Camera | None = None) -> list[Surface]:
+    """Return surfaces of (name, vertices (k, 3), faces, colour) as `rig.pose_props` and pose records give them.
+
+    colour: one RGB, or (k, 3), one for each vertex. camera: gives each eyeball a small white catchlight that stays on
+    the camera's side, wherever the eye looks; lids cover it as they cover the eye.
+    """
+    surfaces, eyes = [], {}
+    for name, vertices, faces, colour in props:
+        paint = (
+            {"paint": np.asarray(colour, np.uint8)} if np.ndim(colour) == 2 else {"colours": colour_in_bytes(colour)}
+        )
+        surfaces.append(Surface(vertices, faces, finish=finish_of(name), **paint))
+        if name.startswith("eye_"):
+            eyes.setdefault(name.rsplit("_", 1)[-1], []).append(vertices)
+    if camera is not None:
+        surfaces += [_catchlight(np.concatenate(parts), camera) for parts in eyes.values()]
+    return surfaces
+
+
+def _catchlight(eyeball: Float[np.ndarray, "k 3"], camera: Camera) -> Surface:
+    """Return a disc on an eyeball, which may be squashed: on the sphere that fits it, as far out as it is there."""
+    p = eyeball.astype(float)
+    system = np.concatenate([2 * p, np.ones((len(p), 1))], 1)
+    centre = np.linalg.lstsq(system, (p * p).sum(1), rcond=None)[0][:3]
+    rows, _ = axes(camera)
+    right, up, towards = _frame(CATCHLIGHT @ rows)
+    distance = np.linalg.norm(p - centre, axis=1)
+    radius = distance[np.argsort(-(p - centre) @ towards / distance)[:4]].max()
+    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)[:, None]
+    ring = towards + CATCHLIGHT_SIZE * (np.cos(turn) * right + np.sin(turn) * up)
+    ring = np.concatenate([towards[None], ring / np.linalg.norm(ring, axis=1, keepdims=True)])
+    around = 1 + np.arange(24)
+    faces = np.stack([np.zeros(24, int), around, np.roll(around, -1)], 1)
+    return Surface(np.float32(centre + (1 + CATCHLIGHT_LIFT) * radius * ring), np.int32(faces), WHITE)
+
+
+def _frame(towards: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+    """Return right, up and the given direction as unit rows."""
+    towards = towards / np.linalg.norm(towards)
+    right = np.cross([0.0, 1.0, 0.0], towards)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(towards, right), towards])

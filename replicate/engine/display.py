@@ -1,0 +1,88 @@
+"""What the scheduler shows of stages that run side by side: bars on a terminal, now and then a line elsewhere."""
+
+import sys
+import time
+from io import TextIOBase
+
+from tqdm import tqdm
+
+from replicate.engine.progress import DELAY_S
+
+LINE_EVERY_S = 30.0  # between two lines on the same stage, when there is no terminal
+
+
+class StageDisplay:
+    """The bar, or the lines, of one running stage; silent for its first two seconds."""
+
+    def __init__(self, title: str, slot: int, stream: TextIOBase | None = None):
+        self.title, self.slot = title, slot
+        self.stream = stream or sys.stderr
+        self.started = self._spoken = time.monotonic()
+        self._announced = False
+        self._bar: tqdm | None = None
+        self._label, self._label_started, self._label_initial = "", self.started, 0.0
+
+    def tick(self) -> None:
+        """Announce the stage once it has run for two seconds."""
+        if not self._announced and time.monotonic() - self.started >= DELAY_S:
+            self._announced = True
+            self._line("started")
+
+    def waiting(self) -> None:
+        """Say that another process is making the same artefact."""
+        self._announced = True
+        self._line("being made by another process; waiting for it")
+
+    def progress(self, label: str, done: float, total: float) -> None:
+        """Show that `done` of `total` steps of the part `label` are done."""
+        self.tick()
+        if label != self._label:
+            self._close()
+            self._label, self._label_started, self._label_initial = label, time.monotonic(), done
+        if self.stream.isatty():
+            self._draw(done, total)
+        elif self._announced and time.monotonic() - self._spoken >= LINE_EVERY_S and done < total:
+            self._line(f"{label} {done:,.0f} of {total:,.0f}{self._time_left(done, total)}")
+
+    def end(self, outcome: str) -> None:
+        """Take the bar away and, unless the stage took under two seconds, say how long it took."""
+        self._close()
+        seconds = time.monotonic() - self.started
+        if seconds >= DELAY_S:
+            self._line(f"{outcome} in {duration(seconds)}")
+
+    def _draw(self, done: float, total: float) -> None:
+        if self._bar is None:
+            self._bar = tqdm(
+                total=total,
+                initial=done,
+                desc=f"{self.title}: {self._label}",
+                position=self.slot,
+                delay=max(0.0, self.started + DELAY_S - time.monotonic()),
+                leave=False,
+                dynamic_ncols=True,
+                file=self.stream,
+            )
+        self._bar.update(done - self._bar.n)
+
+    def _time_left(self, done: float, total: float) -> str:
+        elapsed, here = time.monotonic() - self._label_started, done - self._label_initial
+        return f", about {duration(elapsed * (total - done) / here)} left" if here > 0 else ""
+
+    def _line(self, text: str) -> None:
+        self._spoken = time.monotonic()
+        tqdm.write(f"{self.title}: {text}", file=self.stream)
+        self.stream.flush()
+
+    def _close(self) -> None:
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
+
+
+def duration(seconds: float) -> str:
+    """Return a time in words that are short enough for a line of progress."""
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60} min"

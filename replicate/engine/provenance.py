@@ -1,0 +1,147 @@
+"""Where numbers come from: the commit, the machine, the versions and the times behind a run."""
+
+import importlib.metadata
+import os
+import platform
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+from replicate.engine.paths import ROOT
+from replicate.engine.stage import Stage, in_order
+from replicate.engine.store import artefact_folder, read_manifest
+
+PACKAGES = ("jax", "jaxlib", "numba", "numpy", "scikit-learn", "scipy", "torch")  # those that numbers pass through
+
+
+def provenance(command: list[str], profile: str, seeds: list[int], workers: int) -> dict:
+    """Return what a manifest tells of a run: commit, command, profile, seeds, versions, processor, threads, GPU.
+
+    command: the arguments as typed. workers: processes side by side, each with one thread unless a stage's own
+    manifest says more. The GPU is named only if torch is loaded in this process: asking loads it otherwise.
+    """
+    return {
+        "git": git_state(),
+        "command": " ".join(command),
+        "profile": profile,
+        "seeds": list(seeds),
+        "python": platform.python_version(),
+        "packages": package_versions(),
+        "system": platform.system(),
+        "processor": processor(),
+        "cores": core_count(),
+        "workers": workers,
+        "gpu": gpu(),
+    }
+
+
+def as_lines(facts: dict[str, str]) -> str:
+    """Return facts by their labels as lines, all values in one column."""
+    width = max(24, *(len(label) + 2 for label in facts))
+    return "\n".join(f"{label:{width}}{value}" for label, value in facts.items())
+
+
+def git_state(folder: Path = ROOT) -> dict | None:
+    """Return {"commit", "clean"} of the checkout that `folder` is the root of; None outside a checkout."""
+    if not (folder / ".git").exists():  # without it, git would answer for a repository further up
+        return None
+    try:
+        commit = _git(folder, "rev-parse", "HEAD")
+        return {"commit": commit, "clean": not _git(folder, "status", "--porcelain")}
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def _git(folder: Path, *arguments: str) -> str:
+    command = ["git", "-C", str(folder), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=20).stdout.strip()
+
+
+def package_versions() -> dict[str, str]:
+    """Return the installed versions of the packages that numbers pass through."""
+    versions = {}
+    for package in PACKAGES:
+        try:
+            versions[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return versions
+
+
+def processor() -> str:
+    """Return the processor's name as the system gives it."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    if sys.platform == "darwin":
+        answer = subprocess.run(["sysctl", "-n", "machdep.cpu.brand_string"], capture_output=True, text=True)
+        if answer.returncode == 0 and answer.stdout.strip():
+            return answer.stdout.strip()
+    return platform.processor() or platform.machine()
+
+
+def core_count() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def peak_memory_mb() -> float:
+    """Return the most memory that this process has held at once, in MB, since its program was started.
+
+    Linux' `getrusage` also counts what the process was before, a copy of the one that started it; /proc does not.
+    """
+    status = Path("/proc/self/status")
+    lines = status.read_text().splitlines() if status.is_file() else []
+    for line in lines:
+        if line.startswith("VmHWM:"):
+            return int(line.split()[1]) / 1024
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1024 * 1024 if sys.platform == "darwin" else 1024)
+
+
+def gpu() -> str | None:
+    """Return the GPU's name if torch is loaded here and sees one."""
+    torch = sys.modules.get("torch")
+    return torch.cuda.get_device_name(0) if torch is not None and torch.cuda.is_available() else None
+
+
+def graph_git(stages: list[Stage]) -> dict | None:
+    """Return the commit that the first stage of a finished graph was made from, and whether all stages were so cleanly.
+
+    {"commit", "clean"}: "clean" is true only if every stage, inputs included, was made from a clean tree; "commits"
+    names all that stages were made from, where there are several. None if the first was made outside a checkout.
+    """
+    states = [_made_from(stage) for stage in in_order(stages)]
+    first = _made_from(stages[0])
+    if first is None:
+        return None
+    commits = list(dict.fromkeys(state["commit"] for state in states if state))
+    several = {"commits": commits} if len(commits) > 1 else {}
+    return {"commit": first["commit"], "clean": all(state and state["clean"] for state in states), **several}
+
+
+def stage_facts(stages: list[Stage]) -> dict[str, dict]:
+    """Return, for every stage of a finished graph by its title, its key, wall time and what it noted.
+
+    "git" is there for stages whose commit or clean flag differs from those of `graph_git`; None for one that was made
+    outside a checkout.
+    """
+    facts = {}
+    top = graph_git(stages)
+    shared = top and {name: top[name] for name in ("commit", "clean")}
+    for stage in in_order(stages):
+        manifest = read_manifest(artefact_folder(stage.identifier))
+        kept = ("key", "wall_s", "resumed", "threads", "peak_memory_mb", "gpu", "notes")
+        facts[stage.title] = {name: manifest[name] for name in kept if manifest.get(name) not in (None, {}, False)}
+        if (own := _made_from(stage)) != shared:
+            facts[stage.title]["git"] = own
+    return facts
+
+
+def _made_from(stage: Stage) -> dict | None:
+    """Return the `git_state` of the run that made a stage's artefact."""
+    return read_manifest(artefact_folder(stage.identifier))["run"].get("git")

@@ -1,0 +1,137 @@
+"""A stage: a function from a configuration and other stages' artefacts to an artefact of its own."""
+
+import hashlib
+import importlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from replicate.engine.code_hash import sources_digest
+from replicate.engine.exceptions import InputError
+from replicate.engine.progress import Progress, progress
+from replicate.engine.schema import to_json
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """One node of the graph; its key decides, alone, whether its artefact is up to date.
+
+    name: short and lower-case, e.g. "coarse". function: "module:function", called with a `StageContext` in a process
+    of its own. config: a frozen dataclass of numbers, text, tuples and dataclasses; with a `seed` where the stage
+    draws. inputs: the stages whose artefacts it reads. label: whose it is, e.g. the character; shown, and part of the
+    folder's name. files: data files that it depends on by their content, e.g. a recipe. threads: how many it may
+    use; 0 for as many as there are workers, then it runs alone.
+    """
+
+    name: str
+    function: str
+    config: object
+    inputs: tuple["Stage", ...] = ()
+    label: str = ""
+    files: tuple[Path, ...] = ()
+    threads: int = 1
+
+    def __post_init__(self):
+        if not re.fullmatch(r"[\w.-]+", self.title):
+            raise ValueError(f"stage {self.title!r}: names and labels name folders; use letters, digits, _, . and -")
+
+    @property
+    def title(self) -> str:
+        """The name and whose it is, as shown in progress and logs."""
+        return f"{self.name}-{self.label}" if self.label else self.name
+
+    @cached_property
+    def key(self) -> str:
+        """A hash of the name, the configuration, the inputs' keys, the sources and the data files."""
+        parts = {
+            "name": self.name,
+            "config": to_json(self.config),
+            "inputs": [stage.key for stage in self.inputs],
+            "sources": sources_digest(self.function),
+            "draws": sources_digest(f"{__name__}:stream_rng"),
+            "files": [_file_digest(Path(file)) for file in self.files],
+        }
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
+
+    @property
+    def identifier(self) -> str:
+        """The name of the artefact's folder in the cache."""
+        return f"{self.title}-{self.key}"
+
+
+def _file_digest(file: Path) -> str:
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(f"{file}: found no readable file ({error.strerror})") from error
+
+
+@dataclass(frozen=True)
+class StageContext:
+    """What a stage's function is given.
+
+    config: the stage's. inputs: by the name of each input stage (by its title, name-label, where several share a
+    name), the folder of its verified artefact. out: an empty folder to fill. scratch: a folder that outlives a kill,
+    for checkpoints; it is removed once the artefact is complete. threads: how many the stage may use.
+    """
+
+    name: str
+    config: object
+    inputs: Mapping[str, Path]
+    out: Path
+    scratch: Path
+    threads: int = 1
+    notes: dict = field(default_factory=dict)
+
+    def progress(self, total: float, label: str, initial: float = 0) -> Progress:
+        """Return a context manager whose `.update(k)` reports `total` steps, of which `initial` were done before."""
+        return progress(total, label, initial)
+
+    def note(self, **facts) -> None:
+        """Put facts (JSON-ready) into the artefact's manifest."""
+        self.notes.update(json.loads(json.dumps(facts)))
+
+    def rng(self, stream: str) -> np.random.Generator:
+        """Return the generator of a named stream; it depends on the seed, the stage's name and the stream alone."""
+        return stream_rng(self.config.seed, self.name, stream)
+
+
+def stream_rng(seed: int, name: str, stream: str) -> np.random.Generator:
+    """Return the generator of one named stream of one stage, so that a new stream moves no other's numbers."""
+    digest = hashlib.sha256(json.dumps([seed, name, stream]).encode()).digest()
+    return np.random.default_rng(int.from_bytes(digest[:16], "little"))
+
+
+def stage_function(function: str):
+    """Import and return the function "module:function"."""
+    module, _, name = function.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def input_names(stages: tuple[Stage, ...]) -> dict[str, Stage]:
+    """Return the stages by the names under which a function finds them in `context.inputs`."""
+    names = [stage.name for stage in stages]
+    titles = {stage.title: stage for stage in stages}
+    if len(titles) < len(stages):
+        raise ValueError(f"two inputs have the same title: {', '.join(stage.title for stage in stages)}")
+    return titles | {stage.name: stage for stage in stages if names.count(stage.name) == 1}
+
+
+def in_order(stages: list[Stage]) -> list[Stage]:
+    """Return the stages and all that they need, each once, inputs first, else in the order given."""
+    ordered: dict[str, Stage] = {}
+
+    def visit(stage: Stage) -> None:
+        if stage.identifier not in ordered:
+            for needed in stage.inputs:
+                visit(needed)
+            ordered[stage.identifier] = stage
+
+    for stage in stages:
+        visit(stage)
+    return list(ordered.values())

@@ -1,0 +1,209 @@
+"""Artefacts: content-addressed folders in the cache, each with a manifest of checksums.
+
+    <cache>/<stage>-<key>/            an artefact: its files, manifest.json and manifest.sha256
+    <cache>/damaged-<stage>-<key>/    one that failed its check, kept to be looked at
+    <cache>/partial/, scratch/, locks/, logs/     work that goes on, by the same names
+
+An artefact is filled in `partial/` and renamed into place when its manifest is written, so that what stands in the
+cache was complete. Every file is hashed in full whenever an artefact is loaded: sizes and times say nothing about a
+flipped bit, and SHA-256 takes a second or two for a gigabyte.
+"""
+
+import contextlib
+import errno
+import hashlib
+import json
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from replicate.engine.exceptions import InputError, RunError
+from replicate.engine.paths import cache_folder
+
+MANIFEST = "manifest.json"
+_SEAL = "manifest.sha256"
+_NEARLY_FULL_BYTES = 32 << 20  # below this, a write that failed without a reason failed for lack of space
+
+
+def artefact_folder(identifier: str) -> Path:
+    """Return where an artefact stands, or will."""
+    return cache_folder() / identifier
+
+
+def make_cache_folder() -> None:
+    """Make the cache's folder; raises InputError where that can't be."""
+    try:
+        cache_folder().mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = f"the cache folder {cache_folder()} can't be made ({error.strerror})"
+        raise InputError(f"{reason}: set REPLICATE_CACHE to one that can") from None
+
+
+def scratch_folder(identifier: str) -> Path:
+    """Return where the checkpoints of an unfinished artefact are kept."""
+    return cache_folder() / "scratch" / identifier
+
+
+def log_file(identifier: str) -> Path:
+    """Return what the stage that makes this artefact printed."""
+    return cache_folder() / "logs" / f"{identifier}.log"
+
+
+def read_manifest(folder: Path) -> dict:
+    """Return an artefact's manifest."""
+    return json.loads((Path(folder) / MANIFEST).read_text(encoding="utf-8"))
+
+
+def find_damage(folder: Path) -> str:
+    """Return "" if every file of an artefact agrees with its manifest, else one finding in words."""
+    try:
+        text = (folder / MANIFEST).read_bytes()
+        sealed = (folder / _SEAL).read_bytes()
+    except OSError as error:
+        return f"{Path(error.filename).name} can't be read"
+    if sealed != _seal(text):
+        return f"{MANIFEST} differs from its checksum"
+    files = json.loads(text)["files"]
+    with ThreadPoolExecutor(min(8, os.cpu_count() or 1)) as pool:
+        by_size = sorted(files, key=lambda name: -files[name]["bytes"])
+        findings = pool.map(lambda name: _compare(folder / name, files[name]), by_size)
+        return next((finding for finding in findings if finding), "")
+
+
+def load(identifier: str) -> Path | None:
+    """Return the folder of a verified artefact, or None if there is none.
+
+    A damaged one is named on standard error and set aside as `damaged-…`, so that it is made again, never used.
+    """
+    folder = artefact_folder(identifier)
+    if not folder.exists():
+        return None
+    if not find_damage(folder):
+        return folder
+    with lock(identifier):  # another process may have found the same, and mended it
+        damage = find_damage(folder) if folder.exists() else ""
+        if damage:
+            aside = cache_folder() / f"damaged-{identifier}"
+            shutil.rmtree(aside, ignore_errors=True)
+            os.replace(folder, aside)
+            print(f"{folder}: damaged ({damage}); set aside as {aside.name}, to be made again", file=sys.stderr)
+    return folder if folder.exists() else None
+
+
+def make(identifier: str, build: Callable[[Path, Path], dict], waiting: Callable[[], None] = lambda: None) -> Path:
+    """Return a verified artefact, made by `build` if there is none yet.
+
+    build: called with an empty folder to fill and a scratch folder that outlives a kill; returns the facts for the
+    manifest. waiting: called once when another process is making the same artefact; theirs is returned then.
+    Raises RunError when the disk is full; nothing half written is left in place.
+    """
+    partial = _partial_folder(identifier)
+    scratch = scratch_folder(identifier)
+    with _told_if_full(identifier), lock(identifier, waiting):
+        if load(identifier) is None:
+            shutil.rmtree(partial, ignore_errors=True)
+            try:
+                partial.mkdir(parents=True)
+                scratch.mkdir(parents=True, exist_ok=True)
+                facts = build(partial, scratch)
+                _write_manifest(partial, facts)
+                os.replace(partial, artefact_folder(identifier))
+            except BaseException:
+                shutil.rmtree(partial, ignore_errors=True)
+                raise
+        shutil.rmtree(scratch, ignore_errors=True)
+    return artefact_folder(identifier)
+
+
+def discard_partial(identifier: str) -> None:
+    """Remove what a killed process had filled of an artefact, unless another one is filling it by now."""
+    with contextlib.suppress(Timeout), lock(identifier, wait=False):
+        shutil.rmtree(_partial_folder(identifier), ignore_errors=True)
+
+
+@contextlib.contextmanager
+def lock(identifier: str, waiting: Callable[[], None] = lambda: None, wait: bool = True) -> Iterator[None]:
+    """Hold an artefact's lock, which the system frees should the process die; the same process may hold it twice.
+
+    waiting: called once where another process holds it. wait: else, filelock's Timeout is raised then.
+    """
+    folder = cache_folder() / "locks"
+    folder.mkdir(parents=True, exist_ok=True)
+    held = FileLock(folder / f"{identifier}.lock", is_singleton=True)
+    try:
+        held.acquire(timeout=0)
+    except Timeout:
+        if not wait:
+            raise
+        waiting()
+        held.acquire(poll_interval=0.2)
+    try:
+        yield
+    finally:
+        held.release()
+
+
+def is_disk_full(error: BaseException) -> bool:
+    """Return whether an error says, or by the free space must mean, that the disk is full."""
+    if "No space left on device" in str(error):  # some libraries wrap the number away
+        return True
+    if not isinstance(error, OSError):
+        return False
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return True
+    return error.errno is None and _free_bytes() < _NEARLY_FULL_BYTES  # numpy's short writes carry no number
+
+
+@contextlib.contextmanager
+def _told_if_full(identifier: str) -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:
+        if not is_disk_full(error):
+            raise
+        raise RunError(
+            f"{identifier}: the disk is full ({_free_bytes() >> 20} MB free at {cache_folder()}): make room or set "
+            "REPLICATE_CACHE to a folder elsewhere, then run the same command; finished work is kept"
+        ) from error
+
+
+def _partial_folder(identifier: str) -> Path:
+    return cache_folder() / "partial" / identifier
+
+
+def _free_bytes() -> int:
+    folder = cache_folder()
+    while not folder.exists():
+        folder = folder.parent
+    return shutil.disk_usage(folder).free
+
+
+def _write_manifest(folder: Path, facts: dict) -> None:
+    names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    files = {name: {"bytes": (folder / name).stat().st_size, "sha256": _digest(folder / name)} for name in names}
+    text = (json.dumps({**facts, "files": files}, indent=1, ensure_ascii=False) + "\n").encode()
+    (folder / MANIFEST).write_bytes(text)
+    (folder / _SEAL).write_bytes(_seal(text))
+
+
+def _seal(text: bytes) -> bytes:
+    return hashlib.sha256(text).hexdigest().encode() + b"\n"
+
+
+def _compare(file: Path, expected: dict) -> str:
+    try:
+        if file.stat().st_size != expected["bytes"]:
+            return f"{file.name} has {file.stat().st_size} bytes instead of {expected['bytes']}"
+        return "" if _digest(file) == expected["sha256"] else f"{file.name} differs from its checksum"
+    except OSError:
+        return f"{file.name} can't be read"
+
+
+def _digest(file: Path) -> str:
+    with open(file, "rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -1,0 +1,93 @@
+"""One stage in a process of its own: `python -m replicate.engine.worker`, started by the scheduler.
+
+It reads its orders, one line of JSON, from standard input and answers in lines of JSON on standard output; whatever
+the stage prints goes to the log. It never outlives the scheduler: the end of standard input ends it.
+"""
+
+import ctypes
+import json
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from pathlib import Path
+
+from replicate.engine import progress, store
+from replicate.engine.exceptions import InputError, RunError
+from replicate.engine.provenance import gpu, peak_memory_mb
+from replicate.engine.schema import from_json
+from replicate.engine.stage import StageContext, stage_function
+
+_PR_SET_PDEATHSIG = 1
+
+
+def main() -> None:
+    """Make one artefact as told, and report how it went."""
+    if sys.platform == "linux":  # at once, even while a compiled kernel runs; elsewhere the watchdog has to do
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    orders = json.loads(sys.stdin.readline())
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    answers = os.fdopen(os.dup(1), "w", buffering=1)
+    log = os.open(orders["log"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+    os.dup2(log, 1)
+    os.dup2(log, 2)
+    speaking = threading.Lock()
+
+    def answer(event: str, **facts) -> None:
+        with speaking:
+            answers.write(json.dumps({"event": event, **facts}) + "\n")
+
+    progress.report_to(lambda label, done, total: answer("progress", label=label, done=done, total=total))
+    try:
+        made = []
+        store.make(
+            orders["identifier"],
+            lambda out, scratch: made.append(1) or _build(orders, out, scratch),
+            lambda: answer("waiting"),
+        )
+        answer("done", made=bool(made))
+    except (InputError, RunError) as error:
+        answer("failed", kind=type(error).__name__, message=str(error))
+    except Exception as error:
+        traceback.print_exc()
+        sys.stderr.flush()
+        answer("failed", kind="Exception", message=f"{type(error).__name__}: {error}".splitlines()[0])
+
+
+def _build(orders: dict, out: Path, scratch: Path) -> dict:
+    """Run the stage's function and return the facts for the artefact's manifest."""
+    started = time.monotonic()
+    inputs = {name: store.load(identifier) for name, identifier in orders["inputs"].items()}
+    for name, folder in inputs.items():
+        if folder is None:
+            raise RunError(f"{orders['title']}: input {name} is damaged or gone; run the same command to make it again")
+    resumed = any(scratch.iterdir())
+    config = from_json(orders["config"])
+    context = StageContext(orders["name"], config, inputs, out, scratch, orders["threads"])
+    stage_function(orders["function"])(context)
+    return {
+        "stage": orders["title"],
+        "key": orders["key"],
+        "function": orders["function"],
+        "sources": orders["sources"],
+        "config": orders["config"],
+        "inputs": orders["inputs"],
+        "notes": context.notes,
+        "wall_s": round(time.monotonic() - started, 3),
+        "resumed": resumed,
+        "threads": orders["threads"],
+        "peak_memory_mb": round(peak_memory_mb()),
+        "gpu": gpu(),
+        "run": orders["run"],
+    }
+
+
+def _end_with_parent() -> None:
+    os.read(0, 1)  # blocks until the scheduler is gone
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    main()

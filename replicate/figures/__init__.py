@@ -1,1 +1,0 @@
-"""What is drawn: renders, heatmaps and the figures of the paper."""

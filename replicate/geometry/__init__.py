@@ -1,0 +1,1 @@
+"""Triangle meshes: normals, edges, rays, rigid alignment."""

@@ -1,0 +1,180 @@
+"""A triangle mesh with charts, and the few quantities that everything else reads off it.
+
+A mesh's topology never changes with the pose: one `Mesh` belongs to one character, and posed vertices are
+plain arrays (..., n, 3) beside it.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from replicate.engine.exceptions import InputError
+
+# A face counts as degenerate when its height over its longest edge is below this: float32 millimetres of a head
+# carry about 1e-5 mm of rounding, so the normal of such a face would be noise.
+FLATNESS = 1e-5
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A neutral mesh V⁰ with its segments (§3) and one chart per segment.
+
+    neutral: (n, 3) float32, millimetres, x to the picture's right, y up, z forward.
+    faces: (f, 3) int32, vertex indices, counter-clockwise from outside.
+    uv: (n, 2) float32 in [0, 1]; a vertex's place in its own segment's chart.
+    segment: (n,) int32, indices into `segment_names`.
+    segment_names: one name per segment; every segment has a vertex.
+
+    Raises InputError, naming the first offending index, for anything else.
+    """
+
+    # Plain arrays: __post_init__ checks the shapes of what users bring, and says more than a type error could.
+    neutral: np.ndarray
+    faces: np.ndarray
+    uv: np.ndarray
+    segment: np.ndarray
+    segment_names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for name, dtype in (
+            ("neutral", np.float32),
+            ("uv", np.float32),
+            ("faces", np.int32),
+            ("segment", np.int32),
+        ):
+            object.__setattr__(self, name, _array(name, getattr(self, name), dtype))
+        object.__setattr__(self, "segment_names", tuple(self.segment_names))
+        _check_shapes(self)
+        _check_values(self)
+
+    @property
+    def face_segment(self) -> Int[np.ndarray, " f"]:
+        """The segment of each face: that of two of its vertices, or of its first where all three differ."""
+        a, b, c = self.segment[self.faces].T
+        return np.where(b == c, b, a).astype(np.int32)
+
+    def save(self, file: Path) -> None:
+        """Write the mesh as npz, without pickle; the same mesh gives the same bytes."""
+        arrays = {name: getattr(self, name) for name in ("neutral", "faces", "uv", "segment")}
+        np.savez(file, **arrays, segment_names=np.array(self.segment_names))
+
+    @classmethod
+    def load(cls, file: Path) -> "Mesh":
+        """Read what `save` wrote; it is validated again."""
+        with np.load(file, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in ("neutral", "faces", "uv", "segment")}
+            return cls(**arrays, segment_names=tuple(stored["segment_names"].tolist()))
+
+
+def _array(name: str, values, dtype) -> np.ndarray:
+    array = np.asarray(values)
+    wanted = "f" if dtype == np.float32 else "iu"
+    if array.dtype.kind not in wanted:
+        kind = "floating-point numbers" if wanted == "f" else "integers"
+        raise InputError(f"mesh: {name} holds {array.dtype}, where only {kind} are allowed.")
+    return np.ascontiguousarray(array, dtype=dtype)
+
+
+def _check_shapes(mesh: Mesh) -> None:
+    n = len(mesh.neutral)
+    shapes = {
+        "neutral": (n, 3),
+        "faces": (len(mesh.faces), 3),
+        "uv": (n, 2),
+        "segment": (n,),
+    }
+    for name, allowed in shapes.items():
+        found = getattr(mesh, name).shape
+        if found != allowed:
+            raise InputError(f"mesh: {name} has the shape {found}, where {allowed} is allowed.")
+    if n == 0 or len(mesh.faces) == 0:
+        raise InputError(
+            f"mesh: found {n} vertices and {len(mesh.faces)} faces, where at least one of each is allowed."
+        )
+
+
+def _check_values(mesh: Mesh) -> None:
+    n, segments = len(mesh.neutral), len(mesh.segment_names)
+    if (i := _first(~np.isfinite(mesh.neutral).all(-1))) is not None:
+        raise InputError(
+            f"mesh: neutral[{i}] is {mesh.neutral[i].tolist()}, where only finite millimetres are allowed."
+        )
+    inside = (mesh.uv >= 0) & (mesh.uv <= 1)  # False for NaN as well
+    if (i := _first(~inside.all(-1))) is not None:
+        raise InputError(f"mesh: uv[{i}] is {mesh.uv[i].tolist()}, where only values in [0, 1] are allowed.")
+    if (i := _first(((mesh.faces < 0) | (mesh.faces >= n)).any(-1))) is not None:
+        raise InputError(
+            f"mesh: faces[{i}] is {mesh.faces[i].tolist()}, where only vertex indices 0 to {n - 1} are allowed."
+        )
+    if (i := _first((mesh.segment < 0) | (mesh.segment >= segments))) is not None:
+        raise InputError(
+            f"mesh: vertex {i} is in no segment: segment[{i}] is {mesh.segment[i]}, "
+            f"where 0 to {segments - 1} is allowed."
+        )
+    if (i := _first(np.bincount(mesh.segment, minlength=segments) == 0)) is not None:
+        raise InputError(f"mesh: segment {i} ({mesh.segment_names[i]!r}) has no vertex, where at least one is allowed.")
+    if (i := _first(degenerate_faces(mesh.neutral, mesh.faces))) is not None:
+        raise InputError(
+            f"mesh: faces[{i}] = {mesh.faces[i].tolist()} is degenerate (its corners coincide or lie on a line in the "
+            "neutral pose), where only faces with an area are allowed."
+        )
+
+
+def _first(bad: np.ndarray) -> int | None:
+    hits = np.flatnonzero(bad)
+    return int(hits[0]) if len(hits) else None
+
+
+def face_vectors(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "*b f 3"]:
+    """Return twice the area of each face times its normal: the cross product of two edges, not normalised."""
+    a, b, c = (np.take(vertices, faces[:, k], axis=-2) for k in range(3))
+    b -= a
+    c -= a
+    out = np.empty_like(b)
+    out[..., 0] = b[..., 1] * c[..., 2] - b[..., 2] * c[..., 1]
+    out[..., 1] = b[..., 2] * c[..., 0] - b[..., 0] * c[..., 2]
+    out[..., 2] = b[..., 0] * c[..., 1] - b[..., 1] * c[..., 0]
+    return out
+
+
+def face_normals(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "*b f 3"]:
+    """Return each face's unit normal (the n_i of Eq. 1 and Eq. 11); a face without an area gets the zero vector."""
+    return _normalised(face_vectors(vertices, faces))
+
+
+def vertex_normals(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "*b n 3"]:
+    """Return each vertex's unit normal: the mean of its faces' normals, weighted by area (for shading only)."""
+    vectors = face_vectors(vertices, faces)
+    total = np.zeros_like(vertices)
+    flat, source = (
+        total.reshape(-1, *total.shape[-2:]),
+        vectors.reshape(-1, *vectors.shape[-2:]),
+    )
+    for pose, vector in zip(flat, source, strict=True):
+        for corner in range(3):
+            for axis in range(3):
+                pose[:, axis] += np.bincount(faces[:, corner], vector[:, axis], minlength=pose.shape[0])
+    return _normalised(total)
+
+
+def edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "e 2"]:
+    """Return every undirected edge once, smaller index first, sorted."""
+    pairs = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    return np.unique(pairs, axis=0)
+
+
+def degenerate_faces(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]) -> np.ndarray:
+    """Return (..., f) bool: faces whose height over their longest edge is below `FLATNESS`, or that are points."""
+    exact = vertices.astype(np.float64)
+    corners = exact[..., faces, :]
+    longest = (np.roll(corners, -1, axis=-2) - corners) ** 2
+    longest = longest.sum(-1).max(-1)
+    double_area = np.linalg.norm(face_vectors(exact, faces), axis=-1)
+    return double_area <= FLATNESS * longest
+
+
+def _normalised(vectors: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

@@ -1,0 +1,1 @@
+"""What the tables compare: a module for each method."""

@@ -1,0 +1,1 @@
+"""Results as people read them: tidy tables, text, notebooks, manifests, and their publication."""

@@ -1,0 +1,72 @@
+"""`make compare`: the paper's number, the reference result's, and yours, side by side."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from replicate.engine.exceptions import InputError
+from replicate.report.results import Row, find, read_results
+from replicate.report.tables import Table, published, rounded
+from replicate.targets.table2.layout import STANDS_FOR, in_order, title
+
+COMPARED = ("table1", "table2", "table3", "table4")
+
+
+def compare(paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row], table: str) -> Table:
+    """Return one printed table: a line for every number of `table` that the reference results or yours have.
+
+    The last column is yours over the reference's. Percentiles, maxima and brackets stay in the full tables.
+    """
+    keys = {row.key[1:]: row.unit for row in (*reference, *yours) if row.table == table and _compared(row)}
+    body: list[tuple[str, ...] | None] = []
+    last = None
+    known = in_order({method for _, method, _ in keys})
+    for character, method, metric in sorted(keys, key=lambda key: _order(key, known)):
+        group = (character,) if table == "table1" else (character, metric)  # counts and sizes stand together
+        if last is not None and group != last:
+            body.append(None)
+        last = group
+        theirs = find(paper, table, STANDS_FOR.get(character, ""), method, metric)
+        old, new = (find(rows, table, character, method, metric) for rows in (reference, yours))
+        unit = keys[character, method, metric]
+        ratio = f"{new.value / old.value:.3f}" if old and new and old.value else "–"
+        cells = (rounded(row.value, unit, row.sd) if row else "–" for row in (old, new))
+        label = f"{character}, {title(method)}, {metric} [{unit}]"
+        body.append((label, published(theirs), *cells, ratio))
+    return Table(f"{table}: the paper's rig | the reference results | yours", (_header(reference, yours),), tuple(body))
+
+
+def compare_folders(paper: Path, reference: Path, yours: Path) -> list[Table]:
+    """Return the comparison of every table that `reference` or `yours` holds.
+
+    Raises InputError, with the target that makes them, where `yours` holds no table at all.
+    """
+    present = {folder: [t for t in COMPARED if (folder / f"{t}.csv").is_file()] for folder in (reference, yours)}
+    if not present[yours]:
+        raise InputError(
+            f"{yours}: there are no results of yours to compare yet; `make table1` or `make table2` makes some."
+        )
+    tables = []
+    for table in COMPARED:
+        if table in present[reference] or table in present[yours]:
+            rows = (
+                read_results(folder / f"{table}.csv") if table in present[folder] else []
+                for folder in (reference, yours)
+            )
+            tables.append(compare(read_results(paper / f"{table}.csv"), *rows, table))
+    return tables
+
+
+def _compared(row: Row) -> bool:
+    return not row.metric.endswith(("_p95", "_max", "_left_out", "_least", "_most")) and "texels" not in row.metric
+
+
+def _order(key: tuple[str, str, str], known: Sequence[str]) -> tuple:
+    character, method, metric = key
+    place = known.index(method) if method in known else len(known)
+    return character, metric != "vertex_error_mean", metric, place, method
+
+
+def _header(reference: Sequence[Row], yours: Sequence[Row]) -> tuple[str, ...]:
+    profiles = (", ".join(sorted({row.profile for row in rows})) for rows in (reference, yours))
+    old, new = (f" ({profile})" if profile else "" for profile in profiles)
+    return "", "paper", f"reference{old}", f"yours{new}", "yours / reference"

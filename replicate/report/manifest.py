@@ -1,0 +1,106 @@
+"""The manifest beside a folder of results: of every table and figure there, which run made it, and how.
+
+Table 2's facts stand at the top, by character; those of other targets (`table1`, `figure07`, …) have the same shape and
+stand by their names under "targets".
+"""
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from replicate.config import Config
+from replicate.engine.exceptions import InputError
+from replicate.engine.provenance import graph_git, stage_facts
+from replicate.engine.stage import Stage
+from replicate.engine.store import artefact_folder, read_manifest
+
+NAME = "manifest.json"
+TOP = "table2"
+
+
+def facts_of(configs: Sequence[Config], lasts: Sequence[Stage], run: str) -> dict:
+    """Return where one character's results come from: the run that made them, and every stage behind it.
+
+    configs, lasts: the configuration and the last stage of each seed; they differ in nothing else.
+    """
+    lasts = list(lasts)
+    return {
+        **read_manifest(artefact_folder(lasts[0].identifier))["run"],
+        "git": graph_git(lasts),
+        "seeds": [config.seed for config in configs],
+        "split": configs[0].samples.split,
+        "run": run,
+        "stages": stage_facts(lasts),
+    }
+
+
+def entries(folder: Path, target: str) -> dict[str, dict]:
+    """Return each character's own facts for one target; none where the manifest is missing or damaged."""
+    try:
+        characters = section(folder, target)["characters"]
+        return {name: facts for name, facts in characters.items() if isinstance(facts, dict)}
+    except (InputError, KeyError, AttributeError, TypeError):
+        return {}
+
+
+def targets(folder: Path) -> list[str]:
+    """Return the names of the targets that a folder's manifest tells of; none where it is missing or damaged."""
+    top, others = _other(folder)
+    return [*([TOP] if top.get("characters") else []), *others]
+
+
+def section(folder: Path, target: str) -> dict:
+    """Return what a folder's manifest tells of one target: what all characters share, and each one's own facts.
+
+    Raises InputError, with the target that writes it, where there is no such thing.
+    """
+    file = folder / NAME
+    missing = f"{file}: there is no such manifest; `make {target}` writes it with the results."
+    try:
+        manifest = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(missing) from None
+    except ValueError as error:
+        raise InputError(f"{file}: found no JSON ({error}).") from None
+    if not isinstance(manifest, dict):
+        raise InputError(f"{file}: found a {type(manifest).__name__}, where only a table is allowed.")
+    if target == TOP:
+        return {name: value for name, value in manifest.items() if name != "targets"}
+    try:
+        return dict(manifest["targets"][target])
+    except (KeyError, TypeError, ValueError):
+        raise InputError(f"{file}: it tells nothing of {target}; `make {target}` writes it with the results.") from None
+
+
+def write_entries(folder: Path, target: str, characters: dict[str, dict]) -> None:
+    """Write one target's facts into a folder's manifest: what all characters share first, then each one's own.
+
+    What the manifest tells of other targets stays; a damaged manifest counts as none.
+    """
+    each = list(characters.values())
+    shared = {
+        key: value
+        for key, value in each[0].items()
+        if key not in ("stages", "run", "files") and all(facts.get(key) == value for facts in each)
+    }
+    new = {**shared, "characters": characters}
+    top, targets = _other(folder)
+    if target == TOP:
+        top = new
+    else:
+        targets = dict(sorted({**targets, target: new}.items()))
+    text = json.dumps(top | ({"targets": targets} if targets else {}), indent=1, ensure_ascii=False) + "\n"
+    beside = folder / f".{NAME}.{os.getpid()}"
+    beside.write_text(text, encoding="utf-8")
+    os.replace(beside, folder / NAME)
+
+
+def _other(folder: Path) -> tuple[dict, dict]:
+    """Return what is there already: Table 2's facts, and the other targets'."""
+    try:
+        manifest = json.loads((folder / NAME).read_text(encoding="utf-8"))
+        targets = manifest.pop("targets", {})
+        return manifest, targets if isinstance(targets, dict) else {}
+    except (OSError, ValueError, AttributeError, TypeError):
+        return {}, {}

@@ -1,0 +1,276 @@
+"""Run the notebooks: on the reference results they are committed with, or on a run of your own, into a new file.
+
+`python -m replicate.report.notebooks table2 laptop` executes notebooks/table2.ipynb on results/runs/laptop and writes
+results/runs/laptop/table2.ipynb. With "reference" the committed notebook itself is refreshed.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from replicate.drawing.panels import Words, png
+from replicate.engine.exceptions import InputError
+from replicate.engine.paths import REFERENCE, ROOT, run_folder, shown
+from replicate.engine.provenance import as_lines
+from replicate.report.manifest import section
+from replicate.report.results import Row, read_results
+from replicate.report.tables import Table, as_markdown, unbroken
+from replicate.targets.table1.layout import order_of
+from replicate.targets.table2.pictures import Table2Results, open_table2
+from replicate.targets.table2.trainings import draws_text
+
+NOTEBOOKS = ROOT / "notebooks"
+TIMEOUT_S = 600
+WIDGET = "application/vnd.jupyter.widget-view+json"
+METADATA = {
+    "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
+    "language_info": {"name": "python"},
+}
+
+
+def results_folder(name: str) -> Path:
+    """Return the folder of the reference results, or of your run with the profile of that name."""
+    return REFERENCE if name == "reference" else run_folder(name)
+
+
+def open_results(name: str) -> Table2Results:
+    """Read Table 2's results from `results_folder`; a missing file's error names it and the target that makes it."""
+    return open_table2(results_folder(name))
+
+
+def open_table(name: str, target: str) -> list[Row]:
+    """Read the rows of another table, "table1", from `results_folder`. Raises InputError where there is none."""
+    file = results_folder(name) / f"{target}.csv"
+    if not file.is_file():
+        raise InputError(f"{file}: there is no such results file; `make {target}` writes it.")
+    return read_results(file)
+
+
+def figure_files(name: str, target: str) -> dict[str, list[Path]]:
+    """Return, by character, the pictures of a figure, "figure05" …, that the manifest in `results_folder` names.
+
+    Raises InputError, with the target that makes them, where there are none or one is gone.
+    """
+    folder = results_folder(name)
+    found = {}
+    for character, facts in section(folder, target).get("characters", {}).items():
+        found[character] = [folder / file for file in facts.get("files", ()) if file.endswith(".png")]
+        gone = [file for file in found[character] if not file.is_file()]
+        if gone:
+            raise InputError(f"{gone[0]}: there is no such picture; `make {target}` draws it.")
+    return dict(sorted(found.items(), key=lambda item: order_of(item[0])))
+
+
+def provenance_text(name: str, target: str = "table2") -> str:
+    """Return where the results of a target come from, in a few lines, from the manifest beside them."""
+    folder = results_folder(name)
+    manifest, lines = section(folder, target), {"results": shown(folder)}
+    for character, own in (manifest.get("characters") or {"": {}}).items():
+        facts = {**manifest, **own}
+        for label, value in _told(facts).items():
+            if value not in lines.values():  # what characters share is said once
+                lines[f"{label}, {character}" if label in lines else label] = value
+    return as_lines(lines)
+
+
+def balance_text(name: str) -> str:
+    """Return, for each character whose manifest tells it, how §3.5's balanced draws were spread over the samples."""
+    lines = []
+    for character, facts in section(results_folder(name), "table2").get("characters", {}).items():
+        samples = [stage for title, stage in facts.get("stages", {}).items() if title.startswith("samples-")]
+        counts = samples[0].get("notes", {}).get("samples_per_bin") if samples else None
+        if counts:
+            lines.append(f"{character}: {draws_text(counts)}")
+    return "\n".join(lines)
+
+
+def _told(facts: dict) -> dict[str, str]:
+    seconds = [stage.get("wall_s", 0) for stage in (facts.get("stages") or {}).values()]
+    return {
+        "commit": _commits(facts.get("git")),
+        "command": str(facts.get("command")),
+        "profile, seeds": f"{facts.get('profile')}, {facts.get('seeds')}",
+        **({"test poses": f"split by {facts['split']}"} if "split" in facts else {}),
+        "machine": f"{facts.get('processor')}, {facts.get('cores')} cores, GPU: {facts.get('gpu') or 'none'}",
+        "packages": ", ".join(f"{name} {version}" for name, version in sorted((facts.get("packages") or {}).items())),
+        "time of all stages": f"{sum(seconds) / 60:.1f} min",
+    }
+
+
+def _commits(git: dict | None) -> str:
+    """Return the commits that stages were made from, the table's own first, and whether their trees were clean."""
+    if not git:
+        return "unknown"
+    names = list(dict.fromkeys([git["commit"], *git.get("commits", ())]))
+    whose = "its" if len(names) == 1 else "their"
+    return " and ".join(names) + ("" if git["clean"] else f", with changes of {whose} own")
+
+
+def show_table(table: Table) -> None:
+    """Show a printed table in a notebook."""
+    from IPython.display import Markdown, display
+
+    display(Markdown(unbroken(as_markdown(table))))
+
+
+def show(figure, words: Words) -> None:
+    """Show a figure in a notebook, with its alt text and its caption."""
+    from IPython.display import Image, Markdown, display
+
+    display(Image(png(figure, words), alt=words.alt), Markdown(f"*{words.caption}*"))
+
+
+def show_text(text: str) -> None:
+    """Show a sentence in a notebook."""
+    from IPython.display import Markdown, display
+
+    display(Markdown(text))
+
+
+def show_picture(file: Path) -> None:
+    """Show a saved figure in a notebook, with its alt text and its caption, which stand beside it as JSON."""
+    from IPython.display import Image, Markdown, display
+
+    words = json.loads(file.with_suffix(".json").read_text(encoding="utf-8"))
+    display(Image(file.read_bytes(), alt=words["alt"]), Markdown(f"*{words['caption']}*"))
+
+
+def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str | None = None) -> None:
+    """Execute a notebook with other values in its first cell, and write it, byte for byte the same each time.
+
+    parameters: name → value; each must be assigned in the notebook's first cell. stamp: kept in the metadata. What
+    cells write to stderr goes to ours. Raises what nbclient raises for a cell that fails; `out` is then left as it was.
+    """
+    import nbformat
+    from jupyter_client.manager import AsyncKernelManager
+    from nbclient import NotebookClient
+
+    notebook = nbformat.read(source, as_version=4)
+    notebook.cells[0].source = with_parameters(notebook.cells[0].source, parameters)
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            cell.outputs, cell.execution_count = [], None
+    with tempfile.TemporaryDirectory() as folder:  # nothing of the user's is read or written, no port is opened
+        sockets = {"transport": "ipc", "ip": f"{folder}/kernel", "connection_file": f"{folder}/kernel.json"}
+        client = NotebookClient(
+            notebook,
+            km=AsyncKernelManager(kernel_name="python3", **sockets),
+            timeout=TIMEOUT_S,
+            record_timing=False,
+            resources={"metadata": {"path": str(NOTEBOOKS)}},
+        )
+        environment = os.environ | {"IPYTHONDIR": folder, "PYDEVD_DISABLE_FILE_VALIDATION": "1"}
+        client.execute(env=environment, cleanup_kc=True)
+    notebook.metadata = nbformat.from_dict(METADATA | ({"replicate": {"stamp": stamp}} if stamp else {}))
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            cell.outputs = _stable(cell.outputs)
+    beside = out.with_name(f".{out.name}.{os.getpid()}")
+    beside.write_text(nbformat.writes(notebook, version=4).rstrip("\n") + "\n", encoding="utf-8", newline="\n")
+    os.replace(beside, out)
+
+
+def with_parameters(source: str, parameters: dict[str, object]) -> str:
+    """Return a cell's source with other values assigned to some names; comments after the values stay."""
+    lines = source.split("\n")
+    for name, value in parameters.items():
+        found = [k for k, line in enumerate(lines) if line.startswith(f"{name} = ")]
+        if len(found) != 1:
+            raise InputError(f"the notebook's first cell assigns {name} {len(found)} times, where once is allowed.")
+        _, hash_, comment = lines[found[0]].partition("  # ")
+        lines[found[0]] = f"{name} = {json.dumps(value)}{hash_}{comment}"
+    return "\n".join(lines)
+
+
+def _stable(outputs: list) -> list:
+    """Join what was printed in several pieces; pass stderr on to ours; number no outputs; leave widgets out."""
+    kept: list = []
+    for output in outputs:
+        if output.output_type == "stream" and output.name == "stderr":
+            sys.stderr.write(output.text)
+        elif output.output_type == "stream" and kept and kept[-1].output_type == "stream":
+            kept[-1].text += output.text
+        elif WIDGET in output.get("data", {}):
+            continue  # it has another name each time, and shows nothing without a kernel
+        else:
+            kept.append(output)
+    return kept
+
+
+def run_notebook(name: str, results: str, **parameters: object) -> Path:
+    """Execute one of the notebooks on some results, unless that has been done, and return the file written.
+
+    parameters: more values for its first cell.
+    """
+    source = NOTEBOOKS / f"{name}.ipynb"
+    if not source.is_file():
+        allowed = ", ".join(sorted(path.stem for path in NOTEBOOKS.glob("*.ipynb")))
+        raise InputError(f"{source}: there is no such notebook; allowed are {allowed}.")
+    _open(name, results)  # to fail with one sentence, not with a kernel's
+    if results == "reference":
+        execute(source, source, {"RESULTS": results, **parameters})
+        return source
+    out = results_folder(results) / source.name
+    if not is_current(name, results, **parameters):
+        execute(source, out, {"RESULTS": results, **parameters}, _stamp(source, out.parent, parameters))
+    return out
+
+
+def _open(name: str, results: str) -> None:
+    """Read what a notebook shows, if it is one of those that show results."""
+    if name == "table2":
+        open_results(results)
+    elif name.startswith("table"):
+        open_table(results, name)
+    elif name.startswith("figure"):
+        figure_files(results, name)
+    else:
+        return
+    provenance_text(results, name)
+
+
+def is_current(name: str, results: str, **parameters: object) -> bool:
+    """Return whether `run_notebook` has been done on these results of yours, as they are now."""
+    source, out = NOTEBOOKS / f"{name}.ipynb", results_folder(results) / f"{name}.ipynb"
+    stamp = _stamp(source, out.parent, parameters)
+    return out.is_file() and stamp in out.read_text(encoding="utf-8", errors="replace")
+
+
+def _stamp(source: Path, folder: Path, parameters: dict) -> str:
+    """Return a hash of what a notebook's outputs depend on: its cells, its results, and the code that shows them.
+
+    What the manifest tells of it counts as one of the results: the notebook tells where its numbers come from.
+    """
+    cells = [cell["source"] for cell in json.loads(source.read_text(encoding="utf-8"))["cells"]]
+    try:
+        told = section(folder, source.stem)
+    except InputError:
+        told = None
+    digest = hashlib.sha256(json.dumps([cells, parameters, told]).encode())
+    code = [path for package in ("figures", "evaluation") for path in (ROOT / "replicate" / package).glob("*.py")]
+    files = [path for kind in ("csv", "json", "npz", "png") for path in folder.glob(f"{source.stem}*.{kind}")]
+    for path in sorted([*code, *files]):
+        digest.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one notebook from the command line; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m replicate.report.notebooks", description="Execute a notebook.")
+    parser.add_argument("notebook", help="its name, for instance table2")
+    parser.add_argument("results", help="reference, or the profile of a run of yours")
+    options = parser.parse_args(arguments)
+    try:
+        print(run_notebook(options.notebook, options.results))
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

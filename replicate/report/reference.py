@@ -1,0 +1,116 @@
+"""From a run of one's own to the committed results: `make reference`, for whoever maintains this repository.
+
+It copies a profile's tables and figures, the benchmarks' numbers and the pictures that texts show to results/reference,
+merges the manifests, executes the notebooks on what is there then, and writes the tables that texts show.
+"""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from replicate.benchmarks.common import PROFILE as BENCH
+from replicate.benchmarks.common import merge
+from replicate.benchmarks.poses import health_card
+from replicate.benchmarks.rig import speed_card
+from replicate.engine import paths
+from replicate.engine.exceptions import InputError
+from replicate.report import manifest
+from replicate.report.results import Row, read_results
+from replicate.report.tables import Table, as_markdown
+from replicate.targets.table2.layout import table2_overview
+
+KINDS = (".csv", ".json", ".npz", ".png")
+README, DATA_CARD, REPRODUCING = (
+    paths.ROOT / name for name in ("README.md", "data_recipes/README.md", "REPRODUCING.md")
+)
+ALWAYS = ("rig_tour",)  # notebooks that show a rig; the others show results
+
+
+def publish_reference(profile: str) -> list[Path]:
+    """Put a profile's results and the benchmarks' in the place of the committed ones; return the files written.
+
+    What the profile or the benchmarks have not made stays as it is. Raises InputError, and has written nothing, if
+    neither has results, or some were made from a tree with changes.
+    """
+    run, bench, rigs = (paths.run_folder(name) for name in (profile, BENCH, "rigs"))
+    told, benched = manifest.targets(run), manifest.targets(bench)
+    if not (told or benched):
+        raise InputError(f"{run}: there are no results; `make table2 PROFILE={profile}` writes them.")
+    for folder, found in ((run, told), (bench, benched)):
+        for target in found:
+            for character, facts in manifest.entries(folder, target).items():
+                if not (facts.get("git") or {}).get("clean"):
+                    raise InputError(
+                        f"{target} of {character} in {paths.shown(folder)} was made from a tree with changes: commit "
+                        "them and make it again"
+                    )
+    paths.REFERENCE.mkdir(parents=True, exist_ok=True)
+    written = [_copied(file) for file in sorted(run.iterdir()) if _is_result(file)] if told else []
+    for target in told:
+        manifest.write_entries(paths.REFERENCE, target, manifest.entries(run, target))
+    written += _benchmarks(bench, benched)
+    written += [_copied(rigs / name) for name in shown_pictures() if (rigs / name).is_file()]
+    return written + _texts(manifest.targets(paths.REFERENCE))
+
+
+def shown_pictures() -> list[str]:
+    """Return the names of the committed pictures that texts show."""
+    texts = [file.read_text("utf-8") for file in (README, DATA_CARD)]
+    return sorted({name for text in texts for name in re.findall(r"reference/(\w+\.png)", text)})
+
+
+def tables_in_texts() -> dict[str, tuple[Path, Callable[[list[Row]], Table]]]:
+    """Return, by the name of a committed CSV, which text shows it, and as what table."""
+    paper = read_results(paths.PAPER / "table2.csv")
+    return {
+        "table2": (README, lambda rows: table2_overview(rows, paper)),
+        "bench_poses": (DATA_CARD, health_card),
+        "bench_rig": (REPRODUCING, speed_card),
+    }
+
+
+def with_table(text: str, name: str, table: Table) -> str:
+    """Return a text with a table between the marks of that name. Raises InputError where it lacks them."""
+    marks = f"<!-- {name}, by make reference -->\n", f"<!-- end of {name} -->\n"
+    before, begin, rest = text.partition(marks[0])
+    _, end, after = rest.partition(marks[1])
+    if not (begin and end):
+        raise InputError(f"found no lines {' and '.join(repr(m.strip()) for m in marks)} to write a table between.")
+    return before + begin + as_markdown(table).strip() + "\n" + end + after
+
+
+def _is_result(file: Path) -> bool:
+    return file.suffix in KINDS and file.name != manifest.NAME and not file.name.startswith(".")
+
+
+def _copied(file: Path) -> Path:
+    into = paths.REFERENCE / file.name
+    into.write_bytes(file.read_bytes())
+    return into
+
+
+def _benchmarks(folder: Path, targets: list[str]) -> list[Path]:
+    """Merge the benchmarks' rows, a character's as a whole, and copy the pictures of those that were measured."""
+    written = []
+    for target in targets:
+        rows, into = read_results(folder / f"{target}.csv"), paths.REFERENCE / f"{target}.csv"
+        measured = {row.character for row in rows}
+        merge(into, rows, lambda row, measured=measured: row.character not in measured)
+        known = manifest.entries(paths.REFERENCE, target)
+        manifest.write_entries(paths.REFERENCE, target, known | manifest.entries(folder, target))
+        written.append(into)
+    pictures = [file for file in sorted(folder.iterdir()) if file.suffix in (".png", ".json")] if targets else []
+    return written + [_copied(file) for file in pictures if _is_result(file)]
+
+
+def _texts(targets: list[str]) -> list[Path]:
+    """Execute the notebooks about some targets on the committed results, and write the tables that texts show."""
+    from replicate.report.notebooks import NOTEBOOKS, run_notebook
+
+    named = [file.stem for file in sorted(NOTEBOOKS.glob("*.ipynb")) if file.stem in (*targets, *ALWAYS)]
+    written = [run_notebook(name, "reference") for name in named]
+    for name, (text, make_table) in tables_in_texts().items():
+        if (file := paths.REFERENCE / f"{name}.csv").is_file():
+            text.write_text(with_table(text.read_text("utf-8"), name, make_table(read_results(file))), "utf-8")
+            written.append(text)
+    return written

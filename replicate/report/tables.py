@@ -1,0 +1,171 @@
+"""Printed tables: aligned text for a terminal, Markdown and LaTeX for a paper, all from the same cells."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from replicate.report.results import Row
+
+_BREAK = re.compile(r"(?<=±) | (?=[±†‡◊¶§])")
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells ready to be shown: a title, header rows (a span of columns is its text, then empty strings), body, notes.
+
+    Bodies' first column is text and set flush left; a body row of None is a rule.
+    """
+
+    title: str
+    headers: tuple[tuple[str, ...], ...]
+    body: tuple[tuple[str, ...] | None, ...]
+    notes: tuple[str, ...] = ()
+
+
+def rounded(value: float | None, unit: str, sd: float | None = None) -> str:
+    """Return a value as it is shown: two decimals, three for less than 0.1 mm; "–" where there is none.
+
+    A standard deviation too small for those decimals gets up to two more, if its first digit is among them.
+    """
+    if value is None:
+        return "–"
+    digits = 3 if unit == "mm" and value < 0.0995 else {"count": 0}.get(unit, 2)
+    if sd is None:
+        return f"{value:,.{digits}f}"
+    finer = next((more for more in range(digits, digits + 3) if round(sd, more)), digits)
+    return f"{value:,.{digits}f} ± {sd:.{finer}f}"
+
+
+def published(row: Row | None) -> str:
+    """Return a paper's value with the digits that it was printed with; "?" marks one that the scan makes doubtful."""
+    if row is None:
+        return "–"
+    digits = {"mm": 2, "deg": 1, "MB": 2, "count": 0}.get(row.unit)
+    value = repr(row.value) if digits is None else f"{row.value:,.{digits}f}"
+    return value + ("?" if "doubtful" in row.run else "")
+
+
+def as_text(table: Table) -> str:
+    """Return the table aligned for a terminal."""
+    width = _widths(table)
+    lines = [table.title, ""]
+    lines += [_span_line(header, width) for header in table.headers[:-1]]
+    lines.append(_text_line(table.headers[-1], width))
+    rule = "─" * len(lines[-1])
+    lines.append(rule)
+    lines += [rule if row is None else _text_line(row, width) for row in table.body]
+    if table.notes:
+        lines += ["", *table.notes]
+    return "\n".join(line.rstrip() for line in lines) + "\n"
+
+
+def as_markdown(table: Table) -> str:
+    """Return the table in GitHub's Markdown: spanning headers are joined with the ones below them."""
+    header = list(table.headers[-1])
+    for upper in table.headers[:-1]:
+        header = [
+            f"{span}: {cell}" if span and cell else cell or span
+            for span, cell in zip(_filled(upper), header, strict=True)
+        ]
+    lines = [f"**{table.title}**", "", _bar(header), _bar([":--"] + ["--:"] * (len(header) - 1))]
+    lines += [_bar(row) for row in table.body if row is not None]
+    if table.notes:
+        lines += ["", "<br>".join(table.notes)]
+    return "\n".join(lines) + "\n"
+
+
+def unbroken(text: str) -> str:
+    """Return a text in which no line ends beside ± or before the mark of a note, however narrow the page.
+
+    Its spaces there are others than one types, so a text that people search is better left as it is.
+    """
+    return _BREAK.sub("\u00a0", text)
+
+
+def as_latex(table: Table) -> str:
+    """Return the table as a LaTeX tabular (packages: booktabs) with its title as the caption."""
+    columns = len(table.headers[-1])
+    lines = [
+        r"\begin{table}",
+        rf"\caption{{{_tex(table.title)}}}",
+        rf"\begin{{tabular}}{{l{'r' * (columns - 1)}}}",
+        r"\toprule",
+    ]
+    for header in table.headers[:-1]:
+        spans = _spans(header)
+        lines.append(
+            " & ".join(rf"\multicolumn{{{n}}}{{c}}{{{_tex(text)}}}" if n > 1 else _tex(text) for text, n in spans)
+            + r" \\"
+        )
+    lines += [" & ".join(map(_tex, table.headers[-1])) + r" \\", r"\midrule"]
+    lines += [r"\midrule" if row is None else " & ".join(map(_tex, row)) + r" \\" for row in table.body]
+    lines += [r"\bottomrule", r"\end{tabular}"]
+    lines += [rf"\par\footnotesize {_tex(note)}" for note in table.notes]
+    return "\n".join([*lines, r"\end{table}"]) + "\n"
+
+
+def _widths(table: Table) -> list[int]:
+    cells = [table.headers[-1], *(row for row in table.body if row is not None)]
+    width = [max(len(row[k]) for row in cells) for k in range(len(cells[0]))]
+    for header in table.headers[:-1]:  # a span may be wider than its columns
+        start = 0
+        for text, n in _spans(header):
+            missing = len(text) - (sum(width[start : start + n]) + 2 * (n - 1))
+            if missing > 0:
+                width[start + n - 1] += missing
+            start += n
+    return width
+
+
+def _text_line(cells: Sequence[str], width: Sequence[int]) -> str:
+    first, *rest = cells
+    return "  ".join([first.ljust(width[0]), *(cell.rjust(w) for cell, w in zip(rest, width[1:], strict=True))])
+
+
+def _span_line(header: Sequence[str], width: Sequence[int]) -> str:
+    parts, start = [], 0
+    for text, n in _spans(header):
+        room = sum(width[start : start + n]) + 2 * (n - 1)
+        parts.append(text.center(room) if n > 1 else text.rjust(room))
+        start += n
+    return "  ".join(parts)
+
+
+def _spans(header: Sequence[str]) -> list[tuple[str, int]]:
+    """Return (text, columns) pairs: a text spans the empty cells that follow it; the first cell stands alone."""
+    spans = [[header[0], 1]]
+    for text in header[1:]:
+        if text or len(spans) == 1:
+            spans.append([text, 1])
+        else:
+            spans[-1][1] += 1
+    return [(text, n) for text, n in spans]
+
+
+def _filled(header: Sequence[str]) -> list[str]:
+    return [text for text, n in _spans(header) for _ in range(n)]
+
+
+def _bar(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _tex(text: str) -> str:
+    for plain, escaped in _TEX.items():
+        text = text.replace(plain, escaped)
+    return text
+
+
+_TEX = {
+    "&": r"\&",
+    "%": r"\%",
+    "_": r"\_",
+    "|": r"\textbar{}",
+    "–": "--",
+    "±": r"$\pm$",
+    "×": r"$\times$",
+    "†": r"$\dagger$",
+    "‡": r"$\ddagger$",
+    "§": r"\S{}",
+    "¶": r"\P{}",
+}

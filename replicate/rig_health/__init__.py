@@ -1,0 +1,1 @@
+"""What is broken in a pose: folded skin, teeth through lips, eyes that lids do not cover."""

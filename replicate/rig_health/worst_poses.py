@@ -1,0 +1,115 @@
+"""The worst poses of a character: where its skin turns over, and where teeth leave the mouth."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from replicate.drawing.characters import BACKGROUND, segment_colours
+from replicate.drawing.panels import Words, panel_grid
+from replicate.drawing.prop_surfaces import prop_surfaces
+from replicate.drawing.render import render
+from replicate.drawing.scene import STUDIO, Camera, Surface, camera_for
+from replicate.geometry.mesh import Mesh
+from replicate.rig_health.mouth_contents import depths, find_mouth
+from replicate.rig_health.pose_health import worst
+from replicate.rig_health.skin_folds import Skin
+
+SHOWN, COLUMNS = 10, 5
+FLIPPED, BESIDE, OUTSIDE = (220, 0, 110), (250, 190, 90), (220, 0, 110)
+SKIN = (214, 206, 198)
+LEAST = {"flips": 1e-9, "through": 0.05}  # what is worth a picture: a share, mm
+
+
+def worst_poses(rig, measured: Sequence, width: int = 250, height: int = 270, renderer=None):
+    """Return (figure, words): the poses with most flipped triangles, then those whose teeth go furthest.
+
+    rig: any that keeps the Rig contract. measured: sets of poses with `kind`, `names` and `health`, as the benchmark of
+    poses finds them.
+    """
+    flips = _ranked(measured, lambda health: health.flipped, "flips")
+    deep = _ranked(measured, lambda health: health.through.get("teeth", ()), "through")
+    skin, mouth = Skin(rig.mesh), find_mouth(rig.mesh)
+    pictures, titles = [], []
+    for value, name, params in flips:
+        vertices = rig(params)
+        colours = _flip_colours(rig.mesh, skin, skin.flipped(vertices[None])[0])
+        camera = _following(camera_for("front", rig.mesh.neutral), rig.mesh.neutral, vertices)
+        pictures.append(_picture(rig, params, vertices, colours, camera, width, height, renderer))
+        titles.append(f"{name}: {100 * value:.2f} %")
+    _fill(pictures, titles, width, height)
+    for value, name, params in deep:
+        vertices = rig(params)
+        depth_mm = depths(mouth, vertices)
+        out = np.zeros(len(vertices), bool)
+        out[mouth.points[depth_mm > LEAST["through"]]] = True
+        colours = segment_colours(rig.mesh, SKIN)
+        colours[out[rig.mesh.faces].any(1)] = OUTSIDE
+        camera = camera_for("mouth", rig.mesh.neutral)
+        camera = _following(camera, rig.mesh.neutral[mouth.points], vertices[mouth.points])
+        pictures.append(_picture(rig, params, vertices, colours, camera, width, height, renderer))
+        titles.append(f"{name}: {value:.2f} mm")
+    _fill(pictures, titles, width, height)
+    if not pictures:
+        pictures, titles = [np.full((height, width, 3), 255, np.uint8)], ["nothing found"]
+    step = min(COLUMNS, len(pictures))
+    rows = [pictures[k : k + step] for k in range(0, len(pictures), step)]
+    figure = panel_grid(rows, [titles[k : k + step] for k in range(0, len(titles), step)])
+    return figure, _words(rig, flips, deep)
+
+
+def _words(rig, flips: list, deep: list) -> Words:
+    most = f"up to {100 * flips[0][0]:.2f} % of the skin's triangles" if flips else "none"
+    far = f"up to {deep[0][0]:.2f} mm" if deep else "nowhere"
+    count = f"{len(flips)} with most flipped triangles ({most}), {len(deep)} with teeth furthest through skin ({far})"
+    return Words(
+        f"Renders of the character {rig.name} in its worst poses: {count}.",
+        f"{rig.name}: {count}; of samples of training, frames of clips and single controls. Flipped triangles are "
+        "magenta, those beside them orange; so are teeth, gums and tongue that have left the mouth.",
+    )
+
+
+def _ranked(measured: Sequence, value_of, kind: str) -> list[tuple[float, str, np.ndarray]]:
+    """Return the largest values of all sets with their poses' names and parameters, one a clip, largest first."""
+    found: dict[str, tuple[float, str, np.ndarray]] = {}
+    for one in measured:
+        values = value_of(one.health)
+        kept = 0
+        for k in worst(values, len(values)) if len(values) else ():
+            source = one.names[k].rsplit(" ", 1)[0] if one.kind == "clips" else one.names[k]
+            if source not in found and values[k] >= LEAST[kind]:  # a sample can be in two sets
+                found[source] = float(values[k]), one.names[k], one.health.params[k]
+                kept += 1
+            if kept == SHOWN:
+                break
+    return sorted(found.values(), key=lambda entry: -entry[0])[:SHOWN]
+
+
+def _flip_colours(mesh: Mesh, skin: Skin, flipped: Bool[np.ndarray, " f"]) -> np.ndarray:
+    """Return each face's colour: flipped, beside a flipped one (they are small and hard to see alone), or neither."""
+    colours = segment_colours(mesh, SKIN)
+    near = np.zeros(len(mesh.neutral), bool)
+    near[skin.faces[flipped]] = True
+    colours[near[mesh.faces].any(1)] = BESIDE
+    colours[skin.chosen[flipped]] = FLIPPED
+    return colours
+
+
+def _following(camera: Camera, rest: Float[np.ndarray, "k 3"], posed: Float[np.ndarray, "k 3"]) -> Camera:
+    """Return the camera moved as the middle of some vertices has, so that a bent head stays in the picture."""
+    moved = (posed - rest).mean(0)
+    return replace(camera, focus=tuple(float(x) for x in np.asarray(camera.focus) + moved))
+
+
+def _picture(rig, params, vertices, colours, camera: Camera, width: int, height: int, renderer) -> np.ndarray:
+    props = rig.pose_props(params) if hasattr(rig, "pose_props") else []
+    surfaces = [Surface(vertices, rig.mesh.faces, colours), *prop_surfaces(props)]
+    return render(surfaces, camera, width, height, BACKGROUND, renderer, STUDIO)
+
+
+def _fill(pictures: list, titles: list, width: int, height: int) -> None:
+    """Fill up the last row with white."""
+    while len(pictures) % COLUMNS:
+        pictures.append(np.full((height, width, 3), 255, np.uint8))
+        titles.append("")

@@ -1,0 +1,178 @@
+"""What each layer of a rig adds: the face without it, with it, and the difference in millimetres."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+
+from replicate.drawing.heatmap import colour_bar, error_colours
+from replicate.drawing.panels import Words, panel_grid
+from replicate.drawing.prop_surfaces import prop_surfaces
+from replicate.drawing.render import render
+from replicate.drawing.scene import Surface, camera_for
+from replicate.report.tables import Table
+from replicate.rig_tour.amounts import posed
+
+SCALES_MM = (0.5, 1, 2, 3, 5, 8, 12, 20, 30, 50, 80)  # upper ends of the heatmaps
+MOVED_MM = 0.1  # a vertex that a layer moves by more counts as moved
+
+
+@dataclass(frozen=True)
+class Exhibit:
+    """A layer in a pose that shows it: its node, what it does, amounts of controls, a camera."""
+
+    node: str
+    title: str
+    does: str
+    amounts: Mapping[str, float] = field(default_factory=dict)
+    camera: str = "front"
+
+
+SMILE = {"smile_*": 0.9, "cheek_raise_*": 0.5}
+PRESSED_IN = {f"lip_{lip}_0{place}_z": -1.0 for lip in ("upper", "lower") for place in range(1, 6)}
+GRIN = {"smile_*": 0.8, "mouth_stretch_*": 1.0}
+BROWS_UP = {"brow_inner_up_*": 1.0, "brow_outer_up_*": 1.0}
+SHOUT = {**BROWS_UP, "jaw_open": 0.75, "smile_*": 0.6, "nose_wrinkle_*": 0.5, "squint_*": 0.5, "squash": 0.35}
+EXHIBITS = (
+    Exhibit("limit", "soft limits", "bends controls towards their limits", {"smile_*": 2.7, "jaw_open": 1.8}),
+    Exhibit("pose_curves", "1 pose curves", "sculpted shapes, interpolated along parabolas", {**SMILE, **BROWS_UP}),
+    Exhibit("skull_slide", "2 skull slide", "keeps the skin's distance from the skull", GRIN, "three_quarter"),
+    Exhibit("bulges", "1 bulges", "adds flesh along the normals", {"cheek_puff_*": 1.0, **SMILE}, "three_quarter"),
+    Exhibit(
+        "handles",
+        "3 handles",
+        "free-form tweaks, radial basis functions",
+        {"handle_nose_tip_y": 0.9, "handle_brow_*_02_y": 0.9, "handle_chin_y": -0.9, "handle_cheek_*_02_z": 0.9},
+        "three_quarter",
+    ),
+    Exhibit("jaw", "4 jaw", "turns the jaw about its hinge", {"jaw_open": 0.9, "jaw_sideways": 0.3}),
+    Exhibit(
+        "lip_contact",
+        "6 lip contact",
+        "sticky corners; closed lips",
+        {"jaw_open": 0.5, "sticky_*": 1.0, "lips_together": 0.6},
+        "mouth",
+    ),
+    Exhibit(
+        "teeth_contact",
+        "6 teeth contact",
+        "keeps lips outside the teeth",
+        PRESSED_IN,
+        "mouth",
+    ),
+    Exhibit("lids", "5 lids", "turns lids on the eyeball", {"blink_left": 1.0, "blink_right": 0.5, "eyebag_*": 0.5}),
+    Exhibit(
+        "flesh",
+        "7 flesh",
+        "delta mush: evens out, keeps the resting detail",
+        {"lip_roll_upper": 1.0, "lip_roll_lower": 1.0, "jaw_open": 0.4},
+        "mouth",
+    ),
+    Exhibit(
+        "wrinkles",
+        "8 wrinkles",
+        "buckles compressed skin",
+        {**BROWS_UP, "squint_*": 0.7, "nose_wrinkle_*": 0.6, **SMILE},
+    ),
+    Exhibit("head_shape", "9 head shape", "squash, stretch, bend, twist", {"squash": 0.7, "twist": 0.5}),
+    Exhibit("teeth", "10 teeth", "places each tooth as a rigid body", {**SMILE, "jaw_open": 0.9}, "mouth"),
+)
+ABREAST = 2  # layers in a row
+
+
+def layer_sheet(rig, exhibits: Sequence[Exhibit] = EXHIBITS, width: int = 150, height: int = 165, renderer=None):
+    """Return (figure, words): each layer's exhibit without it, with it, and how far it moves the surface in the end.
+
+    Everything else is the same in both, the layers that come after included. rig: one built from a recipe.
+    """
+    pictures, titles, spoken = [], [], []
+    for exhibit in exhibits:
+        params = posed(rig, exhibit.amounts)
+        view = camera_for(exhibit.camera, rig.mesh.neutral)
+        on, off = rig.run_nodes(params[None])[0], rig.run_nodes(params[None], skip=(exhibit.node,))[0]
+        moved = np.linalg.norm(on - off, axis=1)
+        limit = scale_for(moved)
+        heat = Surface(on, rig.mesh.faces, lit=False, smooth=False, paint=error_colours(moved, limit))
+        draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
+        eyes = rig.default if exhibit.node == "head_shape" else params  # eyeballs are squashed with the head
+        pictures += [draw(clay(rig, off, eyes)), draw(clay(rig, on, params)), draw([heat])]
+        titles += [f"{exhibit.title}: off", "on", f"0–{limit:g} mm"]
+        spoken.append(f"{exhibit.title} {moved.max():.1f} mm")
+    across = 3 * ABREAST
+    blank = np.full((height, width, 3), 255, np.uint8)
+    pictures, titles = pictures + [blank] * (-len(pictures) % across), titles + [""] * (-len(titles) % across)
+    rows = [pictures[k : k + across] for k in range(0, len(pictures), across)]
+    bar = (0, min(1, len(rows) - 1), share_bar)
+    figure = panel_grid(rows, [titles[k : k + across] for k in range(0, len(titles), across)], bar=bar)
+    return figure, Words(
+        f"For each layer of the character {rig.name}'s rig two clay renders, without and with it, and a heatmap. "
+        f"Largest displacements: {', '.join(spoken)}.",
+        f"Each layer of {rig.name} off and on, in a pose that shows it, all others on. Heatmaps: how far the layer "
+        f"moves the final surface; each has the scale above it. At most: {', '.join(spoken)}.",
+    )
+
+
+def share_bar(figure, axes) -> None:
+    """Draw one bar for heatmaps whose scales stand above them."""
+    bar = colour_bar(figure, axes, 100.0, "% of the scale above each heatmap")
+    bar.set_ticks([0, 50, 100])
+    bar.ax.tick_params(labelsize=8)
+
+
+def build_up(rig, amounts: Mapping[str, float], width: int = 132, height: int = 146, columns: int = 7, renderer=None):
+    """Return (figure, words): one pose after each node, from the neutral face on."""
+    params = posed(rig, amounts)
+    view = camera_for("front", rig.mesh.neutral)
+    pictures, titles = [], []
+    for name, state in rig.node_steps(params[None]):
+        vertices = np.asarray(state["x"])[0].T
+        eyes = params if "shape" in state else rig.default  # eyeballs are squashed with the head
+        pictures.append(render(clay(rig, vertices, eyes), view, width, height, renderer=renderer))
+        titles.append("neutral" if name == "limit" else f"+ {name}")
+    blank = np.full((height, width, 3), 255, np.uint8)
+    pictures, titles = pictures + [blank] * (-len(pictures) % columns), titles + [""] * (-len(titles) % columns)
+    figure = panel_grid(
+        [pictures[k : k + columns] for k in range(0, len(pictures), columns)],
+        [titles[k : k + columns] for k in range(0, len(titles), columns)],
+    )
+    steps = ", ".join(title for title in titles if title)
+    return figure, Words(
+        f"Clay renders of the character {rig.name} in one pose after each node of its rig: {steps}.",
+        f"One pose of {rig.name} after each node, in the order of evaluation. Teeth come last, since they follow the "
+        "jaw and the head as rigid bodies.",
+    )
+
+
+def layer_table(rig, poses: Float[np.ndarray, "b m"], exhibits: Sequence[Exhibit] = EXHIBITS) -> Table:
+    """Return how far each layer moves the final surface over some poses, in the order of evaluation."""
+    whole = rig.run_nodes(poses)
+    lines = []
+    for exhibit in exhibits:
+        moved = np.linalg.norm(whole - rig.run_nodes(poses, skip=(exhibit.node,)), axis=2)
+        touched = moved > MOVED_MM
+        mean = moved[touched].mean() if touched.any() else 0.0
+        share = f"{100 * touched.mean():.0f} %"
+        lines.append((exhibit.title, exhibit.does, share, f"{mean:.2f}", f"{moved.max():.1f}"))
+    return Table(
+        f"What each layer of {rig.name} adds",
+        (("", "what it does", "vertices moved", "mean, mm", "largest, mm"),),
+        tuple(lines),
+        (
+            f"Over {len(poses)} poses: the surface with all layers against that without this one. Moved: by more than "
+            f"{MOVED_MM:g} mm; the mean is over those.",
+        ),
+    )
+
+
+def scale_for(moved: Float[np.ndarray, " n"]) -> float:
+    """Return the first of `SCALES_MM` that all but one vertex in a thousand stay below."""
+    far = float(np.quantile(moved, 0.999))
+    return next((scale for scale in SCALES_MM if far <= scale), SCALES_MM[-1])
+
+
+def clay(rig, vertices: Float[np.ndarray, "n 3"], params: Float[np.ndarray, " m"]) -> list[Surface]:
+    """Return the surface as clay, with the eyeballs of a pose."""
+    eyes = [prop for prop in rig.pose_props(params) if prop[0].startswith("eye")]
+    return [Surface(np.asarray(vertices, np.float32), rig.mesh.faces), *prop_surfaces(eyes)]

@@ -1,0 +1,1 @@
+"""What `make` makes: a folder or a module for each table, figure and command."""

@@ -1,0 +1,137 @@
+"""Figure 5: example poses of the training data in clay; and strips of the clips that they were made from (Eq. 5)."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from data_recipes.rig import Clip
+from replicate.drawing.panels import Words, panel_grid, save_figure
+from replicate.drawing.prop_surfaces import prop_surfaces
+from replicate.drawing.render import render
+from replicate.drawing.rig_views import read_lines, write_lines
+from replicate.drawing.scene import Surface, camera_for
+from replicate.report.tables import Table
+
+POSES = 8
+FRAMES = 10
+FRAMES_PER_SECOND = 24
+ROOM, CLIP_ROOM = 1.1, 1.4  # an open mouth needs more height than a closed one, a stretched head still more
+LARGEST_BYTES = 95_000  # seven of these pictures, for four characters, make one notebook of less than 1 MB
+POSES_HEADER = ("pose", "sample", "control", "value", "lower", "upper")
+CLIPS_HEADER = ("kind", "clip", "frames", "shown_frame", "time_s")
+
+
+def figure05(rig, params: Float[np.ndarray, "k m"], width: int = 232, height: int = 248, renderer=None):
+    """Return (figure, words): some poses of the training data, in clay."""
+    view = camera_for("front", rig.mesh.neutral)
+    view = replace(view, height_mm=ROOM * view.height_mm)
+    pictures = [render(_surfaces(rig, row), view, width, height, renderer=renderer) for row in params]
+    pictures += [np.full((height, width, 3), 255, np.uint8)] * (len(pictures) % 2)
+    titles = [f"{k + 1}" if k < len(params) else "" for k in range(len(pictures))]
+    half = len(pictures) // 2
+    figure = panel_grid([pictures[:half], pictures[half:]], [titles[:half], titles[half:]])
+    used = [int((row != rig.default).sum()) for row in params]
+    beyond = [int(((row < rig.lower) | (row > rig.upper)).sum()) for row in params]
+    about = (
+        f"{len(params)} training poses of {rig.name}; of its {len(rig.controls)} controls they use {min(used)} to "
+        f"{max(used)}"
+    )
+    source = (
+        "drawn uniformly within the controls' limits, since the character has no clips"
+        if rig.clips is None
+        else f"samples of Eq. 5, drawn at random; {min(beyond)} to {max(beyond)} of them lie beyond their limits"
+    )
+    return figure, Words(
+        f"Clay renders from the front of {about}.",
+        f"Example poses from the training data (after Fig. 5): {about}; {source}. Hair, brows and eyeballs are for "
+        "display only.",
+    )
+
+
+def save_poses(rig, params: Float[np.ndarray, "k m"], samples: Int[np.ndarray, " k"], stem: Path) -> None:
+    """Write Figure 5 of a rig as PNG, its words as JSON, and the controls that are off their defaults as CSV.
+
+    samples: each pose's index in the training data.
+    """
+    figure, words = figure05(rig, params)
+    save_figure(figure, stem.with_suffix(".png"), words, LARGEST_BYTES)
+    lines = (
+        (k + 1, samples[k], rig.controls[j].name, params[k, j], rig.lower[j], rig.upper[j])
+        for k in range(len(params))
+        for j in np.flatnonzero(params[k] != rig.default)
+    )
+    write_lines(stem.with_suffix(".csv"), POSES_HEADER, lines)
+
+
+def clip_kinds(clips: Sequence[Clip]) -> dict[str, Clip]:
+    """Return the first clip of each kind; a clip of ours is named number_kind_expression, others are "clip"s."""
+    kinds: dict[str, Clip] = {}
+    for clip in clips:
+        named = re.fullmatch(r"\d+_([^_]+)_.+", clip.name)
+        kinds.setdefault(named[1] if named else "clip", clip)
+    return kinds
+
+
+def shown_frames(clip: Clip, count: int = FRAMES) -> Int[np.ndarray, " count"]:
+    """Return frames spread evenly over a clip, without its two ends, where ours are at rest."""
+    return np.linspace(0, len(clip.values) - 1, count + 2)[1:-1].round().astype(int)
+
+
+def clip_strips(rig, width: int = 122, height: int = 150, renderer=None):
+    """Return (figure, words): a strip of frames of the first clip of each kind, in clay."""
+    view, kinds = camera_for("front", rig.mesh.neutral), clip_kinds(rig.clips)
+    view = replace(view, height_mm=CLIP_ROOM * view.height_mm)
+    rows, titles = [], []
+    for clip in kinds.values():
+        frames = shown_frames(clip)
+        rows.append([render(_surfaces(rig, clip.values[k]), view, width, height, renderer=renderer) for k in frames])
+        titles.append([f"{k / FRAMES_PER_SECOND:.1f} s" for k in frames])
+    listed = ", ".join(
+        f"{kind} ({clip.name}, {len(clip.values) / FRAMES_PER_SECOND:.1f} s)" for kind, clip in kinds.items()
+    )
+    return panel_grid(rows, titles, tuple(kinds)), Words(
+        f"{len(kinds)} strips of clay renders of {rig.name}, {FRAMES} frames each, time from left to right: {listed}.",
+        f"The animation of {rig.name} that Eq. 5 multiplies: the first clip of each kind, {FRAMES} frames spread "
+        f"evenly over it: {listed}; {len(rig.clips)} clips in all.",
+    )
+
+
+def _surfaces(rig, params: Float[np.ndarray, " m"]) -> list[Surface]:
+    return [Surface(rig(params), rig.mesh.faces), *prop_surfaces(rig.pose_props(params))]
+
+
+def save_clips(rig, stem: Path) -> None:
+    """Write the strips of a rig's clips as PNG, their words as JSON, and the frames shown as CSV."""
+    figure, words = clip_strips(rig)
+    save_figure(figure, stem.with_suffix(".png"), words, LARGEST_BYTES)
+    lines = (
+        (kind, clip.name, len(clip.values), k, k / FRAMES_PER_SECOND)
+        for kind, clip in clip_kinds(rig.clips).items()
+        for k in shown_frames(clip)
+    )
+    write_lines(stem.with_suffix(".csv"), CLIPS_HEADER, lines)
+
+
+def poses_table(file: Path, character: str) -> Table:
+    """Return the numbers behind a character's Figure 5: for each pose how many controls it uses, and how far.
+
+    How far a control is out is its value over the limit on its side.
+    """
+    poses: dict[str, list[tuple[float, str]]] = {}
+    for line in read_lines(file, POSES_HEADER):
+        value = float(line["value"])
+        limit = abs(float(line["upper" if value > 0 else "lower"]))
+        poses.setdefault(f"{line['pose']} (sample {line['sample']})", []).append(
+            (abs(value) / limit if limit else np.inf, line["control"])
+        )
+    body = []
+    for name, used in poses.items():
+        used.sort(key=lambda found: (-found[0], found[1]))
+        farthest = ", ".join(f"{control} {share:.1f}" for share, control in used[:3])
+        body.append((name, f"{len(used)}", f"{sum(share > 1 for share, _ in used)}", farthest))
+    header = ("pose", "controls used", "beyond limits", "farthest, over limit")
+    return Table(f"Training poses of {character} in Fig. 5", (header,), tuple(body))

@@ -1,0 +1,79 @@
+"""Figure 7: the mesh segments in colours: each that deforms has one of its own, rigid ones alternate."""
+
+from collections.abc import Collection
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Int
+
+from replicate.drawing.panels import Words, save_figure
+from replicate.drawing.rig_views import DISTINCT, coloured_views, hexadecimal, read_lines, write_lines
+from replicate.geometry.mesh import Mesh
+from replicate.report.tables import Table
+
+# Light ones for teeth and other rigid parts, in turn, so that neighbours differ.
+RIGID = ((255, 255, 255), (140, 195, 255), (255, 200, 130), (165, 225, 150))
+HEADER = ("segment", "kind", "vertices", "faces", "colour")
+
+
+def segment_palette(mesh: Mesh, rigid: Collection[int]) -> list[tuple[int, int, int]]:
+    """Return each segment's colour, in the order of `mesh.segment_names`."""
+    counts = {True: 0, False: 0}
+    colours = []
+    for k in range(len(mesh.segment_names)):
+        among = RIGID if k in rigid else DISTINCT
+        colours.append(among[counts[k in rigid] % len(among)])
+        counts[k in rigid] += 1
+    return colours
+
+
+def shown_segment(mesh: Mesh) -> Int[np.ndarray, " f"]:
+    """Return the segment whose colour each face has: the first that it touches, so that borders follow edge loops."""
+    return mesh.segment[mesh.faces].min(1)
+
+
+def figure07(rig, rigid: Collection[int], width: int = 256, height: int = 330, renderer=None):
+    """Return (figure, words). rigid: indices of the segments that §3.4 found to move rigidly."""
+    mesh, colours = rig.mesh, segment_palette(rig.mesh, rigid)
+    vertices = np.bincount(mesh.segment, minlength=len(colours))
+    deforming = [k for k in range(len(colours)) if k not in rigid]
+    legend = [(f"{mesh.segment_names[k].replace('_', ' ')}: {vertices[k]:,} vertices", [colours[k]]) for k in deforming]
+    if rigid:
+        legend.append((f"{len(rigid)} rigid: {vertices[list(rigid)].sum():,} vertices", RIGID))
+    painted = np.array(colours, np.uint8)[shown_segment(mesh)]
+    figure = coloured_views(rig, painted, legend, width, height, renderer)
+    listed = ", ".join(mesh.segment_names[k].replace("_", " ") for k in deforming)
+    return figure, Words(
+        f"The character {rig.name}, mouth open, from the front, from three-quarters and close up into the mouth. Each "
+        f"deforming segment has a colour: {listed}; {len(rigid)} rigid ones are in light colours.",
+        f"Mesh segments of {rig.name} (after Fig. 7): {len(deforming)} that deform, each with a network of its own, "
+        f"and {len(rigid)} that move rigidly (§3.4), in light colours that alternate. Eyeballs are for display only.",
+    )
+
+
+def save_segments_figure(rig, rigid: Collection[int], stem: Path) -> None:
+    """Write Figure 7 of a rig as PNG, its words as JSON, and each segment's numbers as CSV."""
+    figure, words = figure07(rig, rigid)
+    save_figure(figure, stem.with_suffix(".png"), words)
+    mesh, colours = rig.mesh, segment_palette(rig.mesh, rigid)
+    vertices, faces = (np.bincount(which, minlength=len(colours)) for which in (mesh.segment, shown_segment(mesh)))
+    lines = (
+        (name, "rigid" if k in rigid else "deforms", vertices[k], faces[k], hexadecimal(colours[k]))
+        for k, name in enumerate(mesh.segment_names)
+    )
+    write_lines(stem.with_suffix(".csv"), HEADER, lines)
+
+
+def segments_table(file: Path, character: str) -> Table:
+    """Return the numbers behind a character's Figure 7: a line for each deforming segment, one for all rigid ones."""
+    lines = read_lines(file, HEADER)
+    body = [
+        (line["segment"], f"{int(line['vertices']):,}", f"{int(line['faces']):,}")
+        for line in lines
+        if line["kind"] != "rigid"
+    ]
+    rigid = [line for line in lines if line["kind"] == "rigid"]
+    if rigid:
+        vertices, faces = (sum(int(line[column]) for line in rigid) for column in ("vertices", "faces"))
+        body += [None, (f"{len(rigid)} rigid segments together", f"{vertices:,}", f"{faces:,}")]
+    return Table(f"Segments of {character}", (("", "vertices", "faces"),), tuple(body))

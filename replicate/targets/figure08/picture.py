@@ -1,0 +1,101 @@
+"""Figure 8: the segments that refinement is about in colours (§3.3), the rest of the mesh in grey."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from replicate.approximation.segments import Segment
+from replicate.drawing.panels import Words, save_figure
+from replicate.drawing.rig_views import DISTINCT, UNUSED, coloured_views, hexadecimal, read_lines, write_lines
+from replicate.geometry.mesh import Mesh
+from replicate.report.tables import Table
+
+HEADER = (
+    "segment", "chart", "vertices", "parameters", "u_low", "u_high", "v_low", "v_high", "map_error_mm", "error_share",
+    "colour",
+)  # fmt: skip
+
+
+def refinement_colours(mesh: Mesh, segments: Sequence[Segment]) -> UInt8[np.ndarray, "f 3"]:
+    """Return each face's colour: that of a segment that it touches, grey where it touches none."""
+    colours = np.full((len(mesh.faces), 3), UNUSED, np.uint8)
+    for k, segment in enumerate(segments):
+        held = np.zeros(len(mesh.neutral), bool)
+        held[segment.vertices] = True
+        colours[held[mesh.faces].any(1)] = DISTINCT[k % len(DISTINCT)]
+    return colours
+
+
+def segment_lines(mesh: Mesh, segments: Sequence[Segment], errors: Float[np.ndarray, " n"]) -> list[tuple]:
+    """Return a line of `HEADER` for each segment, and one for all other vertices together.
+
+    errors: e_i of Eq. 2 in mm². map_error_mm is the root of its mean over the segment's vertices, error_share the
+    segment's part of its sum; u and v are the extents of the segment's vertices in their chart.
+    """
+    total, lines = float(errors.sum()) or 1.0, []
+    unused = np.ones(len(errors), bool)
+    for k, segment in enumerate(segments):
+        unused[segment.vertices] = False
+        own, uv = errors[segment.vertices], mesh.uv[segment.vertices]
+        extents = uv.min(0), uv.max(0)
+        lines.append(
+            (
+                segment.name,
+                segment.name.rpartition("_")[0],
+                len(segment.vertices),
+                len(segment.parameters),
+                *(float(end[axis]) for axis in (0, 1) for end in extents),
+                float(np.sqrt(own.mean())),
+                float(own.sum()) / total,
+                hexadecimal(DISTINCT[k % len(DISTINCT)]),
+            )
+        )
+    rest = errors[unused]
+    root = float(np.sqrt(rest.mean())) if len(rest) else 0.0
+    lines.append(("unused", "", len(rest), "", "", "", "", "", root, float(rest.sum()) / total, hexadecimal(UNUSED)))
+    return lines
+
+
+def figure08(rig, segments: Sequence[Segment], errors, width: int = 256, height: int = 330, renderer=None):
+    """Return (figure, words). segments: what §3.3 selected; errors: e_i of Eq. 2 in mm², (n,)."""
+    mesh = rig.mesh
+    *lines, rest = segment_lines(mesh, segments, errors)
+    shares = {line[0]: line[HEADER.index("error_share")] for line in lines}
+    legend = [
+        (f"{line[0].replace('_', ' ')}: {line[2]:,} vertices, {shares[line[0]]:.0%}", [DISTINCT[k % len(DISTINCT)]])
+        for k, line in enumerate(lines)
+    ]
+    legend.append((f"unused: {rest[2]:,} vertices, {rest[HEADER.index('error_share')]:.0%}", [UNUSED]))
+    legend.append(("% of the maps' error, Eq. 2", ()))
+    figure = coloured_views(rig, refinement_colours(mesh, segments), legend, width, height, renderer)
+    listed = ", ".join(f"{name.replace('_', ' ')} {share:.0%}" for name, share in shares.items())
+    return figure, Words(
+        f"The character {rig.name}, mouth open, from the front, from three-quarters and close up into the mouth; "
+        f"{len(segments)} square patches are in colours of their own, all else is grey.",
+        f"Refinement segments of {rig.name} (after Fig. 8): {len(segments)} squares of the texture coordinates, as "
+        "many as the elbow method asks for, around the centroids of the coarse maps' error (Eq. 2). Their parts of "
+        f"that error: {listed}. Grey: unused. Eyeballs are for display only.",
+    )
+
+
+def save_refinement_figure(rig, segments: Sequence[Segment], errors, stem: Path) -> None:
+    """Write Figure 8 of a rig as PNG, its words as JSON, and each segment's numbers as CSV."""
+    figure, words = figure08(rig, segments, errors)
+    save_figure(figure, stem.with_suffix(".png"), words)
+    write_lines(stem.with_suffix(".csv"), HEADER, segment_lines(rig.mesh, segments, errors))
+
+
+def refinement_table(file: Path, character: str) -> Table:
+    """Return the numbers behind a character's Figure 8: a line for each segment, and the rest of the mesh."""
+    body: list[tuple[str, ...] | None] = []
+    for line in read_lines(file, HEADER):
+        unused = line["segment"] == "unused"
+        body += [None] if unused else []
+        extents = (f"{float(line[f'{axis}_low']):.2f}–{float(line[f'{axis}_high']):.2f}" for axis in "uv" if not unused)
+        u, v = ("–", "–") if unused else extents
+        share, lost = f"{float(line['error_share']):.0%}", f"{float(line['map_error_mm']):.2f}"
+        body.append((line["segment"], f"{int(line['vertices']):,}", line["parameters"] or "–", u, v, lost, share))
+    header = ("", "vertices", "parameters", "u", "v", "map error, mm", "of all error")
+    return Table(f"Refinement segments of {character}", (header,), tuple(body))

@@ -1,0 +1,108 @@
+"""What a character is: three views, its edges and the charts of its segments; and all characters side by side."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from replicate.drawing.characters import BACKGROUND, character_surfaces
+from replicate.drawing.panels import DPI, GAP, MARGIN, TITLE, Words, panel_grid
+from replicate.drawing.prop_surfaces import prop_surfaces
+from replicate.drawing.render import render
+from replicate.drawing.scene import PORTRAIT, STUDIO, Surface, camera_for, framed
+from replicate.drawing.wireframe import quad_edges, wireframe
+
+VIEWS = ("front", "three_quarter", "side")
+# Of the charts, one after the other: soft enough for lines, and told apart by readers who see fewer colours.
+CHART_COLOURS = ("#b5d3ea", "#f6cfa3", "#b9dfc6", "#eec3d2", "#dcd0ea", "#e8e2a8", "#c3dfe6", "#d9c9b8")
+
+
+def chart_names(rig) -> list[str]:
+    """Return the segments whose charts networks fill: all that aren't teeth."""
+    return [name for name in rig.mesh.segment_names if not name.startswith(("tooth", "teeth"))]
+
+
+def rig_sheet(rig, width: int = 310, height: int = 340, renderer=None):
+    """Return (figure, words): a rig from three sides and as a wireframe, and below them each segment's chart.
+
+    rig: any that keeps the Rig contract.
+    """
+    from matplotlib.figure import Figure
+
+    pictures, names = _pictures(rig, width, height, renderer), chart_names(rig)
+    total_width = 2 * MARGIN + len(pictures) * (width + GAP) - GAP
+    columns = max(4, -(-len(names) // 2))
+    side = (total_width - 2 * MARGIN + GAP) // columns - GAP
+    rows = -(-len(names) // columns)
+    total_height = TITLE + height + rows * (TITLE + side) + MARGIN
+    figure = Figure((total_width / DPI, total_height / DPI), dpi=DPI, facecolor="white")
+
+    def place(x, y, w, h, title):  # pixels from the upper left corner
+        axes = figure.add_axes((x / total_width, 1 - (y + h) / total_height, w / total_width, h / total_height))
+        axes.set_axis_off()
+        size = 10 if len(title) * 6.5 < w else 6.5 * w / (len(title) * 4.4)
+        figure.text((x + w / 2) / total_width, 1 - (y - TITLE / 2) / total_height, title, ha="center", va="center",
+                    fontsize=min(10, size))  # fmt: skip
+        return axes
+
+    for column, (title, picture) in enumerate(pictures.items()):
+        axes = place(MARGIN + column * (width + GAP), TITLE, width, height, title)
+        axes.imshow(picture, interpolation="none", aspect="auto")
+    for k, name in enumerate(names):
+        row, column = divmod(k, columns)
+        top = 2 * TITLE + height + row * (TITLE + side)
+        members = rig.mesh.segment == rig.mesh.segment_names.index(name)
+        axes = place(MARGIN + column * (side + GAP), top, side, side, f"{name.replace('_', ' ')}  {members.sum():,}")
+        _draw_chart(axes, rig.mesh, members, CHART_COLOURS[k % len(CHART_COLOURS)])
+    rigid = len(rig.mesh.segment_names) - len(names)
+    listed = ", ".join(names)
+    return figure, Words(
+        f"Renders of the character {rig.name} from the front, from three quarters and from the side, then its edges "
+        f"over clay; below, the texture charts of its {len(names)} deformable segments: {listed}.",
+        f"{rig.name}: {len(rig.mesh.neutral):,} vertices, {len(rig.controls)} controls, {len(names)} deformable "
+        f"segments with a chart each (its vertices beside its name) and {rigid} rigid ones. Paint, hair, brows and "
+        "eyeballs are for display only; no method approximates them.",
+    )
+
+
+def line_up(rigs: Sequence, width: int = 300, height: int = 330, renderer=None):
+    """Return (figure, words): the rigs side by side at rest, from the front and from three quarters."""
+    rows = [[_portrait(rig, view, width, height, renderer) for rig in rigs] for view in ("front", "three_quarter")]
+    listed = ", ".join(rig.name for rig in rigs)
+    return panel_grid(rows, [rig.name for rig in rigs]), Words(
+        f"Renders of {len(rigs)} characters at rest, from the front and from three quarters: {listed}.",
+        f"The characters, procedural heads, at rest: {listed}. Paint, hair, brows, horns and eyeballs are for display "
+        "only.",
+    )
+
+
+def _portrait(rig, view: str, width: int, height: int, renderer) -> np.ndarray:
+    camera = camera_for(view, rig.mesh.neutral)
+    camera = framed(camera, character_surfaces(rig, rig.default), width / height)
+    surfaces = character_surfaces(rig, rig.default, camera)
+    return render(surfaces, camera, width, height, BACKGROUND, renderer, PORTRAIT)
+
+
+def _pictures(rig, width: int, height: int, renderer) -> dict[str, np.ndarray]:
+    pictures = {view.replace("_", "-"): _portrait(rig, view, width, height, renderer) for view in VIEWS}
+    mesh, neutral = rig.mesh, rig(rig.default)
+    props = rig.pose_props(rig.default) if hasattr(rig, "pose_props") else []
+    clay = [Surface(neutral, mesh.faces), *prop_surfaces([prop for prop in props if prop[0].startswith("eye")])]
+    camera = framed(camera_for("three_quarter", mesh.neutral), clay[:1], width / height)
+    lines = wireframe(neutral, mesh.faces, camera)
+    pictures["wireframe"] = render([*clay, lines], camera, width, height, BACKGROUND, renderer, STUDIO)
+    return pictures
+
+
+def _draw_chart(axes, mesh, members: np.ndarray, colour: str) -> None:
+    """Draw a segment's triangles in its chart, and its edges on top."""
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    faces = mesh.faces[members[mesh.faces].all(1)]
+    edges = quad_edges(mesh.faces)
+    edges = edges[members[edges].all(1)]
+    axes.add_collection(PolyCollection(mesh.uv[faces], facecolors=colour, edgecolors=colour, linewidths=0.3))
+    thin = float(np.clip(12 / np.sqrt(max(len(edges), 1)), 0.12, 0.4))
+    axes.add_collection(LineCollection(mesh.uv[edges], colors="#3a3e46", linewidths=thin))
+    axes.set_xlim(-0.01, 1.01)
+    axes.set_ylim(-0.01, 1.01)
+    axes.set_aspect("equal")

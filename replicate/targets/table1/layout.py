@@ -1,0 +1,198 @@
+"""Table 1, printed: what each character's model is made of and how large it is, ours beside the paper's; and claim C6.
+
+The paper's own counts of segments and parameters give the least and the most that its CNN can weigh; its dense sizes
+give, the other way round, how many vertices its dense networks must move.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+
+from replicate.approximation.model_size import cnn_size_mb, dense_vertices
+from replicate.config import CoarseConfig, RefinementConfig
+from replicate.report.results import Row, find, most_seeds
+from replicate.report.tables import Table, published, rounded
+from replicate.targets.table1.rows import WIDTHS
+from replicate.targets.table2.layout import STANDS_FOR
+
+CLAIM = (2.0, 5.0)  # C6: how many times as large as the CNN the dense model is
+NOTES = (
+    "Sizes are those of all weights as float32, 1 MB = 10⁶ bytes; a character's rigid segments have none.",
+    "least–most: networks that see no rig parameter, and networks that see all; what they see lies between.",
+    "Vertices implied: how many the paper's dense networks move if they see all parameters, and if they see none. "
+    "More than the character has means that its networks were not of that width.",
+)
+
+
+def order_of(character: str) -> tuple[int, str]:
+    """Return what sorts characters: those that stand for one of the paper's in its order, then others by name."""
+    known = list(STANDS_FOR)
+    return (known.index(character) if character in known else len(known)), character
+
+
+def characters_of(rows: Iterable[Row]) -> list[str]:
+    """Return the characters of some rows in the order of the paper's."""
+    return sorted({row.character for row in rows}, key=order_of)
+
+
+def table1(ours: Iterable[Row], paper: Sequence[Row]) -> Table:
+    """Return Table 1 with a column for each of our characters, beside it the one that it stands for."""
+    rows = [row for row in ours if row.table == "table1"]
+    whose = []  # (heading, rows, character)
+    for character in characters_of(rows):
+        whose.append((character, rows, character))
+        if character in STANDS_FOR:
+            whose.append((STANDS_FOR[character], paper, STANDS_FOR[character]))
+    body: list[tuple[str, ...] | None] = []
+    for line in _LINES:
+        cells = line and [line[1](found, name, found is paper) for _, found, name in whose]
+        body.append(line and (line[0], *cells))
+    profiles = sorted({row.profile for row in rows})
+    about = "; ".join([f"profile {', '.join(profiles)}", *_seeds(rows)])
+    header = ("", *(heading for heading, _, _ in whose))
+    return Table("Table 1: the models of our characters beside the paper's", (header,), tuple(body), (*NOTES, about))
+
+
+def size_ratio(rows: Iterable[Row], character: str, dense: str = "dense") -> float | None:
+    """Return how many times as large as the CNN a character's dense model is; None where a size is missing."""
+    rows = list(rows)
+    large, small = (find(rows, "table1", character, method, "model_size") for method in (dense, "refined"))
+    return large.value / small.value if large and small and small.value else None
+
+
+def size_claim(ours: Sequence[Row], paper: Sequence[Row]) -> str:
+    """Return in one sentence what the sizes say of claim C6, "the CNN is 2–5× smaller than the dense model".
+
+    The width of the text decides; that of the released code is told beside it.
+    """
+    ratios = {name: ratio for name in characters_of(ours) if (ratio := size_ratio(ours, name))}
+    said = f"C6, a CNN {CLAIM[0]:g} to {CLAIM[1]:g} times smaller than the dense model,"
+    if not ratios:
+        return f"{said} is not tested: there are no sizes."
+    inside = [name for name, ratio in ratios.items() if CLAIM[0] <= ratio <= CLAIM[1]]
+    outside = [name for name in ratios if name not in inside]
+    verdicts = ((word, names) for word, names in (("holds on", inside), ("fails on", outside)) if names)
+    verdict = " and ".join(f"{word} {_listed(names)}" for word, names in verdicts)
+    wide = {name: ratio for name in ratios if (ratio := size_ratio(ours, name, "dense_released"))}
+    theirs = {name: ratio for name in STANDS_FOR.values() if (ratio := size_ratio(paper, name))}
+    told = [
+        f"with hidden layers of {_widths('dense')} the dense model is {_times(ratios)} times as large",
+        f"with {_widths('dense_released')} {_times(wide)} times" if wide else "",
+        f"in the paper {_times(theirs)} times" if theirs else "",
+    ]
+    return f"{said} {verdict}: {'; '.join(filter(None, told))}."
+
+
+def _listed(names: Iterable[str]) -> str:
+    *most, last = names
+    return f"{', '.join(most)} and {last}" if most else last
+
+
+def _times(ratios: dict[str, float]) -> str:
+    return _listed(f"{ratio:.1f} ({name})" for name, ratio in ratios.items())
+
+
+def _widths(method: str) -> str:
+    return " and ".join(map(str, WIDTHS[method]))
+
+
+def _seeds(rows: Sequence[Row]) -> list[str]:
+    seeds = most_seeds(rows)
+    return [f"{seeds} seeds, ± their standard deviation"] if seeds > 1 else ["one seed"]
+
+
+def _number(method: str, metric: str) -> Callable:
+    def cell(rows, character: str, is_paper: bool) -> str:
+        row = find(rows, "table1", character, method, metric)
+        if is_paper:
+            return published(row)
+        return rounded(row.value, row.unit, row.sd or None) if row else "–"
+
+    return cell
+
+
+def _span(method: str) -> Callable:
+    def cell(rows, character: str, is_paper: bool) -> str:
+        least, most = bracket(rows, character) if is_paper and method == "refined" else _ends(rows, character, method)
+        return f"{least:.2f}–{most:.2f}" if least is not None and most is not None else "–"
+
+    return cell
+
+
+def _ends(rows, character: str, method: str) -> tuple[float | None, float | None]:
+    found = (find(rows, "table1", character, method, f"model_size_{end}") for end in ("least", "most"))
+    least, most = (row.value if row else None for row in found)
+    return least, most
+
+
+def bracket(paper: Iterable[Row], character: str) -> tuple[float | None, float | None]:
+    """Return the least and the most, in MB, that the CNN of one of the paper's characters can weigh by its counts."""
+    paper = list(paper)
+    counts = [
+        find(paper, "table1", character, *key)
+        for key in (("coarse", "segments"), ("refined", "segments"), ("model", "rig_parameters"))
+    ]
+    if None in counts:
+        return None, None
+    coarse, refined, parameters = (round(row.value) for row in counts)
+    least, most = (
+        cnn_size_mb([seen] * coarse, [seen] * refined, CoarseConfig(), RefinementConfig()) for seen in (0, parameters)
+    )
+    return least, most
+
+
+def _seen(rows, character: str, is_paper: bool) -> str:
+    """Return the mean share of the rig parameters that a network of the CNN sees: where its size lies in between."""
+    size = find(rows, "table1", character, "refined", "model_size")
+    least, most = bracket(rows, character) if is_paper else _ends(rows, character, "refined")
+    if size is None or least is None or most is None or most <= least:
+        return "–"
+    return f"{(size.value - least) / (most - least):.0%}"
+
+
+def implied_vertices(paper: Iterable[Row], character: str, method: str) -> tuple[float, float] | None:
+    """Return how many vertices a dense model of the paper's moves by its size, if it sees all parameters, or none."""
+    paper = list(paper)
+    keys = (("dense", "model_size"), ("coarse", "segments"), ("model", "rig_parameters"))
+    found = [find(paper, "table1", character, *key) for key in keys]
+    if None in found:
+        return None
+    size, segments, parameters = (row.value for row in found)
+    fewest, most = (dense_vertices(size, round(segments), seen, WIDTHS[method]) for seen in (round(parameters), 0))
+    return fewest, most
+
+
+def _implied(method: str) -> Callable:
+    def cell(rows, character: str, is_paper: bool) -> str:
+        found = implied_vertices(rows, character, method) if is_paper else None
+        return f"{found[0]:,.0f}–{found[1]:,.0f}" if found else ""
+
+    return cell
+
+
+def _ratio(method: str) -> Callable:
+    def cell(rows, character: str, is_paper: bool) -> str:
+        return rounded(size_ratio(rows, character, method), "ratio")
+
+    return cell
+
+
+_LINES = (
+    ("Vertices", _number("model", "vertices")),
+    ("Rig parameters", _number("model", "rig_parameters")),
+    ("Coarse segments", _number("coarse", "segments")),
+    ("Refinement segments", _number("refined", "segments")),
+    ("Rigid segments", _number("model", "rigid_segments")),
+    None,
+    ("CNN, MB", _number("refined", "model_size")),
+    ("– least–most", _span("refined")),
+    ("– parameters a network sees, mean", _seen),
+    ("– coarse networks alone", _number("coarse", "model_size")),
+    (f"Dense {'/'.join(map(str, WIDTHS['dense']))}, MB", _number("dense", "model_size")),
+    ("– least–most", _span("dense")),
+    (f"Dense {'/'.join(map(str, WIDTHS['dense_released']))}, MB", _number("dense_released", "model_size")),
+    ("– least–most", _span("dense_released")),
+    ("Dense over CNN", _ratio("dense")),
+    (f"Dense {'/'.join(map(str, WIDTHS['dense_released']))} over CNN", _ratio("dense_released")),
+    None,
+    ("Vertices that deform", _number("model", "deformable_vertices")),
+    *((f"– implied by dense {'/'.join(map(str, WIDTHS[name]))}", _implied(name)) for name in WIDTHS),
+)

@@ -1,0 +1,70 @@
+"""One character's numbers of Table 1, from the artefacts of the stages that train nothing."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from replicate.approximation.model_size import cnn_size_mb, dense_size_mb
+from replicate.approximation.rigid import Attachments
+from replicate.approximation.segments import Segment, coarse_segments, load_segments
+from replicate.geometry.mesh import Mesh
+from replicate.report.results import Row
+from replicate.targets.table2.gather import run_name
+
+# The dense baseline's hidden layers: as the text has them, and as the released code has them (DEVIATIONS D13).
+WIDTHS = {"dense": (256, 256), "dense_released": (256, 512)}
+
+
+def rows_of(settings, inputs: Mapping[str, Path], mesh: Mesh) -> list[Row]:
+    """Return a character's rows.
+
+    settings: `character` and `profile` label the rows; `coarse` and `refined` are their networks' shapes. inputs: the
+    folders of the stages "influence", "rigid" and "selection".
+    """
+    influence = np.load(inputs["influence"] / "influence.npy")
+    rigid = Attachments.load(inputs["rigid"] / "attachments.npz").segment.tolist()
+    coarse = coarse_segments(mesh, rigid, influence)
+    refined = load_segments(inputs["selection"] / "segments.npz")
+    run, numbers = run_name(inputs), counts(mesh, influence.shape[1], len(rigid), coarse, refined)
+    numbers |= sizes_mb(influence.shape[1], coarse, refined, settings)
+    return [
+        Row("table1", settings.character, method, metric, unit, float(value), None, 1, None, settings.profile, run)
+        for (method, metric), (unit, value) in numbers.items()
+    ]
+
+
+def counts(
+    mesh: Mesh, parameters: int, rigid: int, coarse: Sequence[Segment], refined: Sequence[Segment]
+) -> dict[tuple[str, str], tuple[str, float]]:
+    """Return the counts of Table 1, (method, metric) → (unit, value), and how many vertices the networks move."""
+    found = {
+        ("model", "vertices"): len(mesh.neutral),
+        ("model", "rig_parameters"): parameters,
+        ("model", "rigid_segments"): rigid,
+        ("model", "deformable_vertices"): sum(len(segment.vertices) for segment in coarse),
+        ("coarse", "segments"): len(coarse),
+        ("refined", "segments"): len(refined),
+    }
+    return {key: ("count", value) for key, value in found.items()}
+
+
+def sizes_mb(
+    parameters: int, coarse: Sequence[Segment], refined: Sequence[Segment], shapes
+) -> dict[tuple[str, str], tuple[str, float]]:
+    """Return the sizes of Table 1, (method, metric) → (unit, value): as they are, and the least and most they can be.
+
+    parameters: m of the whole rig. shapes: `coarse` and `refined` are the networks' shapes.
+    """
+    found = {}
+    ends = {"": None, "_least": 0, "_most": parameters}
+    for ending, given in ends.items():
+        seen, finer = (
+            [len(segment.parameters) if given is None else given for segment in part] for part in (coarse, refined)
+        )
+        found["refined", f"model_size{ending}"] = cnn_size_mb(seen, finer, shapes.coarse, shapes.refined)
+        found["coarse", f"model_size{ending}"] = cnn_size_mb(seen, (), shapes.coarse, shapes.refined)
+        moved = [len(segment.vertices) for segment in coarse]
+        for method, hidden in WIDTHS.items():
+            found[method, f"model_size{ending}"] = dense_size_mb(seen, moved, hidden)
+    return {key: ("MB", value) for key, value in found.items()}

@@ -1,0 +1,49 @@
+"""Validation error of the three networks against training step, with the floors that their maps set."""
+
+from collections.abc import Mapping, Sequence
+
+from replicate.drawing.panels import DPI, Words
+from replicate.drawing.style import MEASURES, colour, plain_name, tidy
+from replicate.report.results import Row, find
+from replicate.report.training_curves import Curve
+
+NETWORKS = ("coarse", "refined", "dense")
+FLOORS = {"floor": "coarse", "floor_refined": "refined"}
+
+
+def training_curves(curves: Mapping[tuple[str, str], Curve], rows: Sequence[Row], character: str):
+    """Return (figure, words): both errors of one character's networks on the validation poses.
+
+    rows: Table 2's results, for the floors (dashed).
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator
+
+    figure = Figure((10, 3.6), dpi=DPI, layout="constrained")
+    ends = []
+    for axes, column, (metric, _, label) in zip(figure.subplots(1, 2), (2, 3), MEASURES, strict=True):
+        for method in NETWORKS:
+            if curve := curves.get((character, method)):
+                steps, errors = [row[0] for row in curve], [row[column] for row in curve]
+                axes.plot(steps, errors, color=colour(method), label=plain_name(method))
+                ends.append(
+                    f"{plain_name(method)} ends at {curve[-1][column]:.2f} {'mm' if column == 2 else 'degrees'}"
+                )
+        for floor, method in FLOORS.items():
+            if row := find(rows, "table2", character, floor, metric):
+                axes.axhline(row.value, color=colour(method), linestyle="--", linewidth=1, label=plain_name(floor))
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter("")
+        axes.set_xlim(left=0)
+        axes.set_xlabel("training step")
+        axes.set_ylabel(label)
+        tidy(axes)
+    axes.legend(frameon=False, fontsize=8, ncols=2)
+    return figure, Words(
+        f"Two line charts of validation error against training step for {character}: {'; '.join(ends)}.",
+        f"Error of {character}'s networks on the validation poses as training goes on; the refined network starts "
+        "where the coarse one ended. Dashed: what the maps' resolution allows on the test poses (Table 2's floors). "
+        "Validation poses are others than those of Table 2, so the ends differ from its numbers.",
+    )

@@ -1,0 +1,61 @@
+"""What Table 2 says apart from millimetres: ratios between methods, and where on the face the errors are."""
+
+from collections.abc import Iterable, Sequence
+
+from replicate.report.results import Row, find, most_seeds
+from replicate.report.tables import Table, rounded
+from replicate.targets.table2.layout import STANDS_FOR, in_order, title
+
+# (method, over which other, error): what a replication on another rig can compare, and our own measures of success.
+RATIOS = (
+    ("refined", "coarse", "vertex"),
+    ("refined", "coarse", "normal"),
+    ("refined", "dense", "vertex"),
+    ("refined", "dense", "normal"),
+    ("refined", "lbs32", "vertex"),
+    ("refined", "lbs32", "normal"),
+    ("coarse", "floor", "normal"),
+    ("refined", "floor_refined", "normal"),
+    ("refined", "neutral", "vertex"),
+)
+ERRORS = {"vertex": "distance", "normal": "normal angle"}
+
+
+def table2_ratios(ours: Sequence[Row], paper: Sequence[Row], character: str) -> Table:
+    """Return ratios of mean errors beside the same ratios in the paper's own numbers."""
+    theirs = STANDS_FOR.get(character, "")
+    body = []
+    for method, other, kind in RATIOS:
+        ratios = [_ratio(rows, who, method, other, kind) for rows, who in ((ours, character), (paper, theirs))]
+        if ratios[0] is not None:
+            label = f"{title(method)} / {title(other)}, {ERRORS[kind]}"
+            body.append((label, *(rounded(ratio, "ratio") for ratio in ratios)))
+    header = ("mean error of one method over another's", character, theirs or "–")
+    return Table(f"Table 2 as ratios: {character} beside {theirs or 'nobody'}", (header,), tuple(body))
+
+
+def _ratio(rows: Iterable[Row], character: str, method: str, other: str, kind: str) -> float | None:
+    rows = list(rows)
+    above, below = (find(rows, "table2", character, m, f"{kind}_error_mean") for m in (method, other))
+    return above.value / below.value if above and below and below.value else None
+
+
+def table2_segments(ours: Iterable[Row], character: str) -> Table:
+    """Return each segment's mean vertex and normal error for every method, segments in the order of their names.
+
+    Without spreads, which would make it wider than a page; a note says where they are.
+    """
+    rows = [row for row in ours if row.table == "table2_segments" and row.character == character]
+    methods = [method for method in in_order({row.method for row in rows}) if method != "attachment"]
+    names = sorted({row.metric.partition("[")[2].rstrip("]") for row in rows if "_error_" in row.metric})
+    body: list[tuple[str, ...] | None] = []
+    for kind, unit in (("vertex", "mm"), ("normal", "deg")):
+        body += [None] if body else []
+        for name in names:
+            found = (find(rows, "table2_segments", character, m, f"{kind}_error_mean[{name}]") for m in methods)
+            cells = (rounded(row.value, unit) if row else "–" for row in found)
+            body.append((f"{name}, {unit}", *cells))
+    header = ("", *(title(m).replace("LBS: ", "LBS ").replace(" bones", "").replace(", ", " ") for m in methods))
+    seeds = most_seeds(rows)
+    notes = (f"Means over {seeds} seeds; their standard deviations are in table2.csv.",) if seeds > 1 else ()
+    return Table(f"Table 2 by segment: {character}, mean errors", (header,), tuple(body), notes)

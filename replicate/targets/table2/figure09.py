@@ -1,0 +1,30 @@
+"""Figure 9: forehead wrinkles, close up: what each method keeps of them."""
+
+from collections.abc import Sequence
+
+from replicate.drawing.panels import Words, panel_grid
+from replicate.drawing.prop_surfaces import prop_surfaces
+from replicate.drawing.render import render
+from replicate.drawing.scene import Surface, camera_for
+from replicate.drawing.style import label, plain_name
+from replicate.report.pose_record import TRUTH, PoseRecord
+
+SHOWN = (TRUTH, "refined", "coarse", "lbs32")
+
+
+def figure09(record: PoseRecord, methods: Sequence[str] = SHOWN, width: int = 400, height: int = 340, renderer=None):
+    """Return (figure, words): the record's pose from the forehead camera, one panel for each of the given methods."""
+    view = camera_for("forehead", record.neutral)
+    shown = [method for method in methods if method in record.vertices]
+    props = prop_surfaces(record.props)
+    panels = [
+        render([Surface(record.vertices[method], record.faces), *props], view, width, height, renderer=renderer)
+        for method in shown
+    ]
+    titles = [label(method) for method in shown]
+    listed = ", ".join(plain_name(method) for method in shown)
+    return panel_grid([panels], titles), Words(
+        f"Clay renders of one forehead, close up, from left to right: {listed}.",
+        f"Forehead wrinkles of {record.character} in test pose {record.pose} (after Fig. 9 of the paper): {listed}. "
+        "† An oracle: bones refitted to the true mesh of this pose.",
+    )

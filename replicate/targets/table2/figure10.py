@@ -1,0 +1,48 @@
+"""Figure 10: one wrinkled test pose as every method predicts it, shaded above, normal error below."""
+
+from functools import partial
+
+import numpy as np
+
+from replicate.approximation.metrics import normal_error
+from replicate.drawing.heatmap import colour_bar, normal_heat
+from replicate.drawing.panels import Words, panel_grid
+from replicate.drawing.prop_surfaces import prop_surfaces
+from replicate.drawing.render import render
+from replicate.drawing.scene import Surface, camera_for
+from replicate.drawing.style import label, plain_name
+from replicate.report.pose_record import TRUTH, PoseRecord
+from replicate.targets.table2.layout import OURS_ALONE, in_order
+
+
+def figure10(
+    record: PoseRecord,
+    limit_deg: float = 10.0,
+    camera: str = "front",
+    width: int = 232,
+    height: int = 292,
+    renderer=None,
+):
+    """Return (figure, words). limit_deg: the upper end of the colours, the same for every panel."""
+    view = camera_for(camera, record.neutral)
+    shown = [TRUTH, *(method for method in in_order(record.vertices) if method not in OURS_ALONE)]
+    props = prop_surfaces(record.props)
+    truth = record.vertices[TRUTH]
+    draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
+    shaded = [draw([Surface(record.vertices[method], record.faces), *props]) for method in shown]
+    heat = [draw([normal_heat(record.vertices[method], truth, record.faces, limit_deg)]) for method in shown]
+    figure = panel_grid(
+        [shaded, heat],
+        [label(method) for method in shown],
+        ("surface", "normal error"),
+        (1, 1, partial(colour_bar, limit=limit_deg, label="normal angle error, degrees")),
+    )
+    means = {method: np.nanmean(normal_error(record.vertices[method], truth, record.faces)) for method in shown[1:]}
+    listed = ", ".join(f"{plain_name(method)} {mean:.2f}°" for method, mean in means.items())
+    return figure, Words(
+        f"Clay renders of one face pose in {len(shown)} columns, ground truth first, then each method; below each, "
+        f"the same face coloured by normal error from 0 to {limit_deg:g} degrees. Mean errors: {listed}.",
+        f"Test pose {record.pose} of {record.character}, the one whose forehead folds most (after Fig. 10). "
+        f"Below: angle between each face's predicted and true normal (Eq. 11), unlit, one scale for all panels. "
+        f"Means over the whole mesh in this pose: {listed}.",
+    )

@@ -1,0 +1,60 @@
+"""Trainings that differ in one thing, as a table: what decides the networks' errors on validation poses."""
+
+from collections.abc import Iterable, Sequence
+
+from replicate.report.results import Row
+from replicate.report.tables import Table, rounded
+
+TABLE = "bench_training"
+METRICS = {
+    "validation_vertex_error": ("mm", "mm"),
+    "validation_normal_error": ("deg", "degrees"),
+    "normal_error_over_floor": ("ratio", "degrees / floor"),
+}
+METHODS = ("coarse", "refined", "dense")
+
+
+def trainings_table(rows: Iterable[Row]) -> Table:
+    """Return the errors of every training in `bench_training.csv`: what was changed, mm, degrees, and over the floor.
+
+    A row's metric is metric[change], as `replicate.benchmarks.training` writes it.
+    """
+    found: dict[tuple[str, str], dict[str, Row]] = {}
+    for row in rows:
+        if row.table == TABLE and row.method in METHODS:
+            metric, _, change = row.metric.rstrip("]").partition("[")
+            found.setdefault((row.method, change), {})[metric] = row
+    lines: list[tuple[str, ...] | None] = []
+    for method in METHODS:
+        of_method = {
+            change: each for (name, change), each in sorted(found.items(), key=lambda item: item[0]) if name == method
+        }
+        lines += [None] if lines and of_method else []
+        for change, each in of_method.items():
+            cells = (each[metric] if metric in each else None for metric in METRICS)
+            lines.append((method, change, *(rounded(row.value, row.unit) if row else "" for row in cells)))
+    header = ("", "peak rate or change", *(name for _, name in METRICS.values()))
+    poses = max((row.poses or 0 for each in found.values() for row in each.values()), default=0)
+    note = f"errors on {poses} poses held out of the training animation; one seed."
+    return Table("Trainings that differ in one thing", (header,), tuple(lines), (note,))
+
+
+def axis_text(rows: Iterable[Row]) -> str:
+    """Return which controls §3.5's intervals follow most, with their correlations, from `bench_training.csv`."""
+    found = [row for row in rows if row.table == TABLE and row.metric.startswith("interval_correlation[")]
+    found.sort(key=lambda row: -abs(row.value))
+    listed = (f"{row.metric.rstrip(']').partition('[')[2]} {row.value:+.2f}" for row in found)
+    return f"controls that the intervals follow most (correlation): {', '.join(listed)}"
+
+
+def draws_text(samples_per_bin: Sequence[int]) -> str:
+    """Return what share of the samples half of §3.5's balanced draws go to: those in the emptier half of its intervals.
+
+    samples_per_bin: how many samples lie in each interval of the landmarks' first principal component.
+    """
+    filled = sorted(count for count in samples_per_bin if count)
+    rare = filled[: len(filled) // 2]
+    return (
+        f"{len(rare)} of {len(filled)} intervals hold {100 * sum(rare) / sum(filled):.1f} % of the samples and get "
+        f"{100 * len(rare) / len(filled):.0f} % of the draws"
+    )

@@ -1,0 +1,50 @@
+"""A user's clip file: what is read from it, and the one sentence that each fault gets."""
+
+import numpy as np
+import pytest
+
+from data_recipes.acting.clip_file import read_clip
+from data_recipes.controls import make_controls
+from replicate.engine.exceptions import InputError
+
+CONTROLS = make_controls({"face": 4, "head": 1})  # brow_inner_up_*, brow_outer_up_*, squash
+
+
+def written(tmp_path, content):
+    path = tmp_path / "shot.csv"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def test_named_controls_are_read_and_the_others_rest(tmp_path):
+    poses = read_clip(written(tmp_path, "squash, brow_inner_up_left\n-1,0.25\n0.5,1\n\n"), CONTROLS)
+    assert poses.dtype == np.float32
+    assert poses.tolist() == [[0.25, 0, 0, 0, -1], [1, 0, 0, 0, 0.5]]
+
+
+@pytest.mark.parametrize(
+    "content,said",
+    [
+        ("squash,jaw_open\n0,0\n", "'jaw_open' in the header is no control"),
+        ("squash,squash\n0,0\n", "names 'squash' 2 times"),
+        ("squash\n0\nnan\n", r"line 3, squash is 'nan', where numbers from -1 to 1"),
+        ("squash\n1.5\n", r"line 2, squash is '1.5', where numbers from -1 to 1"),
+        ("brow_inner_up_left\n-0.1\n", r"line 2, brow_inner_up_left is '-0.1', where numbers from 0 to 1"),
+        ("squash\nwide\n", "line 2, squash is 'wide'"),
+        ("squash,brow_inner_up_left\n0\n", "line 2 has 1 values, where 2 are allowed"),
+        ("squash\n", "found 1 lines"),
+        ("", "found 0 lines"),
+        (b"\x89PNG\r\n\x1a\n\xff\xfe\x00", "found no CSV text"),
+        ('squash\n"0\n', "found no CSV text"),
+    ],
+)
+def test_each_fault_gets_a_sentence_with_file_and_place(tmp_path, content, said):
+    path = written(tmp_path, content)
+    with pytest.raises(InputError, match=said) as caught:
+        read_clip(path, CONTROLS)
+    assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"none\.csv: found no readable file"):
+        read_clip(tmp_path / "none.csv", CONTROLS)

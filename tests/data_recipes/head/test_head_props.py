@@ -1,0 +1,188 @@
+"""Eyes, brows, lashes and hair sit where they belong on the head: display only, but seen in every picture."""
+
+from dataclasses import replace
+
+import heads
+import numpy as np
+import pytest
+
+from data_recipes.head.brows import COLUMNS, ROWS
+from data_recipes.head.horns import COLUMNS as HORN_COLUMNS
+from data_recipes.head.horns import CREST, PAIRS
+from data_recipes.head.layout import build_layout
+from data_recipes.head.props import build_props
+from data_recipes.head.shape import lidded_distance, skull_distance
+from data_recipes.recipe.reading import load_recipe
+
+ZONES = ("white", "limbus", "iris", "pupil")
+EYES = {f"eye_{zone}_{side}" for zone in ZONES for side in ("left", "right")}
+
+
+def props_with(head, **wanted):
+    """Return the props by name of the tiny head with another `[props]`."""
+    recipe = replace(head.recipe, props=replace(head.recipe.props, **wanted))
+    return {prop.name: prop for prop in build_props(recipe, build_layout(recipe), head.vertices)}
+
+
+@pytest.fixture
+def head():
+    return heads.head("tiny")
+
+
+@pytest.fixture
+def props(head):
+    return {prop.name: prop for prop in head.props}
+
+
+def normals(prop):
+    a, b, c = (prop.vertices[prop.faces[:, i]] for i in range(3))
+    return np.cross(b - a, c - a)
+
+
+def test_a_head_has_eyes_brows_lashes_and_hair_in_pairs(props):
+    parts = ("eye_white", "eye_limbus", "eye_iris", "eye_pupil", "brow", "lashes")
+    assert set(props) == {f"{part}_{side}" for part in parts for side in ("left", "right")} | {"hair"}
+    for part in parts:
+        left, right = props[f"{part}_left"], props[f"{part}_right"]
+        np.testing.assert_array_equal(left.vertices * (-1, 1, 1), right.vertices)
+        assert left.vertices[:, 0].min() > 0
+        assert left.follow == ("eye_left" if part.startswith("eye") else "skin")
+        assert right.follow == ("eye_right" if part.startswith("eye") else "skin")
+
+
+def test_eyeballs_fill_their_lids_and_do_not_come_through(head, props):
+    eye = head.eyes["left"]
+    rings = np.linalg.norm(head.vertices[head.grids["lid_inner_left"]] - eye.centre, axis=-1)
+    for part in ("white", "limbus", "iris", "pupil"):
+        radius = np.linalg.norm(props[f"eye_{part}_left"].vertices - eye.centre, axis=1)
+        assert 0.99 * eye.radius < radius.min() and radius.max() < rings.min()
+    assert rings.min() - eye.radius < 1.0
+
+
+def test_the_pupil_looks_ahead_within_the_iris(head, props):
+    eye = head.eyes["left"]
+    pupil, iris = (props[f"eye_{part}_left"].vertices - eye.centre for part in ("pupil", "iris"))
+    assert np.hypot(pupil[:, 0], pupil[:, 1]).max() < 1.01 * np.hypot(iris[:, 0], iris[:, 1]).min()
+    assert pupil[:, 2].min() > 0.95 * eye.radius
+
+
+def test_parts_face_outwards(head, props):
+    centres = {"eye": head.eyes["left"].centre, "hair": np.array([0.0, 30.0, -10.0]), "brow": np.array([0.0, 0, 0])}
+    for name, prop in props.items():
+        part = name.split("_")[0]
+        if part in centres and not name.endswith("right"):
+            outwards = prop.vertices[prop.faces].mean(1) - centres[part]
+            share = ((normals(prop) * outwards).sum(1) > 0).mean()
+            assert share > (0.999 if part == "eye" else 0.9), name
+
+
+def test_right_hand_parts_are_turned_over_with_their_mirror_image(props):
+    left, right = props["brow_left"], props["brow_right"]
+    np.testing.assert_allclose(np.sort(normals(left)[:, 2]), np.sort(normals(right)[:, 2]))
+
+
+def test_brows_lie_on_the_skin_between_eye_and_hair(head, props):
+    brow, eye = props["brow_left"].vertices, head.eyes["left"]
+    distance = lidded_distance(head.recipe, brow)
+    assert -0.6 < distance.min() and 0.8 < distance.max() < 2.0
+    assert brow[:, 1].min() > eye.centre[1] + 0.6 * eye.radius
+    assert brow[:, 1].max() < props["hair"].vertices[np.abs(props["hair"].vertices[:, 0]) < 60, 1].max()
+
+
+def test_hair_covers_the_crown_and_leaves_face_and_ears_free(head, props):
+    hair = props["hair"].vertices
+    distance = skull_distance(head.recipe, hair)
+    rim = distance < 0
+    assert rim.sum() >= 200 and distance[~rim].min() > 0.5 and distance.max() < 12
+    crown = head.vertices[head.grids["crown"]]
+    assert hair[:, 1].max() > crown[..., 1].max() + 2
+    front = hair[(np.abs(hair[:, 0]) < 30) & (hair[:, 2] > 0)]
+    assert front[:, 1].min() > head.vertices[head.landmarks["forehead"], 1] - 5
+
+
+def test_props_can_be_left_out(head):
+    assert set(props_with(head, hair="none", brows="none", lashes="none")) == EYES
+
+
+def test_a_slit_pupil_is_narrow():
+    recipe = load_recipe("tiny")
+    slit = replace(recipe, eyes=replace(recipe.eyes, pupil="slit"), props=replace(recipe.props, hair="none"))
+    layout = build_layout(slit)
+    parts = build_props(slit, layout, np.zeros((len(layout.part), 3)))
+    pupil = next(prop for prop in parts if prop.name == "eye_pupil_left").vertices - recipe.eyes.centre
+    assert np.ptp(pupil[:, 0]) < 0.5 * np.ptp(pupil[:, 1])
+
+
+def test_every_vertex_of_a_prop_has_a_colour(head):
+    for prop in props_with(head, hair="bob", horns="crown", lashes="long").values():
+        assert prop.colours.shape == prop.vertices.shape and np.isfinite(prop.vertices).all(), prop.name
+        assert 0 <= prop.colours.min() and prop.colours.max() <= 1, prop.name
+
+
+def test_irises_have_a_dark_rim_and_eyes_lie_in_the_shade_of_the_upper_lid(props):
+    bright = {zone: props[f"eye_{zone}_left"].colours.mean() for zone in ZONES}
+    assert bright["pupil"] < bright["limbus"] < 0.7 * bright["iris"] < bright["iris"] < bright["white"] < 0.93
+    iris = props["eye_iris_left"]
+    height = iris.vertices[:, 1]
+    assert iris.colours[height > np.quantile(height, 0.9)].mean() < iris.colours[height < np.median(height)].mean()
+
+
+@pytest.mark.parametrize("style", ["natural", "thin", "thick"])
+def test_brows_at_rest_say_nothing(head, style):
+    """Head and tail lie at one height, the arch is low: neither sad nor cross."""
+    grid = props_with(head, brows=style, hair="none")["brow_left"].vertices.reshape(ROWS, COLUMNS, 3)
+    middle = grid[ROWS // 2, :, 1]
+    assert abs(middle[2] - middle[-3]) < 3 and 0.5 < middle.max() - middle[[2, -3]].max() < 4.5
+    assert 0.35 < middle.argmax() / COLUMNS < 0.75
+    thickness = np.ptp(grid[..., 1], axis=0)
+    assert thickness[8:20].min() > 1.5 * thickness[-3]
+
+
+def test_thick_brows_are_thicker_than_natural_ones_and_these_than_thin_ones(head):
+    high = [
+        np.ptp(props_with(head, brows=style)["brow_left"].vertices.reshape(ROWS, COLUMNS, 3)[..., 1], axis=0).max()
+        for style in ("thick", "natural", "thin")
+    ]
+    assert high[0] > 1.2 * high[1] > 1.5 * high[2]
+
+
+def test_short_hair_leaves_more_of_the_forehead_and_lies_closer(head, props):
+    short = props_with(head, hair="short")["hair"].vertices
+
+    def front(p):
+        return p[(np.abs(p[:, 0]) < 20) & (p[:, 2] > 0), 1].min()
+
+    assert front(short) > front(props["hair"].vertices) + 4
+    assert skull_distance(head.recipe, short).max() < skull_distance(head.recipe, props["hair"].vertices).max() - 3
+
+
+def test_a_bob_falls_to_the_jaw_over_the_ears_and_leaves_the_face_free(head):
+    hair = props_with(head, hair="bob")["hair"]
+    assert hair.follow == "hair"
+    p = hair.vertices
+    mouth = head.recipe.mouth.y
+    assert p[:, 1].min() < mouth - 20
+    behind = p[(p[:, 2] < -30)]
+    assert np.ptp(behind[:, 1]) > 120
+    face = (np.abs(p[:, 0]) < 45) & (p[:, 2] > 20)
+    assert p[face, 1].min() > head.vertices[head.landmarks["forehead"], 1]
+    ears = head.vertices[np.isin(head.part, [head.part_names.index("ear_left")])]
+    beside = p[(p[:, 0] > 0) & (np.abs(p[:, 1] - ears[:, 1].mean()) < 20) & (np.abs(p[:, 2] - ears[:, 2].mean()) < 15)]
+    assert beside[:, 0].max() > ears[:, 0].max()
+
+
+def test_horns_stand_in_pairs_and_a_crest_outside_the_skull_and_point_backwards(head):
+    props = props_with(head, hair="none", horns="crown")
+    horns = {name: prop for name, prop in props.items() if name.startswith("horn")}
+    assert {name.replace("left", "right") for name in horns if "left" in name} <= set(horns)
+    assert len(horns) == 2 * len(PAIRS) + len(CREST)
+    for name, prop in horns.items():
+        tip = prop.vertices.reshape(-1, HORN_COLUMNS, 3)[-1, 0]
+        foot = prop.vertices.reshape(-1, HORN_COLUMNS, 3)[0].mean(0)
+        assert skull_distance(head.recipe, tip[None])[0] > 4 and skull_distance(head.recipe, foot[None])[0] < 0, name
+        assert tip[2] < foot[2] + 2, name
+        axis = prop.vertices.reshape(-1, HORN_COLUMNS, 3)[:, :-1].mean(1)
+        nearest = np.repeat(axis, HORN_COLUMNS, 0)[prop.faces].mean(1)
+        assert ((normals(prop) * (prop.vertices[prop.faces].mean(1) - nearest)).sum(1) > 0).mean() > 0.95, name
+    longer = props_with(head, hair="none", horns="crown", horn_length=2.0)["horn_left_3"].vertices
+    assert np.ptp(longer, axis=0).max() > 1.6 * np.ptp(horns["horn_left_3"].vertices, axis=0).max()

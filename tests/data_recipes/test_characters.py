@@ -1,0 +1,100 @@
+"""The characters beside the teen: the paper's counts, and poses that stay faces."""
+
+import numpy as np
+import pytest
+from test_rig import augmented, flipped_share, skin_faces
+
+from data_recipes.rig import build_rig
+from replicate.geometry.mesh import face_normals
+
+# Vertices, controls, deformable segments and rigid ones, as in Table 1.
+COUNTS = {"woman": (12828, 265, 7, 24), "toon": (4922, 99, 6, 2)}
+
+
+@pytest.fixture(scope="module", params=tuple(COUNTS))
+def rig(request):
+    return build_rig(request.param)
+
+
+def poses_of(rig, count, seed):
+    """Return what training sees: augmented animation, or uniform draws where a rig has none."""
+    if rig.clips:
+        return augmented(rig, count, seed)
+    return np.random.default_rng(seed).uniform(rig.lower, rig.upper, (count, len(rig.controls)))
+
+
+def test_counts_are_the_papers(rig):
+    vertices, controls, deformable, rigid = COUNTS[rig.name]
+    assert rig.mesh.neutral.shape == (vertices, 3)
+    assert len(rig.controls) == controls
+    teeth = [name.startswith(("tooth", "teeth")) for name in rig.mesh.segment_names]
+    assert (len(teeth) - sum(teeth), sum(teeth)) == (deformable, rigid)
+    assert (rig.clips is None) == (rig.name == "toon")
+
+
+def test_skin_that_wrinkles_is_fine_enough_to_fold(rig):
+    mesh, coarsest = rig.mesh, {}
+    for name, region in rig.face.constants["wrinkles"].items():
+        if name != "surface":
+            inside = np.isin(np.arange(len(mesh.neutral)), region["corners"])
+            a, b, c = mesh.neutral[mesh.faces[inside[mesh.faces].all(1)]].transpose(1, 0, 2)
+            quads_mm2 = np.linalg.norm(np.cross(b - a, c - a), axis=1)  # two triangles each
+            coarsest[name] = np.sqrt(quads_mm2.mean())
+    assert max(coarsest.values()) < {"woman": 4.0, "toon": 7.0}[rig.name], coarsest
+
+
+def test_the_default_pose_is_the_neutral(rig):
+    assert np.abs(rig(rig.default) - rig.mesh.neutral).max() < 1e-4
+
+
+def test_every_control_moves_something_at_one_of_several_poses(rig):
+    m = len(rig.controls)
+    moved = np.zeros(m)
+    acted = [  # what parts the lips, turns the eyes, and compresses each region that wrinkles
+        ("smile", "squint", "look", "jaw_open"),
+        ("brow_inner", "chin_raise"),
+        ("nose_wrinkle", "brow_down", "cheek_raise", "squint"),
+    ]
+    bases = [0.9 * np.array([c.name.startswith(parts) for c in rig.controls]) for parts in acted]
+    for base in (*bases, poses_of(rig, 1, seed=5)[0].clip(rig.lower, rig.upper)):
+        step = np.where(base < 0.5 * (rig.lower + rig.upper), 0.4, -0.4)
+        moved = np.maximum(moved, np.abs(rig(base[None] + np.eye(m) * step) - rig(base)[None]).max(axis=(1, 2)))
+    still = [control.name for control, far in zip(rig.controls, moved, strict=True) if far < 0.1]
+    assert not still
+
+
+def test_training_poses_are_faces_and_not_explosions(rig):
+    poses, faces, shares = poses_of(rig, 1_000, seed=1), skin_faces(rig.mesh), []
+    for part in np.split(poses, 20):
+        vertices = rig(part)
+        assert np.isfinite(vertices).all()
+        shares += [flipped_share(v, faces) for v in vertices]
+    assert np.mean(shares) < 0.005
+    assert np.max(shares) < 0.03
+
+
+def test_a_blink_closes_the_lids_over_the_eyeball(rig):
+    p = rig.default.copy()
+    p[[c.name.startswith("blink") for c in rig.controls]] = 1
+    closed, rest = rig(p), rig.mesh.neutral
+    marks = dict(zip(rig.landmark_names, rig.landmarks.tolist(), strict=True))
+    for side in ("left", "right"):
+        upper, lower = marks[f"lid_upper_{side}"], marks[f"lid_lower_{side}"]
+        assert np.linalg.norm(rest[upper] - rest[lower]) > 8
+        assert np.linalg.norm(closed[upper] - closed[lower]) < 1.5
+        lids = rig.face.constants[f"lids_{side}"]
+        distance = np.linalg.norm(closed[lids["support"]] - lids["centre"], axis=1)
+        assert (distance > lids["ball"] - 0.06).all()
+
+
+@pytest.mark.parametrize("rig", ["woman"], indirect=True)
+def test_a_full_brow_raise_turns_the_womans_forehead_by_five_degrees(rig):
+    p = rig.default.copy()
+    p[[c.name.startswith(("brow_inner_up", "brow_outer_up")) for c in rig.controls]] = 1
+    smooth = p.copy()
+    smooth[[c.name.startswith("wrinkle_") for c in rig.controls]] = -1.2
+    region = np.unique(rig.face.constants["wrinkles"]["forehead"]["corners"])
+    faces = rig.mesh.faces[np.isin(rig.mesh.faces, region).all(axis=1)]
+    with_folds, without = (np.asarray(face_normals(rig(q), faces)) for q in (p, smooth))
+    turned = np.degrees(np.arccos(np.clip((with_folds * without).sum(axis=1), -1, 1)))
+    assert turned.mean() > 5

@@ -1,0 +1,110 @@
+"""The dragon: his counts, his health under Eq. 5, and what he has that a human face lacks."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from test_rig import augmented, flipped_share, skin_faces
+
+from data_recipes.acting.motion import pose
+from data_recipes.rig import build_rig, expression_poses
+
+
+@pytest.fixture(scope="module")
+def dragon():
+    return build_rig("dragon")
+
+
+@pytest.fixture(scope="module")
+def poses(dragon):
+    return dragon(augmented(dragon, 300, seed=1))
+
+
+def part(rig, start):
+    wanted = [i for i, name in enumerate(rig.mesh.segment_names) if name.startswith(start)]
+    return np.isin(rig.mesh.segment, wanted)
+
+
+def acted(rig, **amounts):
+    columns = {control.name: i for i, control in enumerate(rig.controls)}
+    return pose(columns, {name.replace("_both", "_*"): amount for name, amount in amounts.items()})
+
+
+def test_he_has_14080_vertices_286_controls_19_soft_segments_and_110_teeth(dragon):
+    names = dragon.mesh.segment_names
+    assert dragon.mesh.neutral.shape == (14080, 3) and len(dragon.controls) == 286
+    teeth = [name for name in names if name.startswith("tooth")]
+    assert len(teeth) == 110 and sum("upper" in name for name in teeth) == 56
+    assert len(names) - len(teeth) == 19
+    assert sum(name.startswith("frill") for name in names) == 8
+
+
+def test_augmented_poses_are_faces_and_not_explosions(dragon, poses):
+    assert np.isfinite(poses).all()
+    faces = skin_faces(dragon.mesh)
+    shares = np.array([flipped_share(v, faces) for v in poses])
+    assert flipped_share(dragon.mesh.neutral, faces) < 4e-3  # in the corners of the mouth and where ears fold
+    assert shares.mean() < 0.005 and shares.max() < 0.03
+
+
+def test_every_tooth_is_rigid_to_a_micrometre(dragon, poses):
+    for i, name in enumerate(dragon.mesh.segment_names):
+        if name.startswith("tooth"):
+            ids = np.flatnonzero(dragon.mesh.segment == i)
+            rest = dragon.mesh.neutral[ids].astype(np.float64)
+            posed = poses[:6, ids].astype(np.float64)
+            gap = np.linalg.norm(rest[:, None] - rest[None], axis=2)
+            assert np.abs(np.linalg.norm(posed[:, :, None] - posed[:, None], axis=3) - gap).max() < 2e-3
+
+
+def test_lips_cover_his_teeth_at_rest_and_a_snarl_bares_them(dragon):
+    rest, marks = dragon.mesh.neutral, dict(zip(dragon.landmark_names, dragon.landmarks.tolist(), strict=True))
+    upper = rest[part(dragon, "tooth_upper")]
+    assert upper[:, 2].max() < rest[marks["lip_upper_mid"], 2] - 3
+    assert upper[:, 1].min() < rest[marks["lip_lower_mid"], 1] - 2  # they reach down behind the lower lip
+    snarl = dragon(acted(dragon, snarl_both=1.0))
+    lifted = (snarl - rest)[:, 1]
+    assert lifted[part(dragon, "face")].max() > 7
+    assert np.abs(lifted[part(dragon, "tooth")]).max() < 1e-3
+
+
+def test_a_blink_closes_lids_that_look_aside(dragon):
+    marks = dict(zip(dragon.landmark_names, dragon.landmarks.tolist(), strict=True))
+    closed = dragon(acted(dragon, blink_both=1.0))
+    for side in ("left", "right"):
+        upper, lower = (marks[f"lid_{which}_{side}"] for which in ("upper", "lower"))
+        assert np.linalg.norm(dragon.mesh.neutral[upper] - dragon.mesh.neutral[lower]) > 15
+        assert np.linalg.norm(closed[upper] - closed[lower]) < 1.5
+
+
+def test_frills_turn_by_their_own_controls_and_go_with_the_jaw(dragon):
+    rest = dragon.mesh.neutral
+    for name in ("crown", "temple", "cheek", "jaw"):
+        mine = part(dragon, f"frill_{name}_left")
+        for action in ("raise", "spread"):
+            far = np.linalg.norm(dragon(acted(dragon, **{f"frill_{name}_{action}_left": 1.0})) - rest, axis=1)
+            assert far[mine].max() > 8
+            assert far[~mine].max() < 1e-3
+    opened = dragon(acted(dragon, jaw_open=1.0)) - rest
+    moved = np.linalg.norm(opened[part(dragon, "frill_jaw_left")], axis=1)
+    assert moved.max() - moved.min() < 1e-3
+
+
+def test_each_of_his_own_controls_moves_something_by_a_millimetre(dragon):
+    own = [i for i, c in enumerate(dragon.controls)][-28:]
+    moved = np.abs(dragon(np.eye(286)[own]) - dragon.mesh.neutral).max(axis=(1, 2))
+    assert (moved > 1).all(), [dragon.controls[own[i]].name for i in np.flatnonzero(moved <= 1)]
+
+
+def test_left_and_right_are_images_of_each_other(dragon):
+    left, right = (dragon(acted(dragon, **{f"snarl_{s}": 0.8, f"ear_fold_{s}": 0.7})) for s in ("left", "right"))
+    flip = np.array([-1, 1, 1])
+    assert cKDTree(right).query(left * flip)[0].max() < 2e-2
+    assert cKDTree(left).query(left * flip)[0].max() > 2
+
+
+def test_his_shots_use_every_control_and_his_anger_is_a_snarl(dragon):
+    used = np.array([(np.abs(clip.values) > 0.02).any(axis=0) for clip in dragon.clips]).sum(axis=0)
+    assert used.min() >= 4, dragon.controls[int(used.argmin())].name
+    columns = {control.name: i for i, control in enumerate(dragon.controls)}
+    assert expression_poses(dragon)["anger"][columns["snarl_left"]] > 0.5
+    assert sum("dialogue" in clip.name for clip in dragon.clips) == len(dragon.clips) // 10

@@ -1,0 +1,149 @@
+"""Recipes are read exactly; whatever doesn't fit gets one sentence: file, key, what was found and what is allowed."""
+
+import re
+
+import pytest
+
+from data_recipes.recipe.reading import load_recipe, recipe_names
+from replicate.engine.exceptions import InputError
+
+TEMPLATE = """
+half_columns = 14
+anchors = [[0, -140, 0, 0, -18, -18], [17, 22, 66, 66, 0, -10]]
+angles = [[0, 0], [14, 180]]
+neck_rows = 2
+face_columns = 7
+hair_row = 15
+crown_across = 6
+mouth_rows = [4, 6]
+mouth_columns = 3
+mouth_rings = 3
+lip_rings = 1
+eye_rows = [9, 11]
+eye_columns = [2, 5]
+nostril_rows = [6, 7]
+nostril_columns = [1, 2]
+ear_rows = [8, 11]
+ear_columns = [9, 11]
+coarse_rows = [11, 17]
+coarse_from = 11
+"""
+
+
+def write(folder, text="", template="", top='name = "someone"\nvertices = 900'):
+    lines = TEMPLATE
+    for line in template.splitlines():
+        key = line.split(" =")[0]
+        lines = re.sub(rf"^{key} = .*\n", "", lines, flags=re.M) + line + "\n"
+    path = folder / "someone.toml"
+    path.write_text(f"{top}\n{text}\n[template]\n{lines}")
+    return path
+
+
+def test_the_recipes_of_the_project_load():
+    assert {"teen", "tiny"} <= set(recipe_names())
+    for name in recipe_names():
+        assert load_recipe(name).name == name
+
+
+def test_a_key_left_out_keeps_its_default_and_a_given_one_counts(tmp_path):
+    recipe = load_recipe(write(tmp_path, "[eyes]\nradius = 17\n[mouth]\nbag_rings = [[0, 1, 2], [1, 2.5, 3]]"))
+    assert (recipe.eyes.radius, recipe.eyes.centre) == (17.0, (33.5, 0.0, 62.0))
+    assert recipe.mouth.bag_rings == ((0.0, 1.0, 2.0), (1.0, 2.5, 3.0))
+    assert recipe.template.mouth_rows == (4, 6)
+    assert recipe.file == "someone.toml"
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[eyes]\nradias = 17", "found unknown key 'eyes.radias', allowed are centre, radius"),
+        ("[nostril]\na = 1", "found unknown key 'nostril', allowed are name, vertices"),
+        ("[eyes]\nradius = 170", "'eyes.radius': found 170, allowed is a number from 3 to 60"),
+        ("[eyes]\nradius = nan", "'eyes.radius': found nan, allowed is a number from 3 to 60"),
+        ("[eyes]\nradius = true", "'eyes.radius': found True, allowed is a number"),
+        ("[eyes]\nradius = 'big'", "'eyes.radius': found 'big', allowed is a number"),
+        ("[eyes]\ncentre = [1, 2]", "'eyes.centre': found [1, 2], allowed is 3 numbers from -300 to 300"),
+        ("[eyes]\ncentre = [1, 2, inf]", "'eyes.centre': found [1, 2, inf], allowed is 3 numbers"),
+        ("[eyes]\npupil = 'square'", "'eyes.pupil': found 'square', allowed is one of round, slit"),
+        ("[eyes]\npupil_deg = 50", "'eyes.pupil_deg': found 50.0, allowed is below iris_deg"),
+        ("[teeth]\nupper = 5", "'teeth.upper': found 5, allowed is an even number from 2 to 80"),
+        ("[teeth]\nupper = 4.0", "'teeth.upper': found 4.0, allowed is an even number"),
+        ("[teeth]\nupper = 16", "'teeth.widths_upper': found 7 widths, allowed is a width for each of the 8 teeth"),
+        ("[teeth]\nwidths_upper = [8, 900]", "'teeth.widths_upper': found [8, 900], allowed is a list of numbers"),
+        ("[teeth]\nwidths_upper = []", "'teeth.widths_upper': found [], allowed is a list"),
+        ("[tongue]\ncap = [2, 3]", "'tongue.cap': found [2, 3], allowed is two even numbers"),
+        ("[tongue]\ngum_columns_lower = 6", "'tongue.gum_columns_lower': found 6, allowed is an odd number"),
+        ("[mouth]\nbag_rings = [[0, 1]]", "'mouth.bag_rings': found [[0, 1]], allowed is rows of 3 numbers"),
+        ("[controls]\nface = 58", "'controls.face': found 58, allowed is a whole number from 0 to 57"),
+        (
+            "[segments]\nears = 'ear_left'",
+            "'segments': found {'ears': 'ear_left'}, allowed is a table of lists of the parts",
+        ),
+        ("[segments]\nears = ['ear_left', 'nose']", "allowed is a table of lists of the parts face, cranium"),
+        ("[segments]\nears = ['ear_left']", "'segments.ears': found ['ear_left'], allowed is two or more parts"),
+        (
+            "[segments]\nneck = ['ear_left', 'ear_right']",
+            "'segments.neck': found 'neck', allowed is a name that no other",
+        ),
+        ("[segments]\na = ['neck', 'neck']", "'segments.a': found 'neck' again, allowed is each part once"),
+        ("[segments]\na = ['neck', 'face']", "'segments.a': found the part 'face', allowed is any other"),
+        ("[acting]\nholds = 2", "'acting.holds': found 2, allowed is a number from 0 to 1"),
+    ],
+)
+def test_a_section_that_does_not_fit_is_refused_in_one_sentence(tmp_path, text, sentence):
+    path = write(tmp_path, text)
+    with pytest.raises(InputError) as caught:
+        load_recipe(path)
+    assert sentence in str(caught.value)
+    assert "someone.toml" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("anchors = [[0, -140, 0, 0, -18, -18]]", "'template.anchors': found [0.0], allowed is two or more rows"),
+        ("angles = [[0, 0], [9, 90], [7, 180]]", "'template.angles': found [0.0, 9.0, 7.0], allowed is rows with"),
+        ("eye_rows = [9, 30]", "'template.eye_rows': found [9, 30], allowed is from neck_rows = 2 to 17, not empty"),
+        ("eye_rows = [11, 9]", "'template.eye_rows': found [11, 9], allowed is two whole numbers"),
+        ("mouth_rows = [3, 6]", "'template.mouth_rows': found [3, 6], allowed is an even number of rows apart"),
+        ("nostril_rows = [5, 7]", "'template.nostril_rows': found [5, 7], allowed is above mouth_rows"),
+        ("hair_row = 17", "'template.hair_row': found 17, allowed is below the last row, 17"),
+        ("crown_across = 14", "'template.crown_across': found 14, allowed is below half_columns = 14"),
+        ("face_columns = 8", "'template.face_columns': found 8, allowed is eye_columns < face_columns"),
+        ("mouth_columns = 7", "'template.mouth_columns': found 7, allowed is below face_columns = 7"),
+        ("coarse_rows = [10, 17]", "'template.coarse_rows': found [10, 17], allowed is a multiple of 3 rows apart"),
+        ("lip_rings = 3", "'template.lip_rings': found 3, allowed is below mouth_rings = 3"),
+    ],
+)
+def test_a_template_whose_parts_collide_is_refused(tmp_path, line, sentence):
+    with pytest.raises(InputError, match=re.escape(sentence)):
+        load_recipe(write(tmp_path, template=line))
+
+
+@pytest.mark.parametrize(
+    ("top", "sentence"),
+    [
+        ("vertices = 9", "found no key 'name', it is required"),
+        ('name = "a b"\nvertices = 9', "'name': found 'a b', allowed is a name of letters, digits and _"),
+        ('name = "a"\nvertices = 0', "'vertices': found 0, allowed is a whole number of 1 or more"),
+        ('name = "a"\nvertices = 9\neyes = 3', "'eyes': found 3, allowed is a table [eyes]"),
+        ('name = "a"\nvertices = 9\nclip_files = "a.csv"', "'clip_files': found 'a.csv', allowed is a list of paths"),
+        ('name = "a"\nvertices = 9\nclip_files = ["a/x.csv", "b/x.csv"]', "allowed is files of different names"),
+        ("name = ", "found broken TOML"),
+    ],
+)
+def test_a_recipe_without_its_head_is_refused(tmp_path, top, sentence):
+    with pytest.raises(InputError, match=re.escape(sentence)):
+        load_recipe(write(tmp_path, top=top))
+
+
+def test_files_that_are_no_recipes_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"missing\.toml: found no readable file"):
+        load_recipe(tmp_path / "missing.toml")
+    with pytest.raises(InputError, match=r"found no such character, allowed are .*teen.* or a \.toml file"):
+        load_recipe("hiccup")
+    (tmp_path / "picture.toml").write_bytes(b"\x89PNG\r\n\xff\x00")
+    with pytest.raises(InputError, match="found bytes that are no UTF-8 at 0"):
+        load_recipe(tmp_path / "picture.toml")

@@ -1,0 +1,78 @@
+"""Cameras: what projection must do, whoever draws."""
+
+import numpy as np
+import pytest
+
+from replicate.drawing.scene import (
+    CAMERAS,
+    HEAD_WIDTH_MM,
+    Camera,
+    axes,
+    camera_for,
+    faces_in_view,
+    forehead_faces,
+    project,
+)
+
+HEAD = np.float32([[-HEAD_WIDTH_MM / 2, 0, 0], [HEAD_WIDTH_MM / 2, 0, 0]])
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_a_camera_sees_its_focus_in_the_middle_and_its_height_from_edge_to_edge(name):
+    camera = camera_for(name, HEAD)
+    right, up, _ = axes(camera)[0]
+    focus = np.array(camera.focus)
+    points = np.stack([focus, focus + up * camera.height_mm / 2, focus + right * camera.height_mm / 2])
+    pixels, depth = project(points, camera, 400, 200)
+    np.testing.assert_allclose(pixels, [[200, 100], [200, 0], [300, 100]], atol=1e-9)
+    np.testing.assert_allclose(depth, camera.distance_mm)
+
+
+def test_the_cameras_axes_are_a_right_handed_frame():
+    rows, _ = axes(Camera((0, 0, 0), 100, 35, 20))
+    np.testing.assert_allclose(rows @ rows.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(rows) == pytest.approx(1)
+
+
+def test_from_the_right_the_face_looks_to_the_left_of_the_picture():
+    nose, ear = np.array([[0.0, 0, 100], [75, 0, 0]])
+    (nose_x, _), (ear_x, _) = project(np.stack([nose, ear]), Camera((0, 0, 0), 300, 80), 300, 300)[0]
+    assert nose_x < ear_x
+
+
+def test_a_head_twice_as_large_looks_the_same():
+    points = np.random.default_rng(0).normal(size=(20, 3)) * 40
+    small, large = camera_for("front", HEAD), camera_for("front", 2 * HEAD)
+    np.testing.assert_allclose(project(points, small, 100, 100)[0], project(2 * points, large, 100, 100)[0], atol=1e-9)
+
+
+def test_shoulders_do_not_change_a_camera():
+    bust = np.concatenate([HEAD, np.float32([[-150, -180, 0], [150, -180, 0]])])
+    assert camera_for("front", bust) == camera_for("front", HEAD)
+
+
+def test_only_faces_in_the_frame_and_turned_to_the_camera_are_in_view():
+    triangle = np.float32([[0, 0, 0], [10, 0, 0], [0, 10, 0]])
+    vertices = np.concatenate([triangle, triangle + np.float32([500, 0, 0])])
+    faces = np.int32([[0, 1, 2], [0, 2, 1], [3, 4, 5]])
+    assert faces_in_view(vertices, faces, Camera((0, 0, 0), 100)).tolist() == [True, False, False]
+
+
+def plate(low, high, n=30):
+    """An upright plate, as wide as a head, between two heights."""
+    x, y = np.meshgrid(np.linspace(-HEAD_WIDTH_MM / 2, HEAD_WIDTH_MM / 2, n), np.linspace(low, high, n))
+    corner = np.arange(n * n).reshape(n, n)
+    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
+    faces = np.int32(np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+    return np.float32(np.stack([x, y, 0 * x + 75], -1).reshape(-1, 3)), faces
+
+
+def test_the_forehead_lies_between_brow_and_hair():
+    vertices, faces = plate(-130, 120)
+    height = vertices[faces[forehead_faces(vertices, faces)]][..., 1]
+    assert 20 < height.min() < 45 and 75 < height.max() < 100
+
+
+def test_without_a_forehead_everything_in_front_counts():
+    vertices, faces = plate(-130, -40)
+    assert forehead_faces(vertices, faces).mean() > 0.5

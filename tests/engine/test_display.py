@@ -1,0 +1,72 @@
+"""A stage's progress: nothing for two seconds, then a bar on a terminal or a line every half minute."""
+
+import io
+
+import pytest
+
+from replicate.engine import display
+from replicate.engine.display import StageDisplay, duration
+
+
+class Screen(io.StringIO):
+    def __init__(self, terminal):
+        super().__init__()
+        self.terminal = terminal
+
+    def isatty(self):
+        return self.terminal
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that the test sets."""
+    now = [1000.0]
+    monkeypatch.setattr(display.time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_a_stage_of_under_two_seconds_says_nothing(clock):
+    screen = Screen(terminal=False)
+    shown = StageDisplay("coarse", 0, screen)
+    for _ in range(10):
+        clock[0] += 0.19
+        shown.progress("training", 5, 10)
+    shown.end("made")
+    assert screen.getvalue() == ""
+
+
+def test_lines_come_at_most_every_half_minute_with_the_time_that_is_left(clock):
+    screen = Screen(terminal=False)
+    shown = StageDisplay("coarse", 0, screen)
+    for second in range(100):
+        clock[0] += 1
+        shown.progress("training", second, 1000)
+    shown.end("made")
+    lines = screen.getvalue().splitlines()
+    assert lines[0] == "coarse: started" and lines[-1] == "coarse: made in 100 s"
+    assert len(lines) == 2 + 3
+    assert lines[1] == "coarse: training 31 of 1,000, about 16 min left"
+
+
+def test_what_a_resumed_stage_had_done_before_does_not_flatter_its_time_left(clock):
+    screen = Screen(terminal=False)
+    shown = StageDisplay("coarse", 0, screen)
+    for second in range(40):
+        clock[0] += 1
+        shown.progress("training", 900 + second, 1000)
+    assert "training 931 of 1,000, about 69 s left" in screen.getvalue()
+
+
+def test_a_terminal_gets_a_bar_with_the_stages_name(monkeypatch):
+    monkeypatch.setattr(display, "DELAY_S", 0.0)
+    screen = Screen(terminal=True)
+    shown = StageDisplay("coarse", 0, screen)
+    shown.progress("training", 1, 10)
+    shown._bar.refresh()
+    shown.end("made")
+    assert "coarse: training" in screen.getvalue() and "/10" in screen.getvalue()
+    assert "coarse: made in 0 s" in screen.getvalue()
+
+
+def test_durations_are_words_that_fit_a_line():
+    assert [duration(s) for s in (3.4, 119, 150, 7_300)] == ["3 s", "119 s", "2 min", "2 h 2 min"]

@@ -1,0 +1,34 @@
+"""Progress goes to whoever draws it, and nowhere when nobody does."""
+
+from replicate.engine import progress as module
+from replicate.engine.progress import progress, report_to
+
+
+def test_without_a_terminal_nothing_is_drawn(capfd):
+    with progress(10, "counting") as bar:
+        bar.update(3)
+    assert bar.done == 3 and capfd.readouterr() == ("", "")
+
+
+def test_a_worker_reports_where_it_began_and_where_it_ended():
+    heard = []
+    report_to(lambda *report: heard.append(report))
+    try:
+        with progress(100, "training", initial=40) as bar:
+            for _ in range(60):
+                bar.update()
+    finally:
+        report_to(None)
+    assert heard[0] == ("training", 40, 100) and heard[-1] == ("training", 100, 100)
+
+
+def test_reports_are_no_flood():
+    heard = []
+    report_to(lambda *report: heard.append(report))
+    try:
+        with progress(100_000, "training") as bar:
+            for _ in range(100_000):
+                bar.update()
+    finally:
+        report_to(None)
+    assert len(heard) < 100 and module._reporter is None

@@ -1,0 +1,185 @@
+"""A graph ends with the same artefacts however often it is killed, and says in one sentence why it could not go on."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+from toy_stages import ToyConfig, faulty_graph, toy_graph
+
+from replicate.engine import store
+from replicate.engine.exceptions import InputError, RunError
+from replicate.engine.scheduler import run
+from replicate.engine.stage import Stage, in_order
+
+TOYS = str(Path(__file__).parent.with_name("toy_stages.py"))
+
+
+def start(cache, *arguments, **variables):
+    """Start the toy graph in a process of its own."""
+    path = os.pathsep.join([str(Path(TOYS).parent), str(Path(TOYS).parent.parent)])
+    environment = {**os.environ, "REPLICATE_CACHE": str(cache), "PYTHONPATH": path, **variables}
+    command = [sys.executable, TOYS, *map(str, arguments)]
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def children_after(process, wanted, seconds=10.0):
+    """Return the children of a process once there are enough of them."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline and process.poll() is None:
+        children = psutil.Process(process.pid).children(recursive=True)
+        if len(children) >= wanted:
+            return children
+        time.sleep(0.02)
+    raise AssertionError(f"fewer than {wanted} workers within {seconds} s")
+
+
+def contents(cache, stages):
+    """Return every file that the stages' functions wrote."""
+    folders = {stage.title: cache / stage.identifier for stage in in_order(stages)}
+    return {title: store.read_manifest(folder)["files"] for title, folder in folders.items()}
+
+
+def test_the_number_of_workers_does_not_change_the_results(cache, monkeypatch, tmp_path, capfd):
+    run(toy_graph(), workers=1)
+    alone = contents(cache, toy_graph())
+    monkeypatch.setenv("REPLICATE_CACHE", str(tmp_path / "other"))
+    folders = run(toy_graph(), workers=4)
+    assert contents(tmp_path / "other", toy_graph()) == alone
+    assert sorted(folders) == ["first", "last", "middle-0", "middle-1", "middle-2"]
+    assert len(json.loads((folders["last"] / "numbers.json").read_text())) == 3
+    assert "made 5 of 5 artefacts" in capfd.readouterr().out
+
+
+def test_a_second_run_does_nothing_and_says_so(cache, capfd):
+    run(toy_graph())
+    capfd.readouterr()
+    started = time.monotonic()
+    run(toy_graph())
+    assert capfd.readouterr().out == "nothing to do: 5 artefacts up to date\n"
+    assert time.monotonic() - started < 5
+
+
+def test_a_graph_killed_at_ten_random_moments_ends_with_the_same_numbers(cache, tmp_path):
+    undisturbed = tmp_path / "undisturbed"
+    assert start(undisturbed, 0.04, 12, 2).wait(60) == 0
+    moments = random.Random(2020)
+    for _ in range(10):
+        process = start(cache, 0.04, 12, 2)
+        time.sleep(moments.uniform(0.1, 1.0))
+        children = psutil.Process(process.pid).children(recursive=True) if process.poll() is None else []
+        process.kill()
+        process.wait()
+        _, alive = psutil.wait_procs(children, timeout=10)
+        assert not alive, "a worker outlived its parent"
+    process = start(cache, 0.04, 12, 2)
+    assert process.wait(60) == 0
+    graph = toy_graph(0.04, 12)
+    assert contents(cache, graph) == contents(undisturbed, graph)
+
+
+def test_work_goes_on_from_the_checkpoint_of_a_killed_run(cache):
+    stage = Stage("slow", "toy_stages:numbers", ToyConfig(steps=4))
+    scratch = store.scratch_folder(stage.identifier)
+    scratch.mkdir(parents=True)
+    (scratch / "steps.json").write_text("[1.0, 2.0, 3.0]")
+    folder = run([stage])["slow"]
+    assert json.loads((folder / "numbers.json").read_text())[:3] == [1.0, 2.0, 3.0]
+    assert store.read_manifest(folder)["resumed"] is True
+
+
+def test_a_flipped_byte_is_named_and_only_that_artefact_is_made_again(cache, capfd):
+    folders = run(toy_graph())
+    file = folders["middle-1"] / "numbers.json"
+    before = file.read_bytes()
+    file.write_bytes(before.replace(b".", b",", 1))
+    capfd.readouterr()
+    run(toy_graph())
+    told = capfd.readouterr()
+    assert "made 1 of 5 artefacts" in told.out
+    assert str(folders["middle-1"]) in told.err and "numbers.json" in told.err
+    assert file.read_bytes() == before
+
+
+def test_two_processes_at_once_make_each_artefact_once(cache, tmp_path):
+    builds = tmp_path / "builds.txt"
+    both = [start(cache, 0.15, 6, 2, TOY_BUILDS=str(builds)) for _ in range(2)]
+    told = [process.communicate(timeout=60) for process in both]
+    assert [process.returncode for process in both] == [0, 0], told
+    assert told[0][0].splitlines()[-1] == told[1][0].splitlines()[-1]
+    made = builds.read_text().splitlines()
+    assert sorted(made) == sorted(set(made)) and len(made) == 4
+    assert any("being made by another process" in errors for _, errors in told)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_the_workers_too(cache, number):
+    process = start(cache, 1.0, 20, 2)
+    children = children_after(process, 1)
+    process.send_signal(number)
+    process.communicate(timeout=90)
+    assert process.returncode != 0
+    _, alive = psutil.wait_procs(children, timeout=5)
+    assert not alive
+
+
+def test_a_killed_worker_ends_the_run_with_a_sentence(cache):
+    started = time.monotonic()
+    with pytest.raises(RunError, match=r"stage faulty was killed by SIGKILL.*its log is .*faulty-.*\.log") as told:
+        run(faulty_graph("kill"), workers=2)
+    assert "\n" not in str(told.value)
+    assert time.monotonic() - started < 30, "the other stage, of a minute, was not ended"
+    assert not psutil.Process().children(recursive=True)
+    assert not list((cache / "partial").glob("*")), "what the killed stage had written takes up room"
+
+
+def test_a_failed_stage_leaves_its_traceback_in_the_log_it_names(cache):
+    with pytest.raises(RunError, match=r"stage faulty failed \(RuntimeError: the fault that was asked for\)") as told:
+        run(faulty_graph("error"), workers=2)
+    log = Path(str(told.value).rpartition("its log is ")[2])
+    assert "Traceback" in log.read_text()
+    assert not list(cache.glob("faulty-*"))
+
+
+def test_bad_input_that_a_stage_finds_is_passed_on(cache):
+    with pytest.raises(InputError, match=r"^head.toml: teeth is 3: allowed is an even number$"):
+        run(faulty_graph("input"), workers=2)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_disk_that_fills_up_is_a_sentence_and_leaves_nothing_half_written(cache):
+    with pytest.raises(RunError, match="disk is full"):
+        run(faulty_graph("full"), workers=2)
+    assert not list(cache.glob("faulty-*")) and not list((cache / "partial").glob("faulty-*"))
+
+
+def test_a_worker_has_one_thread_unless_the_stage_asks_for_more(cache):
+    one = Stage("one", "toy_stages:environment", ToyConfig())
+    more = Stage("all", "toy_stages:environment", ToyConfig(), threads=0)
+    folders = run([one, more], workers=3)
+    for title, threads in (("one", "1"), ("all", "3")):
+        seen = json.loads((folders[title] / "environment.json").read_text())
+        pools = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "NPROC")
+        assert {seen[pool] for pool in pools} == {threads}
+        assert seen["OMP_WAIT_POLICY"] == "passive"
+
+
+def test_without_a_terminal_a_long_stage_has_a_line_at_its_start_and_end_and_a_short_one_has_none(cache, capfd):
+    slow = Stage("slow", "toy_stages:numbers", ToyConfig(steps=6, pause_s=0.4))
+    run([slow, Stage("fast", "toy_stages:numbers", ToyConfig())], workers=2)
+    lines = capfd.readouterr().err.splitlines()
+    assert [line.split(" in ")[0] for line in lines] == ["slow: started", "slow: made"]
+
+
+def test_the_manifest_tells_how_an_artefact_was_made(cache):
+    folders = run(toy_graph(), facts={"profile": "quick"})
+    manifest = store.read_manifest(folders["middle-1"])
+    assert manifest["notes"] == {"count": 3} and manifest["run"] == {"profile": "quick"}
+    assert manifest["inputs"]["first"].startswith("first-") and manifest["wall_s"] >= 0
+    assert manifest["config"]["fields"]["seed"] == 1 and manifest["threads"] == 1

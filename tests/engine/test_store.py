@@ -1,0 +1,128 @@
+"""Artefacts are whole and verified, or they are not used."""
+
+import errno
+import os
+import shutil
+
+import pytest
+
+from replicate.engine import store
+from replicate.engine.exceptions import InputError, RunError
+
+NAME = "toy-0123456789abcdef"
+
+
+def build(out, scratch):
+    (out / "folder").mkdir()
+    (out / "numbers.bin").write_bytes(bytes(range(256)))
+    (out / "folder" / "text.txt").write_text("text")
+    return {"stage": "toy", "notes": {"a": 1}}
+
+
+def flip_a_byte(file):
+    """Change one bit and leave the size and all times that a program can set as they were."""
+    before = file.stat()
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
+
+
+def test_an_artefact_holds_what_was_built_and_its_facts(cache):
+    folder = store.make(NAME, build)
+    assert folder == cache / NAME == store.load(NAME)
+    assert (folder / "folder" / "text.txt").read_text() == "text"
+    manifest = store.read_manifest(folder)
+    assert manifest["notes"] == {"a": 1} and sorted(manifest["files"]) == ["folder/text.txt", "numbers.bin"]
+    assert not store.scratch_folder(NAME).exists()
+
+
+def test_an_artefact_is_made_once(cache):
+    store.make(NAME, build)
+    store.make(NAME, lambda out, scratch: pytest.fail("made again"))
+
+
+def test_the_cache_is_where_the_environment_says(cache, monkeypatch, tmp_path):
+    store.make(NAME, build)
+    monkeypatch.setenv("REPLICATE_CACHE", str(tmp_path / "elsewhere"))
+    assert store.load(NAME) is None
+    assert store.make(NAME, build).parent == tmp_path / "elsewhere"
+
+
+@pytest.mark.parametrize("name", ["numbers.bin", "folder/text.txt", "manifest.json", "manifest.sha256"])
+def test_a_flipped_byte_is_named_set_aside_and_mended(cache, capsys, name):
+    folder = store.make(NAME, build)
+    flip_a_byte(folder / name)
+    assert store.load(NAME) is None
+    said = capsys.readouterr().err
+    damaged = "manifest.json" if name.startswith("manifest") else name.split("/")[-1]
+    assert str(folder) in said and damaged in said and said.count("\n") == 1
+    assert (cache / f"damaged-{NAME}").is_dir()
+    assert not store.find_damage(store.make(NAME, build))
+
+
+@pytest.mark.parametrize("harm", ["truncated", "file gone", "no manifest", "empty"])
+def test_a_half_written_artefact_is_never_used(cache, capsys, harm):
+    folder = store.make(NAME, build)
+    if harm == "truncated":
+        os.truncate(folder / "numbers.bin", 100)
+    elif harm == "file gone":
+        (folder / "numbers.bin").unlink()
+    elif harm == "no manifest":
+        (folder / "manifest.json").unlink()
+    else:
+        shutil.rmtree(folder)
+        folder.mkdir()
+    assert store.load(NAME) is None
+    assert str(folder) in capsys.readouterr().err
+
+
+def test_damage_found_while_making_is_mended_in_the_same_call(cache, capsys):
+    flip_a_byte(store.make(NAME, build) / "numbers.bin")
+    assert not store.find_damage(store.make(NAME, build))
+    assert "numbers.bin" in capsys.readouterr().err
+
+
+def test_a_failed_build_leaves_its_scratch_and_nothing_else(cache):
+    def fail(out, scratch):
+        (out / "half.bin").write_bytes(b"half")
+        (scratch / "checkpoint").write_text("7")
+        raise KeyError("a reason")
+
+    with pytest.raises(KeyError):
+        store.make(NAME, fail)
+    assert store.load(NAME) is None and not any((cache / "partial").iterdir())
+    assert (store.scratch_folder(NAME) / "checkpoint").read_text() == "7"
+
+
+def test_what_a_killed_build_left_is_not_in_the_next_one(cache):
+    (cache / "partial" / NAME).mkdir(parents=True)
+    (cache / "partial" / NAME / "left-over").write_text("from before")
+    assert not (store.make(NAME, build) / "left-over").exists()
+
+
+@pytest.mark.parametrize(
+    "error",
+    [OSError(errno.ENOSPC, "No space left on device"), RuntimeError("I/O: No space left on device (os error 28)")],
+)
+def test_a_full_disk_is_one_sentence(cache, error):
+    def fail(out, scratch):
+        (out / "half.bin").write_bytes(b"half")
+        raise error
+
+    with pytest.raises(RunError, match="disk is full") as told:
+        store.make(NAME, fail)
+    assert "\n" not in str(told.value) and str(cache) in str(told.value)
+    assert not (cache / NAME).exists() and not any((cache / "partial").iterdir())
+
+
+def test_other_errors_are_not_taken_for_a_full_disk():
+    assert not store.is_disk_full(OSError(errno.EACCES, "Permission denied"))
+    assert not store.is_disk_full(ValueError("8 bones"))
+
+
+def test_a_cache_that_cannot_be_made_is_an_input_error(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("REPLICATE_CACHE", str(tmp_path / "file" / "cache"))
+    with pytest.raises(InputError, match="REPLICATE_CACHE"):
+        store.make_cache_folder()

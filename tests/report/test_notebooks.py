@@ -1,0 +1,244 @@
+"""Notebooks: thin over the library, executed to the same bytes, and open from a folder of results alone."""
+
+import ast
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_figures import LOG
+from test_table1 import ours as table1_rows
+from test_tables import ours
+
+from replicate.drawing import render
+from replicate.engine.exceptions import InputError
+from replicate.report import notebooks
+from replicate.report.notebooks import balance_text, execute, main, provenance_text, with_parameters
+from replicate.report.pose_record import PoseRecord, save_pose
+from replicate.report.results import Row, write_results
+from replicate.report.training_curves import write_curves
+from replicate.targets.figure05.picture import POSES_HEADER
+from replicate.targets.figure07.picture import HEADER as SEGMENTS_HEADER
+from replicate.targets.figure08.picture import HEADER as REFINEMENT_HEADER
+from replicate.targets.table2.pictures import open_table2, pose_file, table2_figure_names, table2_figures
+from replicate.targets.table2.trainings import draws_text
+
+FILES = sorted(notebooks.NOTEBOOKS.glob("*.ipynb"))
+TABLE2 = notebooks.NOTEBOOKS / "table2.ipynb"
+
+
+def cells(path: Path, kind: str) -> list[dict]:
+    found = [cell for cell in json.loads(path.read_text())["cells"] if cell["cell_type"] == kind]
+    return [cell | {"source": "".join(cell["source"])} for cell in found]
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    """A folder of results as `make table2` leaves it, for a plate with a bump as character."""
+    x, y = np.meshgrid(np.linspace(-90, 90, 9), np.linspace(-90, 90, 9))
+    flat = np.stack([x, y, 0 * x + 40], -1).reshape(-1, 3).astype(np.float32)
+    corner = np.arange(81).reshape(9, 9)
+    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
+    faces = np.int32(np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+    segment = Row("table2_segments", "teen", "dense", "vertex_error_mean[face]", "mm", 0.123, None, 1, 9, "quick", "r")
+    write_results(tmp_path / "table2.csv", [*ours(), segment])
+    write_curves(tmp_path / "table2_curves.csv", {("teen", "dense"): LOG})
+    posed = flat + np.float32([0, 0, 3]) * np.sin(flat[:, 1:2] / 9)
+    save_pose(pose_file(tmp_path, "teen"), PoseRecord("teen", 5, flat, faces, {"truth": posed, "dense": flat}))
+    manifest = {
+        "git": {"commit": "c0ffee", "clean": False},
+        "profile": "quick",
+        "seeds": [0],
+        "stages": {"rig": {"wall_s": 90}},
+    }
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
+    return tmp_path
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_a_notebook_begins_with_parameters_and_provenance_and_is_thin(path):
+    code = cells(path, "code")
+    assert json.loads(path.read_text())["cells"][0]["metadata"]["tags"] == ["parameters"]
+    assert all(isinstance(node, ast.Assign) for node in ast.parse(code[0]["source"]).body)
+    assert "provenance_text(" in code[1]["source"]
+    for cell in code:
+        kinds = [type(node) for node in ast.walk(ast.parse(cell["source"]))]
+        assert ast.FunctionDef not in kinds and ast.ClassDef not in kinds
+        assert "approximation" not in cell["source"] and len(cell["source"].splitlines()) < 15
+    ids = [cell["id"] for cell in json.loads(path.read_text())["cells"]]
+    assert len(set(ids)) == len(ids) and path.stat().st_size < 1_000_000
+
+
+def test_table2s_notebook_shows_the_results_of_a_folder(folder, monkeypatch):
+    shown = []
+    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
+    monkeypatch.setattr(notebooks, "show_table", shown.append)
+    monkeypatch.setattr(notebooks, "show", lambda figure, words: shown.append(words))
+    monkeypatch.setattr(render, "working_renderer", lambda: "software")
+    names = {}
+    for cell in cells(TABLE2, "code"):
+        exec(cell["source"], names)
+    titles = [table.title for table in shown if hasattr(table, "title")]
+    assert titles == [
+        "Table 2: teen beside the paper's Hiccup",
+        "Table 2 as ratios: teen beside Hiccup",
+        "Trainings that differ in one thing",
+        "Table 2 by segment: teen, mean errors",
+    ]
+    captions = " ".join(words.caption for words in shown if hasattr(words, "caption"))
+    assert "Test pose 5 of teen" in captions and captions.count("Fig.") == 3
+
+
+def in_manifest(folder: Path, target: str, characters: dict[str, dict]) -> None:
+    """Add a target to the manifest of `folder`."""
+    file = folder / "manifest.json"
+    manifest = json.loads(file.read_text())
+    manifest.setdefault("targets", {})[target] = {"profile": "quick", "characters": characters}
+    file.write_text(json.dumps(manifest))
+
+
+def run_cells(path: Path, folder: Path, monkeypatch) -> list:
+    """Run a notebook's code on a folder of results and return what it shows: tables, texts and files."""
+    shown = []
+    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
+    for name in ("show_table", "show_text", "show_picture"):
+        monkeypatch.setattr(notebooks, name, shown.append)
+    names = {}
+    for cell in cells(path, "code"):
+        exec(cell["source"], names)
+    return shown
+
+
+def test_table1s_notebook_shows_the_table_and_the_claim(folder, monkeypatch):
+    write_results(folder / "table1.csv", table1_rows())
+    in_manifest(folder, "table1", {"teen": {"run": "r", "stages": {"table1-teen": {"wall_s": 60}}}})
+    table, claim = run_cells(notebooks.NOTEBOOKS / "table1.ipynb", folder, monkeypatch)
+    assert table.title.startswith("Table 1") and "holds on teen" in claim
+    assert "1.0 min" in provenance_text("any", "table1") and "c0ffee" not in provenance_text("any", "table1")
+
+
+@pytest.mark.parametrize(
+    ("target", "header", "line"),
+    [
+        ("figure05", POSES_HEADER, "1,7,jaw_open,1.5,0.0,1.0"),
+        ("figure07", SEGMENTS_HEADER, "face,deforms,81,128,#f3c300"),
+        ("figure08", REFINEMENT_HEADER, "face_1,face,20,9,0.0,0.2,0.0,0.2,1.5,0.5,#f3c300"),
+    ],
+)
+def test_a_figures_notebook_shows_the_pictures_that_the_manifest_names(folder, monkeypatch, target, header, line):
+    (folder / f"{target}_teen.csv").write_text(f"{','.join(header)}\n{line}\n")
+    (folder / f"{target}_teen.png").write_bytes(b"a picture")
+    (folder / f"{target}_woman.png").write_bytes(b"one that no manifest names")
+    in_manifest(folder, target, {"teen": {"run": "r", "files": [f"{target}_teen.csv", f"{target}_teen.png"]}})
+    picture, table = run_cells(notebooks.NOTEBOOKS / f"{target}.ipynb", folder, monkeypatch)
+    assert picture == folder / f"{target}_teen.png" and "teen" in table.title and len(table.body) == 1
+    (folder / f"{target}_teen.png").unlink()
+    with pytest.raises(InputError, match=rf"{target}_teen.png: there is no such picture; `make {target}` draws it"):
+        notebooks.figure_files("any", target)
+
+
+@pytest.mark.parametrize("target", ["table1", "figure05", "figure07", "figure08"])
+def test_a_notebook_without_its_results_names_the_target_that_makes_them(folder, monkeypatch, capsys, target):
+    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
+    assert main([target, "reference"]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1 and f"`make {target}`" in told
+
+
+def test_a_notebook_is_stale_when_its_own_results_change_and_not_when_others_do(folder, monkeypatch):
+    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
+    write_results(folder / "table1.csv", table1_rows())
+    in_manifest(folder, "table1", {"teen": {"run": "r"}})
+    monkeypatch.setattr(notebooks, "execute", lambda source, out, given, stamp: out.write_text(stamp))
+    notebooks.run_notebook("table1", "quick")
+    in_manifest(folder, "figure07", {"teen": {"run": "r"}})
+    (folder / "figure07_teen.csv").write_text("another's")
+    write_results(folder / "table2.csv", ours(("tiny",)))
+    assert notebooks.is_current("table1", "quick")
+    in_manifest(folder, "table1", {"teen": {"run": "s"}})
+    assert not notebooks.is_current("table1", "quick")
+    notebooks.run_notebook("table1", "quick")
+    write_results(folder / "table1.csv", table1_rows(large=30.0))
+    assert not notebooks.is_current("table1", "quick")
+
+
+def test_figures_of_a_folder_have_names_of_their_own(folder):
+    names = [name for name, _, _ in table2_figures(open_table2(folder), "teen", 10.0, renderer="software")]
+    assert len(set(names)) == 5 and all("teen" in name for name in names)
+    assert tuple(names) == table2_figure_names("teen")
+
+
+def test_a_result_that_is_missing_is_named_with_the_target_that_makes_it(folder):
+    pose_file(folder, "teen").unlink()
+    with pytest.raises(InputError, match=r"table2_teen_pose.npz: there is no such pose; `make table2`"):
+        open_table2(folder)
+
+
+def test_the_manifest_is_told_in_words(folder, monkeypatch):
+    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
+    text = provenance_text("quick")
+    assert "c0ffee, with changes of its own" in text and "1.5 min" in text
+    shared = {"git": {"commit": "c0ffee", "clean": True}, "profile": "quick", "processor": "abacus", "cores": 2}
+    each = {name: {"seeds": [0], "stages": {"rig": {"wall_s": s}}} for name, s in (("teen", 60), ("tiny", 120))}
+    (folder / "manifest.json").write_text(json.dumps(shared | {"characters": each}))
+    text = provenance_text("quick")
+    assert text.count("c0ffee") == text.count("abacus") == 1
+    assert "1.0 min" in text and "time of all stages, tiny  2.0 min" in text
+    columns = {row.index(value) for row in text.splitlines() for value in ("c0ffee", "2.0 min") if value in row}
+    assert len(columns) == 1
+    several = {"git": {"commit": "c0ffee", "clean": False, "commits": ["f00d", "c0ffee"]}}
+    (folder / "manifest.json").write_text(json.dumps(several))
+    assert "c0ffee and f00d, with changes of their own" in provenance_text("quick")
+    (folder / "manifest.json").unlink()
+    with pytest.raises(InputError, match="`make table2` writes it"):
+        provenance_text("quick")
+
+
+def test_balance_is_told_of_the_characters_whose_manifest_has_it(folder, monkeypatch):
+    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
+    assert balance_text("quick") == "", "this manifest has no characters"
+    counted = {"samples-teen": {"notes": {"samples_per_bin": [1, 3, 0, 96]}}}
+    each = {"teen": {"stages": counted}, "tiny": {"stages": {"samples-tiny": {"wall_s": 1}}}, "woman": {}}
+    (folder / "manifest.json").write_text(json.dumps({"characters": each}))
+    assert balance_text("quick") == f"teen: {draws_text([1, 3, 0, 96])}"
+
+
+def test_parameters_replace_values_and_keep_comments():
+    source = 'RESULTS = "reference"  # or another\nLIMIT = 10.0'
+    assert with_parameters(source, {"RESULTS": "quick"}) == 'RESULTS = "quick"  # or another\nLIMIT = 10.0'
+    with pytest.raises(InputError, match="assigns SEED 0 times"):
+        with_parameters(source, {"SEED": 1})
+
+
+def test_a_notebook_is_executed_to_the_same_bytes_each_time(tmp_path, capsys):
+    import nbformat
+
+    new = nbformat.v4
+    source = new.new_notebook(
+        cells=[
+            new.new_code_cell("WORD = 'a'", id="parameters", metadata={"tags": ["parameters"]}),
+            new.new_markdown_cell("text", id="text"),
+            new.new_code_cell(
+                "import sys\nprint(WORD, flush=True)\nprint(2, file=sys.stderr)\nprint(3)\nWORD * 2", id="body"
+            ),
+            new.new_code_cell("import ipywidgets\n\nipywidgets.IntSlider()", id="widget"),
+        ]
+    )
+    (tmp_path / "source.ipynb").write_text(nbformat.writes(source))
+    for name in ("a.ipynb", "b.ipynb"):
+        execute(tmp_path / "source.ipynb", tmp_path / name, {"WORD": "b"})
+    assert (tmp_path / "a.ipynb").read_bytes() == (tmp_path / "b.ipynb").read_bytes()
+    done = json.loads((tmp_path / "a.ipynb").read_text())
+    streams = [output for output in done["cells"][2]["outputs"] if output["output_type"] == "stream"]
+    assert ["".join(output["text"]) for output in streams] == ["b\n3\n"]
+    assert done["cells"][3]["outputs"] == [], "a widget shows nothing without a kernel"
+    assert "".join(done["cells"][2]["outputs"][-1]["data"]["text/plain"]) == "'bb'"
+    assert "execution" not in done["cells"][2]["metadata"] and "version" not in done["metadata"]["language_info"]
+    assert "2" in capsys.readouterr().err
+
+
+def test_an_unknown_notebook_or_run_gets_one_sentence(capsys):
+    assert main(["table9", "reference"]) == 2
+    assert "there is no such notebook; allowed are" in capsys.readouterr().err
+    assert main(["table2", "no-such-profile"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1

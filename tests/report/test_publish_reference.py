@@ -1,0 +1,92 @@
+"""`make reference`: whole runs from clean trees alone, other characters' benchmarks kept, README's table replaced."""
+
+import json
+
+import pytest
+
+from replicate.engine import paths
+from replicate.engine.exceptions import InputError
+from replicate.report import manifest, notebooks, reference
+from replicate.report.results import Row, read_results, write_results
+from replicate.report.tables import Table
+
+TABLES = ("table2", "bench_poses", "bench_rig")
+CLEAN = {"git": {"commit": "c" * 40, "clean": True}, "run": "r"}
+
+
+def row(character: str, table: str = "table2", value: float = 0.5) -> Row:
+    return Row(table, character, "coarse", "vertex_error_mean", "mm", value, None, 1, 9, "laptop", "r")
+
+
+@pytest.fixture
+def folders(tmp_path, monkeypatch):
+    """A profile's results, two benchmarks' and committed ones; what executes notebooks is noted, not run."""
+    monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path / "runs"))
+    monkeypatch.setattr(paths, "REFERENCE", tmp_path / "reference")
+    for name in ("README", "DATA_CARD", "REPRODUCING"):
+        monkeypatch.setattr(reference, name, tmp_path / f"{name}.md")
+        marked = [f"<!-- {table}, by make reference -->\nold\n<!-- end of {table} -->\n" for table in TABLES]
+        (tmp_path / f"{name}.md").write_text("before\n" + "".join(marked) + "after\n")
+    executed = []
+    monkeypatch.setattr(notebooks, "run_notebook", lambda name, results: executed.append(name) or tmp_path / name)
+    run, bench = tmp_path / "runs" / "laptop", tmp_path / "runs" / "bench"
+    run.mkdir(parents=True)
+    bench.mkdir()
+    write_results(run / "table2.csv", [row("teen")])
+    (run / "figure10_teen.png").write_bytes(b"png")
+    (run / "table2.ipynb").write_text("{}")
+    manifest.write_entries(run, "table2", {"teen": CLEAN})
+    write_results(bench / "bench_floors.csv", [row("teen", "bench_floors", 1.0)])
+    manifest.write_entries(bench, "bench_floors", {"teen": CLEAN})
+    return run, bench, tmp_path / "reference", executed
+
+
+def test_results_benchmarks_manifest_and_readme_are_written(folders):
+    run, _, committed, executed = folders
+    committed.mkdir()
+    write_results(committed / "bench_floors.csv", [row(who, "bench_floors", 2.0) for who in ("teen", "woman")])
+    reference.publish_reference("laptop")
+    assert (committed / "table2.csv").read_bytes() == (run / "table2.csv").read_bytes()
+    assert (committed / "figure10_teen.png").is_file() and not (committed / "table2.ipynb").exists()
+    kept = {found.character: found.value for found in read_results(committed / "bench_floors.csv")}
+    assert kept == {"teen": 1.0, "woman": 2.0}, "the other character's stays"
+    assert manifest.targets(committed) == ["table2", "bench_floors"]
+    assert executed == ["rig_tour", "table2"]
+    text = reference.README.read_text()
+    assert text.startswith("before\n") and text.endswith("after\n") and text.count("old") == len(TABLES) - 1
+    assert "| Coarse | 0.50 |" in text
+
+
+def test_benchmarks_alone_are_put_beside_committed_results(folders):
+    run, _, committed, _ = folders
+    (run / manifest.NAME).unlink()
+    committed.mkdir()
+    write_results(committed / "table2.csv", [row("teen", value=0.7)])
+    reference.publish_reference("laptop")
+    assert read_results(committed / "table2.csv")[0].value == 0.7, "no manifest tells of the profile's"
+    assert not (committed / "figure10_teen.png").exists()
+    assert read_results(committed / "bench_floors.csv")[0].value == 1.0
+    assert manifest.targets(committed) == ["bench_floors"]
+
+
+@pytest.mark.parametrize("where", ["table2", "bench_floors"])
+def test_a_tree_with_changes_is_refused_and_nothing_is_written(folders, where):
+    run, bench, committed, _ = folders
+    changed = {**CLEAN, "git": {"commit": "c" * 40, "clean": False}}
+    manifest.write_entries(run if where == "table2" else bench, where, {"teen": changed})
+    with pytest.raises(InputError, match=f"{where} of teen .* made from a tree with changes"):
+        reference.publish_reference("laptop")
+    assert not committed.exists()
+
+
+def test_without_results_the_target_that_makes_them_is_named(folders):
+    run, bench, *_ = folders
+    for folder in (run, bench):
+        (folder / manifest.NAME).write_text(json.dumps([]))
+    with pytest.raises(InputError, match="there are no results; `make table2 PROFILE=laptop` writes them"):
+        reference.publish_reference("laptop")
+
+
+def test_a_readme_without_its_marks_is_refused():
+    with pytest.raises(InputError, match=r"found no lines .*table2, by make reference"):
+        reference.with_table("# A text\n", "table2", Table("", (("a",),), (("b",),)))

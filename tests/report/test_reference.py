@@ -1,0 +1,88 @@
+"""The committed results: complete, from a clean tree, within their bands, and what README and notebook show."""
+
+import json
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from replicate.engine import paths
+from replicate.report.reference import tables_in_texts, with_table
+from replicate.report.results import find, read_results
+from replicate.report.tables import as_markdown, unbroken
+from replicate.targets.table2.layout import METHODS, table2
+
+BANDS = tomllib.loads((Path(__file__).parent / "tolerances.toml").read_text())["band"]
+CHARACTER = "teen"
+
+
+def committed(name: str, target: str = "make table2") -> Path:
+    """Return a file of the reference results; where it is missing the target that makes it is named."""
+    file = paths.REFERENCE / name
+    assert file.is_file(), f"{file} is missing: `{target}` makes it in results/runs, and `make reference` puts it there"
+    return file
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return read_results(committed("table2.csv"))
+
+
+def value_of(rows, method: str, metric: str) -> float:
+    row = find(rows, "table2_segments" if "[" in metric else "table2", CHARACTER, method, metric)
+    assert row is not None, f"table2.csv has no {metric} of {method}"
+    return row.value
+
+
+def ratio(rows, band: dict) -> float:
+    found = value_of(rows, *band["value"])
+    return found / value_of(rows, *band["over"]) if "over" in band else found
+
+
+@pytest.mark.parametrize("band", BANDS, ids=[band["name"] for band in BANDS])
+def test_the_reference_lies_in_its_band(rows, band):
+    assert band["low"] <= ratio(rows, band) <= band["high"], band["reason"]
+
+
+@pytest.mark.parametrize("band", BANDS, ids=[band["name"] for band in BANDS])
+def test_a_band_holds_the_sound_run_and_goes_red_under_its_fault(band):
+    measured = read_results(committed("bench_faults.csv", "make bench-faults"))
+
+    def under(fault: str) -> float:
+        found = [row for row in measured if row.table.endswith(f"@{fault}")]
+        assert found, f"bench_faults.csv has no fault {fault!r}"
+        return ratio([replace(row, table=row.table.partition("@")[0]) for row in found], band)
+
+    assert band["low"] <= under("sound") <= band["high"]
+    assert not band["low"] <= under(band["fault"]) <= band["high"]
+
+
+def test_every_method_is_there(rows):
+    for method in METHODS:
+        for metric in ("vertex_error_mean", "normal_error_mean"):
+            assert value_of(rows, method, metric) > 0
+
+
+def test_the_manifest_names_the_run_and_a_clean_tree(rows):
+    manifest = json.loads(committed("manifest.json").read_text())
+    assert manifest["git"]["clean"] and len(manifest["git"]["commit"]) == 40
+    assert {row.run for row in rows} == {facts["run"] for facts in manifest["characters"].values()}
+    assert {row.profile for row in rows} == {"laptop"}
+
+
+@pytest.mark.parametrize("name", list(tables_in_texts()))
+def test_a_text_shows_the_reference_and_nothing_else(name):
+    file, make_table = tables_in_texts()[name]
+    text = file.read_text()
+    assert with_table(text, name, make_table(read_results(committed(f"{name}.csv")))) == text
+
+
+def test_the_notebook_was_executed_on_the_reference(rows):
+    text = (paths.ROOT / "notebooks" / "table2.ipynb").read_text()
+    assert len(text) < 1_000_000
+    outputs = [output for cell in json.loads(text)["cells"] for output in cell.get("outputs", ())]
+    assert outputs and not any(output["output_type"] == "error" for output in outputs)
+    shown = ["".join(output["data"].get("text/markdown", "")) for output in outputs if "data" in output]
+    paper = read_results(paths.PAPER / "table2.csv")
+    assert any(unbroken(as_markdown(table2(rows, paper, CHARACTER))).strip() in text for text in shown)

@@ -1,0 +1,109 @@
+"""Results on disk: tidy, exact, sorted, and refused with one sentence when they are no such thing."""
+
+import dataclasses
+
+import pytest
+
+from replicate.engine.exceptions import InputError
+from replicate.engine.paths import ROOT
+from replicate.report.results import COLUMNS, Row, find, over_seeds, read_results, write_results
+
+ROW = Row("table2", "teen", "coarse", "vertex_error_mean", "mm", 0.1 + 0.2, None, 1, 1234, "quick", "abc")
+PAPER = ROOT / "results" / "paper"
+
+
+def changed(**values) -> Row:
+    return dataclasses.replace(ROW, **values)
+
+
+def test_a_table_is_read_back_to_the_last_bit(tmp_path):
+    rows = [ROW, changed(method="dense", value=1 / 3, sd=2e-17, seeds=None, poses=None, run='odd, "quoted" run')]
+    write_results(tmp_path / "t.csv", rows)
+    assert read_results(tmp_path / "t.csv") == rows
+
+
+def test_the_order_of_rows_does_not_change_the_file(tmp_path):
+    rows = [ROW, changed(method="dense"), changed(character="dragon"), changed(metric="normal_error_mean", unit="deg")]
+    write_results(tmp_path / "a.csv", rows)
+    write_results(tmp_path / "b.csv", reversed(rows))
+    text = (tmp_path / "a.csv").read_bytes()
+    assert text == (tmp_path / "b.csv").read_bytes()
+    assert b"\r" not in text and text.splitlines()[0].decode() == ",".join(COLUMNS)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "b.csv"]
+
+
+@pytest.mark.parametrize(
+    "rows, sentence",
+    [
+        ([changed(value=float("nan"))], "value is nan .* only finite numbers"),
+        ([changed(unit="furlong")], "unit is 'furlong'"),
+        ([ROW, changed(value=2.0)], "a second row for"),
+    ],
+)
+def test_a_bad_row_is_not_written(tmp_path, rows, sentence):
+    with pytest.raises(InputError, match=sentence):
+        write_results(tmp_path / "t.csv", rows)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "text, sentence",
+    [
+        ("", "line 1: found 'nothing'"),
+        ("a,b\n1,2\n", "line 1: found 'a,b', where only the header"),
+        (",".join(COLUMNS) + "\ntable2,teen\n", "line 2: found 2 cells, where 11"),
+        (",".join(COLUMNS) + "\nt,c,m,e,mm,abc,,1,2,quick,r\n", "line 2: value is 'abc', where only a number"),
+        (",".join(COLUMNS) + "\nt,c,m,e,mm,,,1,2,quick,r\n", "line 2: value is ''"),
+        (",".join(COLUMNS) + "\nt,c,m,e,mm,1,,1.5,2,quick,r\n", "seeds is '1.5', where only a whole number"),
+        (",".join(COLUMNS) + "\n" + "t,c,m,e,mm,1,,1,2,quick,r\n" * 2, "line 3: found a second row"),
+    ],
+)
+def test_a_file_that_is_no_such_table_is_named_with_its_line(tmp_path, text, sentence):
+    path = tmp_path / "table2.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=sentence) as caught:
+        read_results(path)
+    assert str(caught.value).startswith(str(path))
+
+
+def test_a_missing_or_binary_file_is_named(tmp_path):
+    with pytest.raises(InputError, match="there is no such results file"):
+        read_results(tmp_path / "table9.csv")
+    (tmp_path / "t.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="no text"):
+        read_results(tmp_path / "t.csv")
+
+
+def test_the_papers_tables_are_the_papers():
+    tables = {number: read_results(PAPER / f"table{number}.csv") for number in (1, 2, 3, 4)}
+    assert {number: len(rows) for number, rows in tables.items()} == {1: 28, 2: 48, 3: 39, 4: 16}
+    assert find(tables[1], "table1", "Hiccup", "model", "vertices").value == 12510
+    assert find(tables[2], "table2", "Hiccup", "refined", "normal_error_mean").value == 0.9
+    assert find(tables[2], "table2", "Ray", "dense", "vertex_error_mean").value == 5.0
+    assert find(tables[4], "table4", "Toothless", "dense", "vertex_error_mean").value == 11.19
+    doubtful = sorted((r.character, r.method, r.metric) for r in tables[3] if "doubtful" in r.run)
+    assert doubtful == [
+        ("Hiccup", "coarse", "time_consumer_cpu"),
+        ("Hiccup", "coarse", "time_consumer_gpu"),
+        ("Toothless", "dense", "time_consumer_gpu"),
+    ]
+
+
+def test_the_papers_headline_speed_ups_follow_from_table_3():
+    rows = read_results(PAPER / "table3.csv")
+
+    def ratio(character):
+        rig = find(rows, "table3", character, "rig", "time_cpu_engine").value
+        return rig / find(rows, "table3", character, "refined", "time_high_end_cpu").value
+
+    assert round(ratio("Toothless")) == 5 and round(ratio("Valka")) == 17
+
+
+def test_seeds_become_one_row_of_their_mean_and_standard_deviation():
+    runs = [[changed(value=value, run=run, poses=poses)] for value, run, poses in ((1.0, "a", 60), (3.0, "b", 50))]
+    runs[0].append(changed(method="refined", metric="normal_error_mean[face_4]", value=5.0))
+    mean, alone = over_seeds(runs)
+    assert (mean.value, mean.seeds, mean.poses) == (2.0, 2, 50) and mean.sd == pytest.approx(2**0.5)
+    assert (alone.value, alone.sd, alone.seeds) == (5.0, None, 1)
+    assert mean.run == alone.run and mean.run not in ("a", "b", "abc")
+    assert over_seeds(runs[:1]) == runs[0]

@@ -1,0 +1,217 @@
+"""Figures: colours that mean what the bar says, one scale for all panels, words that hold the numbers, small files."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from matplotlib.colors import hsv_to_rgb
+from PIL import Image
+from scipy.ndimage import gaussian_filter
+from test_tables import PAPER, ours
+
+from replicate.drawing.characters import expression_sheet, segment_colours
+from replicate.drawing.heatmap import NO_NORMAL, error_colours, normal_heat
+from replicate.drawing.panels import DPI, Words, panel_grid, save_figure
+from replicate.drawing.prop_surfaces import prop_surfaces
+from replicate.drawing.scene import Camera, axes
+from replicate.engine.exceptions import InputError
+from replicate.geometry.mesh import Mesh
+from replicate.report.pose_record import PoseRecord
+from replicate.report.training_curves import read_curves, read_log, write_curves
+from replicate.targets.table2.curves_chart import training_curves
+from replicate.targets.table2.error_chart import table2_chart
+from replicate.targets.table2.figure09 import figure09
+from replicate.targets.table2.figure10 import figure10
+
+LOG = ((100.0, 3.5, 1.25, 4.5), (200.0, 1.0, 1 / 3, 2.0))
+
+
+@pytest.fixture
+def record() -> PoseRecord:
+    """A bumpy plate, 180 mm wide, that the "dense" method roughens and the "coarse" one flattens."""
+    x, y = np.meshgrid(np.linspace(-90, 90, 25), np.linspace(-90, 90, 25))
+    flat = np.stack([x, y, 0 * x + 40], -1).reshape(-1, 3).astype(np.float32)
+    corner = np.arange(625).reshape(25, 25)
+    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
+    faces = np.int32(np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+    truth = flat.copy()
+    truth[:, 2] += 4 * np.sin(flat[:, 1] / 8)
+    rough = truth + np.random.default_rng(0).normal(size=truth.shape).astype(np.float32)
+    return PoseRecord("teen", 7, flat, faces, {"truth": truth, "coarse": flat, "dense": rough})
+
+
+def test_no_error_has_the_first_colour_and_the_limit_and_more_the_last():
+    colours = error_colours(np.float32([0, 5, 10, 50, np.nan]), 10)
+    assert (colours[0] == error_colours(np.float32([0]), 1)[0]).all()
+    assert (colours[2] == colours[3]).all() and (colours[1] != colours[2]).any()
+    assert tuple(colours[4]) == NO_NORMAL
+
+
+def test_brightness_rises_with_the_error():
+    colours = error_colours(np.linspace(0, 10, 50, dtype=np.float32), 10) / 255
+    linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+    assert (np.diff(linear @ [0.2126, 0.7152, 0.0722]) > 0).all()
+
+
+def test_the_heat_of_a_perfect_prediction_is_one_colour_and_unlit(record):
+    truth = record.vertices["truth"]
+    heat = normal_heat(truth, truth, record.faces, 10.0)
+    assert len(np.unique(heat.colours, axis=0)) == 1 and not heat.lit
+
+
+def test_figure_10_has_a_panel_and_a_heatmap_for_each_method_on_one_scale(record):
+    figure, words = figure10(record, 10.0, width=60, height=60, renderer="software")
+    pictures = [axes.images[0].get_array() for axes in figure.axes if axes.images]
+    assert len(pictures) == 6  # truth, coarse, dense; twice
+    first = tuple(error_colours(np.float32([0]), 10.0)[0])
+    assert (pictures[3] == first).all(-1).any() and not (pictures[3] == error_colours(np.float32([10]), 10.0)[0]).all(
+        -1
+    ).any()
+    bar = figure.axes[-1]
+    assert bar.get_ylim() == (0, 10) and "degrees" in bar.get_ylabel()
+    assert "Coarse" in words.alt and "Test pose 7 of teen" in words.caption and "Refined" not in words.caption
+
+
+def test_figure_9_shows_the_methods_that_there_are(record):
+    figure, words = figure09(record, width=60, height=50, renderer="software")
+    assert [text.get_text() for text in figure.texts] == ["Ground truth", "Coarse"]
+    assert "Ground truth, Coarse." in words.alt
+
+
+def test_panels_are_drawn_pixel_for_pixel(tmp_path):
+    rng = np.random.default_rng(0)
+    picture = rng.choice(np.uint8([0, 80, 160, 255]), size=(40, 50, 1)).repeat(3, -1)
+    figure = panel_grid([[picture, picture]], ["a", "b"])
+    save_figure(figure, tmp_path / "f.png", Words("what it shows: α", "what it means"))
+    image = np.array(Image.open(tmp_path / "f.png").convert("RGB"))
+    assert image.shape[:2] == tuple(round(x * DPI) for x in figure.get_size_inches()[::-1])
+    windows = np.lib.stride_tricks.sliding_window_view(image, picture.shape)
+    assert (np.abs(windows.astype(int) - picture) <= 2).all((-1, -2, -3)).sum() == 2
+
+
+def test_a_saved_figure_is_small_has_a_palette_white_paper_and_its_words(tmp_path, record):
+    figure, words = figure10(record, width=200, height=200, renderer="software")
+    save_figure(figure, tmp_path / "f.png", words)
+    image = Image.open(tmp_path / "f.png")
+    assert image.mode == "P" and (tmp_path / "f.png").stat().st_size < 300_000
+    assert image.convert("RGB").getpixel((0, 0)) == (255, 255, 255)
+    assert image.text["Description"] == words.alt
+    assert json.loads((tmp_path / "f.json").read_text()) == {"alt": words.alt, "caption": words.caption}
+
+
+def test_a_figure_that_would_be_too_large_gets_fewer_colours(tmp_path):
+    x, y = np.meshgrid(np.linspace(0, 255, 700), np.linspace(0, 255, 700))
+    noise = np.random.default_rng(0).normal(size=(2, 700, 700, 1)) * 12
+    picture = np.uint8((np.stack([x, y, 255 - x], -1) + noise[0] + noise[1]).clip(0, 255))
+    figure = panel_grid([[picture]], ["noise"])
+    save_figure(figure, tmp_path / "f.png", Words("noise", "noise"))
+    size = (tmp_path / "f.png").stat().st_size
+    assert 50_000 < size < 300_000
+    save_figure(figure, tmp_path / "f.png", Words("noise", "noise"), size - 1)
+    assert 30_000 < (tmp_path / "f.png").stat().st_size < size
+
+
+def test_mixtures_of_many_hues_show_no_bands_where_palette_colours_are_mixed(tmp_path):
+    hue, light = np.meshgrid(np.linspace(0, 1, 300), np.linspace(0.3, 1, 300))
+    smooth = np.uint8(255 * hsv_to_rgb(np.stack([hue, 0 * hue + 0.8, light], -1)))
+    figure = panel_grid([[smooth]], ["hues"])
+    shown = {}
+    for dither in (False, True):
+        save_figure(figure, tmp_path / "f.png", Words("hues", "hues"), dither=dither)
+        image = Image.open(tmp_path / "f.png")
+        assert image.mode == "P"
+        shown[dither] = np.asarray(image.convert("RGB"), float)
+    figure.savefig(tmp_path / "exact.png", dpi=DPI)
+    exact = np.asarray(Image.open(tmp_path / "exact.png").convert("RGB"), float)
+    banding = {d: np.abs(gaussian_filter(shown[d] - exact, (3, 3, 0))).mean() for d in shown}
+    assert banding[True] < 0.5 * banding[False]
+
+
+def test_the_same_figure_gives_the_same_bytes(tmp_path, record):
+    for name in ("a.png", "b.png"):
+        save_figure(*_saved(record, tmp_path / name))
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def _saved(record, path):
+    figure, words = figure10(record, width=60, height=60, renderer="software")
+    return figure, path, words
+
+
+def test_curves_are_read_back_to_the_last_bit(tmp_path):
+    curves = {("teen", "dense"): LOG, ("teen", "coarse"): LOG[:1]}
+    write_curves(tmp_path / "c.csv", curves)
+    assert read_curves(tmp_path / "c.csv") == curves
+    assert (tmp_path / "c.csv").read_text().splitlines()[1] == "teen,coarse,100,3.5,1.25,4.5"
+
+
+def test_a_training_log_is_read_and_a_broken_one_is_named_with_its_line(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("step,loss,mm,degrees\n100,3.5,1.25,4.5\n")
+    assert read_log(path) == LOG[:1]
+    path.write_text("step,loss,mm,degrees\n100,3.5,x,4.5\n")
+    with pytest.raises(InputError, match=r"line 2: found '100,3\.5,x,4\.5'"):
+        read_log(path)
+    path.write_text("step,loss\n")
+    with pytest.raises(InputError, match="line 1: found 'step,loss'"):
+        read_log(path)
+    with pytest.raises(InputError, match="make table2"):
+        read_curves(tmp_path / "missing.csv")
+
+
+def test_training_curves_draw_each_network_and_the_floors():
+    curves = {("teen", "coarse"): LOG, ("teen", "dense"): LOG, ("other", "refined"): LOG}
+    figure, words = training_curves(curves, ours(), "teen")
+    left = figure.axes[0]
+    assert [line.get_label() for line in left.lines] == ["Coarse", "Dense", "Floor, coarse maps", "Floor, refined maps"]
+    np.testing.assert_allclose(left.lines[0].get_ydata(), [1.25, 1 / 3])
+    np.testing.assert_allclose(figure.axes[1].lines[1].get_ydata(), [4.5, 2.0])
+    assert "Dense ends at 0.33 mm" in words.alt
+
+
+def test_the_chart_of_table_2_shows_ours_and_the_papers():
+    figure, words = table2_chart(ours(), PAPER, "teen")
+    points = {(round(line.get_xdata()[0], 2), line.get_ydata()[0]) for line in figure.axes[0].lines}
+    assert (0.11, 0) in points and (0.36, 0) in points  # coarse: ours, Hiccup's
+    assert len(figure.axes[0].lines) == 9 + 6  # ours, the driven skin among them, and the paper's
+    assert "Refined 0.22 mm" in words.alt and "Hiccup" in words.caption
+
+
+def test_an_expression_sheet_shows_every_pose_with_its_title_and_props(record):
+    uv = (record.neutral[:, :2] + 90) / 180
+    teeth = np.int32(record.neutral[:, 1] < -50)
+    mesh = Mesh(record.neutral, record.faces, uv, teeth, ("face", "tooth_upper_01"))
+    assert {tuple(colour) for colour in segment_colours(mesh)} == {(226, 178, 148), (245, 242, 230)}
+    eye = record.neutral * 0.2 + np.float32([0, 0, 60])
+
+    class Rig(SimpleNamespace):
+        def __call__(self, params):
+            return mesh.neutral + np.float32([params[0], 0, 0])
+
+        def pose_props(self, params):
+            return [("eye", eye, record.faces, (0.0, 0.0, 1.0))]
+
+    rig = Rig(name="plate", mesh=mesh, controls=[None])
+    poses = {"rest": np.zeros(1), "left": np.full(1, -30.0), "right": np.full(1, 30.0)}
+    figure, words = expression_sheet(rig, poses, columns=2, width=60, height=50, renderer="software")
+    pictures = [axes.images[0].get_array() for axes in figure.axes]
+    assert [text.get_text() for text in figure.texts] == ["rest", "left", "right", ""]
+    assert len(pictures) == 4 and (pictures[3] == 255).all()
+    assert (pictures[1] != pictures[2]).any() and (pictures[0][..., 2] > pictures[0][..., 0] + 60).any()
+    assert "plate in 3 poses: rest, left, right" in words.alt
+
+
+@pytest.mark.parametrize("azimuth", [-40.0, 0.0, 40.0])
+def test_a_catchlight_stays_on_the_cameras_side_of_an_eyeball(azimuth):
+    turn, pitch = np.meshgrid(np.linspace(0, 6, 20), np.linspace(-1.4, 1.4, 12))
+    unit = np.stack([np.cos(pitch) * np.sin(turn), np.sin(pitch), np.cos(pitch) * np.cos(turn)], -1).reshape(-1, 3)
+    eye, centre = (20 * unit + (33, 2, 60)).astype(np.float32), np.array([33, 2, 60])
+    camera = Camera((0, 0, 40), 264, azimuth)
+    props = [(f"eye_{zone}_left", eye[part], np.int32([[0, 1, 2]]), (250, 250, 250))
+             for zone, part in (("white", slice(0, 120)), ("iris", slice(120, 240)))]  # fmt: skip
+    assert len(prop_surfaces(props)) == 2
+    light = prop_surfaces(props, camera)[-1]
+    towards = (light.vertices - centre) @ axes(camera)[0].T  # right, up, to the eye
+    assert (towards[:, 0] < 0).all() and (towards[:, 1] > 0).all() and (towards[:, 2] > 15).all()
+    assert np.linalg.norm(towards, axis=1) == pytest.approx(20 * 1.012, abs=0.1)

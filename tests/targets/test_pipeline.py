@@ -1,0 +1,164 @@
+"""The whole of Table 2 on the tiny rig, as `make table2` runs it: complete, repeatable, and not to be broken."""
+
+import csv
+import os
+import random
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from replicate.engine.paths import ROOT
+from replicate.report.results import find, read_results
+from replicate.targets.table2.layout import METHODS
+
+NUMBERS = """
+[samples]
+count = 600
+[coarse.training]
+steps = 250
+[refinement]
+poses = 60
+[refinement.training]
+steps = 120
+[dense.training]
+steps = 250
+[driven.training]
+steps = 120
+[rigid]
+poses = 40
+[lbs]
+samples = 60
+iterations = 6
+refit_sweeps = 20
+[evaluation]
+test_poses = 60
+floor_poses = 60
+"""
+NUMBERS_ONLY = ("--numbers-only",)
+
+
+def start(folder: Path, extra: tuple[str, ...] = ()) -> subprocess.Popen:
+    """Start `table2` on the tiny rig with a cache and results of its own."""
+    config = folder / "numbers.toml"
+    folder.mkdir(parents=True, exist_ok=True)
+    config.write_text(NUMBERS)
+    command = [sys.executable, "-m", "replicate", "table2", "--profile", "quick", "--characters", "tiny"]
+    places = {"REPLICATE_CACHE": str(folder / "cache"), "REPLICATE_RESULTS": str(folder / "results")}
+    return subprocess.Popen(
+        [*command, "--config", str(config), *extra],
+        cwd=ROOT,
+        env={**os.environ, **places},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def finish(folder: Path, extra: tuple[str, ...] = ()) -> tuple[str, str]:
+    """Run `table2` to its end and return what it printed; it must succeed."""
+    process = start(folder, extra)
+    out, err = process.communicate(timeout=900)
+    assert process.returncode == 0, err + out
+    return out, err
+
+
+def table(folder: Path) -> bytes:
+    return (folder / "results" / "quick" / "table2.csv").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("undisturbed")
+    printed, _ = finish(folder)
+    return folder, printed
+
+
+def test_every_method_has_both_errors(undisturbed):
+    rows = read_results(undisturbed[0] / "results" / "quick" / "table2.csv")
+    for method in (*METHODS, "attachment"):
+        for metric, unit in (("vertex_error", "mm"), ("normal_error", "deg")):
+            for statistic in ("mean", "p95", "max"):
+                row = find(rows, "table2", "tiny", method, f"{metric}_{statistic}")
+                assert row is not None and row.unit == unit and row.value >= 0, (method, metric, statistic)
+    assert all(name in undisturbed[1] for name in METHODS.values())
+    assert {row.method for row in rows} == {*METHODS, "attachment"}
+
+
+def test_what_is_learned_beats_the_neutral_pose_and_no_method_beats_the_truth_that_it_sees(undisturbed):
+    rows = read_results(undisturbed[0] / "results" / "quick" / "table2.csv")
+
+    def error(method: str) -> float:
+        return find(rows, "table2", "tiny", method, "vertex_error_mean").value
+
+    for method in ("coarse", "refined", "dense", "lbs16", "lbs32", "floor"):
+        assert error(method) < 0.6 * error("neutral"), method
+    assert error("lbs32") < error("lbs16")
+    assert error("floor_refined") <= error("floor")
+    assert error("floor") < error("coarse")
+    assert error("attachment") < 0.1 * error("neutral")
+
+
+def test_running_again_does_nothing_and_says_so(undisturbed):
+    folder, _ = undisturbed
+    before = {path: path.stat().st_mtime_ns for path in (folder / "cache").rglob("*") if path.is_file()}
+    written = table(folder)
+    printed, _ = finish(folder)
+    assert "nothing to do" in printed
+    after = {path: path.stat().st_mtime_ns for path in (folder / "cache").rglob("*") if path.is_file()}
+    assert {path: t for path, t in after.items() if path.suffix != ".lock"} == {
+        path: t for path, t in before.items() if path.suffix != ".lock"
+    }
+    assert table(folder) == written
+
+
+def test_results_name_the_run_that_made_them(undisturbed):
+    import json
+
+    folder = undisturbed[0] / "results" / "quick"
+    manifest = json.loads((folder / "manifest.json").read_text())
+    with open(folder / "table2.csv", newline="") as file:
+        runs = {row["run"] for row in csv.DictReader(file)}
+    assert runs == {manifest["characters"]["tiny"]["run"]}
+    assert manifest["characters"]["tiny"]["stages"]["coarse-tiny"]["wall_s"] > 0
+    assert "--profile quick" in manifest["command"]
+
+
+def test_kill_9_at_ten_random_moments_changes_no_digit(undisturbed, tmp_path):
+    moments = random.Random(8)
+    kills, folder = 0, tmp_path / "0"
+    while kills < 10:
+        process = start(folder, NUMBERS_ONLY)
+        try:
+            process.communicate(timeout=moments.uniform(0.5, 7.0))
+        except subprocess.TimeoutExpired:
+            os.kill(process.pid, signal.SIGKILL)
+            process.communicate()
+            kills += 1
+        else:  # it got through: the other kills hit a fresh run
+            assert process.returncode == 0 and table(folder) == table(undisturbed[0])
+            folder = tmp_path / str(kills)
+    printed, _ = finish(folder, NUMBERS_ONLY)
+    assert table(folder) == table(undisturbed[0])
+    assert "ipynb" not in printed and not list((folder / "results").rglob("*.png"))
+
+
+def test_a_flipped_byte_in_any_artefact_is_named_and_remade(undisturbed):
+    folder, _ = undisturbed
+    written = table(folder)
+    artefacts = [path.parent for path in sorted((folder / "cache").glob("*/manifest.sha256"))]
+    assert len(artefacts) > 15
+    place = random.Random(5)
+    for artefact in artefacts:
+        files = sorted(p for p in artefact.rglob("*") if p.is_file() and p.stat().st_size)
+        file = place.choice(files)
+        data = bytearray(file.read_bytes())
+        data[place.randrange(len(data))] ^= 1 << place.randrange(8)
+        file.write_bytes(bytes(data))
+    printed, complained = finish(folder, NUMBERS_ONLY)
+    for artefact in artefacts:
+        assert artefact.name in complained, complained
+    assert f"made {len(artefacts)} of {len(artefacts)}" in printed
+    assert table(folder) == written

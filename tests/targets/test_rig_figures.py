@@ -1,0 +1,200 @@
+"""Figures 5, 7 and 8: every segment has the colour that the legend and the CSV say, every example its numbers."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from data_recipes.rig import Clip, Control
+from replicate.approximation.segments import Segment
+from replicate.drawing.rig_views import DISTINCT, UNUSED, legend_panel, open_mouth, read_lines
+from replicate.engine.exceptions import InputError
+from replicate.geometry.mesh import Mesh
+from replicate.report.tables import as_text
+from replicate.targets.figure05 import picture as figure05
+from replicate.targets.figure05.picture import (
+    clip_kinds,
+    clip_strips,
+    poses_table,
+    save_clips,
+    save_poses,
+    shown_frames,
+)
+from replicate.targets.figure07 import picture as figure07
+from replicate.targets.figure07.picture import RIGID, save_segments_figure, segment_palette, segments_table
+from replicate.targets.figure08 import picture as figure08
+from replicate.targets.figure08.picture import (
+    refinement_colours,
+    refinement_table,
+    save_refinement_figure,
+    segment_lines,
+)
+
+NAMES = ("face", "neck", "tooth_1", "tooth_2")
+
+
+class Plate(SimpleNamespace):
+    """A plate of 9 × 9 vertices, 180 mm wide, in four strips; its controls shift it, one opens no mouth."""
+
+    def __call__(self, params):
+        return self.mesh.neutral + np.float32([1, 1, 0]) * np.float32(np.sum(params))
+
+    def pose_props(self, params):
+        eye = self.mesh.neutral * np.float32(0.1) + np.float32([0, 30, 60])
+        return [("eye_left", eye, self.mesh.faces, (0.0, 0.0, 1.0)), ("hair", eye, self.mesh.faces, (1.0, 0.0, 0.0))]
+
+
+@pytest.fixture
+def rig(monkeypatch):
+    x, y = np.meshgrid(np.linspace(-90, 90, 9), np.linspace(-90, 90, 9))
+    flat = np.stack([x, y, 0 * x + 40], -1).reshape(-1, 3).astype(np.float32)
+    corner = np.arange(81).reshape(9, 9)
+    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
+    faces = np.int32(np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+    owner = np.repeat(np.int32([0, 1, 2, 3]), [45, 18, 9, 9])
+    mesh = Mesh(flat, faces, (flat[:, :2] + 90) / 180, owner, NAMES)
+    controls = (
+        Control("jaw_open", 0, 0, 2, "jaw"),
+        Control("brow", -1, 0, 1, "brow"),
+        Control("nod", -4, 0, 4, "head"),
+    )
+    limits = {
+        side: np.float32([getattr(control, side) for control in controls]) for side in ("lower", "default", "upper")
+    }
+    clips = tuple(
+        Clip(name, np.zeros((frames, 3), np.float32))
+        for name, frames in (("00_take_joy", 30), ("01_take_fear", 9), ("02_dialogue_joy", 48), ("mine", 5))
+    )
+    monkeypatch.setattr("replicate.drawing.render.working_renderer", lambda: "software")
+    return Plate(name="plate", mesh=mesh, controls=controls, clips=clips, **limits)
+
+
+def parts(*extents: tuple[int, int]) -> list[Segment]:
+    found = []
+    for k, (start, stop) in enumerate(extents):
+        uv = np.zeros((stop - start, 2), np.float32)
+        found.append(Segment(f"face_{k + 1}", np.arange(start, stop, dtype=np.int32), uv, np.int32([0, 2])))
+    return found
+
+
+def test_every_deforming_segment_has_a_colour_of_its_own_and_rigid_neighbours_differ(rig):
+    colours = segment_palette(rig.mesh, [2, 3])
+    assert colours == [DISTINCT[0], DISTINCT[1], RIGID[0], RIGID[1]]
+    assert len(set(DISTINCT)) == len(DISTINCT) >= 19 and not {*RIGID, UNUSED} & set(DISTINCT)
+    assert len(set(segment_palette(rig.mesh, []))) == 4
+
+
+def test_figure_7_is_saved_with_its_words_and_numbers(rig, tmp_path):
+    save_segments_figure(rig, [2, 3], tmp_path / "figure07_plate")
+    lines = read_lines(tmp_path / "figure07_plate.csv", figure07.HEADER)
+    assert [line["segment"] for line in lines] == list(NAMES)
+    assert [int(line["vertices"]) for line in lines] == [45, 18, 9, 9]
+    assert sum(int(line["faces"]) for line in lines) == len(rig.mesh.faces)
+    assert [line["kind"] for line in lines] == ["deforms", "deforms", "rigid", "rigid"]
+    assert [int(line["faces"]) for line in lines] == [80, 32, 16, 0], "a face belongs to the first that it touches"
+    assert lines[0]["colour"] == "#f3c300"
+    image = Image.open(tmp_path / "figure07_plate.png")
+    assert image.mode == "P" and (tmp_path / "figure07_plate.png").stat().st_size < 300_000
+    words = json.loads((tmp_path / "figure07_plate.json").read_text())
+    assert image.text["Description"] == words["alt"]
+    assert "2 that deform" in words["caption"] and "2 that move rigidly" in words["caption"]
+    seen = np.array(image.convert("RGB")).reshape(-1, 3).astype(int)
+    yellow, violet = (((seen[:, 0] > 120) & (seen[:, 2] < 60)).sum(), ((seen[:, 2] - seen[:, 1]) > 40).sum())
+    assert yellow > 1000 and violet > 500
+    text = as_text(segments_table(tmp_path / "figure07_plate.csv", "plate"))
+    assert "2 rigid segments together" in text and "tooth_1" not in text
+
+
+def test_without_rigid_segments_the_table_of_figure_7_has_no_line_for_them(rig, tmp_path):
+    save_segments_figure(rig, [], tmp_path / "figure07_plate")
+    text = as_text(segments_table(tmp_path / "figure07_plate.csv", "plate"))
+    assert "rigid" not in text and "tooth_2" in text
+
+
+def test_figure_8_colours_faces_that_touch_a_segment_and_leaves_the_rest_grey(rig):
+    colours = refinement_colours(rig.mesh, parts((0, 18), (36, 45)))
+    first, second = (rig.mesh.faces < 18).any(1), ((rig.mesh.faces >= 36) & (rig.mesh.faces < 45)).any(1)
+    assert not (first & second).any() and 0 < first.sum() < len(first)
+    assert (colours[first] == DISTINCT[0]).all() and (colours[second] == DISTINCT[1]).all()
+    assert (colours[~first & ~second] == UNUSED).all()
+
+
+def test_the_lines_of_figure_8_add_up_to_the_mesh_and_to_all_of_the_error(rig, tmp_path):
+    errors = np.zeros(81)
+    errors[:18], errors[27:36], errors[40] = 4.0, 1.0, 19.0
+    chosen = parts((0, 18), (27, 36))
+    lines = [dict(zip(figure08.HEADER, line, strict=True)) for line in segment_lines(rig.mesh, chosen, errors)]
+    assert [line["segment"] for line in lines] == ["face_1", "face_2", "unused"]
+    assert sum(line["vertices"] for line in lines) == 81 and lines[0]["chart"] == "face"
+    assert [line["error_share"] for line in lines] == pytest.approx([0.72, 0.09, 0.19])
+    assert [line["map_error_mm"] for line in lines] == pytest.approx([2.0, 1.0, (19 / 54) ** 0.5])
+    assert (lines[0]["u_low"], lines[0]["u_high"], lines[0]["v_low"], lines[0]["v_high"]) == (0.0, 1.0, 0.0, 0.125)
+    save_refinement_figure(rig, chosen, errors, tmp_path / "figure08_plate")
+    text = as_text(refinement_table(tmp_path / "figure08_plate.csv", "plate"))
+    assert "0.00–0.12" in text and "72%" in text and "–" in text.splitlines()[-1]
+    assert "face 1 72%, face 2 9%" in json.loads((tmp_path / "figure08_plate.json").read_text())["caption"]
+
+
+def test_figure_5_is_saved_with_every_control_that_a_pose_uses(rig, tmp_path):
+    params = np.float32([[4, 0, 0], [0, -1, 2], [1, 0.5, -6], [0, 0, 1]])
+    save_poses(rig, params, np.array([3, 5, 8, 9]), tmp_path / "figure05_plate")
+    lines = read_lines(tmp_path / "figure05_plate.csv", figure05.POSES_HEADER)
+    given = [(line["pose"], line["sample"], line["control"], float(line["value"])) for line in lines]
+    assert given == [
+        ("1", "3", "jaw_open", 4.0), ("2", "5", "brow", -1.0), ("2", "5", "nod", 2.0), ("3", "8", "jaw_open", 1.0),
+        ("3", "8", "brow", 0.5), ("3", "8", "nod", -6.0), ("4", "9", "nod", 1.0),
+    ]  # fmt: skip
+    caption = json.loads((tmp_path / "figure05_plate.json").read_text())["caption"]
+    assert (
+        "of its 3 controls they use 1 to 3" in caption and "0 to 1 of them lie beyond" in caption and "Eq. 5" in caption
+    )
+    body = poses_table(tmp_path / "figure05_plate.csv", "plate").body
+    assert body[0] == ("1 (sample 3)", "1", "1", "jaw_open 2.0")
+    assert body[2] == ("3 (sample 8)", "3", "1", "nod 1.5, brow 0.5, jaw_open 0.5")
+    without = Plate(**(vars(rig) | {"clips": None}))
+    save_poses(without, params, np.arange(4), tmp_path / "figure05_plate")
+    caption = json.loads((tmp_path / "figure05_plate.json").read_text())["caption"]
+    assert "uniformly" in caption and "Eq. 5" not in caption
+
+
+def test_a_strip_is_drawn_of_the_first_clip_of_each_kind(rig, tmp_path):
+    kinds = clip_kinds(rig.clips)
+    assert {kind: clip.name for kind, clip in kinds.items()} == {
+        "take": "00_take_joy", "dialogue": "02_dialogue_joy", "clip": "mine",
+    }  # fmt: skip
+    frames = shown_frames(kinds["dialogue"])
+    assert len(frames) == 10 and frames[0] > 0 and frames[-1] < 47 and (np.diff(frames) >= 4).all()
+    figure, words = clip_strips(rig, width=30, height=30, renderer="software")
+    assert sum(bool(axes.images) for axes in figure.axes) == 30 and "4 clips in all" in words.caption
+    save_clips(rig, tmp_path / "figure05_plate_clips")
+    lines = read_lines(tmp_path / "figure05_plate_clips.csv", figure05.CLIPS_HEADER)
+    assert len(lines) == 30 and lines[10]["kind"] == "dialogue"
+    assert float(lines[10]["time_s"]) == pytest.approx(int(lines[10]["shown_frame"]) / 24)
+
+
+def test_a_mouth_is_opened_by_the_controls_that_do_it(rig):
+    np.testing.assert_allclose(open_mouth(rig), [1.6, 0, 0])
+    plain = Plate(**(vars(rig) | {"controls": tuple(Control(f"c{k}", -1, 0, 1, "x") for k in range(3))}))
+    np.testing.assert_array_equal(open_mouth(plain), rig.default)
+
+
+def test_a_legend_shows_each_colour_and_several_in_one_square():
+    picture = legend_panel([("one", [(200, 0, 0)]), ("two", [(0, 200, 0), (0, 0, 200)]), ("three", ())], 120, 60)
+    assert picture.shape == (60, 120, 3) and picture.dtype == np.uint8
+    for colour in ((200, 0, 0), (0, 200, 0), (0, 0, 200)):
+        assert (picture == colour).all(-1).sum() > 20
+    assert legend_panel([("x", [(0, 0, 0)])] * 40, 80, 100).shape == (100, 80, 3)
+
+
+def test_numbers_that_are_missing_or_no_such_table_are_named(tmp_path):
+    file = tmp_path / "figure07_plate.csv"
+    with pytest.raises(InputError, match=r"figure07_plate.csv: there is no such file; `make figure07` writes it"):
+        segments_table(file, "plate")
+    file.write_text("segment\nface\n")
+    with pytest.raises(InputError, match="line 1: found 'segment'"):
+        segments_table(file, "plate")
+    file.write_text(",".join(figure07.HEADER) + "\nface\n")
+    with pytest.raises(InputError, match="line 2: found 1 cells, where 5 are allowed"):
+        segments_table(file, "plate")

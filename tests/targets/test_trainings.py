@@ -1,0 +1,59 @@
+"""Trainings compared: which ones, how they are shown, and what a typing mistake gets."""
+
+from replicate.benchmarks import training
+from replicate.config import resolve
+from replicate.report.results import Row
+from replicate.targets.table2.trainings import axis_text, draws_text, trainings_table
+
+
+def test_every_method_is_tried_at_the_same_rates_and_schedule():
+    tried = {method: [v for v in training.variants(700) if v.method == method] for method in training.SECTIONS}
+    rates = {}
+    for method, section in training.SECTIONS.items():
+        schedules = [getattr(resolve("tiny", "laptop", v.overrides), section).training for v in tried[method]]
+        rates[method] = [schedule.peak_rate for schedule in schedules if schedule.steps == 700]
+    assert rates["coarse"] == rates["refined"] == rates["dense"] == list(training.RATES)
+    assert [len(variants) - len(training.RATES) for variants in tried.values()] == [2, 2, 0]
+
+
+def test_uniform_draws_are_one_bin_and_the_profile_is_left_alone():
+    changed = {v.change: resolve("tiny", "laptop", v.overrides) for v in training.variants(700) if v.method == "coarse"}
+    assert changed["as the profile"] == resolve("tiny", "laptop")
+    assert changed["uniform draws"] == resolve("tiny", "laptop", {"samples": {"bins": 1}})
+
+
+def test_a_training_is_one_line_of_the_table():
+    def row(method, metric, unit, value):
+        return Row("bench_training", "teen", method, metric, unit, value, None, 1, 64, "laptop", "bench-training")
+
+    rows = [
+        row("dense", "validation_vertex_error[0.005, 10 steps]", "mm", 0.5),
+        row("coarse", "normal_error_over_floor[uniform draws]", "ratio", 1.25),
+        row("coarse", "validation_normal_error[uniform draws]", "deg", 2.0),
+        row("coarse", "validation_vertex_error[uniform draws]", "mm", 0.25),
+    ]
+    table = trainings_table(rows)
+    assert table.body == (
+        ("coarse", "uniform draws", "0.25", "2.00", "1.25"),
+        None,
+        ("dense", "0.005, 10 steps", "0.50", "", ""),
+    )
+
+
+def test_a_training_that_there_is_not_is_named(capsys):
+    assert training.main(["--only", "sparse"]) == 2
+    assert "'sparse'" in capsys.readouterr().err
+
+
+def test_rare_intervals_get_as_many_draws_as_common_ones():
+    assert draws_text([2, 90, 0, 3, 5]) == "2 of 4 intervals hold 5.0 % of the samples and get 50 % of the draws"
+
+
+def test_the_controls_behind_the_intervals_are_named_strongest_first():
+    facts = (None, 1, 9, "laptop", "bench-training")
+    rows = [
+        Row("bench_training", "teen", "samples", f"interval_correlation[{name}]", "ratio", value, *facts)
+        for name, value in (("jaw_open", 0.5), ("squash", -0.7))
+    ]
+    assert axis_text(rows).endswith(": squash -0.70, jaw_open +0.50")
+    assert trainings_table(rows).body == ()
