@@ -18,14 +18,21 @@ def is_machinery(module: str) -> bool:
     return module in MACHINERY or module.startswith("replicate.engine.")
 
 
-def sources_digest(function: str) -> str:
-    """Return a hash of all project sources that a stage's function depends on.
+def sources_digest(functions: str) -> str:
+    """Return a hash of all project sources that a stage's function, or several of them, depend on.
 
-    function: "module:function". Within its own module, what the function reaches counts: definitions that it names,
-    transitively, and the imports that bind them. Of every module imported from there, within functions too, all
-    counts. Comments, layout and docstrings do not, nor does the engine (`is_machinery`). Modules loaded by a computed
-    name are not seen. Raises ValueError when there is no such function.
+    functions: "module:function", or several after commas: a stage's own, then those that it calls by name. Within its
+    own module, what a function reaches counts: definitions that it names, transitively, and the imports that bind them.
+    Of every module imported from there, within functions too, all counts. Comments, layout and docstrings do not, nor
+    does the engine (`is_machinery`). Modules loaded by a computed name are not seen. Raises ValueError when there is no
+    such function.
     """
+    digests = [_function_digest(function.strip()) for function in functions.split(",")]
+    return digests[0] if len(digests) == 1 else hashlib.sha256("\n".join(digests).encode()).hexdigest()
+
+
+def _function_digest(function: str) -> str:
+    """Return the hash of one function's sources."""
     module, _, name = function.partition(":")
     file = _module_file(module)
     if file is None:

@@ -22,7 +22,7 @@ class Stage:
     """One node of the graph; its key decides, alone, whether its artefact is up to date.
 
     name: short and lower-case, e.g. "coarse". function: "module:function", called with a `StageContext` in a process
-    of its own. config: a frozen dataclass of numbers, text, tuples and dataclasses; with a `seed` where the stage
+    of its own; functions that it calls by their names may follow, after commas: their sources count as well. config: a frozen dataclass of numbers, text, tuples and dataclasses; with a `seed` where the stage
     draws. inputs: the stages whose artefacts it reads. label: whose it is, e.g. the character; shown, and part of the
     folder's name. files: data files that it depends on by their content, e.g. a recipe. threads: how many it may
     use; 0 for as many as there are workers, then it runs alone.
@@ -108,8 +108,8 @@ def stream_rng(seed: int, name: str, stream: str) -> np.random.Generator:
 
 
 def stage_function(function: str):
-    """Import and return the function "module:function"."""
-    module, _, name = function.partition(":")
+    """Import and return the function "module:function", the first of several."""
+    module, _, name = function.split(",")[0].partition(":")
     return getattr(importlib.import_module(module), name)
 
 
