@@ -1,16 +1,23 @@
-"""Which sources a stage depends on, read from the imports without importing anything."""
+"""Which sources a stage depends on, read from definitions and imports without importing anything.
+
+What a function reaches counts: the definitions that it names in its own module, those that it imports from others, what
+those reach in turn, and every statement that runs when one of these modules is imported. What it doesn't reach, say how
+stages are put together or what a row is labelled with, can change without making an artefact anew.
+"""
 
 import ast
 import functools
 import hashlib
 import os
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 from replicate.engine.paths import ROOT
 
 # What carries a stage and checks its configuration: numbers don't pass through it, so it doesn't count.
 MACHINERY = ("replicate", "replicate.config", "replicate.engine")
+EVERYTHING = "*"  # in place of a definition's name: all of a module
 
 
 def is_machinery(module: str) -> bool:
@@ -21,34 +28,106 @@ def is_machinery(module: str) -> bool:
 def sources_digest(functions: str) -> str:
     """Return a hash of all project sources that a stage's function, or several of them, depend on.
 
-    functions: "module:function", or several after commas: a stage's own, then those that it calls by name. Within its
-    own module, what a function reaches counts: definitions that it names, transitively, and the imports that bind them.
-    Of every module imported from there, within functions too, all counts. Comments, layout and docstrings do not, nor
-    does the engine (`is_machinery`). Modules loaded by a computed name are not seen. Raises ValueError when there is no
-    such function.
+    functions: "module:function", or several after commas: a stage's own, then those that it calls by name. Imports
+    within functions count as those at the top do. Comments, layout and docstrings do not, nor does the engine
+    (`is_machinery`). Definitions and modules that are looked up by a computed name are not seen. Raises ValueError when
+    there is no such function.
     """
-    digests = [_function_digest(function.strip()) for function in functions.split(",")]
-    return digests[0] if len(digests) == 1 else hashlib.sha256("\n".join(digests).encode()).hexdigest()
+    named = []
+    for function in functions.split(","):
+        module, _, name = function.strip().partition(":")
+        file = _module_file(module)
+        if file is None:
+            raise ValueError(f"{function.strip()}: there is no module {module} among the sources")
+        if name not in _outline(file, module).bindings:
+            raise ValueError(f"{function.strip()}: {file} has no function {name}")
+        named.append((module, name))
+    return _digest(tuple(named))
 
 
-def _function_digest(function: str) -> str:
-    """Return the hash of one function's sources."""
-    module, _, name = function.partition(":")
-    file = _module_file(module)
-    if file is None:
-        raise ValueError(f"{function}: there is no module {module} among the sources")
-    parts, imported = _reached(_parse(file), name, module, file.name == "__init__.py")
-    if not parts:
-        raise ValueError(f"{function}: {file} has no function {name}")
-    digests = {module: hashlib.sha256("\n".join(parts).encode()).hexdigest()}
-    pending = imported | _packages(module)
+@functools.cache
+def _digest(named: tuple[tuple[str, str], ...]) -> str:
+    """Return the hash of all that some definitions, (module, name) each, reach."""
+    reached: dict[str, set[int]] = {}  # by module, the places of its statements
+    pending, known = list(named), set()
     while pending:
-        found = pending.pop()
-        if found in digests or is_machinery(found) or (file := _module_file(found)) is None:
+        module, name = pending.pop()
+        if (module, name) in known or is_machinery(module) or (file := _module_file(module)) is None:
             continue
-        digests[found], imported = _whole(file, found)
-        pending |= imported | _packages(found)
-    return hashlib.sha256(repr(sorted(digests.items())).encode()).hexdigest()
+        known.add((module, name))
+        outline = _outline(file, module)
+        if module not in reached:
+            reached[module] = set()
+            pending += [(package, "") for package in _packages(module)]
+            pending += [(imported, "") for imported in outline.imports]
+            fresh = set(outline.loose)  # they run whenever the module is imported
+        else:
+            fresh = set()
+        if name == EVERYTHING or (name and name not in outline.bindings):
+            fresh |= set(range(len(outline.statements)))
+        else:
+            fresh |= set(outline.bindings.get(name, ()))
+        for place in fresh - reached[module]:
+            reached[module].add(place)
+            pending += [(module, needed) for needed in outline.statements[place].names if needed in outline.defined]
+            pending += _imported(outline, place)
+    dumps = []
+    for module, places in sorted(reached.items()):
+        statements = _outline(_module_file(module), module).statements
+        dumps += [(module, statements[place].dump) for place in sorted(places) if not statements[place].is_import]
+    return hashlib.sha256(repr(dumps).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class _Statement:
+    """What hashing needs of a statement at a module's top.
+
+    names: all that it names. attributes: (name, attribute) of every name whose attribute is taken. bare: names that
+    stand elsewhere too. imports: what it imports, also deep inside: (bound name, module, name there or "").
+    """
+
+    is_import: bool
+    dump: str
+    names: frozenset[str]
+    attributes: frozenset[tuple[str, str]]
+    bare: frozenset[str]
+    imports: tuple[tuple[str, str, str], ...]
+
+
+@dataclass(frozen=True)
+class _Outline:
+    """A module's statements, which of them bind a name, which bind none (loose), and the modules that it imports.
+
+    defined: the names that are bound by other statements than imports.
+    """
+
+    statements: tuple[_Statement, ...]
+    bindings: dict[str, tuple[int, ...]]
+    defined: frozenset[str]
+    loose: tuple[int, ...]
+    imports: frozenset[str]
+
+
+def _imported(outline: _Outline, place: int) -> list[tuple[str, str]]:
+    """Return the (module, name) pairs that a reached statement imports, by itself or by imports at the module's top.
+
+    Of a module that a name stands for, the attributes that are taken of it count; where it is used otherwise, all does.
+    """
+    statement = outline.statements[place]
+    entries = list(statement.imports)
+    for name in statement.names:
+        for other in outline.bindings.get(name, ()):
+            above = outline.statements[other]
+            entries += [entry for entry in above.imports if above.is_import and entry[0].split(".")[0] == name]
+    found = []
+    for bound, module, name in entries:
+        if name and _module_file(f"{module}.{name}") is None:
+            found.append((module, name))
+            continue
+        taken = {attribute for root, attribute in statement.attributes if root == bound}
+        names = taken if taken and bound not in statement.bare else {EVERYTHING}
+        found += [(f"{module}.{name}" if name else module, needed) for needed in names]
+    return found
 
 
 def _packages(module: str) -> set[str]:
@@ -79,58 +158,59 @@ def _module_file(module: str) -> Path | None:
 
 
 @functools.cache
-def _parse(file: Path) -> ast.Module:
+def _outline(file: Path, module: str) -> _Outline:
     tree = ast.parse(file.read_text(encoding="utf-8"), str(file))
     for node in ast.walk(tree):
         documented = isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef))
         if documented and ast.get_docstring(node, clean=False) is not None:
             node.body = node.body[1:]
-    return tree
+    package = file.name == "__init__.py"
+    bindings: dict[str, list[int]] = {}
+    loose, statements = [], []
+    for place, node in enumerate(tree.body):
+        bound = _bound(node)
+        for name in bound:
+            bindings.setdefault(name, []).append(place)
+        if not bound:
+            loose.append(place)
+        statements.append(_statement(node, module, package))
+    imports = {
+        whole
+        for node, statement in zip(tree.body, statements, strict=True)
+        if isinstance(node, (ast.Import, ast.ImportFrom))
+        for _, source, name in statement.imports
+        for whole in (source, f"{source}.{name}" if name else source)
+    }
+    places = {name: tuple(found) for name, found in bindings.items()}
+    defined = {name for name, found in places.items() if not all(statements[place].is_import for place in found)}
+    return _Outline(tuple(statements), places, frozenset(defined), tuple(loose), frozenset(imports))
 
 
-@functools.cache
-def _whole(file: Path, module: str) -> tuple[str, set[str]]:
-    """Return the hash of a module and the modules that it imports anywhere."""
-    tree = _parse(file)
-    return hashlib.sha256(ast.dump(tree).encode()).hexdigest(), _imports(tree, module, file.name == "__init__.py")
+def _statement(node: ast.stmt, module: str, package: bool) -> _Statement:
+    imports = tuple(entry for inner in ast.walk(node) for entry in _import_entries(inner, module, package))
+    if isinstance(node, (ast.Import, ast.ImportFrom)):
+        return _Statement(True, "", frozenset(), frozenset(), frozenset(), imports)
+    rooted = {
+        id(inner.value): (inner.value.id, inner.attr)
+        for inner in ast.walk(node)
+        if isinstance(inner, ast.Attribute) and isinstance(inner.value, ast.Name)
+    }
+    used = [inner for inner in ast.walk(node) if isinstance(inner, ast.Name)]
+    bare = {name.id for name in used if id(name) not in rooted}
+    names = frozenset(name.id for name in used)
+    return _Statement(False, ast.dump(node), names, frozenset(rooted.values()), frozenset(bare), imports)
 
 
-def _imports(tree: ast.AST, module: str, is_package: bool) -> set[str]:
-    found = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            parts = module.split(".")
-            parents = parts[: len(parts) - node.level + is_package] if node.level else []
-            base = ".".join([*parents, *([node.module] if node.module else [])])
-            found |= {base, *(f"{base}.{alias.name}" for alias in node.names)}
-    return found.union(*(_packages(name) for name in found))
-
-
-def _reached(tree: ast.Module, name: str, module: str, is_package: bool) -> tuple[list[str], set[str]]:
-    """Return the dumps of the statements that a function reaches in its module, and the modules they import."""
-    bindings: dict[str, list[ast.stmt]] = {}
-    loose = []  # statements that run whenever the module is imported, and bind no single name
-    for statement in tree.body:
-        names = _bound(statement)
-        for bound in names:
-            bindings.setdefault(bound, []).append(statement)
-        if not names:
-            loose.append(statement)
-    if name not in bindings:
-        return [], set()
-    found: set[ast.stmt] = set()
-    pending = {*bindings[name], *loose}
-    while pending:
-        statement = pending.pop()
-        found.add(statement)
-        named = {node.id for node in ast.walk(statement) if isinstance(node, ast.Name)}
-        pending |= {bound for name in named for bound in bindings.get(name, [])} - found
-    reached = sorted(found, key=lambda statement: statement.lineno)
-    imports = set().union(*(_imports(statement, module, is_package) for statement in reached))
-    kept = [s for s in reached if not isinstance(s, (ast.Import, ast.ImportFrom))]
-    return [ast.dump(statement) for statement in kept], imports
+def _import_entries(node: ast.AST, module: str, package: bool) -> list[tuple[str, str, str]]:
+    """Return (bound name, module, name there) of an import; "import a.b" binds a, and is an import of all of a.b."""
+    if isinstance(node, ast.Import):
+        return [(alias.asname or alias.name, alias.name, "") for alias in node.names]
+    if not isinstance(node, ast.ImportFrom):
+        return []
+    parts = module.split(".")
+    parents = parts[: len(parts) - node.level + package] if node.level else []
+    base = ".".join([*parents, *([node.module] if node.module else [])])
+    return [(alias.asname or alias.name, base, alias.name) for alias in node.names]
 
 
 def _bound(statement: ast.stmt) -> set[str]:

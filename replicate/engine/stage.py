@@ -22,10 +22,11 @@ class Stage:
     """One node of the graph; its key decides, alone, whether its artefact is up to date.
 
     name: short and lower-case, e.g. "coarse". function: "module:function", called with a `StageContext` in a process
-    of its own; functions that it calls by their names may follow, after commas: their sources count as well. config: a frozen dataclass of numbers, text, tuples and dataclasses; with a `seed` where the stage
-    draws. inputs: the stages whose artefacts it reads. label: whose it is, e.g. the character; shown, and part of the
-    folder's name. files: data files that it depends on by their content, e.g. a recipe. threads: how many it may
-    use; 0 for as many as there are workers, then it runs alone.
+    of its own; functions that it calls by their names may follow, after commas: their sources count as well. config: a
+    frozen dataclass of numbers, text, tuples and dataclasses; with a `seed` where the stage draws. inputs: the stages
+    whose artefacts it reads. label: whose it is, e.g. the character; shown, and part of the folder's name. files: data
+    files that it depends on by their content, e.g. a recipe. threads: how many it may use; 0 for as many as there are
+    workers, then it runs alone.
     """
 
     name: str

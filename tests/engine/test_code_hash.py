@@ -22,7 +22,11 @@ def step(context):
 def other(context):
     from toys import unrelated
 """,
-    "toys/direct.py": "from toys.deep.bottom import base\ndef helper(x):\n    return base(x) + 1\n",
+    "toys/direct.py": (
+        "from toys import aside\nfrom toys.deep.bottom import base\nLABEL = 'a'\n"
+        "def helper(x):\n    return base(x) + 1 + aside.used(x)\n"
+    ),
+    "toys/aside.py": "def used(x):\n    return x * 3\ndef unused(x):\n    return x * 5\n",
     "toys/deep/__init__.py": "",
     "toys/deep/bottom.py": '"""Docs."""\ndef base(x):\n    "Docs."\n    return x  # a comment\n',
     "toys/inside.py": "VALUE = 1\n",
@@ -39,12 +43,13 @@ def digest(tmp_path, monkeypatch):
         for name, text in {**PROGRAM, **changes}.items():
             (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
             (tmp_path / name).write_text(text)
-        for cached in (sources._module_file, sources._parse, sources._whole):
+        for cached in (sources._module_file, sources._outline, sources._digest):
             cached.cache_clear()
         return sources.sources_digest("toys.stage:body")
 
     yield write
-    sources._module_file.cache_clear()
+    for cached in (sources._module_file, sources._outline, sources._digest):
+        cached.cache_clear()
 
 
 @pytest.mark.parametrize(
@@ -55,7 +60,8 @@ def digest(tmp_path, monkeypatch):
         ("toys/stage.py", "return helper(context)", "return -helper(context)"),
         ("toys/direct.py", "+ 1", "+ 2"),
         ("toys/deep/bottom.py", "return x", "return -x"),
-        ("toys/deep/__init__.py", "", "import os\n"),
+        ("toys/deep/__init__.py", "", "import sys\nsys.setrecursionlimit(5_000)\n"),
+        ("toys/aside.py", "* 3", "* 4"),
         ("toys/inside.py", "1", "2"),
     ],
 )
@@ -72,6 +78,8 @@ def test_a_change_of_what_the_function_reaches_is_seen(digest, name, old, new):
         ("toys/stage.py", "UNUSED = 3", "UNUSED = 4"),
         ("toys/stage.py", "def other(context):", "def other(anything):"),
         ("toys/unrelated.py", "1", "2"),
+        ("toys/direct.py", "LABEL = 'a'", "LABEL = 'b'"),
+        ("toys/aside.py", "* 5", "* 6"),
     ],
 )
 def test_a_change_that_cannot_matter_is_not_seen(digest, name, old, new):
@@ -82,6 +90,7 @@ def test_the_machinery_around_a_stage_does_not_count(digest, monkeypatch):
     inside = {"toys/inside.py": "from replicate.engine.store import make\nVALUE = 1\n"}
     without = digest(inside)
     monkeypatch.setattr(sources, "is_machinery", lambda module: False)
+    sources._digest.cache_clear()
     assert digest(inside) != without
 
 

@@ -1,0 +1,77 @@
+"""The artefact "rig": a character, built from its recipe, and its mesh alone for those who need no rig."""
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from data_recipes.rig import recipe_files
+from replicate.artefacts.plan import Plan
+from replicate.config import resolve
+from replicate.engine.provenance import as_lines, core_count, package_versions, provenance
+from replicate.engine.stage import Stage, StageContext
+from replicate.geometry.mesh import Mesh
+
+
+@dataclass(frozen=True)
+class Character:
+    """Which rig to build: a character's name, or the path of a recipe."""
+
+    character: str
+
+
+def stage(plan: Plan) -> Stage:
+    """Return the stage that builds the plan's character."""
+    character = plan.config.character
+    return plan.stage("rig", make, Character(character), files=recipe_files(character), seeded=False)
+
+
+def make(context: StageContext) -> None:
+    """Build a character's rig, and write it with its mesh."""
+    from data_recipes.rig import build_rig, save_rig
+
+    rig = build_rig(context.config.character)
+    save_rig(rig, context.out / "rig")
+    rig.mesh.save(context.out / "mesh.npz")
+    context.note(vertices=len(rig.mesh.neutral), faces=len(rig.mesh.faces), parameters=len(rig.controls))
+
+
+def load(inputs: Mapping[str, Path]):
+    """Return the rig. inputs: the folder of the artefact by its name, "rig", among others."""
+    from data_recipes.rig import load_rig
+
+    return load_rig(inputs["rig"] / "rig")
+
+
+def load_mesh(inputs: Mapping[str, Path]) -> Mesh:
+    """Return the rig's mesh, without the rig."""
+    return Mesh.load(inputs["rig"] / "mesh.npz")
+
+
+def rig_of(character: str):
+    """Return a character's rig, which is built unless the store has it: for those who work outside a graph.
+
+    Raises InputError for an unknown character or a bad recipe.
+    """
+    from replicate.engine.scheduler import run
+
+    facts = provenance(["python", *sys.orig_argv[1:]], "any", [], core_count())
+    own = stage(Plan(resolve(character)))
+    return load({"rig": run([own], facts=facts)[own.title]})
+
+
+def rig_identifier(character: str) -> str:
+    """Return the name of a rig's artefact, which ends with a hash of its recipe and of all sources behind it."""
+    return stage(Plan(resolve(character))).identifier
+
+
+def rig_provenance_text(character: str) -> str:
+    """Return what tells a rig from others, in a few lines."""
+    packages = package_versions()
+    return as_lines(
+        {
+            "rig": character,
+            "artefact": rig_identifier(character),
+            "packages": ", ".join(f"{name} {packages[name]}" for name in ("jax", "jaxlib", "numpy", "scipy")),
+        }
+    )

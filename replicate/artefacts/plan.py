@@ -1,0 +1,77 @@
+"""One character's graph of stages while it is put together: an artefact has one stage, whoever asks for it.
+
+rig ─┬─ samples ──┬─ rigid ─┬─ coarse ──────┬─ refined
+     └─ influence ┘         ├─ selection ───┘
+                            └─ dense, linear, pca
+     samples ── lbs16, lbs24, lbs32 ── driven          each method ── its errors ── the tables that compare methods
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from replicate.config import Config
+from replicate.engine.paths import recipe_file
+from replicate.engine.stage import Stage
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """A section of the configuration, and the seed that its stage draws from."""
+
+    section: object
+    seed: int
+
+
+@dataclass(frozen=True)
+class TrainingNumbers(Numbers):
+    """The same for a stage that trains a network, on a device."""
+
+    device: str
+
+
+class Plan:
+    """The stages of one character under one configuration, each of them once.
+
+    config: the configuration. character: the character's name as results have it.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        self.character = recipe_file(config.character).stem
+        self._stages: dict[str, Stage] = {}
+
+    def stage(
+        self,
+        name: str,
+        function: Callable | str,
+        settings: object,
+        *inputs: Stage,
+        files: tuple[Path, ...] = (),
+        seeded: bool = True,
+    ) -> Stage:
+        """Return the stage of that name, which is put together the first time that somebody asks.
+
+        function: called with a `StageContext` in a process of its own, or as "module:function". settings: a frozen
+        dataclass of what its numbers depend on, or None. inputs, files: as for `Stage`. seeded: False where nothing
+        depends on the seed, so that all seeds share the artefact.
+        """
+        if name not in self._stages:
+            seed = self.config.seed if seeded else 0
+            label = f"{self.character}-seed{seed}" if seed else self.character
+            called = function if isinstance(function, str) else reference(function)
+            self._stages[name] = Stage(name, called, settings, inputs, label, files)
+        return self._stages[name]
+
+    def numbers(self, section: object) -> Numbers:
+        """Return a section of the configuration with the plan's seed."""
+        return Numbers(section, self.config.seed)
+
+    def training(self, section: object) -> TrainingNumbers:
+        """Return a section of the configuration with the plan's seed and device."""
+        return TrainingNumbers(section, self.config.seed, self.config.device)
+
+
+def reference(function: Callable) -> str:
+    """Return "module:function" of a function that stands at the top of its module."""
+    return f"{function.__module__}:{function.__qualname__}"

@@ -1,0 +1,65 @@
+"""How a surface folds at its edges: signed angles, and the pose that folds a patch most."""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from replicate.engine.exceptions import InputError
+from replicate.geometry.mesh import Mesh, face_normals
+
+
+def inner_edges(faces: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, "e 2"]]:
+    """Return the edges that exactly two faces share, as (vertex pairs, face pairs); the first face runs a → b."""
+    directed = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    owner = np.repeat(np.arange(len(faces)), 3)
+    undirected = np.sort(directed, axis=1)
+    order = np.lexsort((directed[:, 0] > directed[:, 1], undirected[:, 1], undirected[:, 0]))
+    ordered = undirected[order]
+    starts = np.flatnonzero(np.r_[True, (ordered[1:] != ordered[:-1]).any(1)])
+    pairs = starts[np.diff(np.r_[starts, len(ordered)]) == 2]
+    return ordered[pairs], np.stack([owner[order[pairs]], owner[order[pairs + 1]]], 1)
+
+
+def fold_angles(
+    vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"], edges: Int[np.ndarray, "e 2"],
+    sides: Int[np.ndarray, "e 2"],
+) -> Float[np.ndarray, "*b e"]:  # fmt: skip
+    """Return the signed angle between the two faces of each inner edge in degrees; 0 is flat, ridges are positive."""
+    normals = face_normals(vertices, faces)
+    first, second = normals[..., sides[:, 0], :], normals[..., sides[:, 1], :]
+    along = vertices[..., edges[:, 1], :] - vertices[..., edges[:, 0], :]
+    along = along / np.linalg.norm(along, axis=-1, keepdims=True).clip(1e-12)
+    sine = (np.cross(first, second) * along).sum(-1)
+    return np.degrees(np.arctan2(sine, (first * second).sum(-1)))
+
+
+def most_folded(
+    mesh: Mesh, poses: Int[np.ndarray, " p"], offsets: Float[np.ndarray, "t n 3"], shown: Bool[np.ndarray, " f"],
+    batch: int = 32,
+) -> int:  # fmt: skip
+    """Return the one of some poses that folds the shown faces most.
+
+    poses: indices of the poses that are looked at. offsets: V − V⁰ of all poses in mm; may be a memory map.
+
+    The measure is the mean, over the inner edges between shown faces and weighted by their neutral length, of how much
+    the fold at the edge differs from the neutral one. Turning or moving the face does not change it. Of equal poses the
+    first is taken. Raises InputError if no two shown faces share an edge.
+    """
+    edges, sides = inner_edges(mesh.faces)
+    kept = shown[sides].all(-1)
+    if not kept.any():
+        raise InputError("most_folded: no two of the shown faces share an edge; shown must hold a patch of the mesh.")
+    edges, sides = edges[kept], sides[kept]
+    # Only the patch is looked at: the test poses of a whole head need not be read into memory.
+    used, inverse = np.unique(mesh.faces[sides].reshape(-1), return_inverse=True)
+    number, face_pairs = np.full(len(mesh.neutral), -1), np.arange(2 * len(sides)).reshape(-1, 2)
+    number[used] = np.arange(len(used))
+    patch, edges = inverse.reshape(-1, 3), number[edges]
+    neutral = mesh.neutral[used]
+    rest = fold_angles(neutral, patch, edges, face_pairs)
+    length = np.linalg.norm(neutral[edges[:, 1]] - neutral[edges[:, 0]], axis=-1)
+    folding = []
+    for start in range(0, len(poses), batch):
+        posed = neutral + np.stack([np.asarray(offsets[pose])[used] for pose in poses[start : start + batch]])
+        change = np.abs(fold_angles(posed.astype(np.float32), patch, edges, face_pairs) - rest)
+        folding.append((np.minimum(change, 360 - change) * length).sum(-1) / length.sum())
+    return int(poses[np.argmax(np.concatenate(folding))])

@@ -1,0 +1,41 @@
+"""The rigid step alone: the true mesh, but for its rigid segments, which their attachments place (§3.4)."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from replicate.artefacts import rigid_segments
+from replicate.geometry.mesh import Mesh
+from replicate.methods.method import Method, Number
+
+
+def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return (parameters, truth) → truth, whose rigid segments the rigid step then replaces."""
+    return lambda params, truth: truth
+
+
+def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Number]:
+    """Return how many rigid segments §3.4 has, how rigid they are, and how well they are placed at the worst."""
+    attachments = rigid_segments.load(inputs)
+    count: list[Number] = [("rigid_segments", "count", len(attachments.segment))]
+    if not len(attachments.segment):
+        return count
+    return [
+        *count,
+        ("rigid_error_max", "mm", float(attachments.rigid_error_mm.max())),
+        ("least_second_spread", "mm", float(attachments.spread_mm[:, 1].min())),
+    ]
+
+
+METHOD = Method(
+    "attachment",
+    "Attached rigid segments",
+    lambda plan: (),
+    load,
+    place=90,
+    oracle=True,
+    note="An oracle: the true mesh, but for the rigid segments, which are placed by their attachment vertices (§3.4).",
+    mark="¶",
+    drawn=False,
+    charted=False,
+    facts=facts,
+)

@@ -1,0 +1,69 @@
+"""The coarse approximation: a CNN a segment, whose map of offsets its vertices read (§3.1)."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from replicate.artefacts import built_rig
+from replicate.artefacts.plan import Plan
+from replicate.engine.stage import Stage, StageContext
+from replicate.geometry.mesh import Mesh
+from replicate.methods.method import Method, Number
+from replicate.methods.training_stage import inputs_of_networks, train_on_segments
+
+
+def stage(plan: Plan) -> Stage:
+    """Return the stage that trains the coarse networks."""
+    return plan.stage("coarse", train, plan.training(plan.config.coarse), *inputs_of_networks(plan))
+
+
+def train(context: StageContext) -> None:
+    """Train the coarse networks on Eq. 1."""
+    from replicate.approximation import cnn
+
+    train_on_segments(context, cnn.make_network, cnn.shape_facts(context.config.section), cnn.save)
+
+
+def load_model(inputs: Mapping[str, Path]):
+    """Return the `SegmentedModel`."""
+    from replicate.approximation.cnn import load_coarse
+
+    return load_coarse(inputs["coarse"])
+
+
+def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of the coarse networks."""
+    from replicate.approximation.training import prepare
+
+    prepare("cpu")
+    mesh, model = built_rig.load_mesh(inputs), load_model(inputs)
+    return lambda params: mesh.neutral + model.offsets(params)
+
+
+def map_sizes(inputs: Mapping[str, Path]) -> dict[str, tuple[int, int]]:
+    """Return each map's width in pixels, and how many vertices read it, by its segment's name."""
+    model = load_model(inputs)
+    return {s.name: (net.map_size, len(s.vertices)) for s, net in zip(model.segments, model.networks, strict=True)}
+
+
+def texels(maps: Mapping[str, tuple[int, int]]) -> list[Number]:
+    """Return how many texels of its map each vertex has: for every map, and on the whole."""
+    ratios = {f"[{name}]": width**2 / vertices for name, (width, vertices) in maps.items()}
+    ratios[""] = sum(width**2 for width, _ in maps.values()) / sum(vertices for _, vertices in maps.values())
+    return [(f"texels_per_vertex{which}", "ratio", ratio) for which, ratio in ratios.items()]
+
+
+def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Number]:
+    """Return how many texels each vertex has."""
+    return texels(map_sizes(inputs))
+
+
+METHOD = Method(
+    "coarse",
+    "Coarse",
+    lambda plan: (stage(plan),),
+    load,
+    place=10,
+    in_paper=True,
+    colour="#E69F00",
+    facts=facts,
+)

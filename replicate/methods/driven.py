@@ -1,0 +1,70 @@
+"""Linear blend skinning moved by a network that sees rig parameters: the largest skin, as a prediction."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from replicate.artefacts import built_rig, drawn_samples
+from replicate.artefacts.plan import Plan, TrainingNumbers
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods import skinned
+from replicate.methods.method import Method
+from replicate.methods.training_stage import write_training
+
+
+@dataclass(frozen=True)
+class DrivenNumbers(TrainingNumbers):
+    """The numbers of the training, and which skin is moved."""
+
+    bones: int
+
+
+def stage(plan: Plan) -> Stage:
+    """Return the stage that trains the network; it needs the skin with the most bones."""
+    config, bones = plan.config, max(plan.config.lbs.bones)
+    numbers = DrivenNumbers(config.driven, config.seed, config.device, bones)
+    inputs = (built_rig.stage(plan), drawn_samples.stage(plan), skinned.stage(plan, bones))
+    return plan.stage("driven", train, numbers, *inputs)
+
+
+def train(context: StageContext) -> None:
+    """Train the network that moves a skin's bones as the rig parameters say."""
+    from replicate.approximation.skinning.bone_network import save, train_driven
+
+    numbers, skin = context.config, skinned.load_skin(context.inputs, context.config.bones)
+    model, log = train_driven(
+        built_rig.load_mesh(context.inputs),
+        skin,
+        drawn_samples.load(context.inputs),
+        numbers.section,
+        context.scratch,
+        context.progress,
+        numbers.seed,
+        numbers.device,
+    )
+    save(model, skin, context.out, numbers.section)
+    write_training(context, model, log)
+
+
+def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of the skin as the network poses it."""
+    from replicate.approximation.skinning.bone_network import load_driven
+    from replicate.approximation.training import prepare
+
+    prepare("cpu")
+    mesh, model = built_rig.load_mesh(inputs), load_driven(inputs["driven"])
+    return lambda params: mesh.neutral + model.offsets(params)
+
+
+METHOD = Method(
+    "driven",
+    "LBS moved by a network",
+    lambda plan: (stage(plan),),
+    load,
+    place=70,
+    rigid_step=False,
+    note="The skin with the most bones, moved by a small network that sees rig parameters: LBS as a prediction.",
+    mark="◊",
+    colour="#F0E442",
+    drawn=False,
+)

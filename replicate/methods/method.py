@@ -1,0 +1,67 @@
+"""What a method is to the tables: a row with a label, stages that make it, and a function that predicts vertices."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from replicate.artefacts.plan import Plan
+from replicate.config import Config
+from replicate.engine.stage import Stage
+from replicate.geometry.mesh import Mesh
+
+OTHER_COLOUR = "#7B4EA3"
+Number = tuple[str, str, float]  # metric, unit (one of report.results.UNITS), value
+
+
+def no_numbers(config: Config) -> None:
+    """Return that a method's function needs nothing besides its artefacts."""
+    return None
+
+
+def all_test_poses(config: Config) -> int:
+    """Return how many unique test poses a method is measured on; 0 for all."""
+    return config.evaluation.test_poses
+
+
+@dataclass(frozen=True)
+class Method:
+    """A row of the tables. Functions stand at the top of the method's module, since worker processes look them up.
+
+    name: as `METHODS=` and results have it; letters, digits and _. label: as tables and figures show it.
+    stages: plan → the stages whose artefacts `load` reads. What the stage of the method's own name notes as `size_mb`
+    is its size, and its log.csv its training curve. load: (inputs, numbers) → predict. inputs: by stage name the folder
+    of each artefact: those of `stages`, "rig", "samples" and "rigid". predict: parameters (b, m) → vertices (b, n, 3),
+    mm; an oracle's also takes the true vertices (b, n, 3), which no other method is handed.
+    oracle: whether it sees the truth. rigid_step: whether rigid segments are placed by their attachments (§3.4)
+    afterwards; whatever it predicts for them is replaced then.
+    in_paper: whether the paper has the row. place: rows are sorted by it, those of the paper first. note: a footnote,
+    in one sentence; mark: its sign, else it is printed with the label. colour: in charts. drawn: whether figures show
+    its mesh. charted: whether charts show its errors. floor_of: the method that it is the floor of, if it is one.
+    numbers: configuration → what `load` needs besides, a frozen dataclass. poses: configuration → on how many test
+    poses it is measured, 0 for all. facts: (inputs, mesh) → more numbers for Table 2.
+    own: profile → the method's own section of the configuration, if it has one, as `[name]` in a CONFIG file.
+    """
+
+    name: str
+    label: str
+    stages: Callable[[Plan], tuple[Stage, ...]]
+    load: Callable[[Mapping[str, Path], object], Callable]
+    place: float = 50.0
+    oracle: bool = False
+    rigid_step: bool = True
+    in_paper: bool = False
+    note: str = ""
+    mark: str = ""
+    colour: str = OTHER_COLOUR
+    drawn: bool = True
+    charted: bool = True
+    floor_of: str = ""
+    numbers: Callable[[Config], object] = no_numbers
+    poses: Callable[[Config], int] = all_test_poses
+    facts: Callable[[Mapping[str, Path], Mesh], list[Number]] | None = None
+    own: Callable[[str], object] | None = None
+
+    @property
+    def title(self) -> str:
+        """The label with the mark of its note."""
+        return f"{self.label} {self.mark}".rstrip()

@@ -1,0 +1,30 @@
+"""The neutral pose as prediction, whatever the parameters: how much the test poses move."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from replicate.artefacts import built_rig
+from replicate.methods.method import Method
+
+
+def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → the neutral vertices (b, n, 3)."""
+    neutral = built_rig.load_mesh(inputs).neutral
+    return lambda params: np.broadcast_to(neutral, (len(params), *neutral.shape))
+
+
+METHOD = Method(
+    "neutral",
+    "Neutral pose",
+    lambda plan: (),
+    load,
+    place=100,
+    rigid_step=False,
+    note="The neutral pose as prediction: how much the test poses move.",
+    mark="§",
+    colour="#CC79A7",
+    drawn=False,
+    charted=False,
+)

@@ -1,0 +1,77 @@
+"""The full approximation: the coarse networks, and finer maps over a few squares for what those leave (§3.2, §3.3)."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from replicate.artefacts import built_rig, drawn_samples, refinement_squares
+from replicate.artefacts.plan import Plan
+from replicate.engine.stage import Stage, StageContext
+from replicate.geometry.mesh import Mesh
+from replicate.methods import coarse
+from replicate.methods.method import Method, Number
+from replicate.methods.training_stage import write_training
+
+
+def stage(plan: Plan) -> Stage:
+    """Return the stage that trains the refinement networks."""
+    inputs = (built_rig.stage(plan), drawn_samples.stage(plan), coarse.stage(plan), refinement_squares.stage(plan))
+    return plan.stage("refined", train, plan.training(plan.config.refinement), *inputs)
+
+
+def train(context: StageContext) -> None:
+    """Train the refinement networks on what the coarse ones leave (§3.2)."""
+    from replicate.approximation.cnn import save
+    from replicate.approximation.refinement import train_refined
+
+    numbers, inputs = context.config, context.inputs
+    model, log = train_refined(
+        built_rig.load_mesh(inputs),
+        coarse.load_model(inputs),
+        refinement_squares.load(inputs),
+        drawn_samples.load(inputs),
+        numbers.section,
+        context.scratch,
+        context.progress,
+        numbers.seed,
+        numbers.device,
+    )
+    save(model.residual, context.out, numbers.section)
+    write_training(context, model, log)
+
+
+def load_model(inputs: Mapping[str, Path]):
+    """Return the `RefinedModel`: the coarse networks and what is added to them."""
+    from replicate.approximation.refinement import load_refined
+
+    return load_refined(inputs["refined"], coarse.load_model(inputs))
+
+
+def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of both levels of networks."""
+    from replicate.approximation.training import prepare
+
+    prepare("cpu")
+    mesh, model = built_rig.load_mesh(inputs), load_model(inputs)
+    return lambda params: mesh.neutral + model.offsets(params)
+
+
+def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Number]:
+    """Return how many refinement segments there are, and how many texels each vertex has in all."""
+    residual = load_model(inputs).residual
+    squares = {
+        segment.name: (network.map_size, len(segment.vertices))
+        for segment, network in zip(residual.segments, residual.networks, strict=True)
+    }
+    return [("refinement_segments", "count", len(squares)), *coarse.texels(coarse.map_sizes(inputs) | squares)]
+
+
+METHOD = Method(
+    "refined",
+    "Refined",
+    lambda plan: (coarse.stage(plan), stage(plan)),
+    load,
+    place=20,
+    in_paper=True,
+    colour="#0072B2",
+    facts=facts,
+)

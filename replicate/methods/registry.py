@@ -1,0 +1,127 @@
+"""The list of methods: every module of this folder that has a `METHOD`, and those that somebody brings along."""
+
+import importlib
+import importlib.util
+import os
+import pkgutil
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+from replicate.config import Config
+from replicate.engine.exceptions import InputError
+from replicate.methods.method import Method
+
+VARIABLE = "REPLICATE_METHODS"  # files of methods from outside: worker processes and notebooks find them by it
+PACKAGE = "replicate.methods"
+
+
+def methods(config: Config | None = None) -> dict[str, Method]:
+    """Return all methods by name, in the order of the tables: the project's, then those from outside.
+
+    config: decides which numbers of bones LBS has; the paper's where it is None.
+    """
+    modules = [*_own_modules(), *map(_outside_module, _outside_files())]
+    return {method.name: method for method in _ordered(m for module in modules for m in _methods_in(module, config))}
+
+
+def method_named(name: str) -> Method:
+    """Return the method of that name; one that nobody knows, in old results say, is labelled by its name."""
+    if name in (known := methods()):
+        return known[name]
+    for module in _own_modules():
+        if hasattr(module, "method_named") and (method := module.method_named(name)):
+            return method
+    return Method(name, name, lambda plan: (), lambda inputs, numbers: None)
+
+
+def in_order(names: Iterable[str]) -> list[str]:
+    """Return methods' names in the order of the tables: the paper's first, each group by place."""
+    return [method.name for method in _ordered(map(method_named, dict.fromkeys(names)))]
+
+
+def choose(words: Sequence[str], config: Config | None = None) -> list[Method]:
+    """Return the methods that some words name, in the order of the tables.
+
+    words: names, "all", "lbs" for all numbers of bones, or the paths of .py files with a method; none means all.
+    Raises InputError for an unknown name and for a file that holds no method.
+    """
+    outside = {word: _bring(Path(word)) for word in words if word.endswith(".py")}
+    known = methods(config)
+    chosen: dict[str, Method] = {}
+    for word in words or ("all",):
+        if word == "all":
+            chosen |= known
+        elif word in outside:
+            chosen |= {method.name: method for method in _methods_in(outside[word], config)}
+        elif word == "lbs":
+            chosen |= {name: method for name, method in known.items() if re.fullmatch(r"lbs\d+", name)}
+        elif word in known:
+            chosen[word] = known[word]
+        else:
+            allowed = ", ".join(known)
+            raise InputError(f"method {word!r} is unknown: allowed are all, lbs, {allowed}, or the path of a .py file")
+    return _ordered(chosen.values())
+
+
+def _ordered(methods: Iterable[Method]) -> list[Method]:
+    return sorted(methods, key=lambda method: (not method.in_paper, method.place, method.name))
+
+
+@cache
+def _own_modules() -> tuple[ModuleType, ...]:
+    names = [name for _, name, _ in pkgutil.iter_modules(importlib.import_module(PACKAGE).__path__)]
+    found = [importlib.import_module(f"{PACKAGE}.{name}") for name in names if name not in ("registry", "measurement")]
+    return tuple(module for module in found if _holds_methods(module))
+
+
+def _holds_methods(module: ModuleType) -> bool:
+    return any(hasattr(module, name) for name in ("METHOD", "METHODS", "methods_of"))
+
+
+def _methods_in(module: ModuleType, config: Config | None) -> tuple[Method, ...]:
+    if hasattr(module, "methods_of"):
+        return module.methods_of(config)
+    return (module.METHOD,) if hasattr(module, "METHOD") else tuple(module.METHODS)
+
+
+def _outside_files() -> list[Path]:
+    return [Path(file) for file in os.environ.get(VARIABLE, "").split(os.pathsep) if file]
+
+
+def _bring(file: Path) -> ModuleType:
+    """Import a method's file and remember it in the environment, which other processes inherit."""
+    file = file.expanduser().resolve()
+    module = _outside_module(file)
+    files = dict.fromkeys([*map(str, _outside_files()), str(file)])
+    os.environ[VARIABLE] = os.pathsep.join(files)
+    return module
+
+
+def _outside_module(file: Path) -> ModuleType:
+    """Import a file as the module of its name; its folder joins the path, so that it may import its neighbours."""
+    if not file.is_file():
+        raise InputError(f"{file}: there is no such file; METHODS takes names and paths of .py files")
+    name, folder = file.stem, str(file.parent)
+    if not name.isidentifier():
+        raise InputError(f"{file}: {name!r} can't name a module; allowed are letters, digits and _")
+    if folder not in sys.path:
+        sys.path.append(folder)
+    found = importlib.util.find_spec(name)
+    if found is None or found.origin is None or Path(found.origin).resolve() != file:
+        raise InputError(f"{file}: there is another module {name}; give the file another name")
+    try:
+        module = importlib.import_module(name)
+    except Exception as error:
+        raise InputError(f"{file}: it can't be imported ({type(error).__name__}: {error})") from error
+    if not _holds_methods(module):
+        raise InputError(f"{file}: it has no METHOD; README shows what a method's file looks like")
+    for method in _methods_in(module, None):
+        if not isinstance(method, Method) or not re.fullmatch(r"[a-z]\w*", method.name):
+            raise InputError(f"{file}: METHOD must be a Method whose name is of small letters, digits and _")
+        if method.name in {own.name for m in _own_modules() for own in _methods_in(m, None)}:
+            raise InputError(f"{file}: the suite has a method {method.name!r} of its own; give yours another name")
+    return module

@@ -1,0 +1,45 @@
+"""What training stages share: one network a coarse segment, and what is written of every training."""
+
+from collections.abc import Callable
+
+from replicate.artefacts import built_rig, control_influence, drawn_samples, rigid_segments
+from replicate.artefacts.plan import Plan
+from replicate.engine.stage import Stage, StageContext
+
+LOG = "log.csv"
+
+
+def inputs_of_networks(plan: Plan) -> tuple[Stage, ...]:
+    """Return the stages that a network for each coarse segment is trained on."""
+    return tuple(module.stage(plan) for module in (built_rig, drawn_samples, control_influence, rigid_segments))
+
+
+def train_on_segments(context: StageContext, make_network: Callable, facts: dict, save: Callable) -> None:
+    """Train one network a coarse segment and write model and log; the stage's name is the training's stream."""
+    from replicate.approximation.segment_training import train_segments
+
+    numbers, mesh = context.config, built_rig.load_mesh(context.inputs)
+    samples, segments = drawn_samples.load(context.inputs), rigid_segments.load_coarse_segments(context.inputs, mesh)
+    networks = [make_network(segment, facts) for segment in segments]
+    model, log = train_segments(
+        mesh,
+        segments,
+        networks,
+        samples,
+        numbers.section,
+        context.scratch,
+        context.progress,
+        context.name,
+        numbers.seed,
+        numbers.device,
+    )
+    save(model, context.out, numbers.section)
+    write_training(context, model, log)
+
+
+def write_training(context: StageContext, model, log: list[dict]) -> None:
+    """Write a training's log beside its model, and note the model's size."""
+    from replicate.approximation.training import write_log
+
+    write_log(log, context.out / LOG)
+    context.note(size_mb=model.size_mb())
