@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from replicate.approximation.metrics import Tally, angle_between, new_tally, summary, tally_add, vertex_error
+from replicate.approximation.metrics import Tally, angle_between, new_tally, tally_add, vertex_error
 from replicate.geometry.mesh import Mesh, face_vectors
-from replicate.report.results import Row
 
 # predict(params (b, m), truth (b, n, 3)) -> vertices (b, n, 3). Only oracles look at the truth.
 Predictor = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -98,38 +97,3 @@ def _groups(mesh: Mesh, rigid: Iterable[int]) -> tuple[tuple[str, ...], np.ndarr
     group[deformable] = np.arange(len(deformable))
     names = tuple(mesh.segment_names[s] for s in deformable)
     return names + (("rigid",) if rigid else ()), group
-
-
-def error_rows(character: str, errors: Mapping[str, Errors], profile: str, run: str, seeds: int = 1) -> list[Row]:
-    """Return Table 2's rows, and those of "table2_segments" as metric[segment]."""
-    rows = []
-    for label, found in errors.items():
-        numbers = [("table2", "normal_faces_left_out", "count", summary(found.normal).left_out)]
-        for group in (None, *range(len(found.group_names))):
-            table = "table2" if group is None else "table2_segments"
-            suffix = "" if group is None else f"[{found.group_names[group]}]"
-            for kind, unit, tally in (("vertex", "mm", found.vertex), ("normal", "deg", found.normal)):
-                statistics = summary(tally, group)
-                for name in ("mean", "p95", "max") if statistics.count else ():
-                    numbers.append((table, f"{kind}_error_{name}{suffix}", unit, getattr(statistics, name)))
-        for table, metric, unit, value in numbers:
-            poses = len(found.pose_mm)
-            rows.append(Row(table, character, label, metric, unit, float(value), None, seeds, poses, profile, run))
-    return rows
-
-
-def texel_rows(character: str, maps: Mapping[str, Mapping[str, tuple[int, int]]], profile: str, run: str) -> list[Row]:
-    """Return how many texels of its map each vertex has, per map and for each method as a whole.
-
-    maps: method → {map's name → (map's width in pixels, vertices that read from it)}; coarse maps are named by their
-    segment, refinement maps by number.
-    """
-    rows = []
-    for method, sizes in maps.items():
-        ratios = {f"[{name}]": width**2 / vertices for name, (width, vertices) in sizes.items()}
-        ratios[""] = sum(w**2 for w, _ in sizes.values()) / sum(v for _, v in sizes.values())
-        for suffix, ratio in ratios.items():
-            table = "table2_segments" if suffix else "table2"
-            metric = f"texels_per_vertex{suffix}"
-            rows.append(Row(table, character, method, metric, "ratio", ratio, None, None, None, profile, run))
-    return rows

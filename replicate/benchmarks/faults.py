@@ -4,7 +4,8 @@
 texture coordinates flipped, a segment that predicts nothing, a refinement left out, teeth carried by others' vertices,
 half of the bones lost, and coarse networks trained without the normal term of Eq. 1. The sound run is measured on the
 same poses.
-`tests/test_reference.py` holds that every band of `tests/tolerances.toml` goes red under the fault that it names.
+`tests/report/test_reference.py` holds that every band of tolerances.toml beside it goes red under the fault that it
+names.
 """
 
 import argparse
@@ -16,23 +17,27 @@ from pathlib import Path
 
 import numpy as np
 
-from replicate.approximation.cnn import load_coarse, make_network
-from replicate.approximation.evaluation import Predictor, error_rows, evaluate, unique_poses
+from replicate.approximation.cnn import make_network
+from replicate.approximation.evaluation import Predictor, evaluate, unique_poses
 from replicate.approximation.model import load_model
 from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.rigid import Attachments, attach
 from replicate.approximation.samples import SampleSet
+from replicate.artefacts import built_rig, drawn_samples, rigid_segments
+from replicate.artefacts.plan import Plan
 from replicate.benchmarks.common import check_at_least, exit_code, publish
 from replicate.config import Config, resolve
 from replicate.engine import paths
 from replicate.engine.progress import progress
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
-from replicate.engine.stage import in_order
+from replicate.engine.stage import Stage, in_order
 from replicate.engine.store import artefact_folder
 from replicate.geometry.mesh import Mesh
-from replicate.methods.loading import load_predictor
-from replicate.pipeline import table2_graph
+from replicate.methods import coarse as coarse_method
+from replicate.methods import measurement
+from replicate.methods.registry import method_named
+from replicate.report.error_rows import error_rows
 from replicate.report.results import Row
 from replicate.report.tables import Table, as_text, rounded
 
@@ -41,9 +46,9 @@ MEASURED = ("coarse", "refined", "floor", "neutral", "attachment", "lbs16", "lbs
 SHOWN = (("coarse", "vertex"), ("coarse", "normal"), ("refined", "vertex"), ("refined", "normal"), ("lbs32", "vertex"))
 
 
-def made(config: Config, wanted: Sequence[str]) -> tuple[dict[str, Path], dict[str, object]]:
+def made(config: Config, wanted: Sequence[Stage]) -> tuple[dict[str, Path], dict[str, object]]:
     """Return the artefacts behind some stages by the stages' names, made where missing, and the stages' settings."""
-    stages = in_order([stage for stage in in_order(table2_graph(config)) if stage.name in wanted])
+    stages = in_order(list(wanted))
     run(stages, facts=provenance(["make", "bench-faults"], config.profile, [config.seed], core_count()))
     folders = {stage.name: artefact_folder(stage.identifier) for stage in stages}
     return folders, {stage.name: stage.config for stage in stages}
@@ -72,14 +77,12 @@ def placed(mesh: Mesh, attachments: Attachments, model, kept: np.ndarray | None 
 
 def faults(config: Config) -> tuple[Mesh, SampleSet, Attachments, dict[str, dict[str, Predictor]]]:
     """Return mesh, samples, attachments and, for every fault by name, what each measured method then predicts."""
-    errors = [f"errors_{method}" for method in MEASURED]
-    inputs, settings = made(config, errors)
+    plan = Plan(config)
+    inputs, settings = made(config, [measurement.stage(plan, method_named(name)) for name in MEASURED])
     unweighted = replace(config, coarse=replace(config.coarse, normal_weight=0.0))
-    broken, _ = made(unweighted, ["coarse"])
-    mesh, samples = Mesh.load(inputs["rig"] / "mesh.npz"), SampleSet.open(inputs["samples"])
-    attachments = Attachments.load(inputs["rigid"] / "attachments.npz")
-    load = partial(load_predictor, inputs=inputs, mesh=mesh, attachments=attachments)
-    sound = {method: load(settings[f"errors_{method}"]) for method in MEASURED}
+    broken, _ = made(unweighted, [coarse_method.stage(Plan(unweighted))])
+    mesh, samples, attachments = built_rig.load_mesh(inputs), drawn_samples.load(inputs), rigid_segments.load(inputs)
+    sound = {name: measurement.predictor(settings[f"{measurement.PREFIX}{name}"], inputs) for name in MEASURED}
     place = partial(placed, mesh, attachments)
     coarse, refined = networks(inputs)
     flipped, both_flipped = networks(inputs, flipped=True)
@@ -96,7 +99,7 @@ def faults(config: Config) -> tuple[Mesh, SampleSet, Attachments, dict[str, dict
             "refinement_left_out": sound | {"refined": sound["coarse"]},
             "teeth_on_wrong_vertices": sound | {"attachment": lambda params, truth: attach(mesh, shifted, truth)},
             "half_of_the_bones": sound | {"lbs32": sound["lbs16"]},
-            "normals_unweighted": sound | {"coarse": place(load_coarse(broken["coarse"]))},
+            "normals_unweighted": sound | {"coarse": place(coarse_method.load_model(broken))},
         },
     )
 

@@ -15,6 +15,8 @@ from jaxtyping import Bool, Float
 
 from replicate.approximation.evaluation import unique_poses
 from replicate.approximation.metrics import normal_error, vertex_error
+from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
+from replicate.artefacts.plan import Plan
 from replicate.benchmarks.common import exit_code, named, publish
 from replicate.config import Config, resolve
 from replicate.engine.progress import progress
@@ -23,7 +25,6 @@ from replicate.engine.scheduler import run
 from replicate.engine.stage import in_order
 from replicate.engine.store import artefact_folder
 from replicate.geometry.mesh import Mesh
-from replicate.pipeline import table2_graph
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, as_text, rounded
 
@@ -58,17 +59,12 @@ def floor_errors(
 def floors(config: Config) -> list[Row]:
     """Make what is needed of a character, nothing trained, and return its floors at all sizes."""
     from replicate.approximation.deformation_map import Floor
-    from replicate.approximation.samples import SampleSet
-    from replicate.approximation.segments import load_segments
-    from replicate.stage_bodies import load_coarse_segments
 
-    selection = next(stage for stage in in_order(table2_graph(config)) if stage.name == "selection")
+    selection = refinement_squares.stage(Plan(config))
     run([selection], facts=provenance(["make", "bench-floors"], config.profile, [0], core_count()))
     inputs = {stage.name: artefact_folder(stage.identifier) for stage in in_order([selection])}
-    inputs["selection"] = artefact_folder(selection.identifier)
-    mesh, samples = Mesh.load(inputs["rig"] / "mesh.npz"), SampleSet.open(inputs["samples"])
-    segments = load_coarse_segments(inputs, mesh)
-    squares = load_segments(inputs["selection"] / "segments.npz")
+    mesh, samples = built_rig.load_mesh(inputs), drawn_samples.load(inputs)
+    segments, squares = rigid_segments.load_coarse_segments(inputs, mesh), refinement_squares.load(inputs)
     inside = np.zeros(len(mesh.neutral), bool)
     for square in squares:
         inside[square.vertices] = True

@@ -183,9 +183,9 @@ def write_poses(rig, seed: int, training: int, test: int, file: Path) -> None:
 
 def measured(character: str, options: argparse.Namespace, file: Path) -> list[Row]:
     """Fit all methods at all numbers of bones and seeds that the file lacks, and return all rows of this character."""
-    from replicate.made import made_rig, rig_identifier
+    from replicate.artefacts.built_rig import rig_identifier, rig_of
 
-    rig, run = made_rig(character), rig_identifier(character)
+    rig, run = rig_of(character), rig_identifier(character)
     for seed in options.seeds:
         with tempfile.TemporaryDirectory(prefix="bench-lbs-") as name:
             folder, missing = Path(name), _missing(file, rig.name, run, seed, options)

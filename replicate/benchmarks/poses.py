@@ -15,18 +15,18 @@ from functools import partial
 import numpy as np
 
 from replicate.approximation.samples import choose_poses
+from replicate.artefacts.built_rig import rig_of
 from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, exit_code, named, publish
 from replicate.config import SamplesConfig
 from replicate.engine import paths
 from replicate.engine.stage import stream_rng
-from replicate.made import made_rig
+from replicate.report.cast import order_of
 from replicate.report.results import Row
 from replicate.report.tables import Table, as_text
 from replicate.rig_health.eyelids import find_eyes
 from replicate.rig_health.mouth_contents import find_mouth
 from replicate.rig_health.pose_health import Health, each_alone, measure, strongest, worst
 from replicate.rig_health.skin_folds import Skin
-from replicate.targets.table1.layout import order_of
 
 COUNT = 10_000
 UNIFORM_MOUTHS = 1_000  # of a rig without clips: in how many of its samples the mouth is measured
@@ -191,7 +191,7 @@ def _measured(character: str, options: argparse.Namespace, typed: Sequence[str] 
     from replicate.drawing.panels import save_figure
     from replicate.rig_health.worst_poses import worst_poses
 
-    rig = made_rig(character)
+    rig = rig_of(character)
     found = bench(rig, options.count, options.every)
     listed = [row for measured in found for row in rows(rig.name, measured)]
     for measured in found:

@@ -15,15 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
+from replicate.artefacts.built_rig import rig_of
 from replicate.benchmarks.common import PROFILE, check_at_least, exit_code, named, publish
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.engine.progress import progress
-from replicate.made import made_rig
+from replicate.report.cast import STANDS_FOR, order_of
 from replicate.report.results import Row, read_results
 from replicate.report.tables import Table, as_text
-from replicate.targets.table1.layout import order_of
-from replicate.targets.table2.layout import STANDS_FOR
 
 BATCH = 32
 APART = 4  # poses that a round evaluates one by one
@@ -193,7 +192,7 @@ def _run(options: argparse.Namespace, typed: Sequence[str] | None) -> None:
     check_at_least(3, rounds=options.rounds)
     listed: list[Row] = []
     for character in named(options.characters):
-        rig = made_rig(character)
+        rig = rig_of(character)
         listed += rows(rig.name, bench(rig, frames_of(rig), options.rounds))
     for table in tables(listed, options.rounds):
         print(as_text(table))

@@ -13,18 +13,21 @@ from functools import partial
 
 import numpy as np
 
+from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
+from replicate.artefacts.plan import Plan
 from replicate.benchmarks.common import exit_code, publish
+from replicate.benchmarks.training_table import METRICS, TABLE, trainings_table
 from replicate.config import Config, resolve
 from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
 from replicate.engine.stage import Stage, in_order
 from replicate.engine.store import artefact_folder
-from replicate.pipeline import table2_graph
+from replicate.methods.registry import method_named
+from replicate.methods.training_stage import LOG
 from replicate.report.results import Row
 from replicate.report.tables import as_text
 from replicate.report.training_curves import read_log
-from replicate.targets.table2.trainings import METRICS, TABLE, trainings_table
 
 SECTIONS = {"coarse": "coarse", "refined": "refinement", "dense": "dense"}
 RATES = (2e-3, 5e-3, 1.2e-2)
@@ -62,29 +65,25 @@ def _at(rate: float, steps: int) -> dict:
 
 def stages_of(config: Config, method: str) -> dict[str, Stage]:
     """Return the stages that a method's training and its floor need, by name."""
-    wanted = next(stage for stage in in_order(table2_graph(config)) if stage.name == method)
-    return {stage.name: stage for stage in in_order([wanted])}
+    return {stage.name: stage for stage in in_order(list(method_named(method).stages(Plan(config))))}
 
 
 def measured(stages: dict[str, Stage], method: str) -> tuple[float, float]:
     """Return a finished training's validation errors (mm, degrees): the last row of its log."""
-    *_, last = read_log(artefact_folder(stages[method].identifier) / "log.csv")
+    *_, last = read_log(artefact_folder(stages[method].identifier) / LOG)
     return last[2], last[3]
 
 
 def floor_deg(stages: dict[str, Stage], config: Config, refined: bool) -> float:
     """Return the projection floor's mean normal error on the validation poses, as the log measures it."""
     from replicate.approximation.deformation_map import Floor
-    from replicate.approximation.samples import SampleSet
-    from replicate.approximation.segments import load_segments, segment_vertices
+    from replicate.approximation.segments import segment_vertices
     from replicate.approximation.supervision import Supervision
-    from replicate.geometry.mesh import Mesh
-    from replicate.stage_bodies import load_coarse_segments
 
     inputs = {name: artefact_folder(stage.identifier) for name, stage in stages.items()}
-    mesh, samples = Mesh.load(inputs["rig"] / "mesh.npz"), SampleSet.open(inputs["samples"])
-    segments = load_coarse_segments(inputs, mesh)
-    squares = load_segments(inputs["selection"] / "segments.npz") if refined else ()
+    mesh, samples = built_rig.load_mesh(inputs), drawn_samples.load(inputs)
+    segments = rigid_segments.load_coarse_segments(inputs, mesh)
+    squares = refinement_squares.load(inputs) if refined else ()
     floor = Floor(segments, config.coarse.map_size, squares, config.refinement.map_size)
     supervision = Supervision(mesh, samples, segment_vertices(segments), 1.0, "cpu")
     return supervision.validation()(lambda _: floor(np.asarray(samples.validation_offsets)))[1]
@@ -92,11 +91,8 @@ def floor_deg(stages: dict[str, Stage], config: Config, refined: bool) -> float:
 
 def axis_rows(stages: dict[str, Stage], profile: str) -> list[Row]:
     """Return which controls the balanced intervals follow: correlations of controls with the samples' intervals."""
-    from data_recipes.rig import load_rig
-    from replicate.approximation.samples import SampleSet
-
-    controls = load_rig(artefact_folder(stages["rig"].identifier) / "rig").controls
-    samples = SampleSet.open(artefact_folder(stages["samples"].identifier))
+    inputs = {name: artefact_folder(stage.identifier) for name, stage in stages.items()}
+    controls, samples = built_rig.load(inputs).controls, drawn_samples.load(inputs)
     params = np.asarray(samples.params, np.float64)
     centred, interval = params - params.mean(0), samples.bins - samples.bins.mean()
     sizes = np.linalg.norm(centred, axis=0) * np.linalg.norm(interval)

@@ -5,8 +5,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from replicate.drawing.colours import colour_in_bytes
 from replicate.drawing.scene import MATT, SILKY, WET, WHITE, Camera, Finish, Surface, axes
-from replicate.report.pose_record import colour_in_bytes
 
 # By the beginning of a prop's name; what begins otherwise is matt.
 FINISHES = {"eye": WET, "hair": SILKY, "horn": SILKY}

@@ -45,6 +45,16 @@ def sources_digest(functions: str) -> str:
     return _digest(tuple(named))
 
 
+def code_digest(code: str) -> str:
+    """Return a hash of all project sources that some lines of Python reach by their imports; not of the lines."""
+    entries = [entry for node in ast.walk(ast.parse(code)) for entry in _import_entries(node, "", False)]
+    named = [
+        (f"{module}.{name}", EVERYTHING) if name and _module_file(f"{module}.{name}") else (module, name or EVERYTHING)
+        for _, module, name in entries
+    ]
+    return _digest(tuple(sorted(named)))
+
+
 @functools.cache
 def _digest(named: tuple[tuple[str, str], ...]) -> str:
     """Return the hash of all that some definitions, (module, name) each, reach."""

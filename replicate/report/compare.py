@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from replicate.engine.exceptions import InputError
+from replicate.methods.registry import in_order, method_named
+from replicate.report.cast import STANDS_FOR
 from replicate.report.results import Row, find, read_results
 from replicate.report.tables import Table, published, rounded
-from replicate.targets.table2.layout import STANDS_FOR, in_order, title
 
-COMPARED = ("table1", "table2", "table3", "table4")
+NO_METHODS = {"model": "Model", "dense_released": "Dense, 256 and 512"}  # what Table 1 counts besides
 
 
 def compare(paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row], table: str) -> Table:
@@ -30,30 +31,31 @@ def compare(paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row]
         unit = keys[character, method, metric]
         ratio = f"{new.value / old.value:.3f}" if old and new and old.value else "–"
         cells = (rounded(row.value, unit, row.sd) if row else "–" for row in (old, new))
-        label = f"{character}, {title(method)}, {metric} [{unit}]"
+        label = f"{character}, {NO_METHODS.get(method) or method_named(method).title}, {metric} [{unit}]"
         body.append((label, published(theirs), *cells, ratio))
     return Table(f"{table}: the paper's rig | the reference results | yours", (_header(reference, yours),), tuple(body))
 
 
-def compare_folders(paper: Path, reference: Path, yours: Path) -> list[Table]:
-    """Return the comparison of every table that `reference` or `yours` holds.
+def compare_folders(paper: Path, reference: Path, yours: Path, tables: Sequence[str]) -> list[Table]:
+    """Return the comparison of every one of some tables, "table1" …, that `reference` or `yours` holds.
 
-    Raises InputError, with the target that makes them, where `yours` holds no table at all.
+    Raises InputError, with the targets that make them, where `yours` holds none of them.
     """
-    present = {folder: [t for t in COMPARED if (folder / f"{t}.csv").is_file()] for folder in (reference, yours)}
+    present = {folder: [t for t in tables if (folder / f"{t}.csv").is_file()] for folder in (reference, yours)}
     if not present[yours]:
         raise InputError(
-            f"{yours}: there are no results of yours to compare yet; `make table1` or `make table2` makes some."
+            f"{yours}: there are no results of yours to compare yet; "
+            f"{' or '.join(f'`make {table}`' for table in tables)} makes some."
         )
-    tables = []
-    for table in COMPARED:
+    compared = []
+    for table in tables:
         if table in present[reference] or table in present[yours]:
             rows = (
                 read_results(folder / f"{table}.csv") if table in present[folder] else []
                 for folder in (reference, yours)
             )
-            tables.append(compare(read_results(paper / f"{table}.csv"), *rows, table))
-    return tables
+            compared.append(compare(read_results(paper / f"{table}.csv"), *rows, table))
+    return compared
 
 
 def _compared(row: Row) -> bool:

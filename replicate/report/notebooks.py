@@ -8,20 +8,20 @@ import argparse
 import hashlib
 import json
 import os
+import re
 import sys
 import tempfile
 from pathlib import Path
 
 from replicate.drawing.panels import Words, png
+from replicate.engine.code_hash import code_digest
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import REFERENCE, ROOT, run_folder, shown
 from replicate.engine.provenance import as_lines
+from replicate.report.cast import order_of
 from replicate.report.manifest import section
 from replicate.report.results import Row, read_results
 from replicate.report.tables import Table, as_markdown, unbroken
-from replicate.targets.table1.layout import order_of
-from replicate.targets.table2.pictures import Table2Results, open_table2
-from replicate.targets.table2.trainings import draws_text
 
 NOTEBOOKS = ROOT / "notebooks"
 TIMEOUT_S = 600
@@ -32,19 +32,14 @@ METADATA = {
 }
 
 
-def results_folder(name: str) -> Path:
+def folder_of(name: str) -> Path:
     """Return the folder of the reference results, or of your run with the profile of that name."""
     return REFERENCE if name == "reference" else run_folder(name)
 
 
-def open_results(name: str) -> Table2Results:
-    """Read Table 2's results from `results_folder`; a missing file's error names it and the target that makes it."""
-    return open_table2(results_folder(name))
-
-
 def open_table(name: str, target: str) -> list[Row]:
     """Read the rows of another table, "table1", from `results_folder`. Raises InputError where there is none."""
-    file = results_folder(name) / f"{target}.csv"
+    file = folder_of(name) / f"{target}.csv"
     if not file.is_file():
         raise InputError(f"{file}: there is no such results file; `make {target}` writes it.")
     return read_results(file)
@@ -55,7 +50,7 @@ def figure_files(name: str, target: str) -> dict[str, list[Path]]:
 
     Raises InputError, with the target that makes them, where there are none or one is gone.
     """
-    folder = results_folder(name)
+    folder = folder_of(name)
     found = {}
     for character, facts in section(folder, target).get("characters", {}).items():
         found[character] = [folder / file for file in facts.get("files", ()) if file.endswith(".png")]
@@ -67,28 +62,17 @@ def figure_files(name: str, target: str) -> dict[str, list[Path]]:
 
 def provenance_text(name: str, target: str = "table2") -> str:
     """Return where the results of a target come from, in a few lines, from the manifest beside them."""
-    folder = results_folder(name)
+    folder = folder_of(name)
     manifest, lines = section(folder, target), {"results": shown(folder)}
     for character, own in (manifest.get("characters") or {"": {}}).items():
         facts = {**manifest, **own}
-        for label, value in _told(facts).items():
+        for label, value in _facts_in_words(facts).items():
             if value not in lines.values():  # what characters share is said once
                 lines[f"{label}, {character}" if label in lines else label] = value
     return as_lines(lines)
 
 
-def balance_text(name: str) -> str:
-    """Return, for each character whose manifest tells it, how §3.5's balanced draws were spread over the samples."""
-    lines = []
-    for character, facts in section(results_folder(name), "table2").get("characters", {}).items():
-        samples = [stage for title, stage in facts.get("stages", {}).items() if title.startswith("samples-")]
-        counts = samples[0].get("notes", {}).get("samples_per_bin") if samples else None
-        if counts:
-            lines.append(f"{character}: {draws_text(counts)}")
-    return "\n".join(lines)
-
-
-def _told(facts: dict) -> dict[str, str]:
+def _facts_in_words(facts: dict) -> dict[str, str]:
     seconds = [stage.get("wall_s", 0) for stage in (facts.get("stages") or {}).values()]
     return {
         "commit": _commits(facts.get("git")),
@@ -143,11 +127,13 @@ def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str |
     """Execute a notebook with other values in its first cell, and write it, byte for byte the same each time.
 
     parameters: name → value; each must be assigned in the notebook's first cell. stamp: kept in the metadata. What
-    cells write to stderr goes to ours. Raises what nbclient raises for a cell that fails; `out` is then left as it was.
+    cells write to stderr goes to ours. Raises InputError where a cell does, and what nbclient
+    raises for one that fails otherwise; `out` is then left as it was.
     """
     import nbformat
     from jupyter_client.manager import AsyncKernelManager
     from nbclient import NotebookClient
+    from nbclient.exceptions import CellExecutionError
 
     notebook = nbformat.read(source, as_version=4)
     notebook.cells[0].source = with_parameters(notebook.cells[0].source, parameters)
@@ -164,7 +150,12 @@ def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str |
             resources={"metadata": {"path": str(NOTEBOOKS)}},
         )
         environment = os.environ | {"IPYTHONDIR": folder, "PYDEVD_DISABLE_FILE_VALIDATION": "1"}
-        client.execute(env=environment, cleanup_kc=True)
+        try:
+            client.execute(env=environment, cleanup_kc=True)
+        except CellExecutionError as error:
+            if error.ename == InputError.__name__:  # one sentence, not a kernel's traceback
+                raise InputError(error.evalue) from None
+            raise
     notebook.metadata = nbformat.from_dict(METADATA | ({"replicate": {"stamp": stamp}} if stamp else {}))
     for cell in notebook.cells:
         if cell.cell_type == "code":
@@ -210,50 +201,39 @@ def run_notebook(name: str, results: str, **parameters: object) -> Path:
     if not source.is_file():
         allowed = ", ".join(sorted(path.stem for path in NOTEBOOKS.glob("*.ipynb")))
         raise InputError(f"{source}: there is no such notebook; allowed are {allowed}.")
-    _open(name, results)  # to fail with one sentence, not with a kernel's
     if results == "reference":
         execute(source, source, {"RESULTS": results, **parameters})
         return source
-    out = results_folder(results) / source.name
+    out = folder_of(results) / source.name
     if not is_current(name, results, **parameters):
         execute(source, out, {"RESULTS": results, **parameters}, _stamp(source, out.parent, parameters))
     return out
 
 
-def _open(name: str, results: str) -> None:
-    """Read what a notebook shows, if it is one of those that show results."""
-    if name == "table2":
-        open_results(results)
-    elif name.startswith("table"):
-        open_table(results, name)
-    elif name.startswith("figure"):
-        figure_files(results, name)
-    else:
-        return
-    provenance_text(results, name)
-
-
 def is_current(name: str, results: str, **parameters: object) -> bool:
     """Return whether `run_notebook` has been done on these results of yours, as they are now."""
-    source, out = NOTEBOOKS / f"{name}.ipynb", results_folder(results) / f"{name}.ipynb"
+    source, out = NOTEBOOKS / f"{name}.ipynb", folder_of(results) / f"{name}.ipynb"
     stamp = _stamp(source, out.parent, parameters)
     return out.is_file() and stamp in out.read_text(encoding="utf-8", errors="replace")
 
 
 def _stamp(source: Path, folder: Path, parameters: dict) -> str:
-    """Return a hash of what a notebook's outputs depend on: its cells, its results, and the code that shows them.
+    """Return a hash of what a notebook's outputs depend on: its cells, the code that they reach, and what they read.
 
-    What the manifest tells of it counts as one of the results: the notebook tells where its numbers come from.
+    Results are those of the notebook's name in the folder, and the committed ones that its cells name. What the
+    manifest says of it counts as one of them: the notebook says where its numbers come from.
     """
-    cells = [cell["source"] for cell in json.loads(source.read_text(encoding="utf-8"))["cells"]]
+    cells = json.loads(source.read_text(encoding="utf-8"))["cells"]
+    code = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
     try:
-        told = section(folder, source.stem)
+        facts = section(folder, source.stem)
     except InputError:
-        told = None
-    digest = hashlib.sha256(json.dumps([cells, parameters, told]).encode())
-    code = [path for package in ("figures", "evaluation") for path in (ROOT / "replicate" / package).glob("*.py")]
-    files = [path for kind in ("csv", "json", "npz", "png") for path in folder.glob(f"{source.stem}*.{kind}")]
-    for path in sorted([*code, *files]):
+        facts = None
+    texts = ["".join(cell["source"]) for cell in cells]
+    digest = hashlib.sha256(json.dumps([texts, parameters, facts, code_digest(code)]).encode())
+    files = {path for kind in ("csv", "json", "npz", "png") for path in folder.glob(f"{source.stem}*.{kind}")}
+    files |= {REFERENCE / name for name in re.findall(r"[\w]+\.csv", code)}
+    for path in sorted(file for file in files if file.is_file()):
         digest.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()
 

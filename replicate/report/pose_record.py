@@ -5,13 +5,11 @@ Figures and notebooks are drawn from this file, so they need neither a cache nor
 
 import json
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from replicate.drawing.colours import colour_in_bytes
 from replicate.engine.exceptions import InputError

@@ -25,6 +25,11 @@ POSES_HEADER = ("pose", "sample", "control", "value", "lower", "upper")
 CLIPS_HEADER = ("kind", "clip", "frames", "shown_frame", "time_s")
 
 
+def choose(count: int, generator: np.random.Generator) -> Int[np.ndarray, " k"]:
+    """Return the samples that are shown, of so many."""
+    return np.sort(generator.choice(count, min(POSES, count), replace=False))
+
+
 def figure05(rig, params: Float[np.ndarray, "k m"], width: int = 232, height: int = 248, renderer=None):
     """Return (figure, words): some poses of the training data, in clay."""
     view = camera_for("front", rig.mesh.neutral)

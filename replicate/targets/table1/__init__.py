@@ -1,1 +1,94 @@
-"""x"""
+"""Table 1: counts of segments and sizes of models, beside the paper's; nothing is trained for it."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from replicate.artefacts import built_rig, control_influence, refinement_squares, rigid_segments
+from replicate.artefacts.plan import Plan
+from replicate.engine.paths import PAPER, shown
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods.method import Method
+from replicate.report.cast import cast
+from replicate.report.publication import Made, alone, by_character, facts_of, readable, results_folder
+from replicate.targets.options import OF_A_RUN
+from replicate.targets.running import make
+
+ABOUT = "Table 1: counts of segments, model sizes and what brackets them, and the verdict on claim C6"
+WRITES = "results/runs/<profile>/"
+OPTIONS = OF_A_RUN
+CHARACTERS = cast
+COMPARED = True
+FILE = "table1.csv"
+
+
+@dataclass(frozen=True)
+class MapShape:
+    """The shape of a map network, for its size: what `approximation.model_size` needs of a network's section."""
+
+    map_size: int
+    channels: int
+    hidden: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class SizeNumbers:
+    """What the rows are labelled with, and the shapes of the networks whose sizes they hold."""
+
+    character: str
+    profile: str
+    coarse: MapShape
+    refined: MapShape
+
+
+def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
+    """Return the stage that holds one character's rows."""
+    config = plan.config
+    shapes = (MapShape(part.map_size, part.channels, part.hidden) for part in (config.coarse, config.refinement))
+    modules = (built_rig, control_influence, rigid_segments, refinement_squares)
+    numbers = SizeNumbers(plan.character, config.profile, *shapes)
+    return [plan.stage("table1", count, numbers, *(module.stage(plan) for module in modules))]
+
+
+def count(context: StageContext) -> None:
+    """Count one character's segments and weigh its models."""
+    from replicate.report.results import write_results
+    from replicate.targets.table1.rows import rows_of
+
+    write_results(context.out / FILE, rows_of(context.config, context.inputs))
+
+
+def run(options: argparse.Namespace) -> None:
+    """Make the rows of every character, publish and print them."""
+    publish(make(options, stages))
+
+
+def publish(made: Sequence[Made]) -> None:
+    """Write Table 1 of some characters to the profile's folder, print it, and execute its notebook if it is stale.
+
+    Of several seeds the means are written. Results of characters that are not among them stay.
+    """
+    from replicate.report import manifest
+    from replicate.report.notebooks import run_notebook
+    from replicate.report.results import over_seeds, read_results, write_results
+    from replicate.report.tables import as_text
+    from replicate.targets.table1.layout import size_claim, table1
+
+    profile = made[0].config.profile
+    folder, seeded = results_folder(profile), by_character(made)
+    with alone(folder):
+        facts = manifest.entries(folder, "table1")
+        rows = readable(read_results, folder / FILE) or []
+        runs = {name: {row.run for row in rows if row.character == name} for name in facts}
+        facts = {name: own for name, own in facts.items() if runs[name] == {own.get("run")} and name not in seeded}
+        rows = [row for row in rows if row.character in facts]
+        for character, each in seeded.items():
+            rows += over_seeds([read_results(one.folder / FILE) for one in each])
+            facts[character] = facts_of(each, rows[-1].run)
+        write_results(folder / FILE, rows)
+        manifest.write_entries(folder, "table1", dict(sorted(facts.items())))
+        run_notebook("table1", profile)
+    paper = read_results(PAPER / FILE)
+    print(as_text(table1(rows, paper)))
+    print(size_claim(rows, paper))
+    print(f"written to {shown(folder)}: {FILE}, {manifest.NAME}, and table1.ipynb to read it in")

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterable, Sequence
 
 from replicate.approximation.model_size import cnn_size_mb, dense_vertices
 from replicate.config import CoarseConfig, RefinementConfig
+from replicate.report.cast import STANDS_FOR, characters_of
 from replicate.report.results import Row, find, most_seeds
 from replicate.report.tables import Table, published, rounded
 from replicate.targets.table1.rows import WIDTHS
-from replicate.targets.table2.layout import STANDS_FOR
 
 CLAIM = (2.0, 5.0)  # C6: how many times as large as the CNN the dense model is
 NOTES = (
@@ -20,17 +20,6 @@ NOTES = (
     "Vertices implied: how many the paper's dense networks move if they see all parameters, and if they see none. "
     "More than the character has means that its networks were not of that width.",
 )
-
-
-def order_of(character: str) -> tuple[int, str]:
-    """Return what sorts characters: those that stand for one of the paper's in its order, then others by name."""
-    known = list(STANDS_FOR)
-    return (known.index(character) if character in known else len(known)), character
-
-
-def characters_of(rows: Iterable[Row]) -> list[str]:
-    """Return the characters of some rows in the order of the paper's."""
-    return sorted({row.character for row in rows}, key=order_of)
 
 
 def table1(ours: Iterable[Row], paper: Sequence[Row]) -> Table:

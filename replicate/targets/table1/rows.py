@@ -3,31 +3,28 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from replicate.approximation.model_size import cnn_size_mb, dense_size_mb
-from replicate.approximation.rigid import Attachments
-from replicate.approximation.segments import Segment, coarse_segments, load_segments
+from replicate.approximation.segments import Segment
+from replicate.artefacts import built_rig, control_influence, refinement_squares, rigid_segments
 from replicate.geometry.mesh import Mesh
 from replicate.report.results import Row
-from replicate.targets.table2.gather import run_name
+from replicate.report.run_name import run_name
 
 # The dense baseline's hidden layers: as the text has them, and as the released code has them (DEVIATIONS D13).
 WIDTHS = {"dense": (256, 256), "dense_released": (256, 512)}
 
 
-def rows_of(settings, inputs: Mapping[str, Path], mesh: Mesh) -> list[Row]:
+def rows_of(settings, inputs: Mapping[str, Path]) -> list[Row]:
     """Return a character's rows.
 
     settings: `character` and `profile` label the rows; `coarse` and `refined` are their networks' shapes. inputs: the
-    folders of the stages "influence", "rigid" and "selection".
+    folders of the stages "rig", "influence", "rigid" and "selection".
     """
-    influence = np.load(inputs["influence"] / "influence.npy")
-    rigid = Attachments.load(inputs["rigid"] / "attachments.npz").segment.tolist()
-    coarse = coarse_segments(mesh, rigid, influence)
-    refined = load_segments(inputs["selection"] / "segments.npz")
-    run, numbers = run_name(inputs), counts(mesh, influence.shape[1], len(rigid), coarse, refined)
-    numbers |= sizes_mb(influence.shape[1], coarse, refined, settings)
+    mesh, parameters = built_rig.load_mesh(inputs), control_influence.load(inputs).shape[1]
+    coarse, refined = rigid_segments.load_coarse_segments(inputs, mesh), refinement_squares.load(inputs)
+    rigid = len(rigid_segments.load(inputs).segment)
+    run, numbers = run_name(inputs), counts(mesh, parameters, rigid, coarse, refined)
+    numbers |= sizes_mb(parameters, coarse, refined, settings)
     return [
         Row("table1", settings.character, method, metric, unit, float(value), None, 1, None, settings.profile, run)
         for (method, metric), (unit, value) in numbers.items()

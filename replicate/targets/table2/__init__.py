@@ -1,1 +1,51 @@
-"""x"""
+"""Table 2: approximation errors of every method on held-out poses, beside the paper's; with Figures 9 and 10."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from replicate.artefacts import built_rig, drawn_samples, rigid_segments, shown_pose
+from replicate.artefacts.plan import Plan
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods import measurement
+from replicate.methods.method import Method
+from replicate.targets.options import OF_A_RUN, methods
+from replicate.targets.running import make
+
+ABOUT = "Table 2: approximation errors of every method on held-out poses, beside the paper's; Figures 9 and 10"
+WRITES = "results/runs/<profile>/"
+OPTIONS = (*OF_A_RUN, "methods", "numbers-only")
+COMPARED = True
+
+
+@dataclass(frozen=True)
+class TableNumbers:
+    """What the rows are labelled with."""
+
+    character: str
+    profile: str
+    seed: int
+
+
+def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
+    """Return the stages of one character's table, the last; those of the methods, the slow ones, come first."""
+    numbers = TableNumbers(plan.character, plan.config.profile, plan.config.seed)
+    shared = tuple(module.stage(plan) for module in (built_rig, drawn_samples, shown_pose, rigid_segments))
+    errors = [measurement.stage(plan, method) for method in methods]
+    table = plan.stage("table2", write_table, numbers, *shared, *errors)
+    return [*(stage for method in methods for stage in method.stages(plan)), *errors, table]
+
+
+def write_table(context: StageContext) -> None:
+    """Gather one character's rows, the curves of its trainings and the pose that figures show."""
+    from replicate.targets.table2.gather import write_all
+
+    write_all(context.config, context.inputs, context.out)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Make the errors of every method on every character, publish and print them."""
+    from replicate.targets.table2.publication import publish
+
+    made = make(options, lambda plan: stages(plan, methods(options, plan.config)))
+    publish(made, not options.numbers_only)

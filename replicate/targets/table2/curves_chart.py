@@ -1,14 +1,12 @@
-"""Validation error of the three networks against training step, with the floors that their maps set."""
+"""Validation error of the networks against training step, with the floors that their maps set."""
 
 from collections.abc import Mapping, Sequence
 
 from replicate.drawing.panels import DPI, Words
-from replicate.drawing.style import MEASURES, colour, plain_name, tidy
+from replicate.drawing.style import MEASURES, tidy
+from replicate.methods.registry import in_order, method_named, methods
 from replicate.report.results import Row, find
 from replicate.report.training_curves import Curve
-
-NETWORKS = ("coarse", "refined", "dense")
-FLOORS = {"floor": "coarse", "floor_refined": "refined"}
 
 
 def training_curves(curves: Mapping[tuple[str, str], Curve], rows: Sequence[Row], character: str):
@@ -22,16 +20,16 @@ def training_curves(curves: Mapping[tuple[str, str], Curve], rows: Sequence[Row]
     figure = Figure((10, 3.6), dpi=DPI, layout="constrained")
     ends = []
     for axes, column, (metric, _, label) in zip(figure.subplots(1, 2), (2, 3), MEASURES, strict=True):
-        for method in NETWORKS:
-            if curve := curves.get((character, method)):
+        for method in map(method_named, in_order(name for who, name in curves if who == character)):
+            if method.drawn:
+                curve = curves[character, method.name]
                 steps, errors = [row[0] for row in curve], [row[column] for row in curve]
-                axes.plot(steps, errors, color=colour(method), label=plain_name(method))
-                ends.append(
-                    f"{plain_name(method)} ends at {curve[-1][column]:.2f} {'mm' if column == 2 else 'degrees'}"
-                )
-        for floor, method in FLOORS.items():
-            if row := find(rows, "table2", character, floor, metric):
-                axes.axhline(row.value, color=colour(method), linestyle="--", linewidth=1, label=plain_name(floor))
+                axes.plot(steps, errors, color=method.colour, label=method.label)
+                ends.append(f"{method.label} ends at {curve[-1][column]:.2f} {'mm' if column == 2 else 'degrees'}")
+        for floor in methods().values():
+            if floor.floor_of and (row := find(rows, "table2", character, floor.name, metric)):
+                colour = method_named(floor.floor_of).colour
+                axes.axhline(row.value, color=colour, linestyle="--", linewidth=1, label=floor.label)
         axes.set_yscale("log")
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.yaxis.set_major_formatter("{x:g}")

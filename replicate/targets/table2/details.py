@@ -2,9 +2,10 @@
 
 from collections.abc import Iterable, Sequence
 
+from replicate.methods.registry import in_order, method_named
+from replicate.report.cast import STANDS_FOR
 from replicate.report.results import Row, find, most_seeds
 from replicate.report.tables import Table, rounded
-from replicate.targets.table2.layout import STANDS_FOR, in_order, title
 
 # (method, over which other, error): what a replication on another rig can compare, and our own measures of success.
 RATIOS = (
@@ -28,7 +29,7 @@ def table2_ratios(ours: Sequence[Row], paper: Sequence[Row], character: str) -> 
     for method, other, kind in RATIOS:
         ratios = [_ratio(rows, who, method, other, kind) for rows, who in ((ours, character), (paper, theirs))]
         if ratios[0] is not None:
-            label = f"{title(method)} / {title(other)}, {ERRORS[kind]}"
+            label = f"{method_named(method).title} / {method_named(other).title}, {ERRORS[kind]}"
             body.append((label, *(rounded(ratio, "ratio") for ratio in ratios)))
     header = ("mean error of one method over another's", character, theirs or "–")
     return Table(f"Table 2 as ratios: {character} beside {theirs or 'nobody'}", (header,), tuple(body))
@@ -55,7 +56,10 @@ def table2_segments(ours: Iterable[Row], character: str) -> Table:
             found = (find(rows, "table2_segments", character, m, f"{kind}_error_mean[{name}]") for m in methods)
             cells = (rounded(row.value, unit) if row else "–" for row in found)
             body.append((f"{name}, {unit}", *cells))
-    header = ("", *(title(m).replace("LBS: ", "LBS ").replace(" bones", "").replace(", ", " ") for m in methods))
+    header = (
+        "",
+        *(method_named(m).title.replace("LBS: ", "LBS ").replace(" bones", "").replace(", ", " ") for m in methods),
+    )
     seeds = most_seeds(rows)
     notes = (f"Means over {seeds} seeds; their standard deviations are in table2.csv.",) if seeds > 1 else ()
     return Table(f"Table 2 by segment: {character}, mean errors", (header,), tuple(body), notes)

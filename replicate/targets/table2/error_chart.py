@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 
 from replicate.drawing.panels import DPI, Words
-from replicate.drawing.style import MEASURES, colour, plain_name, tidy
+from replicate.drawing.style import MEASURES, tidy
+from replicate.methods.registry import in_order, method_named
+from replicate.report.cast import STANDS_FOR
 from replicate.report.results import Row, find
 from replicate.report.tables import rounded
-from replicate.targets.table2.layout import STANDS_FOR, in_order, title
 
-UNSHOWN = ("neutral", "attachment")  # one would stretch the axes, the other lies on them
 UNITS = {"mm": "mm", "deg": "degrees"}
 
 
@@ -22,25 +22,25 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str):
 
     theirs = STANDS_FOR.get(character, "")
     measured = {row.method for row in ours if row.character == character and row.metric == MEASURES[0][0]}
-    methods = [method for method in in_order(measured) if method not in UNSHOWN]
+    methods = [method for method in map(method_named, in_order(measured)) if method.charted]
     figure = Figure((10, 0.36 * len(methods) + 1.2), dpi=DPI, layout="constrained")
     spoken, motion = [], []
     for axes, (metric, unit, label) in zip(figure.subplots(1, 2, sharey=True), MEASURES, strict=True):
         for y, method in enumerate(methods):
             mine, other = (
-                find(rows, "table2", who, method, metric) for rows, who in ((ours, character), (paper, theirs))
+                find(rows, "table2", who, method.name, metric) for rows, who in ((ours, character), (paper, theirs))
             )
-            axes.plot(mine.value, y, "o", color=colour(method), markersize=8)
+            axes.plot(mine.value, y, "o", color=method.colour, markersize=8)
             shown = rounded(mine.value, unit)
             axes.annotate(shown, (mine.value, y), (0, 7), textcoords="offset points", ha="center", fontsize=7)
             if mine.sd is not None:
-                axes.errorbar(mine.value, y, xerr=mine.sd, color=colour(method), capsize=3)
+                axes.errorbar(mine.value, y, xerr=mine.sd, color=method.colour, capsize=3)
             if other:
                 axes.plot(other.value, y, "o", markerfacecolor="none", markeredgecolor="black", markersize=8)
-            spoken.append(f"{plain_name(method)} {shown} {UNITS[unit]}")
+            spoken.append(f"{method.label} {shown} {UNITS[unit]}")
         if still := find(ours, "table2", character, "neutral", metric):
             motion.append(f"{rounded(still.value, unit)} {UNITS[unit]}")
-        axes.set_yticks(range(len(methods)), [title(method) for method in methods])
+        axes.set_yticks(range(len(methods)), [method.title for method in methods])
         axes.set_xlim(left=0)
         axes.set_xlabel(label)
         tidy(axes)

@@ -6,8 +6,8 @@ from replicate.drawing.panels import Words, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.scene import Surface, camera_for
-from replicate.drawing.style import label, plain_name
 from replicate.report.pose_record import TRUTH, PoseRecord
+from replicate.targets.table2.naming import panel_title, plain_name
 
 SHOWN = (TRUTH, "refined", "coarse", "lbs32")
 
@@ -21,7 +21,7 @@ def figure09(record: PoseRecord, methods: Sequence[str] = SHOWN, width: int = 40
         render([Surface(record.vertices[method], record.faces), *props], view, width, height, renderer=renderer)
         for method in shown
     ]
-    titles = [label(method) for method in shown]
+    titles = [panel_title(method) for method in shown]
     listed = ", ".join(plain_name(method) for method in shown)
     return panel_grid([panels], titles), Words(
         f"Clay renders of one forehead, close up, from left to right: {listed}.",

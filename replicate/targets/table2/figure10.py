@@ -10,9 +10,9 @@ from replicate.drawing.panels import Words, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.scene import Surface, camera_for
-from replicate.drawing.style import label, plain_name
+from replicate.methods.registry import in_order, method_named
 from replicate.report.pose_record import TRUTH, PoseRecord
-from replicate.targets.table2.layout import OURS_ALONE, in_order
+from replicate.targets.table2.naming import panel_title, plain_name
 
 
 def figure10(
@@ -25,7 +25,7 @@ def figure10(
 ):
     """Return (figure, words). limit_deg: the upper end of the colours, the same for every panel."""
     view = camera_for(camera, record.neutral)
-    shown = [TRUTH, *(method for method in in_order(record.vertices) if method not in OURS_ALONE)]
+    shown = [TRUTH, *(m for m in in_order(set(record.vertices) - {TRUTH}) if method_named(m).drawn)]
     props = prop_surfaces(record.props)
     truth = record.vertices[TRUTH]
     draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
@@ -33,7 +33,7 @@ def figure10(
     heat = [draw([normal_heat(record.vertices[method], truth, record.faces, limit_deg)]) for method in shown]
     figure = panel_grid(
         [shaded, heat],
-        [label(method) for method in shown],
+        [panel_title(method) for method in shown],
         ("surface", "normal error"),
         (1, 1, partial(colour_bar, limit=limit_deg, label="normal angle error, degrees")),
     )

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from replicate.drawing.panels import Words
 from replicate.engine.paths import PAPER
+from replicate.report.notebooks import folder_of
 from replicate.report.pose_record import PoseRecord, load_pose
 from replicate.report.results import Row, read_results
 from replicate.report.training_curves import Curve, read_curves
@@ -13,6 +14,7 @@ from replicate.targets.table2.curves_chart import training_curves
 from replicate.targets.table2.error_chart import table2_chart
 from replicate.targets.table2.figure09 import figure09
 from replicate.targets.table2.figure10 import figure10
+from replicate.targets.table2.gather import CURVES, ROWS, pose_file
 
 
 @dataclass(frozen=True)
@@ -30,18 +32,18 @@ class Table2Results:
         return tuple(sorted({row.character for row in self.rows}))
 
 
-def pose_file(folder: Path, character: str) -> Path:
-    """Return where a folder of results keeps the test pose that figures show."""
-    return folder / f"table2_{character}_pose.npz"
-
-
 def open_table2(folder: Path) -> Table2Results:
     """Read everything of Table 2 in a folder of results. Raises InputError, naming the file, for what isn't there."""
-    rows = read_results(folder / "table2.csv")
+    rows = read_results(folder / ROWS)
     poses = {
         character: load_pose(pose_file(folder, character)) for character in sorted({row.character for row in rows})
     }
-    return Table2Results(rows, read_results(PAPER / "table2.csv"), read_curves(folder / "table2_curves.csv"), poses)
+    return Table2Results(rows, read_results(PAPER / ROWS), read_curves(folder / CURVES), poses)
+
+
+def open_results(name: str) -> Table2Results:
+    """Read the reference results, "reference", or those of your run with the profile of that name."""
+    return open_table2(folder_of(name))
 
 
 def table2_figure_names(character: str) -> tuple[str, ...]:

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable, Sequence
 
+from replicate.report.manifest import section
+from replicate.report.notebooks import folder_of
 from replicate.report.results import Row
 from replicate.report.tables import Table, rounded
 
@@ -58,3 +60,14 @@ def draws_text(samples_per_bin: Sequence[int]) -> str:
         f"{len(rare)} of {len(filled)} intervals hold {100 * sum(rare) / sum(filled):.1f} % of the samples and get "
         f"{100 * len(rare) / len(filled):.0f} % of the draws"
     )
+
+
+def balance_text(name: str) -> str:
+    """Return, for each character whose manifest tells it, how §3.5's balanced draws were spread over the samples."""
+    lines = []
+    for character, facts in section(folder_of(name), "table2").get("characters", {}).items():
+        samples = [stage for title, stage in facts.get("stages", {}).items() if title.startswith("samples-")]
+        counts = samples[0].get("notes", {}).get("samples_per_bin") if samples else None
+        if counts:
+            lines.append(f"{character}: {draws_text(counts)}")
+    return "\n".join(lines)

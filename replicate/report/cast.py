@@ -1,0 +1,24 @@
+"""Who stands for whom: our characters beside the paper's, and the order in which tables list them."""
+
+from collections.abc import Iterable
+
+from replicate.engine.paths import recipe_file
+from replicate.report.results import Row
+
+STANDS_FOR = {"teen": "Hiccup", "woman": "Valka", "dragon": "Toothless", "toon": "Ray"}
+
+
+def cast() -> tuple[str, ...]:
+    """Return the characters that stand for the paper's four, in its order: those that have a recipe."""
+    return tuple(name for name in STANDS_FOR if recipe_file(name).is_file())
+
+
+def order_of(character: str) -> tuple[int, str]:
+    """Return what sorts characters: those that stand for one of the paper's in its order, then others by name."""
+    known = list(STANDS_FOR)
+    return (known.index(character) if character in known else len(known)), character
+
+
+def characters_of(rows: Iterable[Row]) -> list[str]:
+    """Return the characters of some rows in the order of the paper's."""
+    return sorted({row.character for row in rows}, key=order_of)

@@ -1,0 +1,112 @@
+"""From finished artefacts to a folder of results: results/runs/<profile>/, beside what other characters have there."""
+
+import contextlib
+import os
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from replicate.config import Config
+from replicate.engine import paths
+from replicate.engine.stage import Stage
+from replicate.engine.store import artefact_folder
+from replicate.report import manifest
+
+
+@dataclass(frozen=True)
+class Made:
+    """A configuration, and the stage whose artefact is its result."""
+
+    config: Config
+    stage: Stage
+
+    @property
+    def folder(self) -> Path:
+        """The artefact's folder."""
+        return artefact_folder(self.stage.identifier)
+
+
+def results_folder(profile: str) -> Path:
+    """Return the folder of a profile's results, which is there then."""
+    folder = paths.run_folder(profile)
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def by_character(made: Sequence[Made]) -> dict[str, list[Made]]:
+    """Return what was made by character: a list over its seeds."""
+    seeded: dict[str, list[Made]] = {}
+    for one in made:
+        seeded.setdefault(paths.recipe_file(one.config.character).stem, []).append(one)
+    return seeded
+
+
+def facts_of(seeded: Sequence[Made], run: str) -> dict:
+    """Return what a manifest says of one character's results; run: the name of the run that they are of."""
+    return manifest.facts_of([one.config for one in seeded], [one.stage for one in seeded], run)
+
+
+def copy(source: Path, target: Path) -> None:
+    """Copy a file; the copy appears whole or not at all."""
+    beside = target.with_name(f".{target.name}.{os.getpid()}")
+    shutil.copyfile(source, beside)
+    os.replace(beside, target)
+
+
+@contextlib.contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Hold the lock of a folder of results, beside it; the system frees it should the process die."""
+    held = FileLock(folder.with_name(f".{folder.name}.lock"))
+    try:
+        held.acquire(timeout=0)
+    except Timeout:
+        print(f"{paths.shown(folder)}: being written by another process; waiting for it", flush=True)
+        held.acquire(poll_interval=0.2)
+    try:
+        yield
+    finally:
+        held.release()
+
+
+def readable(read: Callable[[Path], object], file: Path):
+    """Return what a file holds, or None if it isn't there or is damaged, in whatever way."""
+    try:
+        return read(file)
+    except Exception:
+        return None
+
+
+def publish_pictures(name: str, made: Sequence[Made]) -> None:
+    """Copy a figure of some characters, with its words and numbers, to the profile's folder, and execute its notebook.
+
+    name: the target's; the artefacts' files are called name_character…. Of several seeds the first is shown. Figures of
+    characters that are not among them stay.
+    """
+    from replicate.report.notebooks import run_notebook
+
+    profile = made[0].config.profile
+    folder, seeded = results_folder(profile), by_character(made)
+    with alone(folder):
+        before = manifest.entries(folder, name)
+        facts = {
+            character: own
+            for character, own in before.items()
+            if character not in seeded and all((folder / file).is_file() for file in own.get("files", ["?"]))
+        }
+        for character, (first, *_) in seeded.items():
+            files = sorted(file for file in first.folder.glob(f"{name}_{character}*") if file.is_file())
+            for file in before.get(character, {}).get("files", ()):
+                if file not in {path.name for path in files}:
+                    (folder / file).unlink(missing_ok=True)
+            for file in files:
+                copy(file, folder / file.name)
+            facts[character] = {**facts_of([first], first.stage.key), "files": [file.name for file in files]}
+        manifest.write_entries(folder, name, dict(sorted(facts.items())))
+        run_notebook(name, profile)
+    for character in seeded:
+        pictures = [file for file in facts[character]["files"] if file.endswith(".png")]
+        print(f"written to {paths.shown(folder)}: {', '.join(pictures)}, with their words and numbers beside them")
+    print(f"written to {paths.shown(folder)}: {name}.ipynb to read them in")

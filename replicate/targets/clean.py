@@ -1,0 +1,17 @@
+"""What is of no more use in the cache, removed."""
+
+import argparse
+
+from replicate.engine import paths
+
+ABOUT = "removes stale, damaged and unfinished artefacts; current ones stay"
+WRITES = "the cache"
+OPTIONS = ("all",)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Remove what is stale, damaged or unfinished from the cache, or everything."""
+    from replicate.engine.cache_report import clean
+
+    count, size_bytes = clean(options.all)
+    print(f"removed {count} folders, {size_bytes / 1e6:,.1f} MB, from {paths.cache_folder()}")

@@ -1,0 +1,22 @@
+"""The paper's numbers, the reference results and yours, side by side."""
+
+import argparse
+
+from replicate.engine import paths
+from replicate.targets.options import check_profile
+
+ABOUT = "the paper's numbers, the reference results and yours, side by side"
+WRITES = "printed"
+OPTIONS = ("profile", "latex")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print every table that the reference results or yours hold."""
+    from replicate.report.compare import compare_folders
+    from replicate.report.tables import as_latex, as_text
+    from replicate.targets.registry import targets
+
+    check_profile(options.profile)
+    tables = [name for name, target in targets().items() if target.compared]
+    for table in compare_folders(paths.PAPER, paths.REFERENCE, paths.run_folder(options.profile), tables):
+        print(as_latex(table) if options.latex else as_text(table))

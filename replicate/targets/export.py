@@ -1,0 +1,25 @@
+"""Poses and clips for other programs."""
+
+import argparse
+
+from replicate.engine import paths
+from replicate.engine.exceptions import InputError
+from replicate.targets.options import characters
+
+ABOUT = "a pose as OBJ or GLB, or a clip as an animated GLB"
+WRITES = "results/runs/export/, or TO"
+OPTIONS = ("characters", "pose", "clip", "params", "to", "tolerance")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Write a pose or a clip of every character."""
+    from replicate.artefacts.built_rig import rig_of
+    from replicate.export.command import Request, export
+
+    request = Request(options.pose, options.clip, options.params, options.to, options.tolerance)
+    named = characters(options)
+    if request.to is not None and len(named) > 1:
+        raise InputError(f"{len(named)} characters can't all be written to {request.to}: name one, or leave out to")
+    for character in named:
+        files, about = export(rig_of(character), request)
+        print(f"written to {', '.join(paths.shown(file.absolute()) for file in files)}: {about}")

@@ -1,0 +1,125 @@
+"""The options of the command line, each described once, and what they name: characters, seeds, methods."""
+
+import argparse
+import shlex
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from replicate.config import PROFILES, Config, resolve
+from replicate.engine import paths
+from replicate.engine.device import choose_device
+from replicate.engine.exceptions import InputError
+from replicate.engine.provenance import core_count
+from replicate.methods import registry
+from replicate.methods.method import Method
+
+OF_A_RUN = ("profile", "characters", "seed", "device", "config", "split", "jobs")
+OPTIONS = {
+    "profile": {"default": "laptop", "help": f"one of {', '.join(PROFILES)} (default: laptop)"},
+    "characters": {
+        "nargs": "+",
+        "help": f"names, of {', '.join(paths.character_names())}, or paths of .toml recipes; "
+        + ", ".join(f"{name} needs {variable}=folder in the environment" for name, variable in paths.OUTSIDE.items()),
+    },
+    "methods": {
+        "nargs": "+",
+        "default": ["all"],
+        "help": "the rows: names, lbs for all numbers of bones, or paths of .py files with a method of your own, as "
+        '"all mine.py" (default: all)',
+    },
+    "seed": {
+        "default": ["0"],
+        "nargs": "+",
+        "help": "the seeds that all random streams come from; tables show the mean over them (default: 0)",
+    },
+    "device": {"default": "auto", "help": "auto, cpu or cuda (default: CUDA if there is one, else the CPU)"},
+    "jobs": {"type": int, "help": f"processes side by side (default: one a core, here {core_count()})"},
+    "numbers-only": {"action": "store_true", "help": "write the CSV and its manifest, no figures and no notebook"},
+    "config": {"metavar": "FILE", "help": "a TOML file whose keys override the profile's, as [coarse] map_size = 64"},
+    "latex": {"action": "store_true", "help": "print LaTeX (packages: booktabs) instead of text"},
+    "split": {"help": "frames (as in the paper) or clips: what is held out for the test"},
+    "pose": {"help": "an expression, as joy; a wrong name lists them (default: neutral)"},
+    "clip": {"help": "a clip's name, or its number from 0; a wrong one lists them"},
+    "params": {
+        "metavar": "FILE",
+        "help": "a CSV file whose header names controls: one row is a pose, several are a clip of 24 frames a second",
+    },
+    "to": {
+        "metavar": "FILE",
+        "help": "the .glb (metres) or, for a pose, .obj (mm) to write (default: a .glb in results/runs/export)",
+    },
+    "tolerance": {
+        "type": float,
+        "default": 0.05,
+        "metavar": "MM",
+        "help": "how far a clip's vertices may be from the rig's: smaller makes larger files (default: 0.05 mm)",
+    },
+    "all": {"action": "store_true", "help": "remove everything that this suite has put there"},
+}
+
+
+def words(text: str | Iterable[str]) -> list[str]:
+    """Return the words of a list, separated by commas or spaces; a path with spaces stands in quotes.
+
+    Raises InputError for a quote that does not end.
+    """
+    joined = text if isinstance(text, str) else " ".join(text)
+    lexer = shlex.shlex(joined, posix=True, punctuation_chars="")
+    lexer.whitespace, lexer.whitespace_split, lexer.commenters = " \t\r\n,", True, ""
+    try:
+        return list(lexer)
+    except ValueError:
+        raise InputError(f"{joined!r}: a quote does not end") from None
+
+
+def configurations(options: argparse.Namespace) -> list[Config]:
+    """Return the configuration of every character and seed that the command line names."""
+    device = choose_device(options.device)
+    overrides = {"samples": {"split": options.split}} if options.split else None
+    file = Path(options.config) if options.config else None
+    return [
+        resolve(character, options.profile, overrides, file, seed=seed, device=device)
+        for character in characters(options)
+        for seed in seeds(options)
+    ]
+
+
+def characters(options: argparse.Namespace) -> list[str]:
+    """Return the characters that are named, each recipe once; results are kept by the stem of its file."""
+    recipes: dict[str, tuple[Path, str]] = {}
+    for character in words(options.characters):
+        file = paths.recipe_file(character)
+        known, _ = recipes.setdefault(file.stem, (file, character))
+        if known != file:
+            both = f"{paths.shown(known)} and {paths.shown(file)}"
+            raise InputError(f"{both} would both be {file.stem!r} in the results: rename one of them")
+    if not recipes:
+        raise InputError(f"no character is named: allowed are {', '.join(paths.character_names())}")
+    return [character for _, character in recipes.values()]
+
+
+def seeds(options: argparse.Namespace) -> list[int]:
+    """Return the seeds that are named, each once; 0 where none is."""
+    named = words(options.seed)
+    for seed in named:
+        if not seed.isdecimal():
+            raise InputError(f"seed is {seed!r}: allowed are whole numbers of at least 0")
+    return list(dict.fromkeys(map(int, named))) or [0]
+
+
+def methods(options: argparse.Namespace, config: Config) -> Sequence[Method]:
+    """Return the methods that are named, for one configuration, in the order of the tables."""
+    return registry.choose(words(options.methods), config)
+
+
+def workers(options: argparse.Namespace) -> int:
+    """Return how many processes work side by side."""
+    if options.jobs is not None and options.jobs < 1:
+        raise InputError(f"jobs is {options.jobs}: allowed is a whole number of at least 1")
+    return options.jobs or core_count()
+
+
+def check_profile(profile: str) -> None:
+    """Raise InputError for an unknown profile."""
+    if profile not in PROFILES:
+        raise InputError(f"profile {profile!r} is unknown: allowed are {', '.join(PROFILES)}")

@@ -1,0 +1,54 @@
+"""The list of targets: every module or folder here that says what it is about and how it runs."""
+
+import argparse
+import importlib
+import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+PACKAGE = "replicate.targets"
+
+
+@dataclass(frozen=True)
+class Target:
+    """A target of `make`, which is a command of `python -m replicate` too; the module of its name holds all of it.
+
+    about: what it makes, for lists. writes: where. options: those of `options.OPTIONS` that it takes. characters: those
+    that it takes if none is named. run: does it. stages: (plan, methods) → its graph for one character, its result
+    last; None for a target without one. compared: whether `make compare` shows its CSV.
+    """
+
+    name: str
+    about: str
+    writes: str
+    options: tuple[str, ...]
+    characters: Callable[[], tuple[str, ...]]
+    run: Callable[[argparse.Namespace], None]
+    stages: Callable | None
+    compared: bool
+
+
+def one_character() -> tuple[str, ...]:
+    """Return the character that a target takes if none is named."""
+    return ("teen",)
+
+
+@cache
+def targets() -> dict[str, Target]:
+    """Return all targets by name, tables first."""
+    found = {}
+    for _, name, _ in pkgutil.iter_modules(importlib.import_module(PACKAGE).__path__):
+        module = importlib.import_module(f"{PACKAGE}.{name}")
+        if hasattr(module, "ABOUT"):
+            found[name] = Target(
+                name,
+                module.ABOUT,
+                module.WRITES,
+                module.OPTIONS,
+                getattr(module, "CHARACTERS", one_character),
+                module.run,
+                getattr(module, "stages", None),
+                getattr(module, "COMPARED", False),
+            )
+    return dict(sorted(found.items(), key=lambda item: (item[1].stages is None, not item[1].compared, item[0])))

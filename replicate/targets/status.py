@@ -1,0 +1,28 @@
+"""Which artefacts are up to date, and what the cache holds."""
+
+import argparse
+
+from replicate.engine import paths
+from replicate.targets.options import OF_A_RUN, configurations, methods
+
+ABOUT = "which artefacts of tables and figures are up to date, and what the cache holds"
+WRITES = "printed"
+OPTIONS = (*(option for option in OF_A_RUN if option != "jobs"), "methods")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print the state of every stage of every target, then what the cache holds."""
+    from replicate.artefacts.plan import Plan
+    from replicate.engine.cache_report import inventory, states
+    from replicate.targets.registry import targets
+
+    for config in configurations(options):
+        plan, chosen = Plan(config), methods(options, config)
+        graphs = [target.stages(plan, chosen) for target in targets().values() if target.stages]
+        for stage, state in states([stage for graph in graphs for stage in graph]):
+            print(f"{stage.title:28} {stage.key}  {state}")
+    entries = inventory()
+    print(f"\n{paths.cache_folder()}")
+    for state in ("current", "stale", "damaged", "unfinished"):
+        sizes = [entry.size_bytes for entry in entries if entry.state == state]
+        print(f"{state:28} {len(sizes):4} folders {sum(sizes) / 1e6:10,.1f} MB")

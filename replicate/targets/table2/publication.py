@@ -1,0 +1,95 @@
+"""Table 2 as a person reads it: its files in results/runs/<profile>/, printed, with figures and notebook."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from replicate.engine.paths import PAPER, shown
+from replicate.report import manifest
+from replicate.report.notebooks import is_current, run_notebook
+from replicate.report.pose_record import load_pose
+from replicate.report.publication import Made, alone, by_character, copy, facts_of, readable, results_folder
+from replicate.report.results import Row, over_seeds, read_results, write_results
+from replicate.report.tables import as_text
+from replicate.report.training_curves import read_curves, write_curves
+from replicate.targets.table2.gather import CURVES, ROWS, pose_file
+from replicate.targets.table2.layout import table2
+
+
+def publish(made: Sequence[Made], draw: bool = True) -> None:
+    """Write Table 2 of some characters to the profile's folder, print it, and execute its notebook if it is stale.
+
+    Of several seeds of a character its numbers are the means, its curves and pictures those of the first. Results of
+    characters that are not among them stay. draw: False writes the numbers alone, neither figures nor notebook. Where
+    a number comes from is read from the artefacts, so publishing again changes nothing. While another process publishes
+    to the same folder, this one waits, so that neither loses the other's results.
+    """
+    config = made[0].config
+    folder, seeded = results_folder(config.profile), by_character(made)
+    with alone(folder):
+        rows = _merge(folder, seeded)
+        if draw:
+            _draw(folder, config.profile, config.evaluation.heatmap_deg)
+    paper = read_results(PAPER / ROWS)
+    for character, each in seeded.items():
+        split = each[0].config.samples.split
+        print(as_text(table2(rows, paper, character)))
+        print(f"split by {split}" + (", as in the paper" if split == "frames" else ""))
+    with_it = ", figures, and table2.ipynb to read them in" if draw else ""
+    print(f"written to {shown(folder)}: {ROWS}, {manifest.NAME}{with_it}")
+
+
+def _merge(folder: Path, seeded: Mapping[str, Sequence[Made]]) -> list[Row]:
+    """Write the results of some characters beside those of the others that are there, and return all rows."""
+    rows, curves, facts = _present(folder)
+    for character, each in seeded.items():
+        rows = [row for row in rows if row.character != character]
+        rows += over_seeds([read_results(one.folder / ROWS) for one in each])
+        curves = {key: curve for key, curve in curves.items() if key[0] != character}
+        curves |= read_curves(each[0].folder / CURVES)
+        copy(pose_file(each[0].folder, character), pose_file(folder, character))
+        facts[character] = facts_of(each, rows[-1].run)
+    write_results(folder / ROWS, rows)
+    write_curves(folder / CURVES, curves)
+    manifest.write_entries(folder, "table2", {name: facts[name] for name in sorted({row.character for row in rows})})
+    return rows
+
+
+def _present(folder: Path) -> tuple[list[Row], dict, dict]:
+    """Return the rows, curves and manifest entries of the characters that are there as a whole.
+
+    Such a character has rows of the run that the manifest names, and a pose. What is missing, can't be read or was left
+    by a process that was killed between two files counts as absent: it is written again from the artefacts.
+    """
+    rows = readable(read_results, folder / ROWS) or []
+    curves = readable(read_curves, folder / CURVES)
+    entries = manifest.entries(folder, "table2") if curves is not None else {}
+    whole = {
+        name
+        for name, facts in entries.items()
+        if {row.run for row in rows if row.character == name} == {facts.get("run")}
+        and readable(load_pose, pose_file(folder, name))
+    }
+    return (
+        [row for row in rows if row.character in whole],
+        {key: curve for key, curve in (curves or {}).items() if key[0] in whole},
+        {name: facts for name, facts in entries.items() if name in whole},
+    )
+
+
+def _draw(folder: Path, profile: str, limit_deg: float) -> None:
+    """Draw the figures and execute the notebook, unless both show these results already.
+
+    The notebook comes last: only when it stands, with its stamp, were the figures of these results drawn to the end.
+    """
+    from replicate.drawing.panels import save_figure
+    from replicate.targets.table2.pictures import open_table2, table2_figure_names, table2_figures
+
+    results = open_table2(folder)
+    names = [name for character in results.characters for name in table2_figure_names(character)]
+    drawn = all((folder / f"{name}{ending}").is_file() for name in names for ending in (".png", ".json"))
+    if drawn and is_current("table2", profile, HEATMAP_DEG=limit_deg):
+        return
+    for character in results.characters:
+        for name, figure, words in table2_figures(results, character, limit_deg):
+            save_figure(figure, folder / f"{name}.png", words)
+    run_notebook("table2", profile, HEATMAP_DEG=limit_deg)

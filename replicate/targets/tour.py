@@ -1,0 +1,26 @@
+"""The notebook that takes a rig apart, executed on a character of one's choice."""
+
+import argparse
+
+from replicate.engine import paths
+from replicate.targets.options import characters
+
+ABOUT = "a notebook that takes a rig apart: layers, wrinkles, sliders, derivatives, speed"
+WRITES = "results/runs/tour/"
+OPTIONS = ("characters",)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Execute the notebook on every character."""
+    from replicate.artefacts.built_rig import rig_of
+    from replicate.report.notebooks import NOTEBOOKS, execute
+    from replicate.report.publication import results_folder
+
+    folder = results_folder("tour")
+    for character in characters(options):
+        rig_of(character)  # here its progress is seen, and a bad recipe gets one sentence
+        recipe = paths.recipe_file(character)
+        file = folder / f"rig_tour_{recipe.stem}.ipynb"
+        named = str(recipe) if character.endswith(".toml") else character  # the notebook runs in another folder
+        execute(NOTEBOOKS / "rig_tour.ipynb", file, {"CHARACTER": named})
+        print(f"written to {paths.shown(file)}")
