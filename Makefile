@@ -40,14 +40,16 @@ ENVIRONMENT := .venv/installed
 endif
 
 # What says what it is ABOUT in its first lines is a target; benchmarks are called bench-<module>.
-ABOUT := $(shell grep -l '^ABOUT = ' replicate/targets/*.py replicate/targets/*/__init__.py)
+FOUND := $(shell grep -l '^ABOUT = ' replicate/targets/*.py replicate/targets/*/__init__.py)
+ABOUT := $(foreach kind,table figure,$(filter replicate/targets/$(kind)%,$(FOUND)))
+ABOUT += $(filter-out $(ABOUT),$(FOUND))
 TARGETS := $(patsubst %.py,%,$(notdir $(subst /__init__.py,.py,$(ABOUT))))
 BENCHMARKS := $(patsubst replicate/benchmarks/%.py,bench-%,$(shell grep -l '^ABOUT = ' replicate/benchmarks/*.py))
 
 # The variables that are set, as options; what a target doesn't take, it leaves out.
 VARIABLES := PROFILE CHARACTERS METHODS SEED JOBS CLUSTER DEVICE CONFIG SPLIT LATEX POSE CLIP PARAMS TO TOLERANCE
-lower = $(subst _,-,$(shell echo $(1) | tr A-Z a-z))
-OPTIONS = $(foreach name,$(VARIABLES),$(if $($(name)),--$(call lower,$(name))$(if $(filter LATEX,$(name)),, "$($(name))")))
+option = $(if $($(1)),--$(shell echo $(1) | tr A-Z a-z)$(if $(filter LATEX,$(1)),, "$($(1))"))
+OPTIONS = $(foreach name,$(VARIABLES),$(call option,$(name)))
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -79,7 +81,7 @@ $(TARGETS): $(ENVIRONMENT)
 	@exec $(RUN) -m replicate $@ --from-make $(OPTIONS)
 
 $(BENCHMARKS): bench-%: $(ENVIRONMENT)
-	@exec $(RUN) -m replicate.benchmarks.$* --from-make $(OPTIONS)
+	@exec $(RUN) -m replicate.benchmarks.$* --from-make $(call option,PROFILE) $(call option,CHARACTERS)
 
 test: $(ENVIRONMENT) ## run all tests
 	@exec $(RUN) -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from replicate.engine import paths, store
 from replicate.engine.exceptions import InputError, RunError
+from replicate.engine.make_options import without_foreign
 from replicate.targets.options import OPTIONS
 from replicate.targets.registry import Target, targets
 
@@ -13,7 +14,6 @@ EPILOG = """\
 Artefacts are kept in .cache, or in $REPLICATE_CACHE, and reused for as long as their configuration, inputs and
 sources stay the same. Exit codes: 0 done, 1 a stage failed or the disk is full, 2 bad input, 130 interrupted.
 """
-FROM_MAKE = "--from-make"  # make hands all variables that are set to every target: those that it lacks are left out
 
 
 class _Parser(argparse.ArgumentParser):
@@ -24,7 +24,9 @@ class _Parser(argparse.ArgumentParser):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one target and return its exit code; whoever made a mistake gets one sentence."""
     try:
-        given = _without_foreign(list(sys.argv[1:] if arguments is None else arguments))
+        given = list(sys.argv[1:] if arguments is None else arguments)
+        target = targets().get(given[0]) if given else None
+        given = without_foreign(given, {f"--{option}" for option in target.options} if target else ())
         options = _parser().parse_args(given)
         options.typed = ["python", "-m", "replicate", *given]
         targets()[options.target].run(options)
@@ -40,22 +42,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"the disk is full ({error.filename or paths.ROOT}): make room and run the same command", file=sys.stderr)
         return 1
     return 0
-
-
-def _without_foreign(given: list[str]) -> list[str]:
-    """Return the arguments; from make, without the options that the target does not take."""
-    if FROM_MAKE not in given:
-        return given
-    given.remove(FROM_MAKE)
-    target = targets().get(given[0]) if given else None
-    taken = set(target.options) if target else set(OPTIONS)
-    kept, keep = [], True
-    for word in given:
-        if word.startswith("--") and word[2:] in OPTIONS:
-            keep = word[2:] in taken
-        if keep:
-            kept.append(word)
-    return kept
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -1,11 +1,13 @@
 """What the benchmarks share: what their command line answers to a mistake, and the folder that they write to."""
 
+import argparse
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError, RunError
+from replicate.engine.make_options import without_foreign
 from replicate.engine.provenance import core_count, provenance
 from replicate.report import manifest
 from replicate.report.results import Row, read_results, write_results
@@ -21,6 +23,16 @@ def exit_code(measure: Callable[[], None]) -> int:
         print(" ".join(str(error).split()), file=sys.stderr)
         return 2 if isinstance(error, InputError) else 1
     return 0
+
+
+def parse(parser: argparse.ArgumentParser, arguments: Sequence[str] | None) -> tuple[argparse.Namespace, list[str]]:
+    """Return a benchmark's options, and the words that they were given in.
+
+    What make hands to all benchmarks and this one lacks is left out.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    given = without_foreign(words, parser._option_string_actions)
+    return parser.parse_args(given), given
 
 
 def named(characters: str) -> list[str]:
@@ -45,12 +57,10 @@ def bench_folder() -> Path:
     return found
 
 
-def publish(
-    name: str, rows: Sequence[Row], typed: Sequence[str] | None, keep: Callable[[Row], bool] | None = None
-) -> None:
+def publish(name: str, rows: Sequence[Row], typed: Sequence[str], keep: Callable[[Row], bool] | None = None) -> None:
     """Write rows to <name>.csv in the benchmarks' folder, note in its manifest how they were made, and say so.
 
-    typed: the command line's arguments, None for those of this process. keep: which rows of an earlier file stay; those
+    typed: the command line's arguments. keep: which rows of an earlier file stay; those
     of other characters by default.
     """
     measured = {row.character for row in rows}
@@ -65,11 +75,10 @@ def merge(file: Path, rows: Sequence[Row], keep: Callable[[Row], bool]) -> None:
     write_results(file, [*kept, *rows])
 
 
-def note(name: str, characters: Iterable[str], typed: Sequence[str] | None, seeds: Sequence[int] = (0,)) -> None:
+def note(name: str, characters: Iterable[str], typed: Sequence[str], seeds: Sequence[int] = (0,)) -> None:
     """Note in the folder's manifest how <name>.csv's rows about some characters were made, and say so."""
     into = bench_folder()
-    command = ["python", "-m", f"replicate.benchmarks.{name.removeprefix('bench_')}"]
-    command += sys.argv[1:] if typed is None else typed
+    command = ["python", "-m", f"replicate.benchmarks.{name.removeprefix('bench_')}", *typed]
     facts = provenance(command, PROFILE, list(seeds), core_count())
     known = manifest.entries(into, name)
     manifest.write_entries(into, name, dict(sorted((known | dict.fromkeys(characters, facts)).items())))

@@ -25,7 +25,7 @@ from replicate.approximation.rigid import Attachments, attach
 from replicate.approximation.samples import SampleSet
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import check_at_least, exit_code, publish
+from replicate.benchmarks.common import check_at_least, exit_code, parse, publish
 from replicate.config import Config, resolve
 from replicate.engine import paths
 from replicate.engine.progress import progress
@@ -41,6 +41,8 @@ from replicate.report.error_rows import error_rows
 from replicate.report.results import Row
 from replicate.report.tables import Table, as_text, rounded
 
+ABOUT = "what deliberate faults do to the numbers of Table 2"
+WRITES = "results/runs/bench/bench_faults.csv"
 POSES = 128
 MEASURED = ("coarse", "refined", "floor", "neutral", "attachment", "lbs16", "lbs32")
 SHOWN = (("coarse", "vertex"), ("coarse", "normal"), ("refined", "vertex"), ("refined", "normal"), ("lbs32", "vertex"))
@@ -129,10 +131,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--profile", default="laptop", help="whose networks are broken (default: laptop)")
     parser.add_argument("--characters", default="teen", help="a name or recipe (default: teen)")
     parser.add_argument("--poses", type=int, default=POSES, help=f"test poses to measure on (default: {POSES})")
-    return exit_code(partial(_run, parser.parse_args(arguments), arguments))
+    options, given = parse(parser, arguments)
+    return exit_code(partial(_run, options, given))
 
 
-def _run(options: argparse.Namespace, typed: Sequence[str] | None) -> None:
+def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
     check_at_least(1, poses=options.poses)
     rows = measure(resolve(options.characters, options.profile), options.poses)
     print(as_text(_table(rows)))

@@ -17,7 +17,7 @@ from replicate.approximation.evaluation import unique_poses
 from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import exit_code, named, publish
+from replicate.benchmarks.common import exit_code, named, parse, publish
 from replicate.config import Config, resolve
 from replicate.engine.progress import progress
 from replicate.engine.provenance import core_count, provenance
@@ -28,6 +28,8 @@ from replicate.geometry.mesh import Mesh
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, as_text, rounded
 
+ABOUT = "what maps of several resolutions can hold at best, where skin wrinkles and elsewhere"
+WRITES = "results/runs/bench/bench_floors.csv"
 TABLE = "bench_floors"
 SIZES = (16, 32, 64, 128)
 POSES = 100
@@ -118,10 +120,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.floors", description=__doc__)
     parser.add_argument("--profile", default="laptop", help="whose samples and refinement segments (default: laptop)")
     parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
-    return exit_code(partial(_run, parser.parse_args(arguments), arguments))
+    options, given = parse(parser, arguments)
+    return exit_code(partial(_run, options, given))
 
 
-def _run(options: argparse.Namespace, typed: Sequence[str] | None) -> None:
+def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
     rows = [row for name in named(options.characters) for row in floors(resolve(name, options.profile))]
     measured = dict.fromkeys(row.character for row in rows)
     print("\n\n".join(as_text(floors_table(rows, name)) for name in measured))

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, exit_code, merge, named, note
+from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, exit_code, merge, named, note, parse
 from replicate.config import SamplesConfig
 from replicate.engine.exceptions import RunError
 from replicate.engine.provenance import peak_memory_mb
@@ -31,6 +31,8 @@ from replicate.engine.stage import stream_rng
 from replicate.report.results import Row, over_seeds, read_results
 from replicate.report.tables import Table, as_text, rounded
 
+ABOUT = "our SSDR beside Dem Bones (pip install py-dem-bones) on the same poses"
+WRITES = "results/runs/bench/bench_lbs.csv"
 TABLE = "bench_lbs"
 METHODS = {
     "ssdr": "ours", "ssdr_sparse": "ours, sparse from the start",
@@ -333,15 +335,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--training", type=int, default=TRAINING, help=f"training poses (default: {TRAINING})")
     parser.add_argument("--test", type=int, default=TEST, help=f"held-out poses (default: {TEST})")
     parser.add_argument("--fit", nargs=4, metavar=("FOLDER", "METHOD", "BONES", "SEED"), help=argparse.SUPPRESS)
-    options = parser.parse_args(arguments)
+    options, given = parse(parser, arguments)
     if options.fit:
         folder, method, bones, seed = options.fit
         one_fit(Path(folder), method, int(bones), int(seed))
         return 0
-    return exit_code(partial(_run, options, arguments))
+    return exit_code(partial(_run, options, given))
 
 
-def _run(options: argparse.Namespace, typed: Sequence[str] | None) -> None:
+def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
     from replicate.benchmarks.dem_bones import solver_class
 
     check_at_least(1, training=options.training, test=options.test)

@@ -16,7 +16,7 @@ import numpy as np
 
 from replicate.approximation.samples import choose_poses
 from replicate.artefacts.built_rig import rig_of
-from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, exit_code, named, publish
+from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, exit_code, named, parse, publish
 from replicate.config import SamplesConfig
 from replicate.engine import paths
 from replicate.engine.stage import stream_rng
@@ -28,6 +28,8 @@ from replicate.rig_health.mouth_contents import find_mouth
 from replicate.rig_health.pose_health import Health, each_alone, measure, strongest, worst
 from replicate.rig_health.skin_folds import Skin
 
+ABOUT = "how many poses are broken: flipped triangles, teeth through skin, eyes through lids"
+WRITES = "results/runs/bench/bench_poses.csv, <character>_worst_poses.png"
 COUNT = 10_000
 UNIFORM_MOUTHS = 1_000  # of a rig without clips: in how many of its samples the mouth is measured
 DEEP_MM = 1.0
@@ -177,16 +179,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
     parser.add_argument("--count", type=int, default=COUNT, help=f"samples of Eq. 5 (default: {COUNT})")
     parser.add_argument("--every", type=int, default=1, help="take each k-th frame of the clips only (default: 1)")
-    return exit_code(partial(_run, parser.parse_args(arguments), arguments))
+    options, given = parse(parser, arguments)
+    return exit_code(partial(_run, options, given))
 
 
-def _run(options: argparse.Namespace, typed: Sequence[str] | None) -> None:
+def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
     check_at_least(1, count=options.count, every=options.every)
     listed = [row for name in named(options.characters) for row in _measured(name, options, typed)]
     print(as_text(summary(listed)))
 
 
-def _measured(character: str, options: argparse.Namespace, typed: Sequence[str] | None) -> list[Row]:
+def _measured(character: str, options: argparse.Namespace, typed: Sequence[str]) -> list[Row]:
     """Measure one character; write its rows, in place of those of an earlier run, and draw its worst poses."""
     from replicate.drawing.panels import save_figure
     from replicate.rig_health.worst_poses import worst_poses

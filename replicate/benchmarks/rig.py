@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from replicate.artefacts.built_rig import rig_of
-from replicate.benchmarks.common import PROFILE, check_at_least, exit_code, named, publish
+from replicate.benchmarks.common import PROFILE, check_at_least, exit_code, named, parse, publish
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.engine.progress import progress
@@ -24,6 +24,8 @@ from replicate.report.cast import STANDS_FOR, order_of
 from replicate.report.results import Row, read_results
 from replicate.report.tables import Table, as_text
 
+ABOUT = "poses per second of all rigs, batched and one at a time, and each deformer's share"
+WRITES = "results/runs/bench/bench_rig.csv"
 BATCH = 32
 APART = 4  # poses that a round evaluates one by one
 ROUNDS = 15
@@ -185,10 +187,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--characters", default=" ".join(own), help=f"names or recipes, separated by commas (default: {', '.join(own)})"
     )
     parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"how often each way is timed (default: {ROUNDS})")
-    return exit_code(partial(_run, parser.parse_args(arguments), arguments))
+    options, given = parse(parser, arguments)
+    return exit_code(partial(_run, options, given))
 
 
-def _run(options: argparse.Namespace, typed: Sequence[str] | None) -> None:
+def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
     check_at_least(3, rounds=options.rounds)
     listed: list[Row] = []
     for character in named(options.characters):

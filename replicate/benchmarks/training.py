@@ -15,7 +15,7 @@ import numpy as np
 
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import exit_code, publish
+from replicate.benchmarks.common import exit_code, parse, publish
 from replicate.benchmarks.training_table import METRICS, TABLE, trainings_table
 from replicate.config import Config, resolve
 from replicate.engine.exceptions import InputError
@@ -29,6 +29,8 @@ from replicate.report.results import Row
 from replicate.report.tables import as_text
 from replicate.report.training_curves import read_log
 
+ABOUT = "what peak rates and balanced draws do to the networks' errors"
+WRITES = "results/runs/bench/bench_training.csv"
 SECTIONS = {"coarse": "coarse", "refined": "refinement", "dense": "dense"}
 RATES = (2e-3, 5e-3, 1.2e-2)
 AXIS_CONTROLS = 4
@@ -115,10 +117,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--only", default="", help="only trainings whose description contains this; others stay in the file"
     )
-    return exit_code(partial(_run, parser.parse_args(arguments), arguments))
+    options, given = parse(parser, arguments)
+    return exit_code(partial(_run, options, given))
 
 
-def _run(options: argparse.Namespace, typed: Sequence[str] | None) -> None:
+def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
     rows = compare(options)
     print(as_text(trainings_table(rows)))
     publish("bench_training", rows, typed, (lambda row: True) if options.only else None)
