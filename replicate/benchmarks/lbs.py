@@ -26,8 +26,8 @@ from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, e
 from replicate.config import SamplesConfig
 from replicate.engine.exceptions import RunError
 from replicate.engine.provenance import peak_memory_mb
-from replicate.engine.scheduler import thread_limits
 from replicate.engine.stage import stream_rng
+from replicate.engine.worker_process import thread_limits
 from replicate.report.results import Row, over_seeds, read_results
 from replicate.report.tables import Table, as_text, rounded
 

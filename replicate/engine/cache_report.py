@@ -60,7 +60,7 @@ def clean(everything: bool = False) -> tuple[int, int]:
     """Remove what is stale, damaged or unfinished, or everything; return how many folders, of how many bytes."""
     removed = [entry for entry in inventory() if everything or entry.state != "current"]
     for entry in removed:
-        with lock(entry.folder.name.removesuffix(".log")):
+        with lock(entry.folder.name.removesuffix(".log").partition("@")[0]):
             if entry.folder.is_dir():
                 shutil.rmtree(entry.folder)
             else:

@@ -2,7 +2,8 @@
 
     <cache>/<stage>-<key>/            an artefact: its files, manifest.json and manifest.sha256
     <cache>/damaged-<stage>-<key>/    one that failed its check, kept to be looked at
-    <cache>/partial/, scratch/, locks/, logs/     work that goes on, by the same names
+    <cache>/scratch/, locks/, logs/               work that goes on, by the same names
+    <cache>/partial/<stage>-<key>@<host>-<pid>/   an artefact that this process is filling
 
 An artefact is filled in `partial/` and renamed into place when its manifest is written, so that what stands in the
 cache was complete. Every file is hashed in full whenever an artefact is loaded: sizes and times say nothing about a
@@ -14,6 +15,7 @@ import errno
 import hashlib
 import json
 import os
+import platform
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -102,17 +104,17 @@ def make(identifier: str, build: Callable[[Path, Path], dict], waiting: Callable
     manifest. waiting: called once when another process is making the same artefact; theirs is returned then.
     Raises RunError when the disk is full; nothing half written is left in place.
     """
-    partial = _partial_folder(identifier)
+    partial = _partial_folder(identifier, os.getpid())
     scratch = scratch_folder(identifier)
     with _told_if_full(identifier), lock(identifier, waiting):
         if load(identifier) is None:
-            shutil.rmtree(partial, ignore_errors=True)
+            _discard_partials(identifier)
             try:
                 partial.mkdir(parents=True)
                 scratch.mkdir(parents=True, exist_ok=True)
                 facts = build(partial, scratch)
                 _write_manifest(partial, facts)
-                os.replace(partial, artefact_folder(identifier))
+                _put_in_place(partial, identifier)
             except BaseException:
                 shutil.rmtree(partial, ignore_errors=True)
                 raise
@@ -120,10 +122,9 @@ def make(identifier: str, build: Callable[[Path, Path], dict], waiting: Callable
     return artefact_folder(identifier)
 
 
-def discard_partial(identifier: str) -> None:
-    """Remove what a killed process had filled of an artefact, unless another one is filling it by now."""
-    with contextlib.suppress(Timeout), lock(identifier, wait=False):
-        shutil.rmtree(_partial_folder(identifier), ignore_errors=True)
+def discard_partial(identifier: str, pid: int) -> None:
+    """Remove what a process of this machine that is gone had filled of an artefact."""
+    shutil.rmtree(_partial_folder(identifier, pid), ignore_errors=True)
 
 
 @contextlib.contextmanager
@@ -172,8 +173,29 @@ def _told_if_full(identifier: str) -> Iterator[None]:
         ) from error
 
 
-def _partial_folder(identifier: str) -> Path:
-    return cache_folder() / "partial" / identifier
+def _put_in_place(partial: Path, identifier: str) -> None:
+    """Rename a complete folder into the cache; another machine's artefact that stands there by now is as good.
+
+    The lock keeps processes of one machine apart, but on some network file systems it does not reach other machines.
+    """
+    try:
+        os.replace(partial, artefact_folder(identifier))
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+            raise
+        if load(identifier) is None:  # theirs was damaged, and is set aside by this look at it
+            os.replace(partial, artefact_folder(identifier))
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _partial_folder(identifier: str, pid: int) -> Path:
+    return cache_folder() / "partial" / f"{identifier}@{platform.node()}-{pid}"
+
+
+def _discard_partials(identifier: str) -> None:
+    """Remove what killed processes of this machine have left of an artefact; its lock is held, so none is at work."""
+    for folder in (cache_folder() / "partial").glob(f"{identifier}@{platform.node()}-*"):
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _free_bytes() -> int:

@@ -1,12 +1,13 @@
-"""One stage in a process of its own: `python -m replicate.engine.worker`, started by the scheduler.
+"""One stage in a process of its own: `python -m replicate.engine.worker`, started by an executor.
 
 It reads its orders, one line of JSON, from standard input and answers in lines of JSON on standard output; whatever
-the stage prints goes to the log. It never outlives the scheduler: the end of standard input ends it.
+the stage prints goes to the log. It never outlives the process that started it: the end of standard input ends it.
 """
 
 import ctypes
 import json
 import os
+import platform
 import signal
 import sys
 import threading
@@ -15,7 +16,9 @@ import traceback
 from pathlib import Path
 
 from replicate.engine import progress, store
+from replicate.engine.code_hash import sources_digest
 from replicate.engine.exceptions import InputError, RunError
+from replicate.engine.paths import ROOT
 from replicate.engine.provenance import gpu, peak_memory_mb
 from replicate.engine.schema import from_json
 from replicate.engine.stage import StageContext, stage_function
@@ -27,10 +30,15 @@ def main() -> None:
     """Make one artefact as told, and report how it went."""
     if sys.platform == "linux":  # at once, even while a compiled kernel runs; elsewhere the watchdog has to do
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    orders = json.loads(sys.stdin.readline())
+    line = sys.stdin.readline()
+    if not line:  # whoever started this process was gone sooner than the lines above
+        return
+    orders = json.loads(line)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     answers = os.fdopen(os.dup(1), "w", buffering=1)
-    log = os.open(orders["log"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+    log_file = store.log_file(orders["identifier"])
+    log_file.parent.mkdir(parents=True, exist_ok=True)
+    log = os.open(log_file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
     os.dup2(log, 1)
     os.dup2(log, 2)
     speaking = threading.Lock()
@@ -66,7 +74,9 @@ def _build(orders: dict, out: Path, scratch: Path) -> dict:
     resumed = any(scratch.iterdir())
     config = from_json(orders["config"])
     context = StageContext(orders["name"], config, inputs, out, scratch, orders["threads"])
-    stage_function(orders["function"])(context)
+    function = stage_function(orders["function"])
+    _check_sources(orders)
+    function(context)
     return {
         "stage": orders["title"],
         "key": orders["key"],
@@ -84,8 +94,17 @@ def _build(orders: dict, out: Path, scratch: Path) -> dict:
     }
 
 
+def _check_sources(orders: dict) -> None:
+    """Refuse to make an artefact under the key of sources that are not those of this machine by now."""
+    if sources_digest(orders["function"]) != orders["sources"]:
+        raise RunError(
+            f"{orders['title']}: the sources in {ROOT} on {platform.node()} are not those that the run was started "
+            "with; bring them to one state and run the same command again"
+        )
+
+
 def _end_with_parent() -> None:
-    os.read(0, 1)  # blocks until the scheduler is gone
+    os.read(0, 1)  # blocks until that process is gone
     os._exit(1)
 
 

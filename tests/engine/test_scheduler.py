@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -23,9 +24,13 @@ TOYS = str(Path(__file__).parent.with_name("toy_stages.py"))
 
 def start(cache, *arguments, **variables):
     """Start the toy graph in a process of its own."""
+    return launch([sys.executable, TOYS, *map(str, arguments)], cache, **variables)
+
+
+def launch(command, cache, **variables):
+    """Start a command that finds the toy stages and the project."""
     path = os.pathsep.join([str(Path(TOYS).parent), str(Path(TOYS).parent.parent)])
     environment = {**os.environ, "REPLICATE_CACHE": str(cache), "PYTHONPATH": path, **variables}
-    command = [sys.executable, TOYS, *map(str, arguments)]
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
@@ -118,15 +123,51 @@ def test_two_processes_at_once_make_each_artefact_once(cache, tmp_path):
     assert any("being made by another process" in errors for _, errors in told)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_ends_the_workers_too(cache, number):
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_a_signal_ends_the_run_and_its_workers_at_once_and_says_so(cache, number):
     process = start(cache, 1.0, 20, 2)
     children = children_after(process, 1)
     process.send_signal(number)
-    process.communicate(timeout=90)
-    assert process.returncode != 0
+    said = process.communicate(timeout=10)[1]
     _, alive = psutil.wait_procs(children, timeout=5)
     assert not alive
+    if number == signal.SIGINT:  # the command line has a line and an exit code for it
+        assert "KeyboardInterrupt" in said and process.returncode == -signal.SIGINT
+    else:
+        name = signal.Signals(number).name
+        assert said == f"ended by {name}: what is finished is kept, and the same command goes on from there\n"
+        assert process.returncode == 128 + number
+
+
+def test_under_nohup_a_run_outlives_its_terminal(cache):
+    process = launch(["nohup", sys.executable, TOYS, "0.3", "4", "2"], cache)
+    children_after(process, 1)
+    process.send_signal(signal.SIGHUP)
+    out, said = process.communicate(timeout=60)
+    assert process.returncode == 0 and "made 5 of 5 artefacts" in out, said
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
+def test_a_killed_make_takes_its_run_with_it(cache, tmp_path):
+    (tmp_path / "Makefile").write_text(f"toys:\n\t@exec {sys.executable} {TOYS} 1.0 20 2\n")
+    process = launch(["make", "-C", str(tmp_path)], cache)
+    children = children_after(process, 2)  # the run, and a worker at least
+    process.kill()
+    _, alive = psutil.wait_procs(children, timeout=10)
+    assert not alive
+    assert "the make that started it is gone: what is finished is kept" in process.communicate()[1]
+
+
+def test_a_stage_is_not_made_from_sources_that_were_edited_after_the_start(cache, tmp_path, monkeypatch):
+    module = tmp_path / "edited.py"
+    module.write_text("def build(context):\n    (context.out / 'number').write_text('1')\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    stage = Stage("late", "edited:build", ToyConfig())
+    assert stage.identifier  # the key is that of the sources as they are now
+    module.write_text(module.read_text().replace("'1'", "'2'"))
+    with pytest.raises(RunError, match=r"^late: the sources in .* on .* are not those that the run was started with;"):
+        run([stage])
+    assert not list(cache.glob("late-*"))
 
 
 def test_a_killed_worker_ends_the_run_with_a_sentence(cache):

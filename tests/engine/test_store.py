@@ -2,6 +2,7 @@
 
 import errno
 import os
+import platform
 import shutil
 
 import pytest
@@ -96,9 +97,11 @@ def test_a_failed_build_leaves_its_scratch_and_nothing_else(cache):
 
 
 def test_what_a_killed_build_left_is_not_in_the_next_one(cache):
-    (cache / "partial" / NAME).mkdir(parents=True)
-    (cache / "partial" / NAME / "left-over").write_text("from before")
+    left = cache / "partial" / f"{NAME}@{platform.node()}-1"
+    left.mkdir(parents=True)
+    (left / "left-over").write_text("from before")
     assert not (store.make(NAME, build) / "left-over").exists()
+    assert not left.exists(), "it takes up room"
 
 
 @pytest.mark.parametrize(
@@ -126,3 +129,30 @@ def test_a_cache_that_cannot_be_made_is_an_input_error(tmp_path, monkeypatch):
     monkeypatch.setenv("REPLICATE_CACHE", str(tmp_path / "file" / "cache"))
     with pytest.raises(InputError, match="REPLICATE_CACHE"):
         store.make_cache_folder()
+
+
+@pytest.mark.parametrize("damaged", [False, True])
+def test_an_artefact_that_another_machine_has_put_in_place_meanwhile_is_taken_unless_it_is_damaged(
+    cache, monkeypatch, tmp_path, damaged
+):
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setenv("REPLICATE_CACHE", str(tmp_path / "elsewhere"))
+        theirs = store.make(NAME, lambda out, scratch: build(out, scratch) | {"notes": {"a": 2}})
+
+    def overtaken(out, scratch):
+        shutil.copytree(theirs, cache / NAME)
+        if damaged:
+            flip_a_byte(cache / NAME / "numbers.bin")
+        return build(out, scratch)
+
+    folder = store.make(NAME, overtaken)
+    assert not store.find_damage(folder)
+    assert store.read_manifest(folder)["notes"] == {"a": 1 if damaged else 2}
+    assert not any((cache / "partial").iterdir()) and (cache / f"damaged-{NAME}").exists() == damaged
+
+
+def test_what_is_filled_on_another_machine_is_left_alone(cache):
+    theirs = cache / "partial" / f"{NAME}@{platform.node()}.elsewhere-1"
+    theirs.mkdir(parents=True)
+    store.make(NAME, build)
+    assert theirs.is_dir()

@@ -1,0 +1,64 @@
+"""Runs stages on this machine: worker processes of one thread each, as many side by side as there are cores."""
+
+import selectors
+from collections.abc import Sequence
+
+from replicate.engine.executor import Task
+from replicate.engine.worker_process import WorkerProcess
+
+
+class LocalWorkers:
+    """The executor that needs nothing beside this machine; cores: how many threads may run at once."""
+
+    def __init__(self, cores: int):
+        self._cores = cores
+        self._pending: list[Task] = []
+        self._undone: set[str] = set()
+        self._running: dict[str, tuple[WorkerProcess, int]] = {}  # and its threads, by identifier
+        self._selector = selectors.DefaultSelector()
+
+    def submit(self, tasks: Sequence[Task]) -> None:
+        """Take the whole graph."""
+        self._pending = list(tasks)
+        self._undone = {task.identifier for task in tasks}
+
+    def listen(self, timeout_s: float) -> list[tuple[str, dict]]:
+        """Start what can be started, and return what the workers have said."""
+        messages: list[tuple[str, dict]] = []
+        for task in self._startable():
+            threads = task.threads(self._cores)
+            worker = WorkerProcess(task.orders(threads))
+            self._running[task.identifier] = worker, threads
+            self._selector.register(worker, selectors.EVENT_READ, task.identifier)
+            self._pending.remove(task)
+            messages.append((task.identifier, {"event": "started"}))
+        for ready, _ in self._selector.select(0 if messages else timeout_s):
+            descriptor, identifier = ready.fd, ready.data
+            for message in self._running[identifier][0].listen():
+                messages.append((identifier, message))
+                if message["event"] in ("done", "failed"):
+                    self._selector.unregister(descriptor)
+                    del self._running[identifier]
+                if message["event"] == "done":
+                    self._undone.discard(identifier)
+        return messages
+
+    def close(self) -> None:
+        """Kill what still runs."""
+        for worker, _ in self._running.values():
+            worker.kill()
+        self._running.clear()
+        self._selector.close()
+
+    def _startable(self) -> list[Task]:
+        """Return the tasks to start now, in their order: inputs done, and threads to spare."""
+        chosen, free = [], self._cores - sum(threads for _, threads in self._running.values())
+        for task in self._pending:
+            if not self._undone.isdisjoint(task.needs):
+                continue
+            threads = task.threads(self._cores)
+            if threads > free:
+                break  # an urgent stage that wants more threads is not starved by those behind it
+            chosen.append(task)
+            free -= threads
+        return chosen

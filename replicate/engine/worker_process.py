@@ -1,0 +1,98 @@
+"""The process that makes one artefact, seen from the process that started it: start, listen, kill."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+
+from replicate.engine import store
+from replicate.engine.paths import ROOT
+
+
+class WorkerProcess:
+    """A running `python -m replicate.engine.worker`; it ends when this object's process does.
+
+    orders: as `Task.orders` returns them. extra: environment variables that it gets beside those of this process.
+    """
+
+    def __init__(self, orders: dict, extra: dict[str, str] | None = None):
+        self.identifier = orders["identifier"]
+        self._unread = b""
+        self._outcome: dict | None = None
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "replicate.engine.worker"],  # -P: the folder it stands in holds no modules
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=_environment(orders) | (extra or {}),
+            start_new_session=True,  # Ctrl-C reaches the scheduler alone, which then ends the workers
+        )
+        with suppress(BrokenPipeError):  # it has died already: `listen` tells
+            self._process.stdin.write(json.dumps(orders).encode() + b"\n")
+            self._process.stdin.flush()  # and stays open: its end tells the worker that we are gone
+
+    def fileno(self) -> int:
+        """Return the file descriptor that is readable when `listen` won't block."""
+        return self._process.stdout.fileno()
+
+    def listen(self) -> list[dict]:
+        """Return what the worker has said since the last call, waiting for something.
+
+        The last message of all is "done" or "failed"; the process has ended by then.
+        """
+        heard = os.read(self.fileno(), 1 << 16)
+        *lines, self._unread = (self._unread + heard).split(b"\n")
+        messages = []
+        for message in map(json.loads, lines):
+            if message["event"] in ("done", "failed"):
+                self._outcome = message
+            else:
+                messages.append(message)
+        if not heard:
+            code = self._process.wait()
+            self._close()
+            messages.append(self._outcome or {"event": "failed", "kind": "died", "message": _manner(code)})
+        return messages
+
+    def kill(self) -> None:
+        """End the process, and what its stage has started, at once."""
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        self._close()
+
+    def _close(self) -> None:
+        store.discard_partial(self.identifier, self._process.pid)
+        self._process.stdout.close()
+        with suppress(BrokenPipeError):
+            self._process.stdin.close()
+
+
+def thread_limits(threads: int) -> dict[str, str]:
+    """Return the environment variables that bound every library's thread pool."""
+    libraries = ("OMP", "MKL", "OPENBLAS", "NUMEXPR", "NUMBA", "VECLIB_MAXIMUM")
+    waiting = {"OMP_WAIT_POLICY": "passive"}  # waiting threads that spin cost 10 to 90 times on a busy machine
+    return {f"{library}_NUM_THREADS": str(threads) for library in libraries} | waiting
+
+
+def _environment(orders: dict) -> dict[str, str]:
+    """Return a worker's environment: every library's thread pool bounded before it is loaded."""
+    threads = orders["threads"]
+    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen={'true' if threads > 1 else 'false'}"
+    return {
+        **os.environ,
+        **thread_limits(threads),
+        "NPROC": str(threads),  # the size of XLA's pool
+        "XLA_FLAGS": flags.strip(),
+        "PYTHONPATH": os.pathsep.join(dict.fromkeys([str(ROOT), *orders["path"]])),
+        "PYTHONUNBUFFERED": "1",
+        "REPLICATE_CACHE": orders["cache"],
+    }
+
+
+def _manner(code: int) -> str:
+    if code >= 0:
+        return f"ended by itself with exit code {code}"
+    hints = {signal.SIGKILL: ", for want of memory perhaps", signal.SIGBUS: ", because the disk is full perhaps"}
+    return f"was killed by {signal.Signals(-code).name}{hints.get(-code, '')}"
