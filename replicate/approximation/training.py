@@ -4,7 +4,6 @@ Nothing random happens here. A step's batch is a function of (seed, stream, step
 moment and started again goes through the same numbers, bit for bit, as one that never stopped.
 """
 
-import csv
 import json
 import math
 import os
@@ -17,6 +16,8 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
+
+from replicate.engine.tidy_files import Column, write_csv
 
 CHECKPOINT_S = 30.0
 ROWS = 25  # of the log; each one costs a measurement on held-out poses
@@ -127,7 +128,5 @@ def _resume(checkpoint: Path, weights: dict, optimiser) -> tuple[int, list, list
 
 def write_log(log: Sequence[dict], file: Path) -> None:
     """Write a training log as CSV: step, mean loss since the row before, mm and degrees on held-out poses."""
-    with open(file, "w", newline="", encoding="utf-8") as out:
-        writer = csv.DictWriter(out, LOG_COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(log)
+    columns = [Column(name, "whole number" if name == "step" else "number") for name in LOG_COLUMNS]
+    write_csv(file, columns, ([row[name] for name in LOG_COLUMNS] for row in log))

@@ -1,8 +1,5 @@
 """A rig in colours of its own, from several sides and into its open mouth, with a legend (Figs 7 and 8)."""
 
-import csv
-import io
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +11,7 @@ from replicate.drawing.panels import DPI, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.scene import Surface, camera_for
-from replicate.engine.exceptions import InputError
+from replicate.engine.tidy_files import Column, read_csv, write_csv
 
 # Colours that many readers can tell apart, most different first, after Kelly (1965): his list less white, black, grey.
 DISTINCT = (
@@ -99,27 +96,18 @@ def hexadecimal(colour: Sequence[int]) -> str:
 
 def write_lines(file: Path, header: Sequence[str], lines: Iterable[Sequence]) -> None:
     """Write the numbers behind a figure as CSV; the file appears whole or not at all."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows([repr(float(x)) if isinstance(x, (float, np.floating)) else x for x in line] for line in lines)
-    beside = file.with_name(f".{file.name}.{os.getpid()}")
-    beside.write_text(text.getvalue(), encoding="utf-8", newline="\n")
-    os.replace(beside, file)
+    write_csv(file, _columns(header), lines)
 
 
 def read_lines(file: Path, header: Sequence[str]) -> list[dict[str, str]]:
-    """Read what `write_lines` wrote: a line as column → cell. Raises InputError, naming the file, for anything else."""
-    try:
-        lines = list(csv.reader(io.StringIO(file.read_text(encoding="utf-8"))))
-    except FileNotFoundError:
-        raise InputError(f"{file}: there is no such file; `make {file.name[:8]}` writes it.") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{file}: found no text of comma-separated values ({error}).") from None
-    if not lines or lines[0] != list(header):
-        found = ",".join(lines[0]) if lines else "nothing"
-        raise InputError(f"{file}, line 1: found {found!r}, where only the header {','.join(header)!r} is allowed.")
-    for number, line in enumerate(lines[1:], start=2):
-        if len(line) != len(header):
-            raise InputError(f"{file}, line {number}: found {len(line)} cells, where {len(header)} are allowed.")
-    return [dict(zip(header, line, strict=True)) for line in lines[1:]]
+    """Read what `write_lines` wrote: a line as column → cell. Raises InputError, naming the file, for anything else.
+
+    The file is named after the target that writes it: figure07_teen.csv, lbs_teen.csv.
+    """
+    target = file.stem.partition("_")[0]
+    missing = f"there is no such file; `make {target}` writes it."
+    return read_csv(file, _columns(header), (), missing).to_dict("records")
+
+
+def _columns(header: Sequence[str]) -> list[Column]:
+    return [Column(name, optional=True) for name in header]

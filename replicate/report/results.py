@@ -1,18 +1,30 @@
 """Results as tidy CSV: one row a number, full precision, sorted, so that two runs can be compared with `diff`."""
 
-import csv
 import hashlib
-import io
-import math
-import os
 import statistics
 from collections.abc import Iterable, Sequence
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from replicate.engine.exceptions import InputError
+from replicate.engine.tidy_files import Column, read_csv, write_csv
+
+if TYPE_CHECKING:
+    import pandas
 
 UNITS = ("mm", "deg", "ms", "MB", "count", "ratio")
+KEY = ("table", "character", "method", "metric")  # what a number is
+SCHEMA = (
+    *map(Column, KEY),
+    Column("unit", allowed=UNITS),
+    Column("value", "finite number"),
+    Column("sd", "finite number", optional=True),
+    Column("seeds", "whole number", optional=True),
+    Column("poses", "whole number", optional=True),
+    Column("profile"),
+    Column("run"),
+)
+COLUMNS = tuple(column.name for column in SCHEMA)
 
 
 @dataclass(frozen=True, order=True)
@@ -43,47 +55,26 @@ class Row:
         return self.table, self.character, self.method, self.metric
 
 
-COLUMNS = tuple(field.name for field in fields(Row))
-
-
 def write_results(path: Path, rows: Iterable[Row]) -> None:
     """Write rows, sorted by what they are, to a CSV file; it appears whole or not at all.
 
     Raises InputError for a value that is no finite number, an unknown unit, or two rows about the same thing.
     """
-    ordered = sorted(rows, key=lambda row: row.key)
-    for number, row in enumerate(ordered, start=2):
-        _check(path, number, row)
-    _check_unique(path, ordered)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for row in ordered:
-        writer.writerow(
-            "" if cell is None else repr(float(cell)) if isinstance(cell, float) else cell for cell in astuple(row)
-        )
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    beside.write_text(text.getvalue(), encoding="utf-8", newline="\n")
-    os.replace(beside, path)
+    write_csv(path, SCHEMA, map(astuple, sorted(rows, key=lambda row: row.key)), KEY)
 
 
-def read_results(path: Path) -> list[Row]:
-    """Read a CSV file that `write_results` wrote, or one that somebody typed.
+def read_table(path: Path) -> "pandas.DataFrame":
+    """Read a CSV file that `write_results` wrote, or one that somebody typed: a number a row, columns as in `SCHEMA`.
 
     Raises InputError, naming the file and the line, for a file that is no such table.
     """
-    try:
-        lines = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8"))))
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such results file.") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: found no text of comma-separated values ({error}).") from None
-    if not lines or tuple(lines[0]) != COLUMNS:
-        found = ",".join(lines[0]) if lines else "nothing"
-        raise InputError(f"{path}, line 1: found {found!r}, where only the header {','.join(COLUMNS)!r} is allowed.")
-    rows = [_parsed(path, number, cells) for number, cells in enumerate(lines[1:], start=2)]
-    _check_unique(path, rows)
-    return rows
+    return read_csv(path, SCHEMA, KEY, missing="there is no such results file.")
+
+
+def read_results(path: Path) -> list[Row]:
+    """Read a table as `Row`s, for single look-ups. Raises InputError as `read_table` does."""
+    frame = read_table(path).astype(object)
+    return [Row(*cells) for cells in frame.where(frame.notna(), None).itertuples(index=False, name=None)]
 
 
 def most_seeds(rows: Iterable[Row]) -> int:
@@ -118,38 +109,3 @@ def over_seeds(runs: Sequence[Sequence[Row]]) -> list[Row]:
 def find(rows: Iterable[Row], table: str, character: str, method: str, metric: str) -> Row | None:
     """Return the row about one thing, or None."""
     return next((row for row in rows if row.key == (table, character, method, metric)), None)
-
-
-def _parsed(path: Path, number: int, cells: list[str]) -> Row:
-    if len(cells) != len(COLUMNS):
-        raise InputError(f"{path}, line {number}: found {len(cells)} cells, where {len(COLUMNS)} are allowed.")
-    given = dict(zip(COLUMNS, cells, strict=True))
-    numbers = {}
-    for name, kind in (("value", float), ("sd", float), ("seeds", int), ("poses", int)):
-        try:
-            numbers[name] = kind(given[name]) if given[name] or name == "value" else None
-        except ValueError:
-            wanted = "a number" if kind is float else "a whole number"
-            raise InputError(
-                f"{path}, line {number}: {name} is {given[name]!r}, where only {wanted} is allowed."
-            ) from None
-    row = Row(**(given | numbers))
-    _check(path, number, row)
-    return row
-
-
-def _check(path: Path, number: int, row: Row) -> None:
-    if not math.isfinite(row.value):
-        raise InputError(
-            f"{path}, line {number}: value is {row.value} for {row.key}, where only finite numbers are allowed."
-        )
-    if row.unit not in UNITS:
-        raise InputError(f"{path}, line {number}: unit is {row.unit!r}, where only {', '.join(UNITS)} are allowed.")
-
-
-def _check_unique(path: Path, rows: list[Row]) -> None:
-    seen = set()
-    for number, row in enumerate(rows, start=2):
-        if row.key in seen:
-            raise InputError(f"{path}, line {number}: found a second row for {row.key}, where one is allowed.")
-        seen.add(row.key)

@@ -7,6 +7,7 @@ import pytest
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import ROOT
 from replicate.report.results import COLUMNS, Row, find, over_seeds, read_results, write_results
+from replicate.report.training_curves import read_curves, write_curves
 
 ROW = Row("table2", "teen", "coarse", "vertex_error_mean", "mm", 0.1 + 0.2, None, 1, 1234, "quick", "abc")
 PAPER = ROOT / "results" / "paper"
@@ -32,11 +33,34 @@ def test_the_order_of_rows_does_not_change_the_file(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "b.csv"]
 
 
+def test_the_bytes_of_a_file_are_these(tmp_path):
+    odd = changed(method="a b", metric="m[16, refined]", value=1e-7, sd=2.0, seeds=3, poses=None, run='"odd", é')
+    write_results(tmp_path / "t.csv", [ROW, odd])
+    assert (tmp_path / "t.csv").read_bytes().decode() == (
+        "table,character,method,metric,unit,value,sd,seeds,poses,profile,run\n"
+        'table2,teen,a b,"m[16, refined]",mm,1e-07,2.0,3,,quick,"""odd"", é"\n'
+        "table2,teen,coarse,vertex_error_mean,mm,0.30000000000000004,,1,1234,quick,abc\n"
+    )
+
+
+@pytest.mark.parametrize(
+    "file", sorted((ROOT / "results").glob("*/[bt]*.csv")), ids=lambda file: f"{file.parent.name}/{file.name}"
+)
+def test_a_committed_table_is_written_again_byte_for_byte(tmp_path, file):
+    if file.name == "table2_curves.csv":
+        write_curves(tmp_path / file.name, read_curves(file))
+    else:
+        write_results(tmp_path / file.name, read_results(file))
+    assert (tmp_path / file.name).read_bytes() == file.read_bytes()
+
+
 @pytest.mark.parametrize(
     "rows, sentence",
     [
-        ([changed(value=float("nan"))], "value is nan .* only finite numbers"),
-        ([changed(unit="furlong")], "unit is 'furlong'"),
+        ([changed(value=float("nan"))], "value is 'nan', where only a finite number"),
+        ([changed(sd=float("inf"))], "sd is 'inf', where only a finite number"),
+        ([changed(unit="furlong")], "unit is 'furlong', where only mm, deg, ms, MB, count, ratio are allowed"),
+        ([changed(method="")], "method is ''"),
         ([ROW, changed(value=2.0)], "a second row for"),
     ],
 )
@@ -52,8 +76,11 @@ def test_a_bad_row_is_not_written(tmp_path, rows, sentence):
         ("", "line 1: found 'nothing'"),
         ("a,b\n1,2\n", "line 1: found 'a,b', where only the header"),
         (",".join(COLUMNS) + "\ntable2,teen\n", "line 2: found 2 cells, where 11"),
-        (",".join(COLUMNS) + "\nt,c,m,e,mm,abc,,1,2,quick,r\n", "line 2: value is 'abc', where only a number"),
+        (",".join(COLUMNS) + "\nt,c,m,e,mm,abc,,1,2,quick,r\n", "line 2: value is 'abc', where only a finite number"),
         (",".join(COLUMNS) + "\nt,c,m,e,mm,,,1,2,quick,r\n", "line 2: value is ''"),
+        (",".join(COLUMNS) + "\nt,c,m,e,mm,inf,,1,2,quick,r\n", "line 2: value is 'inf', where only a finite number"),
+        (",".join(COLUMNS) + "\nt,c,m,e,mm,1,nan,1,2,quick,r\n", "line 2: sd is 'nan'"),
+        (",".join(COLUMNS) + "\nt,c,m,e,m,1,,1,2,quick,r\n", "line 2: unit is 'm', where only mm, deg"),
         (",".join(COLUMNS) + "\nt,c,m,e,mm,1,,1.5,2,quick,r\n", "seeds is '1.5', where only a whole number"),
         (",".join(COLUMNS) + "\n" + "t,c,m,e,mm,1,,1,2,quick,r\n" * 2, "line 3: found a second row"),
     ],

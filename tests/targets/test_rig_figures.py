@@ -198,3 +198,9 @@ def test_numbers_that_are_missing_or_no_such_table_are_named(tmp_path):
     file.write_text(",".join(figure07.HEADER) + "\nface\n")
     with pytest.raises(InputError, match="line 2: found 1 cells, where 5 are allowed"):
         segments_table(file, "plate")
+
+
+def test_missing_numbers_name_the_target_that_writes_them_whatever_its_length(tmp_path):
+    for target, name in (("lbs", "lbs_teen.csv"), ("figure05", "figure05_teen_clips.csv")):
+        with pytest.raises(InputError, match=f"{name}: there is no such file; `make {target}` writes it"):
+            read_lines(tmp_path / name, ("bones",))
