@@ -7,6 +7,7 @@ out of range is an InputError. The resolved configuration is stored with every a
 import dataclasses
 import re
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -205,18 +206,30 @@ PROFILES: dict[str, dict] = {
 }
 
 
+def with_sections(sections: Mapping[str, Checked]) -> type[Config]:
+    """Return the class of configurations that have more sections: those of methods with numbers of their own."""
+    fields = [(name, type(section), section) for name, section in sections.items()]
+    return dataclasses.make_dataclass("Config", fields, bases=(Config,), frozen=True)
+
+
 def resolve(
-    character: str, profile: str = "paper", overrides: dict | None = None, file: Path | None = None, **values
+    character: str,
+    profile: str = "paper",
+    overrides: dict | None = None,
+    file: Path | None = None,
+    sections: Mapping[str, Checked] | None = None,
+    **values,
 ) -> Config:
     """Return the configuration of one character: the paper's values, then the profile, a file, and single values.
 
     character: a name from `paths.character_names()`, or the path of a recipe. overrides: a nested dict as a TOML
-    file would give. file: a TOML file of overrides. values: top-level fields, e.g. `seed=3`; None leaves a field.
+    file would give. file: a TOML file of overrides. sections: more sections by name, with the profile's values.
+    values: top-level fields, e.g. `seed=3`; None leaves a field.
     Raises InputError for an unknown profile or key and for a value out of range.
     """
     if profile not in PROFILES:
         raise InputError(f"profile {profile!r} is unknown: allowed are {', '.join(PROFILES)}")
-    config = _replace(Config(character=character, profile=profile), PROFILES[profile], "")
+    config = _replace(with_sections(sections or {})(character=character, profile=profile), PROFILES[profile], "")
     if file is not None:
         config = _replace_from(config, read_overrides(file), str(file))
     if overrides:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from replicate.artefacts.plan import Plan
 from replicate.config import Config
+from replicate.engine.schema import Checked
 from replicate.engine.stage import Stage
 from replicate.geometry.mesh import Mesh
 
@@ -39,7 +40,8 @@ class Method:
     its mesh. charted: whether charts show its errors. floor_of: the method that it is the floor of, if it is one.
     numbers: configuration → what `load` needs besides, a frozen dataclass. poses: configuration → on how many test
     poses it is measured, 0 for all. facts: (inputs, mesh) → more numbers for Table 2.
-    own: profile → the method's own section of the configuration, if it has one, as `[name]` in a CONFIG file.
+    own: profile → the method's own section of the configuration, a `Checked` dataclass, where it has one: `[name]` in a
+    CONFIG file.
     """
 
     name: str
@@ -59,7 +61,11 @@ class Method:
     numbers: Callable[[Config], object] = no_numbers
     poses: Callable[[Config], int] = all_test_poses
     facts: Callable[[Mapping[str, Path], Mesh], list[Number]] | None = None
-    own: Callable[[str], object] | None = None
+    own: Callable[[str], Checked] | None = None
+
+    def section(self, config: Config) -> Checked:
+        """Return the method's own section of a configuration; the profile's where the configuration has none."""
+        return getattr(config, self.name, None) or self.own(config.profile)
 
     @property
     def title(self) -> str:

@@ -13,6 +13,7 @@ from types import ModuleType
 
 from replicate.config import Config
 from replicate.engine.exceptions import InputError
+from replicate.engine.schema import Checked
 from replicate.methods.method import Method
 
 VARIABLE = "REPLICATE_METHODS"  # files of methods from outside: worker processes and notebooks find them by it
@@ -26,6 +27,11 @@ def methods(config: Config | None = None) -> dict[str, Method]:
     """
     modules = [*_own_modules(), *map(_outside_module, _outside_files())]
     return {method.name: method for method in _ordered(m for module in modules for m in _methods_in(module, config))}
+
+
+def sections(profile: str) -> dict[str, Checked]:
+    """Return the sections of the configuration that methods bring along, by the methods' names."""
+    return {name: method.own(profile) for name, method in methods().items() if method.own}
 
 
 def method_named(name: str) -> Method:

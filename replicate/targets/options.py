@@ -77,8 +77,10 @@ def configurations(options: argparse.Namespace) -> list[Config]:
     device = choose_device(options.device)
     overrides = {"samples": {"split": options.split}} if options.split else None
     file = Path(options.config) if options.config else None
+    registry.choose(words(getattr(options, "methods", "")))  # those from outside have sections of their own too
+    sections = registry.sections(options.profile)
     return [
-        resolve(character, options.profile, overrides, file, seed=seed, device=device)
+        resolve(character, options.profile, overrides, file, sections, seed=seed, device=device)
         for character in characters(options)
         for seed in seeds(options)
     ]
