@@ -1,0 +1,124 @@
+"""A straight line: ridge regression from rig parameters to vertices, segment by segment. How far from linear is a rig?
+
+For each segment Δ ≈ (p / scale, 1) W with W = argmin ‖(p / scale, 1) W − Δ‖² / N + λ ‖W‖² over all N training samples;
+the constant is not penalised. λ is the one of a few that is best on the validation poses.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Float64
+
+from replicate.artefacts import built_rig, drawn_samples, rigid_segments
+from replicate.artefacts.plan import Plan
+from replicate.engine.schema import Checked, number
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods.method import Method
+from replicate.methods.training_stage import inputs_of_networks
+
+SEGMENTS, WEIGHTS = "segments.npz", "weights.npz"
+CHUNK = 512  # samples that are read at a time
+
+
+@dataclass(frozen=True)
+class LinearConfig(Checked):
+    """The strengths λ of the penalty that are tried."""
+
+    strengths: tuple[float, ...] = number((1e-7, 1e-6, 1e-5, 1e-4, 1e-3), 0.0, 1e6)
+
+
+def own(profile: str) -> LinearConfig:
+    """Return the method's section of the configuration, the same in every profile."""
+    return LinearConfig()
+
+
+def stage(plan: Plan) -> Stage:
+    """Return the stage that fits the weights."""
+    return plan.stage("linear", fit, plan.numbers(METHOD.section(plan.config)), *inputs_of_networks(plan))
+
+
+def fit(context: StageContext) -> None:
+    """Fit the weights of every segment to all training samples, for each λ, and keep the best."""
+    from replicate.approximation.model import parameter_scale
+    from replicate.approximation.segments import save_segments
+
+    mesh, samples = built_rig.load_mesh(context.inputs), drawn_samples.load(context.inputs)
+    segments = rigid_segments.load_coarse_segments(context.inputs, mesh)
+    scale, strengths = parameter_scale(samples.params), context.config.section.strengths
+    inputs, checked = (with_constant(params / scale) for params in (samples.params, samples.validation_params))
+    lost, fitted = np.zeros(len(strengths)), []
+    with context.progress(len(segments), "linear") as bar:
+        for segment in segments:
+            columns = np.append(segment.parameters, inputs.shape[1] - 1)
+            targets = (offsets for offsets in chunks(samples, segment.vertices))
+            solutions = ridge(inputs[:, columns], targets, strengths)
+            truth = samples.validation_offsets[:, segment.vertices].reshape(len(checked), -1)
+            lost += [float(np.square(checked[:, columns] @ weights - truth).sum()) for weights in solutions]
+            fitted.append(solutions)
+            bar.update(1)
+    best = int(np.argmin(lost))
+    save_segments(segments, context.out / SEGMENTS)
+    weights = {f"{k}": solutions[best].astype(np.float32) for k, solutions in enumerate(fitted)}
+    np.savez(context.out / WEIGHTS, scale=scale, **weights)
+    context.note(strength=strengths[best], size_mb=sum(part.size for part in weights.values()) * 4 / 1e6)
+
+
+def with_constant(params: Float[np.ndarray, "b m"]) -> Float64[np.ndarray, "b n"]:
+    """Return parameters with a last column of ones, (b, m + 1)."""
+    return np.concatenate([params, np.ones((len(params), 1))], axis=1, dtype=np.float64)
+
+
+def chunks(samples, vertices: np.ndarray):
+    """Yield the offsets of some vertices in all training samples, (k, 3v) float64 mm, a chunk of samples at a time."""
+    for start in range(0, len(samples), CHUNK):
+        rows = np.arange(start, min(start + CHUNK, len(samples)))
+        yield samples.vertices_subset(rows, vertices).reshape(len(rows), -1).astype(np.float64)
+
+
+def ridge(inputs: Float64[np.ndarray, "n j"], targets, strengths: tuple[float, ...]) -> list[np.ndarray]:
+    """Return the weights (j, d) for each strength λ; the last input, the constant, is not penalised.
+
+    targets: the rows of the (n, d) targets, some at a time, in order.
+    """
+    n, j = inputs.shape
+    moments, start = None, 0
+    for part in targets:
+        moment = inputs[start : start + len(part)].T @ part
+        moments, start = moment if moments is None else moments + moment, start + len(part)
+    penalty = np.append(np.ones(j - 1), 0.0)
+    gram = inputs.T @ inputs
+    return [np.linalg.lstsq(gram + n * strength * np.diag(penalty), moments)[0] for strength in strengths]
+
+
+def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of the straight line."""
+    from replicate.approximation.segments import load_segments
+
+    neutral = built_rig.load_mesh(inputs).neutral
+    segments = load_segments(inputs["linear"] / SEGMENTS)
+    with np.load(inputs["linear"] / WEIGHTS, allow_pickle=False) as stored:
+        scale, weights = stored["scale"], [stored[f"{k}"] for k in range(len(segments))]
+
+    def predict(params: np.ndarray) -> np.ndarray:
+        given = with_constant(params / scale).astype(np.float32)
+        vertices = np.repeat(neutral[None], len(params), axis=0)
+        for segment, part in zip(segments, weights, strict=True):
+            offsets = given[:, np.append(segment.parameters, given.shape[1] - 1)] @ part
+            vertices[:, segment.vertices] += offsets.reshape(len(params), -1, 3)
+        return vertices
+
+    return predict
+
+
+METHOD = Method(
+    "linear",
+    "Linear",
+    lambda plan: (stage(plan),),
+    load,
+    place=50,
+    note="Ridge regression from rig parameters to vertices, segment by segment: a straight line.",
+    colour="#000000",
+    own=own,
+)
