@@ -1,0 +1,168 @@
+"""A network to PCA coefficients, as studios ship it: all vertices move in the span of a few hundred fixed shapes.
+
+V = V⁰ + mean + c(p) B, where the rows of B are principal components of training offsets, each of the length of its
+standard deviation, and c is a multilayer perceptron of all rig parameters, trained on Eq. 1. One basis for the whole
+deformable mesh; rigid segments follow by their attachments (§3.4).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from replicate.artefacts import built_rig, drawn_samples, rigid_segments
+from replicate.artefacts.plan import Plan
+from replicate.config import TrainingConfig
+from replicate.engine.schema import Checked, number
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods.method import Method
+from replicate.methods.training_stage import inputs_of_networks, write_training
+
+STEPS = {"quick": 600, "laptop": 16_000}  # those of the dense network
+PEAK_RATE = 2e-3
+TRAINING = TrainingConfig()  # the schedule of the paper
+
+
+@dataclass(frozen=True)
+class PcaConfig(Checked):
+    """The basis and the network of the PCA model."""
+
+    components: int = number(200, 1, 4_096)
+    basis_samples: int = number(2_000, 2)  # training samples, spread over the set, that the components are of
+    hidden: tuple[int, ...] = number((256, 256), 1)
+    leaky_slope: float = number(0.2, 0.0, 1.0)
+    normal_weight: float = number(5.0, 0.0)
+    training: TrainingConfig = TRAINING
+
+
+def own(profile: str) -> PcaConfig:
+    """Return the method's section of the configuration."""
+    if profile not in STEPS:
+        return PcaConfig()
+    return PcaConfig(training=TrainingConfig("one_cycle", STEPS[profile], peak_rate=PEAK_RATE))
+
+
+def stage(plan: Plan) -> Stage:
+    """Return the stage that computes the basis and trains the network."""
+    return plan.stage("pca", train, plan.training(METHOD.section(plan.config)), *inputs_of_networks(plan))
+
+
+def make_network(inputs: int, basis, mean, hidden: Sequence[int], slope: float):
+    """Return the network: (b, m) scaled parameters → (b, k, 3) offsets in mm.
+
+    basis: (c, 3k) components; mean: (3k,); both torch tensors of float32, which are not trained.
+    """
+    import torch
+    from torch import nn
+    from torch.nn import functional
+
+    class CoefficientNetwork(nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise((inputs, *hidden)))
+            self.output = nn.Linear(hidden[-1], len(basis))
+            self.register_buffer("basis", basis)
+            self.register_buffer("mean", mean)
+
+        def forward(self, params: torch.Tensor) -> torch.Tensor:
+            x = params
+            for layer in self.hidden:
+                x = functional.leaky_relu(layer(x), slope)
+            return torch.addmm(self.mean, self.output(x), self.basis).unflatten(1, (-1, 3))
+
+    return CoefficientNetwork()
+
+
+def train(context: StageContext) -> None:
+    """Compute the basis, and train the network on Eq. 1 as the dense one is trained."""
+    import torch
+    from torch import nn
+
+    from replicate.approximation.model import SegmentedModel, initialise, parameter_scale, save_model
+    from replicate.approximation.segments import Segment, segment_vertices
+    from replicate.approximation.supervision import Supervision
+    from replicate.approximation.training import prepare
+    from replicate.approximation.training import train as minimise
+
+    numbers, section = context.config, context.config.section
+    device = prepare(numbers.device)
+    mesh, samples = built_rig.load_mesh(context.inputs), drawn_samples.load(context.inputs)
+    vertices = np.sort(segment_vertices(rigid_segments.load_coarse_segments(context.inputs, mesh)))
+    count, places = samples.params.shape[1], np.zeros((len(vertices), 2), np.float32)
+    segment = Segment("deformable", vertices.astype(np.int32), places, np.arange(count, dtype=np.int32))
+    basis, mean = components(samples, segment.vertices, section, numbers.seed)
+    network = make_network(count, torch.from_numpy(basis), torch.from_numpy(mean), section.hidden, section.leaky_slope)
+    initialise(nn.ModuleList([network]), section.leaky_slope, torch.Generator().manual_seed(numbers.seed))
+    scale = parameter_scale(samples.params)
+    model = SegmentedModel([network], [segment], scale, [1.0], len(mesh.neutral)).to(device)
+    supervision = Supervision(mesh, samples, segment.vertices, section.normal_weight, device)
+
+    def loss_of_step(step: int) -> torch.Tensor:
+        params, target = supervision.batch(numbers.seed, "pca", step, section.training.batch)
+        return supervision.loss(model(params), target)
+
+    validation = supervision.validation()
+    log = minimise(
+        model,
+        loss_of_step,
+        section.training,
+        context.scratch,
+        context.progress,
+        "pca",
+        lambda: validation(model.offsets),
+    )
+    facts = {"hidden": list(section.hidden), "leaky_slope": section.leaky_slope, "components": len(basis)}
+    save_model(model, context.out, facts)
+    write_training(context, model, log)
+    context.note(size_mb=model.size_mb() + (basis.size + mean.size) * 4 / 1e6, components=len(basis))
+
+
+def components(samples, vertices: np.ndarray, section: PcaConfig, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the principal components of some vertices' offsets, (c, 3k) mm, and their mean, (3k,), as float32.
+
+    Each component is as long as its standard deviation over the samples, so that coefficients are of the size of 1.
+    """
+    from sklearn.decomposition import PCA
+    from threadpoolctl import threadpool_limits
+
+    from replicate.approximation.supervision import spread
+
+    chosen = spread(len(samples), section.basis_samples)
+    offsets = samples.vertices_subset(chosen, vertices).reshape(len(chosen), -1)
+    with threadpool_limits(1):
+        count = min(section.components, *offsets.shape)
+        pca = PCA(count, svd_solver="randomized", random_state=seed).fit(offsets)
+    scaled = pca.components_ * np.sqrt(pca.explained_variance_)[:, None]
+    return np.ascontiguousarray(scaled, np.float32), np.asarray(pca.mean_, np.float32)
+
+
+def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of the network and its basis."""
+    import torch
+
+    from replicate.approximation.model import load_model
+    from replicate.approximation.training import prepare
+
+    prepare("cpu")
+
+    def network(segment, facts: dict):
+        mean = torch.zeros(3 * len(segment.vertices))
+        basis = torch.zeros(facts["components"], len(mean))
+        return make_network(len(segment.parameters), basis, mean, facts["hidden"], facts["leaky_slope"])
+
+    mesh, model = built_rig.load_mesh(inputs), load_model(inputs["pca"], network)
+    return lambda params: mesh.neutral + model.offsets(params)
+
+
+METHOD = Method(
+    "pca",
+    "PCA network",
+    lambda plan: (stage(plan),),
+    load,
+    place=60,
+    note="A dense network to the coefficients of a PCA basis of the training offsets, as studios ship it.",
+    colour="#8C564B",
+    own=own,
+)
