@@ -1,4 +1,4 @@
-"""Neutral heads: shape, topology and placement kept apart, put together here."""
+"""A neutral head, put together: its shape, its topology, where its vertices lie, its charts and what is shown."""
 
 from __future__ import annotations
 
@@ -42,7 +42,8 @@ class Head:
         part, part_names: what each vertex belongs to, whichever parts the recipe puts into one segment.
         mirror: (n,) the vertex on the other side, or the vertex itself.
         grids: vertex indices by part (see `topology`); rings run from the inside outwards except those of `mouth_bag`
-            and `lid_inner_*` (away from the rim) and `tongue` (root to tip). `body` is (rows, columns), -1 where removed.
+            and `lid_inner_*` (away from the rim) and `tongue` (root to tip). `body` is (rows, columns), -1 where
+            removed.
         ring_parameter: `mouth_u`, `mouth_side`, `eye_u`, `eye_side`: the place along the seam or rim in [-1, 1], and
             +1 upper, -1 lower, 0 in the corners.
         curves: ordered vertex indices; landmarks: single ones.
