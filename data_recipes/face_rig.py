@@ -15,9 +15,9 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from data_recipes.controls import limit_controls, make_controls
-from data_recipes.deformers import face, props, wrinkles
+from data_recipes.deformers import face, posed_props, wrinkles
 from data_recipes.ict import chain as ict_chain
-from data_recipes.ict import props as ict_props
+from data_recipes.ict import facekit_eyeballs
 from data_recipes.rig import Clip, Rig, check_rig
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
@@ -31,7 +31,7 @@ class FaceParts:
     """
 
     constants: Any
-    props: tuple[props.RestProp, ...]
+    props: tuple[posed_props.RestProp, ...]
     paint: UInt8[np.ndarray, "n 3"]
     chain: str = "face"
 
@@ -42,7 +42,7 @@ class FaceParts:
 
 
 # By chain: the module of its nodes, and the function that poses its props.
-CHAINS = {"face": (face, props.pose), "ict": (ict_chain, ict_props.pose)}
+CHAINS = {"face": (face, posed_props.pose), "ict": (ict_chain, facekit_eyeballs.pose)}
 
 
 @cache
@@ -61,12 +61,12 @@ def build(name_or_recipe: str | Path) -> Rig:
 
     Raises InputError, naming the recipe or the clip, for anything in the recipe that cannot be.
     """
-    from data_recipes.acting.animation import act
     from data_recipes.acting.clip_file import read_clip
+    from data_recipes.acting.procedural_acting import act
     from data_recipes.deformers.face_build import build_constants
     from data_recipes.deformers.face_points import control_points
     from data_recipes.deformers.sculpting import Sculptor
-    from data_recipes.head import build_head
+    from data_recipes.head.neutral_head import build_head
     from data_recipes.recipe.reading import load_recipe
 
     recipe = load_recipe(name_or_recipe)
@@ -84,7 +84,7 @@ def build(name_or_recipe: str | Path) -> Rig:
             segment_names=head.segment_names,
         )
         points, regions = control_points(Sculptor(head))
-        parts = FaceParts(build_constants(head, controls), props.rest_props(head), head.paint)
+        parts = FaceParts(build_constants(head, controls), posed_props.rest_props(head), head.paint)
     rig = Rig(
         name=recipe.name,
         mesh=mesh,

@@ -272,10 +272,10 @@ def build_rig(name_or_recipe: str | Path) -> Rig:
     name_or_recipe: one of `rig_names()`, or the path of a recipe in TOML. Raises InputError for a bad recipe.
     """
     from data_recipes import face_rig
-    from data_recipes.ict import build as ict_build
+    from data_recipes.ict import facekit_rig
     from data_recipes.ict.recipe import is_facekit
 
-    return ict_build.build(name_or_recipe) if is_facekit(name_or_recipe) else face_rig.build(name_or_recipe)
+    return facekit_rig.build(name_or_recipe) if is_facekit(name_or_recipe) else face_rig.build(name_or_recipe)
 
 
 def load_rig(folder: Path) -> Rig:
@@ -307,9 +307,9 @@ def expression_poses(rig: Rig) -> dict[str, Float32[np.ndarray, " m"]]:
 
     A rig whose controls have other names than ours, or than ARKit's, has the neutral pose alone.
     """
+    from data_recipes.acting.arkit_names import our_pose
     from data_recipes.acting.expressions import EXPRESSIONS, expression
     from data_recipes.acting.motion import pose
-    from data_recipes.ict.names import our_pose
 
     columns = {control.name: index for index, control in enumerate(rig.controls)}
     poses = {"neutral": rig.default}

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from data_recipes.controls import Control
-from data_recipes.deformers.props import RestProp
+from data_recipes.deformers.posed_props import RestProp
 from data_recipes.face_rig import CHAINS, FaceParts, face_function
 from data_recipes.rig import Clip, Rig
 from replicate.engine.exceptions import InputError

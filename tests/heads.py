@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from data_recipes.head import Head, build_head
+from data_recipes.head.neutral_head import Head, build_head
 from data_recipes.recipe.reading import load_recipe
 
 NAMES = ("tiny", "teen", "woman", "toon")

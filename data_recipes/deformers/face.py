@@ -24,8 +24,8 @@ from data_recipes.deformers import (
     lips,
     pose_curves,
     riders,
+    rigid_teeth,
     skull_slide,
-    teeth,
     wrinkles,
 )
 from data_recipes.deformers.head_shape import ShapeValues
@@ -150,7 +150,7 @@ def bitten(constants: FaceConstants, state: State) -> State:
     """Layer 10: rigid teeth."""
     values = state["shape"]
     warp = lambda points: head_shape.warp(constants["shape"], values, points)  # noqa: E731
-    return state | {"x": teeth.place_teeth(constants["teeth"], state["x"], state["jaw"], warp)}
+    return state | {"x": rigid_teeth.place_teeth(constants["teeth"], state["x"], state["jaw"], warp)}
 
 
 NODES = (

@@ -22,8 +22,8 @@ from data_recipes.deformers import (
     mouth_fields,
     pose_curves,
     riders,
+    rigid_teeth,
     skull_slide,
-    teeth,
     wrinkles,
 )
 from data_recipes.deformers.correctives import add_correctives
@@ -34,8 +34,8 @@ from data_recipes.deformers.planes import selection
 from data_recipes.deformers.saturation import limits
 from data_recipes.deformers.sculpting import Path, Sculptor, smoothstep
 from data_recipes.deformers.wrinkle_regions import build_regions
-from data_recipes.head import Head
 from data_recipes.head.frills import frill_parts
+from data_recipes.head.neutral_head import Head
 
 HANDLE_RADIUS_MM = 44.0
 HANDLE_TRAVEL_MM = (5.0, 5.0, 4.0)
@@ -77,7 +77,7 @@ def build_constants(head: Head, controls: tuple[Control, ...]) -> dict[str, Any]
             s.point("cheek_left"),
             float(head.jaw_pivot[2]),
         ),
-        "teeth": teeth.prepare(
+        "teeth": rigid_teeth.prepare(
             s.x, list(head.grids["teeth"]), [j < 0 for j in head.teeth_jaw.tolist()], head.jaw_pivot
         ),
     }

@@ -1,7 +1,7 @@
 """Squash and stretch, bend, twist and head shape: smooth maps of space, applied to everything (layer 9).
 
 A map of space moves skin, gums, tongue, eyeballs and brows alike, so nothing is left behind; the teeth take the
-rigid part of it (teeth.py).
+rigid part of it (rigid_teeth.py).
 """
 
 from __future__ import annotations

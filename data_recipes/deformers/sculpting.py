@@ -25,7 +25,7 @@ from data_recipes.deformers.surface_operators import (
     vertex_areas,
     vertex_normals,
 )
-from data_recipes.head import Head
+from data_recipes.head.neutral_head import Head
 
 FLIP = np.array([-1.0, 1.0, 1.0])
 SKIN = ("face", "cranium", "neck", "ear_left", "ear_right", "lid_inner_left", "lid_inner_right", "mouth_bag")

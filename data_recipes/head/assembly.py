@@ -7,9 +7,9 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float, Int
 
-from data_recipes.head import ears, eyes, frills, mouth, nostrils, placement, teeth
-from data_recipes.head.layout import CRANIUM, FACE, NECK, Layout
+from data_recipes.head import dentition, ears, eyes, frills, mouth, nostrils, placement
 from data_recipes.head.shape import Shape
+from data_recipes.head.topology import CRANIUM, FACE, NECK, Layout
 from data_recipes.recipe.reading import Recipe
 
 
@@ -68,11 +68,11 @@ def place(shape: Shape, layout: Layout) -> Float[np.ndarray, "n 3"]:
     for cap in ("ear_cap_left", "nostril_cap_left"):
         x[grids[cap]] = mouth.fill_cap(x[grids[cap]])
     front = seam[:, 2].max() - recipe.teeth.setback
-    jaw = partial(teeth.tooth_positions, recipe, front)
+    jaw = partial(dentition.tooth_positions, recipe, front)
     x[grids["teeth"]] = np.concatenate([jaw(True), jaw(False)])
     for name, upper in (("gum_upper", True), ("gum_lower", False)):
-        x[grids[name]] = teeth.gum_positions(recipe, front, upper, *grids[name].shape)
-    x[grids["tongue"]] = teeth.tongue_positions(recipe, front, *grids["tongue"].shape)
+        x[grids[name]] = dentition.gum_positions(recipe, front, upper, *grids[name].shape)
+    x[grids["tongue"]] = dentition.tongue_positions(recipe, front, *grids["tongue"].shape)
     x[grids["tongue_cap"]] = mouth.fill_cap(x[grids["tongue_cap"]])
     for name, numbers in frills.frill_numbers(recipe).items():
         grid = grids[f"frill_{name}_left"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from data_recipes.head.layout import Layout
 from data_recipes.head.prop_mesh import Prop, sheet, smooth_step
 from data_recipes.head.shape import rotation_y
+from data_recipes.head.topology import Layout
 from data_recipes.recipe.reading import Recipe
 
 EYE_WHITE = np.array([0.93, 0.915, 0.895])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from data_recipes.head.layout import Layout
+from data_recipes.head.topology import Layout
 from data_recipes.recipe.reading import Recipe
 
 

@@ -9,10 +9,10 @@ from jaxtyping import Bool, Float, Int
 from scipy.interpolate import PchipInterpolator
 from scipy.sparse import csr_matrix
 
-from data_recipes.head.layout import Layout
 from data_recipes.head.mouth import fill_cap
 from data_recipes.head.sdf import project, raycast
 from data_recipes.head.shape import Shape, skin_distance
+from data_recipes.head.topology import Layout
 from data_recipes.recipe.reading import Recipe
 
 FLIP = np.array([-1.0, 1.0, 1.0])

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from data_recipes.head.layout import grid_quads
 from data_recipes.head.sdf import distance_and_gradient, raycast
+from data_recipes.head.topology import grid_quads
 
 FLIP = np.array([-1.0, 1.0, 1.0])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
-from data_recipes.acting.animation import Acting
+from data_recipes.acting.procedural_acting import Acting
 from data_recipes.recipe.reading import read_table, read_toml
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import recipe_file

@@ -12,7 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from data_recipes.acting.animation import Acting
+from data_recipes.acting.procedural_acting import Acting
 from data_recipes.recipe.sections import (
     PARTS,
     Controls,

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from data_recipes.acting.animation import act
-from data_recipes.head import build_head
+from data_recipes.acting.procedural_acting import act
+from data_recipes.head.neutral_head import build_head
 from data_recipes.recipe.reading import load_recipe
 from data_recipes.rig import (
     Clip,
@@ -407,7 +407,7 @@ def test_a_recipe_that_gives_no_mesh_is_named_once(tmp_path, monkeypatch):
         return head
 
     with monkeypatch.context() as patch:
-        patch.setattr("data_recipes.head.build_head", flattened)
+        patch.setattr("data_recipes.head.neutral_head.build_head", flattened)
         with pytest.raises(InputError, match=r"^mine\.toml: mesh: faces\[5\] .* is degenerate"):
             build_rig(recipe)
     recipe.write_text(text.replace("vertices = 918", "vertices = 917"), encoding="utf-8")

@@ -10,7 +10,7 @@ from data_recipes.deformers.lid_fields import build_patch, ring_shares
 from data_recipes.deformers.lip_motions import ACTIONS
 from data_recipes.deformers.sculpting import FLIP, Sculptor
 from data_recipes.deformers.wrinkle_regions import build_regions, ridges
-from data_recipes.head import build_head
+from data_recipes.head.neutral_head import build_head
 from data_recipes.recipe.reading import load_recipe
 from replicate.engine.exceptions import InputError
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from test_deformers_surface_operators import plane
 
-from data_recipes.deformers import flesh, handles, head_shape, jaw, pose_curves, skull_slide, teeth
+from data_recipes.deformers import flesh, handles, head_shape, jaw, pose_curves, rigid_teeth, skull_slide
 from data_recipes.deformers.jaw import JawMotion
 from data_recipes.deformers.planes import place_of, spread
 from data_recipes.deformers.saturation import limits, saturate
@@ -150,17 +150,17 @@ def test_no_head_control_turns_space_inside_out_at_its_limits():
 def test_the_polar_rotation_is_the_nearest_one():
     matrix = np.eye(3) + 0.3 * RNG.normal(size=(3, 3))
     u, _, v = np.linalg.svd(matrix)
-    np.testing.assert_allclose(teeth.polar_rotation(jnp.asarray(matrix)), u @ v, atol=1e-5)
+    np.testing.assert_allclose(rigid_teeth.polar_rotation(jnp.asarray(matrix)), u @ v, atol=1e-5)
 
 
 def test_teeth_stay_rigid_to_a_micrometre_under_jaw_and_squash():
     points = RNG.normal(size=(30, 3)) * 5 + np.array([0, -60, 70])
     x = jnp.asarray(points.T[None], jnp.float32)
     groups = [np.arange(10), np.arange(10, 20)]
-    constants = teeth.prepare(points, groups, [False, True], np.array([0, -14.0, 2]))
+    constants = rigid_teeth.prepare(points, groups, [False, True], np.array([0, -14.0, 2]))
     motion = JawMotion(jnp.array([[0.4, 0.05, 0]]), jnp.array([[0.0, 0, 3]]))
     values = shape_values(squash=1.0, bend_sideways=0.7, twist=-1.0)
-    placed = np.asarray(teeth.place_teeth(constants, x, motion, lambda q: head_shape.warp(SHAPE, values, q)))[0].T
+    placed = np.asarray(rigid_teeth.place_teeth(constants, x, motion, lambda q: head_shape.warp(SHAPE, values, q)))[0].T
     for group in groups:
         before = np.linalg.norm(points[group][:, None] - points[group][None], axis=2)
         after = np.linalg.norm(placed[group][:, None] - placed[group][None], axis=2)

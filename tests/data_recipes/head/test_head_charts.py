@@ -8,9 +8,9 @@ import pytest
 from heads import NAMES
 from scipy.spatial import cKDTree
 
-from data_recipes.head.charts import build_charts
-from data_recipes.head.layout import build_layout
-from data_recipes.head.segments import build_segments
+from data_recipes.head.head_charts import build_charts
+from data_recipes.head.head_segments import build_segments
+from data_recipes.head.topology import build_layout
 from data_recipes.recipe.reading import load_recipe
 from data_recipes.recipe.sections import PARTS
 

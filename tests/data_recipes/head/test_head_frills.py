@@ -8,8 +8,8 @@ import pytest
 
 from data_recipes.deformers import riders
 from data_recipes.head.frills import frill_frame, frill_numbers, frill_parts, frill_positions
-from data_recipes.head.layout import build_layout
 from data_recipes.head.shape import build_shape, skull_distance
+from data_recipes.head.topology import build_layout
 from data_recipes.recipe.reading import load_recipe
 from data_recipes.recipe.sections import PARTS
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from heads import NAMES, head
 
-from data_recipes.head import build_head
+from data_recipes.head.neutral_head import build_head
 from data_recipes.head.shape import build_shape, skin_distance
 from data_recipes.recipe.reading import load_recipe
 from replicate.engine.exceptions import InputError

@@ -6,8 +6,8 @@ import heads
 import numpy as np
 import pytest
 
-from data_recipes.head.layout import build_layout
-from data_recipes.head.paint import paint
+from data_recipes.head.head_paint import paint
+from data_recipes.head.topology import build_layout
 
 
 @pytest.fixture

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from small_facekit import ANGLE, PARTS, PIVOT, write_facekit
 
+from data_recipes.acting import arkit_names
 from data_recipes.acting.expressions import EXPRESSIONS
 from data_recipes.face_rig import face_function
-from data_recipes.ict import build, charts, jaw_fit, model, names, parts, recipe
+from data_recipes.ict import facekit_charts, facekit_rig, facekit_segments, jaw_fit, model, recipe
 from data_recipes.rig import augment, build_rig, expression_poses, load_rig, save_rig
 from replicate.__main__ import main
 from replicate.approximation.rigid import find_attachments, segment_errors
@@ -119,9 +120,9 @@ def test_a_broken_obj_is_named_with_what_was_found(tmp_path, text, found):
 def test_quads_are_cut_along_the_shorter_diagonal_or_through_a_corner():
     x = np.array([[0.0, 0, 0], [2, 0, 0], [2.5, 1, 0], [0.5, 1, 0]])
     quad = np.array([[0, 1, 2, 3], [0, 1, 2, -1]])
-    assert parts.triangles(quad, x).tolist() == [[0, 1, 3], [1, 2, 3], [0, 1, 2]]
+    assert facekit_segments.triangles(quad, x).tolist() == [[0, 1, 3], [1, 2, 3], [0, 1, 2]]
     through = np.array([True, False, False, False])
-    assert parts.triangles(quad, x, through).tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2]]
+    assert facekit_segments.triangles(quad, x, through).tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2]]
 
 
 # The mesh.
@@ -143,8 +144,8 @@ def test_the_mask_has_the_parts_in_mm_and_every_tooth_for_itself(mask, kit):
 
 def test_charts_are_the_models_own_or_laid_out_anew_and_nothing_flips(mask, kit):
     read = recipe.load_recipe(kit)
-    segments = parts.split(model.read_model(read.vertices), read.parts, read.file)
-    uv, anew = charts.build_charts(model.read_model(read.vertices), segments, 6)
+    segments = facekit_segments.split(model.read_model(read.vertices), read.parts, read.file)
+    uv, anew = facekit_charts.build_charts(model.read_model(read.vertices), segments, 6)
     assert anew == ("head",)
     np.testing.assert_array_equal(np.clip(uv, 0, 1).astype(np.float32), mask.mesh.uv)
     u, v = np.meshgrid(np.linspace(0.01, 0.99, 31), np.linspace(0.01, 0.99, 37))
@@ -158,10 +159,10 @@ def test_charts_are_the_models_own_or_laid_out_anew_and_nothing_flips(mask, kit)
 def test_holes_are_bridged_and_borders_come_in_order():
     ring = np.arange(8)
     quads = np.stack([ring, np.roll(ring, -1), np.roll(ring, -1) + 8, ring + 8], 1)
-    loops = charts.border_loops(quads)
+    loops = facekit_charts.border_loops(quads)
     assert sorted(sorted(loop.tolist()) for loop in loops) == [list(range(8)), list(range(8, 16))]
     assert all((np.abs(np.diff(loop)) % 6 == 1).all() for loop in loops)
-    uv = charts.lay_out(quads, np.zeros_like(quads, bool), 16, "ring")
+    uv = facekit_charts.lay_out(quads, np.zeros_like(quads, bool), 16, "ring")
     assert len(np.unique(uv.round(6), axis=0)) == 16
 
 
@@ -174,7 +175,7 @@ def test_the_default_pose_is_the_neutral_without_a_fold(mask):
 
 def test_jaw_open_turns_about_its_pivot_and_gives_the_models_shape_in_full(mask, kit):
     read = recipe.load_recipe(kit)
-    kept = build.placed(model.read_model(read.vertices), read)
+    kept = facekit_rig.placed(model.read_model(read.vertices), read)
     shift = kept.vertices[0] - model.read_model(read.vertices).vertices[0]
     lower = mask.mesh.segment == mask.mesh.segment_names.index("tooth_lower_01")
     np.testing.assert_allclose(mask.face.constants["jaw"]["pivot"], 10 * PIVOT + shift, atol=0.05)
@@ -229,7 +230,7 @@ def test_raised_brows_fold_the_forehead_and_nothing_else_does(mask):
 
 def test_exaggerated_poses_stay_within_reach(mask):
     columns = [control.name for control in mask.controls]
-    u = np.asarray(build.control_limits({n: i for i, n in enumerate(columns)}, recipe.Reach())["above"])
+    u = np.asarray(facekit_rig.control_limits({n: i for i, n in enumerate(columns)}, recipe.Reach())["above"])
     assert u[columns.index("eyeBlink_L")] == pytest.approx(1.04)
     assert u[columns.index("mouthSmile_L")] == pytest.approx(1.25)
     ordinary = np.linalg.norm(moved(mask, mouthSmile_L=1.0), axis=1).max()
@@ -257,9 +258,10 @@ def test_our_acting_plays_in_the_models_names(mask):
     busy = dict(zip(columns, poses.max(axis=0), strict=True))
     assert min(busy[name] for name in ("jawOpen", "eyeBlink_L", "mouthSmile_R", "browInnerUp_L")) > 0.2
     assert (
-        names.our_pose({n: i for i, n in enumerate(columns)}, {"smile_left": 0.5})[columns.index("mouthSmile_L")] == 0.5
+        arkit_names.our_pose({n: i for i, n in enumerate(columns)}, {"smile_left": 0.5})[columns.index("mouthSmile_L")]
+        == 0.5
     )
-    told = names.in_their_words(["look_x_right"], ["eyeLookIn_R", "eyeLookOut_R"], np.array([[0.3], [-0.4]]))
+    told = arkit_names.in_their_words(["look_x_right"], ["eyeLookIn_R", "eyeLookOut_R"], np.array([[0.3], [-0.4]]))
     np.testing.assert_allclose(told, [[0.3, 0], [0, 0.4]])
     joy = expression_poses(mask)["joy"]
     assert joy[columns.index("mouthSmile_L")] == pytest.approx(EXPRESSIONS["joy"]["smile_*"])

@@ -9,7 +9,10 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from data_recipes.head.layout import (
+from data_recipes.head.mouth import ring_parameter
+from data_recipes.head.prop_mesh import smooth_step
+from data_recipes.head.shape import lid_angles
+from data_recipes.head.topology import (
     BAG,
     CRANIUM,
     EAR_LEFT,
@@ -22,9 +25,6 @@ from data_recipes.head.layout import (
     TONGUE,
     Layout,
 )
-from data_recipes.head.mouth import ring_parameter
-from data_recipes.head.prop_mesh import smooth_step
-from data_recipes.head.shape import lid_angles
 from data_recipes.recipe.reading import Recipe
 
 GUM = np.array([0.78, 0.42, 0.42])

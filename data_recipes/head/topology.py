@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Int
 
 from data_recipes.head.frills import frill_numbers, frill_parts
+from data_recipes.head.head_segments import part_order
 from data_recipes.head.rings import block_ring, fill_block, grid_quads, ring_mirror, ring_quads
-from data_recipes.head.segments import part_order
 from data_recipes.recipe.reading import Recipe
 from data_recipes.recipe.sections import PARTS
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from data_recipes.deformers.props import NEAREST, RestProp, gaze_rotation
+from data_recipes.deformers.posed_props import NEAREST, RestProp, gaze_rotation
 from data_recipes.head.eyeballs import eyeball
 from data_recipes.ict.chain import effective
 from data_recipes.ict.model import FaceKit

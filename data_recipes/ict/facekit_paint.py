@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from data_recipes.deformers.sculpting import smoothstep
-from data_recipes.ict.parts import SOFT, Segments
-from data_recipes.ict.regions import LIPS
+from data_recipes.ict.facekit_segments import SOFT, Segments
+from data_recipes.ict.fold_regions import LIPS
 
 SKIN, LIP = np.array([0.85, 0.66, 0.55]), np.array([0.76, 0.47, 0.43])
 COLOURS = {

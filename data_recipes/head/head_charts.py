@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from data_recipes.head.embedding import square_embedding
 from data_recipes.head.frills import frill_numbers
-from data_recipes.head.layout import CRANIUM, FACE, NECK, Layout, grid_quads
+from data_recipes.head.topology import CRANIUM, FACE, NECK, Layout, grid_quads
 from data_recipes.recipe.reading import Recipe
 from data_recipes.recipe.sections import Teeth
 

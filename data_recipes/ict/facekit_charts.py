@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from data_recipes.head.embedding import square_embedding
+from data_recipes.ict.facekit_segments import Segments, polygon_edges
 from data_recipes.ict.model import FaceKit
-from data_recipes.ict.parts import Segments, polygon_edges
 from replicate.engine.exceptions import InputError
 
 MARGIN = 0.01

@@ -14,16 +14,16 @@ from data_recipes.deformers import jaw, wrinkles
 from data_recipes.deformers.planes import place_of
 from data_recipes.deformers.saturation import REACH, SHARPNESS, limits
 from data_recipes.deformers.surface_operators import adjacency
-from data_recipes.ict.acting import perform
-from data_recipes.ict.charts import build_charts
+from data_recipes.ict.facekit_acting import perform
+from data_recipes.ict.facekit_charts import build_charts
+from data_recipes.ict.facekit_eyeballs import rest_props, sphere_centre
+from data_recipes.ict.facekit_paint import paint
+from data_recipes.ict.facekit_segments import SOFT, Segments, split
+from data_recipes.ict.fold_regions import build_regions
 from data_recipes.ict.jaw_fit import JAW_CONTROLS, fit_jaw
 from data_recipes.ict.marks import control_points, landmarks, region_of
 from data_recipes.ict.model import FaceKit, read_model
-from data_recipes.ict.paint import paint
-from data_recipes.ict.parts import SOFT, Segments, split
-from data_recipes.ict.props import rest_props, sphere_centre
 from data_recipes.ict.recipe import FaceKitRecipe, Reach, load_recipe
-from data_recipes.ict.regions import build_regions
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 

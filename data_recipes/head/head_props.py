@@ -12,8 +12,8 @@ from data_recipes.head.brows import brow
 from data_recipes.head.eyeballs import eyeball, lashes
 from data_recipes.head.hair import hair
 from data_recipes.head.horns import horns
-from data_recipes.head.layout import Layout
 from data_recipes.head.prop_mesh import Prop, mirrored
+from data_recipes.head.topology import Layout
 from data_recipes.recipe.reading import Recipe
 
 __all__ = ["Prop", "build_props"]

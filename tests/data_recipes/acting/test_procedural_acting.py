@@ -6,8 +6,8 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from data_recipes.acting.animation import KINDS, Acting, act
 from data_recipes.acting.motion import FRAMES_PER_SECOND
+from data_recipes.acting.procedural_acting import KINDS, Acting, act
 from data_recipes.controls import control_groups, make_controls
 from data_recipes.recipe.sections import Controls
 

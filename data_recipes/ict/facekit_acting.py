@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from data_recipes.acting.animation import DECIMALS, Acting, act
+from data_recipes.acting.arkit_names import in_their_words, name_pairs
+from data_recipes.acting.procedural_acting import DECIMALS, Acting, act
 from data_recipes.controls import Control, control_groups
-from data_recipes.ict.names import in_their_words, name_pairs
 
 
 def perform(controls: Sequence[Control], acting: Acting) -> list[tuple[str, np.ndarray]]:
-    """Return clips (name, (t, m) float32) for these controls, as `animation.act` does for ours.
+    """Return clips (name, (t, m) float32) for these controls, as `procedural_acting.act` does for ours.
 
     Ours act, those that have a counterpart; so expressions ease, speak, blink and look as on our own faces.
     """
