@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from replicate.approximation.metrics import Tally, angle_between, new_tally, tally_add, vertex_error
-from replicate.geometry.mesh import Mesh, face_vectors
+from replicate.geometry.mesh import Mesh
+from replicate.geometry.normals import face_vectors
 
 # predict(params (b, m), truth (b, n, 3)) -> vertices (b, n, 3). Only oracles look at the truth.
 Predictor = Callable[[np.ndarray, np.ndarray], np.ndarray]

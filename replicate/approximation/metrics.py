@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from replicate.geometry.mesh import face_vectors
+from replicate.geometry.normals import face_vectors
 
 # A float32's top 17 bits, sign, exponent and 8 of the mantissa, number the bins of a histogram whose bins are 0.3 %
 # wide or less; those between 2⁻²⁰ and 2¹² (of a mm or degree) are kept, the rest goes to the first or the last.

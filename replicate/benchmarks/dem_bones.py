@@ -19,7 +19,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from replicate.approximation.rigid import align
+from replicate.geometry.alignment import align
 from replicate.approximation.skinning.clusters import cluster
 from replicate.approximation.skinning.compression import compress
 from replicate.approximation.skinning.ssdr import Skin

@@ -13,7 +13,7 @@ from jaxtyping import UInt8
 
 from replicate.drawing.scene import STUDIO, WHITE, Camera, Lighting, Surface, axes
 from replicate.drawing.software_rasteriser import rasterise
-from replicate.geometry.mesh import vertex_normals
+from replicate.geometry.normals import vertex_normals
 
 SUPERSAMPLING = 2  # each pixel is the mean of 2 × 2
 SHADE_MM = 12.0  # how far from a surface another one shades it (ambient occlusion)

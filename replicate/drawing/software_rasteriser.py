@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from replicate.drawing.scene import MATT, STUDIO, WHITE, Camera, Finish, Lighting, Surface, axes, project
-from replicate.geometry.mesh import face_normals, vertex_normals
+from replicate.geometry.normals import face_normals, vertex_normals
 
 # How many (face, pixel) pairs are tried at once.
 _CHUNK = 1_000_000

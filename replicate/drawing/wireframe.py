@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from replicate.drawing.scene import Camera, Surface, axes
-from replicate.geometry.mesh import face_normals
+from replicate.geometry.normals import face_normals
 
 INK = (66, 69, 76)
 LIFT_MM = 0.35  # towards the eye, so that the surface doesn't cut the ribbons

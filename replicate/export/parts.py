@@ -7,7 +7,7 @@ from jaxtyping import Float, Float32, Int
 
 from replicate.drawing.characters import COLOURS, colours_by_segment
 from replicate.engine.progress import progress
-from replicate.geometry.mesh import vertex_normals
+from replicate.geometry.normals import vertex_normals
 
 BATCH = 32  # poses between two steps of the progress bar
 

@@ -4,19 +4,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from replicate.engine.exceptions import InputError
-from replicate.geometry.mesh import Mesh, face_normals
-
-
-def inner_edges(faces: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, "e 2"]]:
-    """Return the edges that exactly two faces share, as (vertex pairs, face pairs); the first face runs a → b."""
-    directed = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    owner = np.repeat(np.arange(len(faces)), 3)
-    undirected = np.sort(directed, axis=1)
-    order = np.lexsort((directed[:, 0] > directed[:, 1], undirected[:, 1], undirected[:, 0]))
-    ordered = undirected[order]
-    starts = np.flatnonzero(np.r_[True, (ordered[1:] != ordered[:-1]).any(1)])
-    pairs = starts[np.diff(np.r_[starts, len(ordered)]) == 2]
-    return ordered[pairs], np.stack([owner[order[pairs]], owner[order[pairs + 1]]], 1)
+from replicate.geometry.edges import inner_edges
+from replicate.geometry.mesh import Mesh
+from replicate.geometry.normals import face_normals
 
 
 def fold_angles(

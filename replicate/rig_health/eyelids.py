@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from replicate.approximation.rigid import align
+from replicate.geometry.alignment import align
 from replicate.geometry.rays import ray_hits
 
 SIDES = ("left", "right")

@@ -18,8 +18,10 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from replicate.approximation.rigid import align
-from replicate.geometry.mesh import Mesh, edges, face_normals
+from replicate.geometry.alignment import align
+from replicate.geometry.mesh import Mesh
+from replicate.geometry.edges import edges
+from replicate.geometry.normals import face_normals
 from replicate.geometry.rays import ray_hits
 
 HEAD_WIDTH_MM = 188.0  # the lengths below are for a head of this width, and scale with it

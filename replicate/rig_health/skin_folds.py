@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import sparse
 
-from replicate.geometry.mesh import Mesh, face_vectors
+from replicate.geometry.mesh import Mesh
+from replicate.geometry.normals import face_vectors
 
 INSIDE = ("tooth", "teeth", "gum", "tongue", "mouth", "lid")  # segments that begin so are no skin
 

@@ -12,7 +12,7 @@ from jaxtyping import UInt8
 from replicate.drawing.render import plotter_of, working_renderer
 from replicate.drawing.scene import PORTRAIT, WHITE, Camera, Lighting, Surface
 from replicate.drawing.software_rasteriser import rasterise
-from replicate.geometry.mesh import vertex_normals
+from replicate.geometry.normals import vertex_normals
 
 
 class LiveView:

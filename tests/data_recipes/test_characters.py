@@ -5,7 +5,7 @@ import pytest
 from test_rig import augmented, flipped_share, skin_faces
 
 from data_recipes.rig import build_rig
-from replicate.geometry.mesh import face_normals
+from replicate.geometry.normals import face_normals
 
 # Vertices, controls, deformable segments and rigid ones, as in Table 1.
 COUNTS = {"woman": (12828, 265, 7, 24), "toon": (4922, 99, 6, 2)}

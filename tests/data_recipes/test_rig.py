@@ -24,10 +24,11 @@ from data_recipes.rig import (
     rig_names,
     save_rig,
 )
-from replicate.approximation.rigid import align
+from replicate.geometry.alignment import align
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import RECIPES
-from replicate.geometry.mesh import Mesh, face_normals
+from replicate.geometry.mesh import Mesh
+from replicate.geometry.normals import face_normals
 
 
 @pytest.fixture(scope="module")

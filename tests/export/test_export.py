@@ -18,7 +18,8 @@ from replicate.export import command
 from replicate.export.command import Request, chosen, export
 from replicate.export.files import write_whole
 from replicate.export.low_rank import follow, low_rank
-from replicate.geometry.mesh import Mesh, vertex_normals
+from replicate.geometry.mesh import Mesh
+from replicate.geometry.normals import vertex_normals
 
 DTYPES = {5121: "<u1", 5125: "<u4", 5126: "<f4"}
 COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from numba import njit
 
-from replicate.approximation.rigid import nearest_rotation
+from replicate.geometry.alignment import nearest_rotation
 from replicate.engine.jit_cache import KEPT
 
 # Pulls an undetermined rotation (a bone that holds one vertex, or a line) to where it was; the pull follows the bone,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from replicate.approximation.rigid import nearest_rotation
+from replicate.geometry.alignment import nearest_rotation
 from replicate.approximation.skinning.bones import project, rotation_of, sweep, sweep_reference, weighted_points
 
 

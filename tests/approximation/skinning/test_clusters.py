@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from replicate.approximation.rigid import nearest_rotation
+from replicate.geometry.alignment import nearest_rotation
 from replicate.approximation.skinning.clusters import cluster, cluster_errors, refill, split
 from replicate.approximation.skinning.compression import compress
 

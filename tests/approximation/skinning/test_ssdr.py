@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from replicate.approximation.rigid import nearest_rotation
+from replicate.geometry.alignment import nearest_rotation
 from replicate.approximation.skinning import ssdr_checkpoints
 from replicate.approximation.skinning.ssdr import Skin, fit, refit
 from replicate.engine.exceptions import InputError
@@ -117,7 +117,7 @@ def test_a_mesh_that_never_moves_gives_still_bones_all_of_them_used(bones):
 
 
 def test_one_bone_is_the_rigid_alignment():
-    from replicate.approximation.rigid import align
+    from replicate.geometry.alignment import align
 
     truth, rng = known_skin(sheet())
     poses = moved(truth, rng)

@@ -21,7 +21,7 @@ from replicate.__main__ import main
 from replicate.approximation.rigid import find_attachments, segment_errors
 from replicate.config import Config
 from replicate.engine.exceptions import InputError
-from replicate.geometry.mesh import degenerate_faces, face_normals
+from replicate.geometry.normals import degenerate_faces, face_normals
 from replicate.pipeline import table2_graph
 
 TAU_MM = 0.3  # the paper's threshold of Eq. 3
