@@ -44,7 +44,7 @@ FOUND := $(shell grep -l '^ABOUT = ' replicate/targets/*.py replicate/targets/*/
 ABOUT := $(foreach kind,table figure,$(filter replicate/targets/$(kind)%,$(FOUND)))
 ABOUT += $(filter-out $(ABOUT),$(FOUND))
 TARGETS := $(patsubst %.py,%,$(notdir $(subst /__init__.py,.py,$(ABOUT))))
-BENCHMARKS := $(patsubst replicate/benchmarks/%.py,bench-%,$(shell grep -l '^ABOUT = ' replicate/benchmarks/*.py))
+BENCHMARKS := $(patsubst replicate/benchmarks/bench_%.py,bench-%,$(shell grep -l "^ABOUT = " replicate/benchmarks/bench_*.py))
 
 # The variables that are set, as options; what a target doesn't take, it leaves out.
 VARIABLES := PROFILE CHARACTERS METHODS SEED JOBS CLUSTER DEVICE CONFIG SPLIT LATEX POSE CLIP PARAMS TO TOLERANCE
@@ -60,8 +60,8 @@ help: ## print this help
 	@echo "usage: make <target> [VARIABLE=value ...]"
 	@echo
 	@awk '/^ABOUT = / { name = FILENAME; sub(/\/__init__\.py$$|\.py$$/, "", name); \
-	  bench = name ~ /benchmarks/ ? "bench-" : ""; sub(/.*\//, "", name); sub(/^ABOUT = "/, ""); sub(/"$$/, ""); \
-	  printf "  %-14s %s\n", bench name, $$0 }' $(ABOUT) $(BENCHMARKS:bench-%=replicate/benchmarks/%.py)
+	  bench = name ~ /benchmarks/ ? "bench-" : ""; sub(/.*\/(bench_)?/, "", name); sub(/^ABOUT = "/, ""); sub(/"$$/, ""); \
+	  printf "  %-14s %s\n", bench name, $$0 }' $(ABOUT) $(BENCHMARKS:bench-%=replicate/benchmarks/bench_%.py)
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  %-14s %s\n", $$1, $$2 }' Makefile
 	@echo
 	@echo "  PROFILE=$(PROFILE)    quick, laptop or paper: how many samples and steps"
@@ -81,7 +81,7 @@ $(TARGETS): $(ENVIRONMENT)
 	@exec $(RUN) -m replicate $@ --from-make $(OPTIONS)
 
 $(BENCHMARKS): bench-%: $(ENVIRONMENT)
-	@exec $(RUN) -m replicate.benchmarks.$* --from-make $(call option,PROFILE) $(call option,CHARACTERS)
+	@exec $(RUN) -m replicate.benchmarks.bench_$* --from-make $(call option,PROFILE) $(call option,CHARACTERS)
 
 test: $(ENVIRONMENT) ## run all tests
 	@exec $(RUN) -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder

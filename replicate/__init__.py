@@ -1,4 +1,35 @@
-"""The paper: *Fast and Deep Facial Deformations*, a module an idea."""
+"""*Fast and Deep Facial Deformations*, replicated. With the paper open, this is where its ideas stand:
+
+Fig. 2   maps I_k and their sampling g            approximation/deformation_map.py
+Fig. 3   the network that makes a map             approximation/cnn.py
+§3.1     segments and what each network sees      approximation/segments.py
+§3.1     which control moves which vertex         approximation/influence.py
+Eq. 1    the loss                                 approximation/losses.py
+§3.2     the refinement networks                  approximation/refinement.py
+Eq. 2    where a refinement is needed             approximation/refinement.py
+Eq. 3    the best rigid motion                    geometry/alignment.py
+Eq. 3    which segments are rigid                 approximation/rigid.py
+Eq. 4    the vertices that carry them             approximation/rigid.py
+Eq. 5    poses beyond the animation               approximation/sampling.py
+§3.5     balanced draws                           approximation/sampling.py
+§3.5     the samples on disk                      approximation/samples.py
+§3.5     the training loop                        approximation/training.py
+§5.1     the dense baseline                       approximation/dense.py
+§5.1     linear blend skinning (SSDR)             approximation/skinning/ssdr.py
+§5.1     errors over all unique test poses        approximation/evaluation.py
+Eq. 11   the normal error                         approximation/metrics.py
+Table 1  model sizes                              targets/table1/
+Table 2  approximation errors                     targets/table2/
+Fig. 5   training poses                           targets/figure05/
+Fig. 7   mesh segments                            targets/figure07/
+Fig. 8   refinement segments                      targets/figure08/
+Fig. 9   forehead wrinkles                        targets/table2/figure09.py
+Fig. 10  heatmaps of normal errors                targets/table2/figure10.py
+
+A row of a table is a module of methods/, what `make` makes a folder of targets/, what methods share a module of
+artefacts/; engine/ runs and keeps the work. Of the paper, §4 (Eq. 6 to 10, inverse kinematics) with Tables 3 and 4 and
+Figures 11 to 13 has no module yet.
+"""
 
 from typing import TYPE_CHECKING
 

@@ -8,7 +8,7 @@ from replicate.engine import paths, store
 from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.make_options import without_foreign
 from replicate.targets.options import OPTIONS
-from replicate.targets.registry import Target, targets
+from replicate.targets.target_registry import Target, targets
 
 EPILOG = """\
 Artefacts are kept in .cache, or in $REPLICATE_CACHE, and reused for as long as their configuration, inputs and

@@ -3,6 +3,9 @@
 import ast
 import subprocess
 import sys
+from graphlib import CycleError, TopologicalSorter
+
+import pytest
 
 from replicate.engine.paths import ROOT
 
@@ -15,12 +18,12 @@ def module_name(path):
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-MODULES = {module_name(path) for path in SOURCES}
+MODULES = {module_name(path): path for path in SOURCES}
 
 
 def imports(path, only_at_the_top=False):
     """Return the modules that a file imports; anywhere, or only those that importing it loads."""
-    tree = ast.parse(path.read_text())
+    tree = ast.parse(path.read_text(encoding="utf-8"))
     package = module_name(path).split(".")[: None if path.name == "__init__.py" else -1]
     inside = {id(n) for f in ast.walk(tree) if isinstance(f, (ast.FunctionDef, ast.Lambda)) for n in ast.walk(f)}
     found = set()
@@ -32,23 +35,81 @@ def imports(path, only_at_the_top=False):
         elif isinstance(node, ast.ImportFrom):
             base = package[: len(package) - node.level + 1] if node.level else []
             base = ".".join([*base, *([node.module] if node.module else [])])
-            submodules = {f"{base}.{alias.name}" for alias in node.names} & MODULES
+            submodules = {f"{base}.{alias.name}" for alias in node.names} & MODULES.keys()
             whole = {base} if len(submodules) < len(node.names) else set()
             found |= submodules | whole
     return found
 
 
-def test_only_figures_load_what_draws():
+def room(module):
+    """Return the folder, or the single module, that a module belongs to at the first level below its package."""
+    return ".".join(module.split(".")[:2])
+
+
+def floors(graph):
+    """Return each node's floor: one above the highest that it needs. Raises CycleError for a circle."""
+    found = {}
+    for node in TopologicalSorter(graph).static_order():
+        found[node] = 1 + max((found[needed] for needed in graph.get(node, ())), default=-1)
+    return found
+
+
+def graph_of(name):
+    """Return who imports whom; name: a module → its node. What a node imports of itself is left out."""
+    graph = {}
+    for module, path in MODULES.items():
+        own = imports(path) & MODULES.keys()
+        graph.setdefault(name(module), set()).update({name(other) for other in own} - {name(module)})
+    return graph
+
+
+def test_rooms_form_no_circle_and_each_has_a_floor():
+    found = floors(graph_of(room))
+    assert found["replicate.engine"] == 0
+    upwards = ("engine", "geometry", "approximation", "artefacts", "methods", "report", "targets", "__main__")
+    heights = [found[f"replicate.{name}"] for name in upwards]
+    assert heights == sorted(heights) and len(set(heights)) == len(heights)
+
+
+def test_modules_form_no_circle():
+    floors(graph_of(lambda module: module))
+
+
+def test_a_circle_is_noticed():
+    with pytest.raises(CycleError):
+        floors({"a": {"b"}, "b": {"a"}})
+
+
+def test_recipes_know_nothing_of_the_approximation_and_it_sees_the_contract_and_the_catalogue_alone():
+    for module, path in MODULES.items():
+        for imported in imports(path):
+            if module.startswith("data_recipes") and imported.startswith("replicate"):
+                assert room(imported) in ("replicate.engine", "replicate.geometry"), f"{module} imports {imported}"
+            if module.startswith("replicate") and imported.startswith("data_recipes"):
+                allowed = ("data_recipes.rig", "data_recipes.catalogue", "data_recipes.recipe_paths")
+                assert imported in allowed, f"{module} imports {imported}"
+
+
+def test_the_engine_knows_nothing_of_faces():
+    for module, path in MODULES.items():
+        if module.startswith("replicate.engine"):
+            outside = {name for name in imports(path) & MODULES.keys() if not name.startswith("replicate.engine")}
+            assert not outside, f"{module} imports {outside}"
+
+
+def test_file_names_occur_once():
+    names = [path.name for path in SOURCES if path.name != "__init__.py"]
+    assert not {name for name in names if names.count(name) > 1}
+
+
+def test_only_what_draws_loads_what_draws():
     for path in SOURCES:
         loaded = {name.split(".")[0] for name in imports(path, only_at_the_top=True)}
-        assert not loaded & DISPLAY_ONLY or {"drawing", "rig_tour"} & set(path.parts), (
-            f"{module_name(path)} loads {loaded & DISPLAY_ONLY}"
-        )
+        assert not loaded & DISPLAY_ONLY, f"{module_name(path)} loads {loaded & DISPLAY_ONLY} when it is imported"
 
 
-def test_everything_but_figures_works_without_pyvista_and_trimesh():
-    left_out = ("replicate.figures", "replicate.__main__", "replicate.engine.worker", "replicate.benchmarks")
-    modules = [name for name in sorted(MODULES) if not name.startswith(left_out)]
+def test_everything_works_without_pyvista_and_trimesh_until_it_draws():
+    modules = [name for name in sorted(MODULES) if name not in ("replicate.__main__", "replicate.engine.worker")]
     program = f"""
 import importlib, sys
 for name in {sorted(DISPLAY_ONLY)}:
@@ -56,14 +117,16 @@ for name in {sorted(DISPLAY_ONLY)}:
 for name in {modules}:
     importlib.import_module(name)
 """
-    told = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
-    assert told.returncode == 0, told.stderr
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_the_command_line_loads_nothing_heavy_to_see_that_nothing_is_to_be_done():
-    program = "import sys, replicate.__main__, replicate.engine.scheduler, replicate.engine.cache_report\n"
-    if "replicate.pipeline" in MODULES:
-        program += "import replicate.pipeline\n"
-    program += "print(sorted({'jax', 'torch', 'scipy', 'numba', 'pandas', 'matplotlib', 'pyvista'} & set(sys.modules)))"
-    told = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert told.stdout.strip() == "[]"
+    heavy = "{'jax', 'torch', 'scipy', 'numba', 'pandas', 'matplotlib', 'pyvista', 'dask', 'distributed'}"
+    program = (
+        "import sys, replicate.__main__, replicate.engine.scheduler, replicate.engine.cache_report\n"
+        "from replicate.targets.target_registry import targets\nfrom replicate.methods.method_registry import methods\n"
+        f"targets(), methods()\nprint(sorted({heavy} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -78,7 +78,7 @@ def merge(file: Path, rows: Sequence[Row], keep: Callable[[Row], bool]) -> None:
 def note(name: str, characters: Iterable[str], typed: Sequence[str], seeds: Sequence[int] = (0,)) -> None:
     """Note in the folder's manifest how <name>.csv's rows about some characters were made, and say so."""
     into = bench_folder()
-    command = ["python", "-m", f"replicate.benchmarks.{name.removeprefix('bench_')}", *typed]
+    command = ["python", "-m", f"replicate.benchmarks.{name}", *typed]
     facts = provenance(command, PROFILE, list(seeds), core_count())
     known = manifest.entries(into, name)
     manifest.write_entries(into, name, dict(sorted((known | dict.fromkeys(characters, facts)).items())))

@@ -19,12 +19,12 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from replicate.geometry.alignment import align
 from replicate.approximation.skinning.clusters import cluster
 from replicate.approximation.skinning.compression import compress
 from replicate.approximation.skinning.ssdr import Skin
 from replicate.engine.exceptions import InputError
 from replicate.engine.stage import stream_rng
+from replicate.geometry.alignment import align
 
 LINKS = 12  # two-vertex polygons between two parts that are linked
 INFLUENCES = 8

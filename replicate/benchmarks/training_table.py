@@ -19,7 +19,7 @@ METHODS = ("coarse", "refined", "dense")
 def trainings_table(rows: Iterable[Row]) -> Table:
     """Return the errors of every training in `bench_training.csv`: what was changed, mm, degrees, and over the floor.
 
-    A row's metric is metric[change], as `replicate.benchmarks.training` writes it.
+    A row's metric is metric[change], as `replicate.benchmarks.bench_training` writes it.
     """
     found: dict[tuple[str, str], dict[str, Row]] = {}
     for row in rows:

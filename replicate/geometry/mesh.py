@@ -13,6 +13,7 @@ from jaxtyping import Int
 from replicate.engine.exceptions import InputError
 from replicate.geometry.normals import degenerate_faces
 
+
 @dataclass(frozen=True)
 class Mesh:
     """A neutral mesh V⁰ with its segments (§3) and one chart per segment.

@@ -19,8 +19,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from replicate.geometry.alignment import align
-from replicate.geometry.mesh import Mesh
 from replicate.geometry.edges import edges
+from replicate.geometry.mesh import Mesh
 from replicate.geometry.normals import face_normals
 from replicate.geometry.rays import ray_hits
 

@@ -12,9 +12,9 @@ OPTIONS = ("profile", "latex")
 
 def run(options: argparse.Namespace) -> None:
     """Print every table that the reference results or yours hold."""
-    from replicate.report.compare import compare_folders
+    from replicate.report.comparison import compare_folders
     from replicate.report.tables import as_latex, as_text
-    from replicate.targets.registry import targets
+    from replicate.targets.target_registry import targets
 
     check_profile(options.profile)
     tables = [name for name, target in targets().items() if target.compared]

@@ -10,7 +10,7 @@ from replicate.engine import paths
 from replicate.engine.device import choose_device
 from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import core_count
-from replicate.methods import registry
+from replicate.methods import method_registry as registry
 from replicate.methods.method import Method
 
 OF_A_RUN = ("profile", "characters", "seed", "device", "config", "split", "jobs")

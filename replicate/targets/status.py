@@ -14,7 +14,7 @@ def run(options: argparse.Namespace) -> None:
     """Print the state of every stage of every target, then what the cache holds."""
     from replicate.artefacts.plan import Plan
     from replicate.engine.cache_report import inventory, states
-    from replicate.targets.registry import targets
+    from replicate.targets.target_registry import targets
 
     for config in configurations(options):
         plan, chosen = Plan(config), methods(options, config)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from replicate.benchmarks import floors
+from replicate.benchmarks import bench_floors as floors
 from replicate.geometry.mesh import Mesh
 from replicate.report.results import Row
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from replicate.benchmarks import bench_lbs as bench
 from replicate.benchmarks import dem_bones
-from replicate.benchmarks import lbs as bench
 from replicate.report.results import Row, read_results
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from replicate.benchmarks.rig import BATCH, bench, rows, run_timed, shares, tables
+from replicate.benchmarks.bench_rig import BATCH, bench, rows, run_timed, shares, tables
 
 
 class Doubling:

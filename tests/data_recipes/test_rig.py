@@ -24,9 +24,9 @@ from data_recipes.rig import (
     rig_names,
     save_rig,
 )
-from replicate.geometry.alignment import align
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import RECIPES
+from replicate.geometry.alignment import align
 from replicate.geometry.mesh import Mesh
 from replicate.geometry.normals import face_normals
 

@@ -145,7 +145,7 @@ def test_figures_are_imported_without_pyvista_trimesh_or_matplotlib():
         "for name in ('pyvista', 'trimesh', 'matplotlib', 'vtk', 'nbclient'): sys.modules[name] = None\n"
         "import replicate.targets.table2.figure10, replicate.targets.table2.figure09\n"
         "import replicate.targets.table2.curves_chart, replicate.targets.table2.error_chart\n"
-        "import replicate.report.pose_record, replicate.report.compare\n"
+        "import replicate.report.pose_record, replicate.report.comparison\n"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr

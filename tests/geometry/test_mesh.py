@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from replicate.engine.exceptions import InputError
-from replicate.geometry.mesh import Mesh
 from replicate.geometry.edges import edges
+from replicate.geometry.mesh import Mesh
 from replicate.geometry.normals import face_normals, face_vectors, vertex_normals
 
 TETRAHEDRON = np.array([[0, 0, 0], [3, 0, 0], [0, 4, 0], [0, 0, 5]], np.float32)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from replicate.targets.table2.trainings import draws_text
 from test_figures import LOG
 from test_table1 import ours as table1_rows
 from test_tables import ours
@@ -17,11 +18,10 @@ from replicate.report.notebooks import balance_text, execute, main, provenance_t
 from replicate.report.pose_record import PoseRecord, save_pose
 from replicate.report.results import Row, write_results
 from replicate.report.training_curves import write_curves
-from replicate.targets.figure05.picture import POSES_HEADER
-from replicate.targets.figure07.picture import HEADER as SEGMENTS_HEADER
-from replicate.targets.figure08.picture import HEADER as REFINEMENT_HEADER
-from replicate.targets.table2.pictures import open_table2, pose_file, table2_figure_names, table2_figures
-from replicate.targets.table2.trainings import draws_text
+from replicate.targets.figure05.training_poses import POSES_HEADER
+from replicate.targets.figure07.mesh_segments import HEADER as SEGMENTS_HEADER
+from replicate.targets.figure08.refinement_segments import HEADER as REFINEMENT_HEADER
+from replicate.targets.table2.table2_figures import open_table2, pose_file, table2_figure_names, table2_figures
 
 FILES = sorted(notebooks.NOTEBOOKS.glob("*.ipynb"))
 TABLE2 = notebooks.NOTEBOOKS / "table2.ipynb"

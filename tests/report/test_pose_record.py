@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from replicate.engine.exceptions import InputError
+from replicate.geometry.edges import edges, inner_edges
 from replicate.geometry.mesh import Mesh
-from replicate.geometry.edges import edges
 from replicate.report.pose_record import PoseRecord, fold_angles, load_pose, most_wrinkled, save_pose
-from replicate.geometry.edges import inner_edges
 
 TENT = np.float32([[0, -10, 0], [0, 10, 0], [-10, 0, 0], [10, 0, 0]])
 TENT_FACES = np.int32([[0, 1, 2], [1, 0, 3]])

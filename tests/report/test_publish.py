@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from replicate.report.publish import publish_table2
 from test_figures import LOG
 from test_table1 import ours as sized
 from test_tables import ours
@@ -18,10 +19,9 @@ from replicate.engine import store
 from replicate.engine.stage import Stage
 from replicate.report import manifest, notebooks, publish
 from replicate.report.pose_record import PoseRecord, save_pose
-from replicate.report.publish import publish_table2
 from replicate.report.results import read_results, write_results
 from replicate.report.training_curves import read_curves, write_curves
-from replicate.targets.table2 import pictures as table2_figures
+from replicate.targets.table2 import table2_figures
 
 FILES = ("table2.csv", "table2_curves.csv", "table2_teen_pose.npz", "manifest.json")
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from replicate.report.reference import tables_in_texts, with_table
 
 from replicate.engine import paths
-from replicate.report.reference import tables_in_texts, with_table
 from replicate.report.results import find, read_results
 from replicate.report.tables import as_markdown, unbroken
-from replicate.targets.table2.layout import METHODS, table2
+from replicate.targets.table2.error_table import METHODS, table2
 
 BANDS = tomllib.loads((Path(__file__).parent / "tolerances.toml").read_text())["band"]
 CHARACTER = "teen"

@@ -6,11 +6,11 @@ import pytest
 
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import ROOT
-from replicate.report.compare import compare, compare_folders
+from replicate.report.comparison import compare, compare_folders
 from replicate.report.results import Row, read_results, write_results
 from replicate.report.tables import Table, as_latex, as_markdown, as_text, published, rounded, unbroken
-from replicate.targets.table2.details import table2_ratios, table2_segments
-from replicate.targets.table2.layout import METHODS, in_order, table2, table2_overview, title
+from replicate.targets.table2.error_table import METHODS, in_order, table2, table2_overview, title
+from replicate.targets.table2.ratio_tables import table2_ratios, table2_segments
 
 PAPER_FOLDER = ROOT / "results" / "paper"
 PAPER = read_results(PAPER_FOLDER / "table2.csv")

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from data_recipes.rig import Clip, Control, Rig, build_rig
-from replicate.benchmarks import poses as bench_poses
+from replicate.benchmarks import bench_poses
 from replicate.geometry.mesh import Mesh
 from replicate.geometry.rays import ray_hits
 from replicate.report.results import read_results

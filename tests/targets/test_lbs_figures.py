@@ -8,7 +8,7 @@ import pytest
 from small_face import pose_offsets, small_mesh
 
 from replicate.approximation.skinning import ssdr as lbs
-from replicate.targets.lbs.picture import (
+from replicate.targets.lbs.skin_pictures import (
     DEEP,
     PALE,
     bone_colours,

@@ -12,7 +12,7 @@ import pytest
 
 from replicate.engine.paths import ROOT
 from replicate.report.results import find, read_results
-from replicate.targets.table2.layout import METHODS
+from replicate.targets.table2.error_table import METHODS
 
 NUMBERS = """
 [samples]

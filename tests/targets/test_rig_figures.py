@@ -13,8 +13,8 @@ from replicate.drawing.rig_views import DISTINCT, UNUSED, legend_panel, open_mou
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 from replicate.report.tables import as_text
-from replicate.targets.figure05 import picture as figure05
-from replicate.targets.figure05.picture import (
+from replicate.targets.figure05 import training_poses as figure05
+from replicate.targets.figure05.training_poses import (
     clip_kinds,
     clip_strips,
     poses_table,
@@ -22,10 +22,10 @@ from replicate.targets.figure05.picture import (
     save_poses,
     shown_frames,
 )
-from replicate.targets.figure07 import picture as figure07
-from replicate.targets.figure07.picture import RIGID, save_segments_figure, segment_palette, segments_table
-from replicate.targets.figure08 import picture as figure08
-from replicate.targets.figure08.picture import (
+from replicate.targets.figure07 import mesh_segments as figure07
+from replicate.targets.figure07.mesh_segments import RIGID, save_segments_figure, segment_palette, segments_table
+from replicate.targets.figure08 import refinement_segments as figure08
+from replicate.targets.figure08.refinement_segments import (
     refinement_colours,
     refinement_table,
     save_refinement_figure,

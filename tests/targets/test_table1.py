@@ -23,12 +23,12 @@ from replicate.approximation.segments import Segment, save_segments
 from replicate.config import CoarseConfig, DenseConfig, RefinementConfig
 from replicate.engine.paths import PAPER
 from replicate.geometry.mesh import Mesh
-from replicate.report.compare import compare
+from replicate.report.comparison import compare
 from replicate.report.results import Row, find, read_results, write_results
 from replicate.report.tables import as_markdown, as_text
-from replicate.targets.table1.layout import bracket, characters_of, implied_vertices, size_claim, size_ratio, table1
-from replicate.targets.table1.rows import WIDTHS, rows_of, sizes_mb
-from replicate.targets.table2.layout import STANDS_FOR
+from replicate.targets.table1.size_rows import WIDTHS, rows_of, sizes_mb
+from replicate.targets.table1.size_table import bracket, characters_of, implied_vertices, size_claim, size_ratio, table1
+from replicate.targets.table2.error_table import STANDS_FOR
 
 THEIRS = read_results(PAPER / "table1.csv")
 SMALL = SimpleNamespace(map_size=16, channels=2, hidden=(3, 128))

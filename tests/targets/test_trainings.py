@@ -1,9 +1,10 @@
 """Trainings compared: which ones, how they are shown, and what a typing mistake gets."""
 
-from replicate.benchmarks import training
+from replicate.targets.table2.trainings import axis_text, draws_text, trainings_table
+
+from replicate.benchmarks import bench_training as training
 from replicate.config import resolve
 from replicate.report.results import Row
-from replicate.targets.table2.trainings import axis_text, draws_text, trainings_table
 
 
 def test_every_method_is_tried_at_the_same_rates_and_schedule():

@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float
 from numba import njit
 
-from replicate.geometry.alignment import nearest_rotation
 from replicate.engine.jit_cache import KEPT
+from replicate.geometry.alignment import nearest_rotation
 
 # Pulls an undetermined rotation (a bone that holds one vertex, or a line) to where it was; the pull follows the bone,
 # so it changes no fixed point.

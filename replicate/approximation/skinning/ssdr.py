@@ -1,4 +1,4 @@
-"""Linear blend skinning fitted to example poses: SSDR (Le & Deng 2012), the paper's LBS rows in Table 2.
+"""Linear blend skinning fitted to example poses: SSDR (Le & Deng 2012), the paper's LBS rows in Table 2 (§5.1).
 
 Two steps alternate: sparse convex weights for all vertices with the bones fixed (`lbs_weights`), rigid motions of all
 bones with the weights fixed (`lbs_bones`). Both work on compressed poses (`lbs_compression`), measure errors in

@@ -27,7 +27,7 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
 
 def draw(context: StageContext) -> None:
     """Draw some training poses, and a strip of each kind of clip (Fig. 5)."""
-    from replicate.targets.figure05.picture import choose, save_clips, save_poses
+    from replicate.targets.figure05.training_poses import choose, save_clips, save_poses
 
     rig, samples = built_rig.load(context.inputs), drawn_samples.load(context.inputs)
     shown = choose(len(samples), context.rng("poses"))

@@ -27,7 +27,7 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
 
 def draw(context: StageContext) -> None:
     """Draw the mesh segments in colours (Fig. 7)."""
-    from replicate.targets.figure07.picture import save_segments_figure
+    from replicate.targets.figure07.mesh_segments import save_segments_figure
 
     rigid = rigid_segments.load(context.inputs).segment.tolist()
     save_segments_figure(built_rig.load(context.inputs), rigid, context.out / f"figure07_{context.config.character}")

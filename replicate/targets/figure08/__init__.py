@@ -27,7 +27,7 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
 
 def draw(context: StageContext) -> None:
     """Draw the refinement segments in colours, what is unused in grey (Fig. 8)."""
-    from replicate.targets.figure08.picture import save_refinement_figure
+    from replicate.targets.figure08.refinement_segments import save_refinement_figure
 
     squares, errors = refinement_squares.load(context.inputs), refinement_squares.load_map_error(context.inputs)
     stem = context.out / f"figure08_{context.config.character}"

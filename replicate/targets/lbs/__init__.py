@@ -30,7 +30,7 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
 
 def draw(context: StageContext) -> None:
     """Measure skins of several numbers of bones on test poses, and draw what they are."""
-    from replicate.targets.lbs.picture import TEST, TRAINING, save_all
+    from replicate.targets.lbs.skin_pictures import TEST, TRAINING, save_all
 
     rig, samples = built_rig.load(context.inputs), drawn_samples.load(context.inputs)
     skins = {bones: skinned.load_skin(context.inputs, bones) for bones in BONES}

@@ -16,7 +16,7 @@ def run(options: argparse.Namespace) -> None:
     """Draw the sheets of every character, and one picture of all."""
     from replicate.artefacts.built_rig import rig_of
     from replicate.report.publication import results_folder
-    from replicate.targets.rigs.drawing import draw_line_up, draw_sheets
+    from replicate.targets.rigs.character_sheets import draw_line_up, draw_sheets
 
     folder = results_folder("rigs")
     rigs = [rig_of(character) for character in characters(options)]

@@ -53,7 +53,7 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
 def count(context: StageContext) -> None:
     """Count one character's segments and weigh its models."""
     from replicate.report.results import write_results
-    from replicate.targets.table1.rows import rows_of
+    from replicate.targets.table1.size_rows import rows_of
 
     write_results(context.out / FILE, rows_of(context.config, context.inputs))
 
@@ -72,7 +72,7 @@ def publish(made: Sequence[Made]) -> None:
     from replicate.report.notebooks import run_notebook
     from replicate.report.results import over_seeds, read_results, write_results
     from replicate.report.tables import as_text
-    from replicate.targets.table1.layout import size_claim, table1
+    from replicate.targets.table1.size_table import size_claim, table1
 
     profile = made[0].config.profile
     folder, seeded = results_folder(profile), by_character(made)

@@ -38,14 +38,14 @@ def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
 
 def write_table(context: StageContext) -> None:
     """Gather one character's rows, the curves of its trainings and the pose that figures show."""
-    from replicate.targets.table2.gather import write_all
+    from replicate.targets.table2.character_part import write_all
 
     write_all(context.config, context.inputs, context.out)
 
 
 def run(options: argparse.Namespace) -> None:
     """Make the errors of every method on every character, publish and print them."""
-    from replicate.targets.table2.publication import publish
+    from replicate.targets.table2.publishing import publish
 
     made = make(options, lambda plan: stages(plan, methods(options, plan.config)))
     publish(made, not options.numbers_only)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from replicate.drawing.panels import DPI, Words
 from replicate.drawing.style import MEASURES, tidy
-from replicate.methods.registry import in_order, method_named, methods
+from replicate.methods.method_registry import in_order, method_named, methods
 from replicate.report.results import Row, find
 from replicate.report.training_curves import Curve
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from replicate.drawing.panels import DPI, Words
 from replicate.drawing.style import MEASURES, tidy
-from replicate.methods.registry import in_order, method_named
+from replicate.methods.method_registry import in_order, method_named
 from replicate.report.cast import STANDS_FOR
 from replicate.report.results import Row, find
 from replicate.report.tables import rounded

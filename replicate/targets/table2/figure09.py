@@ -7,7 +7,7 @@ from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.scene import Surface, camera_for
 from replicate.report.pose_record import TRUTH, PoseRecord
-from replicate.targets.table2.naming import panel_title, plain_name
+from replicate.targets.table2.panel_titles import panel_title, plain_name
 
 SHOWN = (TRUTH, "refined", "coarse", "lbs32")
 

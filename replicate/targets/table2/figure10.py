@@ -10,9 +10,9 @@ from replicate.drawing.panels import Words, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.scene import Surface, camera_for
-from replicate.methods.registry import in_order, method_named
+from replicate.methods.method_registry import in_order, method_named
 from replicate.report.pose_record import TRUTH, PoseRecord
-from replicate.targets.table2.naming import panel_title, plain_name
+from replicate.targets.table2.panel_titles import panel_title, plain_name
 
 
 def figure10(

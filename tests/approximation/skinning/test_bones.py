@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from replicate.geometry.alignment import nearest_rotation
 from replicate.approximation.skinning.bones import project, rotation_of, sweep, sweep_reference, weighted_points
+from replicate.geometry.alignment import nearest_rotation
 
 
 def turns(rng, *shape, angle=0.4):

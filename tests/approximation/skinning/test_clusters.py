@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from replicate.geometry.alignment import nearest_rotation
 from replicate.approximation.skinning.clusters import cluster, cluster_errors, refill, split
 from replicate.approximation.skinning.compression import compress
+from replicate.geometry.alignment import nearest_rotation
 
 
 def parts(count=4, size=30, poses=12, seed=0):

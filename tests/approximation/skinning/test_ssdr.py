@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from replicate.geometry.alignment import nearest_rotation
 from replicate.approximation.skinning import ssdr_checkpoints
 from replicate.approximation.skinning.ssdr import Skin, fit, refit
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import ROOT
+from replicate.geometry.alignment import nearest_rotation
 
 
 def sheet(side=16):

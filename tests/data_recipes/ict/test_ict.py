@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from replicate.pipeline import table2_graph
 from small_facekit import ANGLE, PARTS, PIVOT, write_facekit
 
 from data_recipes.acting import arkit_names
@@ -22,7 +23,6 @@ from replicate.approximation.rigid import find_attachments, segment_errors
 from replicate.config import Config
 from replicate.engine.exceptions import InputError
 from replicate.geometry.normals import degenerate_faces, face_normals
-from replicate.pipeline import table2_graph
 
 TAU_MM = 0.3  # the paper's threshold of Eq. 3
 REAL = os.environ.get("ICT_FACEKIT", "").strip()

@@ -1,6 +1,6 @@
 """How figures name what they show: a method's title, or the ground truth."""
 
-from replicate.methods.registry import method_named
+from replicate.methods.method_registry import method_named
 from replicate.report.pose_record import TRUTH
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from replicate.engine.exceptions import InputError
-from replicate.methods.registry import in_order, method_named
+from replicate.methods.method_registry import in_order, method_named
 from replicate.report.cast import STANDS_FOR
 from replicate.report.results import Row, find, read_results
 from replicate.report.tables import Table, published, rounded

@@ -12,7 +12,7 @@ OPTIONS = ("profile",)
 
 def run(options: argparse.Namespace) -> None:
     """Publish a profile's results as the reference."""
-    from replicate.targets.reference_publication import publish_reference
+    from replicate.targets.reference.reference_results import publish_reference
 
     check_profile(options.profile)
     for file in publish_reference(options.profile):

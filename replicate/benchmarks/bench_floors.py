@@ -117,7 +117,7 @@ def floors_table(rows: Sequence[Row], character: str) -> Table:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.floors", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.bench_floors", description=__doc__)
     parser.add_argument("--profile", default="laptop", help="whose samples and refinement segments (default: laptop)")
     parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
     options, given = parse(parser, arguments)

@@ -23,7 +23,7 @@ from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
 from replicate.engine.stage import Stage, in_order
 from replicate.engine.store import artefact_folder
-from replicate.methods.registry import method_named
+from replicate.methods.method_registry import method_named
 from replicate.methods.training_stage import LOG
 from replicate.report.results import Row
 from replicate.report.tables import as_text
@@ -110,7 +110,7 @@ def axis_rows(stages: dict[str, Stage], profile: str) -> list[Row]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison from the command line; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.training", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.bench_training", description=__doc__)
     parser.add_argument("--profile", default="laptop", help="whose numbers are changed (default: laptop)")
     parser.add_argument("--characters", default="teen", help="a name or recipe (default: teen)")
     parser.add_argument("--steps", type=int, default=STEPS, help=f"of the short schedule (default: {STEPS})")

@@ -175,7 +175,9 @@ def told(rig, measured: Measured) -> list[str]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.poses", description="Look for broken poses.")
+    parser = argparse.ArgumentParser(
+        prog="python -m replicate.benchmarks.bench_poses", description="Look for broken poses."
+    )
     parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
     parser.add_argument("--count", type=int, default=COUNT, help=f"samples of Eq. 5 (default: {COUNT})")
     parser.add_argument("--every", type=int, default=1, help="take each k-th frame of the clips only (default: 1)")

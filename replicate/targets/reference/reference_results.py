@@ -8,16 +8,16 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+from replicate.benchmarks.bench_poses import health_card
+from replicate.benchmarks.bench_rig import speed_card
 from replicate.benchmarks.common import PROFILE as BENCH
 from replicate.benchmarks.common import merge
-from replicate.benchmarks.poses import health_card
-from replicate.benchmarks.rig import speed_card
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.report import manifest
 from replicate.report.results import Row, read_results
 from replicate.report.tables import Table, as_markdown
-from replicate.targets.table2.layout import table2_overview
+from replicate.targets.table2.error_table import table2_overview
 
 KINDS = (".csv", ".json", ".npz", ".png")
 README, DATA_CARD, REPRODUCING = (

@@ -11,8 +11,8 @@ from replicate.report.publication import Made, alone, by_character, copy, facts_
 from replicate.report.results import Row, over_seeds, read_results, write_results
 from replicate.report.tables import as_text
 from replicate.report.training_curves import read_curves, write_curves
-from replicate.targets.table2.gather import CURVES, ROWS, pose_file
-from replicate.targets.table2.layout import table2
+from replicate.targets.table2.character_part import CURVES, ROWS, pose_file
+from replicate.targets.table2.error_table import table2
 
 
 def publish(made: Sequence[Made], draw: bool = True) -> None:
@@ -82,7 +82,7 @@ def _draw(folder: Path, profile: str, limit_deg: float) -> None:
     The notebook comes last: only when it stands, with its stamp, were the figures of these results drawn to the end.
     """
     from replicate.drawing.panels import save_figure
-    from replicate.targets.table2.pictures import open_table2, table2_figure_names, table2_figures
+    from replicate.targets.table2.table2_figures import open_table2, table2_figure_names, table2_figures
 
     results = open_table2(folder)
     names = [name for character in results.characters for name in table2_figure_names(character)]

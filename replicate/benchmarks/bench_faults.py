@@ -36,7 +36,7 @@ from replicate.engine.store import artefact_folder
 from replicate.geometry.mesh import Mesh
 from replicate.methods import coarse as coarse_method
 from replicate.methods import measurement
-from replicate.methods.registry import method_named
+from replicate.methods.method_registry import method_named
 from replicate.report.error_rows import error_rows
 from replicate.report.results import Row
 from replicate.report.tables import Table, as_text, rounded
@@ -127,7 +127,9 @@ def measure(config: Config, count: int) -> list[Row]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the measurement from the command line; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.faults", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m replicate.benchmarks.bench_faults", description=__doc__.splitlines()[0]
+    )
     parser.add_argument("--profile", default="laptop", help="whose networks are broken (default: laptop)")
     parser.add_argument("--characters", default="teen", help="a name or recipe (default: teen)")
     parser.add_argument("--poses", type=int, default=POSES, help=f"test poses to measure on (default: {POSES})")

@@ -11,7 +11,7 @@ from replicate.config import CoarseConfig, RefinementConfig
 from replicate.report.cast import STANDS_FOR, characters_of
 from replicate.report.results import Row, find, most_seeds
 from replicate.report.tables import Table, published, rounded
-from replicate.targets.table1.rows import WIDTHS
+from replicate.targets.table1.size_rows import WIDTHS
 
 CLAIM = (2.0, 5.0)  # C6: how many times as large as the CNN the dense model is
 NOTES = (

@@ -182,7 +182,7 @@ def speed_tables(path: Path) -> list[Table]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
     own = [name for name in STANDS_FOR if paths.recipe_file(name).is_file()]
-    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.rig", description="Time the rigs.")
+    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.bench_rig", description="Time the rigs.")
     parser.add_argument(
         "--characters", default=" ".join(own), help=f"names or recipes, separated by commas (default: {', '.join(own)})"
     )

@@ -327,7 +327,7 @@ def _cell(row: Row | None, seeds: int) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.lbs", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.bench_lbs", description=__doc__)
     parser.add_argument("--characters", default="teen dragon", help="names or recipes (default: teen dragon)")
     parser.add_argument("--bones", type=int, nargs="+", default=BONES, help="numbers of bones (default: 16 24 32)")
     parser.add_argument("--seeds", type=int, nargs="+", default=SEEDS, help="seeds of the poses (default: 0 1 2)")

@@ -10,11 +10,11 @@ from replicate.report.notebooks import folder_of
 from replicate.report.pose_record import PoseRecord, load_pose
 from replicate.report.results import Row, read_results
 from replicate.report.training_curves import Curve, read_curves
+from replicate.targets.table2.character_part import CURVES, ROWS, pose_file
 from replicate.targets.table2.curves_chart import training_curves
 from replicate.targets.table2.error_chart import table2_chart
 from replicate.targets.table2.figure09 import figure09
 from replicate.targets.table2.figure10 import figure10
-from replicate.targets.table2.gather import CURVES, ROWS, pose_file
 
 
 @dataclass(frozen=True)

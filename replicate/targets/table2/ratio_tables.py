@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from replicate.methods.registry import in_order, method_named
+from replicate.methods.method_registry import in_order, method_named
 from replicate.report.cast import STANDS_FOR
 from replicate.report.results import Row, find, most_seeds
 from replicate.report.tables import Table, rounded

@@ -1,0 +1,38 @@
+"""The index in `replicate/__init__.py`: what it points to is there, and says which equation or section it is."""
+
+import ast
+import re
+
+import pytest
+
+import replicate
+from replicate.engine.paths import ROOT
+
+LINE = re.compile(r"^(Fig\. \d+|Eq\. \d+|§[\d.]+|Table \d)  +\S.*?  +(\S+)$", re.MULTILINE)
+ENTRIES = [(found[1], found[2]) for found in LINE.finditer(replicate.__doc__)]
+NAMES = {"Fig.": r"Fig(?:\.|ure|s) ?(?:\d+ and )?", "Table": "Table ", "Eq.": "Eq\\. (?:\\d+ and )?", "§": "§"}
+
+
+def docstrings(file):
+    """Return all docstrings of a file, its module's first."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    kinds = (ast.Module, ast.ClassDef, ast.FunctionDef)
+    return "\n".join(ast.get_docstring(node) or "" for node in ast.walk(tree) if isinstance(node, kinds))
+
+
+def test_the_index_has_the_equations_tables_and_figures_that_the_suite_has():
+    named = {name for name, _ in ENTRIES}
+    assert {"Eq. 1", "Eq. 2", "Eq. 3", "Eq. 4", "Eq. 5", "Eq. 11", "Table 1", "Table 2"} <= named
+    targets = {path.name for path in (ROOT / "replicate/targets").iterdir() if re.match(r"(table|figure)\d", path.name)}
+    pointed = {path.split("/")[1] for _, path in ENTRIES if path.startswith("targets/")}
+    assert targets == pointed
+
+
+@pytest.mark.parametrize(("name", "path"), ENTRIES, ids=[f"{name} {path}" for name, path in ENTRIES])
+def test_what_the_index_points_to_says_what_it_is(name, path):
+    place = ROOT / "replicate" / path
+    file = place / "__init__.py" if path.endswith("/") else place
+    assert file.is_file(), f"{path} is not there"
+    kind, number = re.match(r"(§|\D+)\s*([\d.]+)", name).groups()
+    pattern = rf"{NAMES[kind.strip()]}0?{re.escape(number)}(?!\d)"
+    assert re.search(pattern, docstrings(file)), f"no docstring of {path} names {name}"
