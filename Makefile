@@ -81,7 +81,8 @@ $(TARGETS): $(ENVIRONMENT)
 	@exec $(RUN) -m replicate $@ --from-make $(OPTIONS)
 
 $(BENCHMARKS): bench-%: $(ENVIRONMENT)
-	@exec $(RUN) -m replicate.benchmarks.bench_$* --from-make $(call option,PROFILE) $(call option,CHARACTERS)
+	@exec $(RUN) -m replicate.benchmarks.bench_$* --from-make \
+	  $(call option,PROFILE) $(call option,CHARACTERS) $(if $(filter methods,$*),$(call option,METHODS))
 
 test: $(ENVIRONMENT) ## run all tests
 	@exec $(RUN) -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder

@@ -9,6 +9,7 @@ from replicate.engine import paths
 from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.make_options import without_foreign
 from replicate.engine.provenance import core_count, provenance
+from replicate.engine.word_lists import words
 from replicate.report import manifest
 from replicate.report.results import Row, read_results, write_results
 
@@ -30,14 +31,14 @@ def parse(parser: argparse.ArgumentParser, arguments: Sequence[str] | None) -> t
 
     What make hands to all benchmarks and this one lacks is left out.
     """
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    given = without_foreign(words, parser._option_string_actions)
+    every = list(sys.argv[1:] if arguments is None else arguments)
+    given = without_foreign(every, parser._option_string_actions)
     return parser.parse_args(given), given
 
 
 def named(characters: str) -> list[str]:
     """Return the characters that a text names, separated by commas or spaces. Raises InputError if there are none."""
-    found = list(dict.fromkeys(characters.replace(",", " ").split()))
+    found = list(dict.fromkeys(words(characters)))
     if not found:
         raise InputError(f"no character is named: allowed are {', '.join(paths.character_names())}")
     return found

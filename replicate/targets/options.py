@@ -1,8 +1,7 @@
 """The options of the command line, each described once, and what they name: characters, seeds, methods."""
 
 import argparse
-import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from replicate.config import PROFILES, Config, resolve
@@ -10,6 +9,7 @@ from replicate.engine import paths
 from replicate.engine.device import choose_device
 from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import core_count
+from replicate.engine.word_lists import words
 from replicate.methods import method_registry as registry
 from replicate.methods.method import Method
 
@@ -56,20 +56,6 @@ OPTIONS = {
     },
     "all": {"action": "store_true", "help": "remove everything that this suite has put there"},
 }
-
-
-def words(text: str | Iterable[str]) -> list[str]:
-    """Return the words of a list, separated by commas or spaces; a path with spaces stands in quotes.
-
-    Raises InputError for a quote that does not end.
-    """
-    joined = text if isinstance(text, str) else " ".join(text)
-    lexer = shlex.shlex(joined, posix=True, punctuation_chars="")
-    lexer.whitespace, lexer.whitespace_split, lexer.commenters = " \t\r\n,", True, ""
-    try:
-        return list(lexer)
-    except ValueError:
-        raise InputError(f"{joined!r}: a quote does not end") from None
 
 
 def configurations(options: argparse.Namespace) -> list[Config]:

@@ -1,0 +1,71 @@
+"""README's example of a method from outside, exactly as it stands there: rows, heatmaps, times, and no other change."""
+
+import os
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from replicate.engine.paths import ROOT
+from replicate.methods.method_registry import VARIABLE, choose, method_named
+from replicate.report.pose_record import load_pose
+from replicate.report.results import find, read_results
+from replicate.targets.table2.figure10 import figure10
+
+FEW = "[samples]\ncount = 300\nvalidation = 16\n[rigid]\nposes = 20\n[evaluation]\ntest_poses = 20\n"
+
+
+@pytest.fixture(scope="module")
+def example():
+    found = re.search(r"<!-- nearest\.py -->\n```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
+    return found[1]
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory, example):
+    """Table 2 on tiny with README's method and the neutral pose, then their times; returns the results' folder."""
+    folder = tmp_path_factory.mktemp("outside method")  # with a space in its path
+    (folder / "nearest.py").write_text(example, encoding="utf-8")
+    (folder / "few.toml").write_text(FEW)
+    places = {"REPLICATE_CACHE": folder / "cache", "REPLICATE_RESULTS": folder / "results"}
+    environment = os.environ | {name: str(path) for name, path in places.items()}
+    mine = f'"{folder / "nearest.py"}"'
+    table = ["replicate", "table2", "--profile", "quick", "--characters", "tiny", "--config", str(folder / "few.toml")]
+    times = ["replicate.benchmarks.bench_methods", "--profile", "quick", "--characters", "tiny", "--rounds", "2"]
+    for command in ([*table, "--numbers-only", "--methods", "neutral", mine], [*times, "--methods", mine]):
+        done = subprocess.run(
+            [sys.executable, "-m", *command], env=environment, cwd=ROOT, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_it_is_as_short_as_readme_says(example):
+    assert len(example.splitlines()) <= 36
+
+
+def test_it_gets_its_rows_and_its_size(runs):
+    rows = read_results(runs / "results" / "quick" / "table2.csv")
+    mine, still = (find(rows, "table2", "tiny", name, "vertex_error_mean") for name in ("nearest", "neutral"))
+    assert 0 < mine.value < still.value
+    assert find(rows, "table2", "tiny", "nearest", "model_size").value > 0
+    assert any(row.table == "table2_segments" and row.method == "nearest" for row in rows)
+
+
+def test_it_is_labelled_and_drawn_with_a_heatmap(runs, monkeypatch):
+    monkeypatch.setenv(VARIABLE, "")
+    monkeypatch.syspath_prepend(str(runs))
+    choose([str(runs / "nearest.py")])
+    assert method_named("nearest").label == "Nearest pose"
+    record = load_pose(runs / "results" / "quick" / "table2_tiny_pose.npz")
+    assert np.abs(record.vertices["nearest"] - record.neutral).max() > 1
+    _, words = figure10(record, width=24, height=24, renderer="software")
+    assert "Nearest pose" in words.alt
+
+
+def test_it_is_timed(runs):
+    rows = read_results(runs / "results" / "bench" / "bench_methods.csv")
+    assert find(rows, "bench_methods", "tiny", "nearest", "pose_ms").value > 0
+    assert find(rows, "bench_methods", "tiny", "rig", "times_as_fast").value == 1
