@@ -10,19 +10,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from replicate.pipeline import table2_graph
 from small_facekit import ANGLE, PARTS, PIVOT, write_facekit
 
 from data_recipes.acting import arkit_names
 from data_recipes.acting.expressions import EXPRESSIONS
+from data_recipes.catalogue import build_rig, expression_poses, load_rig, save_rig
 from data_recipes.face_rig import face_function
 from data_recipes.ict import facekit_charts, facekit_rig, facekit_segments, jaw_fit, model, recipe
-from data_recipes.rig import augment, build_rig, expression_poses, load_rig, save_rig
 from replicate.__main__ import main
 from replicate.approximation.rigid import find_attachments, segment_errors
+from replicate.approximation.sampling import augment
 from replicate.config import Config
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import degenerate_faces, face_normals
-from replicate.pipeline import table2_graph
 
 TAU_MM = 0.3  # the paper's threshold of Eq. 3
 REAL = os.environ.get("ICT_FACEKIT", "").strip()
