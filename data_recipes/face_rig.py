@@ -1,12 +1,10 @@
-"""Our own rigs: a head, its controls and the face's deformers put together; their nodes and their props."""
+"""Our own rigs: faces whose functions are chains of nodes, which can be run one by one, with paint and props."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass
-from functools import cache, cached_property
-from pathlib import Path
+from dataclasses import dataclass, field
+from functools import cache, cached_property, partial
 from typing import Any
 
 import jax
@@ -14,162 +12,119 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from data_recipes.controls import limit_controls, make_controls
-from data_recipes.deformers import face, posed_props, wrinkles
-from data_recipes.ict import chain as ict_chain
-from data_recipes.ict import facekit_eyeballs
-from data_recipes.rig import Clip, Rig, check_rig
+from data_recipes.deformers import node_chain, wrinkles
+from data_recipes.deformers.node_chain import Chain, Node, State
+from data_recipes.deformers.posed_props import RestProp
+from data_recipes.function_rig import FunctionRig
+from data_recipes.rig import Prop
 from replicate.engine.exceptions import InputError
-from replicate.geometry.mesh import Mesh
 
 
 @dataclass(frozen=True)
 class FaceParts:
     """What makes a rig one of ours: the deformers' constants, the props at rest, the paint; and which deformers.
 
-    The leaves are arrays. chain: a key of `CHAINS`.
+    constants: by layer; the leaves are arrays.
     """
 
     constants: Any
-    props: tuple[posed_props.RestProp, ...]
+    props: tuple[RestProp, ...]
     paint: UInt8[np.ndarray, "n 3"]
-    chain: str = "face"
+    chain: Chain
 
     @cached_property
-    def held(self) -> Any:
+    def on_device(self) -> Any:
         """The constants where JAX computes: handed over as numpy arrays they would be copied at every call."""
-        return jax.tree.map(jnp.asarray, self.constants)
-
-
-# By chain: the module of its nodes, and the function that poses its props.
-CHAINS = {"face": (face, posed_props.pose), "ict": (ict_chain, facekit_eyeballs.pose)}
-
-
-@cache
-def _evaluate(chain: str) -> Callable:
-    return jax.jit(CHAINS[chain][0].evaluate)
+        # The first call may be within a trace (of a Jacobian, say), whose arrays mean nothing when it has ended.
+        with jax.ensure_compile_time_eval():
+            return jax.tree.map(jnp.asarray, self.constants)
 
 
 def face_function(parts: FaceParts) -> Callable:
     """Return r(p), (b, m) → (b, n, 3), compiled per batch size; its constants are arguments, so it compiles fast."""
-    evaluate = _evaluate(parts.chain)
-    return lambda params: evaluate(parts.held, jnp.asarray(params, jnp.float32))
-
-
-def build(name_or_recipe: str | Path) -> Rig:
-    """Build a character from its recipe: head, controls, deformers, clips.
-
-    Raises InputError, naming the recipe or the clip, for anything in the recipe that cannot be.
-    """
-    from data_recipes.acting.clip_file import read_clip
-    from data_recipes.acting.procedural_acting import act
-    from data_recipes.deformers.face_build import build_constants
-    from data_recipes.deformers.face_points import control_points
-    from data_recipes.deformers.sculpting import Sculptor
-    from data_recipes.head.neutral_head import build_head
-    from data_recipes.recipe.reading import load_recipe
-
-    recipe = load_recipe(name_or_recipe)
-    controls = make_controls(asdict(recipe.controls), recipe.file)
-    controls = limit_controls(controls, recipe.limits.reach, recipe.limits.full, recipe.file)
-    clips = [Clip(Path(file).stem, read_clip(Path(file), controls)) for file in recipe.clip_files]
-    clips = [Clip(name, values) for name, values in act(controls, recipe.acting)] + clips
-    with _naming(recipe.file):
-        head = build_head(recipe)
-        mesh = Mesh(
-            neutral=head.vertices.astype(np.float32),
-            faces=head.faces.astype(np.int32),
-            uv=np.clip(head.uv, 0, 1).astype(np.float32),
-            segment=head.segment.astype(np.int32),
-            segment_names=head.segment_names,
-        )
-        points, regions = control_points(Sculptor(head))
-        parts = FaceParts(build_constants(head, controls), posed_props.rest_props(head), head.paint)
-    rig = Rig(
-        name=recipe.name,
-        mesh=mesh,
-        controls=controls,
-        landmarks=np.array(list(head.landmarks.values()), np.int32),
-        landmark_names=tuple(head.landmarks),
-        control_points=points,
-        control_point_regions=regions,
-        clips=tuple(clips) or None,
-        function=face_function(parts),
-        face=parts,
-    )
-    return check_rig(rig)
-
-
-@contextmanager
-def _naming(file: str) -> Iterator[None]:
-    """Put the recipe's file in front of an InputError that doesn't begin with it."""
-    try:
-        yield
-    except InputError as error:
-        if str(error).startswith(f"{file}: "):
-            raise
-        raise InputError(f"{file}: {error}") from error
+    evaluate = _compiled_chain(parts.chain)
+    return lambda params: evaluate(parts.on_device, jnp.asarray(params, jnp.float32))
 
 
 @cache
-def _compiled(node: face.Node) -> Callable:
+def _compiled_chain(chain: Chain) -> Callable:
+    return jax.jit(partial(node_chain.evaluate, chain))
+
+
+@cache
+def _compiled_node(node: Node) -> Callable:
     return jax.jit(node.function)
 
 
 @cache
-def _switched_off(node: face.Node) -> face.Node:
-    return face.switched_off(node)
+def _switched_off(node: Node) -> Node:
+    return node_chain.switched_off(node)
 
 
-def node_steps(
-    rig: Rig, params: Float[np.ndarray, "b m"], skip: Collection[str] = (), upto: str | None = None
-) -> Iterator[tuple[str, face.State]]:
-    """Run each node for itself, its result handed on in memory, and yield its name and the state after it.
+@dataclass(frozen=True)
+class FaceRig(FunctionRig):
+    """A character built from a recipe, or loaded again. face: what its function, its nodes and its props stand on."""
 
-    skip: names of nodes to switch off; upto: the last node to run. Raises InputError for a rig or a name without nodes.
-    """
-    nodes = _chosen(rig, skip, upto)
-    constants = rig.face.held
-    state = face.start(constants, jnp.asarray(params, jnp.float32))
-    for node in nodes:
-        # Of the constants each node gets its own alone: to hand over all would take longer than some nodes do.
-        own = {name: constants[name] for name in node.reads}
-        state = jax.block_until_ready(_compiled(node)(own, state))
-        yield node.name, state
+    function: Callable[[Any], Any] = field(init=False)
+    face: FaceParts = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "function", face_function(self.face))
+        super().__post_init__()
+
+    @property
+    def nodes(self) -> tuple[Node, ...]:
+        """The deformers in order, each a name and a `function(constants, state) → state`."""
+        return self.face.chain.nodes
+
+    @property
+    def paint(self) -> UInt8[np.ndarray, "n 3"]:
+        """A colour for each vertex, for display only."""
+        return self.face.paint
+
+    def pose_props(self, params: Float[np.ndarray, " m"]) -> list[Prop]:
+        """Return the display-only meshes (eyeballs, brows, …) in the pose (m,)."""
+        p = np.asarray(params, np.float32).reshape(1, -1)
+        vertices = np.asarray(self.function(p))[0]
+        columns = {control.name: i for i, control in enumerate(self.controls)}
+        return self.face.chain.pose_props(self.face.props, self.face.constants, columns, p, vertices, self.mesh.neutral)
+
+    def node_steps(self, params, skip: Collection[str] = (), upto: str | None = None) -> Iterator[tuple[str, State]]:
+        """Run each node for itself, its result handed on in memory, and yield its name and the state after it.
+
+        The state's "x" are the positions so far as planes (b, 3, n), "u" the limited controls (b, m). skip: names of
+        nodes to switch off; upto: the last node to run. Raises InputError for unknown names.
+        """
+        nodes = _chosen(self, skip, upto)
+        constants = self.face.on_device
+        state = node_chain.start(constants, jnp.asarray(params, jnp.float32))
+        for node in nodes:
+            # Of the constants each node gets its own alone: to hand over all would take longer than some nodes do.
+            own = {name: constants[name] for name in node.reads}
+            state = jax.block_until_ready(_compiled_node(node)(own, state))
+            yield node.name, state
+
+    def run_nodes(self, params, skip: Collection[str] = (), upto: str | None = None) -> Float32[np.ndarray, "b n 3"]:
+        """Return r(p) of (b, m), or what the chosen nodes make of p, node by node, as a production engine runs them.
+
+        skip: names of nodes to switch off; upto: the last node to run. Raises InputError for unknown names.
+        """
+        *_, (_, state) = self.node_steps(params, skip, upto)
+        return np.asarray(node_chain.finish(state))
+
+    def wrinkle_states(self, params) -> dict[str, wrinkles.RegionState]:
+        """Return each wrinkle region's vertices, compression c̃, excess c₊ and height_mm, (s,), in the pose (m,)."""
+        names = [node.name for node in self.nodes]
+        before = names[names.index("wrinkles") - 1]
+        *_, (_, state) = self.node_steps(np.asarray(params, np.float32)[None], upto=before)
+        return wrinkles.region_states(self.face.on_device["wrinkles"], state["x"], state["u"])
 
 
-def _chosen(rig: Rig, skip: Collection[str], upto: str | None) -> list[face.Node]:
-    if rig.face is None:
-        raise InputError(f"rig '{rig.name}': it has no nodes, where only rigs built from recipes can be run by them.")
-    chain = CHAINS[rig.face.chain][0].NODES
-    names = [node.name for node in chain]
+def _chosen(rig: FaceRig, skip: Collection[str], upto: str | None) -> list[Node]:
+    names = [node.name for node in rig.nodes]
     skip = (skip,) if isinstance(skip, str) else tuple(skip)
     unknown = [name for name in (*skip, *([upto] if upto is not None else [])) if name not in names]
     if unknown:
         raise InputError(f"rig '{rig.name}': it has no node '{unknown[0]}'; allowed are {', '.join(names)}.")
     last = len(names) if upto is None else names.index(upto) + 1
-    return [_switched_off(node) if node.name in skip else node for node in chain[:last]]
-
-
-def run_nodes(
-    rig: Rig, params: Float[np.ndarray, "b m"], skip: Collection[str] = (), upto: str | None = None
-) -> Float32[np.ndarray, "b n 3"]:
-    """Return r(p), or what the chosen nodes make of p, by running each node for itself; see `node_steps`."""
-    *_, (_, state) = node_steps(rig, params, skip, upto)
-    return np.asarray(face.finish(state))
-
-
-def wrinkle_states(rig: Rig, params: Float[np.ndarray, " m"]) -> dict[str, wrinkles.RegionState]:
-    """Return what each wrinkle region does in a pose, by name."""
-    names = [node.name for node in CHAINS[rig.face.chain][0].NODES]
-    before = names[names.index("wrinkles") - 1]
-    *_, (_, state) = node_steps(rig, np.asarray(params, np.float32)[None], upto=before)
-    return wrinkles.region_states(rig.face.held["wrinkles"], state["x"], state["u"])
-
-
-def pose_props(rig: Rig, params: Float[np.ndarray, " m"]) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
-    """Return each prop's name, vertices, faces and colours in a pose."""
-    p = np.asarray(params, np.float32).reshape(1, -1)
-    vertices = np.asarray(rig.function(p))[0]
-    columns = {control.name: i for i, control in enumerate(rig.controls)}
-    return CHAINS[rig.face.chain][1](rig.face.props, rig.face.constants, columns, p, vertices, rig.mesh.neutral)
+    return [_switched_off(node) if node.name in skip else node for node in rig.nodes[:last]]

@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from data_recipes.controls import Control
+from data_recipes.deformers.face_chain import FACE
 from data_recipes.deformers.posed_props import RestProp
-from data_recipes.face_rig import CHAINS, FaceParts, face_function
+from data_recipes.face_rig import FaceParts, FaceRig
+from data_recipes.ict.facekit_chain import FACEKIT
 from data_recipes.rig import Clip, Rig
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
@@ -20,6 +22,7 @@ from replicate.geometry.mesh import Mesh
 DESCRIPTION, ARRAYS = "rig.json", "rig.npz"
 FORMAT = 3
 MESH = ("neutral", "faces", "uv", "segment")
+CHAINS = {chain.name: chain for chain in (FACE, FACEKIT)}
 PROP = ("colours", "vertices", "faces", "index", "weight")
 
 
@@ -46,7 +49,7 @@ def save_rig(rig: Rig, folder: Path) -> None:
 
     Raises InputError for a foreign rig: its function is code, which we don't store.
     """
-    if rig.face is None:
+    if not isinstance(rig, FaceRig):
         raise InputError(
             f"rig '{rig.name}': it has a function of its own, where only rigs built from recipes can be saved."
         )
@@ -64,7 +67,7 @@ def save_rig(rig: Rig, folder: Path) -> None:
         "control_point_regions": rig.control_point_regions,
         "clips": None if rig.clips is None else [clip.name for clip in rig.clips],
         "props": [[prop.name, prop.follow] for prop in rig.face.props],
-        "chain": rig.face.chain,
+        "chain": rig.face.chain.name,
     }
     np.savez(folder / ARRAYS, **arrays)
     beside = folder / (DESCRIPTION + ".part")
@@ -72,7 +75,7 @@ def save_rig(rig: Rig, folder: Path) -> None:
     os.replace(beside, folder / DESCRIPTION)
 
 
-def load_rig(folder: Path) -> Rig:
+def load_rig(folder: Path) -> FaceRig:
     """Read a rig that `save_rig` wrote.
 
     Raises InputError when the folder's files are damaged or of another format.
@@ -92,7 +95,7 @@ def load_rig(folder: Path) -> Rig:
         ) from error
 
 
-def _assemble(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> Rig:
+def _assemble(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> FaceRig:
     constants = _unflatten(arrays, "constants")
     props = tuple(
         RestProp(name, follow, **{part: arrays[f"props/{i}/{part}"] for part in PROP})
@@ -100,11 +103,11 @@ def _assemble(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> Rig:
     )
     if about["chain"] not in CHAINS:
         raise ValueError(f"its chain is {about['chain']!r}, of {', '.join(CHAINS)}")
-    parts = FaceParts(constants, props, arrays["paint"], about["chain"])
+    face = FaceParts(constants, props, arrays["paint"], CHAINS[about["chain"]])
     clips = about["clips"]
     if clips is not None:
         clips = tuple(Clip(name, arrays[f"clips/{i}"]) for i, name in enumerate(clips))
-    return Rig(
+    return FaceRig(
         name=about["name"],
         mesh=Mesh(**{name: arrays[f"mesh/{name}"] for name in MESH}, segment_names=tuple(about["segment_names"])),
         controls=tuple(Control(*control) for control in about["controls"]),
@@ -113,6 +116,5 @@ def _assemble(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> Rig:
         control_points=arrays["control_points"],
         control_point_regions=tuple(about["control_point_regions"]),
         clips=clips,
-        function=face_function(parts),
-        face=parts,
+        face=face,
     )

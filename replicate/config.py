@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from data_recipes.recipe_paths import character_names, recipe_file
 from replicate.engine.exceptions import InputError
-from replicate.engine.paths import character_names, recipe_file
 from replicate.engine.schema import Checked, number
 
 
@@ -222,7 +222,7 @@ def resolve(
 ) -> Config:
     """Return the configuration of one character: the paper's values, then the profile, a file, and single values.
 
-    character: a name from `paths.character_names()`, or the path of a recipe. overrides: a nested dict as a TOML
+    character: a name from `recipe_paths.character_names()`, or the path of a recipe. overrides: a nested dict as a TOML
     file would give. file: a TOML file of overrides. sections: more sections by name, with the profile's values.
     values: top-level fields, e.g. `seed=3`; None leaves a field.
     Raises InputError for an unknown profile or key and for a value out of range.

@@ -23,7 +23,7 @@ import replicate.config  # noqa: F401, loaded before the hook: it checks its val
 
 _hook = install_import_hook(["replicate", "data_recipes"], "typechecker.check")
 
-LONG = ("test_pipeline.py", "test_rig.py", "test_characters.py", "test_dragon.py", "test_figures.py")
+LONG = ("test_pipeline.py", "test_teen.py", "test_characters.py", "test_dragon.py", "test_figures.py")
 
 
 def pytest_collection_modifyitems(items):

@@ -4,8 +4,8 @@ import re
 
 import pytest
 
+from data_recipes.recipe_paths import RECIPES
 from replicate import __main__ as cli
-from replicate.engine.paths import RECIPES
 
 TINY = (RECIPES / "tiny.toml").read_text(encoding="utf-8")
 

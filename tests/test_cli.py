@@ -8,6 +8,7 @@ import pytest
 from toy_stages import ToyConfig, faulty_graph
 
 import replicate
+from data_recipes import recipe_paths
 from replicate import __main__ as cli
 from replicate.engine import paths
 from replicate.engine.cache_report import inventory
@@ -23,7 +24,7 @@ def recipes(tmp_path, monkeypatch):
     folder.mkdir()
     for name in ("dragon", "teen", "toon", "woman"):
         (folder / f"{name}.toml").write_text("")
-    monkeypatch.setattr(paths, "RECIPES", folder)
+    monkeypatch.setattr(recipe_paths, "RECIPES", folder)
 
 
 @pytest.fixture
@@ -98,7 +99,7 @@ def test_table2_runs_the_graph_of_every_character_and_publishes_once(capfd, cach
 
 
 def test_a_recipe_named_twice_is_run_once(capfd, cache, pipeline):
-    named = ["teen", str(paths.RECIPES / "teen.toml"), "dragon", "teen"]
+    named = ["teen", str(recipe_paths.RECIPES / "teen.toml"), "dragon", "teen"]
     assert cli.main(["table2", "--profile", "quick", "--characters", *named]) == 0
     ((configs, _),) = pipeline
     assert [config.character for config in configs] == ["teen", "dragon"]
@@ -109,7 +110,8 @@ def test_two_recipes_of_one_name_are_refused_with_both_files(capsys, cache, pipe
     mine.parent.mkdir()
     mine.write_text("")
     sentence = refused(capsys, "table2", "--characters", f"teen,{mine}")
-    assert str(paths.RECIPES / "teen.toml") in sentence and str(mine) in sentence and "rename one of them" in sentence
+    named = (str(recipe_paths.RECIPES / "teen.toml"), str(mine), "rename one of them")
+    assert all(part in sentence for part in named)
     assert not cache.exists()
 
 

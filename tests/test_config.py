@@ -4,9 +4,9 @@ import dataclasses
 
 import pytest
 
+from data_recipes import recipe_paths
 from replicate import config
 from replicate.config import Config, resolve
-from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.engine.schema import from_json, to_json
 
@@ -100,7 +100,7 @@ def test_an_unknown_profile_lists_those_there_are(recipe):
 def test_an_unknown_character_lists_those_there_are(tmp_path, monkeypatch):
     for name in ("teen", "tiny"):
         (tmp_path / f"{name}.toml").write_text("")
-    monkeypatch.setattr(paths, "RECIPES", tmp_path)
+    monkeypatch.setattr(recipe_paths, "RECIPES", tmp_path)
     assert resolve("tiny").character == "tiny"
     with pytest.raises(InputError, match="'hiccup' has no recipe: allowed are teen, tiny"):
         resolve("hiccup")

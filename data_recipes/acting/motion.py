@@ -3,11 +3,10 @@
 Poses are rows (m,) of control values; time is counted in frames at 24 a second.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float, Float64, Int
-from scipy.interpolate import PchipInterpolator
 
 FRAMES_PER_SECOND = 24
 SIDES = ("left", "right")
@@ -65,14 +64,21 @@ def through(
     for late in np.unique(lag):
         chosen = lag == late
         when = np.clip(np.arange(frames) - late, times[0], times[-1])
-        values[:, chosen] = PchipInterpolator(times, poses[:, chosen], axis=0)(when)
+        values[:, chosen] = _curve(times, poses[:, chosen])(when)
     return values
+
+
+def _curve(times: Float[np.ndarray, " k"], values: Float[np.ndarray, "k ..."]) -> Callable:
+    """Return the monotone cubic through keys as a function of time."""
+    from scipy.interpolate import PchipInterpolator  # here: recipes are read by way of this module, often without it
+
+    return PchipInterpolator(times, values, axis=0)
 
 
 def blink_profile(frames: int, starts: Sequence[float], slowness: float = 1.0) -> Float64[np.ndarray, " frames"]:
     """Return how far lids are closed by blinks (0 … 1): two frames down, one shut, four up, times `slowness`."""
     shape_time = np.array([0.0, 2.0, 3.2, 5.0, 7.5]) * slowness
-    closed = PchipInterpolator(shape_time, [0.0, 1.0, 1.0, 0.35, 0.0])
+    closed = _curve(shape_time, np.array([0.0, 1.0, 1.0, 0.35, 0.0]))
     profile = np.zeros(frames)
     for start in starts:
         time = np.arange(frames) - start
@@ -87,7 +93,7 @@ def drift(
     """Return slow noise of unit size, a column a control: random keys `period` frames apart, eased."""
     keys = generator.normal(size=(int(frames / period) + 3, count))
     start = generator.uniform(0, period)
-    return PchipInterpolator(np.arange(len(keys)) * period - start, keys, axis=0)(np.arange(frames))
+    return _curve(np.arange(len(keys)) * period - start, keys)(np.arange(frames))
 
 
 def freeze(values: Float[np.ndarray, "frames m"], holds: Mapping[int, int]) -> Float[np.ndarray, "longer m"]:

@@ -7,9 +7,7 @@ later layers ask of earlier ones (the jaw's motion, the head's shape). Composed,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import fields
 
 import jax.numpy as jnp
 import numpy as np
@@ -30,11 +28,9 @@ from data_recipes.deformers import (
 )
 from data_recipes.deformers.head_shape import ShapeValues
 from data_recipes.deformers.jaw import JawMotion
+from data_recipes.deformers.node_chain import FaceConstants, Node, State
 from data_recipes.deformers.planes import Values
 from data_recipes.deformers.saturation import saturate
-
-FaceConstants = Mapping[str, Any]  # a deformer's constants by layer; leaves are arrays
-State = dict[str, Any]
 
 JAW_CONTROLS = ("jaw_open", "jaw_sideways", "jaw_forward", "jaw_drop", "jaw_twist")
 # Rotation vector (x, y, z) in radians of each jaw control at 1, and translation in mm: the condyle glides.
@@ -44,15 +40,6 @@ HEAD_CONTROLS = tuple(f.name for f in fields(ShapeValues))
 GAZE_PARTS = ("look_y", "follow_upper", "follow_lower", "look_x", "follow_aside")
 GAZE = tuple(f"{part}_{side}" for side in ("left", "right") for part in GAZE_PARTS)
 ASIDE_GAIN = 2.0  # per unit of the control: aside, lids follow little by themselves
-
-
-@dataclass(frozen=True)
-class Node:
-    """One step of the rig: a name, a function of the constants and the state, and which of the constants it reads."""
-
-    name: str
-    function: Callable[[FaceConstants, State], State]
-    reads: tuple[str, ...]
 
 
 def limit(constants: FaceConstants, state: State) -> State:
@@ -169,35 +156,3 @@ NODES = (
     Node("head_shape", warped, ("head_controls", "shape")),
     Node("teeth", bitten, ("shape", "teeth")),
 )
-
-
-def start(constants: FaceConstants, params: Float[Values, "b m"]) -> State:
-    """Return the state before the first node: the neutral face, and controls without limits."""
-    neutral = jnp.broadcast_to(constants["neutral"], (len(params), *constants["neutral"].shape[-2:]))
-    return {"p": params, "u": params - constants["limits"]["default"], "x": neutral}
-
-
-def switched_off(node: Node) -> Node:
-    """Return a node that leaves positions and controls as they were, and hands on what the node does at rest.
-
-    So without the jaw's node the lower teeth stay closed too, since they ask it how far the jaw has turned.
-    """
-
-    def function(constants: FaceConstants, state: State) -> State:
-        still = node.function(constants, state | {"u": jnp.zeros_like(state["u"])})
-        return still | {name: state[name] for name in ("p", "u", "x")}
-
-    return Node(node.name, function, node.reads)
-
-
-def finish(state: State) -> Float[Array, "b n 3"]:
-    """Return the vertices (mm) from the state after the last node."""
-    return state["x"].transpose(0, 2, 1)
-
-
-def evaluate(constants: FaceConstants, params: Float[Values, "b m"]) -> Float[Array, "b n 3"]:
-    """Return r(p) for a batch: every node in turn."""
-    state = start(constants, params)
-    for node in NODES:
-        state = node.function(constants, state)
-    return finish(state)

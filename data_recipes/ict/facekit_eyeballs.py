@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from data_recipes.deformers.posed_props import NEAREST, RestProp, gaze_rotation
 from data_recipes.head.eyeballs import eyeball
-from data_recipes.ict.chain import effective
+from data_recipes.ict.facekit_nodes import effective
 from data_recipes.ict.model import FaceKit
 from data_recipes.ict.recipe import Parts
 from data_recipes.recipe.reading import Recipe

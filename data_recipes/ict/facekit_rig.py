@@ -14,7 +14,9 @@ from data_recipes.deformers import jaw, wrinkles
 from data_recipes.deformers.planes import place_of
 from data_recipes.deformers.saturation import REACH, SHARPNESS, limits
 from data_recipes.deformers.surface_operators import adjacency
+from data_recipes.face_rig import FaceParts, FaceRig
 from data_recipes.ict.facekit_acting import perform
+from data_recipes.ict.facekit_chain import FACEKIT
 from data_recipes.ict.facekit_charts import build_charts
 from data_recipes.ict.facekit_eyeballs import rest_props, sphere_centre
 from data_recipes.ict.facekit_paint import paint
@@ -24,6 +26,7 @@ from data_recipes.ict.jaw_fit import JAW_CONTROLS, fit_jaw
 from data_recipes.ict.marks import control_points, landmarks, region_of
 from data_recipes.ict.model import FaceKit, read_model
 from data_recipes.ict.recipe import FaceKitRecipe, Reach, load_recipe
+from data_recipes.rig import Clip, check_rig
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
@@ -34,11 +37,8 @@ LID_CONTROLS = ("eyeSquint_*", "eyeWide_*", "eyeLookUp_*", "eyeLookDown_*")
 CLOSING = ("eyeBlink_L", "eyeBlink_R", CLOSE)
 
 
-def build(name_or_recipe: str | Path):
+def build_facekit_rig(name_or_recipe: str | Path) -> FaceRig:
     """Return the rig. Raises InputError, naming the folder, the file or the recipe's key, for what cannot be."""
-    from data_recipes.face_rig import FaceParts, face_function
-    from data_recipes.rig import Clip, Rig, check_rig
-
     recipe = load_recipe(name_or_recipe)
     model = placed(read_model(recipe.vertices), recipe)
     controls = tuple(Control(name, 0.0, 0.0, 1.0, region_of(name)) for name in model.offsets)
@@ -56,10 +56,10 @@ def build(name_or_recipe: str | Path):
     marks = _marks(model, segments, recipe.file)
     constants = build_constants(model, segments, marks, recipe)
     colours = paint(mesh.neutral.astype(np.float64), segments, marks)
-    face = FaceParts(constants, rest_props(model, recipe.parts), colours, "ict")
+    face = FaceParts(constants, rest_props(model, recipe.parts), colours, FACEKIT)
     names, vertices = landmarks(marks)
     points, regions = control_points(marks)
-    rig = Rig(
+    rig = FaceRig(
         name=recipe.name,
         mesh=mesh,
         controls=controls,
@@ -68,10 +68,10 @@ def build(name_or_recipe: str | Path):
         control_points=points,
         control_point_regions=regions,
         clips=tuple(clips) or None,
-        function=face_function(face),
         face=face,
     )
-    return check_rig(rig, tolerance_mm=1e-4)
+    check_rig(rig, tolerance_mm=1e-4)
+    return rig
 
 
 def placed(model: FaceKit, recipe: FaceKitRecipe) -> FaceKit:
@@ -93,7 +93,7 @@ def _marks(model: FaceKit, segments: Segments, file: str) -> Int[np.ndarray, " l
 
 
 def build_constants(model: FaceKit, segments: Segments, marks: np.ndarray, recipe: FaceKitRecipe) -> dict[str, Any]:
-    """Return the constants of every node of `chain.NODES`."""
+    """Return the constants of every node of `facekit_nodes.NODES`."""
     x = model.vertices[segments.vertices]
     n, m = len(x), len(model.offsets)
     columns = {name: column for column, name in enumerate(model.offsets)}
@@ -146,7 +146,7 @@ def control_limits(columns: dict[str, int], reach: Reach) -> dict[str, np.ndarra
 
 
 def control_constants(columns: dict[str, int], reach: Reach) -> dict[str, np.ndarray]:
-    """Return what `chain.effective` needs besides: the stretch that makes 1 give a full shape, blinks and gates."""
+    """Return what `effective` (facekit_nodes.py) needs: the stretch that makes 1 a full shape, blinks and gates."""
     m = len(columns)
     blink, gate, free = np.zeros((m, m)), np.zeros((m, m)), np.ones(m)
     for side in SIDES:

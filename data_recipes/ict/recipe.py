@@ -7,8 +7,8 @@ from pathlib import Path
 
 from data_recipes.acting.procedural_acting import Acting
 from data_recipes.recipe.reading import read_table, read_toml
+from data_recipes.recipe_paths import recipe_file
 from replicate.engine.exceptions import InputError
-from replicate.engine.paths import recipe_file
 
 MODEL = "ict_facekit"
 

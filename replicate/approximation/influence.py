@@ -11,8 +11,8 @@ from contextlib import nullcontext
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
-from data_recipes.rig import augment
 from replicate.approximation.samples import evaluate
+from replicate.approximation.sampling import augment
 
 THRESHOLD_MM = 1e-3  # a tenth of the smallest error in Table 2's last digit, and well above float32 rounding
 

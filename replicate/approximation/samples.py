@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32, Int, Int16
 
-from data_recipes.rig import (
+from replicate.approximation.sampling import (
     augment,
     balance_bins,
     bin_index,

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from data_recipes.rig import recipe_files
+from data_recipes.catalogue import recipe_files
 from replicate.artefacts.plan import Plan
 from replicate.config import resolve
 from replicate.engine.provenance import as_lines, core_count, package_versions, provenance
@@ -28,7 +28,7 @@ def stage(plan: Plan) -> Stage:
 
 def make(context: StageContext) -> None:
     """Build a character's rig, and write it with its mesh."""
-    from data_recipes.rig import build_rig, save_rig
+    from data_recipes.catalogue import build_rig, save_rig
 
     rig = build_rig(context.config.character)
     save_rig(rig, context.out / "rig")
@@ -38,7 +38,7 @@ def make(context: StageContext) -> None:
 
 def load(inputs: Mapping[str, Path]):
     """Return the rig. inputs: the folder of the artefact by its name, "rig", among others."""
-    from data_recipes.rig import load_rig
+    from data_recipes.catalogue import load_rig
 
     return load_rig(inputs["rig"] / "rig")
 

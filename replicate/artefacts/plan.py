@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from data_recipes.recipe_paths import recipe_file
 from replicate.config import Config
-from replicate.engine.paths import recipe_file
 from replicate.engine.stage import Stage
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data_recipes import recipe_paths
 from replicate.approximation.cnn import make_network
 from replicate.approximation.evaluation import Predictor, evaluate, unique_poses
 from replicate.approximation.model import load_model
@@ -27,7 +28,6 @@ from replicate.artefacts import built_rig, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.benchmarks.common import check_at_least, exit_code, parse, publish
 from replicate.config import Config, resolve
-from replicate.engine import paths
 from replicate.engine.progress import progress
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
@@ -112,7 +112,7 @@ def measure(config: Config, count: int) -> list[Row]:
     poses = unique_poses(samples.test_params)
     poses = poses[np.linspace(0, len(poses) - 1, min(count, len(poses))).astype(int)]
     given = (mesh, samples.test_params[poses], samples.test_offsets[poses])
-    character, rows = paths.recipe_file(config.character).stem, []
+    character, rows = recipe_paths.recipe_file(config.character).stem, []
     known: dict[Callable, object] = {}  # what a fault leaves alone is measured once
     for name, predictors in broken.items():
         missing = {method: predict for method, predict in predictors.items() if predict not in known}

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
+from data_recipes import recipe_paths
 from replicate.artefacts.built_rig import rig_of
 from replicate.benchmarks.common import PROFILE, check_at_least, exit_code, named, parse, publish
-from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.engine.progress import progress
 from replicate.report.cast import STANDS_FOR, order_of
@@ -181,7 +181,7 @@ def speed_tables(path: Path) -> list[Table]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
-    own = [name for name in STANDS_FOR if paths.recipe_file(name).is_file()]
+    own = [name for name in STANDS_FOR if recipe_paths.recipe_file(name).is_file()]
     parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.bench_rig", description="Time the rigs.")
     parser.add_argument(
         "--characters", default=" ".join(own), help=f"names or recipes, separated by commas (default: {', '.join(own)})"

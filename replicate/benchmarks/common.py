@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
+from data_recipes import recipe_paths
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.make_options import without_foreign
@@ -40,7 +41,7 @@ def named(characters: str) -> list[str]:
     """Return the characters that a text names, separated by commas or spaces. Raises InputError if there are none."""
     found = list(dict.fromkeys(words(characters)))
     if not found:
-        raise InputError(f"no character is named: allowed are {', '.join(paths.character_names())}")
+        raise InputError(f"no character is named: allowed are {', '.join(recipe_paths.character_names())}")
     return found
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32
 
-from data_recipes.rig import expression_poses, read_clip
+from data_recipes.catalogue import expression_poses, read_clip
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.export.animation import FRAMES_PER_SECOND, animated_glb

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from replicate.engine.paths import recipe_file
+from data_recipes.recipe_paths import recipe_file
 from replicate.report.results import Row
 
 STANDS_FOR = {"teen": "Hiccup", "woman": "Valka", "dragon": "Toothless", "toon": "Ray"}

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from data_recipes import recipe_paths
 from replicate.config import Config
 from replicate.engine import paths
 from replicate.engine.stage import Stage
@@ -40,7 +41,7 @@ def by_character(made: Sequence[Made]) -> dict[str, list[Made]]:
     """Return what was made by character: a list over its seeds."""
     seeded: dict[str, list[Made]] = {}
     for one in made:
-        seeded.setdefault(paths.recipe_file(one.config.character).stem, []).append(one)
+        seeded.setdefault(recipe_paths.recipe_file(one.config.character).stem, []).append(one)
     return seeded
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import UInt8
 
-from data_recipes.rig import expression_poses
+from data_recipes.catalogue import expression_poses
 from replicate.drawing.characters import BACKGROUND, character_surfaces
 from replicate.drawing.panels import DPI, Words
 from replicate.drawing.scene import camera_for

@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from data_recipes.recipe_paths import OUTSIDE, character_names, recipe_file
 from replicate.config import PROFILES, Config, resolve
 from replicate.engine import paths
 from replicate.engine.device import choose_device
@@ -18,8 +19,8 @@ OPTIONS = {
     "profile": {"default": "laptop", "help": f"one of {', '.join(PROFILES)} (default: laptop)"},
     "characters": {
         "nargs": "+",
-        "help": f"names, of {', '.join(paths.character_names())}, or paths of .toml recipes; "
-        + ", ".join(f"{name} needs {variable}=folder in the environment" for name, variable in paths.OUTSIDE.items()),
+        "help": f"names, of {', '.join(character_names())}, or paths of .toml recipes; "
+        + ", ".join(f"{name} needs {variable}=folder in the environment" for name, variable in OUTSIDE.items()),
     },
     "methods": {
         "nargs": "+",
@@ -76,13 +77,13 @@ def characters(options: argparse.Namespace) -> list[str]:
     """Return the characters that are named, each recipe once; results are kept by the stem of its file."""
     recipes: dict[str, tuple[Path, str]] = {}
     for character in words(options.characters):
-        file = paths.recipe_file(character)
+        file = recipe_file(character)
         known, _ = recipes.setdefault(file.stem, (file, character))
         if known != file:
             both = f"{paths.shown(known)} and {paths.shown(file)}"
             raise InputError(f"{both} would both be {file.stem!r} in the results: rename one of them")
     if not recipes:
-        raise InputError(f"no character is named: allowed are {', '.join(paths.character_names())}")
+        raise InputError(f"no character is named: allowed are {', '.join(character_names())}")
     return [character for _, character in recipes.values()]
 
 

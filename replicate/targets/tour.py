@@ -2,6 +2,7 @@
 
 import argparse
 
+from data_recipes import recipe_paths
 from replicate.engine import paths
 from replicate.targets.options import characters
 
@@ -19,7 +20,7 @@ def run(options: argparse.Namespace) -> None:
     folder = results_folder("tour")
     for character in characters(options):
         rig_of(character)  # here its progress is seen, and a bad recipe gets one sentence
-        recipe = paths.recipe_file(character)
+        recipe = recipe_paths.recipe_file(character)
         file = folder / f"rig_tour_{recipe.stem}.ipynb"
         named = str(recipe) if character.endswith(".toml") else character  # the notebook runs in another folder
         execute(NOTEBOOKS / "rig_tour.ipynb", file, {"CHARACTER": named})

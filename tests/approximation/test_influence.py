@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from data_recipes.rig import augment, build_rig, sample_uniform, split_frames
+from data_recipes.catalogue import build_rig
 from replicate.approximation.influence import THRESHOLD_MM, farthest_first, influence, influence_poses
+from replicate.approximation.sampling import augment, sample_uniform, split_frames
 
 
 class Hidden:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_rig import augmented, flipped_share, skin_faces
 
-from data_recipes.rig import build_rig
+from data_recipes.catalogue import build_rig
 from replicate.geometry.normals import face_normals
 
 # Vertices, controls, deformable segments and rigid ones, as in Table 1.

@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 from test_rig import augmented, flipped_share, skin_faces
 
 from data_recipes.acting.motion import pose
-from data_recipes.rig import build_rig, expression_poses
+from data_recipes.catalogue import build_rig, expression_poses
 
 
 @pytest.fixture(scope="module")

@@ -124,7 +124,7 @@ def test_a_graph_from_outside_a_checkout_has_no_commit(mixed):
 def test_a_rig_made_outside_a_tables_graph_says_what_it_was_made_from(monkeypatch):
     noted = {}
     monkeypatch.setattr(made, "run", lambda stages, facts: noted.update(facts))
-    monkeypatch.setattr("data_recipes.rig.load_rig", lambda folder: folder)
+    monkeypatch.setattr("data_recipes.catalogue.load_rig", lambda folder: folder)
     assert made.made_rig("tiny").parent.name == made.rig_identifier("tiny")
     assert noted["git"] == git_state() and noted["command"].startswith("python ")
 

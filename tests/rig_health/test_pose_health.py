@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from data_recipes.rig import Clip, Control, Rig, build_rig
+from data_recipes.catalogue import build_rig
+from data_recipes.controls import Control
+from data_recipes.function_rig import FunctionRig
+from data_recipes.rig import Clip
 from replicate.benchmarks import bench_poses
 from replicate.geometry.mesh import Mesh
 from replicate.geometry.rays import ray_hits
@@ -21,7 +24,7 @@ from replicate.rig_health.worst_poses import FLIPPED, worst_poses
 
 
 @cache
-def tiny() -> Rig:
+def tiny() -> FunctionRig:
     return build_rig("tiny")
 
 
@@ -274,9 +277,9 @@ def fold(p):
     return moved
 
 
-def folding(clips=None) -> Rig:
+def folding(clips=None) -> FunctionRig:
     controls = (Control("pull", 0.0, 0.0, 1.0, "all"), Control("lose", -1.0, 0.0, 2.0, "all"))
-    return Rig("sheet", sheet(), controls, np.array([0]), np.array([1]), ("all",), clips, fold)
+    return FunctionRig("sheet", sheet(), controls, np.array([0]), np.array([1]), ("all",), clips, fold)
 
 
 def test_measured_poses_say_which_of_them_is_broken_and_by_what():

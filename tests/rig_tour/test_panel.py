@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from data_recipes.rig import build_rig
+from data_recipes.catalogue import build_rig
 from replicate.drawing.render import working_renderer
 from replicate.drawing.scene import Camera, Surface
 from replicate.engine.exceptions import InputError

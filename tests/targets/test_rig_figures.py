@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from data_recipes.rig import Clip, Control
+from data_recipes.controls import Control
+from data_recipes.rig import Clip
 from replicate.approximation.segments import Segment
 from replicate.drawing.rig_views import DISTINCT, UNUSED, legend_panel, open_mouth, read_lines
 from replicate.engine.exceptions import InputError

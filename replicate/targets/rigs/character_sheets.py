@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from data_recipes.rig import expression_poses
+from data_recipes.catalogue import expression_poses
 from replicate.drawing.characters import expression_sheet
 from replicate.drawing.panels import save_figure
 from replicate.targets.rigs.rig_sheet import line_up, rig_sheet

@@ -15,11 +15,12 @@ from small_facekit import ANGLE, PARTS, PIVOT, write_facekit
 
 from data_recipes.acting import arkit_names
 from data_recipes.acting.expressions import EXPRESSIONS
+from data_recipes.catalogue import build_rig, expression_poses, load_rig, save_rig
 from data_recipes.face_rig import face_function
 from data_recipes.ict import facekit_charts, facekit_rig, facekit_segments, jaw_fit, model, recipe
-from data_recipes.rig import augment, build_rig, expression_poses, load_rig, save_rig
 from replicate.__main__ import main
 from replicate.approximation.rigid import find_attachments, segment_errors
+from replicate.approximation.sampling import augment
 from replicate.config import Config
 from replicate.engine.exceptions import InputError
 from replicate.geometry.normals import degenerate_faces, face_normals

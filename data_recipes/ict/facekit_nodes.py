@@ -6,19 +6,14 @@ the constants and a batch's state ("p", "u" (b, m), positions "x" as planes (b, 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from data_recipes.deformers import jaw, wrinkles
-from data_recipes.deformers.face import Node, State, finish, start
 from data_recipes.deformers.jaw import JawMotion
+from data_recipes.deformers.node_chain import FaceConstants, Node, State
 from data_recipes.deformers.planes import Values, spread
 from data_recipes.deformers.saturation import SHARPNESS, saturate
-
-FaceConstants = Mapping[str, Any]
 
 
 def effective(constants: FaceConstants, params: Float[Values, "b m"]) -> Float[Array, "b m"]:
@@ -72,11 +67,3 @@ NODES = (
     Node("lip_closing", closed, ("closing",)),
     Node("wrinkles", wrinkled, ("wrinkles",)),
 )
-
-
-def evaluate(constants: FaceConstants, params: Float[Values, "b m"]) -> Float[Array, "b n 3"]:
-    """Return r(p) for a batch: every node in turn."""
-    state = start(constants, params)
-    for node in NODES:
-        state = node.function(constants, state)
-    return finish(state)

@@ -1,0 +1,77 @@
+"""The characters: what there is, and a rig of each, built or loaded. The one door to them for `replicate/`.
+
+Rigs take a second to import, with JAX and scipy: that waits until one is built or loaded, since command lines come
+here for names and files alone.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float32
+
+from data_recipes.acting import clip_file
+from data_recipes.acting.expression_poses import expression_poses
+from data_recipes.ict import recipe as facekit_recipe
+from data_recipes.ict.model import model_files
+from data_recipes.recipe.reading import load_recipe
+from data_recipes.recipe_paths import character_names, recipe_file
+from data_recipes.rig import Rig
+
+__all__ = ["build_rig", "expression_poses", "load_rig", "read_clip", "recipe_files", "rig_names", "save_rig"]
+
+
+def rig_names() -> tuple[str, ...]:
+    """Return the names of the characters that come with the suite, and of those whose folders a variable names."""
+    return character_names()
+
+
+def recipe_files(name_or_recipe: str | Path) -> tuple[Path, ...]:
+    """Return the files that a character is made of: its recipe, the clips that this names, and a model's files.
+
+    Raises InputError for a bad recipe or a model that is not there.
+    """
+    file = recipe_file(str(name_or_recipe))
+    if facekit_recipe.is_facekit(name_or_recipe):
+        return file, *map(Path, facekit_recipe.load_recipe(name_or_recipe).clip_files), *model_files()
+    return file, *map(Path, load_recipe(name_or_recipe).clip_files)
+
+
+def build_rig(name_or_recipe: str | Path) -> Rig:
+    """Return a character, built from its recipe (some 15 s).
+
+    name_or_recipe: one of `rig_names()`, or the path of a recipe in TOML. Raises InputError for a bad recipe.
+    """
+    if facekit_recipe.is_facekit(name_or_recipe):
+        from data_recipes.ict.facekit_rig import build_facekit_rig
+
+        return build_facekit_rig(name_or_recipe)
+    from data_recipes.recipe_rig import build_recipe_rig
+
+    return build_recipe_rig(name_or_recipe)
+
+
+def load_rig(folder: Path) -> Rig:
+    """Return the rig that `save_rig` wrote. Raises InputError for a damaged or missing one."""
+    from data_recipes import rig_file
+
+    return rig_file.load_rig(Path(folder))
+
+
+def save_rig(rig: Rig, folder: Path) -> None:
+    """Write one of our rigs into a folder (npz and JSON), to be loaded without building it again.
+
+    Raises InputError for a rig whose function is code of its own.
+    """
+    from data_recipes import rig_file
+
+    rig_file.save_rig(rig, Path(folder))
+
+
+def read_clip(rig: Rig, file: Path) -> Float32[np.ndarray, "t m"]:
+    """Return the poses (t, m) of a CSV file whose header names controls of the rig; the others keep their defaults.
+
+    Raises InputError, naming file, line and control, for anything else (see clip_file.py).
+    """
+    return clip_file.read_clip(file, rig.controls)

@@ -1,0 +1,141 @@
+"""A rig made of any function r(p), JAX or plain numpy, with the fields that the contract asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32, Int, UInt8
+
+from data_recipes.controls import Control
+from data_recipes.rig import Clip, Prop
+from replicate.engine.exceptions import InputError
+from replicate.geometry.mesh import Mesh
+
+BATCH = 32  # poses evaluated at once; larger calls go through in parts, so that a function compiles for few sizes
+
+
+@dataclass(frozen=True)
+class FunctionRig:
+    """A character whose poses a function gives; the other fields are the contract's (see `rig.Rig`).
+
+    function: (b, m) → (b, n, 3) mm, of parameters in float32.
+
+    Raises InputError for indices out of range, controls or clips that don't fit.
+    """
+
+    name: str
+    mesh: Mesh
+    controls: tuple[Control, ...]
+    landmarks: np.ndarray
+    control_points: np.ndarray
+    control_point_regions: tuple[str, ...]
+    clips: tuple[Clip, ...] | None
+    function: Callable[[Any], Any]
+    landmark_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for field in ("landmarks", "control_points"):
+            object.__setattr__(self, field, np.asarray(getattr(self, field), np.int32))
+        _check(self)
+
+    def __call__(self, params) -> np.ndarray:
+        """Return the vertices (n, 3) or (b, n, 3), float32 mm, of one pose (m,) or a batch (b, m)."""
+        p = np.asarray(params, np.float32)
+        if p.ndim not in (1, 2) or p.shape[-1] != len(self.controls):
+            allowed = f"({len(self.controls)},) or (b, {len(self.controls)})"
+            raise InputError(f"rig '{self.name}': parameters have the shape {p.shape}, where {allowed} is allowed.")
+        if p.ndim == 1 or len(p) == 1:
+            vertices = np.asarray(self.function(p.reshape(1, -1)), np.float32)
+            return vertices[0] if p.ndim == 1 else vertices
+        out = np.empty((len(p), *self.mesh.neutral.shape), np.float32)
+        for first in range(0, len(p), BATCH):
+            part = p[first : first + BATCH]
+            padded = np.concatenate([part, np.repeat(part[-1:], BATCH - len(part), axis=0)])
+            out[first : first + BATCH] = np.asarray(self.function(padded), np.float32)[: len(part)]
+        return out
+
+    @property
+    def lower(self) -> Float32[np.ndarray, " m"]:
+        """The controls' lower limits."""
+        return np.array([c.lower for c in self.controls], np.float32)
+
+    @property
+    def default(self) -> Float32[np.ndarray, " m"]:
+        """The controls' defaults: the neutral pose."""
+        return np.array([c.default for c in self.controls], np.float32)
+
+    @property
+    def upper(self) -> Float32[np.ndarray, " m"]:
+        """The controls' upper limits."""
+        return np.array([c.upper for c in self.controls], np.float32)
+
+    @property
+    def nodes(self) -> tuple:
+        """The deformers that can be run one by one: none, since the function is all that is known."""
+        return ()
+
+    @property
+    def paint(self) -> UInt8[np.ndarray, "n 3"] | None:
+        """A colour for each vertex: None."""
+        return None
+
+    def pose_props(self, params) -> list[Prop]:
+        """Return the display-only meshes in the pose (m,): none."""
+        return []
+
+    @cached_property
+    def _tangents(self) -> Callable:
+        import jax  # here, since rigs of plain numpy do without it
+
+        def push(p, tangents):
+            pose = lambda q: self.function(q[None])[0]  # noqa: E731
+            return jax.vmap(lambda t: jax.jvp(pose, (p,), (t,))[1])(tangents)
+
+        return jax.jit(push)
+
+    def jacobian(
+        self, params, columns: Sequence[int] | Int[np.ndarray, " k"] | None = None
+    ) -> Float32[np.ndarray, "n 3 k"]:
+        """Return ∂V/∂p (n, 3, m) in mm per unit of each control, exact, by forward differentiation.
+
+        columns: the controls wanted, by their place in p; None for all. Needs a function that JAX can trace; our own
+        rigs' can.
+        """
+        p, every = np.asarray(params, np.float32), np.eye(len(self.controls), dtype=np.float32)
+        wanted = every if columns is None else every[np.asarray(columns, int)]
+        k = len(wanted)
+        size = min(k, BATCH)
+        seeds = np.concatenate([wanted, np.zeros((-k % size, len(p)), np.float32)])
+        parts = [np.asarray(self._tangents(p, seeds[i : i + size])) for i in range(0, len(seeds), size)]
+        return np.moveaxis(np.concatenate(parts)[:k], 0, 2)
+
+
+def _check(rig: FunctionRig) -> None:
+    where, n, m = f"rig '{rig.name}'", len(rig.mesh.neutral), len(rig.controls)
+    if m == 0:
+        raise InputError(f"{where}: it has no controls, where at least one is needed.")
+    names = [c.name for c in rig.controls]
+    if len(set(names)) < m:
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"{where}: the control '{twice}' is there twice, where each name is allowed once.")
+    for field in ("landmarks", "control_points"):
+        index = getattr(rig, field)
+        bad = np.flatnonzero((index < 0) | (index >= n))
+        if index.ndim != 1 or len(bad):
+            is_there = f"[{bad[0]}] is {index[bad[0]]}" if index.ndim == 1 else f" has the shape {index.shape}"
+            raise InputError(f"{where}: {field}{is_there}, where a list of vertices from 0 to {n - 1} is allowed.")
+    if len(rig.control_point_regions) != len(rig.control_points):
+        raise InputError(
+            f"{where}: found {len(rig.control_point_regions)} control_point_regions, where one for each of the "
+            f"{len(rig.control_points)} control points is allowed."
+        )
+    for clip in rig.clips or ():
+        if clip.values.ndim != 2 or clip.values.shape[1] != m or not np.isfinite(clip.values).all():
+            shape = clip.values.shape
+            raise InputError(
+                f"{where}: clip '{clip.name}' has the shape {shape} or NaN, where finite (frames, {m}) is allowed."
+            )

@@ -1,0 +1,72 @@
+"""A rig from a recipe of ours: head, controls, deformers and acting put together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from data_recipes.acting.clip_file import read_clip
+from data_recipes.acting.procedural_acting import act
+from data_recipes.controls import limit_controls, make_controls
+from data_recipes.deformers.face_build import build_constants
+from data_recipes.deformers.face_chain import FACE
+from data_recipes.deformers.face_points import control_points
+from data_recipes.deformers.posed_props import rest_props
+from data_recipes.deformers.sculpting import Sculptor
+from data_recipes.face_rig import FaceParts, FaceRig
+from data_recipes.head.neutral_head import build_head
+from data_recipes.recipe.reading import load_recipe
+from data_recipes.rig import Clip, check_rig
+from replicate.engine.exceptions import InputError
+from replicate.geometry.mesh import Mesh
+
+
+def build_recipe_rig(name_or_recipe: str | Path) -> FaceRig:
+    """Build a character from its recipe.
+
+    Raises InputError, naming the recipe or the clip, for anything in the recipe that cannot be.
+    """
+    recipe = load_recipe(name_or_recipe)
+    controls = make_controls(asdict(recipe.controls), recipe.file)
+    controls = limit_controls(controls, recipe.limits.reach, recipe.limits.full, recipe.file)
+    clips = [Clip(Path(file).stem, read_clip(Path(file), controls)) for file in recipe.clip_files]
+    clips = [Clip(name, values) for name, values in act(controls, recipe.acting)] + clips
+    with _naming(recipe.file):
+        head = build_head(recipe)
+        mesh = Mesh(
+            neutral=head.vertices.astype(np.float32),
+            faces=head.faces.astype(np.int32),
+            uv=np.clip(head.uv, 0, 1).astype(np.float32),
+            segment=head.segment.astype(np.int32),
+            segment_names=head.segment_names,
+        )
+        points, regions = control_points(Sculptor(head))
+        face = FaceParts(build_constants(head, controls), rest_props(head), head.paint, FACE)
+    rig = FaceRig(
+        name=recipe.name,
+        mesh=mesh,
+        controls=controls,
+        landmarks=np.array(list(head.landmarks.values()), np.int32),
+        landmark_names=tuple(head.landmarks),
+        control_points=points,
+        control_point_regions=regions,
+        clips=tuple(clips) or None,
+        face=face,
+    )
+    check_rig(rig)
+    return rig
+
+
+@contextmanager
+def _naming(file: str) -> Iterator[None]:
+    """Put the recipe's file in front of an InputError that doesn't begin with it."""
+    try:
+        yield
+    except InputError as error:
+        if str(error).startswith(f"{file}: "):
+            raise
+        raise InputError(f"{file}: {error}") from error
