@@ -30,7 +30,7 @@ def run(stages: list[Stage], workers: int | None = None, facts: dict | None = No
     if not missing:
         print(f"nothing to do: {len(wanted)} artefacts up to date", flush=True)
     else:
-        with ended_by_signals():
+        with store.used_by_a_run(), ended_by_signals():
             _make(_tasks(missing, facts or {}), LocalWorkers(workers or core_count()))
         took = duration(time.monotonic() - started)
         print(f"made {len(missing)} of {len(wanted)} artefacts in {took}; the rest were up to date", flush=True)
