@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from data_recipes.controls import Control
 from data_recipes.deformers.posed_props import RestProp
 from data_recipes.face_rig import CHAINS, FaceParts, face_function
 from data_recipes.rig import Clip, Rig
+from replicate.engine.atomic_files import write_text
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
@@ -67,9 +67,7 @@ def save_rig(rig: Rig, folder: Path) -> None:
         "chain": rig.face.chain,
     }
     np.savez(folder / ARRAYS, **arrays)
-    beside = folder / (DESCRIPTION + ".part")
-    beside.write_text(json.dumps(description, indent=1) + "\n", encoding="utf-8")
-    os.replace(beside, folder / DESCRIPTION)
+    write_text(folder / DESCRIPTION, json.dumps(description, indent=1) + "\n")
 
 
 def load_rig(folder: Path) -> Rig:

@@ -22,12 +22,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from filelock import FileLock, Timeout
+from filelock import Timeout
 
 from replicate.engine.atomic_files import write_text
-from replicate.engine.exceptions import InputError, RunError
+from replicate.engine.exceptions import RunError
 from replicate.engine.folders import check_writable
 from replicate.engine.full_disk import shortage
+from replicate.engine.locks import check_lock, hold
 from replicate.engine.paths import cache_folder
 
 MANIFEST = "manifest.json"
@@ -51,8 +52,7 @@ def make_cache_folder() -> None:
     for folder in (cache, *(cache / name for name in WORKING_FOLDERS)):
         check_writable(folder, "REPLICATE_CACHE")
     for file in (cache / "locks").glob("*.lock"):
-        if not file.is_file():
-            raise InputError(f"{file} is a folder, where only a lock's file is allowed: remove it")
+        check_lock(file)
     if not (cache / MARKER).is_file():
         write_text(cache / MARKER, "Artefacts of a replication of Fast and Deep Facial Deformations.\n")
 
@@ -152,32 +152,11 @@ def discard_partial(identifier: str, pid: int) -> None:
     shutil.rmtree(_partial_folder(identifier, pid), ignore_errors=True)
 
 
-@contextlib.contextmanager
-def lock(identifier: str, waiting: Callable[[], None] = lambda: None, wait: bool = True) -> Iterator[None]:
-    """Hold an artefact's lock, which the system frees should the process die; the same process may hold it twice.
-
-    waiting: called once where another process holds it. wait: else, filelock's Timeout is raised then. Raises
-    InputError where nothing can be locked.
-    """
-    file = cache_folder() / "locks" / f"{identifier}.lock"
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        held = FileLock(file, is_singleton=True)
-        held.acquire(timeout=0)
-    except Timeout:
-        if not wait:
-            raise
-        waiting()
-        held.acquire(poll_interval=0.2)
-    except OSError as error:
-        if is_disk_full(error):
-            raise
-        reason = f"{file} can't be locked ({error.strerror})"
-        raise InputError(f"{reason}: remove it, or set REPLICATE_CACHE to a folder that can be written") from None
-    try:
-        yield
-    finally:
-        held.release()
+def lock(
+    identifier: str, waiting: Callable[[], None] = lambda: None, wait: bool = True
+) -> contextlib.AbstractContextManager[None]:
+    """Return a context manager that holds an artefact's lock; arguments and errors are those of `locks.hold`."""
+    return hold(cache_folder() / "locks" / f"{identifier}.lock", waiting, wait)
 
 
 @contextlib.contextmanager
