@@ -18,7 +18,7 @@ from replicate.engine.store import MANIFEST, MARKER, artefact_folder, find_damag
 
 _IDENTIFIER = r"([\w.-]+-[0-9a-f]{16})"  # as `Stage.identifier` makes them
 _UNFINISHED = {"partial": f"{_IDENTIFIER}@.+", "scratch": _IDENTIFIER, "logs": rf"{_IDENTIFIER}\.log"}
-_NAMED = 3  # items that a sentence names before it counts the others
+_NAMED = 10  # items that a sentence names before it counts the others
 
 
 @dataclass(frozen=True)
