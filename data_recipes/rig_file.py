@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from data_recipes.deformers.posed_props import RestProp
 from data_recipes.face_rig import FaceParts, FaceRig
 from data_recipes.ict.facekit_chain import FACEKIT
 from data_recipes.rig import Clip, Rig
+from replicate.engine.atomic_files import write_text
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
@@ -70,9 +70,7 @@ def save_rig(rig: Rig, folder: Path) -> None:
         "chain": rig.face.chain.name,
     }
     np.savez(folder / ARRAYS, **arrays)
-    beside = folder / (DESCRIPTION + ".part")
-    beside.write_text(json.dumps(description, indent=1) + "\n", encoding="utf-8")
-    os.replace(beside, folder / DESCRIPTION)
+    write_text(folder / DESCRIPTION, json.dumps(description, indent=1) + "\n")
 
 
 def load_rig(folder: Path) -> FaceRig:

@@ -7,11 +7,8 @@ contains a quantisation error; that of the training samples is in samples.json.
 """
 
 import json
-import os
-import shutil
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
@@ -20,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32, Int, Int16
 
+from replicate.approximation.samples_scratch import Scratch
 from replicate.approximation.sampling import (
     augment,
     balance_bins,
@@ -136,18 +134,19 @@ def write_samples(
     Returns the facts of samples.json. Raises InputError, naming pose and vertex, when the rig gives NaN or infinity.
     """
     chosen = choose_poses(rig, config, rng)
-    params, n, landmarks = chosen["training"], len(rig.mesh.neutral), len(rig.landmarks)
-    arrays, state = _open_scratch(
-        Path(scratch),
-        sha256(b"".join(poses.tobytes() for poses in chosen.values()) + rig.mesh.neutral.tobytes()).hexdigest(),
-        {
-            "offsets": (np.int16, (len(params), n, 3)),
-            "steps": (np.float32, (len(params),)),
-            "squared_error": (np.float64, (len(params),)),
-            "landmarks": (np.float32, (len(params), landmarks, 3)),
-            **{f"{part}_offsets": (np.float32, (len(chosen[part]), n, 3)) for part in PARTS[1:]},
+    params, n = chosen["training"], len(rig.mesh.neutral)
+    rows = {
+        "training": {
+            "offsets": (np.int16, (n, 3)),
+            "steps": (np.float32, ()),
+            "squared_error": (np.float64, ()),
+            "landmarks": (np.float32, (len(rig.landmarks), 3)),
         },
-    )
+        **{part: {f"{part}_offsets": (np.float32, (n, 3))} for part in PARTS[1:]},
+    }
+    key = sha256(b"".join(poses.tobytes() for poses in chosen.values()) + rig.mesh.neutral.tobytes()).hexdigest()
+    unfinished = Scratch(scratch, key, CHUNK, {part: (len(chosen[part]), rows[part]) for part in PARTS})
+    arrays = unfinished.arrays
 
     def store(part: str, rows: slice, offsets: np.ndarray) -> None:
         if part != "training":
@@ -158,17 +157,15 @@ def write_samples(
         arrays["squared_error"][rows] = (lost**2).mean(axis=(1, 2), dtype=np.float64)
         arrays["landmarks"][rows] = offsets[:, rig.landmarks]
 
-    with progress(sum(map(len, chosen.values())), "samples", sum(state[part] for part in PARTS)) as bar:
+    with progress(sum(map(len, chosen.values())), "samples", sum(map(unfinished.done, PARTS))) as bar:
         for part, poses in chosen.items():
-            while state[part] < len(poses):
-                first = state[part]
+            while (first := unfinished.done(part)) < len(poses):
                 for rows, vertices in evaluate(rig, poses[first : first + CHUNK]):
                     rows = slice(first + rows.start, first + rows.stop)
                     _check_finite(rig.name, part, rows.start, vertices)
                     store(part, rows, vertices - rig.mesh.neutral)
                     bar.update(len(vertices))
-                state[part] = min(first + CHUNK, len(poses))
-                _checkpoint(Path(scratch), arrays, state)
+                unfinished.checkpoint(part)
     facts = {
         "poses": len(params),
         "validation_poses": len(chosen["validation"]),
@@ -177,14 +174,14 @@ def write_samples(
         "mean_step_mm": float(arrays["steps"].mean(dtype=np.float64)),
         "quantisation_rms_mm": float(np.sqrt(arrays["squared_error"].mean())),
     }
-    for name in ("offsets", "steps", "validation_offsets", "test_offsets"):
-        _place(Path(scratch) / f"{name}.npy", Path(folder) / f"{name}.npy")
     bins = balance_bins(arrays["landmarks"], config.bins)
     kept = {"params": params, "validation_params": chosen["validation"], "test_params": chosen["test"], "bins": bins}
     for name, array in kept.items():
         np.save(Path(folder) / f"{name}.npy", array)
     facts["samples_per_bin"] = np.bincount(bins, minlength=config.bins).tolist()
     (Path(folder) / "samples.json").write_text(json.dumps(facts, indent=1) + "\n")
+    del arrays
+    unfinished.move(["offsets", "steps", "validation_offsets", "test_offsets"], Path(folder))
     return facts
 
 
@@ -204,38 +201,3 @@ def _check_finite(name: str, part: str, first: int, vertices: np.ndarray) -> Non
         raise InputError(
             f"rig '{name}': vertex {vertex} of {part} pose {first + pose} is {value}, where only finite mm are allowed."
         )
-
-
-def _open_scratch(scratch: Path, key: str, shapes: dict) -> tuple[dict[str, np.memmap], dict]:
-    """Open the half-made arrays when they belong to the same poses, or make new ones."""
-    scratch.mkdir(parents=True, exist_ok=True)
-    fresh = {"key": key, **dict.fromkeys(PARTS, 0)}
-    with suppress(OSError, ValueError):  # nothing there yet, or cut off before the first checkpoint
-        state = json.loads((scratch / "state.json").read_text())
-        arrays = {name: np.load(scratch / f"{name}.npy", mmap_mode="r+", allow_pickle=False) for name in shapes}
-        fits = all((arrays[name].dtype, arrays[name].shape) == shapes[name] for name in shapes)
-        if state.keys() == fresh.keys() and state["key"] == key and fits:
-            return arrays, state
-    (scratch / "state.json").unlink(missing_ok=True)
-    paths = {name: scratch / f"{name}.npy" for name in shapes}
-    for path in paths.values():
-        path.unlink(missing_ok=True)  # never write into a file that an artefact may share
-    make = np.lib.format.open_memmap
-    return {name: make(paths[name], "w+", dtype, shape) for name, (dtype, shape) in shapes.items()}, fresh
-
-
-def _checkpoint(scratch: Path, arrays: dict[str, np.memmap], state: dict) -> None:
-    for array in arrays.values():
-        array.flush()
-    beside = scratch / "state.json.new"
-    beside.write_text(json.dumps(state))
-    os.replace(beside, scratch / "state.json")
-
-
-def _place(source: Path, target: Path) -> None:
-    """Put a finished file into the artefact without giving up the scratch copy, should we be stopped right after."""
-    target.unlink(missing_ok=True)
-    try:
-        os.link(source, target)
-    except OSError:  # another file system
-        shutil.copyfile(source, target)

@@ -6,20 +6,20 @@ moment and started again goes through the same numbers, bit for bit, as one that
 
 import json
 import math
-import os
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import load, save
 from torch import nn
 
+from replicate.engine.sealed_files import read_sealed, write_sealed
 from replicate.engine.tidy_files import Column, write_csv
 
 CHECKPOINT_S = 30.0
+_FACTS = ":facts"  # the array of a checkpoint that holds step and log as JSON; no weight's name begins so
 ROWS = 25  # of the log; each one costs a measurement on held-out poses
 LOG_COLUMNS = ("step", "loss", "mm", "degrees")
 
@@ -66,7 +66,7 @@ def train(
     """
     weights = dict(model.named_parameters())
     optimiser = torch.optim.Adam(weights.values(), lr=config.peak_rate, fused=True)
-    checkpoint = Path(scratch) / "checkpoint.safetensors"
+    checkpoint = Path(scratch) / "checkpoint.sealed"
     first, log, running = _resume(checkpoint, weights, optimiser)
     every = max(1, config.steps // ROWS)
     saved = time.monotonic()
@@ -90,40 +90,31 @@ def train(
 
 
 def _save(checkpoint: Path, weights: dict, optimiser, step: int, log: list, running: list) -> None:
-    """Write one file beside and rename it, so that there is always a whole checkpoint or none."""
     arrays = {}
     for name, weight in weights.items():
         state = optimiser.state[weight]
         arrays |= {name: weight.detach(), f"{name}:m": state["exp_avg"], f"{name}:v": state["exp_avg_sq"]}
-    checkpoint.parent.mkdir(parents=True, exist_ok=True)
-    beside = checkpoint.with_suffix(".new")
-    facts = {"step": str(step), "log": json.dumps(log), "running": json.dumps(running)}
-    save_file({name: array.cpu().contiguous() for name, array in arrays.items()}, beside, metadata=facts)
-    with open(beside, "rb") as file:
-        os.fsync(file.fileno())  # or a power cut could leave the new name and half of the contents
-    os.replace(beside, checkpoint)
+    facts = json.dumps({"step": step, "log": log, "running": running}).encode()
+    arrays[_FACTS] = torch.frombuffer(bytearray(facts), dtype=torch.uint8)
+    data = save({name: array.cpu().contiguous() for name, array in arrays.items()})
+    write_sealed(checkpoint, lambda stream: stream.write(data))
 
 
 def _resume(checkpoint: Path, weights: dict, optimiser) -> tuple[int, list, list]:
-    """Restore weights and moments from a checkpoint, if there is one of these weights; return (step, log, running)."""
-    try:
-        with safe_open(checkpoint, framework="pt") as file:
-            facts = file.metadata()
-            arrays = {name: file.get_tensor(name) for name in file.keys()}
-        step, log, running = int(facts["step"]), json.loads(facts["log"]), json.loads(facts["running"])
-        found = {name: [arrays[f"{name}{part}"] for part in ("", ":m", ":v")] for name in weights}
-    except (OSError, SafetensorError, KeyError, TypeError, ValueError):  # none yet, or a damaged one: begin again
+    """Restore weights and moments from a checkpoint, if there is a sound one; return (step, log, running)."""
+    arrays = read_sealed(checkpoint, lambda stream: load(stream.read()))
+    if arrays is None:
         return 0, [], []
+    facts = json.loads(arrays[_FACTS].numpy().tobytes())
     with torch.no_grad():
         for name, weight in weights.items():
-            value, mean, square = found[name]
-            weight.copy_(value)
+            weight.copy_(arrays[name])
             optimiser.state[weight] = {
-                "step": torch.tensor(float(step)).to(weight.device),
-                "exp_avg": torch.empty_like(weight).copy_(mean),
-                "exp_avg_sq": torch.empty_like(weight).copy_(square),
+                "step": torch.tensor(float(facts["step"])).to(weight.device),
+                "exp_avg": torch.empty_like(weight).copy_(arrays[f"{name}:m"]),
+                "exp_avg_sq": torch.empty_like(weight).copy_(arrays[f"{name}:v"]),
             }
-    return step, log, running
+    return facts["step"], facts["log"], facts["running"]
 
 
 def write_log(log: Sequence[dict], file: Path) -> None:

@@ -1,51 +1,42 @@
 """What the cache holds, and which of it is still of use."""
 
+import re
 import shutil
+import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from replicate.engine.code_hash import sources_digest
-from replicate.engine.paths import cache_folder
-from replicate.engine.stage import Stage, in_order
-from replicate.engine.store import MANIFEST, artefact_folder, find_damage, lock, read_manifest
+from filelock import Timeout
 
-_UNFINISHED = ("partial", "scratch", "logs")
+from replicate.engine import store
+from replicate.engine.code_hash import sources_digest
+from replicate.engine.paths import ROOT, cache_folder
+from replicate.engine.stage import Stage, in_order
+from replicate.engine.store import MANIFEST, MARKER, artefact_folder, find_damage, lock, read_manifest
+
+_IDENTIFIER = r"([\w.-]+-[0-9a-f]{16})"  # as `Stage.identifier` makes them
+_UNFINISHED = {"partial": f"{_IDENTIFIER}@.+", "scratch": _IDENTIFIER, "logs": rf"{_IDENTIFIER}\.log"}
+_NAMED = 10  # items that a sentence names before it counts the others
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One folder of the cache; its state is "current", "stale" (sources have changed), "damaged" or "unfinished"."""
+    """A folder or log of the cache; its state is "current", "stale" (sources have changed), "damaged" or "unfinished".
+
+    identifier: that of the artefact that it is or belongs to.
+    """
 
     folder: Path
     state: str
     size_bytes: int
+    identifier: str
 
 
 def inventory() -> list[Entry]:
-    """Return every folder of the cache that this suite has put there; files are not hashed."""
-    found, stale = [], {}
-    for folder in sorted(cache_folder().glob("*")):
-        if folder.name.startswith("damaged-"):
-            found.append(Entry(folder, "damaged", _size_bytes(folder)))
-        elif folder.name in _UNFINISHED:
-            found += [Entry(item, "unfinished", _size_bytes(item)) for item in sorted(folder.glob("*"))]
-        elif (folder / MANIFEST).is_file():
-            found.append(Entry(folder, "stale" if _is_stale(folder.name, stale) else "current", _size_bytes(folder)))
-    return found
-
-
-def _is_stale(identifier: str, known: dict[str, bool]) -> bool:
-    """Return whether the sources of an artefact, or of what it was made from, have changed or are gone."""
-    if identifier not in known:
-        known[identifier] = True
-        try:
-            manifest = read_manifest(artefact_folder(identifier))
-            changed = sources_digest(manifest["function"]) != manifest["sources"]
-            known[identifier] = changed or any(_is_stale(needed, known) for needed in manifest["inputs"].values())
-        except (OSError, KeyError, ValueError):
-            pass
-    return known[identifier]
+    """Return what this suite has put into the cache; files are not hashed."""
+    return _survey()[0]
 
 
 def states(stages: list[Stage]) -> Iterator[tuple[Stage, str]]:
@@ -57,18 +48,115 @@ def states(stages: list[Stage]) -> Iterator[tuple[Stage, str]]:
 
 
 def clean(everything: bool = False) -> tuple[int, int]:
-    """Remove what is stale, damaged or unfinished, or everything; return how many folders, of how many bytes."""
-    removed = [entry for entry in inventory() if everything or entry.state != "current"]
-    for entry in removed:
-        with lock(entry.folder.name.removesuffix(".log").partition("@")[0]):
-            if entry.folder.is_dir():
-                shutil.rmtree(entry.folder)
-            else:
-                entry.folder.unlink(missing_ok=True)
-    return len(removed), sum(entry.size_bytes for entry in removed)
+    """Remove what is stale, damaged or unfinished, or everything; return how many folders, of how many bytes.
+
+    Only what carries a name of this suite's goes, artefacts only with a valid seal, in a folder that has been used as a
+    cache: one with the file `.replicate-cache`, or, from before there was one, with nothing else in it. Links are
+    neither removed nor followed. While a run goes on, artefacts stay, and what a stage is working on. What is left
+    alone is named on standard error, with the reason.
+    """
+    cache = cache_folder()
+    entries, left, foreign = _survey()
+    if not (cache / MARKER).is_file() and (left or foreign):
+        reason = f"it has no file {MARKER} and holds what this suite has not made; make that file to have it cleaned"
+        _tell({cache: reason})
+        return 0, 0
+    busy = store.is_in_use()
+    removed = []
+    for entry in entries:
+        finished = entry.state in ("current", "stale")
+        if entry.state == "current" and not everything:
+            continue
+        if finished and busy:
+            left[entry.folder] = "a run goes on in this cache: clean it again afterwards"
+            continue
+        try:
+            with lock(entry.identifier, wait=False):
+                _remove(entry.folder)
+            removed.append(entry.size_bytes)
+        except Timeout:
+            left[entry.folder] = "in use by a run"
+        except OSError as error:
+            left[entry.folder] = f"it can't be removed: {error.strerror}"
+    _tell(left)
+    return len(removed), sum(removed)
 
 
-def _size_bytes(path: Path) -> int:
-    if path.is_file():
-        return path.stat().st_size
-    return sum(item.stat().st_size for item in path.rglob("*") if item.is_file())
+def _survey() -> tuple[list[Entry], dict[Path, str], list[Path]]:
+    """Return what is ours in the cache; what looks so and isn't, with the reason; and what is somebody else's."""
+    entries, left, foreign = [], {}, []
+    stale: dict[str, bool] = {}
+    for item in sorted(cache_folder().glob("*")):
+        damaged = re.fullmatch(f"damaged-{_IDENTIFIER}", item.name)
+        if item.is_symlink():
+            (left if item.name in _UNFINISHED else {})[item] = "it is a link"
+            foreign.append(item)
+        elif item.name in _UNFINISHED and item.is_dir():
+            for inner in sorted(item.iterdir()):
+                match = re.fullmatch(_UNFINISHED[item.name], inner.name)
+                if match and not inner.is_symlink():
+                    entries.append(Entry(inner, "unfinished", _size_bytes(inner), match[1]))
+                else:
+                    left[inner] = "it is a link" if inner.is_symlink() else "it has no name that this suite gives"
+        elif damaged and item.is_dir():
+            entries.append(Entry(item, "damaged", _size_bytes(item), damaged[1]))
+        elif re.fullmatch(_IDENTIFIER, item.name) and store.is_sealed(item):
+            state = "stale" if _is_stale(item.name, stale) else "current"
+            entries.append(Entry(item, state, _size_bytes(item), item.name))
+        elif (item / MANIFEST).is_file():
+            left[item] = "it is no artefact of this suite, or a damaged one that no run has met since"
+        elif item.name not in store.WORKING_FOLDERS:
+            foreign.append(item)
+    return entries, left, foreign
+
+
+def _is_stale(identifier: str, known: dict[str, bool]) -> bool:
+    """Return whether the sources of an artefact, or of what it was made from, have changed or are gone.
+
+    An input that is missing or damaged says nothing about them: what was made from it is as good as before.
+    """
+    if identifier not in known:
+        known[identifier] = False
+        if store.is_sealed(folder := artefact_folder(identifier)):
+            manifest = read_manifest(folder)
+            needed = manifest["inputs"].values()
+            known[identifier] = _has_changed(manifest) or any(_is_stale(name, known) for name in needed)
+    return known[identifier]
+
+
+def _has_changed(manifest: dict) -> bool:
+    """Return whether the sources behind an artefact differ from what they were when it was made.
+
+    Of a function from outside the project, which may be out of sight just now, only what can be read is compared.
+    """
+    try:
+        return sources_digest(manifest["function"]) != manifest["sources"]
+    except SyntaxError:
+        return False
+    except ValueError:  # no such module or function
+        return (ROOT / manifest["function"].partition(".")[0]).is_dir()
+
+
+def _remove(item: Path) -> None:
+    if item.is_symlink():
+        raise OSError(0, "it has become a link")
+    if item.is_dir():
+        shutil.rmtree(item)
+    else:
+        item.unlink(missing_ok=True)
+
+
+def _tell(left: dict[Path, str]) -> None:
+    """Print what was left alone, a line a reason."""
+    for why in dict.fromkeys(left.values()):
+        items = [str(item) for item, reason in left.items() if reason == why]
+        others = f" and {len(items) - _NAMED} more" if len(items) > _NAMED else ""
+        print(f"left alone: {', '.join(items[:_NAMED])}{others} ({why})", file=sys.stderr)
+
+
+def _size_bytes(item: Path) -> int:
+    size = 0
+    for path in (item, *item.rglob("*")):
+        with suppress(OSError):  # it has just been removed by somebody else
+            size += path.lstat().st_size if path.is_file() and not path.is_symlink() else 0
+    return size

@@ -12,6 +12,7 @@ from replicate.engine.paths import ROOT
 from replicate.engine.stage import Stage, in_order
 from replicate.engine.store import artefact_folder, read_manifest
 
+_VECTORS = ("avx", "fma", "amx", "asimd", "sve")  # beginnings of the names of instructions on many numbers at once
 PACKAGES = ("jax", "jaxlib", "numba", "numpy", "scikit-learn", "scipy", "torch")  # those that numbers pass through
 
 
@@ -26,13 +27,21 @@ def provenance(command: list[str], profile: str, seeds: list[int], workers: int)
         "command": " ".join(command),
         "profile": profile,
         "seeds": list(seeds),
-        "python": platform.python_version(),
-        "packages": package_versions(),
         "system": platform.system(),
-        "processor": processor(),
+        **surroundings(),
         "cores": core_count(),
         "workers": workers,
         "gpu": gpu(),
+    }
+
+
+def surroundings() -> dict:
+    """Return what a number's last digits depend on beside sources and seeds: versions, and the kind of processor."""
+    return {
+        "python": platform.python_version(),
+        "packages": package_versions(),
+        "processor": processor(),
+        "instruction_set": instruction_set(),
     }
 
 
@@ -84,6 +93,19 @@ def processor() -> str:
     return platform.processor() or platform.machine()
 
 
+def instruction_set() -> str:
+    """Return this processor's vector instructions; with AVX2 sums have other last digits than with AVX-512.
+
+    Libraries choose by them when they run, so that one build gives two results on two machines.
+    """
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.machine()
+    flags = next((line.partition(":")[2].split() for line in lines if line.startswith(("flags", "Features"))), [])
+    return " ".join([platform.machine(), *sorted(flag for flag in set(flags) if flag.startswith(_VECTORS))])
+
+
 def core_count() -> int:
     """Return how many cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -128,10 +150,12 @@ def stage_facts(stages: list[Stage]) -> dict[str, dict]:
     """Return, for every stage of a finished graph by its title, its key, wall time and what it noted.
 
     "git" is there for stages whose commit or clean flag differs from those of `graph_git`; None for one that was made
-    outside a checkout.
+    outside a checkout. "python", "packages", "processor" and "instruction_set" are there where they differ from those
+    of the run that made the first of the stages; of packages, those that differ.
     """
     facts = {}
     top = graph_git(stages)
+    run = read_manifest(artefact_folder(stages[0].identifier))["run"]
     shared = top and {name: top[name] for name in ("commit", "clean")}
     for stage in in_order(stages):
         manifest = read_manifest(artefact_folder(stage.identifier))
@@ -139,7 +163,19 @@ def stage_facts(stages: list[Stage]) -> dict[str, dict]:
         facts[stage.title] = {name: manifest[name] for name in kept if manifest.get(name) not in (None, {}, False)}
         if (own := _made_from(stage)) != shared:
             facts[stage.title]["git"] = own
+        facts[stage.title] |= _differences(manifest.get("surroundings", manifest["run"]), run)
     return facts
+
+
+def _differences(own: dict, run: dict) -> dict:
+    """Return of a stage's surroundings what is not that of a run; what either does not tell is not compared."""
+    names = ("python", "packages", "processor", "instruction_set")
+    found = {name: own[name] for name in names if name in own and name in run and own[name] != run[name]}
+    if "packages" in found:
+        both = sorted(own["packages"].keys() | run["packages"].keys())
+        differing = (name for name in both if own["packages"].get(name) != run["packages"].get(name))
+        found["packages"] = {name: own["packages"].get(name) for name in differing}
+    return found
 
 
 def _made_from(stage: Stage) -> dict | None:

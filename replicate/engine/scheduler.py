@@ -26,12 +26,14 @@ def run(stages: list[Stage], workers: int | None = None, facts: dict | None = No
     started = time.monotonic()
     wanted = in_order(stages)
     store.make_cache_folder()
-    missing = [stage for stage in wanted if store.load(stage.identifier) is None]
+    with store.used_by_a_run():
+        missing = [stage for stage in wanted if store.load(stage.identifier) is None]
+        if missing:
+            with ended_by_signals():
+                _make(_tasks(missing, facts or {}), LocalWorkers(workers or core_count()))
     if not missing:
         print(f"nothing to do: {len(wanted)} artefacts up to date", flush=True)
     else:
-        with ended_by_signals():
-            _make(_tasks(missing, facts or {}), LocalWorkers(workers or core_count()))
         took = duration(time.monotonic() - started)
         print(f"made {len(missing)} of {len(wanted)} artefacts in {took}; the rest were up to date", flush=True)
     return {stage.title: store.artefact_folder(stage.identifier) for stage in wanted}

@@ -22,14 +22,20 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from filelock import FileLock, Timeout
+from filelock import Timeout
 
-from replicate.engine.exceptions import InputError, RunError
+from replicate.engine.atomic_files import write_text
+from replicate.engine.exceptions import RunError
+from replicate.engine.folders import check_writable
+from replicate.engine.full_disk import shortage
+from replicate.engine.locks import check_lock, hold
 from replicate.engine.paths import cache_folder
 
 MANIFEST = "manifest.json"
+MARKER = ".replicate-cache"  # stands in every folder that has been used as a cache
+WORKING_FOLDERS = ("partial", "scratch", "locks", "logs")
 _SEAL = "manifest.sha256"
-_NEARLY_FULL_BYTES = 32 << 20  # below this, a write that failed without a reason failed for lack of space
+_RUN = "run@"  # begins the names of the locks of whole runs
 
 
 def artefact_folder(identifier: str) -> Path:
@@ -38,12 +44,17 @@ def artefact_folder(identifier: str) -> Path:
 
 
 def make_cache_folder() -> None:
-    """Make the cache's folder; raises InputError where that can't be."""
-    try:
-        cache_folder().mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        reason = f"the cache folder {cache_folder()} can't be made ({error.strerror})"
-        raise InputError(f"{reason}: set REPLICATE_CACHE to one that can") from None
+    """Make the cache's folder, with the file that tells it from other folders, and see that all of it can be written.
+
+    Raises InputError where that can't be, before any work is done.
+    """
+    cache = cache_folder()
+    for folder in (cache, *(cache / name for name in WORKING_FOLDERS)):
+        check_writable(folder, "REPLICATE_CACHE")
+    for file in (cache / "locks").glob("*.lock"):
+        check_lock(file)
+    if not (cache / MARKER).is_file():
+        write_text(cache / MARKER, "Artefacts of a replication of Fast and Deep Facial Deformations.\n")
 
 
 def scratch_folder(identifier: str) -> Path:
@@ -59,6 +70,18 @@ def log_file(identifier: str) -> Path:
 def read_manifest(folder: Path) -> dict:
     """Return an artefact's manifest."""
     return json.loads((Path(folder) / MANIFEST).read_text(encoding="utf-8"))
+
+
+def is_sealed(folder: Path) -> bool:
+    """Return whether a folder is an artefact under its own name, whose manifest agrees with its checksum."""
+    try:
+        text = (folder / MANIFEST).read_bytes()
+        if (folder / _SEAL).read_bytes() != _seal(text):
+            return False
+        manifest = json.loads(text)
+        return f"{manifest['stage']}-{manifest['key']}" == folder.name
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 def find_damage(folder: Path) -> str:
@@ -80,7 +103,8 @@ def find_damage(folder: Path) -> str:
 def load(identifier: str) -> Path | None:
     """Return the folder of a verified artefact, or None if there is none.
 
-    A damaged one is named on standard error and set aside as `damaged-…`, so that it is made again, never used.
+    A damaged one is named on standard error and set aside as `damaged-…`, so that it is made again, never used; from
+    the first step on, since what is left of its making may have the same damage.
     """
     folder = artefact_folder(identifier)
     if not folder.exists():
@@ -91,6 +115,7 @@ def load(identifier: str) -> Path | None:
         damage = find_damage(folder) if folder.exists() else ""
         if damage:
             aside = cache_folder() / f"damaged-{identifier}"
+            shutil.rmtree(scratch_folder(identifier), ignore_errors=True)
             shutil.rmtree(aside, ignore_errors=True)
             os.replace(folder, aside)
             print(f"{folder}: damaged ({damage}); set aside as {aside.name}, to be made again", file=sys.stderr)
@@ -127,37 +152,39 @@ def discard_partial(identifier: str, pid: int) -> None:
     shutil.rmtree(_partial_folder(identifier, pid), ignore_errors=True)
 
 
-@contextlib.contextmanager
-def lock(identifier: str, waiting: Callable[[], None] = lambda: None, wait: bool = True) -> Iterator[None]:
-    """Hold an artefact's lock, which the system frees should the process die; the same process may hold it twice.
+def lock(
+    identifier: str, waiting: Callable[[], None] = lambda: None, wait: bool = True
+) -> contextlib.AbstractContextManager[None]:
+    """Return a context manager that holds an artefact's lock; arguments and errors are those of `locks.hold`."""
+    return hold(cache_folder() / "locks" / f"{identifier}.lock", waiting, wait)
 
-    waiting: called once where another process holds it. wait: else, filelock's Timeout is raised then.
-    """
-    folder = cache_folder() / "locks"
-    folder.mkdir(parents=True, exist_ok=True)
-    held = FileLock(folder / f"{identifier}.lock", is_singleton=True)
+
+@contextlib.contextmanager
+def used_by_a_run() -> Iterator[None]:
+    """Tell other processes, through a lock, that a run goes on in this cache, also between two of its stages."""
+    name = f"{_RUN}{platform.node()}-{os.getpid()}"
     try:
-        held.acquire(timeout=0)
-    except Timeout:
-        if not wait:
-            raise
-        waiting()
-        held.acquire(poll_interval=0.2)
-    try:
-        yield
+        with lock(name):
+            yield
     finally:
-        held.release()
+        (cache_folder() / "locks" / f"{name}.lock").unlink(missing_ok=True)
+
+
+def is_in_use() -> bool:
+    """Return whether another process holds one of the cache's locks."""
+    for file in sorted((cache_folder() / "locks").glob("*.lock")):
+        try:
+            with lock(file.stem, wait=False):
+                if file.name.startswith(_RUN):
+                    file.unlink(missing_ok=True)  # a killed run has left it
+        except Timeout:
+            return True
+    return False
 
 
 def is_disk_full(error: BaseException) -> bool:
-    """Return whether an error says, or by the free space must mean, that the disk is full."""
-    if "No space left on device" in str(error):  # some libraries wrap the number away
-        return True
-    if not isinstance(error, OSError):
-        return False
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return True
-    return error.errno is None and _free_bytes() < _NEARLY_FULL_BYTES  # numpy's short writes carry no number
+    """Return whether an error means that a file found no room in the cache, or where it says that it should be."""
+    return bool(shortage(error, cache_folder()))
 
 
 @contextlib.contextmanager
@@ -165,12 +192,10 @@ def _told_if_full(identifier: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if not is_disk_full(error):
+        short = shortage(error, cache_folder())
+        if not short:
             raise
-        raise RunError(
-            f"{identifier}: the disk is full ({_free_bytes() >> 20} MB free at {cache_folder()}): make room or set "
-            "REPLICATE_CACHE to a folder elsewhere, then run the same command; finished work is kept"
-        ) from error
+        raise RunError(f"{identifier}: {short}, then run the same command; finished work is kept") from error
 
 
 def _put_in_place(partial: Path, identifier: str) -> None:
@@ -196,13 +221,6 @@ def _discard_partials(identifier: str) -> None:
     """Remove what killed processes of this machine have left of an artefact; its lock is held, so none is at work."""
     for folder in (cache_folder() / "partial").glob(f"{identifier}@{platform.node()}-*"):
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def _free_bytes() -> int:
-    folder = cache_folder()
-    while not folder.exists():
-        folder = folder.parent
-    return shutil.disk_usage(folder).free
 
 
 def _write_manifest(folder: Path, facts: dict) -> None:

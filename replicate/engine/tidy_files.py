@@ -6,7 +6,6 @@ Reading loads pandas, writing doesn't.
 import csv
 import io
 import math
-import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from replicate.engine.atomic_files import write_text
 from replicate.engine.exceptions import InputError
 
 if TYPE_CHECKING:
@@ -89,12 +89,7 @@ def write_csv(path: Path, columns: Sequence[Column], lines: Iterable[Sequence], 
     _check_unique(path, (tuple(texts[place] for place in places) for texts in written) if key else ())
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([[column.name for column in columns], *written])
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        beside.write_text(text.getvalue(), encoding="utf-8", newline="\n")
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
+    write_text(path, text.getvalue())
 
 
 def _cells(path: Path, width: int, missing: str) -> "pandas.DataFrame":

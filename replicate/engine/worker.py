@@ -17,9 +17,10 @@ from pathlib import Path
 
 from replicate.engine import progress, store
 from replicate.engine.code_hash import sources_digest
+from replicate.engine.command_line import prepare_streams
 from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.paths import ROOT
-from replicate.engine.provenance import gpu, peak_memory_mb
+from replicate.engine.provenance import gpu, peak_memory_mb, surroundings
 from replicate.engine.schema import from_json
 from replicate.engine.stage import StageContext, stage_function
 
@@ -41,6 +42,7 @@ def main() -> None:
     log = os.open(log_file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
     os.dup2(log, 1)
     os.dup2(log, 2)
+    prepare_streams()
     speaking = threading.Lock()
 
     def answer(event: str, **facts) -> None:
@@ -90,6 +92,7 @@ def _build(orders: dict, out: Path, scratch: Path) -> dict:
         "threads": orders["threads"],
         "peak_memory_mb": round(peak_memory_mb()),
         "gpu": gpu(),
+        "surroundings": surroundings(),
         "run": orders["run"],
     }
 

@@ -1,14 +1,14 @@
 """Parts as bytes of OBJ and GLB, made by trimesh; and bytes as files that appear whole or not at all."""
 
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import UInt8
 
+from replicate.engine.atomic_files import write_bytes
 from replicate.engine.exceptions import InputError
-from replicate.engine.store import is_disk_full
+from replicate.engine.full_disk import shortage_number
 from replicate.export.parts import Part
 
 MM_PER_M = 1000.0
@@ -87,16 +87,12 @@ def write_whole(file: Path, data: bytes) -> None:
 
     Raises InputError where nothing may be written, and OSError when the disk is full.
     """
-    beside = file.with_name(f".{file.name}.{os.getpid()}")
     try:
-        beside.write_bytes(data)
-        os.replace(beside, file)
+        write_bytes(file, data)
     except OSError as error:
-        if is_disk_full(error):
+        if shortage_number(error, file.parent):
             raise
         raise InputError(f"{file} can't be written ({error.strerror}): name another file") from None
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def _mesh(trimesh, part: Part, visual, vertices: np.ndarray):

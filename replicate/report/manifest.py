@@ -5,11 +5,12 @@ stand by their names under "targets".
 """
 
 import json
-import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 from replicate.config import Config
+from replicate.engine.atomic_files import write_text
 from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import graph_git, stage_facts
 from replicate.engine.stage import Stage
@@ -53,7 +54,8 @@ def targets(folder: Path) -> list[str]:
 def section(folder: Path, target: str) -> dict:
     """Return what a folder's manifest tells of one target: what all characters share, and each one's own facts.
 
-    Raises InputError, with the target that writes it, where there is no such thing.
+    Raises InputError, with the target that writes it, where there is no such thing, and for names of files that are
+    somewhere else than in that folder.
     """
     file = folder / NAME
     missing = f"{file}: there is no such manifest; `make {target}` writes it with the results."
@@ -68,9 +70,22 @@ def section(folder: Path, target: str) -> dict:
     if target == TOP:
         return {name: value for name, value in manifest.items() if name != "targets"}
     try:
-        return dict(manifest["targets"][target])
+        own = dict(manifest["targets"][target])
     except (KeyError, TypeError, ValueError):
         raise InputError(f"{file}: it tells nothing of {target}; `make {target}` writes it with the results.") from None
+    _check_files(file, target, own)
+    return own
+
+
+def _check_files(file: Path, target: str, own: dict) -> None:
+    """Raise InputError unless the files that a manifest names are a target's, in its own folder: they may go later."""
+    characters = own.get("characters")
+    for character, facts in characters.items() if isinstance(characters, dict) else ():
+        files = facts.get("files", []) if isinstance(facts, dict) else []
+        for name in files if isinstance(files, list) else [files]:
+            if not isinstance(name, str) or not re.fullmatch(rf"{re.escape(target)}_[^/\\\0]+", name):
+                found = f"files of {character} in {target} hold {name!r}"
+                raise InputError(f"{file}: {found}, where only plain names that begin with {target}_ are allowed.")
 
 
 def write_entries(folder: Path, target: str, characters: dict[str, dict]) -> None:
@@ -91,9 +106,7 @@ def write_entries(folder: Path, target: str, characters: dict[str, dict]) -> Non
     else:
         targets = dict(sorted({**targets, target: new}.items()))
     text = json.dumps(top | ({"targets": targets} if targets else {}), indent=1, ensure_ascii=False) + "\n"
-    beside = folder / f".{NAME}.{os.getpid()}"
-    beside.write_text(text, encoding="utf-8")
-    os.replace(beside, folder / NAME)
+    write_text(folder / NAME, text)
 
 
 def _other(folder: Path) -> tuple[dict, dict]:

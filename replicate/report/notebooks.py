@@ -10,12 +10,13 @@ import json
 import os
 import re
 import sys
-import tempfile
 from pathlib import Path
 
 from replicate.drawing.panels import Words, png
+from replicate.engine.atomic_files import write_text
 from replicate.engine.code_hash import code_digest
-from replicate.engine.exceptions import InputError
+from replicate.engine.exceptions import InputError, RunError
+from replicate.engine.folders import short_temporary_folder
 from replicate.engine.paths import REFERENCE, ROOT, run_folder, shown
 from replicate.engine.provenance import as_lines
 from replicate.report.cast import order_of
@@ -81,8 +82,20 @@ def _facts_in_words(facts: dict) -> dict[str, str]:
         **({"test poses": f"split by {facts['split']}"} if "split" in facts else {}),
         "machine": f"{facts.get('processor')}, {facts.get('cores')} cores, GPU: {facts.get('gpu') or 'none'}",
         "packages": ", ".join(f"{name} {version}" for name, version in sorted((facts.get("packages") or {}).items())),
+        **({"made elsewhere": elsewhere} if (elsewhere := _elsewhere(facts)) else {}),
         "time of all stages": f"{sum(seconds) / 60:.1f} min",
     }
+
+
+def _elsewhere(facts: dict) -> str:
+    """Return which stages were made with other versions or on another kind of processor than the run itself."""
+    said = []
+    for title, stage in (facts.get("stages") or {}).items():
+        own = {name: stage[name] for name in ("python", "processor", "instruction_set") if name in stage}
+        own |= stage.get("packages", {})
+        if own:
+            said.append(f"{title} ({', '.join(f'{name} {value}' for name, value in own.items())})")
+    return "; ".join(said)
 
 
 def _commits(git: dict | None) -> str:
@@ -127,20 +140,20 @@ def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str |
     """Execute a notebook with other values in its first cell, and write it, byte for byte the same each time.
 
     parameters: name → value; each must be assigned in the notebook's first cell. stamp: kept in the metadata. What
-    cells write to stderr goes to ours. Raises InputError where a cell does, and what nbclient
-    raises for one that fails otherwise; `out` is then left as it was.
+    cells write to stderr goes to ours. Raises InputError where a cell does, RunError where
+    the kernel dies, and what nbclient raises for a cell that fails otherwise; `out` is then left as it was.
     """
     import nbformat
     from jupyter_client.manager import AsyncKernelManager
     from nbclient import NotebookClient
-    from nbclient.exceptions import CellExecutionError
+    from nbclient.exceptions import CellExecutionError, DeadKernelError
 
     notebook = nbformat.read(source, as_version=4)
     notebook.cells[0].source = with_parameters(notebook.cells[0].source, parameters)
     for cell in notebook.cells:
         if cell.cell_type == "code":
             cell.outputs, cell.execution_count = [], None
-    with tempfile.TemporaryDirectory() as folder:  # nothing of the user's is read or written, no port is opened
+    with short_temporary_folder() as folder:  # nothing of the user's is read or written
         sockets = {"transport": "ipc", "ip": f"{folder}/kernel", "connection_file": f"{folder}/kernel.json"}
         client = NotebookClient(
             notebook,
@@ -149,20 +162,22 @@ def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str |
             record_timing=False,
             resources={"metadata": {"path": str(NOTEBOOKS)}},
         )
-        environment = os.environ | {"IPYTHONDIR": folder, "PYDEVD_DISABLE_FILE_VALIDATION": "1"}
+        environment = os.environ | {"IPYTHONDIR": str(folder), "PYDEVD_DISABLE_FILE_VALIDATION": "1"}
         try:
             client.execute(env=environment, cleanup_kc=True)
         except CellExecutionError as error:
             if error.ename == InputError.__name__:  # one sentence, not a kernel's traceback
                 raise InputError(error.evalue) from None
             raise
+        except DeadKernelError:
+            raise RunError(
+                f"{source}: its kernel was killed, for want of memory perhaps; run the same command again"
+            ) from None
     notebook.metadata = nbformat.from_dict(METADATA | ({"replicate": {"stamp": stamp}} if stamp else {}))
     for cell in notebook.cells:
         if cell.cell_type == "code":
             cell.outputs = _stable(cell.outputs)
-    beside = out.with_name(f".{out.name}.{os.getpid()}")
-    beside.write_text(nbformat.writes(notebook, version=4).rstrip("\n") + "\n", encoding="utf-8", newline="\n")
-    os.replace(beside, out)
+    write_text(out, nbformat.writes(notebook, version=4).rstrip("\n") + "\n")
 
 
 def with_parameters(source: str, parameters: dict[str, object]) -> str:

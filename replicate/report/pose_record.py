@@ -4,7 +4,6 @@ Figures and notebooks are drawn from this file, so they need neither a cache nor
 """
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from zipfile import BadZipFile
@@ -12,6 +11,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from replicate.drawing.colours import colour_in_bytes
+from replicate.engine.atomic_files import replacing
 from replicate.engine.exceptions import InputError
 
 TRUTH = "truth"
@@ -55,9 +55,8 @@ def save_pose(path: Path, record: PoseRecord) -> None:
             arrays[f"prop_{k}_colours"] = np.asarray(colour, np.uint8)
         facts["props"].append([name, None if painted else list(colour)])
     arrays["facts"] = np.frombuffer(json.dumps(facts, sort_keys=True).encode(), np.uint8)
-    beside = path.with_name(f".{path.name}.{os.getpid()}.npz")
-    np.savez_compressed(beside, **arrays)
-    os.replace(beside, path)
+    with replacing(path) as new:
+        np.savez_compressed(new, **arrays)
 
 
 def load_pose(path: Path) -> PoseRecord:

@@ -1,17 +1,16 @@
 """From finished artefacts to a folder of results: results/runs/<profile>/, beside what other characters have there."""
 
 import contextlib
-import os
-import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-from filelock import FileLock, Timeout
 
 from data_recipes import recipe_paths
 from replicate.config import Config
 from replicate.engine import paths
+from replicate.engine.atomic_files import copy_file
+from replicate.engine.folders import check_writable
+from replicate.engine.locks import check_lock, hold
 from replicate.engine.stage import Stage
 from replicate.engine.store import artefact_folder
 from replicate.report import manifest
@@ -31,9 +30,10 @@ class Made:
 
 
 def results_folder(profile: str) -> Path:
-    """Return the folder of a profile's results, which is there then."""
+    """Return the folder of a profile's results, which is there then. Raises InputError where it can't be written."""
     folder = paths.run_folder(profile)
-    folder.mkdir(parents=True, exist_ok=True)
+    check_writable(folder, "REPLICATE_RESULTS")
+    check_lock(_lock(folder))
     return folder
 
 
@@ -50,26 +50,17 @@ def facts_of(seeded: Sequence[Made], run: str) -> dict:
     return manifest.facts_of([one.config for one in seeded], [one.stage for one in seeded], run)
 
 
-def copy(source: Path, target: Path) -> None:
-    """Copy a file; the copy appears whole or not at all."""
-    beside = target.with_name(f".{target.name}.{os.getpid()}")
-    shutil.copyfile(source, beside)
-    os.replace(beside, target)
+def alone(folder: Path) -> contextlib.AbstractContextManager[None]:
+    """Return a context manager that holds the lock of a folder of results, which stands beside it."""
 
-
-@contextlib.contextmanager
-def alone(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder of results, beside it; the system frees it should the process die."""
-    held = FileLock(folder.with_name(f".{folder.name}.lock"))
-    try:
-        held.acquire(timeout=0)
-    except Timeout:
+    def waiting() -> None:
         print(f"{paths.shown(folder)}: being written by another process; waiting for it", flush=True)
-        held.acquire(poll_interval=0.2)
-    try:
-        yield
-    finally:
-        held.release()
+
+    return hold(_lock(folder), waiting)
+
+
+def _lock(folder: Path) -> Path:
+    return folder.with_name(f".{folder.name}.lock")
 
 
 def readable(read: Callable[[Path], object], file: Path):
@@ -103,7 +94,7 @@ def publish_pictures(name: str, made: Sequence[Made]) -> None:
                 if file not in {path.name for path in files}:
                     (folder / file).unlink(missing_ok=True)
             for file in files:
-                copy(file, folder / file.name)
+                copy_file(file, folder / file.name)
             facts[character] = {**facts_of([first], first.stage.key), "files": [file.name for file in files]}
         manifest.write_entries(folder, name, dict(sorted(facts.items())))
         run_notebook(name, profile)

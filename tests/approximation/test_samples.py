@@ -13,11 +13,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from damage import flip_a_bit
 
 from replicate.approximation import samples
 from replicate.approximation.samples import SampleSet, write_samples
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import ROOT
+from replicate.engine.sealed_files import read_sealed
 
 
 @dataclass
@@ -160,6 +162,70 @@ def test_a_missing_file_is_named(tmp_path):
         SampleSet.open(tmp_path / "out")
 
 
+class Killed(Exception):
+    pass
+
+
+def stop_after(tmp_path, calls, settings):
+    """Write samples until the rig has been called so often, as a kill would end it."""
+    rig = Waves(clips())
+
+    class Mortal(Waves):
+        def __call__(self, params):
+            if len(rig.calls) == calls:
+                raise Killed
+            return rig(params)
+
+    with pytest.raises(Killed):
+        write(tmp_path, Mortal(clips()), settings)
+
+
+FILES = ["offsets.npy", "steps.npy", "squared_error.npy", "landmarks.npy", "state.sealed", "test_offsets.npy"]
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("place", [0.0, 0.01, 0.3, 0.9])
+def test_a_flipped_bit_in_a_stopped_sets_scratch_changes_no_byte(tmp_path, capfd, name, place):
+    settings = config(count=2_000)
+    whole = tmp_path / "whole"
+    whole.mkdir()
+    undisturbed = Waves(clips())
+    write(whole, undisturbed, settings)
+    stop_after(tmp_path, len(undisturbed.calls) - 1, settings)  # all but the last of the test poses
+    flip_a_bit(tmp_path / "scratch" / name, place)
+    write(tmp_path, settings=settings)
+    told = capfd.readouterr().err
+    assert contents(tmp_path / "out") == contents(whole / "out")
+    unused = name == "test_offsets.npy" and place > 0  # rows that are evaluated after that anyway
+    assert told.count("\n") == (0 if unused else 1) and (unused or str(tmp_path / "scratch") in told)
+
+
+def test_only_what_follows_the_damage_is_evaluated_again(tmp_path, capfd):
+    settings = config(count=2_000)
+    stop_after(tmp_path, 2_000 // samples.BATCH, settings)
+    flip_a_bit(tmp_path / "scratch" / "offsets.npy", 0.5)
+    rig = Waves(clips())
+    write(tmp_path, rig, settings)
+    assert "training poses from 768 on differ" in capfd.readouterr().err
+    assert len(rig.calls) < 50
+
+
+def test_no_file_is_ever_in_two_places(tmp_path, monkeypatch):
+    write(tmp_path)
+    files = [file for file in tmp_path.rglob("*") if file.is_file()]
+    assert all(file.stat().st_nlink == 1 for file in files)
+    assert not (tmp_path / "scratch" / "offsets.npy").exists()
+
+
+def test_a_kill_after_the_last_move_ends_with_the_same_bytes(tmp_path):
+    write(tmp_path)
+    before = contents(tmp_path / "out")
+    for file in (tmp_path / "out").iterdir():
+        file.unlink()  # as the store does with what a killed process has filled
+    write(tmp_path)
+    assert contents(tmp_path / "out") == before
+
+
 def test_other_poses_start_afresh_in_the_same_scratch(tmp_path):
     write(tmp_path)
     before = contents(tmp_path / "out")
@@ -171,27 +237,27 @@ def test_other_poses_start_afresh_in_the_same_scratch(tmp_path):
 
 
 def chunks_done(state_file):
-    return json.loads(state_file.read_text())["training"] // samples.CHUNK
+    return read_sealed(state_file, lambda stream: len(json.load(stream)["sums"]["training"]))
 
 
 @pytest.mark.parametrize("chunks", [0, 1, 3])
 def test_a_kill_at_any_moment_changes_no_byte(tmp_path, chunks):
     script = textwrap.dedent("""
         import sys, time, pathlib
-        sys.path[:0] = sys.argv[1:3]
+        sys.path[:0] = sys.argv[2:]
         import test_samples
         calm = test_samples.Waves.__call__
         def slow(self, params):
             time.sleep(0.01)
             return calm(self, params)
         test_samples.Waves.__call__ = slow
-        test_samples.write(pathlib.Path(sys.argv[3]), settings=test_samples.config(count=2_000))
+        test_samples.write(pathlib.Path(sys.argv[1]), settings=test_samples.config(count=2_000))
     """)
     tests, killed, whole = Path(__file__).parent, tmp_path / "killed", tmp_path / "whole"
     killed.mkdir()
     whole.mkdir()
-    process = subprocess.Popen([sys.executable, "-c", script, str(tests), str(ROOT), str(killed)])
-    wanted = killed / "scratch" / ("state.json" if chunks else "test_offsets.npy")
+    process = subprocess.Popen([sys.executable, "-c", script, *map(str, (killed, tests, tests.parent, ROOT))])
+    wanted = killed / "scratch" / ("state.sealed" if chunks else "test_offsets.npy")
     while not (wanted.exists() and (not chunks or chunks_done(wanted) >= chunks)):
         assert process.poll() is None
         time.sleep(0.002)

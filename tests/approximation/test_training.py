@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from damage import flip_a_bit
 from small_face import small_mesh, small_samples, train_small
 
 from replicate.approximation import cnn, training
@@ -61,11 +62,26 @@ def test_a_run_killed_twice_ends_with_the_same_bits(tmp_path, monkeypatch):
     assert resumed_log == log
 
 
-def test_a_damaged_checkpoint_is_trained_over(tmp_path):
+@pytest.mark.parametrize("place", [0.0, 0.3, 0.6, 0.99])
+def test_a_checkpoint_with_one_flipped_bit_is_named_and_trained_over(tmp_path, monkeypatch, capfd, place):
+    undisturbed, log = run(tmp_path / "a")
+    monkeypatch.setattr(training, "CHECKPOINT_S", 0.0)
+    with pytest.raises(Killed):
+        run(tmp_path / "b", kill_at=11)
+    checkpoint = tmp_path / "b" / "checkpoint.sealed"
+    flip_a_bit(checkpoint, place)
+    capfd.readouterr()
+    again, again_log = run(tmp_path / "b")
+    told = capfd.readouterr().err
+    assert str(checkpoint) in told and "damaged" in told and told.count("\n") == 1
+    assert all(torch.equal(again[name], value) for name, value in undisturbed.items()) and again_log == log
+
+
+def test_half_a_checkpoint_is_trained_over(tmp_path):
     undisturbed, _ = run(tmp_path / "a")
     (tmp_path / "b").mkdir()
-    whole = (tmp_path / "a" / "checkpoint.safetensors").read_bytes()
-    (tmp_path / "b" / "checkpoint.safetensors").write_bytes(whole[: len(whole) // 2])
+    whole = (tmp_path / "a" / "checkpoint.sealed").read_bytes()
+    (tmp_path / "b" / "checkpoint.sealed").write_bytes(whole[: len(whole) // 2])
     again, _ = run(tmp_path / "b")
     assert all(torch.equal(again[name], value) for name, value in undisturbed.items())
 

@@ -1,26 +1,31 @@
 """A manifest says where its numbers come from, in a checkout or outside one."""
 
 import json
+import platform
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from toy_stages import toy_graph
 
-from replicate import made
+from replicate.artefacts import built_rig
 from replicate.engine.paths import ROOT
 from replicate.engine.provenance import (
     core_count,
     git_state,
     graph_git,
+    instruction_set,
     peak_memory_mb,
     processor,
     provenance,
     stage_facts,
+    surroundings,
 )
 from replicate.engine.scheduler import run
+from replicate.engine.store import artefact_folder, read_manifest
 
 
 @pytest.fixture
@@ -121,11 +126,16 @@ def test_a_graph_from_outside_a_checkout_has_no_commit(mixed):
     assert graph_git(graph) is None and stage_facts(graph)["first"]["git"] == OLD
 
 
-def test_a_rig_made_outside_a_tables_graph_says_what_it_was_made_from(monkeypatch):
+def test_a_rig_built_outside_a_graph_says_what_it_was_made_from(monkeypatch, tmp_path):
     noted = {}
-    monkeypatch.setattr(made, "run", lambda stages, facts: noted.update(facts))
+
+    def run(stages, facts):
+        noted.update(facts)
+        return {stage.title: tmp_path / stage.identifier for stage in stages}
+
+    monkeypatch.setattr("replicate.engine.scheduler.run", run)
     monkeypatch.setattr("data_recipes.catalogue.load_rig", lambda folder: folder)
-    assert made.made_rig("tiny").parent.name == made.rig_identifier("tiny")
+    assert built_rig.rig_of("tiny").parent.name == built_rig.rig_identifier("tiny")
     assert noted["git"] == git_state() and noted["command"].startswith("python ")
 
 
@@ -134,3 +144,35 @@ def test_a_process_does_not_count_the_memory_of_the_one_that_started_it():
     ask = "from replicate.engine.provenance import peak_memory_mb; print(peak_memory_mb())"
     child = subprocess.run([sys.executable, "-c", ask], cwd=ROOT, capture_output=True, text=True, check=True)
     assert peak_memory_mb() > held.nbytes / 2**20 > 300 > float(child.stdout) > 5
+
+
+ELSEWHERE = {"processor": "another", "instruction_set": "x86_64 avx2", "packages": {"numpy": "2.0", "torch": "2.1"}}
+
+
+def test_a_stage_made_with_other_packages_or_on_another_processor_says_so(cache):
+    here = {"git": NEW, "processor": "one", "instruction_set": "x86_64 avx2", "packages": {"numpy": "2.0"}}
+    graph = toy_graph()
+    run([graph[0].inputs[0].inputs[0]], facts={"git": NEW})
+    run(graph, facts=here)
+    first = artefact_folder(graph[0].inputs[0].inputs[0].identifier)
+    manifest = read_manifest(first)
+    (first / "manifest.json").write_text(json.dumps(manifest | {"surroundings": ELSEWHERE}))
+    facts = stage_facts(graph)
+    assert facts["first"]["processor"] == "another" and facts["first"]["packages"] == {"torch": "2.1"}
+    assert "instruction_set" not in facts["first"] and "python" not in facts["first"]
+
+
+def test_stages_made_here_say_nothing_of_it(cache):
+    graph = toy_graph()
+    run(graph, facts=provenance([], "quick", [0], 1))
+    told = stage_facts(graph)
+    assert not any({"packages", "processor", "instruction_set", "python"} & set(fact) for fact in told.values())
+    worker = read_manifest(artefact_folder(graph[0].identifier))["surroundings"]
+    assert worker == surroundings() and worker["packages"]["numpy"]
+
+
+def test_the_instruction_set_is_that_of_this_processor():
+    assert instruction_set().split()[0] == platform.machine()
+    cpu = Path("/proc/cpuinfo")
+    if cpu.is_file() and " avx2 " in cpu.read_text():
+        assert "avx2" in instruction_set().split() and "sse2" not in instruction_set().split()

@@ -84,6 +84,19 @@ def test_damage_found_while_making_is_mended_in_the_same_call(cache, capsys):
     assert "numbers.bin" in capsys.readouterr().err
 
 
+def test_what_is_left_of_making_a_damaged_artefact_is_not_used_again(cache, capsys):
+    flip_a_byte(store.make(NAME, build) / "numbers.bin")
+    scratch = store.scratch_folder(NAME)
+    scratch.mkdir(parents=True)  # as a process killed just before its end leaves it
+    os.link(cache / NAME / "numbers.bin", scratch / "numbers.bin")
+
+    def go_on(out, scratch):
+        assert not any(scratch.iterdir()), "the damage would be sealed"
+        return build(out, scratch)
+
+    assert not store.find_damage(store.make(NAME, go_on))
+
+
 def test_a_failed_build_leaves_its_scratch_and_nothing_else(cache):
     def fail(out, scratch):
         (out / "half.bin").write_bytes(b"half")
@@ -156,3 +169,28 @@ def test_what_is_filled_on_another_machine_is_left_alone(cache):
     theirs.mkdir(parents=True)
     store.make(NAME, build)
     assert theirs.is_dir()
+
+
+@pytest.mark.parametrize("name", ["locks", "scratch", "partial", "logs"])
+def test_a_cache_that_cannot_be_worked_in_is_an_input_error_at_once(cache, name):
+    cache.mkdir()
+    (cache / name).write_text("a file")
+    with pytest.raises(InputError, match=f"{name} is a file.*set REPLICATE_CACHE"):
+        store.make_cache_folder()
+
+
+def test_a_folder_in_the_place_of_a_lock_is_an_input_error_at_once(cache):
+    (cache / "locks" / f"{NAME}.lock").mkdir(parents=True)
+    with pytest.raises(InputError, match=rf"{NAME}\.lock is a folder.*remove it"):
+        store.make_cache_folder()
+    with pytest.raises(InputError, match=rf"{NAME}\.lock can't be locked"):
+        store.make(NAME, build)
+
+
+def test_a_full_disk_elsewhere_is_named_by_its_own_folder(cache, tmp_path):
+    def fail(out, scratch):
+        raise OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "elsewhere" / "file"))
+
+    with pytest.raises(RunError, match="disk is full") as told:
+        store.make(NAME, fail)
+    assert str(tmp_path / "elsewhere") in str(told.value) and str(cache) not in str(told.value)

@@ -3,11 +3,12 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from replicate.engine.atomic_files import copy_file
 from replicate.engine.paths import PAPER, shown
 from replicate.report import manifest
 from replicate.report.notebooks import is_current, run_notebook
 from replicate.report.pose_record import load_pose
-from replicate.report.publication import Made, alone, by_character, copy, facts_of, readable, results_folder
+from replicate.report.publication import Made, alone, by_character, facts_of, readable, results_folder
 from replicate.report.results import Row, over_seeds, read_results, write_results
 from replicate.report.tables import as_text
 from replicate.report.training_curves import read_curves, write_curves
@@ -46,7 +47,7 @@ def _merge(folder: Path, seeded: Mapping[str, Sequence[Made]]) -> list[Row]:
         rows += over_seeds([read_results(one.folder / ROWS) for one in each])
         curves = {key: curve for key, curve in curves.items() if key[0] != character}
         curves |= read_curves(each[0].folder / CURVES)
-        copy(pose_file(each[0].folder, character), pose_file(folder, character))
+        copy_file(pose_file(each[0].folder, character), pose_file(folder, character))
         facts[character] = facts_of(each, rows[-1].run)
     write_results(folder / ROWS, rows)
     write_curves(folder / CURVES, curves)

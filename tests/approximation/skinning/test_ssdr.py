@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from damage import flip_a_bit
 
 from replicate.approximation.skinning import ssdr_checkpoints
 from replicate.approximation.skinning.ssdr import Skin, fit, refit
@@ -217,23 +218,39 @@ def test_a_scratch_of_another_fit_or_a_damaged_one_is_not_used(tmp_path):
     fit(neutral, poses * np.float32(1.01), 5, np.random.default_rng(2), iterations=6, scratch=tmp_path)
     other = fit(neutral, poses, 5, np.random.default_rng(2), iterations=6, scratch=tmp_path)
     np.testing.assert_array_equal(other.weights, whole.weights)
-    state = tmp_path / "state.npz"
+    state = tmp_path / "state.sealed"
     state.write_bytes(state.read_bytes()[:-100])
-    (tmp_path / "compressed.npz").write_bytes(b"not an archive")
+    (tmp_path / "compressed.sealed").write_bytes(b"not an archive")
     again = fit(neutral, poses, 5, np.random.default_rng(2), iterations=6, scratch=tmp_path)
     np.testing.assert_array_equal(again.weights, whole.weights)
+
+
+@pytest.mark.parametrize("name", ["compressed.sealed", "state.sealed"])
+@pytest.mark.parametrize("place", [0.001, 0.02, 0.5, 0.97, 0.999])
+def test_a_flipped_bit_in_a_stopped_fits_scratch_is_named_and_changes_no_bit(tmp_path, monkeypatch, capfd, name, place):
+    monkeypatch.setattr(ssdr_checkpoints, "SECONDS", 0.0)
+    neutral, poses = noisy_problem()
+    whole = fit(neutral, poses, 5, np.random.default_rng(2), iterations=12)
+    with pytest.raises(Stopped):
+        fit(neutral, poses, 5, np.random.default_rng(2), iterations=12, scratch=tmp_path, progress=StopAfter(5))
+    flip_a_bit(tmp_path / name, place)
+    again = fit(neutral, poses, 5, np.random.default_rng(2), iterations=12, scratch=tmp_path)
+    told = capfd.readouterr().err
+    assert str(tmp_path / name) in told and told.count("\n") == 1
+    np.testing.assert_array_equal(again.weights, whole.weights)
+    np.testing.assert_array_equal(again.bone_index, whole.bone_index)
 
 
 FIT_FOR_LONG = """
 import sys
 from pathlib import Path
 
-sys.path.insert(0, sys.argv[1])
+sys.path[:0] = sys.argv[2:]
 import numpy as np
 from test_ssdr import fit, ssdr_checkpoints, noisy_problem
 
 ssdr_checkpoints.SECONDS = 0.0
-fit(*noisy_problem(), 5, np.random.default_rng(2), iterations=100_000, scratch=Path(sys.argv[2]))
+fit(*noisy_problem(), 5, np.random.default_rng(2), iterations=100_000, scratch=Path(sys.argv[1]))
 """
 
 
@@ -241,10 +258,10 @@ def test_a_killed_process_leaves_a_scratch_that_the_next_one_ends_with_the_same_
     neutral, poses = noisy_problem()
     settings = {"generator": np.random.default_rng(2), "iterations": 60}
     whole = fit(neutral, poses, 5, **settings)
-    state = tmp_path / "state.npz"
+    here, state = Path(__file__).parent, tmp_path / "state.sealed"
     for _ in range(2):
         before = state.stat().st_mtime_ns if state.exists() else 0
-        command = [sys.executable, "-c", FIT_FOR_LONG, str(Path(__file__).parent), str(tmp_path)]
+        command = [sys.executable, "-c", FIT_FOR_LONG, str(tmp_path), str(here), str(here.parents[1])]
         child = subprocess.Popen(command, cwd=ROOT)
         while child.poll() is None and not (state.exists() and state.stat().st_mtime_ns > before):
             time.sleep(0.001)

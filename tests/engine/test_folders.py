@@ -1,0 +1,48 @@
+"""A folder that can't be written is told before any work; a temporary one is short enough for sockets."""
+
+import os
+import socket
+from pathlib import Path
+
+import pytest
+
+from replicate.engine.exceptions import InputError
+from replicate.engine.folders import check_writable, short_temporary_folder
+
+
+def test_a_folder_is_made_and_left_empty(tmp_path):
+    check_writable(tmp_path / "a" / "b", "REPLICATE_RESULTS")
+    assert list((tmp_path / "a" / "b").iterdir()) == []
+
+
+@pytest.mark.parametrize("below", ["", "folder"])
+def test_a_file_in_its_place_or_above_it_is_named_with_the_variable(tmp_path, below):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"file is a file\): set REPLICATE_RESULTS to a folder that can"):
+        check_writable(tmp_path / "file" / below, "REPLICATE_RESULTS")
+
+
+def test_a_folder_that_takes_no_files_is_named_with_the_variable():
+    with pytest.raises(InputError, match=r"^/proc can't be written to .*REPLICATE_CACHE"):
+        check_writable(Path("/proc"), "REPLICATE_CACHE")
+
+
+@pytest.mark.parametrize("length", [20, 115, 200])
+def test_a_socket_can_stand_in_the_temporary_folder_however_long_tmpdir_is(tmp_path, monkeypatch, length):
+    long = tmp_path / ("t" * length)
+    long.mkdir()
+    monkeypatch.setenv("TMPDIR", str(long))
+    with short_temporary_folder() as folder, socket.socket(socket.AF_UNIX) as bound:
+        bound.bind(str(folder / "kernel-12345"))
+    assert not folder.exists()
+
+
+def test_a_short_tmpdir_is_used(tmp_path, monkeypatch):
+    short = f"/tmp/short-{os.getpid()}"
+    os.mkdir(short)
+    try:
+        monkeypatch.setenv("TMPDIR", short)
+        with short_temporary_folder() as folder:
+            assert str(folder.parent) == short
+    finally:
+        os.rmdir(short)

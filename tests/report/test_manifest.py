@@ -1,0 +1,52 @@
+"""A manifest names files of its own folder alone, and what is damaged counts as none."""
+
+import json
+
+import pytest
+
+from replicate.engine.exceptions import InputError
+from replicate.report import manifest
+
+BAD = [
+    "../../victim.txt",
+    "/etc/passwd",
+    "figure05_/../victim.txt",
+    "",
+    ".",
+    "..",
+    "table2.csv",
+    "figure05_a\0b",
+    7,
+    None,
+]
+
+
+def write(folder, files):
+    characters = {"teen": {"run": "r", "files": files}}
+    (folder / "manifest.json").write_text(json.dumps({"targets": {"figure05": {"characters": characters}}}))
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_name_that_is_no_plain_one_of_the_target_is_refused(tmp_path, name):
+    write(tmp_path, ["figure05_teen.png", name])
+    with pytest.raises(InputError, match=r"manifest\.json: files of teen in figure05 hold .*plain names"):
+        manifest.section(tmp_path, "figure05")
+    assert manifest.entries(tmp_path, "figure05") == {}, "publishing would remove it"
+
+
+@pytest.mark.parametrize("files", ["figure05", 5, {"a": 1}])
+def test_what_is_no_list_of_names_is_refused(tmp_path, files):
+    write(tmp_path, files)
+    with pytest.raises(InputError, match="files of teen"):
+        manifest.section(tmp_path, "figure05")
+
+
+def test_plain_names_are_read(tmp_path):
+    write(tmp_path, ["figure05_teen.png", "figure05_teen_clips.csv"])
+    assert manifest.entries(tmp_path, "figure05")["teen"]["files"] == ["figure05_teen.png", "figure05_teen_clips.csv"]
+
+
+def test_a_manifest_is_written_with_what_it_told_before(tmp_path):
+    manifest.write_entries(tmp_path, "figure05", {"teen": {"run": "r", "files": ["figure05_teen.png"]}})
+    manifest.write_entries(tmp_path, "table1", {"teen": {"run": "s"}})
+    assert manifest.targets(tmp_path) == ["figure05", "table1"] and len(list(tmp_path.iterdir())) == 1
