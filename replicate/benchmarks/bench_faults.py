@@ -26,8 +26,9 @@ from replicate.approximation.rigid import Attachments, attach
 from replicate.approximation.samples import SampleSet
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import check_at_least, exit_code, parse, publish
+from replicate.benchmarks.common import check_at_least, parse, publish
 from replicate.config import Config, resolve
+from replicate.engine.command_line import guard
 from replicate.engine.progress import progress
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
@@ -134,7 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--characters", default="teen", help="a name or recipe (default: teen)")
     parser.add_argument("--poses", type=int, default=POSES, help=f"test poses to measure on (default: {POSES})")
     options, given = parse(parser, arguments)
-    return exit_code(partial(_run, options, given))
+    return guard(partial(_run, options, given))
 
 
 def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:

@@ -17,8 +17,9 @@ from replicate.approximation.evaluation import unique_poses
 from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import exit_code, named, parse, publish
+from replicate.benchmarks.common import named, parse, publish
 from replicate.config import Config, resolve
+from replicate.engine.command_line import guard
 from replicate.engine.progress import progress
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
@@ -121,7 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--profile", default="laptop", help="whose samples and refinement segments (default: laptop)")
     parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
     options, given = parse(parser, arguments)
-    return exit_code(partial(_run, options, given))
+    return guard(partial(_run, options, given))
 
 
 def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:

@@ -22,8 +22,9 @@ from pathlib import Path
 
 import numpy as np
 
-from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, exit_code, merge, named, note, parse
+from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, merge, named, note, parse
 from replicate.config import SamplesConfig
+from replicate.engine.command_line import guard
 from replicate.engine.exceptions import RunError
 from replicate.engine.provenance import peak_memory_mb
 from replicate.engine.stage import stream_rng
@@ -340,7 +341,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         folder, method, bones, seed = options.fit
         one_fit(Path(folder), method, int(bones), int(seed))
         return 0
-    return exit_code(partial(_run, options, given))
+    return guard(partial(_run, options, given))
 
 
 def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:

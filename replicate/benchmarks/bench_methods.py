@@ -18,8 +18,9 @@ from threadpoolctl import threadpool_limits
 
 from replicate.artefacts import built_rig, drawn_samples
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import PROFILE, check_at_least, exit_code, named, parse, publish
+from replicate.benchmarks.common import PROFILE, check_at_least, named, parse, publish
 from replicate.config import Config, resolve
+from replicate.engine.command_line import guard
 from replicate.engine.progress import progress
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
@@ -106,7 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--methods", nargs="+", default=["all"], help="as for table2 (default: all)")
     parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"poses that each is timed on (default: {ROUNDS})")
     options, given = parse(parser, arguments)
-    return exit_code(partial(_run, options, given))
+    return guard(partial(_run, options, given))
 
 
 def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:

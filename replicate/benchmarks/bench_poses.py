@@ -16,9 +16,10 @@ import numpy as np
 
 from replicate.approximation.samples import choose_poses
 from replicate.artefacts.built_rig import rig_of
-from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, exit_code, named, parse, publish
+from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, named, parse, publish
 from replicate.config import SamplesConfig
 from replicate.engine import paths
+from replicate.engine.command_line import guard
 from replicate.engine.stage import stream_rng
 from replicate.report.cast import order_of
 from replicate.report.results import Row
@@ -182,7 +183,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--count", type=int, default=COUNT, help=f"samples of Eq. 5 (default: {COUNT})")
     parser.add_argument("--every", type=int, default=1, help="take each k-th frame of the clips only (default: 1)")
     options, given = parse(parser, arguments)
-    return exit_code(partial(_run, options, given))
+    return guard(partial(_run, options, given))
 
 
 def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:

@@ -17,7 +17,8 @@ import numpy as np
 
 from data_recipes import recipe_paths
 from replicate.artefacts.built_rig import rig_of
-from replicate.benchmarks.common import PROFILE, check_at_least, exit_code, named, parse, publish
+from replicate.benchmarks.common import PROFILE, check_at_least, named, parse, publish
+from replicate.engine.command_line import guard
 from replicate.engine.exceptions import InputError
 from replicate.engine.progress import progress
 from replicate.report.cast import STANDS_FOR, order_of
@@ -188,7 +189,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"how often each way is timed (default: {ROUNDS})")
     options, given = parse(parser, arguments)
-    return exit_code(partial(_run, options, given))
+    return guard(partial(_run, options, given))
 
 
 def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:

@@ -15,9 +15,10 @@ import numpy as np
 
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import exit_code, parse, publish
+from replicate.benchmarks.common import parse, publish
 from replicate.benchmarks.training_table import METRICS, TABLE, trainings_table
 from replicate.config import Config, resolve
+from replicate.engine.command_line import guard
 from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
@@ -118,7 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--only", default="", help="only trainings whose description contains this; others stay in the file"
     )
     options, given = parse(parser, arguments)
-    return exit_code(partial(_run, options, given))
+    return guard(partial(_run, options, given))
 
 
 def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from data_recipes import recipe_paths
 from replicate.engine import paths
-from replicate.engine.exceptions import InputError, RunError
+from replicate.engine.exceptions import InputError
 from replicate.engine.make_options import without_foreign
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.word_lists import words
@@ -15,16 +15,6 @@ from replicate.report import manifest
 from replicate.report.results import Row, read_results, write_results
 
 PROFILE = "bench"  # the folder's name, and what rows say that no profile made
-
-
-def exit_code(measure: Callable[[], None]) -> int:
-    """Run a benchmark and return its exit code; whoever made a mistake is told in one sentence."""
-    try:
-        measure()
-    except (InputError, RunError) as error:
-        print(" ".join(str(error).split()), file=sys.stderr)
-        return 2 if isinstance(error, InputError) else 1
-    return 0
 
 
 def parse(parser: argparse.ArgumentParser, arguments: Sequence[str] | None) -> tuple[argparse.Namespace, list[str]]:

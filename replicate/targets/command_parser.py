@@ -1,0 +1,58 @@
+"""The command line's words: one command for each target, with its options."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from replicate.engine.exceptions import InputError
+from replicate.engine.make_options import without_foreign
+from replicate.targets.options import OPTIONS
+from replicate.targets.target_registry import Target, targets
+
+EPILOG = """\
+Artefacts are kept in .cache, or in $REPLICATE_CACHE, and reused for as long as their configuration, inputs and
+sources stay the same. Exit codes: 0 done, 1 a stage failed or the disk is full, 2 bad input, 130 interrupted.
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str):
+        raise InputError(f"{message}; `{self.prog} --help` lists what is allowed")
+
+
+def command(arguments: Sequence[str] | None = None) -> None:
+    """Run the target that a command line names.
+
+    arguments: the words after `python -m replicate`; None for those of this process. Raises InputError for words that
+    mean nothing, and whatever the target raises.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    target = targets().get(words[0]) if words else None
+    given = without_foreign(words, {f"--{option}" for option in target.options} if target else ())
+    options = parser().parse_args(given)
+    options.typed = ["python", "-m", "replicate", *given]
+    targets()[options.target].run(options)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of all targets' command lines."""
+    plain, about = argparse.RawDescriptionHelpFormatter, "Make a table, a figure, or what belongs to them."
+    whole = _Parser("python -m replicate", description=about, epilog=EPILOG, formatter_class=plain)
+    subparsers = whole.add_subparsers(dest="target", required=True, metavar="target")
+    for target in targets().values():
+        about = target.about[0].upper() + target.about[1:] + "."
+        subparser = subparsers.add_parser(
+            target.name, help=target.about, description=about, epilog=EPILOG, formatter_class=plain
+        )
+        for option in target.options:
+            subparser.add_argument(f"--{option}", **_settings(option, target))
+    return whole
+
+
+def _settings(option: str, target: Target) -> dict:
+    """Return what argparse needs of an option, with the target's own characters as default."""
+    settings = dict(OPTIONS[option])
+    if option == "characters":
+        settings["default"] = list(target.characters())
+        settings["help"] += f" (default: {' '.join(target.characters())})"
+    return settings
