@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from toy_stages import toy_graph
 
-from replicate import made
+from replicate.artefacts import built_rig
 from replicate.engine.paths import ROOT
 from replicate.engine.provenance import (
     core_count,
@@ -121,11 +121,13 @@ def test_a_graph_from_outside_a_checkout_has_no_commit(mixed):
     assert graph_git(graph) is None and stage_facts(graph)["first"]["git"] == OLD
 
 
-def test_a_rig_made_outside_a_tables_graph_says_what_it_was_made_from(monkeypatch):
+def test_a_rig_made_outside_a_tables_graph_says_what_it_was_made_from(cache, monkeypatch):
     noted = {}
-    monkeypatch.setattr(made, "run", lambda stages, facts: noted.update(facts))
+    monkeypatch.setattr(
+        "replicate.engine.scheduler.run", lambda stages, facts: noted.update(facts) or {"rig-tiny": cache}
+    )
     monkeypatch.setattr("data_recipes.rig.load_rig", lambda folder: folder)
-    assert made.made_rig("tiny").parent.name == made.rig_identifier("tiny")
+    assert built_rig.rig_of("tiny") == cache / "rig"
     assert noted["git"] == git_state() and noted["command"].startswith("python ")
 
 
