@@ -2,24 +2,27 @@
 
 import subprocess
 import sys
-import types
+from pathlib import Path
 
 import pytest
-from toy_stages import ToyConfig, faulty_graph
+from refusal import refused
+from toy_stages import faulty_graph
 
-import replicate
+import replicate.targets
 from data_recipes import recipe_paths
 from replicate import __main__ as cli
 from replicate.engine import paths
 from replicate.engine.cache_report import inventory
-from replicate.engine.stage import Stage
 from replicate.engine.store import artefact_folder, read_manifest
 from replicate.report.results import Row, write_results
+from replicate.targets import target_registry as registry
+
+TOYS = Path(__file__).parent / "toy_targets"
 
 
 @pytest.fixture
 def recipes(tmp_path, monkeypatch):
-    """Three characters, whatever the project has."""
+    """Four characters, whatever the project has."""
     folder = tmp_path / "recipes"
     folder.mkdir()
     for name in ("dragon", "teen", "toon", "woman"):
@@ -28,39 +31,14 @@ def recipes(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def pipeline(monkeypatch, recipes):
-    """A pipeline of two toy stages a character; returns what was published."""
-    published = []
-
-    def graph(config):
-        rig = Stage("rig", "toy_stages:numbers", ToyConfig(seed=config.seed), label=config.character)
-        return [Stage("errors", "toy_stages:total", ToyConfig(seed=config.seed), (rig,), label=config.character)]
-
-    module = types.ModuleType("replicate.pipeline")
-    module.table2_graph = module.all_graphs = graph
-    monkeypatch.setitem(sys.modules, "replicate.pipeline", module)
-    monkeypatch.setattr(replicate, "pipeline", module, raising=False)
-    monkeypatch.setattr("replicate.report.publish.publish_table2", lambda *given: published.append(given[:2]))
-    return published
-
-
-def refused(capsys, *arguments):
-    """Return the one sentence with which a command line is refused."""
-    assert cli.main(list(arguments)) == 2
-    told = capsys.readouterr()
-    assert told.out == "" and told.err.count("\n") == 1 and "Traceback" not in told.err
-    return told.err
-
-
-def test_an_unknown_character_is_refused_with_those_there_are(capsys, pipeline):
-    sentence = refused(capsys, "table2", "--characters", "hiccup")
-    assert "'hiccup'" in sentence and "dragon, teen, toon, woman" in sentence
-
-
-@pytest.mark.parametrize("command", ["table2", "compare", "status"])
-def test_an_unknown_profile_is_refused_with_those_there_are(capsys, pipeline, command):
-    sentence = refused(capsys, command, "--profile", "fast")
-    assert "'fast'" in sentence and "quick, laptop, paper" in sentence
+def toy(monkeypatch):
+    """The module of a target "toy", which lies beside the suite's own; its PUBLISHED notes what it would publish."""
+    monkeypatch.setattr(replicate.targets, "__path__", [*replicate.targets.__path__, str(TOYS)])
+    registry.targets.cache_clear()
+    yield sys.modules[registry.targets()["toy"].run.__module__]
+    sys.modules.pop("replicate.targets.toy")
+    del replicate.targets.toy
+    registry.targets.cache_clear()
 
 
 @pytest.mark.parametrize(
@@ -76,95 +54,71 @@ def test_an_unknown_profile_is_refused_with_those_there_are(capsys, pipeline, co
         (["--colour", "red"], ["--colour"]),
     ],
 )
-def test_a_bad_option_is_refused_with_what_is_allowed(capsys, pipeline, cache, arguments, named):
-    sentence = refused(capsys, "table2", *arguments)
+def test_a_bad_option_is_refused_with_what_is_allowed(capsys, toy, recipes, cache, arguments, named):
+    sentence = refused(capsys, "toy", *arguments)
     assert all(part in sentence for part in named), sentence
-    assert not cache.exists(), "something was written"
+    assert not cache.exists() and not toy.PUBLISHED, "something was written"
 
 
-def test_an_unknown_command_is_refused(capsys):
-    assert "table9" in refused(capsys, "table9")
+def test_an_unknown_target_is_refused_with_those_there_are(capsys):
+    sentence = refused(capsys, "table9")
+    assert "table9" in sentence and "table2" in sentence
 
 
-def test_table2_runs_the_graph_of_every_character_and_publishes_once(capfd, cache, pipeline):
-    assert cli.main(["table2", "--profile", "quick", "--characters", "teen,dragon", "woman", "--seed", "4", "2,4"]) == 0
-    ((configs, tables),) = pipeline
+def test_a_target_makes_the_stages_of_every_character_and_publishes_once(capfd, cache, recipes, toy):
+    assert cli.main(["toy", "--profile", "quick", "--characters", "teen,dragon", "woman", "--seed", "4", "2,4"]) == 0
+    (made,) = toy.PUBLISHED
     wanted = [(character, seed) for character in ("teen", "dragon", "woman") for seed in (4, 2)]
-    assert [(config.character, config.seed) for config in configs] == wanted
-    assert {config.profile for config in configs} == {"quick"}
-    assert [table.name for table in tables] == ["errors"] * 6
-    facts = read_manifest(artefact_folder(tables[0].identifier))["run"]
-    assert facts["seeds"] == [2, 4] and facts["command"].startswith("python -m replicate table2 ")
+    assert [(one.config.character, one.config.seed) for one in made] == wanted
+    assert {one.config.profile for one in made} == {"quick"}
+    assert [one.stage.name for one in made] == ["summed"] * 6
+    facts = read_manifest(artefact_folder(made[0].stage.identifier))["run"]
+    assert facts["seeds"] == [2, 4] and facts["command"].startswith("python -m replicate toy ")
     assert "made 12 of 12 artefacts" in capfd.readouterr().out
 
 
-def test_a_recipe_named_twice_is_run_once(capfd, cache, pipeline):
+def test_a_recipe_named_twice_is_run_once(capfd, cache, recipes, toy):
     named = ["teen", str(recipe_paths.RECIPES / "teen.toml"), "dragon", "teen"]
-    assert cli.main(["table2", "--profile", "quick", "--characters", *named]) == 0
-    ((configs, _),) = pipeline
-    assert [config.character for config in configs] == ["teen", "dragon"]
+    assert cli.main(["toy", "--profile", "quick", "--characters", *named]) == 0
+    (made,) = toy.PUBLISHED
+    assert [one.config.character for one in made] == ["teen", "dragon"]
 
 
-def test_two_recipes_of_one_name_are_refused_with_both_files(capsys, cache, pipeline, tmp_path):
+def test_two_recipes_of_one_name_are_refused_with_both_files(capsys, cache, recipes, toy, tmp_path):
     mine = tmp_path / "mine" / "teen.toml"
     mine.parent.mkdir()
     mine.write_text("")
-    sentence = refused(capsys, "table2", "--characters", f"teen,{mine}")
-    named = (str(recipe_paths.RECIPES / "teen.toml"), str(mine), "rename one of them")
-    assert all(part in sentence for part in named)
+    sentence = refused(capsys, "toy", "--characters", f"teen,{mine}")
+    assert (
+        str(recipe_paths.RECIPES / "teen.toml") in sentence
+        and str(mine) in sentence
+        and "rename one of them" in sentence
+    )
     assert not cache.exists()
 
 
-@pytest.fixture
-def drawing(pipeline, monkeypatch):
-    """The graphs of Table 1 and of the figures as toys too; returns what was published of them."""
-    published = []
-    module = sys.modules["replicate.pipeline"]
-    module.table1_graph = module.table2_graph
-    module.figure_graph = lambda config, name: module.table2_graph(config)
-    monkeypatch.setattr("replicate.report.publish.publish_table1", lambda *given: published.append(("table1", *given)))
-    monkeypatch.setattr("replicate.report.publish.publish_figure", lambda *given: published.append(given))
-    return published
+def test_what_make_hands_to_every_target_is_left_out_where_a_target_lacks_it(capfd, cache, recipes, toy):
+    given = ["--profile", "quick", "--latex", "--pose", "joy", "--tolerance", "0.1", "--seed", "3"]
+    assert cli.main(["toy", "--from-make", *given]) == 0
+    (made,) = toy.PUBLISHED
+    assert [(one.config.character, one.config.profile, one.config.seed) for one in made] == [("teen", "quick", 3)]
+    facts = read_manifest(artefact_folder(made[0].stage.identifier))["run"]
+    assert facts["command"] == "python -m replicate toy --profile quick --seed 3"
 
 
-@pytest.mark.parametrize("command", ["table1", "figure05", "figure07", "figure08"])
-def test_what_needs_no_training_runs_its_own_graph_and_publishes_under_its_name(capfd, cache, drawing, command):
-    assert cli.main([command, "--profile", "quick", "--characters", "teen,dragon", "--seed", "3"]) == 0
-    ((name, configs, lasts),) = drawing
-    assert name == command and [config.character for config in configs] == ["teen", "dragon"]
-    assert {config.seed for config in configs} == {3} and [stage.name for stage in lasts] == ["errors"] * 2
+@pytest.mark.parametrize("option", [["--latex"], ["--pose", "joy"]])
+def test_who_types_an_option_that_a_target_lacks_is_told(capsys, cache, recipes, toy, option):
+    assert option[0] in refused(capsys, "toy", *option)
 
 
-@pytest.mark.parametrize("command", ["table1", "figure05", "figure07", "figure08"])
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (["--characters", "hiccup"], ["'hiccup'", "dragon, teen, toon, woman"]),
-        (["--profile", "fast"], ["'fast'", "quick, laptop, paper"]),
-        (["--jobs", "0"], ["jobs is 0", "at least 1"]),
-        (["--latex"], ["--latex"]),
-    ],
-)
-def test_a_bad_option_of_theirs_is_refused_too(capsys, cache, drawing, command, arguments, named):
-    sentence = refused(capsys, command, *arguments)
-    assert all(part in sentence for part in named), sentence
-    assert not cache.exists() and not drawing
-
-
-def test_table1_and_figures_take_all_of_the_papers_characters_that_have_a_recipe(capsys):
-    there = [
-        name for name in ("teen", "woman", "dragon", "toon") if (paths.ROOT / f"data_recipes/{name}.toml").is_file()
-    ]
-    assert list(cli.CAST) == there and "teen" in there
-    for command in ("table1", "figure05", "figure07", "figure08"):
-        assert cli._parser().parse_args([command]).characters == there
-    assert cli._parser().parse_args(["table2"]).characters == ["teen"]
+def test_make_leaves_no_misspelt_option_out_of_a_typed_command(capsys, cache, recipes, toy):
+    assert "seed is 'one'" in refused(capsys, "toy", "--from-make", "--seed", "one", "--latex")
 
 
 def test_the_tour_is_executed_once_for_each_character(capfd, monkeypatch, tmp_path):
     executed = []
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path / "runs"))
-    monkeypatch.setattr("replicate.made.made_rig", lambda character: executed.append(character))
+    monkeypatch.setattr("replicate.artefacts.built_rig.rig_of", lambda character: executed.append(character))
     monkeypatch.setattr("replicate.report.notebooks.execute", lambda *given: executed.append(given))
     mine = tmp_path / "mine.toml"
     assert cli.main(["tour", "--characters", "teen", str(mine)]) == 0
@@ -177,48 +131,56 @@ def test_the_tour_is_executed_once_for_each_character(capfd, monkeypatch, tmp_pa
     ]
 
 
-def test_table2_again_has_nothing_to_do(capfd, cache, pipeline):
-    cli.main(["table2"])
+def test_a_target_again_has_nothing_to_do(capfd, cache, recipes, toy):
+    cli.main(["toy"])
     capfd.readouterr()
-    assert cli.main(["table2"]) == 0
+    assert cli.main(["toy"]) == 0
     assert "nothing to do: 2 artefacts up to date" in capfd.readouterr().out
 
 
-def test_a_failing_stage_is_one_sentence_and_exit_code_1(capfd, cache, pipeline, monkeypatch):
-    monkeypatch.setattr(sys.modules["replicate.pipeline"], "table2_graph", lambda config: faulty_graph("error"))
-    assert cli.main(["table2"]) == 1
-    told = capfd.readouterr().err
-    assert "stage faulty failed" in told and "Traceback" not in told
-    assert not pipeline, "a run that failed was published"
+def test_a_failing_stage_is_one_sentence_and_exit_code_1(capfd, cache, recipes, toy, monkeypatch):
+    monkeypatch.setattr(toy, "stages", lambda plan: faulty_graph("error"))
+    assert cli.main(["toy"]) == 1
+    said = capfd.readouterr().err
+    assert "stage faulty failed" in said and "Traceback" not in said
+    assert not toy.PUBLISHED, "a run that failed was published"
 
 
-def test_status_tells_what_is_there_from_what_is_not(capfd, cache, pipeline):
-    assert cli.main(["status"]) == 0
-    assert capfd.readouterr().out.count("missing") == 2
-    cli.main(["table2"])
-    file = next(cache.glob("rig-teen-*")) / "numbers.json"
+def test_status_knows_what_is_there_from_what_is_not(capfd, cache, toy):
+    def states() -> dict[str, str]:
+        assert cli.main(["status", "--profile", "quick", "--characters", "tiny"]) == 0
+        lines = [line.split(maxsplit=2) for line in capfd.readouterr().out.partition("\n\n")[0].splitlines()]
+        return {title: state for title, _, state in lines}
+
+    before = states()
+    assert {"counted-tiny", "summed-tiny", "rig-tiny", "errors_coarse-tiny", "table1-tiny", "table2-tiny"} <= set(
+        before
+    )
+    assert set(before.values()) == {"missing"}
+    cli.main(["toy", "--characters", "tiny"])
+    file = next(cache.glob("counted-tiny-*")) / "numbers.json"
     file.write_text(file.read_text()[:-1])
     capfd.readouterr()
-    cli.main(["status"])
-    told = capfd.readouterr().out
-    assert told.count("up to date") == 1 and "damaged: numbers.json" in told
+    after = states()
+    assert "damaged: numbers.json" in after.pop("counted-tiny") and after.pop("summed-tiny") == "up to date"
+    assert set(after.values()) == {"missing"}
 
 
-def test_clean_cache_keeps_what_is_current_and_all_keeps_nothing(capfd, cache, pipeline, monkeypatch):
-    cli.main(["table2"])
+def test_clean_keeps_what_is_current_and_all_keeps_nothing(capfd, cache, recipes, toy, monkeypatch):
+    cli.main(["toy"])
     (cache / "scratch" / "left-over").mkdir(parents=True)
-    assert cli.main(["clean-cache"]) == 0
+    assert cli.main(["clean"]) == 0
     assert [entry.state for entry in inventory()] == ["current", "current"]
     monkeypatch.setattr("replicate.engine.cache_report.sources_digest", lambda function: "changed")
     assert [entry.state for entry in inventory()] == ["stale", "stale"]
-    assert cli.main(["clean-cache", "--all"]) == 0
+    assert cli.main(["clean", "--all"]) == 0
     assert inventory() == []
 
 
-def test_clean_cache_leaves_alone_what_the_suite_did_not_make(capfd, cache):
+def test_clean_leaves_alone_what_the_suite_did_not_make(capfd, cache):
     (cache / "photographs").mkdir(parents=True)
     (cache / "notes.txt").write_text("mine")
-    assert cli.main(["clean-cache", "--all"]) == 0
+    assert cli.main(["clean", "--all"]) == 0
     assert (cache / "photographs").is_dir() and (cache / "notes.txt").is_file()
 
 
@@ -236,13 +198,8 @@ def test_compare_prints_text_or_latex(capsys, monkeypatch, tmp_path):
     assert r"teen, Coarse, vertex\_error\_mean [mm] & 0.36 & " in latex and "|" not in latex
 
 
-@pytest.mark.parametrize("command", [[], *([name] for name in cli.COMMANDS)])
-def test_every_command_has_help(command):
-    told = subprocess.run(
-        [sys.executable, "-m", "replicate", *command, "--help"],
-        cwd=paths.ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert "usage:" in told.stdout and "REPLICATE_CACHE" in told.stdout
+def test_help_lists_every_target():
+    program = [sys.executable, "-m", "replicate", "--help"]
+    said = subprocess.run(program, cwd=paths.ROOT, capture_output=True, text=True, check=True).stdout
+    listed = [line.split()[0] for line in said.splitlines() if line.startswith("    ") and not line[4].isspace()]
+    assert said.startswith("usage:") and "REPLICATE_CACHE" in said and listed == list(registry.targets())

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from replicate.approximation.evaluation import error_rows, evaluate, load_errors, texel_rows, unique_poses
+from replicate.approximation.evaluation import evaluate, load_errors, unique_poses
 from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.geometry.mesh import Mesh
+from replicate.methods.coarse import texels
+from replicate.report.error_rows import error_rows
 from replicate.report.results import find
 
 
@@ -126,10 +128,9 @@ def test_a_predictor_gets_the_params_of_its_poses(grid, poses):
 
 
 def test_texels_per_vertex_count_each_map_and_the_method_as_a_whole():
-    rows = texel_rows("teen", {"coarse": {"face": (32, 4096), "ear": (32, 512)}}, "quick", "r")
-    assert find(rows, "table2_segments", "teen", "coarse", "texels_per_vertex[face]").value == 0.25
-    assert find(rows, "table2_segments", "teen", "coarse", "texels_per_vertex[ear]").value == 2
-    assert find(rows, "table2", "teen", "coarse", "texels_per_vertex").value == pytest.approx(2048 / 4608)
+    found = {metric: (unit, value) for metric, unit, value in texels({"face": (32, 4096), "ear": (32, 512)})}
+    assert found["texels_per_vertex[face]"] == ("ratio", 0.25) and found["texels_per_vertex[ear]"] == ("ratio", 2)
+    assert found["texels_per_vertex"] == ("ratio", pytest.approx(2048 / 4608))
 
 
 def test_errors_come_back_from_disk_with_the_same_rows(grid, poses, tmp_path):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_rig import augmented, flipped_share, skin_faces
+from rig_poses import augmented, flipped_share, skin_faces
 
 from data_recipes.catalogue import build_rig
 from replicate.geometry.normals import face_normals

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from rig_poses import augmented, flipped_share, skin_faces
 from scipy.spatial import cKDTree
-from test_rig import augmented, flipped_share, skin_faces
 
 from data_recipes.acting.motion import pose
 from data_recipes.catalogue import build_rig, expression_poses

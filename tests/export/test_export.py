@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from test_cli import refused
+from refusal import refused
 
 from data_recipes.catalogue import build_rig, expression_poses
 from data_recipes.controls import Control
@@ -24,6 +24,7 @@ from replicate.export.files import write_whole
 from replicate.export.low_rank import follow, low_rank
 from replicate.geometry.mesh import Mesh
 from replicate.geometry.normals import vertex_normals
+from replicate.targets.options import OPTIONS
 
 DTYPES = {5121: "<u1", 5125: "<u4", 5126: "<f4"}
 COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -252,7 +253,7 @@ def test_what_can_not_be_is_refused_before_a_rig_is_built(capsys, cache, argumen
 
 def test_the_command_writes_where_results_go(capsys, monkeypatch, tmp_path):
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path))
-    monkeypatch.setattr("replicate.made.made_rig", lambda character: foreign())
+    monkeypatch.setattr("replicate.artefacts.built_rig.rig_of", lambda character: foreign())
     assert cli.main(["export", "--characters", "tiny"]) == 0
     assert "box_neutral.glb: 3 vertices and 0 props" in capsys.readouterr().out
     assert len(Glb(tmp_path / "export" / "box_neutral.glb").tree["meshes"]) == 1
@@ -275,4 +276,4 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(monkeypatch, tm
 
 
 def test_the_help_says_the_tolerance_that_is_used():
-    assert cli._OPTIONS["tolerance"]["default"] == command.TOLERANCE_MM
+    assert OPTIONS["tolerance"]["default"] == command.TOLERANCE_MM

@@ -6,22 +6,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from replicate.targets.table2.trainings import draws_text
-from test_figures import LOG
-from test_table1 import ours as table1_rows
-from test_tables import ours
+from sample_rows import CURVE, table1_rows, table2_rows
 
+from replicate.benchmarks.training_table import balance_text, draws_text
 from replicate.drawing import render
 from replicate.engine.exceptions import InputError
+from replicate.engine.paths import run_folder
 from replicate.report import notebooks
-from replicate.report.notebooks import balance_text, execute, main, provenance_text, with_parameters
+from replicate.report.notebooks import execute, main, provenance_text, with_parameters
 from replicate.report.pose_record import PoseRecord, save_pose
 from replicate.report.results import Row, write_results
 from replicate.report.training_curves import write_curves
 from replicate.targets.figure05.training_poses import POSES_HEADER
 from replicate.targets.figure07.mesh_segments import HEADER as SEGMENTS_HEADER
 from replicate.targets.figure08.refinement_segments import HEADER as REFINEMENT_HEADER
-from replicate.targets.table2.table2_figures import open_table2, pose_file, table2_figure_names, table2_figures
+from replicate.targets.table2.character_part import pose_file
+from replicate.targets.table2.table2_figures import open_table2, table2_figure_names, table2_figures
 
 FILES = sorted(notebooks.NOTEBOOKS.glob("*.ipynb"))
 TABLE2 = notebooks.NOTEBOOKS / "table2.ipynb"
@@ -33,26 +33,34 @@ def cells(path: Path, kind: str) -> list[dict]:
 
 
 @pytest.fixture
-def folder(tmp_path) -> Path:
-    """A folder of results as `make table2` leaves it, for a plate with a bump as character."""
+def empty(tmp_path, monkeypatch) -> Path:
+    """The folder of the results of the profile "quick"; none are there."""
+    monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path / "runs"))
+    run_folder("quick").mkdir(parents=True)
+    return run_folder("quick")
+
+
+@pytest.fixture
+def folder(empty) -> Path:
+    """The same with results as `make table2` leaves them, for a plate with a bump as character."""
     x, y = np.meshgrid(np.linspace(-90, 90, 9), np.linspace(-90, 90, 9))
     flat = np.stack([x, y, 0 * x + 40], -1).reshape(-1, 3).astype(np.float32)
     corner = np.arange(81).reshape(9, 9)
     a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
     faces = np.int32(np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
     segment = Row("table2_segments", "teen", "dense", "vertex_error_mean[face]", "mm", 0.123, None, 1, 9, "quick", "r")
-    write_results(tmp_path / "table2.csv", [*ours(), segment])
-    write_curves(tmp_path / "table2_curves.csv", {("teen", "dense"): LOG})
+    write_results(empty / "table2.csv", [*table2_rows(), segment])
+    write_curves(empty / "table2_curves.csv", {("teen", "dense"): CURVE})
     posed = flat + np.float32([0, 0, 3]) * np.sin(flat[:, 1:2] / 9)
-    save_pose(pose_file(tmp_path, "teen"), PoseRecord("teen", 5, flat, faces, {"truth": posed, "dense": flat}))
+    save_pose(pose_file(empty, "teen"), PoseRecord("teen", 5, flat, faces, {"truth": posed, "dense": flat}))
     manifest = {
         "git": {"commit": "c0ffee", "clean": False},
         "profile": "quick",
         "seeds": [0],
         "stages": {"rig": {"wall_s": 90}},
     }
-    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
-    return tmp_path
+    (empty / "manifest.json").write_text(json.dumps(manifest))
+    return empty
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
@@ -70,14 +78,8 @@ def test_a_notebook_begins_with_parameters_and_provenance_and_is_thin(path):
 
 
 def test_table2s_notebook_shows_the_results_of_a_folder(folder, monkeypatch):
-    shown = []
-    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
-    monkeypatch.setattr(notebooks, "show_table", shown.append)
-    monkeypatch.setattr(notebooks, "show", lambda figure, words: shown.append(words))
     monkeypatch.setattr(render, "working_renderer", lambda: "software")
-    names = {}
-    for cell in cells(TABLE2, "code"):
-        exec(cell["source"], names)
+    shown = run_cells(TABLE2, monkeypatch)
     titles = [table.title for table in shown if hasattr(table, "title")]
     assert titles == [
         "Table 2: teen beside the paper's Hiccup",
@@ -97,24 +99,25 @@ def in_manifest(folder: Path, target: str, characters: dict[str, dict]) -> None:
     file.write_text(json.dumps(manifest))
 
 
-def run_cells(path: Path, folder: Path, monkeypatch) -> list:
-    """Run a notebook's code on a folder of results and return what it shows: tables, texts and files."""
+def run_cells(path: Path, monkeypatch) -> list:
+    """Run a notebook's code on the results of "quick" and return what it shows: tables, texts, files, words."""
     shown = []
-    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
     for name in ("show_table", "show_text", "show_picture"):
         monkeypatch.setattr(notebooks, name, shown.append)
+    monkeypatch.setattr(notebooks, "show", lambda figure, words: shown.append(words))
+    first, *others = (cell["source"] for cell in cells(path, "code"))
     names = {}
-    for cell in cells(path, "code"):
-        exec(cell["source"], names)
+    for source in (with_parameters(first, {"RESULTS": "quick"}), *others):
+        exec(source, names)
     return shown
 
 
 def test_table1s_notebook_shows_the_table_and_the_claim(folder, monkeypatch):
     write_results(folder / "table1.csv", table1_rows())
     in_manifest(folder, "table1", {"teen": {"run": "r", "stages": {"table1-teen": {"wall_s": 60}}}})
-    table, claim = run_cells(notebooks.NOTEBOOKS / "table1.ipynb", folder, monkeypatch)
+    table, claim = run_cells(notebooks.NOTEBOOKS / "table1.ipynb", monkeypatch)
     assert table.title.startswith("Table 1") and "holds on teen" in claim
-    assert "1.0 min" in provenance_text("any", "table1") and "c0ffee" not in provenance_text("any", "table1")
+    assert "1.0 min" in provenance_text("quick", "table1") and "c0ffee" not in provenance_text("quick", "table1")
 
 
 @pytest.mark.parametrize(
@@ -130,30 +133,33 @@ def test_a_figures_notebook_shows_the_pictures_that_the_manifest_names(folder, m
     (folder / f"{target}_teen.png").write_bytes(b"a picture")
     (folder / f"{target}_woman.png").write_bytes(b"one that no manifest names")
     in_manifest(folder, target, {"teen": {"run": "r", "files": [f"{target}_teen.csv", f"{target}_teen.png"]}})
-    picture, table = run_cells(notebooks.NOTEBOOKS / f"{target}.ipynb", folder, monkeypatch)
+    picture, table = run_cells(notebooks.NOTEBOOKS / f"{target}.ipynb", monkeypatch)
     assert picture == folder / f"{target}_teen.png" and "teen" in table.title and len(table.body) == 1
     (folder / f"{target}_teen.png").unlink()
     with pytest.raises(InputError, match=rf"{target}_teen.png: there is no such picture; `make {target}` draws it"):
-        notebooks.figure_files("any", target)
+        notebooks.figure_files("quick", target)
 
 
 @pytest.mark.parametrize("target", ["table1", "figure05", "figure07", "figure08"])
-def test_a_notebook_without_its_results_names_the_target_that_makes_them(folder, monkeypatch, capsys, target):
-    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
-    assert main([target, "reference"]) == 2
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1 and f"`make {target}`" in told
+def test_a_notebook_without_its_results_names_the_target_that_makes_them(folder, monkeypatch, target):
+    with pytest.raises(InputError, match=f"`make {target}`"):
+        run_cells(notebooks.NOTEBOOKS / f"{target}.ipynb", monkeypatch)
+
+
+def test_where_a_cell_finds_no_results_the_command_line_says_one_sentence(empty, capsys):
+    assert main(["table1", "quick"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "`make table1`" in said and not list(empty.iterdir())
 
 
 def test_a_notebook_is_stale_when_its_own_results_change_and_not_when_others_do(folder, monkeypatch):
-    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
     write_results(folder / "table1.csv", table1_rows())
     in_manifest(folder, "table1", {"teen": {"run": "r"}})
     monkeypatch.setattr(notebooks, "execute", lambda source, out, given, stamp: out.write_text(stamp))
     notebooks.run_notebook("table1", "quick")
     in_manifest(folder, "figure07", {"teen": {"run": "r"}})
     (folder / "figure07_teen.csv").write_text("another's")
-    write_results(folder / "table2.csv", ours(("tiny",)))
+    write_results(folder / "table2.csv", table2_rows(("tiny",)))
     assert notebooks.is_current("table1", "quick")
     in_manifest(folder, "table1", {"teen": {"run": "s"}})
     assert not notebooks.is_current("table1", "quick")
@@ -175,7 +181,6 @@ def test_a_result_that_is_missing_is_named_with_the_target_that_makes_it(folder)
 
 
 def test_the_manifest_is_told_in_words(folder, monkeypatch):
-    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
     text = provenance_text("quick")
     assert "c0ffee, with changes of its own" in text and "1.5 min" in text
     shared = {"git": {"commit": "c0ffee", "clean": True}, "profile": "quick", "processor": "abacus", "cores": 2}
@@ -195,7 +200,6 @@ def test_the_manifest_is_told_in_words(folder, monkeypatch):
 
 
 def test_balance_is_told_of_the_characters_whose_manifest_has_it(folder, monkeypatch):
-    monkeypatch.setattr(notebooks, "results_folder", lambda name: folder)
     assert balance_text("quick") == "", "this manifest has no characters"
     counted = {"samples-teen": {"notes": {"samples_per_bin": [1, 3, 0, 96]}}}
     each = {"teen": {"stages": counted}, "tiny": {"stages": {"samples-tiny": {"wall_s": 1}}}, "woman": {}}

@@ -7,21 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from replicate.report.publish import publish_table2
-from test_figures import LOG
-from test_table1 import ours as sized
-from test_tables import ours
+from sample_rows import CURVE, table1_rows, table2_rows
 from toy_stages import ToyConfig
 
 from replicate.config import resolve
 from replicate.drawing.panels import Words
 from replicate.engine import store
 from replicate.engine.stage import Stage
-from replicate.report import manifest, notebooks, publish
+from replicate.report import manifest, notebooks
 from replicate.report.pose_record import PoseRecord, save_pose
+from replicate.report.publication import Made, publish_pictures
 from replicate.report.results import read_results, write_results
 from replicate.report.training_curves import read_curves, write_curves
-from replicate.targets.table2 import table2_figures
+from replicate.targets import table1
+from replicate.targets.table2 import publishing, table2_figures
 
 FILES = ("table2.csv", "table2_curves.csv", "table2_teen_pose.npz", "manifest.json")
 
@@ -33,22 +32,15 @@ def place(tmp_path, cache, monkeypatch):
     return tmp_path / "results" / "quick"
 
 
-@pytest.fixture
-def folder(place, monkeypatch):
-    """Where the profile "quick" is published, without figures and notebook."""
-    monkeypatch.setattr(publish, "_draw", lambda *given: None)
-    return place
-
-
 GIT = {"commit": "c0ffee", "clean": True}
 
 
-def made(character: str, seed: int = 0, run: str = "r", git: dict | None = GIT, split: str = "frames"):
-    """Return a configuration and the stage of its table, whose artefact holds made-up numbers."""
+def made(character: str, seed: int = 0, run: str = "r", git: dict | None = GIT, split: str = "frames") -> Made:
+    """Return a character whose table's artefact holds made-up numbers."""
 
     def build(out, scratch):
-        write_results(out / "table2.csv", [replace(row, run=run) for row in ours((character,))])
-        write_curves(out / "table2_curves.csv", {(character, "dense"): LOG})
+        write_results(out / "table2.csv", [replace(row, run=run) for row in table2_rows((character,))])
+        write_curves(out / "table2_curves.csv", {(character, "dense"): CURVE})
         flat, faces = np.eye(3, dtype=np.float32), np.int32([[0, 1, 2]])
         record = PoseRecord(character, 5, flat, faces, {"truth": flat, "dense": flat})
         save_pose(out / f"table2_{character}_pose.npz", record)
@@ -56,98 +48,97 @@ def made(character: str, seed: int = 0, run: str = "r", git: dict | None = GIT, 
 
     stage = Stage("table2", "toy_stages:numbers", ToyConfig(seed), label=f"{character}-{run}")
     store.make(stage.identifier, build)
-    return resolve(character, "quick", {"samples": {"split": split}}, seed=seed), stage
+    return Made(resolve(character, "quick", {"samples": {"split": split}}, seed=seed), stage)
 
 
-def publish_made(*runs) -> None:
-    publish_table2([config for config, _ in runs], [stage for _, stage in runs])
+def publish_numbers(*runs: Made) -> None:
+    publishing.publish(runs, draw=False)
 
 
-def characters(folder) -> list[set[str]]:
+def characters(place) -> list[set[str]]:
     """Return whose results each file holds."""
     return [
-        {row.character for row in read_results(folder / "table2.csv")},
-        {character for character, _ in read_curves(folder / "table2_curves.csv")},
-        set(json.loads((folder / "manifest.json").read_text())["characters"]),
+        {row.character for row in read_results(place / "table2.csv")},
+        {character for character, _ in read_curves(place / "table2_curves.csv")},
+        set(json.loads((place / "manifest.json").read_text())["characters"]),
     ]
 
 
-def test_characters_published_one_after_the_other_stand_side_by_side(folder):
-    publish_made(made("teen"))
-    publish_made(made("tiny"))
-    assert characters(folder) == [{"teen", "tiny"}] * 3
-    before = {file: (folder / file).read_bytes() for file in FILES}
-    publish_made(made("tiny"))
-    assert {file: (folder / file).read_bytes() for file in FILES} == before
+def test_characters_published_one_after_the_other_stand_side_by_side(place):
+    publish_numbers(made("teen"))
+    publish_numbers(made("tiny"))
+    assert characters(place) == [{"teen", "tiny"}] * 3
+    before = {file: (place / file).read_bytes() for file in FILES}
+    publish_numbers(made("tiny"))
+    assert {file: (place / file).read_bytes() for file in FILES} == before
 
 
 @pytest.mark.parametrize("harm", ["gone", "empty", "garbage", "cut"])
 @pytest.mark.parametrize("file", FILES)
-def test_a_file_that_is_gone_or_damaged_is_written_again(folder, file, harm):
+def test_a_file_that_is_gone_or_damaged_is_written_again(place, file, harm):
     runs = made("teen"), made("tiny")
-    publish_made(*runs)
-    whole = {name: (folder / name).read_bytes() for name in FILES}
-    (folder / file).unlink()
+    publish_numbers(*runs)
+    whole = {name: (place / name).read_bytes() for name in FILES}
+    (place / file).unlink()
     if harm != "gone":
-        (folder / file).write_bytes({"empty": b"", "garbage": b"[7, \xff", "cut": whole[file][:-40]}[harm])
-    publish_made(runs[1])
-    assert "tiny" in set.intersection(*characters(folder)), "what is published does not depend on what was there"
-    publish_made(*runs)
-    assert {name: (folder / name).read_bytes() for name in FILES} == whole
+        (place / file).write_bytes({"empty": b"", "garbage": b"[7, \xff", "cut": whole[file][:-40]}[harm])
+    publish_numbers(runs[1])
+    assert "tiny" in set.intersection(*characters(place)), "what is published does not depend on what was there"
+    publish_numbers(*runs)
+    assert {name: (place / name).read_bytes() for name in FILES} == whole
 
 
 @pytest.mark.parametrize("text", ["7", "[]", "{}", '{"characters": []}', '{"characters": {"teen": 7}}'])
-def test_a_manifest_of_another_shape_counts_as_none(folder, text):
-    publish_made(made("teen"))
-    (folder / "manifest.json").write_text(text)
-    publish_made(made("tiny"))
-    assert characters(folder) == [{"tiny"}] * 3
+def test_a_manifest_of_another_shape_counts_as_none(place, text):
+    publish_numbers(made("teen"))
+    (place / "manifest.json").write_text(text)
+    publish_numbers(made("tiny"))
+    assert characters(place) == [{"tiny"}] * 3
 
 
-def test_a_character_without_an_entry_in_the_manifest_is_left_out(folder):
-    publish_made(made("teen"), made("tiny"))
-    manifest = json.loads((folder / "manifest.json").read_text())
+def test_a_character_without_an_entry_in_the_manifest_is_left_out(place):
+    publish_numbers(made("teen"), made("tiny"))
+    manifest = json.loads((place / "manifest.json").read_text())
     del manifest["characters"]["teen"]
-    (folder / "manifest.json").write_text(json.dumps(manifest))
-    publish_made(made("tiny"))
-    assert characters(folder) == [{"tiny"}] * 3
+    (place / "manifest.json").write_text(json.dumps(manifest))
+    publish_numbers(made("tiny"))
+    assert characters(place) == [{"tiny"}] * 3
 
 
-def test_rows_of_another_run_than_the_manifests_are_left_out(folder):
-    publish_made(made("teen"))
-    rows = [replace(row, run="killed before the manifest was written") for row in ours()]
-    write_results(folder / "table2.csv", rows)
-    publish_made(made("tiny"))
-    assert characters(folder) == [{"tiny"}] * 3
+def test_rows_of_another_run_than_the_manifests_are_left_out(place):
+    publish_numbers(made("teen"))
+    rows = [replace(row, run="killed before the manifest was written") for row in table2_rows()]
+    write_results(place / "table2.csv", rows)
+    publish_numbers(made("tiny"))
+    assert characters(place) == [{"tiny"}] * 3
 
 
-def test_two_processes_that_publish_at_once_lose_no_rows(folder, monkeypatch, capsys):
-    runs, read, reading = [made("teen"), made("tiny")], publish._present, threading.Event()
+def test_two_processes_that_publish_at_once_lose_no_rows(place, monkeypatch, capsys):
+    runs, read, reading = [made("teen"), made("tiny")], publishing.read_curves, threading.Event()
 
-    def read_slowly(where):
-        present = read(where)
-        reading.set()
-        time.sleep(0.5)
-        return present
+    def read_slowly(file):
+        if file.parent == place and not reading.is_set():
+            reading.set()
+            time.sleep(0.5)
+        return read(file)
 
-    monkeypatch.setattr(publish, "_present", read_slowly)
-    first = threading.Thread(target=publish_made, args=(runs[0],))
+    monkeypatch.setattr(publishing, "read_curves", read_slowly)
+    first = threading.Thread(target=publish_numbers, args=(runs[0],))
     first.start()
     assert reading.wait(10)
-    publish_made(runs[1])
+    publish_numbers(runs[1])
     first.join()
-    assert characters(folder) == [{"teen", "tiny"}] * 3
+    assert characters(place) == [{"teen", "tiny"}] * 3
     assert "being written by another process; waiting for it" in capsys.readouterr().out
 
 
-def test_the_lock_is_free_after_a_failure_and_lies_outside_the_results(folder, monkeypatch):
+def test_the_lock_is_free_after_a_failure_and_lies_outside_the_results(place, monkeypatch):
     run = made("teen")
-    monkeypatch.setattr(publish, "_draw", lambda *given: 1 / 0)
+    monkeypatch.setattr(table2_figures, "open_table2", lambda folder: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        publish_made(run)
-    monkeypatch.setattr(publish, "_draw", lambda *given: None)
-    publish_made(run)
-    assert {path.name for path in folder.iterdir()} == set(FILES), "the folder may be copied as it is"
+        publishing.publish([run])
+    publish_numbers(run)
+    assert {path.name for path in place.iterdir()} == set(FILES), "the place may be copied as it is"
 
 
 @pytest.fixture
@@ -175,58 +166,58 @@ ALL = [*table2_figures.table2_figure_names("teen"), "table2.ipynb"]
 
 
 def test_figures_and_notebook_are_made_once(place, drawing):
-    publish_made(made("teen"))
+    publishing.publish([made("teen")])
     assert drawing == ALL
     assert all((place / f"{name}.png").is_file() for name in ALL[:-1])
-    publish_made(made("teen"))
+    publishing.publish([made("teen")])
     assert drawing == ALL, "both show these results already"
-    publish_made(made("teen", run="another"))
+    publishing.publish([made("teen", run="another")])
     assert drawing == ALL * 2
 
 
 @pytest.mark.parametrize("gone", ["figure09_teen.png", "table2_teen_curves.json"])
 def test_a_figure_that_is_gone_is_drawn_again(place, drawing, gone):
-    publish_made(made("teen"))
+    publishing.publish([made("teen")])
     (place / gone).unlink()
     drawing.clear()
-    publish_made(made("teen"))
+    publishing.publish([made("teen")])
     assert (place / gone).is_file() and drawing == ALL[:-1], "the notebook need not be executed for it"
 
 
 def test_figures_that_a_killed_process_left_old_are_drawn_again(drawing, monkeypatch):
-    publish_made(made("teen"))
+    publishing.publish([made("teen")])
     with monkeypatch.context() as killed:
         killed.setattr("replicate.drawing.panels.save_figure", lambda *given: 1 / 0)
         with pytest.raises(ZeroDivisionError):
-            publish_made(made("teen", run="another"))
+            publishing.publish([made("teen", run="another")])
     drawing.clear()
-    publish_made(made("teen", run="another"))
+    publishing.publish([made("teen", run="another")])
     assert drawing == ALL
 
 
 def test_the_notebook_is_executed_again_when_only_the_manifest_changes(place, drawing):
-    publish_made(made("teen"))
+    publishing.publish([made("teen")])
     manifest = json.loads((place / "manifest.json").read_text())
     assert notebooks.is_current("table2", "quick", HEATMAP_DEG=10.0)
     (place / "manifest.json").write_text(json.dumps(manifest | {"processor": "abacus"}))
     assert not notebooks.is_current("table2", "quick", HEATMAP_DEG=10.0)
 
 
-def test_a_character_is_clean_only_if_all_its_seeds_are(folder):
-    publish_made(made("tiny"), made("teen"), made("teen", 1, git={"commit": "f00d", "clean": False}))
-    manifest = json.loads((folder / "manifest.json").read_text())
+def test_a_character_is_clean_only_if_all_its_seeds_are(place):
+    publish_numbers(made("tiny"), made("teen"), made("teen", 1, git={"commit": "f00d", "clean": False}))
+    manifest = json.loads((place / "manifest.json").read_text())
     assert "git" not in manifest, "they share none"
     assert manifest["characters"]["tiny"]["git"] == GIT
     git = {"commit": "c0ffee", "clean": False, "commits": ["c0ffee", "f00d"]}
     assert manifest["characters"]["teen"]["git"] == git
 
 
-def test_what_is_published_says_how_the_poses_were_split(folder, capsys):
-    publish_made(made("teen"))
+def test_what_is_published_says_how_the_poses_were_split(place, capsys):
+    publish_numbers(made("teen"))
     assert capsys.readouterr().out.count("\nsplit by frames, as in the paper\n") == 1
-    publish_made(made("tiny", split="clips"))
+    publish_numbers(made("tiny", split="clips"))
     assert "\nsplit by clips\n" in capsys.readouterr().out
-    facts = json.loads((folder / "manifest.json").read_text())["characters"]
+    facts = json.loads((place / "manifest.json").read_text())["characters"]
     assert {name: own["split"] for name, own in facts.items()} == {"teen": "frames", "tiny": "clips"}
     told = notebooks.provenance_text("quick")
     assert "split by frames" in told and "split by clips" in told
@@ -245,36 +236,32 @@ def executed(place, monkeypatch):
     return done
 
 
-def table1_made(character: str, seed: int = 0, run: str = "r", small: float = 8.0):
-    """Return a configuration and the stage of its Table 1."""
+def counted(character: str, seed: int = 0, run: str = "r", small: float = 8.0) -> Made:
+    """Return a character whose artefact holds made-up sizes for Table 1."""
 
     def build(out, scratch):
-        write_results(out / "table1.csv", [replace(row, run=run) for row in sized(character, small)])
+        write_results(out / "table1.csv", [replace(row, run=run) for row in table1_rows(character, small)])
         return {"key": "k", "wall_s": 1.0, "run": {"git": GIT, "profile": "quick"}}
 
     stage = Stage("table1", "toy_stages:numbers", ToyConfig(seed), label=f"{character}-{run}")
     store.make(stage.identifier, build)
-    return resolve(character, "quick", seed=seed), stage
-
-
-def publish_sizes(*runs) -> None:
-    publish.publish_table1([config for config, _ in runs], [stage for _, stage in runs])
+    return Made(resolve(character, "quick", seed=seed), stage)
 
 
 def test_table_1_is_published_character_by_character_with_the_claim(place, executed, capsys):
-    publish_sizes(table1_made("teen"))
-    publish_sizes(table1_made("tiny", small=4.0))
+    table1.publish([counted("teen")])
+    table1.publish([counted("tiny", small=4.0)])
     assert {row.character for row in read_results(place / "table1.csv")} == {"teen", "tiny"}
     assert executed == ["table1.ipynb"] * 2
     told = capsys.readouterr().out
     assert "holds on teen and fails on tiny" in told and "Table 1" in told
     before = {path.name: path.read_bytes() for path in place.iterdir()}
-    publish_sizes(table1_made("tiny", small=4.0))
+    table1.publish([counted("tiny", small=4.0)])
     assert {path.name: path.read_bytes() for path in place.iterdir()} == before and len(executed) == 2
 
 
 def test_table_1_shows_the_mean_over_its_seeds(place, executed):
-    publish_sizes(table1_made("teen", 0, "r", 7.0), table1_made("teen", 1, "s", 9.0))
+    table1.publish([counted("teen", 0, "r", 7.0), counted("teen", 1, "s", 9.0)])
     row = next(
         row for row in read_results(place / "table1.csv") if row.metric == "model_size" and row.method == "refined"
     )
@@ -283,15 +270,15 @@ def test_table_1_shows_the_mean_over_its_seeds(place, executed):
 
 
 def test_rows_of_table_1_that_the_manifest_does_not_know_are_left_out(place, executed):
-    publish_sizes(table1_made("teen"))
+    table1.publish([counted("teen")])
     rows = read_results(place / "table1.csv")
     write_results(place / "table1.csv", [replace(row, run="killed before the manifest was written") for row in rows])
-    publish_sizes(table1_made("tiny"))
+    table1.publish([counted("tiny")])
     assert {row.character for row in read_results(place / "table1.csv")} == {"tiny"}
 
 
-def drawn(character: str, run: str = "r", clips: bool = True):
-    """Return a configuration and the stage of its Figure 5, with or without strips of clips."""
+def drawn(character: str, run: str = "r", clips: bool = True) -> Made:
+    """Return a character whose artefact holds its Figure 5, with or without strips of clips."""
 
     def build(out, scratch):
         for name in (f"figure05_{character}", *([f"figure05_{character}_clips"] if clips else [])):
@@ -301,12 +288,12 @@ def drawn(character: str, run: str = "r", clips: bool = True):
 
     stage = Stage("figure05", "toy_stages:numbers", ToyConfig(0), label=f"{character}-{run}")
     store.make(stage.identifier, build)
-    return resolve(character, "quick"), stage
+    return Made(resolve(character, "quick"), stage)
 
 
 def test_a_figure_is_copied_with_its_words_and_numbers_and_others_stay(place, executed, capsys):
-    publish.publish_figure("figure05", *zip(drawn("teen"), strict=True))
-    publish.publish_figure("figure05", *zip(drawn("tiny", clips=False), strict=True))
+    publish_pictures("figure05", [drawn("teen")])
+    publish_pictures("figure05", [drawn("tiny", clips=False)])
     assert (place / "figure05_teen_clips.csv").read_text() == "r of figure05_teen_clips"
     found = manifest.entries(place, "figure05")
     assert found["teen"]["files"] == sorted(path.name for path in place.glob("figure05_teen*"))
@@ -317,30 +304,30 @@ def test_a_figure_is_copied_with_its_words_and_numbers_and_others_stay(place, ex
 
 
 def test_a_picture_that_a_character_no_longer_has_is_removed_and_one_that_is_gone_is_forgotten(place, executed):
-    publish.publish_figure("figure05", *zip(drawn("teen"), strict=True))
-    publish.publish_figure("figure05", *zip(drawn("teen", "s", clips=False), strict=True))
+    publish_pictures("figure05", [drawn("teen")])
+    publish_pictures("figure05", [drawn("teen", "s", clips=False)])
     assert not list(place.glob("*_clips*")) and (place / "figure05_teen.png").read_text() == "s of figure05_teen"
     (place / "figure05_teen.csv").unlink()
-    publish.publish_figure("figure05", *zip(drawn("tiny"), strict=True))
+    publish_pictures("figure05", [drawn("tiny")])
     assert set(manifest.entries(place, "figure05")) == {"tiny"}
 
 
-def test_what_the_manifest_tells_of_one_target_stays_when_another_is_published(folder, executed):
-    publish_made(made("teen"))
-    top = json.loads((folder / "manifest.json").read_text())
-    publish_sizes(table1_made("tiny"))
-    publish.publish_figure("figure05", *zip(drawn("teen"), strict=True))
-    told = json.loads((folder / "manifest.json").read_text())
+def test_what_the_manifest_tells_of_one_target_stays_when_another_is_published(place, executed):
+    publish_numbers(made("teen"))
+    top = json.loads((place / "manifest.json").read_text())
+    table1.publish([counted("tiny")])
+    publish_pictures("figure05", [drawn("teen")])
+    told = json.loads((place / "manifest.json").read_text())
     assert set(told.pop("targets")) == {"figure05", "table1"} and told == top
-    publish_made(made("teen"), made("tiny"))
-    assert set(json.loads((folder / "manifest.json").read_text())["targets"]) == {"figure05", "table1"}
-    assert set(manifest.entries(folder, "table1")) == {"tiny"} and "tiny" in manifest.entries(folder, "table2")
+    publish_numbers(made("teen"), made("tiny"))
+    assert set(json.loads((place / "manifest.json").read_text())["targets"]) == {"figure05", "table1"}
+    assert set(manifest.entries(place, "table1")) == {"tiny"} and "tiny" in manifest.entries(place, "table2")
 
 
 @pytest.mark.parametrize("text", ["", "7", "[]", '{"targets": 7}', '{"targets": {"table1": []}}', "[7, \xff"])
 def test_a_damaged_manifest_counts_as_none_for_every_target(place, executed, text):
-    publish_sizes(table1_made("teen"))
+    table1.publish([counted("teen")])
     (place / "manifest.json").write_text(text)
-    publish_sizes(table1_made("tiny"))
+    table1.publish([counted("tiny")])
     assert set(manifest.entries(place, "table1")) == {"tiny"}
     assert {row.character for row in read_results(place / "table1.csv")} == {"tiny"}

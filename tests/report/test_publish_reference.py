@@ -6,9 +6,10 @@ import pytest
 
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
-from replicate.report import manifest, notebooks, reference
+from replicate.report import manifest, notebooks
 from replicate.report.results import Row, read_results, write_results
 from replicate.report.tables import Table
+from replicate.targets.reference import reference_results as reference
 
 TABLES = ("table2", "bench_poses", "bench_rig")
 CLEAN = {"git": {"commit": "c" * 40, "clean": True}, "run": "r"}

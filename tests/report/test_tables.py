@@ -3,48 +3,31 @@
 from dataclasses import replace
 
 import pytest
+from sample_rows import METHODS, PUBLISHED, cells_after, table2_rows
 
 from replicate.engine.exceptions import InputError
-from replicate.engine.paths import ROOT
+from replicate.engine.paths import PAPER
+from replicate.methods.method_registry import in_order, method_named
 from replicate.report.comparison import compare, compare_folders
 from replicate.report.results import Row, read_results, write_results
 from replicate.report.tables import Table, as_latex, as_markdown, as_text, published, rounded, unbroken
-from replicate.targets.table2.error_table import METHODS, in_order, table2, table2_overview, title
+from replicate.targets.table2.error_table import table2, table2_overview
 from replicate.targets.table2.ratio_tables import table2_ratios, table2_segments
-
-PAPER_FOLDER = ROOT / "results" / "paper"
-PAPER = read_results(PAPER_FOLDER / "table2.csv")
-
-
-def ours(characters=("teen",), methods=tuple(METHODS)) -> list[Row]:
-    rows = []
-    for character in characters:
-        for k, method in enumerate(methods):
-            for kind, unit, scale in (("vertex", "mm", 0.11), ("normal", "deg", 1.2)):
-                for statistic, factor in (("mean", 1), ("p95", 4), ("max", 20)):
-                    value, poses = (scale * (k + 1) * factor, 100 if method == "floor" else 1234)
-                    metric = f"{kind}_error_{statistic}"
-                    rows.append(Row("table2", character, method, metric, unit, value, None, 1, poses, "quick", "r"))
-    return rows
-
-
-def line(text: str, start: str) -> list[str]:
-    return next(row for row in text.splitlines() if row.startswith(start))[len(start) :].split()
 
 
 def test_a_line_shows_ours_and_then_the_papers():
-    text = as_text(table2(ours(), PAPER, "teen"))
-    assert line(text, "Refined") == ["0.22", "0.88", "4.40", "0.27", "2.40", "9.60", "48.00", "0.9"]
-    assert line(text, "LBS: 16 bones †")[3] == "0.49" and line(text, "LBS: 16 bones †")[7] == "2.0"
+    text = as_text(table2(table2_rows(), PUBLISHED, "teen"))
+    assert cells_after(text, "Refined") == ["0.22", "0.88", "4.40", "0.27", "2.40", "9.60", "48.00", "0.9"]
+    assert cells_after(text, "LBS: 16 bones †")[3] == "0.49" and cells_after(text, "LBS: 16 bones †")[7] == "2.0"
 
 
 def test_rows_that_the_paper_lacks_have_no_number_of_the_papers():
-    text = as_text(table2(ours(), PAPER, "teen"))
-    assert line(text, "Neutral pose §")[3] == "–"
+    text = as_text(table2(table2_rows(), PUBLISHED, "teen"))
+    assert cells_after(text, "Neutral pose §")[3] == "–"
 
 
 def test_every_oracle_is_marked_and_explained_wherever_it_is_printed():
-    for table in (table2(ours(), PAPER, "teen"), table2_overview(ours(), PAPER)):
+    for table in (table2(table2_rows(), PUBLISHED, "teen"), table2_overview(table2_rows(), PUBLISHED)):
         for text in (as_text(table), as_markdown(table)):
             assert "LBS: 32 bones †" in text and "† An oracle" in text
             assert "Floor, refined maps ‡" in text and "‡ An oracle" in text
@@ -52,7 +35,7 @@ def test_every_oracle_is_marked_and_explained_wherever_it_is_printed():
 
 
 def test_columns_line_up():
-    lines = as_text(table2(ours(), PAPER, "teen")).splitlines()
+    lines = as_text(table2(table2_rows(), PUBLISHED, "teen")).splitlines()
     rules = [k for k, text in enumerate(lines) if text.startswith("─")]
     assert len({len(text) for text in lines[rules[0] + 1 : rules[1]]}) <= 2  # the texel column is empty at the end
     for column in ("mean", "max"):  # narrower and wider than its numbers
@@ -61,33 +44,33 @@ def test_columns_line_up():
 
 
 def test_a_method_measured_on_fewer_poses_says_so():
-    assert "Floor, coarse maps ‡: on 100 of teen's poses only." in as_text(table2(ours(), PAPER, "teen"))
+    assert "Floor, coarse maps ‡: on 100 of teen's poses only." in as_text(table2(table2_rows(), PUBLISHED, "teen"))
 
 
 def test_faces_left_out_of_eq_11_are_mentioned_only_if_there_are_any():
     none = [Row("table2", "teen", "dense", "normal_faces_left_out", "count", 0.0, None, 1, 1234, "quick", "r")]
     some = [Row("table2", "teen", "dense", "normal_faces_left_out", "count", 7.0, None, 1, 1234, "quick", "r")]
-    assert "Eq. 11 leaves out" not in as_text(table2(ours() + none, PAPER, "teen"))
-    assert "Eq. 11 leaves out faces" in as_text(table2(ours() + some, PAPER, "teen"))
+    assert "Eq. 11 leaves out" not in as_text(table2(table2_rows() + none, PUBLISHED, "teen"))
+    assert "Eq. 11 leaves out faces" in as_text(table2(table2_rows() + some, PUBLISHED, "teen"))
 
 
 def test_a_character_that_stands_for_nobody_still_gets_its_table():
-    text = as_text(table2(ours(("mine",)), PAPER, "mine"))
-    assert line(text, "Coarse")[:3] == ["0.11", "0.44", "2.20"]
+    text = as_text(table2(table2_rows(("mine",)), PUBLISHED, "mine"))
+    assert cells_after(text, "Coarse")[:3] == ["0.11", "0.44", "2.20"]
 
 
 def test_missing_methods_leave_no_row():
-    text = as_text(table2(ours(methods=("coarse", "dense")), PAPER, "teen"))
+    text = as_text(table2(table2_rows(methods=("coarse", "dense")), PUBLISHED, "teen"))
     assert "Refined" not in text and "oracle" not in text
 
 
 def test_markdown_rows_have_as_many_cells_as_the_header():
-    rows = [text for text in as_markdown(table2(ours(), PAPER, "teen")).splitlines() if text.startswith("|")]
+    rows = [text for text in as_markdown(table2(table2_rows(), PUBLISHED, "teen")).splitlines() if text.startswith("|")]
     assert len({text.count("|") for text in rows}) == 1 and len(rows) == 2 + len(METHODS)
 
 
 def test_latex_rows_have_as_many_columns_as_the_tabular():
-    text = as_latex(table2_overview(ours(("teen", "toon")), PAPER))
+    text = as_latex(table2_overview(table2_rows(("teen", "toon")), PUBLISHED))
     assert r"\begin{tabular}{lrrrr}" in text
     assert r"Coarse & 0.11 & 0.36 & 0.11 & 1.00 \\" in text
 
@@ -101,39 +84,41 @@ def test_values_are_rounded_where_they_are_shown(value, unit, shown):
 
 
 def test_a_doubtful_number_of_the_papers_carries_its_question_mark():
-    rows = read_results(PAPER_FOLDER / "table3.csv")
+    rows = read_results(PAPER / "table3.csv")
     shown = {published(row) for row in rows if row.character == "Hiccup" and row.method == "coarse"}
     assert shown == {"2.9", "6.4", "5.8?", "6.9?"}
 
 
 def test_compare_puts_paper_reference_and_yours_side_by_side():
-    reference = ours(methods=("coarse",))
-    yours = [Row(*r.key, r.unit, r.value * 2, None, 1, 10, "laptop", "s") for r in ours(methods=("coarse", "neutral"))]
-    text = as_text(compare(PAPER, reference, yours, "table2"))
-    assert line(text, "teen, Coarse, vertex_error_mean [mm]") == ["0.36", "0.11", "0.22", "2.000"]
-    assert line(text, "teen, Neutral pose §, normal_error_mean [deg]") == ["–", "–", "4.80", "–"]
+    reference = table2_rows(methods=("coarse",))
+    yours = [
+        Row(*r.key, r.unit, r.value * 2, None, 1, 10, "laptop", "s") for r in table2_rows(methods=("coarse", "neutral"))
+    ]
+    text = as_text(compare(PUBLISHED, reference, yours, "table2"))
+    assert cells_after(text, "teen, Coarse, vertex_error_mean [mm]") == ["0.36", "0.11", "0.22", "2.000"]
+    assert cells_after(text, "teen, Neutral pose §, normal_error_mean [deg]") == ["–", "–", "4.80", "–"]
     assert "reference (quick)" in text and "yours (laptop)" in text and "p95" not in text
 
 
 def test_compare_without_results_of_yours_names_the_target_that_makes_them(tmp_path):
     with pytest.raises(InputError, match="make table2"):
-        compare_folders(PAPER_FOLDER, tmp_path, tmp_path / "none")
+        compare_folders(PAPER, tmp_path, tmp_path / "none", ("table1", "table2"))
 
 
 def test_compare_shows_yours_where_there_is_no_reference_yet(tmp_path):
-    write_results(tmp_path / "table2.csv", ours())
-    (table,) = compare_folders(PAPER_FOLDER, tmp_path / "none", tmp_path)
-    assert line(as_text(table), "teen, Coarse, vertex_error_mean [mm]") == ["0.36", "–", "0.11", "–"]
+    write_results(tmp_path / "table2.csv", table2_rows())
+    (table,) = compare_folders(PAPER, tmp_path / "none", tmp_path, ("table1", "table2"))
+    assert cells_after(as_text(table), "teen, Coarse, vertex_error_mean [mm]") == ["0.36", "–", "0.11", "–"]
 
 
 def test_ratios_are_those_of_the_means_beside_the_papers_own():
-    text = as_text(table2_ratios(ours(), PAPER, "teen"))
-    assert line(text, "Refined / Coarse, normal angle") == ["2.00", "0.56"]  # 0.9° / 1.6° in the paper
-    assert line(text, "Coarse / Floor, coarse maps ‡, normal angle") == ["0.12", "–"]
+    text = as_text(table2_ratios(table2_rows(), PUBLISHED, "teen"))
+    assert cells_after(text, "Refined / Coarse, normal angle") == ["2.00", "0.56"]  # 0.9° / 1.6° in the paper
+    assert cells_after(text, "Coarse / Floor, coarse maps ‡, normal angle") == ["0.12", "–"]
 
 
 def test_a_ratio_to_a_method_that_was_not_run_is_not_shown():
-    assert "Dense" not in as_text(table2_ratios(ours(methods=("coarse", "refined")), PAPER, "teen"))
+    assert "Dense" not in as_text(table2_ratios(table2_rows(methods=("coarse", "refined")), PUBLISHED, "teen"))
 
 
 def test_segments_have_a_line_each_and_a_column_for_each_method():
@@ -144,16 +129,20 @@ def test_segments_have_a_line_each_and_a_column_for_each_method():
         for s in ("face", "rigid")
     ]
     text = as_text(table2_segments(rows, "teen"))
-    assert line(text, "face, mm") == ["0.50", "0.25"] and line(text, "rigid, deg") == ["0.50", "0.25"]
+    assert cells_after(text, "face, mm") == ["0.50", "0.25"] and cells_after(text, "rigid, deg") == ["0.50", "0.25"]
     assert "seeds" not in text
     text = as_text(table2_segments([replace(row, seeds=2, sd=0.01) for row in rows], "teen"))
-    assert line(text, "face, mm") == ["0.50", "0.25"] and "Means over 2 seeds" in text and "table2.csv" in text
+    assert cells_after(text, "face, mm") == ["0.50", "0.25"] and "Means over 2 seeds" in text and "table2.csv" in text
 
 
 def test_other_numbers_of_bones_stand_among_those_of_lbs():
     found = ["neutral", "lbs32", "lbs4", "dense", "lbs16", "coarse"]
     assert in_order(found) == ["coarse", "dense", "lbs4", "lbs16", "lbs32", "neutral"]
-    assert title("lbs4") == "LBS: 4 bones †" and title("lbs16") == "LBS: 16 bones †" and title("odd") == "odd"
+    assert [method_named(name).title for name in ("lbs4", "lbs16", "odd")] == [
+        "LBS: 4 bones †",
+        "LBS: 16 bones †",
+        "odd",
+    ]
 
 
 @pytest.mark.parametrize(

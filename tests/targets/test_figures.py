@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from matplotlib.colors import hsv_to_rgb
 from PIL import Image
+from sample_rows import CURVE, PUBLISHED, table2_rows
 from scipy.ndimage import gaussian_filter
-from test_tables import PAPER, ours
 
 from replicate.drawing.characters import expression_sheet, segment_colours
 from replicate.drawing.heatmap import NO_NORMAL, error_colours, normal_heat
@@ -23,8 +23,6 @@ from replicate.targets.table2.curves_chart import training_curves
 from replicate.targets.table2.error_chart import table2_chart
 from replicate.targets.table2.figure09 import figure09
 from replicate.targets.table2.figure10 import figure10
-
-LOG = ((100.0, 3.5, 1.25, 4.5), (200.0, 1.0, 1 / 3, 2.0))
 
 
 @pytest.fixture
@@ -140,7 +138,7 @@ def _saved(record, path):
 
 
 def test_curves_are_read_back_to_the_last_bit(tmp_path):
-    curves = {("teen", "dense"): LOG, ("teen", "coarse"): LOG[:1]}
+    curves = {("teen", "dense"): CURVE, ("teen", "coarse"): CURVE[:1]}
     write_curves(tmp_path / "c.csv", curves)
     assert read_curves(tmp_path / "c.csv") == curves
     assert (tmp_path / "c.csv").read_text().splitlines()[1] == "teen,coarse,100,3.5,1.25,4.5"
@@ -149,7 +147,7 @@ def test_curves_are_read_back_to_the_last_bit(tmp_path):
 def test_a_training_log_is_read_and_a_broken_one_is_named_with_its_line(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("step,loss,mm,degrees\n100,3.5,1.25,4.5\n")
-    assert read_log(path) == LOG[:1]
+    assert read_log(path) == CURVE[:1]
     path.write_text("step,loss,mm,degrees\n100,3.5,x,4.5\n")
     with pytest.raises(InputError, match="line 2: mm is 'x', where only a number is allowed"):
         read_log(path)
@@ -161,8 +159,8 @@ def test_a_training_log_is_read_and_a_broken_one_is_named_with_its_line(tmp_path
 
 
 def test_training_curves_draw_each_network_and_the_floors():
-    curves = {("teen", "coarse"): LOG, ("teen", "dense"): LOG, ("other", "refined"): LOG}
-    figure, words = training_curves(curves, ours(), "teen")
+    curves = {("teen", "coarse"): CURVE, ("teen", "dense"): CURVE, ("other", "refined"): CURVE}
+    figure, words = training_curves(curves, table2_rows(), "teen")
     left = figure.axes[0]
     assert [line.get_label() for line in left.lines] == ["Coarse", "Dense", "Floor, coarse maps", "Floor, refined maps"]
     np.testing.assert_allclose(left.lines[0].get_ydata(), [1.25, 1 / 3])
@@ -171,7 +169,7 @@ def test_training_curves_draw_each_network_and_the_floors():
 
 
 def test_the_chart_of_table_2_shows_ours_and_the_papers():
-    figure, words = table2_chart(ours(), PAPER, "teen")
+    figure, words = table2_chart(table2_rows(), PUBLISHED, "teen")
     points = {(round(line.get_xdata()[0], 2), line.get_ydata()[0]) for line in figure.axes[0].lines}
     assert (0.11, 0) in points and (0.36, 0) in points  # coarse: ours, Hiccup's
     assert len(figure.axes[0].lines) == 9 + 6  # ours, the driven skin among them, and the paper's

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from replicate.engine.paths import ROOT
+from replicate.methods.method_registry import methods
 from replicate.report.results import find, read_results
-from replicate.targets.table2.error_table import METHODS
 
 NUMBERS = """
 [samples]
@@ -78,13 +78,13 @@ def undisturbed(tmp_path_factory):
 
 def test_every_method_has_both_errors(undisturbed):
     rows = read_results(undisturbed[0] / "results" / "quick" / "table2.csv")
-    for method in (*METHODS, "attachment"):
+    for method in methods():
         for metric, unit in (("vertex_error", "mm"), ("normal_error", "deg")):
             for statistic in ("mean", "p95", "max"):
                 row = find(rows, "table2", "tiny", method, f"{metric}_{statistic}")
                 assert row is not None and row.unit == unit and row.value >= 0, (method, metric, statistic)
-    assert all(name in undisturbed[1] for name in METHODS.values())
-    assert {row.method for row in rows} == {*METHODS, "attachment"}
+    assert all(method.title in undisturbed[1] for method in methods().values())
+    assert {row.method for row in rows} == set(methods())
 
 
 def test_what_is_learned_beats_the_neutral_pose_and_no_method_beats_the_truth_that_it_sees(undisturbed):

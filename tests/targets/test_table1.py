@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file
+from sample_rows import cells_after, table1_rows
 
 from replicate.approximation import cnn, dense
 from replicate.approximation.model import SegmentedModel
@@ -23,12 +24,12 @@ from replicate.approximation.segments import Segment, save_segments
 from replicate.config import CoarseConfig, DenseConfig, RefinementConfig
 from replicate.engine.paths import PAPER
 from replicate.geometry.mesh import Mesh
+from replicate.report.cast import STANDS_FOR, characters_of
 from replicate.report.comparison import compare
-from replicate.report.results import Row, find, read_results, write_results
+from replicate.report.results import find, read_results, write_results
 from replicate.report.tables import as_markdown, as_text
 from replicate.targets.table1.size_rows import WIDTHS, rows_of, sizes_mb
-from replicate.targets.table1.size_table import bracket, characters_of, implied_vertices, size_claim, size_ratio, table1
-from replicate.targets.table2.error_table import STANDS_FOR
+from replicate.targets.table1.size_table import bracket, implied_vertices, size_claim, size_ratio, table1
 
 THEIRS = read_results(PAPER / "table1.csv")
 SMALL = SimpleNamespace(map_size=16, channels=2, hidden=(3, 128))
@@ -110,7 +111,7 @@ def test_the_papers_dense_size_for_ray_does_not_fit_the_widths_of_the_text():
 
 @pytest.fixture
 def character(tmp_path):
-    """Return (settings, inputs, mesh) of a mesh of three segments, one of them rigid, and two refinement segments."""
+    """Return (settings, inputs) of a mesh of three segments, one of them rigid, and two refinement segments."""
     owner = np.repeat(np.int32([0, 1, 2]), [6, 4, 3])
     generator = np.random.default_rng(1)
     places = generator.normal(size=(13, 3)).astype(np.float32) * 10
@@ -119,15 +120,16 @@ def character(tmp_path):
     mesh = Mesh(places, faces, uv, owner, ("face", "neck", "tooth"))
     influence = np.zeros((13, 5), bool)
     influence[:6, :3] = influence[6:10, 3] = True
-    inputs = {name: tmp_path / f"{name}-mine" for name in ("influence", "rigid", "selection")}
+    inputs = {name: tmp_path / f"{name}-mine" for name in ("rig", "influence", "rigid", "selection")}
     for folder in inputs.values():
         folder.mkdir()
+    mesh.save(inputs["rig"] / "mesh.npz")
     np.save(inputs["influence"] / "influence.npy", influence)
     none = np.zeros((1, 3))
     Attachments(np.int64([2]), np.int64([[0, 1, 2]]), none, np.zeros(1), none).save(inputs["rigid"] / "attachments.npz")
     save_segments(segments([(4, 2), (3, 1)]), inputs["selection"] / "segments.npz")
     settings = SimpleNamespace(character="mine", profile="quick", coarse=CoarseConfig(), refined=RefinementConfig())
-    return settings, inputs, mesh
+    return settings, inputs
 
 
 def test_a_characters_rows_are_counts_of_what_the_stages_found_and_sizes_of_what_they_make(character):
@@ -154,66 +156,51 @@ def test_a_size_lies_between_that_of_nets_which_see_nothing_and_all():
     assert everything["refined", "model_size"] == everything["refined", "model_size_most"]
 
 
-def ours(character: str = "teen", small: float = 8.0, large: float = 24.0) -> list[Row]:
-    found = {
-        ("model", "vertices", "count"): 12510,
-        ("refined", "segments", "count"): 3,
-        ("model", "deformable_vertices", "count"): 11210,
-        ("refined", "model_size", "MB"): small,
-        ("refined", "model_size_least", "MB"): 7.0,
-        ("refined", "model_size_most", "MB"): 11.0,
-        ("dense", "model_size", "MB"): large,
-        ("dense_released", "model_size", "MB"): 2 * large,
-    }
-    return [Row("table1", character, *key, float(value), None, 1, None, "quick", "r") for key, value in found.items()]
-
-
-def line(text: str, start: str) -> list[str]:
-    return next(row for row in text.splitlines() if row.startswith(start))[len(start) :].split()
-
-
 def test_the_table_shows_ours_beside_the_papers_and_where_the_size_lies():
-    text = as_text(table1([*ours("mine"), *ours()], THEIRS))
+    text = as_text(table1([*table1_rows("mine"), *table1_rows()], THEIRS))
     assert text.splitlines()[2].split() == ["teen", "Hiccup", "mine"]
-    assert line(text, "Vertices ") == ["12,510", "12,510", "12,510"]
-    assert line(text, "Refinement segments") == ["3", "4", "3"]
-    assert line(text, "CNN, MB") == ["8.00", "8.66", "8.00"]
-    assert line(text, "– least–most") == ["7.00–11.00", "7.75–11.45", "7.00–11.00"]
-    assert line(text, "– parameters a network sees, mean") == ["25%", "25%", "25%"]
-    assert line(text, "Dense over CNN") == ["3.00", "3.00", "3.00"]
-    assert line(text, "– implied by dense 256/256") == ["6,704–7,561"]
-    markdown = [row for row in as_markdown(table1(ours(), THEIRS)).splitlines() if row.startswith("|")]
+    assert cells_after(text, "Vertices ") == ["12,510", "12,510", "12,510"]
+    assert cells_after(text, "Refinement segments") == ["3", "4", "3"]
+    assert cells_after(text, "CNN, MB") == ["8.00", "8.66", "8.00"]
+    assert cells_after(text, "– least–most") == ["7.00–11.00", "7.75–11.45", "7.00–11.00"]
+    assert cells_after(text, "– parameters a network sees, mean") == ["25%", "25%", "25%"]
+    assert cells_after(text, "Dense over CNN") == ["3.00", "3.00", "3.00"]
+    assert cells_after(text, "– implied by dense 256/256") == ["6,704–7,561"]
+    markdown = [row for row in as_markdown(table1(table1_rows(), THEIRS)).splitlines() if row.startswith("|")]
     assert len({row.count("|") for row in markdown}) == 1
 
 
 def test_several_seeds_show_their_spread_where_there_is_one():
-    rows = [replace(row, seeds=2, sd=0.5 if row.metric == "segments" else 0.0) for row in ours()]
+    rows = [replace(row, seeds=2, sd=0.5 if row.metric == "segments" else 0.0) for row in table1_rows()]
     text = as_text(table1(rows, THEIRS))
-    assert line(text, "Refinement segments") == ["3", "±", "0.5", "4"] and line(text, "CNN, MB") == ["8.00", "8.66"]
+    assert cells_after(text, "Refinement segments") == ["3", "±", "0.5", "4"] and cells_after(text, "CNN, MB") == [
+        "8.00",
+        "8.66",
+    ]
     assert "2 seeds" in text
 
 
 @pytest.mark.parametrize("large, word", [(15.9, "fails on teen"), (16.0, "holds on teen"), (40.1, "fails on teen")])
 def test_claim_c6_is_judged_by_the_ratio_alone(large, word):
-    said = size_claim(ours(large=large), THEIRS)
+    said = size_claim(table1_rows(large=large), THEIRS)
     assert word in said and f"{large / 8:.1f} (teen)" in said and f"{large / 4:.1f} (teen)" in said
     assert "3.0 (Hiccup), 3.7 (Valka), 2.4 (Toothless) and 4.8 (Ray)" in said
 
 
 def test_claim_c6_names_those_it_holds_on_and_those_it_does_not_and_is_not_tested_without_sizes():
-    said = size_claim([*ours(), *ours("toon", large=80.0)], THEIRS)
+    said = size_claim([*table1_rows(), *table1_rows("toon", large=80.0)], THEIRS)
     assert "holds on teen and fails on toon" in said
     assert "not tested" in size_claim([], THEIRS) and size_ratio([], "teen") is None
 
 
 def test_characters_come_in_the_papers_order():
-    assert characters_of([*ours("mine"), *ours("toon"), *ours("teen")]) == ["teen", "toon", "mine"]
+    assert characters_of([*table1_rows("mine"), *table1_rows("toon"), *table1_rows("teen")]) == ["teen", "toon", "mine"]
     assert list(STANDS_FOR) == ["teen", "woman", "dragon", "toon"]
 
 
 def test_compare_prints_table_1_without_its_brackets(tmp_path):
-    write_results(tmp_path / "table1.csv", ours())
+    write_results(tmp_path / "table1.csv", table1_rows())
     text = as_text(compare(THEIRS, [], read_results(tmp_path / "table1.csv"), "table1"))
-    assert line(text, "teen, Refined, model_size [MB]") == ["8.66", "–", "8.00", "–"]
-    assert line(text, "teen, Dense, 256 and 512, model_size [MB]") == ["–", "–", "48.00", "–"]
+    assert cells_after(text, "teen, Refined, model_size [MB]") == ["8.66", "–", "8.00", "–"]
+    assert cells_after(text, "teen, Dense, 256 and 512, model_size [MB]") == ["–", "–", "48.00", "–"]
     assert "least" not in text and text.count("──") and text.splitlines().count(text.splitlines()[3]) == 1

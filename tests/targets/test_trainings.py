@@ -1,8 +1,7 @@
 """Trainings compared: which ones, how they are shown, and what a typing mistake gets."""
 
-from replicate.targets.table2.trainings import axis_text, draws_text, trainings_table
-
 from replicate.benchmarks import bench_training as training
+from replicate.benchmarks.training_table import axis_text, draws_text, trainings_table
 from replicate.config import resolve
 from replicate.report.results import Row
 

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from replicate.pipeline import table2_graph
 from small_facekit import ANGLE, PARTS, PIVOT, write_facekit
 
 from data_recipes.acting import arkit_names
@@ -21,6 +20,8 @@ from data_recipes.ict import facekit_charts, facekit_rig, facekit_segments, jaw_
 from replicate.__main__ import main
 from replicate.approximation.rigid import find_attachments, segment_errors
 from replicate.approximation.sampling import augment
+from replicate.artefacts import built_rig
+from replicate.artefacts.plan import Plan
 from replicate.config import Config
 from replicate.engine.exceptions import InputError
 from replicate.geometry.normals import degenerate_faces, face_normals
@@ -286,8 +287,7 @@ def test_a_saved_rig_is_the_rig(mask, tmp_path):
 def test_the_rigs_key_follows_the_folders_contents_not_its_place(kit, folder, tmp_path, monkeypatch):
     def key(place):
         monkeypatch.setenv("ICT_FACEKIT", str(place))
-        stages = table2_graph(Config(character=str(kit)))
-        return next(s for stage in stages for s in stage.inputs if s.name == "rig").key
+        return built_rig.stage(Plan(Config(character=str(kit)))).key
 
     copy = tmp_path / "elsewhere"
     shutil.copytree(folder, copy)

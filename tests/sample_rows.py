@@ -1,0 +1,42 @@
+"""Results as runs write them, with numbers that are easy to recognise: for whatever prints, draws or publishes them."""
+
+from replicate.engine.paths import PAPER
+from replicate.report.results import Row, read_results
+
+METHODS = ("coarse", "refined", "dense", "lbs16", "lbs24", "lbs32", "driven", "floor", "floor_refined", "attachment",
+           "neutral")  # fmt: skip
+PUBLISHED = read_results(PAPER / "table2.csv")
+CURVE = ((100.0, 3.5, 1.25, 4.5), (200.0, 1.0, 1 / 3, 2.0))
+
+
+def table2_rows(characters=("teen",), methods=METHODS) -> list[Row]:
+    """Return errors of some methods: the k-th has k times 0.11 mm and 1.2 degrees on average."""
+    rows = []
+    for character in characters:
+        for k, method in enumerate(methods):
+            for kind, unit, scale in (("vertex", "mm", 0.11), ("normal", "deg", 1.2)):
+                for statistic, factor in (("mean", 1), ("p95", 4), ("max", 20)):
+                    value, poses = (scale * (k + 1) * factor, 100 if method == "floor" else 1234)
+                    metric = f"{kind}_error_{statistic}"
+                    rows.append(Row("table2", character, method, metric, unit, value, None, 1, poses, "quick", "r"))
+    return rows
+
+
+def table1_rows(character: str = "teen", small: float = 8.0, large: float = 24.0) -> list[Row]:
+    """Return counts and sizes. small, large: of the refined and of the dense model, MB."""
+    values = {
+        ("model", "vertices", "count"): 12510,
+        ("refined", "segments", "count"): 3,
+        ("model", "deformable_vertices", "count"): 11210,
+        ("refined", "model_size", "MB"): small,
+        ("refined", "model_size_least", "MB"): 7.0,
+        ("refined", "model_size_most", "MB"): 11.0,
+        ("dense", "model_size", "MB"): large,
+        ("dense_released", "model_size", "MB"): 2 * large,
+    }
+    return [Row("table1", character, *key, float(value), None, 1, None, "quick", "r") for key, value in values.items()]
+
+
+def cells_after(text: str, start: str) -> list[str]:
+    """Return the cells of a printed table's line that begins with some words."""
+    return next(row for row in text.splitlines() if row.startswith(start))[len(start) :].split()

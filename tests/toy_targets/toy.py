@@ -1,0 +1,30 @@
+"""A target of two toy stages, for tests of the command line: all that a module of `replicate/targets` has to have."""
+
+import argparse
+from collections.abc import Sequence
+
+from toy_stages import ToyConfig
+
+from replicate.artefacts.plan import Plan
+from replicate.engine.stage import Stage
+from replicate.methods.method import Method
+from replicate.report.publication import Made
+from replicate.targets.options import OF_A_RUN
+from replicate.targets.running import make
+
+ABOUT = "two toy stages a character"
+WRITES = "nothing but the cache"
+OPTIONS = OF_A_RUN
+PUBLISHED: list[list[Made]] = []
+
+
+def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
+    """Return the stages of one character: random numbers, and their sum."""
+    config = ToyConfig(seed=plan.config.seed)
+    counted = Stage("counted", "toy_stages:numbers", config, label=plan.character)
+    return [Stage("summed", "toy_stages:total", config, (counted,), label=plan.character)]
+
+
+def run(options: argparse.Namespace) -> None:
+    """Make the stages, and note what another target would publish."""
+    PUBLISHED.append(make(options, stages))
