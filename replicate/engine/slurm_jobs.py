@@ -23,7 +23,7 @@ def start_jobs(wanted: SlurmCluster) -> dask_jobqueue.SLURMCluster:
     logging.getLogger("dask_jobqueue").setLevel(logging.CRITICAL)
     try:
         cluster = dask_jobqueue.SLURMCluster(**slurm_options(wanted))
-    except ValueError as error:  # as for an interface that this machine does not have
+    except (RuntimeError, ValueError) as error:  # as for an interface that this machine does not have
         raise InputError(f"CLUSTER: {error}") from None
     trial = ["sbatch", "--test-only"]
     answer = subprocess.run(trial, input=cluster.job_script(), capture_output=True, text=True, check=False)
@@ -51,6 +51,7 @@ def slurm_options(wanted: SlurmCluster) -> dict:
         "job_extra_directives": [*gpu, *shlex.split(wanted.directives)],
         "job_script_prologue": [f"export PYTHONPATH={shlex.quote(str(ROOT))}", *wanted.prologue.splitlines()],
         "worker_extra_args": ["--resources", resources, "--no-dashboard"],
+        "death_timeout": 20,  # seconds that a worker looks for a client that is gone, before its job ends
         "log_directory": str(log_folder()),
         "scheduler_options": {"dashboard": False, "dashboard_address": "127.0.0.1:0"},
         "silence_logs": logging.CRITICAL,
