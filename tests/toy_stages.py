@@ -2,6 +2,8 @@
 
 import json
 import os
+import signal
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +21,13 @@ class ToyConfig(Checked):
     steps: int = number(3, 0)
     pause_s: float = number(0.0, 0.0)
     fault: str = ""
+
+
+@dataclass(frozen=True)
+class ToyDevice(Checked):
+    """What a toy stage runs on."""
+
+    device: str = "cpu"
 
 
 def numbers(context) -> None:
@@ -53,6 +62,9 @@ def total(context) -> None:
 def faulty(context) -> None:
     """Fail in the way that the configuration names."""
     (context.out / "half.txt").write_text("half")
+    if "TOY_FAULTS" in os.environ:
+        with open(os.environ["TOY_FAULTS"], "a") as stream:
+            stream.write(f"{context.config.fault}\n")
     if context.config.fault == "input":
         raise InputError("head.toml: teeth is 3: allowed is an even number")
     if context.config.fault == "full":
@@ -87,19 +99,21 @@ def faulty_graph(fault: str) -> list[Stage]:
     return [slow, Stage("faulty", f"{__name__}:faulty", ToyConfig(fault=fault))]
 
 
-def run_toys(pause_s: str, steps: str, workers: str) -> None:
+def run_toys(pause_s: str, steps: str, workers: str, cluster: str | None = None) -> None:
     """Run the diamond from a command line, and print what the last stage wrote."""
     from replicate.engine.scheduler import run
 
-    folders = run(toy_graph(float(pause_s), int(steps)), int(workers))
+    folders = run(toy_graph(float(pause_s), int(steps)), int(workers), cluster=cluster)
     print(Path(folders["last"], "numbers.json").read_text())
 
 
-if __name__ == "__main__":
-    import signal
-    import sys
+def main() -> None:
+    """Do as the command line says: `run_toys`' arguments."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it, and hands that on
+    run_toys(*sys.argv[1:])
 
+
+if __name__ == "__main__":
     import toy_stages  # under its own name, as the workers import it
 
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it, and hands that on
-    toy_stages.run_toys(*sys.argv[1:])
+    toy_stages.main()

@@ -2,19 +2,23 @@
 
 import ctypes
 import importlib.util
+import os
 import re
 from pathlib import Path
 
 from replicate.engine.exceptions import InputError
 
 
-def choose_device(wanted: str = "auto") -> str:
+def choose_device(wanted: str = "auto", elsewhere: bool = False) -> str:
     """Return "cuda" or "cpu": as wanted, or for "auto" CUDA where there is one.
 
+    elsewhere: whether other machines do the work, so that "cuda" is taken at its word and "auto" means the CPU.
     Raises InputError for another name, and for "cuda" where there is none.
     """
     if wanted not in ("auto", "cpu", "cuda"):
         raise InputError(f"device {wanted!r} is unknown: allowed are auto, cpu, cuda")
+    if elsewhere:
+        return "cuda" if wanted == "cuda" else "cpu"
     if wanted == "cpu":
         return "cpu"
     obstacle = _obstacle()
@@ -31,11 +35,26 @@ def _obstacle() -> str:
     version = Path(package.origin).with_name("version.py").read_text(encoding="utf-8")
     if not re.search(r"^cuda\b.*=\s*['\"]", version, re.MULTILINE):
         return "this build of torch has no CUDA"
+    count = _gpu_count()
+    if count is None:
+        return "no NVIDIA driver is installed"
+    return "" if count else "the NVIDIA driver finds no GPU"
+
+
+def visible_gpus() -> list[str]:
+    """Return the GPUs that this process may use, each as CUDA_VISIBLE_DEVICES names it."""
+    named = [name.strip() for name in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if name.strip()]
+    count = _gpu_count() or 0
+    return named[:count] if named else [str(place) for place in range(count)]
+
+
+def _gpu_count() -> int | None:
+    """Return how many GPUs the NVIDIA driver finds; None where there is no driver."""
     try:
         driver = ctypes.CDLL("libcuda.so.1")
     except OSError:
-        return "no NVIDIA driver is installed"
+        return None
     count = ctypes.c_int(0)
-    if driver.cuInit(0) != 0 or driver.cuDeviceGetCount(ctypes.byref(count)) != 0 or count.value == 0:
-        return "the NVIDIA driver finds no GPU"
-    return ""
+    if driver.cuInit(0) != 0 or driver.cuDeviceGetCount(ctypes.byref(count)) != 0:
+        return 0
+    return count.value

@@ -27,6 +27,11 @@ class Task:
         """The name of the artefact's folder, which also names the task."""
         return self.stage.identifier
 
+    @property
+    def gpu(self) -> bool:
+        """Whether the stage runs on a GPU, as the `device` in its configuration says."""
+        return getattr(self.stage.config, "device", None) == "cuda"
+
     def threads(self, most: int) -> int:
         """Return how many threads the stage gets where it can have at most so many."""
         return most if self.stage.threads == 0 else min(self.stage.threads, most)

@@ -46,7 +46,7 @@ class LocalWorkers:
     def close(self) -> None:
         """Kill what still runs."""
         for worker, _ in self._running.values():
-            worker.kill()
+            worker.end()
         self._running.clear()
         self._selector.close()
 

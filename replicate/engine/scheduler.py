@@ -4,6 +4,7 @@ import time
 from pathlib import Path
 
 from replicate.engine import store
+from replicate.engine.cluster_config import Cluster, read_cluster
 from replicate.engine.display import StageDisplay, duration
 from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.executor import Executor, Task
@@ -15,28 +16,40 @@ from replicate.engine.stage import Stage, in_order
 _TICK_S = 0.5  # the longest time between two looks at what is shown, and at who is still there
 
 
-def run(stages: list[Stage], workers: int | None = None, facts: dict | None = None) -> dict[str, Path]:
+def run(
+    stages: list[Stage], workers: int | None = None, facts: dict | None = None, cluster: str | None = None
+) -> dict[str, Path]:
     """Make what is missing of a graph and return the artefacts' folders by the stages' titles.
 
     stages: the wanted ones, the more urgent first; what they need is made too. workers: processes side by side, by
-    default one a core. facts: provenance for the manifests. Prints what was done, or that there was nothing to do.
-    Raises InputError or RunError if a stage does, RunError if one fails or is killed; the others are ended then, as
-    they are by SIGINT, SIGTERM and SIGHUP.
+    default one a core. facts: provenance for the manifests. cluster: where they run instead, as CLUSTER names it (see
+    `cluster_config`). Prints what was done, or that there was nothing to do. Raises InputError or RunError if a stage
+    does, RunError if one fails or is killed; the others are ended then, as they are by SIGINT, SIGTERM and SIGHUP.
+    Raises InputError for a cluster that is none or can't be reached.
     """
     started = time.monotonic()
+    elsewhere = read_cluster(cluster) if cluster else None
     wanted = in_order(stages)
     store.make_cache_folder()
     with store.used_by_a_run():
         missing = [stage for stage in wanted if store.load(stage.identifier) is None]
         if missing:
             with ended_by_signals():
-                _make(_tasks(missing, facts or {}), LocalWorkers(workers or core_count()))
+                _make(_tasks(missing, facts or {}), _executor(elsewhere, workers or core_count()))
     if not missing:
         print(f"nothing to do: {len(wanted)} artefacts up to date", flush=True)
     else:
         took = duration(time.monotonic() - started)
         print(f"made {len(missing)} of {len(wanted)} artefacts in {took}; the rest were up to date", flush=True)
     return {stage.title: store.artefact_folder(stage.identifier) for stage in wanted}
+
+
+def _executor(cluster: Cluster | None, cores: int) -> Executor:
+    if cluster is None:
+        return LocalWorkers(cores)
+    from replicate.engine.dask_workers import DaskWorkers  # Dask is loaded for those alone who ask for it
+
+    return DaskWorkers(cluster)
 
 
 def _tasks(missing: list[Stage], facts: dict) -> list[Task]:

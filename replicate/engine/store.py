@@ -129,7 +129,7 @@ def make(identifier: str, build: Callable[[Path, Path], dict], waiting: Callable
     manifest. waiting: called once when another process is making the same artefact; theirs is returned then.
     Raises RunError when the disk is full; nothing half written is left in place.
     """
-    partial = _partial_folder(identifier, os.getpid())
+    partial = _partial_folder(identifier, os.getpid(), cache_folder())
     scratch = scratch_folder(identifier)
     with _told_if_full(identifier), lock(identifier, waiting):
         if load(identifier) is None:
@@ -147,9 +147,9 @@ def make(identifier: str, build: Callable[[Path, Path], dict], waiting: Callable
     return artefact_folder(identifier)
 
 
-def discard_partial(identifier: str, pid: int) -> None:
-    """Remove what a process of this machine that is gone had filled of an artefact."""
-    shutil.rmtree(_partial_folder(identifier, pid), ignore_errors=True)
+def discard_partial(identifier: str, pid: int, cache: Path) -> None:
+    """Remove what a process of this machine that is gone had filled of an artefact of this cache."""
+    shutil.rmtree(_partial_folder(identifier, pid, cache), ignore_errors=True)
 
 
 def lock(
@@ -213,8 +213,8 @@ def _put_in_place(partial: Path, identifier: str) -> None:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def _partial_folder(identifier: str, pid: int) -> Path:
-    return cache_folder() / "partial" / f"{identifier}@{platform.node()}-{pid}"
+def _partial_folder(identifier: str, pid: int, cache: Path) -> Path:
+    return cache / "partial" / f"{identifier}@{platform.node()}-{pid}"
 
 
 def _discard_partials(identifier: str) -> None:

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from contextlib import suppress
+from pathlib import Path
 
 from replicate.engine import store
 from replicate.engine.paths import ROOT
@@ -14,18 +15,19 @@ from replicate.engine.paths import ROOT
 class WorkerProcess:
     """A running `python -m replicate.engine.worker`; it ends when this object's process does.
 
-    orders: as `Task.orders` returns them. extra: environment variables that it gets beside those of this process.
+    orders: as `Task.orders` returns them.
     """
 
-    def __init__(self, orders: dict, extra: dict[str, str] | None = None):
+    def __init__(self, orders: dict):
         self.identifier = orders["identifier"]
+        self._cache = Path(orders["cache"])
         self._unread = b""
         self._outcome: dict | None = None
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "replicate.engine.worker"],  # -P: the folder it stands in holds no modules
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env=_environment(orders) | (extra or {}),
+            env=_environment(orders),
             start_new_session=True,  # Ctrl-C reaches the scheduler alone, which then ends the workers
         )
         with suppress(BrokenPipeError):  # it has died already: `listen` tells
@@ -56,14 +58,19 @@ class WorkerProcess:
         return messages
 
     def kill(self) -> None:
-        """End the process, and what its stage has started, at once."""
-        with suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
+        """Send the end to the process and to what its stage has started; `listen` sees them go."""
+        if self._process.returncode is None:
+            with suppress(ProcessLookupError):
+                os.killpg(self._process.pid, signal.SIGKILL)
+
+    def end(self) -> None:
+        """Kill the process and return when it is gone; for the thread that listens."""
+        self.kill()
         self._process.wait()
         self._close()
 
     def _close(self) -> None:
-        store.discard_partial(self.identifier, self._process.pid)
+        store.discard_partial(self.identifier, self._process.pid, self._cache)
         self._process.stdout.close()
         with suppress(BrokenPipeError):
             self._process.stdin.close()

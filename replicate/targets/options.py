@@ -14,7 +14,7 @@ from replicate.engine.word_lists import words
 from replicate.methods import method_registry as registry
 from replicate.methods.method import Method
 
-OF_A_RUN = ("profile", "characters", "seed", "device", "config", "split", "jobs")
+OF_A_RUN = ("profile", "characters", "seed", "device", "config", "split", "jobs", "cluster")
 OPTIONS = {
     "profile": {"default": "laptop", "help": f"one of {', '.join(PROFILES)} (default: laptop)"},
     "characters": {
@@ -35,6 +35,10 @@ OPTIONS = {
     },
     "device": {"default": "auto", "help": "auto, cpu or cuda (default: CUDA if there is one, else the CPU)"},
     "jobs": {"type": int, "help": f"processes side by side (default: one a core, here {core_count()})"},
+    "cluster": {
+        "metavar": "WHERE",
+        "help": "run the stages on Dask: local:4, tcp://host:8786, or a .toml file for Slurm (default: processes here)",
+    },
     "numbers-only": {"action": "store_true", "help": "write the CSV and its manifest, no figures and no notebook"},
     "config": {"metavar": "FILE", "help": "a TOML file whose keys override the profile's, as [coarse] map_size = 64"},
     "latex": {"action": "store_true", "help": "print LaTeX (packages: booktabs) instead of text"},

@@ -22,5 +22,5 @@ def make(options: argparse.Namespace, stages: Callable[[Plan], Sequence[Stage]])
     side_by_side = workers(options)
     results_folder(options.profile)  # that it can't be written is better known now than after hours
     facts = provenance(options.typed, options.profile, sorted({config.seed for config in configs}), side_by_side)
-    run([stage for graph in graphs for stage in graph], side_by_side, facts)
+    run([stage for graph in graphs for stage in graph], side_by_side, facts, options.cluster)
     return [Made(config, graph[-1]) for config, graph in zip(configs, graphs, strict=True)]

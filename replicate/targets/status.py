@@ -7,7 +7,7 @@ from replicate.targets.options import OF_A_RUN, configurations, methods
 
 ABOUT = "which artefacts of tables and figures are up to date, and what the cache holds"
 WRITES = "printed"
-OPTIONS = (*(option for option in OF_A_RUN if option != "jobs"), "methods")
+OPTIONS = (*(option for option in OF_A_RUN if option not in ("jobs", "cluster")), "methods")
 
 
 def run(options: argparse.Namespace) -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from data_recipes.rig import Rig
+from replicate.geometry.mesh import Mesh
 
 
 def augmented(rig: Rig, count: int, seed: int = 0) -> np.ndarray:
@@ -20,3 +21,17 @@ def strained(rig: Rig) -> np.ndarray:
     p = np.array([next((v for n, v in MOVES.items() if c.name.startswith(n)), 0.0) for c in rig.controls])
     p += [2.5 * c.name.endswith("_x") + 0.8 * c.name.startswith(("lips_together", "sticky")) for c in rig.controls]
     return p[None].astype(np.float32)
+
+
+def skin_faces(mesh: Mesh) -> np.ndarray:
+    names = ("face", "cranium", "neck", "ear_left", "ear_right", "ears")
+    skin = [i for i, name in enumerate(mesh.segment_names) if name in names]
+    return mesh.faces[np.isin(mesh.segment[mesh.faces], skin).all(axis=1)]
+
+
+def flipped_share(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """The share of faces whose normal is more than 90° from the area-weighted normal of the faces around them."""
+    a, b, c = (vertices[faces[:, k]].astype(np.float64) for k in range(3))
+    normal = np.cross(b - a, c - a)
+    at_vertex = np.stack([np.bincount(faces.ravel(), np.repeat(normal[:, d], 3), len(vertices)) for d in range(3)], 1)
+    return float(((at_vertex[faces].sum(axis=1) - 3 * normal) * normal).sum(axis=1).__lt__(0).mean())

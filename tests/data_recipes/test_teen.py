@@ -4,31 +4,16 @@ import time
 
 import numpy as np
 import pytest
-from rig_poses import augmented, strained
+from rig_poses import augmented, flipped_share, skin_faces, strained
 
 from data_recipes.catalogue import build_rig, expression_poses
 from data_recipes.rig import Rig
-from replicate.geometry.mesh import Mesh
 from replicate.geometry.normals import face_normals
 
 
 @pytest.fixture(scope="module")
 def teen():
     return build_rig("teen")
-
-
-def skin_faces(mesh: Mesh) -> np.ndarray:
-    names = ("face", "cranium", "neck", "ear_left", "ear_right", "ears")
-    skin = [i for i, name in enumerate(mesh.segment_names) if name in names]
-    return mesh.faces[np.isin(mesh.segment[mesh.faces], skin).all(axis=1)]
-
-
-def flipped_share(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """The share of faces whose normal is more than 90° from the area-weighted normal of the faces around them."""
-    a, b, c = (vertices[faces[:, k]].astype(np.float64) for k in range(3))
-    normal = np.cross(b - a, c - a)
-    at_vertex = np.stack([np.bincount(faces.ravel(), np.repeat(normal[:, d], 3), len(vertices)) for d in range(3)], 1)
-    return float(((at_vertex[faces].sum(axis=1) - 3 * normal) * normal).sum(axis=1).__lt__(0).mean())
 
 
 def test_the_default_pose_is_the_neutral(teen):

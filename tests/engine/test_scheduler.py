@@ -1,37 +1,22 @@
 """A graph ends with the same artefacts however often it is killed, and says in one sentence why it could not go on."""
 
 import json
-import os
 import random
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 import psutil
 import pytest
+from toy_runs import TOYS, contents, launch, start
 from toy_stages import ToyConfig, faulty_graph, toy_graph
 
 from replicate.engine import store
 from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.scheduler import run
-from replicate.engine.stage import Stage, in_order
-
-TOYS = str(Path(__file__).parent.with_name("toy_stages.py"))
-
-
-def start(cache, *arguments, **variables):
-    """Start the toy graph in a process of its own."""
-    return launch([sys.executable, TOYS, *map(str, arguments)], cache, **variables)
-
-
-def launch(command, cache, **variables):
-    """Start a command that finds the toy stages and the project."""
-    path = os.pathsep.join([str(Path(TOYS).parent), str(Path(TOYS).parent.parent)])
-    environment = {**os.environ, "REPLICATE_CACHE": str(cache), "PYTHONPATH": path, **variables}
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+from replicate.engine.stage import Stage
 
 
 def children_after(process, wanted, seconds=10.0):
@@ -43,12 +28,6 @@ def children_after(process, wanted, seconds=10.0):
             return children
         time.sleep(0.02)
     raise AssertionError(f"fewer than {wanted} workers within {seconds} s")
-
-
-def contents(cache, stages):
-    """Return every file that the stages' functions wrote."""
-    folders = {stage.title: cache / stage.identifier for stage in in_order(stages)}
-    return {title: store.read_manifest(folder)["files"] for title, folder in folders.items()}
 
 
 def test_the_number_of_workers_does_not_change_the_results(cache, monkeypatch, tmp_path, capfd):
@@ -209,6 +188,15 @@ def test_a_worker_has_one_thread_unless_the_stage_asks_for_more(cache):
         pools = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "NPROC")
         assert {seen[pool] for pool in pools} == {threads}
         assert seen["OMP_WAIT_POLICY"] == "passive"
+
+
+def test_a_run_on_this_machine_loads_no_dask(cache):
+    program = (
+        "import sys, toy_stages, replicate.__main__; toy_stages.run_toys(0, 1, 1); "
+        "print(*sorted({'dask', 'distributed', 'dask_jobqueue'} & {name.partition('.')[0] for name in sys.modules}))"
+    )
+    out, said = launch([sys.executable, "-c", program], cache).communicate(timeout=60)
+    assert out.splitlines()[-1] == "", said
 
 
 def test_without_a_terminal_a_long_stage_has_a_line_at_its_start_and_end_and_a_short_one_has_none(cache, capfd):
