@@ -45,7 +45,7 @@ def rows_of(settings, inputs: Mapping[str, Path]) -> list[Row]:
         for metric, unit, value in measurement.load_numbers(folder):
             table = "table2_segments" if "[" in metric else "table2"
             seeds = None if metric.startswith("texels") else 1  # a fact about charts, not about a training
-            facts = (method, metric, unit, float(value), None, seeds, None, settings.profile, run)
+            facts = (method, metric, unit, value, None, seeds, None, settings.profile, run)
             rows.append(Row(table, settings.character, *facts))
     return rows
 
