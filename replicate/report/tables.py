@@ -13,13 +13,14 @@ _BREAK = re.compile(r"(?<=±) | (?=[±†‡◊¶§])")
 class Table:
     """Cells ready to be shown: a title, header rows (a span of columns is its text, then empty strings), body, notes.
 
-    Bodies' first column is text and set flush left; a body row of None is a rule.
+    The first column of the body, or more of them (text_columns), is text and set flush left; a row of None is a rule.
     """
 
     title: str
     headers: tuple[tuple[str, ...], ...]
     body: tuple[tuple[str, ...] | None, ...]
     notes: tuple[str, ...] = ()
+    text_columns: int = 1
 
 
 def rounded(value: float | None, unit: str, sd: float | None = None) -> str:
@@ -67,7 +68,8 @@ def as_markdown(table: Table) -> str:
             f"{span}: {cell}" if span and cell else cell or span
             for span, cell in zip(_filled(upper), header, strict=True)
         ]
-    lines = [f"**{table.title}**", "", _bar(header), _bar([":--"] + ["--:"] * (len(header) - 1))]
+    sides = [":--" if column < table.text_columns else "--:" for column in range(len(header))]
+    lines = [f"**{table.title}**", "", _bar(header), _bar(sides)]
     lines += [_bar(row) for row in table.body if row is not None]
     if table.notes:
         lines += ["", "<br>".join(table.notes)]

@@ -4,7 +4,7 @@ import argparse
 
 from replicate.engine import paths
 
-ABOUT = "removes stale, damaged and unfinished artefacts; current ones stay"
+ABOUT = "remove stale, damaged and unfinished artefacts; current ones stay"
 WRITES = "the cache"
 OPTIONS = ("all",)
 

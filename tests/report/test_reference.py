@@ -11,8 +11,9 @@ from replicate.engine import paths
 from replicate.methods.method_registry import methods
 from replicate.report.results import find, read_results
 from replicate.report.tables import as_markdown, unbroken
-from replicate.targets.reference.reference_results import tables_in_texts, with_table
+from replicate.targets.reference.reference_results import REPRODUCING, tables_in_texts, with_table
 from replicate.targets.table2.error_table import table2
+from replicate.targets.target_table import target_table
 
 BANDS = tomllib.loads((Path(__file__).parent / "tolerances.toml").read_text())["band"]
 CHARACTER = "teen"
@@ -87,3 +88,8 @@ def test_the_notebook_was_executed_on_the_reference(rows):
     shown = ["".join(output["data"].get("text/markdown", "")) for output in outputs if "data" in output]
     paper = read_results(paths.PAPER / "table2.csv")
     assert any(unbroken(as_markdown(table2(rows, paper, CHARACTER))).strip() in text for text in shown)
+
+
+def test_reproducing_lists_the_targets_that_there_are():
+    text = REPRODUCING.read_text(encoding="utf-8")
+    assert with_table(text, "targets", target_table()) == text, "`make reference` writes the list"

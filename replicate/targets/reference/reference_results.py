@@ -13,11 +13,13 @@ from replicate.benchmarks.bench_rig import speed_card
 from replicate.benchmarks.common import PROFILE as BENCH
 from replicate.benchmarks.common import merge
 from replicate.engine import paths
+from replicate.engine.atomic_files import copy_file, write_text
 from replicate.engine.exceptions import InputError
 from replicate.report import manifest
 from replicate.report.results import Row, read_results
 from replicate.report.tables import Table, as_markdown
 from replicate.targets.table2.error_table import table2_overview
+from replicate.targets.target_table import target_table
 
 KINDS = (".csv", ".json", ".npz", ".png")
 README, DATA_CARD, REPRODUCING = (
@@ -59,6 +61,12 @@ def shown_pictures() -> list[str]:
     return sorted({name for text in texts for name in re.findall(r"reference/(\w+\.png)", text)})
 
 
+def rewrite_target_table() -> None:
+    """Write the list of targets into REPRODUCING, as the registry has them."""
+    text = REPRODUCING.read_text(encoding="utf-8")
+    write_text(REPRODUCING, with_table(text, "targets", target_table()))
+
+
 def tables_in_texts() -> dict[str, tuple[Path, Callable[[list[Row]], Table]]]:
     """Return, by the name of a committed CSV, which text shows it, and as what table."""
     paper = read_results(paths.PAPER / "table2.csv")
@@ -85,7 +93,7 @@ def _is_result(file: Path) -> bool:
 
 def _copied(file: Path) -> Path:
     into = paths.REFERENCE / file.name
-    into.write_bytes(file.read_bytes())
+    copy_file(file, into)
     return into
 
 
@@ -111,6 +119,7 @@ def _texts(targets: list[str]) -> list[Path]:
     written = [run_notebook(name, "reference") for name in named]
     for name, (text, make_table) in tables_in_texts().items():
         if (file := paths.REFERENCE / f"{name}.csv").is_file():
-            text.write_text(with_table(text.read_text("utf-8"), name, make_table(read_results(file))), "utf-8")
+            write_text(text, with_table(text.read_text("utf-8"), name, make_table(read_results(file))))
             written.append(text)
-    return written
+    rewrite_target_table()
+    return [*written, REPRODUCING]
