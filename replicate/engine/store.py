@@ -182,11 +182,6 @@ def is_in_use() -> bool:
     return False
 
 
-def is_disk_full(error: BaseException) -> bool:
-    """Return whether an error means that a file found no room in the cache, or where it says that it should be."""
-    return bool(shortage(error, cache_folder()))
-
-
 @contextlib.contextmanager
 def _told_if_full(identifier: str) -> Iterator[None]:
     try:
