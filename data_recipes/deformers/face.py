@@ -1,8 +1,7 @@
-"""The face: every deformer in its layer, from coarse to fine, as one JAX function and as a chain of nodes.
+"""The face: every deformer in its layer, from coarse to fine, as the nodes of a chain (see `node_chain`).
 
-`NODES` is the chain. Each node takes the constants and the state of a batch and returns the state after it; the state
-holds the parameters "p" (b, m), the soft-limited controls "u" (b, m), the positions "x" as planes (b, 3, n), and what
-later layers ask of earlier ones (the jaw's motion, the head's shape). Composed, the nodes are the rig's function.
+Beside parameters, controls and positions the state holds what later layers ask of earlier ones: the jaw's motion, the
+head's shape.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""A character that is read and not made: a face in ICT-FaceKit's format, from the folder that `ICT_FACEKIT` names."""
+"""A face in ICT-FaceKit's format, read from the folder that `ICT_FACEKIT` names."""
