@@ -10,6 +10,7 @@ from replicate.artefacts.plan import Plan
 from replicate.config import resolve
 from replicate.engine.stage import in_order
 from replicate.methods import measurement
+from replicate.methods.linear import LinearConfig
 from replicate.methods.method_registry import choose, methods
 from replicate.targets.target_registry import targets
 
@@ -35,6 +36,13 @@ def test_a_stage_is_put_together_once_whoever_asks_for_it():
     for stage in in_order(stages):
         assert by_title.setdefault(stage.title, stage) is stage, "two stages of one name"
     assert built_rig.stage(one) is built_rig.stage(one) is not built_rig.stage(plan())
+
+
+def test_equal_numbers_are_equal_configurations_of_the_same_keys():
+    section = {"mine": LinearConfig()}
+    one, other = (resolve("tiny", "quick", sections=section) for _ in range(2))
+    assert one == other != resolve("tiny", "quick", {"mine": {"strengths": [1.0]}}, sections=section)
+    assert resolve("tiny", "quick") == resolve("tiny", "quick")
 
 
 def test_all_seeds_share_the_rig_and_no_samples():

@@ -71,7 +71,7 @@ def test_a_file_from_outside_joins_the_others_and_other_processes_find_it(bring)
         ((('Method("mine"', 'Method("My method"'),), "whose name is of small letters, digits and _"),
         (
             (("METHOD = Method(", "METHOD = dict("), ('"mine", "Mean pose", stages, load, ', "")),
-            "METHOD must be a Method",
+            "must be a Method",
         ),
         ((("import numpy", "import no_such_library"),), "can't be imported .ModuleNotFoundError"),
         ((("def load", "def load("),), "can't be imported .SyntaxError"),
