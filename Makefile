@@ -48,7 +48,7 @@ BENCHMARKS := $(patsubst replicate/benchmarks/bench_%.py,bench-%,$(shell grep -l
 
 # The variables that are set, as options; what a target doesn't take, it leaves out.
 VARIABLES := PROFILE CHARACTERS METHODS SEED JOBS CLUSTER DEVICE CONFIG SPLIT LATEX POSE CLIP PARAMS TO TOLERANCE
-option = $(if $($(1)),--$(shell echo $(1) | tr A-Z a-z)$(if $(filter LATEX,$(1)),, "$($(1))"))
+option = $(if $($(1)),--$(shell echo $(1) | tr A-Z a-z)$(if $(filter LATEX,$(1)),, '$(subst ','\'',$($(1)))'))
 OPTIONS = $(foreach name,$(VARIABLES),$(call option,$(name)))
 
 .DEFAULT_GOAL := help

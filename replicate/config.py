@@ -9,6 +9,7 @@ import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Literal
 
@@ -207,8 +208,16 @@ PROFILES: dict[str, dict] = {
 
 
 def with_sections(sections: Mapping[str, Checked]) -> type[Config]:
-    """Return the class of configurations that have more sections: those of methods with numbers of their own."""
-    fields = [(name, type(section), section) for name, section in sections.items()]
+    """Return the class of configurations that have more sections: those of methods with numbers of their own.
+
+    The same sections give the same class, so that configurations of equal numbers are equal.
+    """
+    return _with_fields(tuple(sections.items())) if sections else Config
+
+
+@cache
+def _with_fields(sections: tuple[tuple[str, Checked], ...]) -> type[Config]:
+    fields = [(name, type(section), section) for name, section in sections]
     return dataclasses.make_dataclass("Config", fields, bases=(Config,), frozen=True)
 
 

@@ -90,7 +90,7 @@ def measure(context: StageContext) -> None:
             samples.test_params[poses],
             samples.test_offsets[poses],
             {numbers.method: predict},
-            rigid_segments.load(inputs).segment,
+            rigid_segments.load(inputs).segment.tolist(),
             numbers.batch,
             bar,
         )[numbers.method]

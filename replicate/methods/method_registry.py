@@ -88,7 +88,7 @@ def _holds_methods(module: ModuleType) -> bool:
     return any(hasattr(module, name) for name in ("METHOD", "METHODS", "methods_of"))
 
 
-def _methods_in(module: ModuleType, config: Config | None) -> tuple[Method, ...]:
+def _methods_in(module: ModuleType, config: Config | None) -> tuple:
     if hasattr(module, "methods_of"):
         return module.methods_of(config)
     return (module.METHOD,) if hasattr(module, "METHOD") else tuple(module.METHODS)

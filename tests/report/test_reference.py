@@ -17,6 +17,7 @@ from replicate.targets.target_table import target_table
 
 BANDS = tomllib.loads((Path(__file__).parent / "tolerances.toml").read_text())["band"]
 CHARACTER = "teen"
+LATER = ("linear", "pca")  # methods that are younger than the committed run
 
 
 def committed(name: str, target: str = "make table2") -> Path:
@@ -61,7 +62,8 @@ def test_a_band_holds_the_sound_run_and_goes_red_under_its_fault(band):
 
 
 def test_every_method_is_there(rows):
-    for method in methods():
+    assert not {row.method for row in rows} & set(LATER), "`make reference` has been run: nothing is later any more"
+    for method in (method for method in methods() if method not in LATER):
         for metric in ("vertex_error_mean", "normal_error_mean"):
             assert value_of(rows, method, metric) > 0
 

@@ -1,0 +1,96 @@
+"""The measurement of a method: the truth is handed to oracles alone, rigid segments are placed, and all is kept."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import toy_methods
+from small_artefacts import run_stage, write_artefacts
+from small_face import small_mesh
+
+from replicate.artefacts import drawn_samples, rigid_segments
+from replicate.artefacts.plan import Plan, reference
+from replicate.config import resolve
+from replicate.methods import measurement
+from replicate.methods.measurement import MeasurementNumbers, predictor
+from replicate.methods.method_registry import methods
+
+BLIND = MeasurementNumbers("toy", reference(toy_methods.blind), "", 2.0, False, False, 0, 8, 0)
+
+
+@pytest.fixture
+def inputs(tmp_path):
+    found = write_artefacts(tmp_path)
+    found["wrinkled"] = tmp_path / "wrinkled"
+    found["wrinkled"].mkdir()
+    (found["wrinkled"] / "pose.json").write_text(json.dumps({"pose": 3}))
+    return found
+
+
+def test_a_method_that_is_no_oracle_is_never_handed_the_truth(inputs):
+    params, mesh = np.float32([[1] * 12, [-2] * 12]), small_mesh()
+    truth = np.zeros((2, *mesh.neutral.shape), np.float32)
+    predicted = predictor(BLIND, inputs)(params, truth)
+    np.testing.assert_array_equal(predicted, predictor(BLIND, inputs)(params, truth + 5))
+    moved = np.broadcast_to(2 * params[:, :1, None] * np.float32([1, 0, 0]), truth.shape)
+    np.testing.assert_allclose(predicted - mesh.neutral, moved, atol=1e-5)
+    seeing = replace(BLIND, load=reference(toy_methods.seeing), oracle=True)
+    np.testing.assert_array_equal(
+        predictor(seeing, inputs)(params, truth + 5) - truth, 5 + np.float32([2, 0, 0]) + truth
+    )
+    with pytest.raises(TypeError, match="truth"):
+        predictor(replace(seeing, oracle=False), inputs)(params, truth)
+
+
+@pytest.mark.parametrize("method", methods().values(), ids=lambda method: method.name)
+def test_the_stage_of_a_registered_method_knows_whether_it_is_an_oracle_and_attached(method):
+    stage = measurement.stage(Plan(resolve("tiny", "quick")), method)
+    assert (stage.config.oracle, stage.config.rigid_step) == (method.oracle, method.rigid_step)
+    assert stage.function.split(", ")[:2] == [reference(measurement.measure), reference(method.load)]
+    assert {"rig", "samples", "wrinkled", "rigid"} <= {needed.name for needed in stage.inputs}
+
+
+def test_rigid_segments_are_placed_by_their_attachments_where_the_method_wants_it(inputs):
+    params, mesh = np.ones((2, 12), np.float32), small_mesh()
+    truth = np.broadcast_to(mesh.neutral, (2, *mesh.neutral.shape))
+    attached = predictor(replace(BLIND, rigid_step=True), inputs)(params, truth)
+    plain = predictor(BLIND, inputs)(params, truth)
+    rigid = np.isin(mesh.segment, rigid_segments.load(inputs).segment)
+    assert rigid.any()
+    np.testing.assert_array_equal(attached[:, ~rigid], plain[:, ~rigid])
+    np.testing.assert_allclose(attached[:, rigid], plain[:, rigid], atol=1e-3)  # all moves as one
+    seeing = replace(BLIND, load=reference(toy_methods.seeing), oracle=True, rigid_step=True, numbers=0.0)
+    torn = truth.copy()
+    torn[:, rigid] += 50
+    np.testing.assert_allclose(predictor(seeing, inputs)(params, torn), truth, atol=1e-3)
+
+
+def test_errors_pose_numbers_size_and_curve_are_kept(inputs, tmp_path):
+    own = tmp_path / "toy"
+    own.mkdir()
+    (own / "manifest.json").write_text(json.dumps({"notes": {"size_mb": 1.5}}))
+    (own / "log.csv").write_text("step,loss,mm,degrees\n100,3.5,1.25,4.5\n")
+    inputs["toy"] = own
+    numbers = replace(BLIND, facts=reference(toy_methods.facts), test_poses=5)
+    done, _ = run_stage(measurement.measure, inputs, "errors_toy", numbers, tmp_path)
+    folder, samples, mesh = done["errors_toy"], drawn_samples.load(inputs), small_mesh()
+    assert measurement.measured(done | {"errors_toy-small": folder}) == {"toy": folder}
+    errors = measurement.load_errors(folder)
+    assert len(errors.pose_mm) == 5
+    moved = mesh.neutral + 2 * samples.test_params[3, 0] * np.float32([1, 0, 0])
+    np.testing.assert_allclose(measurement.load_pose(folder), moved, atol=1e-5)
+    truth = mesh.neutral + samples.test_offsets
+    predicted = mesh.neutral + 2 * samples.test_params[:, :1, None] * np.float32([1, 0, 0])
+    exact = np.linalg.norm(predicted - truth, axis=-1).mean(1)
+    assert np.isclose(errors.pose_mm[:, None], exact, rtol=1e-4).any(1).all()
+    assert measurement.load_numbers(folder) == [("vertices", "count", len(mesh.neutral)), ("model_size", "MB", 1.5)]
+    assert measurement.load_curve(folder).read_text() == (own / "log.csv").read_text()
+
+
+def test_fewer_poses_are_some_of_the_more(inputs, tmp_path):
+    kept = []
+    for count in (4, 9):
+        done, _ = run_stage(measurement.measure, inputs, f"errors_{count}", replace(BLIND, test_poses=count), tmp_path)
+        kept.append(set(measurement.load_errors(done[f"errors_{count}"]).pose_mm.tolist()))
+    assert kept[0] < kept[1] and len(kept[1]) == 9

@@ -1,0 +1,97 @@
+"""The registry of methods: what it lists, what METHODS may name, and what a file from outside must hold."""
+
+import os
+import re
+
+import pytest
+from outside import bring  # noqa: F401, a fixture
+
+from replicate.artefacts.plan import Plan, reference
+from replicate.config import resolve
+from replicate.engine.exceptions import InputError
+from replicate.engine.stage import stage_function
+from replicate.methods.method_registry import VARIABLE, choose, in_order, method_named, methods
+
+OWN = methods().values()
+LBS = ["lbs16", "lbs24", "lbs32"]
+
+
+def names(*words: str, config=None) -> list[str]:
+    return [method.name for method in choose(words, config)]
+
+
+def test_names_and_labels_occur_once_and_a_mark_stands_for_one_note():
+    assert len({method.label for method in OWN}) == len(OWN) == len(methods())
+    notes = {(method.mark, method.note) for method in OWN if method.mark}
+    assert len({mark for mark, _ in notes}) == len(notes)
+    assert all(method.note for method in OWN if method.mark or method.oracle), "an oracle says that it is one"
+
+
+@pytest.mark.parametrize("method", OWN, ids=lambda method: method.name)
+def test_a_methods_functions_are_found_by_other_processes(method):
+    assert re.fullmatch(r"[a-z]\w*", method.name)
+    for function in filter(None, (method.load, method.facts)):
+        assert stage_function(reference(function)) is function
+    plan = Plan(resolve("tiny", "quick"))
+    for stage in method.stages(plan):
+        assert callable(stage_function(stage.function))
+
+
+def test_the_papers_rows_come_first_and_lbs_is_sorted_by_its_bones():
+    assert list(methods())[:6] == ["coarse", "refined", "dense", *LBS]
+    assert in_order(["neutral", "lbs64", "odd", "lbs4", "dense"]) == ["dense", "lbs4", "lbs64", "odd", "neutral"]
+    assert method_named("odd").title == "odd" and method_named("lbs4").oracle
+
+
+def test_words_choose_methods_in_the_order_of_the_tables():
+    assert names() == names("all") == list(methods())
+    assert names("neutral", "coarse", "coarse") == ["coarse", "neutral"]
+    assert names("lbs") == LBS and names("lbs", "dense") == ["dense", *LBS]
+    config = resolve("tiny", "quick", {"lbs": {"bones": [8, 4]}})
+    assert names("lbs", config=config) == ["lbs4", "lbs8"]
+
+
+def test_an_unknown_method_is_refused_with_those_there_are():
+    with pytest.raises(InputError, match=r"'coarser' is unknown: allowed are all, lbs, coarse, refined, .*neutral, or"):
+        choose(["coarse", "coarser"])
+
+
+def test_a_file_from_outside_joins_the_others_and_other_processes_find_it(bring):  # noqa: F811
+    file = bring()
+    assert names("neutral", str(file)) == ["mine", "neutral"]
+    assert names("all", str(file)) == list(methods()) and "mine" in methods()
+    assert os.environ[VARIABLE] == str(file) and method_named("mine").title == "Mean pose #"
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ((("METHOD = ", "OTHER = "),), "has no METHOD; README shows"),
+        ((('Method("mine"', 'Method("coarse"'),), "has a method 'coarse' of its own; give yours another name"),
+        ((('Method("mine"', 'Method("My method"'),), "whose name is of small letters, digits and _"),
+        (
+            (("METHOD = Method(", "METHOD = dict("), ('"mine", "Mean pose", stages, load, ', "")),
+            "must be a Method",
+        ),
+        ((("import numpy", "import no_such_library"),), "can't be imported .ModuleNotFoundError"),
+        ((("def load", "def load("),), "can't be imported .SyntaxError"),
+    ],
+)
+def test_a_file_that_holds_no_usable_method_is_refused(bring, changes, said):  # noqa: F811
+    file = bring(*changes, name="brought_bad")
+    with pytest.raises(InputError, match=f"brought_bad.py: .*{said}"):
+        choose([str(file)])
+    assert os.environ[VARIABLE] == "", "it is not handed to other processes"
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("brought mine", "can't name a module; allowed are letters"), ("json", "another module json")]
+)
+def test_a_file_is_named_as_no_other_module_is(bring, name, said):  # noqa: F811
+    with pytest.raises(InputError, match=said):
+        choose([str(bring(name=name))])
+
+
+def test_a_file_that_there_is_not_is_named(bring, tmp_path):  # noqa: F811
+    with pytest.raises(InputError, match=rf"{tmp_path}/none.py: there is no such file; METHODS takes names and paths"):
+        choose([str(tmp_path / "none.py")])

@@ -1,0 +1,69 @@
+"""Methods that somebody brings along: files in a folder of their own, forgotten again after the test."""
+
+import importlib
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from replicate.engine import code_hash
+from replicate.methods.method_registry import VARIABLE
+
+SOURCE = """
+import numpy as np
+
+from replicate.artefacts import built_rig, drawn_samples
+from replicate.methods.method import Method
+
+
+def stages(plan):
+    return (plan.stage("mine", fit, plan.numbers(None), built_rig.stage(plan), drawn_samples.stage(plan)),)
+
+
+def fit(context):
+    np.save(context.out / "mean.npy", drawn_samples.load(context.inputs).offsets(np.arange(2)).mean(0))
+
+
+def load(inputs, numbers):
+    vertices = built_rig.load_mesh(inputs).neutral + np.load(inputs["mine"] / "mean.npy")
+    return lambda params: np.broadcast_to(vertices, (len(params), *vertices.shape))
+
+
+METHOD = Method("mine", "Mean pose", stages, load, note="The mean pose.", mark="#", colour="#123456")
+"""
+
+
+def fresh(cached: Callable) -> Callable:
+    """Return a cached function that forgets what it found of files brought along."""
+    return lambda *given: (cached.__wrapped__ if "brought_" in str(given) else cached)(*given)
+
+
+@pytest.fixture
+def bring(tmp_path, monkeypatch) -> Iterator[Callable[..., Path]]:
+    """Return a function that writes a file of methods and returns it; (old, new) pairs change its `SOURCE`."""
+    monkeypatch.setenv(VARIABLE, "")
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    written: set[str] = set()
+
+    for name in ("_module_file", "_outline", "_digest"):  # of what changes within a test nothing is remembered
+        monkeypatch.setattr(code_hash, name, fresh(getattr(code_hash, name)))
+
+    def forget() -> None:
+        for name in written:
+            sys.modules.pop(name, None)
+        importlib.invalidate_caches()
+
+    def write(*changes: tuple[str, str], name: str = "brought_mine", text: str = SOURCE) -> Path:
+        for old, new in changes:
+            assert text.count(old) == 1, f"{old!r} occurs {text.count(old)} times"
+            text = text.replace(old, new)
+        file = tmp_path / "brought" / f"{name}.py"
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+        written.add(name)
+        forget()
+        return file
+
+    yield write
+    forget()

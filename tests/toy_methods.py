@@ -1,0 +1,19 @@
+"""Functions that read predictors for tests of the measurement: one that sees parameters alone, and an oracle."""
+
+import numpy as np
+from small_face import small_mesh
+
+
+def blind(inputs, numbers):
+    """Return parameters → the neutral mesh moved along x by the first parameter times a number."""
+    return lambda params: small_mesh().neutral + numbers * params[:, :1, None] * np.float32([1, 0, 0])
+
+
+def seeing(inputs, numbers):
+    """Return (parameters, truth) → the truth, moved along x by a number."""
+    return lambda params, truth: truth + np.float32([numbers, 0, 0])
+
+
+def facts(inputs, mesh):
+    """Return one more number."""
+    return [("vertices", "count", len(mesh.neutral))]
