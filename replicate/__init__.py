@@ -31,7 +31,7 @@ artefacts/; engine/ runs and keeps the work. Of the paper, §4 (Eq. 6 to 10, inv
 Figures 11 to 13 has no module yet.
 """
 
-from typing import TYPE_CHECKING
+TYPE_CHECKING = False  # for type checkers, which take it for true; importing typing would take longer than all else
 
 if TYPE_CHECKING:
     import pandas
