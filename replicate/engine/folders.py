@@ -29,6 +29,14 @@ def check_writable(folder: Path, variable: str) -> None:
     raise InputError(f"{folder} can't be written to ({reason}): set {variable} to a folder that can")
 
 
+def check_creatable(folder: Path, variable: str) -> None:
+    """See that a folder can be written, or made where it isn't there, and leave nothing behind.
+
+    variable, errors: as for `check_writable`.
+    """
+    check_writable(next(part for part in (folder, *folder.parents) if part.exists()), variable)
+
+
 @contextmanager
 def short_temporary_folder() -> Iterator[Path]:
     """Yield a temporary folder in which a socket can stand: the path of one ends at about a hundred bytes.

@@ -9,7 +9,7 @@ from data_recipes import recipe_paths
 from replicate.config import Config
 from replicate.engine import paths
 from replicate.engine.atomic_files import copy_file
-from replicate.engine.folders import check_writable
+from replicate.engine.folders import check_creatable, check_writable
 from replicate.engine.locks import check_lock, hold
 from replicate.engine.stage import Stage
 from replicate.engine.store import artefact_folder
@@ -35,6 +35,13 @@ def results_folder(profile: str) -> Path:
     check_writable(folder, "REPLICATE_RESULTS")
     check_lock(_lock(folder))
     return folder
+
+
+def check_results_folder(profile: str) -> None:
+    """Raise InputError where a profile's results can't be written; nothing is written yet."""
+    folder = paths.run_folder(profile)
+    check_creatable(folder, "REPLICATE_RESULTS")
+    check_lock(_lock(folder))
 
 
 def by_character(made: Sequence[Made]) -> dict[str, list[Made]]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from replicate.engine.exceptions import InputError
-from replicate.engine.folders import check_writable, short_temporary_folder
+from replicate.engine.folders import check_creatable, check_writable, short_temporary_folder
 
 
 def test_a_folder_is_made_and_left_empty(tmp_path):
@@ -46,3 +46,11 @@ def test_a_short_tmpdir_is_used(tmp_path, monkeypatch):
             assert str(folder.parent) == short
     finally:
         os.rmdir(short)
+
+
+def test_a_folder_that_is_not_there_yet_is_checked_and_not_made(tmp_path):
+    check_creatable(tmp_path / "a" / "b", "REPLICATE_RESULTS")
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="REPLICATE_RESULTS"):
+        check_creatable(tmp_path / "file" / "b", "REPLICATE_RESULTS")
