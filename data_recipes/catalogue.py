@@ -13,8 +13,8 @@ from jaxtyping import Float32
 
 from data_recipes.acting import clip_file
 from data_recipes.acting.expression_poses import expression_poses
-from data_recipes.ict import recipe as facekit_recipe
-from data_recipes.ict.model import model_files
+from data_recipes.ict.facekit_files import model_files
+from data_recipes.recipe.facekit import FaceKitRecipe
 from data_recipes.recipe.reading import load_recipe
 from data_recipes.recipe_paths import character_names, recipe_file
 from data_recipes.rig import Rig
@@ -30,12 +30,14 @@ def rig_names() -> tuple[str, ...]:
 def recipe_files(name_or_recipe: str | Path) -> tuple[Path, ...]:
     """Return the files that a character is made of: its recipe, the clips that this names, and a model's files.
 
-    Raises InputError for a bad recipe or a model that is not there.
+    Raises InputError for a bad recipe or clip, or a model that is not there.
     """
-    file = recipe_file(str(name_or_recipe))
-    if facekit_recipe.is_facekit(name_or_recipe):
-        return file, *map(Path, facekit_recipe.load_recipe(name_or_recipe).clip_files), *model_files()
-    return file, *map(Path, load_recipe(name_or_recipe).clip_files)
+    from data_recipes.early_checks import check_early
+
+    recipe = load_recipe(name_or_recipe)
+    check_early(recipe)
+    model = model_files() if isinstance(recipe, FaceKitRecipe) else ()
+    return recipe_file(str(name_or_recipe)), *map(Path, recipe.clip_files), *model
 
 
 def build_rig(name_or_recipe: str | Path) -> Rig:
@@ -43,13 +45,14 @@ def build_rig(name_or_recipe: str | Path) -> Rig:
 
     name_or_recipe: one of `rig_names()`, or the path of a recipe in TOML. Raises InputError for a bad recipe.
     """
-    if facekit_recipe.is_facekit(name_or_recipe):
+    recipe = load_recipe(name_or_recipe)
+    if isinstance(recipe, FaceKitRecipe):
         from data_recipes.ict.facekit_rig import build_facekit_rig
 
-        return build_facekit_rig(name_or_recipe)
+        return build_facekit_rig(recipe)
     from data_recipes.recipe_rig import build_recipe_rig
 
-    return build_recipe_rig(name_or_recipe)
+    return build_recipe_rig(recipe)
 
 
 def load_rig(folder: Path) -> Rig:

@@ -16,6 +16,6 @@ def character_names() -> tuple[str, ...]:
 def recipe_file(character: str) -> Path:
     """Return the recipe of a character, given by its name or as the path of a `.toml` file of one's own."""
     if character.endswith(".toml"):
-        return Path(character).resolve()
+        return Path(os.path.abspath(character))
     inner = RECIPES / character / f"{character}.toml"  # of a character whose data lies elsewhere
-    return inner if inner.is_file() else RECIPES / f"{character}.toml"
+    return inner if character in OUTSIDE and inner.is_file() else RECIPES / f"{character}.toml"

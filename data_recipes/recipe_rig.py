@@ -4,38 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
 from data_recipes.acting.clip_file import read_clip
 from data_recipes.acting.procedural_acting import act
-from data_recipes.controls import limit_controls, make_controls
 from data_recipes.deformers.face_build import build_constants
 from data_recipes.deformers.face_chain import FACE
 from data_recipes.deformers.face_points import control_points
 from data_recipes.deformers.posed_props import rest_props
 from data_recipes.deformers.sculpting import Sculptor
+from data_recipes.early_checks import recipe_controls
+from data_recipes.face_check import check_face
 from data_recipes.face_rig import FaceParts, FaceRig
 from data_recipes.head.neutral_head import build_head
-from data_recipes.recipe.reading import load_recipe
+from data_recipes.recipe.character import Recipe
 from data_recipes.rig import Clip, check_rig
 from replicate.engine.exceptions import InputError
+from replicate.engine.schema import cut, naming
 from replicate.geometry.mesh import Mesh
 
 
-def build_recipe_rig(name_or_recipe: str | Path) -> FaceRig:
+def build_recipe_rig(recipe: Recipe) -> FaceRig:
     """Build a character from its recipe.
 
     Raises InputError, naming the recipe or the clip, for anything in the recipe that cannot be.
     """
-    recipe = load_recipe(name_or_recipe)
-    controls = make_controls(asdict(recipe.controls), recipe.file)
-    controls = limit_controls(controls, recipe.limits.reach, recipe.limits.full, recipe.file)
+    controls = recipe_controls(recipe)
     clips = [Clip(Path(file).stem, read_clip(Path(file), controls)) for file in recipe.clip_files]
     clips = [Clip(name, values) for name, values in act(controls, recipe.acting)] + clips
-    with _naming(recipe.file):
+    with naming(recipe.file), _as_bad_input():
         head = build_head(recipe)
         mesh = Mesh(
             neutral=head.vertices.astype(np.float32),
@@ -58,15 +57,17 @@ def build_recipe_rig(name_or_recipe: str | Path) -> FaceRig:
         face=face,
     )
     check_rig(rig)
+    with naming(recipe.file):
+        check_face(rig, recipe)
     return rig
 
 
 @contextmanager
-def _naming(file: str) -> Iterator[None]:
-    """Put the recipe's file in front of an InputError that doesn't begin with it."""
+def _as_bad_input() -> Iterator[None]:
+    """Say in a sentence that numbers give no head, each of which is within its range, where geometry fails on them."""
     try:
         yield
-    except InputError as error:
-        if str(error).startswith(f"{file}: "):
-            raise
-        raise InputError(f"{file}: {error}") from error
+    except InputError:
+        raise
+    except (ArithmeticError, LookupError, ValueError) as error:
+        raise InputError(f"the sections together give no head: {cut(str(error))}") from error

@@ -5,8 +5,8 @@ out of range is an InputError. The resolved configuration is stored with every a
 """
 
 import dataclasses
+import os
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -15,21 +15,26 @@ from typing import Literal
 
 from data_recipes.recipe_paths import character_names, recipe_file
 from replicate.engine.exceptions import InputError
-from replicate.engine.schema import Checked, number
+from replicate.engine.schema import LONGEST, Checked, naming, number, read_table, shown
+from replicate.engine.user_files import is_file, read_toml, shown_path
+
+LARGEST_SEED = 2**32 - 1
 
 
 @dataclass(frozen=True)
 class SamplesConfig(Checked):
     """How the training and test poses are made (§3.5, §5.1)."""
 
-    count: int = number(50_000, 1)
-    low: float = number(0.25, 0.0)  # the factors of Eq. 5
-    high: float = number(3.0, 0.0)
-    bins: int = number(16, 1)
+    count: int = number(50_000, 1, 10_000_000)
+    low: float = number(0.25, 0.0, 100.0)  # the factors of Eq. 5
+    high: float = number(3.0, 0.01, 100.0)
+    bins: int = number(16, 1, 10_000)
     split: Literal["frames", "clips"] = "frames"
     held_out: float = number(0.1, 0.001, 0.9)  # share of the animation that makes the test poses
-    validation: int = number(64, 1)  # training poses kept from training, to follow it and choose schedules by (D6)
-    uniform_test: int = number(5_000, 1)  # test poses of a rig without clips
+    validation: int = number(
+        64, 1, 100_000
+    )  # training poses kept from training, to follow it and choose schedules by (D6)
+    uniform_test: int = number(5_000, 1, 1_000_000)  # test poses of a rig without clips
 
     def __post_init__(self):
         super().__post_init__()
@@ -42,19 +47,18 @@ class TrainingConfig(Checked):
     """The schedule of one network's training (§3.5; DEVIATIONS D6)."""
 
     schedule: Literal["paper", "one_cycle"] = "paper"
-    steps: int = number(70_000, 1)
-    batch: int = number(8, 1)
+    steps: int = number(70_000, 1, 2_000_000)
+    batch: int = number(8, 1, 4096)
     rates: tuple[float, ...] = number((1e-3, 1e-4, 1e-5), 1e-9, 1.0)  # "paper": one after the other
-    shares: tuple[float, ...] = number((5.0, 1.0, 1.0), 0.0)  # of the steps that each rate gets
+    shares: tuple[float, ...] = number((5.0, 1.0, 1.0), 0.0, 1e6)  # of the steps that each rate gets
     peak_rate: float = number(2e-3, 1e-9, 1.0)  # "one_cycle": linear warm-up to it, cosine decay from it
     warm_up: float = number(0.05, 0.0, 0.9)  # share of the steps
 
     def __post_init__(self):
         super().__post_init__()
         if len(self.shares) != len(self.rates) or sum(self.shares) <= 0:
-            raise InputError(
-                f"shares is {self.shares!r}: allowed are {len(self.rates)} numbers, as many as rates, not all of them 0"
-            )
+            allowed = f"{len(self.rates)} numbers, as many as rates, not all of them 0"
+            raise InputError(f"shares is {shown(self.shares)}: allowed are {allowed}")
 
 
 def _check_map_size(size: int) -> None:
@@ -67,10 +71,10 @@ class CoarseConfig(Checked):
     """The coarse approximation: a CNN per segment (§3.1–3.2, Fig. 3)."""
 
     map_size: int = number(32, 16, 1024)
-    channels: int = number(16, 1)
-    hidden: tuple[int, ...] = number((256, 512), 1)
+    channels: int = number(16, 1, 1024)
+    hidden: tuple[int, ...] = number((256, 512), 1, 65_536)
     leaky_slope: float = number(0.2, 0.0, 1.0)
-    normal_weight: float = number(5.0, 0.0)  # α of Eq. 1, with positions in mm
+    normal_weight: float = number(5.0, 0.0, 1e6)  # α of Eq. 1, with positions in mm
     training: TrainingConfig = TrainingConfig()
 
     def __post_init__(self):
@@ -83,13 +87,13 @@ class RefinementConfig(Checked):
     """The refinement: where it is needed, and its CNNs (§3.3)."""
 
     map_size: int = number(64, 16, 1024)
-    channels: int = number(16, 1)
-    hidden: tuple[int, ...] = number((256, 512), 1)
+    channels: int = number(16, 1, 1024)
+    hidden: tuple[int, ...] = number((256, 512), 1, 65_536)
     leaky_slope: float = number(0.2, 0.0, 1.0)
-    normal_weight: float = number(5.0, 0.0)
+    normal_weight: float = number(5.0, 0.0, 1e6)
     square: float = number(0.25, 0.01, 1.0)  # side of a segment, of the width of the UVs
     clusters_max: int = number(10, 2, 64)  # the elbow is looked for up to so many clusters
-    poses: int = number(1_000, 1)  # training poses that Eq. 2 is averaged over
+    poses: int = number(1_000, 1, 1_000_000)  # training poses that Eq. 2 is averaged over
     training: TrainingConfig = TrainingConfig()
 
     def __post_init__(self):
@@ -101,9 +105,9 @@ class RefinementConfig(Checked):
 class DenseConfig(Checked):
     """The dense baseline: an MLP per segment (§5.1)."""
 
-    hidden: tuple[int, ...] = number((256, 256), 1)
+    hidden: tuple[int, ...] = number((256, 256), 1, 65_536)
     leaky_slope: float = number(0.2, 0.0, 1.0)
-    normal_weight: float = number(5.0, 0.0)
+    normal_weight: float = number(5.0, 0.0, 1e6)
     training: TrainingConfig = TrainingConfig()
 
 
@@ -111,32 +115,32 @@ class DenseConfig(Checked):
 class RigidConfig(Checked):
     """The rigid segments and what they are attached to (§3.4)."""
 
-    tau_mm: float = number(0.3, 0.0)  # on the mean of Eq. 3
-    attachments: int = number(10, 3)  # c of Eq. 4
-    poses: int = number(200, 2)  # training poses that Eq. 3 and 4 are evaluated on
+    tau_mm: float = number(0.3, 0.0, 1000.0)  # on the mean of Eq. 3
+    attachments: int = number(10, 3, 10_000)  # c of Eq. 4
+    poses: int = number(200, 2, 1_000_000)  # training poses that Eq. 3 and 4 are evaluated on
 
 
 @dataclass(frozen=True)
 class LbsConfig(Checked):
     """Linear blend skinning fitted by SSDR (§5.1; Le and Deng 2012)."""
 
-    bones: tuple[int, ...] = number((16, 24, 32), 1)
-    influences: int = number(8, 1)
-    samples: int = number(1_000, 2)
-    relaxed: int = number(60, 0)  # iterations in which all bones may act on every vertex, before the others
-    iterations: int = number(100, 1)
-    coherence: float = number(0.2, 0.0)  # weight of the error's differences along edges, which normals see
-    refit_sweeps: int = number(500, 1)  # the most sweeps over the bones of a test pose
-    refit_settled: float = number(1e-7, 0.0)  # they stop when no bone moves by more, in radians and rest radii
+    bones: tuple[int, ...] = number((16, 24, 32), 1, 1024)
+    influences: int = number(8, 1, 64)
+    samples: int = number(1_000, 2, 1_000_000)
+    relaxed: int = number(60, 0, 100_000)  # iterations in which all bones may act on every vertex, before the others
+    iterations: int = number(100, 1, 100_000)
+    coherence: float = number(0.2, 0.0, 1e6)  # weight of the error's differences along edges, which normals see
+    refit_sweeps: int = number(500, 1, 100_000)  # the most sweeps over the bones of a test pose
+    refit_settled: float = number(1e-7, 0.0, 1.0)  # they stop when no bone moves by more, in radians and rest radii
 
 
 @dataclass(frozen=True)
 class DrivenConfig(Checked):
     """LBS that sees rig parameters: a network that moves the bones of the largest skin (not in the paper)."""
 
-    hidden: tuple[int, ...] = number((256, 256), 1)
+    hidden: tuple[int, ...] = number((256, 256), 1, 65_536)
     leaky_slope: float = number(0.2, 0.0, 1.0)
-    normal_weight: float = number(5.0, 0.0)
+    normal_weight: float = number(5.0, 0.0, 1e6)
     training: TrainingConfig = TrainingConfig()
 
 
@@ -144,10 +148,12 @@ class DrivenConfig(Checked):
 class EvaluationConfig(Checked):
     """What is measured and shown (§5.1)."""
 
-    test_poses: int = number(0, 0)  # a random subset of so many unique test poses; 0 takes them all, as the paper
-    batch: int = number(32, 1)  # test poses predicted at a time
-    floor_poses: int = number(0, 0)  # test poses that the projection floor is measured on; 0 takes them all
-    heatmap_deg: float = number(10.0, 0.1)  # upper end of the colours, shared by all panels
+    test_poses: int = number(
+        0, 0, 10_000_000
+    )  # a random subset of so many unique test poses; 0 takes them all, as the paper
+    batch: int = number(32, 1, 4096)  # test poses predicted at a time
+    floor_poses: int = number(0, 0, 10_000_000)  # test poses that the projection floor is measured on; 0 takes them all
+    heatmap_deg: float = number(10.0, 0.1, 180.0)  # upper end of the colours, shared by all panels
 
 
 @dataclass(frozen=True)
@@ -156,7 +162,7 @@ class Config(Checked):
 
     character: str
     profile: str = "paper"
-    seed: int = number(0, 0, 2**32 - 1)
+    seed: int = number(0, 0, LARGEST_SEED)
     device: Literal["cpu", "cuda"] = "cpu"
     samples: SamplesConfig = SamplesConfig()
     coarse: CoarseConfig = CoarseConfig()
@@ -170,15 +176,18 @@ class Config(Checked):
     def __post_init__(self):
         super().__post_init__()
         recipe = recipe_file(self.character)
-        if not recipe.is_file():
+        if not is_file(recipe) and not self.character.endswith(".toml"):
             raise InputError(
-                f"character {self.character!r} has no recipe: allowed are {', '.join(character_names())}, "
+                f"character {shown(self.character)} has no recipe: allowed are {', '.join(character_names())}, "
                 "or the path of a .toml recipe"
             )
-        if not re.fullmatch(r"[\w.-]+", recipe.stem):
+        if not re.fullmatch(r"[\w.-]+", recipe.stem) or len(os.fsencode(recipe.stem)) > LONGEST:
             raise InputError(
-                f"recipe {recipe}: the name {recipe.stem!r} can't name folders: allowed are letters, digits, _, . and -"
+                f"recipe {shown_path(recipe)}: the name {shown(recipe.stem)} can't name folders: allowed are letters, "
+                f"digits, _, . and -, {LONGEST} of them at most"
             )
+        if not is_file(recipe):
+            raise InputError(f"{shown_path(recipe)}: there is no such recipe file")
 
 
 def _one_cycle(steps: int) -> dict:
@@ -237,49 +246,18 @@ def resolve(
     Raises InputError for an unknown profile or key and for a value out of range.
     """
     if profile not in PROFILES:
-        raise InputError(f"profile {profile!r} is unknown: allowed are {', '.join(PROFILES)}")
-    config = _replace(with_sections(sections or {})(character=character, profile=profile), PROFILES[profile], "")
+        raise InputError(f"profile {shown(profile)} is unknown: allowed are {', '.join(PROFILES)}")
+    config = read_table(with_sections(sections or {})(character=character, profile=profile), PROFILES[profile])
     if file is not None:
-        config = _replace_from(config, read_overrides(file), str(file))
+        config = _overridden(config, read_toml(file), shown_path(file))
     if overrides:
-        config = _replace_from(config, overrides, "overrides")
-    return _replace(config, {name: value for name, value in values.items() if value is not None}, "")
+        config = _overridden(config, overrides, "overrides")
+    return read_table(config, {name: value for name, value in values.items() if value is not None})
 
 
-def read_overrides(file: Path) -> dict:
-    """Read a TOML file of overrides; raises InputError if it is missing or no TOML."""
-    try:
-        return tomllib.loads(Path(file).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{file}: there is no such file") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{file}: not a readable TOML file ({error})") from None
-
-
-def _replace_from(config: Config, overrides: dict, source: str) -> Config:
+def _overridden(config: Config, overrides: dict, source: str) -> Config:
     for fixed in ("character", "profile", "seed", "device"):  # the command line's; a file may serve several runs
         if fixed in overrides:
             raise InputError(f"{source}: {fixed} can't be set here: use {fixed.upper()}{'S' * (fixed == 'character')}=")
-    try:
-        return _replace(config, overrides, "")
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from None
-
-
-def _replace(config, overrides: dict, prefix: str):
-    """Return `config` with nested overrides applied; `prefix` names the section in errors."""
-    names = [entry.name for entry in dataclasses.fields(config)]
-    changes = {}
-    for name, value in overrides.items():
-        if name not in names:
-            raise InputError(f"unknown key {prefix}{name}: allowed are {', '.join(names)}")
-        current = getattr(config, name)
-        if dataclasses.is_dataclass(current):
-            if not isinstance(value, dict):
-                raise InputError(f"{prefix}{name} is {value!r}: allowed is a table")
-            value = _replace(current, value, f"{prefix}{name}.")
-        changes[name] = tuple(value) if isinstance(value, list) else value
-    try:
-        return dataclasses.replace(config, **changes)
-    except InputError as error:
-        raise InputError(f"{prefix}{error}") from None
+    with naming(source):
+        return read_table(config, overrides)

@@ -1,15 +1,21 @@
 """A user's own animation as CSV: the header names controls, every further row is a frame (24 a second)."""
 
 import csv
-from collections.abc import Collection, Sequence
+import io
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float32
 
 from replicate.engine.exceptions import InputError
+from replicate.engine.schema import shown
+from replicate.engine.user_files import read_text, shown_path
 
 TOLERANCE = 1e-6  # of a control's range, for what is lost in writing decimals
+MOST_FRAMES = 20_000  # 14 minutes, three times what our longest character acts
+MOST_LINES = 10 * MOST_FRAMES  # empty ones included
+MOST_BYTES = 100_000_000  # so many frames of 350 controls, in 14 characters each
 
 
 def read_clip(path: Path, controls: Sequence) -> Float32[np.ndarray, "t m"]:
@@ -17,37 +23,48 @@ def read_clip(path: Path, controls: Sequence) -> Float32[np.ndarray, "t m"]:
 
     controls: the rig's controls in the order of p, each with name, lower, default and upper.
     Raises InputError, naming file, line and control, for a file that is missing or no CSV, an unknown or repeated
-    control, a row of the wrong length, and a value that is no finite number within the control's range.
+    control, a row of the wrong length, more than MOST_FRAMES frames, and a value that is no finite number within the
+    control's range.
     """
-    header, rows = _read(Path(path))
+    path = Path(path)
+    where = shown_path(path)
     columns = {control.name: column for column, control in enumerate(controls)}
+    lines = _lines(where, read_text(path, MOST_BYTES))
+    _, header = next(lines, (0, []))
     for name in header:
         if name not in columns:
-            raise InputError(f"{path}: '{name}' in the header is no control of this rig; allowed are {_some(columns)}.")
+            raise InputError(f"{where}: {shown(name)} in the header is no control of this rig; {_some(columns)}.")
         if header.count(name) > 1:
-            raise InputError(f"{path}: the header names '{name}' {header.count(name)} times, where once is allowed.")
-    poses = np.tile(np.array([control.default for control in controls], dtype=np.float32), (len(rows), 1))
-    for frame, (line, row) in enumerate(rows):
+            raise InputError(f"{where}: the header names '{name}' {header.count(name)} times, where once is allowed.")
+    place = [columns[name] for name in header]
+    default = np.array([control.default for control in controls], np.float32)
+    poses = []
+    for line, row in lines:
         if len(row) != len(header):
-            raise InputError(f"{path}: line {line} has {len(row)} values, where {len(header)} are allowed.")
-        for name, text in zip(header, row, strict=True):
-            control = controls[columns[name]]
-            poses[frame, columns[name]] = _value(text, control, f"{path}: line {line}, {name}")
-    return poses
+            raise InputError(f"{where}: line {line} has {len(row)} values, where {len(header)} are allowed.")
+        if len(poses) == MOST_FRAMES:
+            raise InputError(f"{where}: line {line} is one frame too many: allowed are {MOST_FRAMES:,} at most.")
+        pose = default.copy()
+        for name, column, text in zip(header, place, row, strict=True):
+            pose[column] = _value(text, controls[column], f"{where}: line {line}, {name}")
+        poses.append(pose)
+    if not poses:
+        found = "1 line" if header else "0 lines"
+        raise InputError(f"{where}: found {found}, where a header of controls and a row a frame are allowed.")
+    return np.stack(poses)
 
 
-def _read(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+def _lines(where: str, text: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the number and the cells of each line that is not empty. Raises InputError for what is no CSV."""
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        reader = csv.reader(text.splitlines(), strict=True)
-        lines = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if row]
-    except OSError as error:
-        raise InputError(f"{path}: found no readable file ({error.strerror}).") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: found no CSV text ({error}).") from error
-    if len(lines) < 2:
-        raise InputError(f"{path}: found {len(lines)} lines, where a header of controls and a row a frame are allowed.")
-    return lines[0][1], lines[1:]
+        for row in reader:
+            if reader.line_num > MOST_LINES:
+                raise InputError(f"{where}: found more than {MOST_LINES:,} lines, where they are too many for a clip.")
+            if row:
+                yield reader.line_num, [cell.strip() for cell in row]
+    except csv.Error as error:
+        raise InputError(f"{where}: found no CSV text ({error}).") from None
 
 
 def _value(text: str, control, where: str) -> float:
@@ -58,10 +75,10 @@ def _value(text: str, control, where: str) -> float:
     slack = TOLERANCE * (control.upper - control.lower)
     if not control.lower - slack <= value <= control.upper + slack:  # True for NaN as well
         allowed = f"numbers from {control.lower:g} to {control.upper:g} are allowed"
-        raise InputError(f"{where} is {text!r}, where {allowed}.")
+        raise InputError(f"{where} is {shown(text)}, where {allowed}.")
     return min(max(value, control.lower), control.upper)
 
 
 def _some(names: Collection[str]) -> str:
-    shown = list(names)[:5]
-    return ", ".join(shown) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+    some = list(names)[:5]
+    return f"allowed are {', '.join(some)}" + (f" and {len(names) - 5} more" if len(names) > 5 else "")

@@ -7,7 +7,7 @@ the key poses; and holds, in which nothing moves at all, so that poses recur as 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
@@ -16,33 +16,26 @@ from data_recipes.acting import speech
 from data_recipes.acting.expressions import EXPRESSIONS, expression
 from data_recipes.acting.motion import FRAMES_PER_SECOND, blink_profile, drift, freeze, move_keys, pose, through
 from data_recipes.acting.polish import QUIET, deal, family_columns, gesture
-
-
-def _number(default: float, lower: float, upper: float):
-    return field(default=default, metadata={"kind": "number", "range": (lower, upper)})
-
-
-def _count(default: int, lower: int, upper: int):
-    return field(default=default, metadata={"kind": "count", "range": (lower, upper), "even": False})
+from replicate.engine.schema import Checked, number
 
 
 @dataclass(frozen=True)
-class Acting:
+class Acting(Checked):
     """How a character acts. Shares are of a full performance; times are in seconds."""
 
-    seed: int = _count(1, 0, 2**31)
-    clips: int = _count(40, 0, 1000)
-    clip_s: float = _number(8.5, 1.0, 120.0)  # mean length
-    tempo: float = _number(1.0, 0.3, 3.0)
-    intensity: float = _number(1.0, 0.05, 1.5)
-    asymmetry: float = _number(0.2, 0.0, 1.0)
-    anticipation: float = _number(0.08, 0.0, 0.5)
-    overshoot: float = _number(0.12, 0.0, 0.5)
-    polish: float = _number(0.32, 0.0, 1.0)
-    hand: int = _count(6, 0, 20)  # families of fine controls polished in a shot
-    holds: float = _number(0.45, 0.0, 1.0)  # share of key poses on which everything stands still for a while
-    blinks_per_minute: float = _number(16.0, 0.0, 120.0)
-    dialogues: int = _count(3, 0, 3)  # of ten shots; what there are fewer than three, there are more takes
+    seed: int = number(1, 0, 2**31)
+    clips: int = number(40, 0, 1000)
+    clip_s: float = number(8.5, 1.0, 120.0)  # mean length
+    tempo: float = number(1.0, 0.3, 3.0)
+    intensity: float = number(1.0, 0.05, 1.5)
+    asymmetry: float = number(0.2, 0.0, 1.0)
+    anticipation: float = number(0.08, 0.0, 0.5)
+    overshoot: float = number(0.12, 0.0, 0.5)
+    polish: float = number(0.32, 0.0, 1.0)
+    hand: int = number(6, 0, 20)  # families of fine controls polished in a shot
+    holds: float = number(0.45, 0.0, 1.0)  # share of key poses on which everything stands still for a while
+    blinks_per_minute: float = number(16.0, 0.0, 120.0)
+    dialogues: int = number(3, 0, 3)  # of ten shots; what there are fewer than three, there are more takes
 
 
 # What a shot is: how many of ten shots, and how it is played.

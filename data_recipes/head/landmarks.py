@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from data_recipes.head.topology import Layout
 from data_recipes.recipe.reading import Recipe
+from replicate.engine.exceptions import InputError
 
 
 def name_curves(recipe: Recipe, layout: Layout) -> dict[str, np.ndarray]:
@@ -59,6 +60,10 @@ def name_landmarks(recipe: Recipe, layout: Layout, x: Float[np.ndarray, "n 3"]) 
     curves = name_curves(recipe, layout)
 
     def nearest(ids: np.ndarray, key) -> int:
+        if not len(ids):
+            raise InputError(
+                f"{recipe.file}: mouth.y gives no face: no vertex of the middle line lies on both its sides"
+            )
         return int(ids[np.argmax(key(x[ids]))])
 
     nose_rows = front[(x[front, 1] < 0) & (x[front, 1] > recipe.mouth.y)]

@@ -15,9 +15,8 @@ from data_recipes.head.head_props import Prop, build_props
 from data_recipes.head.head_segments import build_segments
 from data_recipes.head.landmarks import name_curves, name_landmarks
 from data_recipes.head.shape import build_shape, eye_frame, skull_distance
-from data_recipes.head.topology import build_layout
+from data_recipes.head.topology import build_layout, check_count
 from data_recipes.recipe.reading import Recipe
-from replicate.engine.exceptions import InputError
 
 __all__ = ["Eye", "Head", "Prop", "build_head"]
 
@@ -85,11 +84,7 @@ def build_head(recipe: Recipe) -> Head:
         InputError: the template doesn't meet the recipe's vertex count.
     """
     layout = build_layout(recipe)
-    if len(layout.part) != recipe.vertices:
-        raise InputError(
-            f"{recipe.file}: 'vertices': found {recipe.vertices}, "
-            f"allowed is {len(layout.part)}, the count that the template gives"
-        )
+    check_count(recipe, layout)
     shape = build_shape(recipe)
     x = place(shape, layout)
     faces = triangulate(x, layout.quads, layout.mirror)

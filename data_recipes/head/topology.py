@@ -15,6 +15,7 @@ from data_recipes.head.head_segments import part_order
 from data_recipes.head.rings import block_ring, fill_block, grid_quads, ring_mirror, ring_quads
 from data_recipes.recipe.reading import Recipe
 from data_recipes.recipe.sections import PARTS
+from replicate.engine.exceptions import InputError
 
 FACE, CRANIUM, NECK, EAR_LEFT, EAR_RIGHT, LID_LEFT, LID_RIGHT, BAG, GUM_UPPER, GUM_LOWER, TONGUE = range(len(PARTS))
 
@@ -267,3 +268,12 @@ def _strips(b: _Builder, recipe: Recipe, grids: dict, first_part: int) -> tuple[
         teeth.append(strip.ravel())
     grids["teeth"] = np.asarray(teeth)
     return "teeth_upper", "teeth_lower"
+
+
+def check_count(recipe: Recipe, layout: Layout) -> None:
+    """Raise InputError unless a layout has as many vertices as its recipe says."""
+    if len(layout.part) != recipe.vertices:
+        raise InputError(
+            f"{recipe.file}: vertices is {recipe.vertices}: allowed is {len(layout.part)}, "
+            "the count that the template gives"
+        )

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from data_recipes.head.embedding import square_embedding
+from data_recipes.ict.facekit_files import FaceKit
 from data_recipes.ict.facekit_segments import Segments, polygon_edges
-from data_recipes.ict.model import FaceKit
 from replicate.engine.exceptions import InputError
 
 MARGIN = 0.01
@@ -85,7 +85,10 @@ def lay_out(polygons: Int[np.ndarray, "q 4"], gaps: np.ndarray, count: int, name
     sides = [border[a:b] for a, b in pairwise(quarter)]
     every = np.concatenate([edges, *hubs])
     length = np.concatenate([np.ones(len(edges)), *spokes])
-    return _filled(square_embedding(count + len(hubs), every, length, sides, ROUNDS)[:count])
+    try:
+        return _filled(square_embedding(count + len(hubs), every, length, sides, ROUNDS)[:count])
+    except RuntimeError as error:  # of the sparse solver
+        raise InputError(f"part '{name}': its chart can't be laid out ({error}): it must be one piece") from error
 
 
 def border_loops(polygons: Int[np.ndarray, "q 4"]) -> list[Int[np.ndarray, " k"]]:

@@ -14,9 +14,9 @@ from jaxtyping import Float
 
 from data_recipes.deformers.posed_props import NEAREST, RestProp, gaze_rotation
 from data_recipes.head.eyeballs import eyeball
+from data_recipes.ict.facekit_files import FaceKit
 from data_recipes.ict.facekit_nodes import effective
-from data_recipes.ict.model import FaceKit
-from data_recipes.ict.recipe import Parts
+from data_recipes.recipe.facekit import Parts
 from data_recipes.recipe.reading import Recipe
 from data_recipes.recipe.sections import Eyes
 

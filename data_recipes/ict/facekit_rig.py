@@ -9,25 +9,26 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from data_recipes.acting.clip_file import read_clip
-from data_recipes.controls import Control
 from data_recipes.deformers import jaw, wrinkles
 from data_recipes.deformers.planes import place_of
 from data_recipes.deformers.saturation import REACH, SHARPNESS, limits
 from data_recipes.deformers.surface_operators import adjacency
+from data_recipes.face_check import check_face
 from data_recipes.face_rig import FaceParts, FaceRig
 from data_recipes.ict.facekit_acting import perform
 from data_recipes.ict.facekit_chain import FACEKIT
 from data_recipes.ict.facekit_charts import build_charts
 from data_recipes.ict.facekit_eyeballs import rest_props, sphere_centre
+from data_recipes.ict.facekit_files import FaceKit, read_model
 from data_recipes.ict.facekit_paint import paint
 from data_recipes.ict.facekit_segments import SOFT, Segments, split
 from data_recipes.ict.fold_regions import build_regions
 from data_recipes.ict.jaw_fit import JAW_CONTROLS, fit_jaw
-from data_recipes.ict.marks import control_points, landmarks, region_of
-from data_recipes.ict.model import FaceKit, read_model
-from data_recipes.ict.recipe import FaceKitRecipe, Reach, load_recipe
+from data_recipes.ict.marks import control_points, landmarks, model_controls
+from data_recipes.recipe.facekit import FaceKitRecipe, Reach
 from data_recipes.rig import Clip, check_rig
 from replicate.engine.exceptions import InputError
+from replicate.engine.schema import naming
 from replicate.geometry.mesh import Mesh
 
 EYES_Z_MM = 62.0  # our own heads' eyes are at y = 0 and here, and the cameras know it
@@ -37,11 +38,10 @@ LID_CONTROLS = ("eyeSquint_*", "eyeWide_*", "eyeLookUp_*", "eyeLookDown_*")
 CLOSING = ("eyeBlink_L", "eyeBlink_R", CLOSE)
 
 
-def build_facekit_rig(name_or_recipe: str | Path) -> FaceRig:
+def build_facekit_rig(recipe: FaceKitRecipe) -> FaceRig:
     """Return the rig. Raises InputError, naming the folder, the file or the recipe's key, for what cannot be."""
-    recipe = load_recipe(name_or_recipe)
     model = placed(read_model(recipe.vertices), recipe)
-    controls = tuple(Control(name, 0.0, 0.0, 1.0, region_of(name)) for name in model.offsets)
+    controls = model_controls(model.offsets)
     clips = [Clip(Path(file).stem, read_clip(Path(file), controls)) for file in recipe.clip_files]
     clips = [Clip(name, values) for name, values in perform(controls, recipe.acting)] + clips
     segments = split(model, recipe.parts, recipe.file)
@@ -71,6 +71,8 @@ def build_facekit_rig(name_or_recipe: str | Path) -> FaceRig:
         face=face,
     )
     check_rig(rig, tolerance_mm=1e-4)
+    with naming(recipe.file):
+        check_face(rig, recipe)
     return rig
 
 

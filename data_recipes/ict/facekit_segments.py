@@ -9,8 +9,8 @@ import scipy.sparse as sp
 from jaxtyping import Bool, Float, Int
 from scipy.sparse.csgraph import connected_components
 
-from data_recipes.ict.model import FaceKit
-from data_recipes.ict.recipe import Parts
+from data_recipes.ict.facekit_files import FaceKit
+from data_recipes.recipe.facekit import Parts
 from replicate.engine.exceptions import InputError
 
 # The skin, the sockets behind the lids and the mouth's inside; every tooth is a segment beside them.

@@ -15,7 +15,7 @@ from data_recipes.deformers.sculpting import smoothstep
 from data_recipes.deformers.surface_operators import submesh, vertex_normals
 from data_recipes.deformers.wrinkle_regions import ridges
 from data_recipes.deformers.wrinkles import SMALLEST_THRESHOLD, Region
-from data_recipes.ict.recipe import Folds
+from data_recipes.recipe.facekit import Folds
 
 UP, OUT = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 # Multi-PIE's numbers. The model's left is +x, the picture's right.

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from jaxtyping import Int
+
+from data_recipes.controls import Control
 
 # Thirty of them, of both sides and the middle; the model's left is the picture's right.
 LANDMARKS = {
@@ -69,3 +73,8 @@ def control_points(marks: Int[np.ndarray, " l"]) -> tuple[Int[np.ndarray, " c"],
         for vertex in marks[first : last + 1].tolist():
             chosen.setdefault(vertex, region)
     return np.array(list(chosen), np.int32), tuple(chosen.values())
+
+
+def model_controls(expressions: Iterable[str]) -> tuple[Control, ...]:
+    """Return a control from 0 to 1 for each expression of the model, in their order."""
+    return tuple(Control(name, 0.0, 0.0, 1.0, region_of(name)) for name in expressions)

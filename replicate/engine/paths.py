@@ -1,24 +1,62 @@
-"""Where things lie: the project, the cache and the results."""
+"""Where things lie: the project, the recipes, the cache and the results."""
 
 import os
 from pathlib import Path
+
+from replicate.engine.exceptions import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "results"
 PAPER = RESULTS / "paper"
 REFERENCE = RESULTS / "reference"
+LONGEST_NAME = 255  # bytes of a file's name, on every file system in use
+
+
+CACHE_VARIABLE, RESULTS_VARIABLE = "REPLICATE_CACHE", "REPLICATE_RESULTS"
 
 
 def cache_folder() -> Path:
-    """Return the folder of all artefacts: `$REPLICATE_CACHE`, else `.cache` in the project; it need not exist."""
-    named = os.environ.get("REPLICATE_CACHE", "").strip()
-    return Path(named).expanduser().resolve() if named else ROOT / ".cache"
+    """Return the folder of all artefacts: `$REPLICATE_CACHE`, else `.cache` in the project; it need not exist.
+
+    Raises InputError for a variable that can't name a folder.
+    """
+    return named_folder(CACHE_VARIABLE) or ROOT / ".cache"
 
 
 def run_folder(profile: str) -> Path:
-    """Return the folder that a run with this profile writes to, in `$REPLICATE_RESULTS` or else results/runs."""
-    named = os.environ.get("REPLICATE_RESULTS", "").strip()
-    return (Path(named).expanduser().resolve() if named else RESULTS / "runs") / profile
+    """Return the folder that a run with this profile writes to, in `$REPLICATE_RESULTS` or else results/runs.
+
+    Raises InputError for a variable that can't name a folder.
+    """
+    return (named_folder(RESULTS_VARIABLE) or RESULTS / "runs") / profile
+
+
+def settle_folders(*others: str) -> None:
+    """Make the folders that environment variables name absolute, for processes that work in another folder.
+
+    others: variables beside those of the cache and the results.
+
+    Called once, when a command starts. Raises InputError for a variable that can't name a folder.
+    """
+    for variable in (CACHE_VARIABLE, RESULTS_VARIABLE, *others):
+        if (folder := named_folder(variable)) is not None:
+            os.environ[variable] = str(folder)
+
+
+def named_folder(variable: str) -> Path | None:
+    """Return the folder that an environment variable names, absolute, or None where it names none."""
+    named = os.environ.get(variable, "").strip()
+    if not named:
+        return None
+    try:
+        folder = Path(os.path.abspath(Path(named).expanduser()))
+    except RuntimeError:  # ~nobody
+        raise InputError(f"{variable} is {named}: there is no such home folder, allowed is a folder's path") from None
+    if any(len(os.fsencode(part)) > LONGEST_NAME for part in folder.parts):
+        raise InputError(f"{variable} has a name of more than {LONGEST_NAME} bytes in it: allowed is a folder's path")
+    if os.path.exists(folder) and not os.path.isdir(folder):
+        raise InputError(f"{variable} is {named}: allowed is a folder, and this is none")
+    return Path(os.path.realpath(folder))
 
 
 def shown(path: Path) -> str:

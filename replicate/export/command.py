@@ -9,6 +9,8 @@ from jaxtyping import Float32
 from data_recipes.catalogue import expression_poses, read_clip
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
+from replicate.engine.schema import shown
+from replicate.engine.user_files import as_whole_number, check_writable
 from replicate.export.animation import FRAMES_PER_SECOND, animated_glb
 from replicate.export.files import glb, obj, write_whole
 from replicate.export.parts import by_material, moving_parts, posed_parts
@@ -43,16 +45,22 @@ class Request:
                 f"tolerance is {self.tolerance_mm}: allowed is a number of at least {LEAST_TOLERANCE_MM} mm"
             )
         if self.to is not None:
-            _check_file(Path(self.to).expanduser())
+            _check_file(_file(self.to))
             if self.clip is not None and Path(self.to).suffix.lower() == ".obj":
                 raise InputError(f"{self.to} can hold one pose and not a clip: allowed for a clip is .glb")
+
+
+def _file(named: str) -> Path:
+    try:
+        return Path(named).expanduser()
+    except RuntimeError:  # ~nobody
+        raise InputError(f"to is {shown(named)}: there is no such home folder, allowed is a file's path") from None
 
 
 def _check_file(file: Path) -> None:
     if file.suffix.lower() not in ENDINGS:
         raise InputError(f"{file} ends in {file.suffix or 'nothing'!r}: allowed are {' and '.join(ENDINGS)}")
-    if file.is_dir():
-        raise InputError(f"{file} is a folder: name the file to write")
+    check_writable(file)
     if not file.absolute().parent.is_dir():
         raise InputError(f"there is no folder {file.absolute().parent} to write {file.name} to: make it first")
 
@@ -63,7 +71,7 @@ def export(rig, request: Request) -> tuple[list[Path], str]:
     rig: any that keeps the Rig contract. Raises InputError for an unknown pose or clip, or a bad file of parameters.
     """
     name, poses = chosen(rig, request)
-    file = Path(request.to).expanduser() if request.to else paths.run_folder("export") / f"{rig.name}_{name}.glb"
+    file = _file(request.to) if request.to else paths.run_folder("export") / f"{rig.name}_{name}.glb"
     file.parent.mkdir(parents=True, exist_ok=True)
     about = {"character": rig.name, "pose": name}
     if len(poses) > 1:
@@ -104,7 +112,7 @@ def chosen(rig, request: Request) -> tuple[str, Float32[np.ndarray, "t m"]]:
     poses = expression_poses(rig)
     wanted = request.pose if request.pose is not None else "neutral"
     if wanted not in poses:
-        raise InputError(f"{rig.name} has no pose {wanted!r}: allowed are {', '.join(poses)}")
+        raise InputError(f"{rig.name} has no pose {shown(wanted)}: allowed are {', '.join(poses)}")
     return wanted, poses[wanted][None]
 
 
@@ -114,7 +122,8 @@ def _clip(rig, wanted: str):
         return clips[wanted]
     if not clips:
         raise InputError(f"{rig.name} has no clips: allowed are poses, and files of parameters")
-    if wanted.isdecimal() and int(wanted) < len(clips):
-        return list(clips.values())[int(wanted)]
+    number = as_whole_number(wanted)
+    if number is not None and number < len(clips):
+        return list(clips.values())[number]
     allowed = f"numbers from 0 to {len(clips) - 1} and {', '.join(clips)}"
-    raise InputError(f"{rig.name} has no clip {wanted!r}: allowed are {allowed}")
+    raise InputError(f"{rig.name} has no clip {shown(wanted)}: allowed are {allowed}")

@@ -5,11 +5,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from data_recipes.recipe_paths import OUTSIDE, character_names, recipe_file
-from replicate.config import PROFILES, Config, resolve
+from replicate.config import LARGEST_SEED, PROFILES, Config, resolve
 from replicate.engine import paths
 from replicate.engine.device import choose_device
 from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import core_count
+from replicate.engine.user_files import whole_number
 from replicate.engine.word_lists import words
 from replicate.methods import method_registry as registry
 from replicate.methods.method import Method
@@ -93,11 +94,7 @@ def characters(options: argparse.Namespace) -> list[str]:
 
 def seeds(options: argparse.Namespace) -> list[int]:
     """Return the seeds that are named, each once; 0 where none is."""
-    named = words(options.seed)
-    for seed in named:
-        if not seed.isdecimal():
-            raise InputError(f"seed is {seed!r}: allowed are whole numbers of at least 0")
-    return list(dict.fromkeys(map(int, named))) or [0]
+    return list(dict.fromkeys(whole_number(seed, "seed", 0, LARGEST_SEED) for seed in words(options.seed))) or [0]
 
 
 def methods(options: argparse.Namespace, config: Config) -> Sequence[Method]:

@@ -1,11 +1,15 @@
 """Recipes are read exactly; whatever doesn't fit gets one sentence: file, key, what was found and what is allowed."""
 
+import json
 import re
 
 import pytest
 
-from data_recipes.recipe.reading import load_recipe, recipe_names
+from data_recipes.recipe import reading
+from data_recipes.recipe.reading import load_recipe, recipe_key
+from data_recipes.recipe_paths import character_names
 from replicate.engine.exceptions import InputError
+from replicate.engine.user_files import read_toml
 
 TEMPLATE = """
 half_columns = 14
@@ -41,8 +45,8 @@ def write(folder, text="", template="", top='name = "someone"\nvertices = 900'):
 
 
 def test_the_recipes_of_the_project_load():
-    assert {"teen", "tiny"} <= set(recipe_names())
-    for name in recipe_names():
+    assert {"teen", "tiny"} <= set(character_names())
+    for name in character_names():
         assert load_recipe(name).name == name
 
 
@@ -57,38 +61,41 @@ def test_a_key_left_out_keeps_its_default_and_a_given_one_counts(tmp_path):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("[eyes]\nradias = 17", "found unknown key 'eyes.radias', allowed are centre, radius"),
-        ("[nostril]\na = 1", "found unknown key 'nostril', allowed are name, vertices"),
-        ("[eyes]\nradius = 170", "'eyes.radius': found 170, allowed is a number from 3 to 60"),
-        ("[eyes]\nradius = nan", "'eyes.radius': found nan, allowed is a number from 3 to 60"),
-        ("[eyes]\nradius = true", "'eyes.radius': found True, allowed is a number"),
-        ("[eyes]\nradius = 'big'", "'eyes.radius': found 'big', allowed is a number"),
-        ("[eyes]\ncentre = [1, 2]", "'eyes.centre': found [1, 2], allowed is 3 numbers from -300 to 300"),
-        ("[eyes]\ncentre = [1, 2, inf]", "'eyes.centre': found [1, 2, inf], allowed is 3 numbers"),
-        ("[eyes]\npupil = 'square'", "'eyes.pupil': found 'square', allowed is one of round, slit"),
-        ("[eyes]\npupil_deg = 50", "'eyes.pupil_deg': found 50.0, allowed is below iris_deg"),
-        ("[teeth]\nupper = 5", "'teeth.upper': found 5, allowed is an even number from 2 to 80"),
-        ("[teeth]\nupper = 4.0", "'teeth.upper': found 4.0, allowed is an even number"),
-        ("[teeth]\nupper = 16", "'teeth.widths_upper': found 7 widths, allowed is a width for each of the 8 teeth"),
-        ("[teeth]\nwidths_upper = [8, 900]", "'teeth.widths_upper': found [8, 900], allowed is a list of numbers"),
-        ("[teeth]\nwidths_upper = []", "'teeth.widths_upper': found [], allowed is a list"),
-        ("[tongue]\ncap = [2, 3]", "'tongue.cap': found [2, 3], allowed is two even numbers"),
-        ("[tongue]\ngum_columns_lower = 6", "'tongue.gum_columns_lower': found 6, allowed is an odd number"),
-        ("[mouth]\nbag_rings = [[0, 1]]", "'mouth.bag_rings': found [[0, 1]], allowed is rows of 3 numbers"),
-        ("[controls]\nface = 58", "'controls.face': found 58, allowed is a whole number from 0 to 57"),
+        ("[eyes]\nradias = 17", "unknown key eyes.radias: allowed are centre, radius"),
+        ("[nostril]\na = 1", "unknown key nostril: allowed are name, vertices"),
+        ("[eyes]\nradius = 170", "eyes.radius is 170: allowed is a number from 3 to 60"),
+        ("[eyes]\nradius = nan", "eyes.radius is nan: allowed is a number from 3 to 60"),
+        ("[eyes]\nradius = true", "eyes.radius is True: allowed is a number"),
+        ("[eyes]\nradius = 'big'", "eyes.radius is 'big': allowed is a number"),
+        ("[eyes]\ncentre = [1, 2]", "eyes.centre is [1, 2]: allowed is 3 numbers from -300 to 300"),
+        ("[eyes]\ncentre = [1, 2, inf]", "eyes.centre is [1, 2, inf]: allowed is 3 numbers"),
+        ("[eyes]\npupil = 'square'", "eyes.pupil is 'square': allowed is one of round, slit"),
+        ("[eyes]\npupil_deg = 50", "eyes.pupil_deg is 50.0: allowed is below iris_deg"),
+        ("[teeth]\nupper = 5", "teeth.upper is 5: allowed is an even number from 2 to 80"),
+        ("[teeth]\nupper = 4.0", "teeth.upper is 4.0: allowed is an even number"),
+        ("[teeth]\nupper = 16", "teeth.widths_upper is 7 widths: allowed is a width for each of the 8 teeth"),
+        (
+            "[teeth]\nwidths_upper = [8, 900]",
+            "teeth.widths_upper is [8, 900]: allowed is a list of one or more numbers",
+        ),
+        ("[teeth]\nwidths_upper = []", "teeth.widths_upper is []: allowed is a list"),
+        ("[tongue]\ncap = [2, 3]", "tongue.cap is [2, 3]: allowed is two even numbers"),
+        ("[tongue]\ngum_columns_lower = 6", "tongue.gum_columns_lower is 6: allowed is an odd number"),
+        ("[mouth]\nbag_rings = [[0, 1]]", "mouth.bag_rings is [[0, 1]]: allowed is rows of 3 numbers"),
+        ("[controls]\nface = 58", "controls.face is 58: allowed is a whole number from 0 to 57"),
         (
             "[segments]\nears = 'ear_left'",
-            "'segments': found {'ears': 'ear_left'}, allowed is a table of lists of the parts",
+            "segments is {'ears': 'ear_left'}: allowed is a table of lists of the parts",
         ),
         ("[segments]\nears = ['ear_left', 'nose']", "allowed is a table of lists of the parts face, cranium"),
-        ("[segments]\nears = ['ear_left']", "'segments.ears': found ['ear_left'], allowed is two or more parts"),
+        ("[segments]\nears = ['ear_left']", "segments.ears is ['ear_left']: allowed is two or more parts"),
         (
             "[segments]\nneck = ['ear_left', 'ear_right']",
-            "'segments.neck': found 'neck', allowed is a name that no other",
+            "segments.neck is 'neck': allowed is a name that no other",
         ),
-        ("[segments]\na = ['neck', 'neck']", "'segments.a': found 'neck' again, allowed is each part once"),
-        ("[segments]\na = ['neck', 'face']", "'segments.a': found the part 'face', allowed is any other"),
-        ("[acting]\nholds = 2", "'acting.holds': found 2, allowed is a number from 0 to 1"),
+        ("[segments]\na = ['neck', 'neck']", "segments.a is 'neck' again: allowed is each part once"),
+        ("[segments]\na = ['neck', 'face']", "segments.a is the part 'face': allowed is any other"),
+        ("[acting]\nholds = 2", "acting.holds is 2: allowed is a number from 0 to 1"),
     ],
 )
 def test_a_section_that_does_not_fit_is_refused_in_one_sentence(tmp_path, text, sentence):
@@ -103,18 +110,18 @@ def test_a_section_that_does_not_fit_is_refused_in_one_sentence(tmp_path, text, 
 @pytest.mark.parametrize(
     ("line", "sentence"),
     [
-        ("anchors = [[0, -140, 0, 0, -18, -18]]", "'template.anchors': found [0.0], allowed is two or more rows"),
-        ("angles = [[0, 0], [9, 90], [7, 180]]", "'template.angles': found [0.0, 9.0, 7.0], allowed is rows with"),
-        ("eye_rows = [9, 30]", "'template.eye_rows': found [9, 30], allowed is from neck_rows = 2 to 17, not empty"),
-        ("eye_rows = [11, 9]", "'template.eye_rows': found [11, 9], allowed is two whole numbers"),
-        ("mouth_rows = [3, 6]", "'template.mouth_rows': found [3, 6], allowed is an even number of rows apart"),
-        ("nostril_rows = [5, 7]", "'template.nostril_rows': found [5, 7], allowed is above mouth_rows"),
-        ("hair_row = 17", "'template.hair_row': found 17, allowed is below the last row, 17"),
-        ("crown_across = 14", "'template.crown_across': found 14, allowed is below half_columns = 14"),
-        ("face_columns = 8", "'template.face_columns': found 8, allowed is eye_columns < face_columns"),
-        ("mouth_columns = 7", "'template.mouth_columns': found 7, allowed is below face_columns = 7"),
-        ("coarse_rows = [10, 17]", "'template.coarse_rows': found [10, 17], allowed is a multiple of 3 rows apart"),
-        ("lip_rings = 3", "'template.lip_rings': found 3, allowed is below mouth_rings = 3"),
+        ("anchors = [[0, -140, 0, 0, -18, -18]]", "template.anchors is [0.0]: allowed is two or more rows"),
+        ("angles = [[0, 0], [9, 90], [7, 180]]", "template.angles is [0.0, 9.0, 7.0]: allowed is rows with"),
+        ("eye_rows = [9, 30]", "template.eye_rows is [9, 30]: allowed is from neck_rows = 2 to 17, not empty"),
+        ("eye_rows = [11, 9]", "template.eye_rows is [11, 9]: allowed is two whole numbers"),
+        ("mouth_rows = [3, 6]", "template.mouth_rows is [3, 6]: allowed is an even number of rows apart"),
+        ("nostril_rows = [5, 7]", "template.nostril_rows is [5, 7]: allowed is above mouth_rows"),
+        ("hair_row = 17", "template.hair_row is 17: allowed is below the last row, 17"),
+        ("crown_across = 14", "template.crown_across is 14: allowed is below half_columns = 14"),
+        ("face_columns = 8", "template.face_columns is 8: allowed is eye_columns < face_columns"),
+        ("mouth_columns = 7", "template.mouth_columns is 7: allowed is below face_columns = 7"),
+        ("coarse_rows = [10, 17]", "template.coarse_rows is [10, 17]: allowed is a multiple of 3 rows apart"),
+        ("lip_rings = 3", "template.lip_rings is 3: allowed is below mouth_rings = 3"),
     ],
 )
 def test_a_template_whose_parts_collide_is_refused(tmp_path, line, sentence):
@@ -125,13 +132,13 @@ def test_a_template_whose_parts_collide_is_refused(tmp_path, line, sentence):
 @pytest.mark.parametrize(
     ("top", "sentence"),
     [
-        ("vertices = 9", "found no key 'name', it is required"),
-        ('name = "a b"\nvertices = 9', "'name': found 'a b', allowed is a name of letters, digits and _"),
-        ('name = "a"\nvertices = 0', "'vertices': found 0, allowed is a whole number of 1 or more"),
-        ('name = "a"\nvertices = 9\neyes = 3', "'eyes': found 3, allowed is a table [eyes]"),
-        ('name = "a"\nvertices = 9\nclip_files = "a.csv"', "'clip_files': found 'a.csv', allowed is a list of paths"),
+        ("vertices = 9", "name is missing: it is required"),
+        ('name = "a b"\nvertices = 9', "name is 'a b': allowed is a name of letters, digits and _"),
+        ('name = "a"\nvertices = 0', "vertices is 0: allowed is a whole number from 1 to 1000000"),
+        ('name = "a"\nvertices = 9\neyes = 3', "eyes is 3: allowed is a table [eyes]"),
+        ('name = "a"\nvertices = 9\nclip_files = "a.csv"', "clip_files is 'a.csv': allowed is a list of paths"),
         ('name = "a"\nvertices = 9\nclip_files = ["a/x.csv", "b/x.csv"]', "allowed is files of different names"),
-        ("name = ", "found broken TOML"),
+        ("name = ", "not a readable TOML file"),
     ],
 )
 def test_a_recipe_without_its_head_is_refused(tmp_path, top, sentence):
@@ -140,10 +147,42 @@ def test_a_recipe_without_its_head_is_refused(tmp_path, top, sentence):
 
 
 def test_files_that_are_no_recipes_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"missing\.toml: found no readable file"):
+    with pytest.raises(InputError, match=r"missing\.toml: there is no such file"):
         load_recipe(tmp_path / "missing.toml")
-    with pytest.raises(InputError, match=r"found no such character, allowed are .*teen.* or a \.toml file"):
+    with pytest.raises(InputError, match=r"'hiccup' has no recipe: allowed are .*teen.*, or the path of a \.toml"):
         load_recipe("hiccup")
     (tmp_path / "picture.toml").write_bytes(b"\x89PNG\r\n\xff\x00")
     with pytest.raises(InputError, match="found bytes that are no UTF-8 at 0"):
         load_recipe(tmp_path / "picture.toml")
+
+
+def test_a_recipes_key_follows_what_it_says_and_not_how_it_is_written(tmp_path):
+    plain = recipe_key(write(tmp_path))
+    path = write(tmp_path)
+    path.write_text("# a comment\n" + path.read_text().replace("vertices = 900", "vertices   =   900  # many"))
+    assert recipe_key(path) == plain
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    assert recipe_key(write(elsewhere)) == plain
+    assert recipe_key(write(tmp_path, "[eyes]\nradius = 20.5")) == plain, "a default, written down"
+    assert recipe_key(write(tmp_path, "[eyes]\nradius = 20.6")) != plain
+    assert load_recipe(path).eyes.radius == 20.6
+
+
+def test_the_order_of_segments_is_part_of_a_recipes_key(tmp_path):
+    pairs = ['ears = ["ear_left", "ear_right"]', 'gums = ["gum_upper", "gum_lower"]']
+    keys = [recipe_key(write(tmp_path, "[segments]\n" + "\n".join(lines))) for lines in (pairs, pairs[::-1])]
+    assert json.dumps(keys[0], sort_keys=True) != json.dumps(keys[1], sort_keys=True)
+
+
+def test_a_recipe_is_read_once(tmp_path, monkeypatch):
+    path, read = write(tmp_path), []
+    monkeypatch.setattr(reading, "read_toml", lambda file: read.append(file) or read_toml(file))
+    load_recipe(path)
+    assert read == [path]
+
+
+def test_a_frill_has_all_of_its_numbers_or_none(tmp_path):
+    assert load_recipe(write(tmp_path, "[frills]\njaw = []")).frills.jaw == ()
+    with pytest.raises(InputError, match=r"frills\.jaw is \[1, 2\]: allowed is 12 numbers from -300 to 300"):
+        load_recipe(write(tmp_path, "[frills]\njaw = [1, 2]"))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from data_recipes.acting.clip_file import read_clip
+from data_recipes.acting.clip_file import MOST_FRAMES, read_clip
 from data_recipes.controls import make_controls
 from replicate.engine.exceptions import InputError
 
@@ -32,9 +32,9 @@ def test_named_controls_are_read_and_the_others_rest(tmp_path):
         ("brow_inner_up_left\n-0.1\n", r"line 2, brow_inner_up_left is '-0.1', where numbers from 0 to 1"),
         ("squash\nwide\n", "line 2, squash is 'wide'"),
         ("squash,brow_inner_up_left\n0\n", "line 2 has 1 values, where 2 are allowed"),
-        ("squash\n", "found 1 lines"),
+        ("squash\n", "found 1 line,"),
         ("", "found 0 lines"),
-        (b"\x89PNG\r\n\x1a\n\xff\xfe\x00", "found no CSV text"),
+        (b"\x89PNG\r\n\x1a\n\xff\xfe\x00", "found bytes that are no UTF-8"),
         ('squash\n"0\n', "found no CSV text"),
     ],
 )
@@ -46,5 +46,12 @@ def test_each_fault_gets_a_sentence_with_file_and_place(tmp_path, content, said)
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"none\.csv: found no readable file"):
+    with pytest.raises(InputError, match=r"none\.csv: there is no such file"):
         read_clip(tmp_path / "none.csv", CONTROLS)
+
+
+def test_a_clip_has_so_many_frames_and_no_more(tmp_path):
+    rows = "squash\n" + "0\n" * MOST_FRAMES
+    assert read_clip(written(tmp_path, rows), CONTROLS).shape == (MOST_FRAMES, len(CONTROLS))
+    with pytest.raises(InputError, match="line 20002 is one frame too many: allowed are 20,000 at most"):
+        read_clip(written(tmp_path, rows + "0\n" * 1_000_000), CONTROLS)

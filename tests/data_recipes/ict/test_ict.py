@@ -16,7 +16,9 @@ from data_recipes.acting import arkit_names
 from data_recipes.acting.expressions import EXPRESSIONS
 from data_recipes.catalogue import build_rig, expression_poses, load_rig, save_rig
 from data_recipes.face_rig import face_function
-from data_recipes.ict import facekit_charts, facekit_rig, facekit_segments, jaw_fit, model, recipe
+from data_recipes.ict import facekit_charts, facekit_files, facekit_rig, facekit_segments, jaw_fit
+from data_recipes.recipe.facekit import Reach
+from data_recipes.recipe.reading import load_recipe
 from replicate.__main__ import main
 from replicate.approximation.rigid import find_attachments, segment_errors
 from replicate.approximation.sampling import augment
@@ -94,7 +96,7 @@ def test_an_obj_keeps_its_vertices_and_cuts_many_corners_into_fans(tmp_path):
         "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv -1 .5 0\n"
         "vt 0 0 0\nvt 1 0 0\nvt 1 1 0\nf 1/1/1 2/2/1 3/3/1 4/1/1\nf 1/2 3/3 -1/-1\nf 1/1 2/1 3/1 4/1 5/1\n"
     )
-    vertices, uv, polygons, uv_polygons = model.read_obj(file)
+    vertices, uv, polygons, uv_polygons = facekit_files.read_obj(file)
     assert vertices.shape == (5, 3) and uv.shape == (3, 2)
     assert polygons.tolist() == [[0, 1, 2, 3], [0, 2, 4, -1], [0, 1, 2, -1], [0, 2, 3, -1], [0, 3, 4, -1]]
     assert uv_polygons[:2].tolist() == [[0, 1, 2, 0], [1, 2, 2, -1]]
@@ -109,13 +111,16 @@ def test_an_obj_keeps_its_vertices_and_cuts_many_corners_into_fans(tmp_path):
         ("v 0 0\nvt 0 0\nf 1/1 1/1 1/1\n", "found a line 'v' without 3 numbers"),
         ("v 0 0 nan\nvt 0 0\nf 1/1 1/1 1/1\n", "where finite numbers"),
         ("", "found a line 'v' without 3 numbers, or no such line"),
+        ("v 0 0 0\nvt 0 0\nf 1/1 1/1 " + "9" * 30 + "/1\n", "line 3 is 'f 1/1 1/1 9"),
+        ("v 0 0 0\nvt 0 0\nf 1/1 1/1 " + "9" * 5_000 + "/1\n", "line 3 is 'f 1/1 1/1 9"),
+        ("v 0 0 0\nvt 0 0\nf" + " 1/1" * 200_000 + "\n", "where a face of 3 to 64 different corners"),
     ],
 )
 def test_a_broken_obj_is_named_with_what_was_found(tmp_path, text, found):
     file = tmp_path / "a.obj"
     file.write_text(text)
     with pytest.raises(InputError, match=r"a\.obj") as caught:
-        model.read_obj(file)
+        facekit_files.read_obj(file)
     assert found in str(caught.value)
 
 
@@ -145,9 +150,9 @@ def test_the_mask_has_the_parts_in_mm_and_every_tooth_for_itself(mask, kit):
 
 
 def test_charts_are_the_models_own_or_laid_out_anew_and_nothing_flips(mask, kit):
-    read = recipe.load_recipe(kit)
-    segments = facekit_segments.split(model.read_model(read.vertices), read.parts, read.file)
-    uv, anew = facekit_charts.build_charts(model.read_model(read.vertices), segments, 6)
+    read = load_recipe(kit)
+    segments = facekit_segments.split(facekit_files.read_model(read.vertices), read.parts, read.file)
+    uv, anew = facekit_charts.build_charts(facekit_files.read_model(read.vertices), segments, 6)
     assert anew == ("head",)
     np.testing.assert_array_equal(np.clip(uv, 0, 1).astype(np.float32), mask.mesh.uv)
     u, v = np.meshgrid(np.linspace(0.01, 0.99, 31), np.linspace(0.01, 0.99, 37))
@@ -176,9 +181,9 @@ def test_the_default_pose_is_the_neutral_without_a_fold(mask):
 
 
 def test_jaw_open_turns_about_its_pivot_and_gives_the_models_shape_in_full(mask, kit):
-    read = recipe.load_recipe(kit)
-    kept = facekit_rig.placed(model.read_model(read.vertices), read)
-    shift = kept.vertices[0] - model.read_model(read.vertices).vertices[0]
+    read = load_recipe(kit)
+    kept = facekit_rig.placed(facekit_files.read_model(read.vertices), read)
+    shift = kept.vertices[0] - facekit_files.read_model(read.vertices).vertices[0]
     lower = mask.mesh.segment == mask.mesh.segment_names.index("tooth_lower_01")
     np.testing.assert_allclose(mask.face.constants["jaw"]["pivot"], 10 * PIVOT + shift, atol=0.05)
     turn = mask.face.constants["jaw_turn"][[c.name for c in mask.controls].index("jawOpen")]
@@ -232,7 +237,7 @@ def test_raised_brows_fold_the_forehead_and_nothing_else_does(mask):
 
 def test_exaggerated_poses_stay_within_reach(mask):
     columns = [control.name for control in mask.controls]
-    u = np.asarray(facekit_rig.control_limits({n: i for i, n in enumerate(columns)}, recipe.Reach())["above"])
+    u = np.asarray(facekit_rig.control_limits({n: i for i, n in enumerate(columns)}, Reach())["above"])
     assert u[columns.index("eyeBlink_L")] == pytest.approx(1.04)
     assert u[columns.index("mouthSmile_L")] == pytest.approx(1.25)
     ordinary = np.linalg.norm(moved(mask, mouthSmile_L=1.0), axis=1).max()
@@ -321,6 +326,15 @@ def _break(name):
             rows = [line.split() for line in file.read_text().splitlines()]
             rows = [[row[0], *(str(100 * float(c)) for c in row[1:])] if row[0] == "v" else row for row in rows]
             file.write_text("\n".join(map(" ".join, rows)))
+        elif name == "deep":
+            (data / "vertex_indices.json").write_text("[" * 100_000)
+        elif name == "huge":
+            table = json.loads((data / "vertex_indices.json").read_text())
+            table["idx_to_landmark_verts"][3] = 10**30
+            (data / "vertex_indices.json").write_text(json.dumps(table))
+        elif name == "loop":
+            (data / "eyeBlink_L.obj").unlink()
+            (data / "eyeBlink_L.obj").symlink_to("eyeBlink_L.obj")
         elif name == "jaw":
             table = json.loads((data / "vertex_indices.json").read_text())
             table["expressions"].remove("jawForward")
@@ -338,6 +352,9 @@ def _break(name):
         ("json", ("vertex_indices.json: found no readable table",)),
         ("marks", ("'idx_to_landmark_verts': found 67 landmarks, where 68",)),
         ("unit", ("is 15000 mm wide", "unit is taken to be the centimetre")),
+        ("deep", ("vertex_indices.json: found no readable table",)),
+        ("huge", ("'idx_to_landmark_verts': found vertex 1000000000000000000000000000000, where",)),
+        ("loop", ("eyeBlink_L.obj: found no such file",)),
         ("jaw", ("found no 'jawForward'",)),
     ],
 )
@@ -362,11 +379,15 @@ def test_without_the_folder_the_command_ends_with_2_and_says_where_to_get_it(nam
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ("rows = 5", "rows = 1", "'folds.rows': found 1, allowed is a whole number from 2 to 12"),
-        ("rows = 5", "rose = 5", "unknown key 'folds.rose', allowed are forehead"),
-        ("[parts]", "[bits]", "found no table [parts], it is required"),
-        ("mouth = [", "muth = [", "unknown key 'parts.muth'"),
-        ("vertices = 1597", "vertices = 900", "found the last vertex 1146, where vertices from 0 to 899"),
+        ("rows = 5", "rows = 1", "folds.rows is 1: allowed is a whole number from 2 to 12"),
+        ("rows = 5", "rose = 5", "unknown key folds.rose: allowed are forehead"),
+        ("[parts]", "[bits]", "unknown key bits: allowed are name, vertices, parts"),
+        ("mouth = [", "muth = [", "unknown key parts.muth: allowed are face"),
+        (
+            "vertices = 1597",
+            "vertices = 900",
+            "parts.face is [0, 1146]: allowed are two of the model's",
+        ),
     ],
 )
 def test_a_bad_recipe_gets_one_sentence(kit, tmp_path, old, new, sentence):

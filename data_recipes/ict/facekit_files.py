@@ -7,7 +7,6 @@ seams or merge them, and every index of this model means something.
 from __future__ import annotations
 
 import json
-import os
 import re
 from dataclasses import dataclass
 from itertools import pairwise
@@ -17,10 +16,15 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from replicate.engine.exceptions import InputError
+from replicate.engine.paths import named_folder
+from replicate.engine.schema import cut, shown
+from replicate.engine.user_files import is_file, read_text, shown_path
 
 VARIABLE = "ICT_FACEKIT"
 SOURCE = "ICT-FaceKit by USC ICT on GitHub, ICT-FaceKit/FaceXModel"
 NEUTRAL, INDICES = "generic_neutral_mesh.obj", "vertex_indices.json"
+MOST_BYTES = 100_000_000  # of one of its files, the largest of which has 4 MB
+MOST_CORNERS = 64  # of a polygon; the model has quads and triangles, and a chart of large ones can't be laid out
 MM = 10.0  # the model is in centimetres
 LANDMARKS = 68  # Multi-PIE's markup
 WIDEST_MM, NARROWEST_MM = 2000.0, 60.0  # a bust whose unit is not the centimetre lies outside
@@ -47,17 +51,16 @@ def model_folder() -> Path:
 
     Raises InputError when the variable is not set or names no folder with a neutral mesh.
     """
-    named = os.environ.get(VARIABLE, "").strip()
-    if not named:
+    folder = named_folder(VARIABLE)
+    if folder is None:
         raise InputError(
             f"the character needs a folder that is not part of this project ({SOURCE}): get it and name it, as in "
             f"{VARIABLE}=/path/to/ICT-FaceKit"
         )
-    folder = Path(named).expanduser().resolve()
     for found in (folder, folder / "FaceXModel"):
-        if (found / NEUTRAL).is_file():
+        if is_file(found / NEUTRAL):
             return found
-    raise InputError(f"{VARIABLE}={named}: found no {NEUTRAL} there, allowed is the folder of {SOURCE}")
+    raise InputError(f"{VARIABLE}={folder}: found no {NEUTRAL} there, allowed is the folder of {SOURCE}")
 
 
 def model_files() -> tuple[Path, ...]:
@@ -66,12 +69,18 @@ def model_files() -> tuple[Path, ...]:
     Raises InputError for a missing one.
     """
     folder = model_folder()
-    names = _indices(folder / INDICES)["expressions"]
-    files = (folder / INDICES, folder / NEUTRAL, *(folder / f"{name}.obj" for name in names))
+    files = (folder / INDICES, folder / NEUTRAL, *(folder / f"{name}.obj" for name in expression_names()))
     for file in files:
-        if not file.is_file():
-            raise InputError(f"{file}: found no such file, though {INDICES} lists it: allowed is a whole {SOURCE}")
+        if not is_file(file):
+            raise InputError(
+                f"{shown_path(file)}: found no such file, though {INDICES} lists it: allowed is a whole {SOURCE}"
+            )
     return files
+
+
+def expression_names() -> tuple[str, ...]:
+    """Return the names of the model's expressions, in its order. Raises InputError as `model_files` does."""
+    return tuple(_indices(model_folder() / INDICES)["expressions"])
 
 
 def read_model(vertices: int) -> FaceKit:
@@ -96,35 +105,32 @@ def read_model(vertices: int) -> FaceKit:
         if len(posed) != len(rest):
             raise InputError(f"{file}: found {len(posed)} vertices, where the {len(rest)} of {NEUTRAL} are allowed")
         offsets[file.stem] = MM * (posed - rest)
-    landmarks = np.array(indices["idx_to_landmark_verts"], np.int64)
-    bad = np.flatnonzero((landmarks < 0) | (landmarks >= len(rest)))
-    if len(landmarks) != LANDMARKS or len(bad):
-        found = f"{len(landmarks)} landmarks" if len(landmarks) != LANDMARKS else f"vertex {landmarks[bad[0]]}"
+    landmarks = indices["idx_to_landmark_verts"]
+    bad = [index for index in landmarks if not 0 <= index < len(rest)]
+    if len(landmarks) != LANDMARKS or bad:
+        found = f"{len(landmarks)} landmarks" if len(landmarks) != LANDMARKS else f"vertex {shown(bad[0])}"
         allowed = f"{LANDMARKS} landmarks from 0 to {len(rest) - 1} are allowed"
         raise InputError(f"{indices_file}: 'idx_to_landmark_verts': found {found}, where {allowed}")
-    return FaceKit(MM * rest, polygons, uv, uv_polygons, offsets, landmarks)
+    return FaceKit(MM * rest, polygons, uv, uv_polygons, offsets, np.array(landmarks, np.int64))
 
 
 def _indices(file: Path) -> dict[str, list]:
+    text = read_text(file, MOST_BYTES)
     try:
-        table = json.loads(file.read_text(encoding="utf-8"))
+        table = json.loads(text)
         names, landmarks = table["expressions"], table["idx_to_landmark_verts"]
-        if not names or not all(isinstance(name, str) and name.isidentifier() for name in names):
+        if not isinstance(names, list) or not all(isinstance(name, str) and name.isidentifier() for name in names):
             raise TypeError("its expressions are no list of names")
-        if not all(type(index) is int for index in landmarks):
+        if not names or len(set(names)) < len(names):
+            raise TypeError("its expressions are none, or one is there twice")
+        if not isinstance(landmarks, list) or not all(type(index) is int for index in landmarks):
             raise TypeError("its idx_to_landmark_verts are no list of vertices")
         return {"expressions": names, "idx_to_landmark_verts": landmarks}
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        reason = cut(str(error))
         raise InputError(
-            f"{file}: found no readable table of indices ({error}), allowed is that of {SOURCE}"
+            f"{file}: found no readable table of indices ({reason}), allowed is that of {SOURCE}"
         ) from error
-
-
-def _text(file: Path) -> str:
-    try:
-        return file.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{file}: found no readable OBJ ({error})") from error
 
 
 def _numbers(text: str, kind: str, width: int, file: Path) -> Float[np.ndarray, "n w"]:
@@ -143,7 +149,7 @@ def _numbers(text: str, kind: str, width: int, file: Path) -> Float[np.ndarray, 
 
 def read_vertices(file: Path) -> Float[np.ndarray, "n 3"]:
     """Return the vertices of an OBJ in its own unit. Raises InputError, naming the file, when there are none."""
-    return _numbers(_text(file), "v", 3, file)
+    return _numbers(read_text(file, MOST_BYTES), "v", 3, file)
 
 
 def read_obj(file: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -153,7 +159,7 @@ def read_obj(file: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray
     its index, however many texture coordinates its polygons give it. Raises InputError, naming file and line, for
     faces without texture coordinates or with indices out of range.
     """
-    text = _text(file)
+    text = read_text(file, MOST_BYTES)
     vertices, uv = _numbers(text, "v", 3, file), _numbers(text, "vt", 2, file)
     corners: list[list[tuple[int, int]]] = []
     for number, line in enumerate(text.splitlines(), 1):
@@ -163,10 +169,10 @@ def read_obj(file: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray
             polygon = [_corner(word, len(vertices), len(uv)) for word in line.split()[1:]]
         except (ValueError, IndexError):
             polygon = []
-        if len(polygon) < 3:
+        if not 3 <= len(polygon) <= MOST_CORNERS or len(set(polygon)) < len(polygon):
             raise InputError(
-                f"{file}: line {number} is {line.strip()!r}, where a face of three or more corners v/vt within "
-                f"{len(vertices)} vertices and {len(uv)} texture coordinates is allowed"
+                f"{file}: line {number} is {shown(line.strip())}, where a face of 3 to {MOST_CORNERS} different "
+                f"corners v/vt within {len(vertices)} vertices and {len(uv)} texture coordinates is allowed"
             )
         fans = [polygon] if len(polygon) <= 4 else [[polygon[0], *pair] for pair in pairwise(polygon[1:])]
         corners += [fan + [(-1, -1)] * (4 - len(fan)) for fan in fans]

@@ -1,0 +1,48 @@
+"""What a recipe gets wrong that shows without building its head: in a moment, before any stage starts."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from data_recipes.acting.clip_file import read_clip
+from data_recipes.controls import Control, limit_controls, make_controls
+from data_recipes.head.dentition import arch, tooth_centres
+from data_recipes.head.topology import build_layout, check_count
+from data_recipes.ict.facekit_files import expression_names
+from data_recipes.ict.marks import model_controls
+from data_recipes.recipe.character import Recipe
+from data_recipes.recipe.facekit import FaceKitRecipe
+from replicate.engine.exceptions import InputError
+
+ROW_OF_ARCH = 1.3  # teeth stand in an arch or a little beyond its ends; ours fill 0.2 to 1.0 of it
+
+
+def recipe_controls(recipe: Recipe) -> tuple[Control, ...]:
+    """Return a recipe's controls. Raises InputError for limits of a control that the rig doesn't have."""
+    controls = make_controls(asdict(recipe.controls), recipe.file)
+    return limit_controls(controls, recipe.limits.reach, recipe.limits.full, recipe.file)
+
+
+def check_early(recipe: Recipe | FaceKitRecipe) -> None:
+    """Raise InputError for a clip that can't be read, and for a head whose vertices are not as many as it says."""
+    if isinstance(recipe, FaceKitRecipe):
+        controls = model_controls(expression_names())
+    else:
+        controls = recipe_controls(recipe)
+        check_count(recipe, build_layout(recipe))
+        _check_rows_of_teeth(recipe)
+    for file in recipe.clip_files:
+        read_clip(Path(file), controls)
+
+
+def _check_rows_of_teeth(recipe: Recipe) -> None:
+    """Raise InputError for teeth that are wider together than their arch is long."""
+    for jaw in ("upper", "lower"):
+        _, widths = tooth_centres(recipe, jaw == "upper")
+        room = np.linalg.norm(np.diff(arch(recipe, 0.0, jaw == "upper"), axis=0), axis=1).sum()
+        if widths.sum() > ROW_OF_ARCH * room:
+            raise InputError(
+                f"{recipe.file}: teeth.widths_{jaw} give a row of {widths.sum():.0f} mm: allowed are "
+                f"{ROW_OF_ARCH * room:.0f}, {ROW_OF_ARCH:g} times the length of their arch"
+            )

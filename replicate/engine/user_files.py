@@ -1,0 +1,118 @@
+"""What a user hands over, read safely: files that are no files, too long or unreadable, and numbers as text.
+
+Whoever names a pipe, a device or a folder gets one sentence at once: nothing blocks, and no more is read than a file
+of that kind can sensibly hold.
+"""
+
+import os
+import stat
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from replicate.engine.exceptions import InputError
+from replicate.engine.paths import LONGEST_NAME
+from replicate.engine.schema import cut, shown
+
+TOML_BYTES = 1_000_000  # of a recipe or a configuration; ours have 2 to 6 KB
+
+BESIDE = ".0000000.part"  # what the name of a half-written file is longer by
+
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+
+
+def read_bytes(file: Path, most_bytes: int) -> bytes:
+    """Return a file's contents. Raises InputError for a missing or unreadable one, for what is no regular file
+    and for more than `most_bytes`."""
+    name = shown_path(file)
+    try:
+        _check_regular(os.stat(file).st_mode, name)  # first by name: to open some devices does something
+        descriptor = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        with open(descriptor, "rb") as stream:
+            _check_regular(os.fstat(descriptor).st_mode, name)
+            data = stream.read(most_bytes + 1)
+    except FileNotFoundError:
+        raise InputError(f"{name}: there is no such file") from None
+    except OSError as error:
+        raise InputError(f"{name}: found no readable file ({error.strerror})") from None
+    except ValueError as error:  # a NUL, or what no file system can encode
+        raise InputError(f"{name}: no file can have this name ({error})") from None
+    if len(data) > most_bytes:
+        raise InputError(f"{name}: the file is too long: allowed are {most_bytes / 1e6:g} MB")
+    return data
+
+
+def _check_regular(mode: int, name: str) -> None:
+    if not stat.S_ISREG(mode):
+        raise InputError(f"{name} is {_KINDS.get(stat.S_IFMT(mode), 'no regular file')}: allowed is a regular file")
+
+
+def read_text(file: Path, most_bytes: int) -> str:
+    """Return a file's text, UTF-8 with or without a byte order mark. Raises InputError as `read_bytes` does, and for
+    bytes that are no UTF-8."""
+    data = read_bytes(file, most_bytes)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{shown_path(file)}: found bytes that are no UTF-8 at {error.start}") from None
+
+
+def read_toml(file: Path) -> dict[str, Any]:
+    """Return a TOML file's table. Raises InputError as `read_text` does, and for what is no TOML."""
+    text = read_text(file, TOML_BYTES)
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise InputError(f"{shown_path(file)}: not a readable TOML file (it is nested too deeply)") from None
+    except ValueError as error:  # also whole numbers of more digits than Python reads
+        raise InputError(f"{shown_path(file)}: not a readable TOML file ({cut(str(error))})") from None
+
+
+def is_file(file: Path) -> bool:
+    """Tell whether there is a regular file of this name; a name that no file can have is none."""
+    try:
+        return stat.S_ISREG(os.stat(file).st_mode)
+    except (OSError, ValueError):
+        return False
+
+
+def check_writable(file: Path) -> None:
+    """Raise InputError where no regular file can be written: a folder, device or pipe is there, or the name is none."""
+    name = shown_path(file)
+    if "\0" in str(file) or len(os.fsencode(file.name)) > LONGEST_NAME - len(BESIDE):
+        raise InputError(f"{name}: no file can have this name, name another file")
+    try:
+        _check_regular(os.stat(file).st_mode, name)
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        raise InputError(f"{name} can't be written ({error.strerror}): name another file") from None
+
+
+def shown_path(file: Path) -> str:
+    """Return a path as a sentence can hold it: as it is, or quoted and cut if it is no printable name."""
+    text = str(file)
+    return text if text.isprintable() and len(text) <= 4 * LONGEST_NAME else shown(text)
+
+
+def as_whole_number(text: str) -> int | None:
+    """Return a text of decimal digits as a number of at most 18 digits, and None for any other text."""
+    digits = text.strip().lstrip("0") or "0" if text.strip() else ""
+    return int(digits) if digits.isascii() and digits.isdecimal() and len(digits) <= 18 else None
+
+
+def whole_number(text: str, what: str, lower: int, upper: int) -> int:
+    """Return a text of the command line as a whole number in [lower, upper]; what: its name, for messages.
+
+    Raises InputError for any other text.
+    """
+    value = as_whole_number(text)
+    if value is None or not lower <= value <= upper:
+        raise InputError(f"{what} is {shown(text)}: allowed is a whole number from {lower} to {upper}")
+    return value
