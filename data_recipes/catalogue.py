@@ -6,6 +6,7 @@ here for names and files alone.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,20 @@ from data_recipes.acting import clip_file
 from data_recipes.acting.expression_poses import expression_poses
 from data_recipes.ict.facekit_files import model_files
 from data_recipes.recipe.facekit import FaceKitRecipe
-from data_recipes.recipe.reading import load_recipe
-from data_recipes.recipe_paths import character_names, recipe_file
+from data_recipes.recipe.reading import Recipe, load_recipe, with_clips, without_place
+from data_recipes.recipe_paths import character_names
 from data_recipes.rig import Rig
 
-__all__ = ["build_rig", "expression_poses", "load_rig", "read_clip", "recipe_files", "rig_names", "save_rig"]
+__all__ = [
+    "build_from_parts",
+    "build_rig",
+    "character_parts",
+    "expression_poses",
+    "load_rig",
+    "read_clip",
+    "rig_names",
+    "save_rig",
+]
 
 
 def rig_names() -> tuple[str, ...]:
@@ -27,17 +37,18 @@ def rig_names() -> tuple[str, ...]:
     return character_names()
 
 
-def recipe_files(name_or_recipe: str | Path) -> tuple[Path, ...]:
-    """Return the files that a character is made of: its recipe, the clips that this names, and a model's files.
+def character_parts(name_or_recipe: str | Path) -> tuple[Recipe | FaceKitRecipe, tuple[Path, ...]]:
+    """Return what a character's rig is built from: what its recipe says, and the files of its clips and its model.
 
-    Raises InputError for a bad recipe or clip, or a model that is not there.
+    The recipe is free of places, comments and layout: two that are equal give the same rig, if the files do. Raises
+    InputError for a bad recipe or clip, or a model that is not there.
     """
     from data_recipes.early_checks import check_early
 
     recipe = load_recipe(name_or_recipe)
     check_early(recipe)
     model = model_files() if isinstance(recipe, FaceKitRecipe) else ()
-    return recipe_file(str(name_or_recipe)), *map(Path, recipe.clip_files), *model
+    return without_place(recipe), (*map(Path, recipe.clip_files), *model)
 
 
 def build_rig(name_or_recipe: str | Path) -> Rig:
@@ -45,14 +56,19 @@ def build_rig(name_or_recipe: str | Path) -> Rig:
 
     name_or_recipe: one of `rig_names()`, or the path of a recipe in TOML. Raises InputError for a bad recipe.
     """
-    recipe = load_recipe(name_or_recipe)
+    return build_from_parts(*character_parts(name_or_recipe))
+
+
+def build_from_parts(recipe: Recipe | FaceKitRecipe, files: Sequence[Path]) -> Rig:
+    """Return the rig of what `character_parts` gives. Raises InputError for a recipe that gives no face."""
+    whole = with_clips(recipe, files)
     if isinstance(recipe, FaceKitRecipe):
         from data_recipes.ict.facekit_rig import build_facekit_rig
 
-        return build_facekit_rig(recipe)
+        return build_facekit_rig(whole)
     from data_recipes.recipe_rig import build_recipe_rig
 
-    return build_recipe_rig(recipe)
+    return build_recipe_rig(whole)
 
 
 def load_rig(folder: Path) -> Rig:

@@ -13,7 +13,7 @@ import pytest
 from bad_inputs import TINY, clip_mutations, command_lines, configurations, recipes, special_files
 
 from data_recipes.acting.clip_file import read_clip
-from data_recipes.catalogue import recipe_files
+from data_recipes.catalogue import character_parts
 from data_recipes.controls import make_controls
 from data_recipes.recipe_paths import OUTSIDE
 from replicate import __main__ as cli
@@ -54,7 +54,7 @@ def all_refused(read, cases, write) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_generated_recipes_are_refused_in_a_sentence_before_anything_is_built(tmp_path, seed):
     file = tmp_path / "mine.toml"
-    all_refused(recipe_files, recipes(seed), lambda data: (file.write_bytes(data), file)[1])
+    all_refused(character_parts, recipes(seed), lambda data: (file.write_bytes(data), file)[1])
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -76,7 +76,7 @@ def test_generated_clips_are_refused_in_a_sentence(tmp_path, seed):
 
 def test_what_is_no_file_is_refused_at_once(tmp_path):
     readers = {
-        "recipe": (lambda file: recipe_files(str(file)), ".toml"),
+        "recipe": (lambda file: character_parts(str(file)), ".toml"),
         "character": (lambda file: resolve(str(file)), ".toml"),
         "configuration": (lambda file: resolve("tiny", file=file), ".toml"),
         "clip": (lambda file: read_clip(file, CONTROLS), ".csv"),

@@ -1,18 +1,18 @@
 """Reading a recipe: from a character's name or a TOML file to checked dataclasses, once."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from data_recipes.recipe.character import Recipe
 from data_recipes.recipe.facekit import FaceKitRecipe, check_parts
 from data_recipes.recipe.rules import check_rules
 from data_recipes.recipe_paths import character_names, recipe_file
 from replicate.engine.exceptions import InputError
-from replicate.engine.schema import naming, read_table, shown, to_json
+from replicate.engine.schema import naming, read_table, shown
 from replicate.engine.user_files import is_file, read_toml
 
-__all__ = ["Recipe", "load_recipe", "recipe_key"]
+__all__ = ["Recipe", "load_recipe", "with_clips", "without_place"]
 
 
 def load_recipe(name_or_path: str | Path) -> Recipe | FaceKitRecipe:
@@ -35,11 +35,11 @@ def load_recipe(name_or_path: str | Path) -> Recipe | FaceKitRecipe:
     return replace(recipe, clip_files=tuple(str(path.parent / name) for name in recipe.clip_files))
 
 
-def recipe_key(name_or_path: str | Path) -> dict[str, Any]:
-    """Return what a recipe says, defaults filled in, as JSON-ready data: comments, layout and place don't count.
+def without_place(recipe: Recipe | FaceKitRecipe) -> Recipe | FaceKitRecipe:
+    """Return a recipe as the key of what is built from it has it: its clips by name, wherever they and it lie."""
+    return replace(recipe, clip_files=tuple(Path(name).stem for name in recipe.clip_files))
 
-    Of clip files it has the names alone: whoever builds a key from it adds their bytes. Raises InputError as
-    `load_recipe` does.
-    """
-    recipe = load_recipe(name_or_path)
-    return to_json(replace(recipe, file="", clip_files=tuple(Path(name).stem for name in recipe.clip_files)))
+
+def with_clips(recipe: Recipe | FaceKitRecipe, files: Sequence[Path]) -> Recipe | FaceKitRecipe:
+    """Return a recipe whose clips lie in these files, as many as it names; more files are left out."""
+    return replace(recipe, clip_files=tuple(map(str, files[: len(recipe.clip_files)])))

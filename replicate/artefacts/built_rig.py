@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from data_recipes.catalogue import recipe_files
+from data_recipes.catalogue import character_parts
 from replicate.artefacts.plan import Plan
 from replicate.config import resolve
 from replicate.engine.provenance import as_lines, core_count, package_versions, provenance
@@ -15,22 +15,24 @@ from replicate.geometry.mesh import Mesh
 
 @dataclass(frozen=True)
 class Character:
-    """Which rig to build: a character's name, or the path of a recipe."""
+    """Which rig to build: a recipe, free of the place that it lies at."""
 
-    character: str
+    recipe: object
 
 
 def stage(plan: Plan) -> Stage:
-    """Return the stage that builds the plan's character."""
-    character = plan.config.character
-    return plan.stage("rig", make, Character(character), files=recipe_files(character), seeded=False)
+    """Return the stage that builds the plan's character. Raises InputError for a bad recipe."""
+    if "rig" in plan:
+        return plan["rig"]
+    recipe, files = character_parts(plan.config.character)
+    return plan.stage("rig", make, Character(recipe), files=files, seeded=False)
 
 
 def make(context: StageContext) -> None:
     """Build a character's rig, and write it with its mesh."""
-    from data_recipes.catalogue import build_rig, save_rig
+    from data_recipes.catalogue import build_from_parts, save_rig
 
-    rig = build_rig(context.config.character)
+    rig = build_from_parts(context.config.recipe, context.files)
     save_rig(rig, context.out / "rig")
     rig.mesh.save(context.out / "mesh.npz")
     context.note(vertices=len(rig.mesh.neutral), faces=len(rig.mesh.faces), parameters=len(rig.controls))

@@ -63,6 +63,12 @@ class Plan:
             self._stages[name] = Stage(name, called, settings, inputs, label, files)
         return self._stages[name]
 
+    def __contains__(self, name: str) -> bool:
+        return name in self._stages
+
+    def __getitem__(self, name: str) -> Stage:
+        return self._stages[name]
+
     def numbers(self, section: object) -> Numbers:
         """Return a section of the configuration with the plan's seed."""
         return Numbers(section, self.config.seed)

@@ -48,6 +48,7 @@ class Task:
             "sources": sources_digest(stage.function),
             "config": to_json(stage.config),
             "inputs": {name: needed.identifier for name, needed in input_names(stage.inputs).items()},
+            "files": [str(Path(file).absolute()) for file in stage.files],
             "threads": threads,
             "cache": str(store.cache_folder()),
             "path": [str(root.resolve()) for root in project_roots() if root != ROOT],

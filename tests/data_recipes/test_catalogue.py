@@ -7,25 +7,25 @@ import numpy as np
 import pytest
 from box import foreign
 
-from data_recipes.catalogue import expression_poses, read_clip, recipe_files, rig_names
-from data_recipes.recipe_paths import RECIPES
+from data_recipes.catalogue import character_parts, expression_poses, read_clip, rig_names
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import ROOT
 
 
 def test_the_recipes_that_come_along_are_listed_with_their_files():
     assert {"teen", "tiny"} <= set(rig_names())
-    assert recipe_files("tiny") == (RECIPES / "tiny.toml",)
+    recipe, files = character_parts("tiny")
+    assert (recipe.name, files) == ("tiny", ())
 
 
 def test_a_character_that_there_is_not_is_refused_with_those_that_there_are():
-    with pytest.raises(InputError, match=r"recipe 'nobody': .*tiny"):
-        recipe_files("nobody")
+    with pytest.raises(InputError, match=r"character 'nobody' has no recipe.*tiny"):
+        character_parts("nobody")
 
 
 def test_a_recipe_is_read_without_jax_and_scipy():
     program = (
-        "import sys; from data_recipes.catalogue import recipe_files; recipe_files('tiny');"
+        "import sys; from data_recipes.catalogue import character_parts; character_parts('tiny');"
         "print({'jax', 'scipy', 'torch'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)

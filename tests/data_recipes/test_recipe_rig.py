@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from data_recipes.acting.procedural_acting import act
-from data_recipes.catalogue import build_rig, load_rig, recipe_files, save_rig
+from data_recipes.catalogue import build_rig, character_parts, load_rig, save_rig
 from data_recipes.head.neutral_head import build_head
 from data_recipes.recipe.reading import load_recipe
 from data_recipes.recipe_paths import RECIPES
@@ -27,7 +27,7 @@ def test_a_recipe_can_bring_its_own_clips_in_place_of_acting(tmp_path):
     (tmp_path / "shots" / "nod.csv").write_text("squash,jaw_open\n0,0\n0.5,0.25\n", encoding="utf-8")
     recipe = tmp_path / "mine.toml"
     recipe.write_text('clip_files = ["shots/nod.csv"]\n' + text, encoding="utf-8")
-    assert recipe_files(recipe) == (recipe, tmp_path / "shots" / "nod.csv")
+    assert character_parts(recipe)[1] == (tmp_path / "shots" / "nod.csv",)
     rig = build_rig(recipe)
     columns = [control.name for control in rig.controls]
     (clip,) = rig.clips
