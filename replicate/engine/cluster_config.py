@@ -71,6 +71,11 @@ def read_cluster(text: str) -> Cluster:
     return cluster
 
 
+def is_elsewhere(text: str | None) -> bool:
+    """Return whether CLUSTER names other machines, whose GPUs are not those of this one."""
+    return bool(text) and not isinstance(_parse(text.strip()), LocalCluster)
+
+
 def _parse(text: str) -> Cluster:
     if match := re.fullmatch(r"local:(\d{1,4})", text, re.ASCII):
         if not 1 <= int(match[1]) <= _MOST_WORKERS:
