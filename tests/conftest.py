@@ -19,7 +19,7 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # all processes of the tests share 
 import pytest
 from jaxtyping import install_import_hook
 
-import replicate.config
+import replicate.config  # loaded before the hook: it checks its values itself, with sentences that are tested
 import replicate.engine.cluster_config  # noqa: F401, likewise
 
 _hook = install_import_hook(["replicate", "data_recipes"], "typechecker.check")

@@ -3,12 +3,12 @@
 import importlib.util
 import re
 import shutil
-import tomllib
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 from replicate.engine.exceptions import InputError
 from replicate.engine.schema import Checked, number
+from replicate.engine.user_files import read_toml
 
 _MOST_WORKERS = 1024
 _FORMS = "local:4 (workers on this machine), tcp://host:8786 (a Dask scheduler) or the path of a .toml file (Slurm)"
@@ -71,6 +71,11 @@ def read_cluster(text: str) -> Cluster:
     return cluster
 
 
+def is_elsewhere(text: str | None) -> bool:
+    """Return whether CLUSTER names other machines, whose GPUs are not those of this one."""
+    return bool(text) and not isinstance(_parse(text.strip()), LocalCluster)
+
+
 def _parse(text: str) -> Cluster:
     if match := re.fullmatch(r"local:(\d{1,4})", text, re.ASCII):
         if not 1 <= int(match[1]) <= _MOST_WORKERS:
@@ -84,12 +89,7 @@ def _parse(text: str) -> Cluster:
 
 
 def _read_slurm(file: Path) -> SlurmCluster:
-    try:
-        values = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{file}: found no readable file ({error.strerror})") from None
-    except ValueError as error:
-        raise InputError(f"{file}: not a readable TOML file ({error})") from None
+    values = read_toml(file)
     allowed = [entry.name for entry in fields(SlurmCluster)]
     for key in values:
         if key not in allowed:

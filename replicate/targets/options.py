@@ -7,6 +7,7 @@ from pathlib import Path
 from data_recipes.recipe_paths import OUTSIDE, character_names, recipe_file
 from replicate.config import LARGEST_SEED, PROFILES, Config, resolve
 from replicate.engine import paths
+from replicate.engine.cluster_config import is_elsewhere
 from replicate.engine.device import choose_device
 from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import core_count
@@ -66,7 +67,7 @@ OPTIONS = {
 
 def configurations(options: argparse.Namespace) -> list[Config]:
     """Return the configuration of every character and seed that the command line names."""
-    device = choose_device(options.device)
+    device = choose_device(options.device, elsewhere=is_elsewhere(getattr(options, "cluster", None)))
     overrides = {"samples": {"split": options.split}} if options.split else None
     file = Path(options.config) if options.config else None
     registry.choose(words(getattr(options, "methods", "")))  # those from outside have sections of their own too

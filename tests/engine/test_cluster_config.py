@@ -43,8 +43,8 @@ def test_no_and_too_many_workers_are_refused(text):
     ("content", "sentence"),
     [
         ("job = 3", "unknown key job: allowed are jobs, cores, memory, walltime, gpus, partition, account"),
-        ("jobs = 0", "jobs is 0: allowed is a whole number of at least 1 and at most 1024"),
-        ("gpus = 2", "gpus is 2: allowed is a whole number of at least 0 and at most 1"),
+        ("jobs = 0", "jobs is 0: allowed is a whole number from 1 to 1024"),
+        ("gpus = 2", "gpus is 2: allowed is a whole number from 0 to 1"),
         ("cores = '8'", "cores is '8': allowed is a whole number"),
         ("memory = 'much'", "memory is 'much': allowed is a size, as 8GB"),
         ("walltime = 'long'", "walltime is 'long': allowed is a time, as 04:00:00"),
