@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from small_face import M, SmallSamples, small_influence, small_mesh, small_samples
+from small_face import M, SmallSamples, exact_samples, small_influence, small_mesh, small_samples
 
 from replicate.approximation.rigid import find_attachments
 from replicate.approximation.samples import quantise
@@ -20,8 +20,10 @@ def write_artefacts(folder: Path, samples: SmallSamples | None = None) -> dict[s
         place.mkdir(parents=True)
     mesh.save(inputs["rig"] / "mesh.npz")
     np.save(inputs["influence"] / "influence.npy", small_influence(mesh))
-    find_attachments(mesh, mesh.neutral + samples.truth[:32], 0.3, 4).save(inputs["rigid"] / "attachments.npz")
-    offsets, steps = quantise(samples.truth)
+    find_attachments(mesh, mesh.neutral + samples.offsets(np.arange(32)), 0.3, 4).save(
+        inputs["rigid"] / "attachments.npz"
+    )
+    offsets, steps = quantise(samples.offsets(np.arange(len(samples))))
     arrays = {
         "params": samples.params,
         "offsets": offsets,
@@ -46,7 +48,7 @@ def straight_samples() -> SmallSamples:
     constant *= (mesh.segment < 2)[:, None]
     training, fresh = (rng.uniform(-1, 1, (n, M)).astype(np.float32) for n in (200, 24))
     truth, held_out = ((np.tensordot(params, slopes, 1) + constant).astype(np.float32) for params in (training, fresh))
-    return SmallSamples(training, truth, fresh, held_out)
+    return exact_samples(training, truth, fresh, held_out)
 
 
 def run_stage(function, inputs: dict[str, Path], name: str, config, folder: Path) -> tuple[dict[str, Path], dict]:

@@ -1,10 +1,10 @@
 """A stand-in character for the network tests: two grid charts and a stiff one, 12 parameters, bumps and a wrinkle."""
 
 import zlib
-from dataclasses import dataclass
 
 import numpy as np
 
+from replicate.approximation.samples import SampleSet
 from replicate.approximation.segment_training import train_segments
 from replicate.approximation.segments import coarse_segments
 from replicate.engine.progress import progress
@@ -56,20 +56,8 @@ def small_influence(mesh: Mesh) -> np.ndarray:
     return influence
 
 
-@dataclass(frozen=True)
-class SmallSamples:
-    """What training needs of a SampleSet."""
-
-    params: np.ndarray
-    truth: np.ndarray
-    validation_params: np.ndarray
-    validation_offsets: np.ndarray
-
-    def offsets(self, indices):
-        return self.truth[indices]
-
-    def vertices_subset(self, indices, vertices):
-        return self.truth[np.asarray(indices)[:, None], np.asarray(vertices)[None]]
+class SmallSamples(SampleSet):
+    """Samples that are not quantised, and drawn without balance."""
 
     def draw_for_step(self, seed, stream, step, batch):
         return np.random.default_rng([seed, zlib.crc32(stream.encode()), step]).integers(len(self.params), size=batch)
@@ -78,7 +66,13 @@ class SmallSamples:
 def small_samples(mesh: Mesh, count: int = 200) -> SmallSamples:
     rng = np.random.default_rng(2)
     training, fresh = (rng.uniform(-1, 1, (n, M)).astype(np.float32) for n in (count, 24))
-    return SmallSamples(training, pose_offsets(mesh, training), fresh, pose_offsets(mesh, fresh))
+    return exact_samples(training, pose_offsets(mesh, training), fresh, pose_offsets(mesh, fresh))
+
+
+def exact_samples(params, offsets, validation_params, validation_offsets) -> SmallSamples:
+    steps, bins = np.ones(len(params), np.float32), np.zeros(len(params), np.int16)
+    validation = (validation_params, validation_offsets)
+    return SmallSamples(params, offsets, steps, bins, *validation, *validation, {})
 
 
 def train_small(method, config, scratch, seed: int = 0, samples: SmallSamples | None = None):

@@ -20,6 +20,7 @@ from replicate.approximation.kernels.map_kernel import MapOffsets
 from replicate.approximation.kernels.tile_kernel import CHANNELS
 from replicate.approximation.model import SegmentedModel, load_model, save_model
 from replicate.approximation.segments import Segment
+from replicate.config import CoarseConfig, RefinementConfig
 from replicate.engine.exceptions import InputError
 
 START = 8  # pixels a side of the maps that the dense layers make
@@ -78,8 +79,8 @@ def make_network(segment: Segment, facts: dict) -> MapNetwork:
     return MapNetwork(len(segment.parameters), segment.uv, *shape)
 
 
-def shape_facts(config) -> dict:
-    """Return what `make_network` needs of a CoarseConfig or RefinementConfig, JSON-ready."""
+def shape_facts(config: CoarseConfig | RefinementConfig) -> dict:
+    """Return what `make_network` needs of a configuration, JSON-ready."""
     return {
         "map_size": config.map_size,
         "channels": config.channels,
@@ -88,7 +89,7 @@ def shape_facts(config) -> dict:
     }
 
 
-def save(model: SegmentedModel, folder: Path, config) -> None:
+def save(model: SegmentedModel, folder: Path, config: CoarseConfig | RefinementConfig) -> None:
     """Write a coarse or refinement model to a folder."""
     save_model(model, folder, shape_facts(config))
 

@@ -11,6 +11,7 @@ from torch.nn import functional
 
 from replicate.approximation.model import SegmentedModel, load_model, save_model
 from replicate.approximation.segments import Segment
+from replicate.config import DenseConfig
 
 
 class DenseNetwork(nn.Module):
@@ -34,12 +35,12 @@ def make_network(segment: Segment, facts: dict) -> DenseNetwork:
     return DenseNetwork(len(segment.parameters), len(segment.vertices), facts["hidden"], facts["leaky_slope"])
 
 
-def shape_facts(config) -> dict:
-    """Return what `make_network` needs of a DenseConfig, JSON-ready."""
+def shape_facts(config: DenseConfig) -> dict:
+    """Return what `make_network` needs of a configuration, JSON-ready."""
     return {"hidden": list(config.hidden), "leaky_slope": config.leaky_slope}
 
 
-def save(model: SegmentedModel, folder: Path, config) -> None:
+def save(model: SegmentedModel, folder: Path, config: DenseConfig) -> None:
     """Write a dense model to a folder."""
     save_model(model, folder, shape_facts(config))
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from replicate.approximation.metrics import Tally, angle_between, new_tally, tally_add, vertex_error
+from replicate.engine.progress import Progress
 from replicate.geometry.mesh import Mesh
 from replicate.geometry.normals import face_vectors
 
@@ -56,38 +57,37 @@ def evaluate(
     predictors: Mapping[str, Predictor],
     rigid: Iterable[int] = (),
     batch: int = 32,
-    progress=None,
+    progress: Progress | None = None,
 ) -> dict[str, Errors]:
     """Measure every method on the test poses, a batch at a time.
 
     params, offsets: the test poses and their true V − V⁰ in mm (memory-mapped, too); a repeated pose is measured once.
     predictors: label → function of (params, true vertices) giving all n vertices, rigid segments placed.
     rigid: the rigid segments' indices; their errors are pooled into one group, "rigid".
-    progress: anything with `.update(poses)`, or None.
+    progress: counts poses.
     """
     names, group = _groups(mesh, rigid)
     face_group = group[mesh.face_segment]
     poses = unique_poses(params)
-    found = {
+    errors = {
         label: Errors(new_tally(len(names)), new_tally(len(names)), names, np.zeros(len(poses)), np.zeros(len(poses)))
         for label in predictors
     }
     for start in range(0, len(poses), batch):
-        chosen = poses[start : start + batch]
-        truth = mesh.neutral + np.asarray(offsets[chosen], np.float32)
+        rows = poses[start : start + batch]
+        truth = mesh.neutral + np.asarray(offsets[rows], np.float32)
         true_normals = face_vectors(truth, mesh.faces)
         for label, predict in predictors.items():
-            predicted = np.asarray(predict(params[chosen], truth), np.float32)
+            predicted = np.asarray(predict(params[rows], truth), np.float32)
             millimetres = vertex_error(predicted, truth)
             degrees = angle_between(face_vectors(predicted, mesh.faces), true_normals)
-            errors = found[label]
-            tally_add(errors.vertex, millimetres, group[mesh.segment])
-            tally_add(errors.normal, degrees, face_group)
-            errors.pose_mm[start : start + batch] = millimetres.mean(-1, dtype=np.float64)
-            errors.pose_deg[start : start + batch] = np.nanmean(degrees, -1, dtype=np.float64)
+            tally_add(errors[label].vertex, millimetres, group[mesh.segment])
+            tally_add(errors[label].normal, degrees, face_group)
+            errors[label].pose_mm[start : start + batch] = millimetres.mean(-1, dtype=np.float64)
+            errors[label].pose_deg[start : start + batch] = np.nanmean(degrees, -1, dtype=np.float64)
         if progress is not None:
-            progress.update(len(chosen))
-    return found
+            progress.update(len(rows))
+    return errors
 
 
 def _groups(mesh: Mesh, rigid: Iterable[int]) -> tuple[tuple[str, ...], np.ndarray]:

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from replicate.geometry.normals import face_vectors
 
 # A float32's top 17 bits, sign, exponent and 8 of the mantissa, number the bins of a histogram whose bins are 0.3 %
-# wide or less; those between 2⁻²⁰ and 2¹² (of a mm or degree) are kept, the rest goes to the first or the last.
+# wide or less; those between 2⁻²⁰ and 2¹² (of a mm or degree) have one each, the rest goes to the first or the last.
 _SHIFT = 15
 _BINS_PER_OCTAVE = 1 << (23 - _SHIFT)
 _LOWEST = (127 - 20) * _BINS_PER_OCTAVE
@@ -22,7 +22,7 @@ _BINS = 32 * _BINS_PER_OCTAVE
 def vertex_error(
     predicted: Float[np.ndarray, "*#b n 3"], target: Float[np.ndarray, "*#b n 3"]
 ) -> Float[np.ndarray, "... n"]:
-    """Return the distance of each predicted vertex from the true one, in the unit given (Table 2, "distance error")."""
+    """Return the distance of each predicted vertex from the true one, in their unit (Table 2, "distance error")."""
     return np.linalg.norm(predicted - target, axis=-1)
 
 
@@ -97,13 +97,13 @@ def tally_add(tally: Tally, errors: Float[np.ndarray, "b k"], group: Int[np.ndar
     groups = len(tally.total)
     errors = errors.astype(np.float32, copy=False)
     valid = ~np.isnan(errors)
-    known = np.where(valid, errors, np.float32(0))
+    values = np.where(valid, errors, np.float32(0))
     counts = np.bincount(group, valid.sum(0), groups).astype(np.int64)
-    tally.total[:] += np.bincount(group, known.sum(0, dtype=np.float64), groups)
+    tally.total[:] += np.bincount(group, values.sum(0, dtype=np.float64), groups)
     tally.count[:] += counts
     tally.left_out[:] += np.bincount(group, minlength=groups) * len(errors) - counts
-    np.maximum.at(tally.largest, group, known.max(0, initial=0))
-    bins = np.clip((known.view(np.int32) >> _SHIFT) - _LOWEST, 0, _BINS - 1)
+    np.maximum.at(tally.largest, group, values.max(0, initial=0))
+    bins = np.clip((values.view(np.int32) >> _SHIFT) - _LOWEST, 0, _BINS - 1)
     keys = (bins + group.astype(np.int64) * _BINS)[valid]
     tally.histogram[:] += np.bincount(keys, minlength=groups * _BINS).reshape(groups, _BINS)
 

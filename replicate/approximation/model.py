@@ -30,7 +30,14 @@ class SegmentedModel(nn.Module):
     scale: (m,) of the rig parameters. lengths: (segments,) mm. vertex_count: n of the whole mesh.
     """
 
-    def __init__(self, networks: Sequence[nn.Module], segments: Sequence[Segment], scale, lengths, vertex_count: int):
+    def __init__(
+        self,
+        networks: Sequence[nn.Module],
+        segments: Sequence[Segment],
+        scale: np.ndarray | torch.Tensor,
+        lengths: Sequence[float],
+        vertex_count: int,
+    ):
         super().__init__()
         self.networks, self.segments, self.vertex_count = nn.ModuleList(networks), tuple(segments), vertex_count
         self.lengths = [float(length) for length in lengths]
@@ -42,11 +49,11 @@ class SegmentedModel(nn.Module):
     def forward(self, params: Float[torch.Tensor, "b m"]) -> Float[torch.Tensor, "b v 3"]:
         """Return the offsets (mm) of `self.vertices` for raw rig parameters, differentiable in both."""
         scaled = params / self.scale
-        seen = (scaled[:, getattr(self, f"parameters_{k}")] for k in range(len(self.segments)))
-        return torch.cat([n(p) * s for n, p, s in zip(self.networks, seen, self.lengths, strict=True)], dim=1)
+        inputs = (scaled[:, getattr(self, f"parameters_{k}")] for k in range(len(self.segments)))
+        return torch.cat([n(p) * s for n, p, s in zip(self.networks, inputs, self.lengths, strict=True)], dim=1)
 
-    def offsets(self, params, batch: int = 32) -> Float32[np.ndarray, "b n 3"]:
-        """Return full-mesh offsets for raw rig parameters (b, m); zero on vertices of no segment."""
+    def offsets(self, params: Float[np.ndarray, "b m"], batch: int = 32) -> Float32[np.ndarray, "b n 3"]:
+        """Return full-mesh offsets for raw rig parameters; zero on vertices of no segment."""
         params = np.asarray(params, np.float32)
         out = np.zeros((len(params), self.vertex_count, 3), np.float32)
         with torch.no_grad():
@@ -55,10 +62,10 @@ class SegmentedModel(nn.Module):
                 out[start : start + batch, self.vertices] = self(part).cpu().numpy()
         return out
 
-    def part(self, kept: Sequence[int]) -> "SegmentedModel":
+    def part(self, indices: Sequence[int]) -> "SegmentedModel":
         """Return the model of some segments only, sharing the networks."""
         networks, segments, lengths = zip(
-            *[(self.networks[k], self.segments[k], self.lengths[k]) for k in kept], strict=True
+            *[(self.networks[k], self.segments[k], self.lengths[k]) for k in indices], strict=True
         )
         scale = self.scale.cpu()
         return SegmentedModel(networks, segments, scale, lengths, self.vertex_count).to(self.scale.device)

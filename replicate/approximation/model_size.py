@@ -8,6 +8,8 @@ whose networks see all of them are therefore the least and the most that a given
 from collections.abc import Sequence
 from itertools import pairwise
 
+from replicate.config import CoarseConfig, RefinementConfig
+
 START = 8  # pixels a side of the maps that the dense layers make (Fig. 3)
 BYTES = 4
 
@@ -17,11 +19,10 @@ def megabytes(weights: int) -> float:
     return weights * BYTES / 1e6
 
 
-def cnn_weights(inputs: int, shape) -> int:
+def cnn_weights(inputs: int, shape: CoarseConfig | RefinementConfig) -> int:
     """Return the number of weights of one map network of Fig. 3.
 
-    inputs: how many rig parameters it sees. shape: a CoarseConfig or RefinementConfig, or whatever else has their
-    `map_size`, `channels` and `hidden`.
+    inputs: how many rig parameters it sees. shape: its `map_size`, `channels` and `hidden`.
     """
     dense = sum(a * b + b for a, b in pairwise((inputs, *shape.hidden)))
     levels = (shape.map_size // START).bit_length() - 1
@@ -35,7 +36,9 @@ def dense_weights(inputs: int, vertices: int, hidden: Sequence[int]) -> int:
     return sum(a * b + b for a, b in pairwise((inputs, *hidden, 3 * vertices)))
 
 
-def cnn_size_mb(coarse: Sequence[int], refined: Sequence[int], coarse_shape, refined_shape) -> float:
+def cnn_size_mb(
+    coarse: Sequence[int], refined: Sequence[int], coarse_shape: CoarseConfig, refined_shape: RefinementConfig
+) -> float:
     """Return the size of the full approximation.
 
     coarse, refined: how many rig parameters each of their networks sees. The shapes are as in `cnn_weights`.

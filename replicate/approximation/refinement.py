@@ -1,6 +1,6 @@
 """The refinement: where coarse maps are too coarse, larger maps over small squares add the residual (§3.2, §3.3)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,10 +14,13 @@ from threadpoolctl import threadpool_limits
 from replicate.approximation.cnn import make_network, shape_facts
 from replicate.approximation.deformation_map import bilinear, polyharmonic_map, sampling_matrix
 from replicate.approximation.model import SegmentedModel, fresh_model, load_model
+from replicate.approximation.samples import SampleSet
 from replicate.approximation.segments import Segment, make_segment, segment_vertices
 from replicate.approximation.supervision import Supervision
 from replicate.approximation.training import prepare, train
+from replicate.config import RefinementConfig
 from replicate.engine.exceptions import InputError
+from replicate.geometry.mesh import Mesh
 
 UNCOVERED = 0.25  # squared distance, in widths of a chart, of a vertex whose chart has no cluster: half a width
 STARTS = 4  # k-means runs, of which the best counts
@@ -25,7 +28,7 @@ STARTS = 4  # k-means runs, of which the best counts
 
 @dataclass(frozen=True)
 class Elbow:
-    """How the number of clusters was chosen: inertia[k − 1] is that of k clusters; `clusters` lies at the knee."""
+    """What decides the number of clusters: inertia[k − 1] is that of k clusters; `clusters` lies at the knee."""
 
     inertia: tuple[float, ...]
     clusters: int
@@ -50,35 +53,37 @@ def select(
     segments: Sequence[Segment],
     errors: Float[np.ndarray, " n"],
     influence: Bool[np.ndarray, "n m"],
-    config,
+    square: float,
+    clusters_max: int,
     seed: int = 0,
 ) -> tuple[tuple[Segment, ...], Elbow]:
-    """Return the refinement segments (§3.3), and how many clusters the elbow method found.
+    """Return the refinement segments (§3.3), and the elbow that decides the number of clusters.
 
-    k-means of each chart's texture coordinates weighted by e_i; the vertices in a square of side `config.square` about
+    k-means of each chart's texture coordinates weighted by e_i; the vertices in a square of side `square` about
     their nearest centroid form a segment, whose coordinates are stretched to fill its map. A cluster belongs to one
     chart, since charts are separate planes: k clusters go to where they lower the summed inertia most, and a vertex in
-    a chart without one counts as UNCOVERED. config: a RefinementConfig.
+    a chart without one counts as UNCOVERED. At most `clusters_max` clusters are tried.
     """
     weights = [errors[segment.vertices] for segment in segments]
-    centroids, found_elbow = clusters([segment.uv for segment in segments], weights, config, seed)
-    found = []
+    centroids, knee = clusters([segment.uv for segment in segments], weights, clusters_max, seed)
+    squares = []
     for segment, centres in zip(segments, centroids, strict=True):
         if len(centres) == 0:
             continue
         apart = np.abs(segment.uv[:, None] - centres)  # (k, c, 2)
         nearest = (apart**2).sum(2).argmin(1)
-        inside = apart[np.arange(len(apart)), nearest].max(1) <= config.square / 2
+        inside = apart[np.arange(len(apart)), nearest].max(1) <= square / 2
         for c in range(len(centres)):
-            chosen = inside & (nearest == c)
-            if chosen.sum() >= 3:
+            members = inside & (nearest == c)
+            if members.sum() >= 3:
                 name = f"{segment.name}_{c + 1}"
-                found.append(make_segment(name, segment.vertices[chosen], _stretched(segment.uv[chosen]), influence))
-    if not found:
+                vertices, uv = segment.vertices[members], _stretched(segment.uv[members])
+                squares.append(make_segment(name, vertices, uv, influence))
+    if not squares:
         raise InputError(
-            f"refinement.square is {config.square}: no square of that size holds three vertices; choose a larger one."
+            f"refinement.square is {square}: no square of that size holds three vertices; choose a larger one."
         )
-    return tuple(found), found_elbow
+    return tuple(squares), knee
 
 
 def _stretched(uv: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 2"]:
@@ -87,10 +92,9 @@ def _stretched(uv: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 2"]:
 
 
 def clusters(
-    charts: Sequence[np.ndarray], weights: Sequence[np.ndarray], config, seed: int
+    charts: Sequence[np.ndarray], weights: Sequence[np.ndarray], most: int, seed: int
 ) -> tuple[list[Float64[np.ndarray, "c 2"]], Elbow]:
-    """Return each chart's centroids (c may be 0) for the number of clusters at the elbow."""
-    most = config.clusters_max
+    """Return each chart's centroids (c may be 0) for the number of clusters at the elbow of 1 to `most`."""
     fits = [_chart_fits(uv, weight, most, seed) for uv, weight in zip(charts, weights, strict=True)]
     costs = [[UNCOVERED * float(w.sum())] + [cost for cost, _ in fit] for w, fit in zip(weights, fits, strict=True)]
     dealt = [0] * len(charts)
@@ -105,8 +109,8 @@ def clusters(
     if not inertia:
         raise InputError("refinement: the maps hold every vertex exactly, so that there is nothing to refine.")
     count = elbow(inertia)
-    chosen = [fit[d - 1][1] if d else np.zeros((0, 2)) for fit, d in zip(fits, history[count - 1], strict=True)]
-    return chosen, Elbow(tuple(inertia), count)
+    centroids = [fit[d - 1][1] if d else np.zeros((0, 2)) for fit, d in zip(fits, history[count - 1], strict=True)]
+    return centroids, Elbow(tuple(inertia), count)
 
 
 def _chart_fits(uv: np.ndarray, weight: np.ndarray, most: int, seed: int) -> list[tuple[float, np.ndarray]]:
@@ -133,8 +137,8 @@ class RefinedModel:
     def __init__(self, coarse: SegmentedModel, residual: SegmentedModel):
         self.coarse, self.residual = coarse, residual
 
-    def offsets(self, params, batch: int = 32) -> Float32[np.ndarray, "b n 3"]:
-        """Return full-mesh offsets (mm) for raw rig parameters (b, m); zero on vertices of no segment."""
+    def offsets(self, params: Float[np.ndarray, "b m"], batch: int = 32) -> Float32[np.ndarray, "b n 3"]:
+        """Return full-mesh offsets (mm) for raw rig parameters; zero on vertices of no segment."""
         return self.coarse.offsets(params, batch) + self.residual.offsets(params, batch)
 
     def size_mb(self) -> float:
@@ -143,21 +147,21 @@ class RefinedModel:
 
 
 def train_refined(
-    mesh,
+    mesh: Mesh,
     coarse: SegmentedModel,
     segments: Sequence[Segment],
-    samples,
-    config,
+    samples: SampleSet,
+    config: RefinementConfig,
     scratch: Path,
-    progress,
+    progress: Callable,
     seed: int,
-    device="cpu",
-):
-    """Train the refinement networks on the residual of a fixed coarse model; return (RefinedModel, log).
+    device: str = "cpu",
+) -> tuple[RefinedModel, list[dict]]:
+    """Train the refinement networks on the residual of a fixed coarse model; return the model and its log.
 
     The loss is Eq. 1 of Δ + δ, restricted to the faces that touch a refined vertex, since nothing else can change. The
     coarse networks that reach those faces are evaluated with every batch: for a few charts of a face that costs a
-    millisecond, and no table of predictions for all samples has to be kept. Other arguments as in `train_segments`.
+    millisecond, and no table of predictions for all samples is needed. Other arguments as in `train_segments`.
     """
     device = prepare(device)
     changed = segment_vertices(segments)
@@ -167,26 +171,26 @@ def train_refined(
     targets = offsets - coarse.offsets(params)
     residual = fresh_model(networks, segments, samples.params, targets, config.leaky_slope, seed).to(device)
     coarse = coarse.to(device)
-    kept = [k for k, s in enumerate(coarse.segments) if np.isin(s.vertices, supervision.vertices).any()]
-    below = coarse.part(kept)
+    near = [k for k, s in enumerate(coarse.segments) if np.isin(s.vertices, supervision.vertices).any()]
+    below = coarse.part(near)
     source = _positions(below.vertices, supervision.vertices, device)
     target = _positions(supervision.vertices, changed, device)
 
     def loss_of_step(step: int) -> torch.Tensor:
-        given, truth = supervision.batch(seed, "refined", step, config.training.batch)
+        params, truth = supervision.batch(seed, "refined", step, config.training.batch)
         with torch.no_grad():
-            base = below(given)[:, source]
-        return supervision.loss(base.index_add(1, target, residual(given)), truth)
+            base = below(params)[:, source]
+        return supervision.loss(base.index_add(1, target, residual(params)), truth)
 
     measure = partial(supervision.validation(coarse.offsets), residual.offsets)
     log = train(residual, loss_of_step, config.training, scratch, progress, "refined", measure)
     return RefinedModel(coarse, residual), log
 
 
-def _positions(among: Int[np.ndarray, " a"], wanted: Int[np.ndarray, " w"], device) -> torch.Tensor:
-    """Return where each of `wanted` stands in `among`, which holds them all."""
+def _positions(among: Int[np.ndarray, " a"], members: Int[np.ndarray, " w"], device: torch.device) -> torch.Tensor:
+    """Return where each of `members` stands in `among`, which holds them all."""
     order = np.argsort(among)
-    return torch.from_numpy(order[np.searchsorted(among, wanted, sorter=order)]).to(device)
+    return torch.from_numpy(order[np.searchsorted(among, members, sorter=order)]).to(device)
 
 
 def load_refined(folder: Path, coarse: SegmentedModel) -> RefinedModel:

@@ -2,7 +2,7 @@
 
 Teeth need no network: once the deformable part of a mesh is approximated, each tooth follows the rotation and
 translation of a handful of deformable vertices that move as it does. Which segments are rigid (Eq. 3) and which
-vertices carry them (Eq. 4) is found from example poses. All lengths are millimetres; rotations act on row vectors,
+vertices carry them (Eq. 4) follows from example poses. All lengths are millimetres; rotations act on row vectors,
 V @ R + t.
 """
 
@@ -77,18 +77,18 @@ def find_attachments(
             f"at least {count} are needed"
         )
     rest_around, around = mesh.neutral[candidates], vertices[:, candidates]
-    chosen = np.empty((len(rigid), count), np.int64)
+    carriers = np.empty((len(rigid), count), np.int64)
     follow = np.empty((len(rigid), count))
     spread = np.empty((len(rigid), 3))
     for row, k in enumerate(rigid):
         motion = align(mesh.neutral[mesh.segment == k], vertices[:, mesh.segment == k])
         error = following_errors(rest_around, around, *motion)
         best = np.argsort(error, kind="stable")[:count]
-        chosen[row], follow[row] = candidates[best], error[best]
-        rest = mesh.neutral[chosen[row]].astype(np.float64)
+        carriers[row], follow[row] = candidates[best], error[best]
+        rest = mesh.neutral[carriers[row]].astype(np.float64)
         variance = np.linalg.eigvalsh(np.cov(rest.T, bias=True))[::-1]
         spread[row] = np.sqrt(np.maximum(variance, 0.0))
-    return Attachments(rigid, chosen, follow, errors[rigid], spread)
+    return Attachments(rigid, carriers, follow, errors[rigid], spread)
 
 
 def following_errors(
@@ -116,9 +116,9 @@ def attach(mesh: Mesh, attachments: Attachments, vertices: Float[np.ndarray, "b 
 
     vertices: (b, n, 3) mm, right on the deformable segments; whatever they hold on rigid ones is replaced.
     """
-    placed = np.array(vertices, np.float32)
+    posed = np.array(vertices, np.float32)
     rotation, translation = align(mesh.neutral[attachments.vertex], vertices[:, attachments.vertex])  # (b, r, 3, 3)
     for row, k in enumerate(attachments.segment):
         members = np.flatnonzero(mesh.segment == k)
-        placed[:, members] = mesh.neutral[members] @ rotation[:, row] + translation[:, row, None, :]
-    return placed
+        posed[:, members] = mesh.neutral[members] @ rotation[:, row] + translation[:, row, None, :]
+    return posed

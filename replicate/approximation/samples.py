@@ -1,4 +1,4 @@
-"""The training samples (p, V), validation and test poses of one character: made once, then read by memory map (§3.5).
+"""The training samples (p, V), validation and test poses of one character, read by memory map (§3.5).
 
 50,000 poses of 12,510 vertices would be 7.5 GB as float32. Vertex offsets V − V⁰ are therefore stored as int16
 multiples of a step that each pose has of its own, the smallest that holds its largest offset: about a micrometre
@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32, Int, Int16
 
+from data_recipes.rig import Rig
 from replicate.approximation.samples_scratch import Scratch
 from replicate.approximation.sampling import (
     augment,
@@ -28,6 +29,7 @@ from replicate.approximation.sampling import (
     split_clips,
     split_frames,
 )
+from replicate.config import SamplesConfig
 from replicate.engine.exceptions import InputError
 
 BATCH = 32  # poses a rig call: always the same, so that a compiled rig compiles once
@@ -104,12 +106,13 @@ def quantise(offsets: Float32[np.ndarray, "b n 3"]) -> tuple[Int16[np.ndarray, "
     return whole.astype(np.int16), steps
 
 
-def choose_poses(rig, config, rng: Callable[[str], np.random.Generator]) -> dict[str, Float32[np.ndarray, "k m"]]:
+def choose_poses(
+    rig: Rig, config: SamplesConfig, rng: Callable[[str], np.random.Generator]
+) -> dict[str, Float32[np.ndarray, "k m"]]:
     """Return a rig's poses by part: "training", "validation" and "test".
 
     With clips, the training part is Eq. 5 on the training animation, less the poses held out for validation; without,
-    all three are uniform. rig: anything that keeps the Rig contract. config: a SamplesConfig. rng: a stream's name →
-    its generator.
+    all three are uniform. rng: a stream's name → its generator.
     """
     if rig.clips is None:
         counts = {"uniform": config.count, "uniform_validation": config.validation, "uniform_test": config.uniform_test}
@@ -123,18 +126,23 @@ def choose_poses(rig, config, rng: Callable[[str], np.random.Generator]) -> dict
 
 
 def write_samples(
-    rig, config, folder: Path, rng: Callable[[str], np.random.Generator], scratch: Path, progress: Callable
+    rig: Rig,
+    config: SamplesConfig,
+    folder: Path,
+    rng: Callable[[str], np.random.Generator],
+    scratch: Path,
+    progress: Callable,
 ) -> dict:
     """Evaluate a rig at its training, validation and test poses and write the set that `SampleSet.open` reads.
 
     Stopped at any moment and called again with the same `scratch`, it goes on after the last whole chunk and ends
-    with the same bytes. rig, config, rng: as in `choose_poses`. folder: filled when all is done. scratch: kept
-    between calls. progress: (total, label, initial) → a context manager with update(k).
+    with the same bytes. rng: as in `choose_poses`. folder: filled when all is done. scratch: stays between calls.
+    progress: (total, label, initial) → a context manager with update(k).
 
     Returns the facts of samples.json. Raises InputError, naming pose and vertex, when the rig gives NaN or infinity.
     """
-    chosen = choose_poses(rig, config, rng)
-    params, n = chosen["training"], len(rig.mesh.neutral)
+    poses_of = choose_poses(rig, config, rng)
+    params, n = poses_of["training"], len(rig.mesh.neutral)
     rows = {
         "training": {
             "offsets": (np.int16, (n, 3)),
@@ -144,8 +152,8 @@ def write_samples(
         },
         **{part: {f"{part}_offsets": (np.float32, (n, 3))} for part in PARTS[1:]},
     }
-    key = sha256(b"".join(poses.tobytes() for poses in chosen.values()) + rig.mesh.neutral.tobytes()).hexdigest()
-    unfinished = Scratch(scratch, key, CHUNK, {part: (len(chosen[part]), rows[part]) for part in PARTS})
+    key = sha256(b"".join(poses.tobytes() for poses in poses_of.values()) + rig.mesh.neutral.tobytes()).hexdigest()
+    unfinished = Scratch(scratch, key, CHUNK, {part: (len(poses_of[part]), rows[part]) for part in PARTS})
     arrays = unfinished.arrays
 
     def store(part: str, rows: slice, offsets: np.ndarray) -> None:
@@ -153,12 +161,12 @@ def write_samples(
             arrays[f"{part}_offsets"][rows] = offsets
             return
         arrays["offsets"][rows], arrays["steps"][rows] = whole, steps = quantise(offsets)
-        lost = whole * steps[:, None, None] - offsets
-        arrays["squared_error"][rows] = (lost**2).mean(axis=(1, 2), dtype=np.float64)
+        error = whole * steps[:, None, None] - offsets
+        arrays["squared_error"][rows] = (error**2).mean(axis=(1, 2), dtype=np.float64)
         arrays["landmarks"][rows] = offsets[:, rig.landmarks]
 
-    with progress(sum(map(len, chosen.values())), "samples", sum(map(unfinished.done, PARTS))) as bar:
-        for part, poses in chosen.items():
+    with progress(sum(map(len, poses_of.values())), "samples", sum(map(unfinished.done, PARTS))) as bar:
+        for part, poses in poses_of.items():
             while (first := unfinished.done(part)) < len(poses):
                 for rows, vertices in evaluate(rig, poses[first : first + CHUNK]):
                     rows = slice(first + rows.start, first + rows.stop)
@@ -168,15 +176,20 @@ def write_samples(
                 unfinished.checkpoint(part)
     facts = {
         "poses": len(params),
-        "validation_poses": len(chosen["validation"]),
-        "test_poses": len(chosen["test"]),
+        "validation_poses": len(poses_of["validation"]),
+        "test_poses": len(poses_of["test"]),
         "largest_step_mm": float(arrays["steps"].max()),
         "mean_step_mm": float(arrays["steps"].mean(dtype=np.float64)),
         "quantisation_rms_mm": float(np.sqrt(arrays["squared_error"].mean())),
     }
     bins = balance_bins(arrays["landmarks"], config.bins)
-    kept = {"params": params, "validation_params": chosen["validation"], "test_params": chosen["test"], "bins": bins}
-    for name, array in kept.items():
+    small = {
+        "params": params,
+        "validation_params": poses_of["validation"],
+        "test_params": poses_of["test"],
+        "bins": bins,
+    }
+    for name, array in small.items():
         np.save(Path(folder) / f"{name}.npy", array)
     facts["samples_per_bin"] = np.bincount(bins, minlength=config.bins).tolist()
     (Path(folder) / "samples.json").write_text(json.dumps(facts, indent=1) + "\n")
@@ -185,7 +198,7 @@ def write_samples(
     return facts
 
 
-def evaluate(rig, params: Float32[np.ndarray, "b m"]) -> Iterator[tuple[slice, Float32[np.ndarray, "k n 3"]]]:
+def evaluate(rig: Rig, params: Float32[np.ndarray, "b m"]) -> Iterator[tuple[slice, Float32[np.ndarray, "k n 3"]]]:
     """Yield (rows, posed vertices in mm) over batches of one size, the last one padded by repeating its last pose."""
     for start in range(0, len(params), BATCH):
         part = params[start : start + BATCH]

@@ -23,9 +23,9 @@ STATE = "state.sealed"
 class Scratch:
     """Arrays in a folder, memory-mapped, of which the first rows are done.
 
-    folder: kept between calls. key: what the contents depend on; a folder of another key is begun anew. chunk: poses
+    folder: stays between calls. key: what the contents depend on; a folder of another key is begun anew. chunk: poses
     between two checkpoints. parts: by name, the number of poses and the arrays, name → (dtype, shape of one row). What
-    was done before is checked here: from the first damaged chunk of a part on, named on standard error, it counts as
+    is done already is checked here: from the first damaged chunk of a part on, named on standard error, it counts as
     not done.
     """
 
@@ -86,7 +86,7 @@ class Scratch:
                     for part, sums in state["sums"].items():
                         self._sums[part] = self._sound(part, sums)
                     return arrays
-        self._tell("an array is gone or its header is damaged", "all samples are")
+        self._report("an array is gone or its header is damaged", "all samples are")
         return None
 
     def _sound(self, part: str, sums: list[str]) -> list[str]:
@@ -94,7 +94,7 @@ class Scratch:
         for chunk, expected in enumerate(sums):
             if self._sum(part, chunk) != expected:
                 first = chunk * self.chunk
-                self._tell(f"{part} poses from {first} on differ from their checksum", "they are")
+                self._report(f"{part} poses from {first} on differ from their checksum", "they are")
                 return sums[:chunk]
         return sums
 
@@ -117,5 +117,5 @@ class Scratch:
         for file in (self.folder / STATE, *map(self._file, names)):
             file.unlink(missing_ok=True)
 
-    def _tell(self, damage: str, what: str) -> None:
+    def _report(self, damage: str, what: str) -> None:
         print(f"{self.folder}: damaged ({damage}); {what} evaluated again", file=sys.stderr, flush=True)

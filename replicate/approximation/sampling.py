@@ -17,7 +17,7 @@ def split_frames(
 ) -> tuple[Float32[np.ndarray, "a m"], Float32[np.ndarray, "t m"]]:
     """Split an animation by random frames: training poses A, and the unique test poses that A lacks (§5.1).
 
-    The paper's split, by our reading of "randomly split the data 90%/10%". Held frames leave the test set when the
+    The paper's split, by our reading of "randomly split the data 90%/10%". Held-out frames leave the test set when the
     very same pose stands in A, and otherwise count once. A keeps its repetitions, because Eq. 5 draws from the
     animation as it is. Neighbouring frames of one move may fall on both sides: `split_clips` is the stricter split.
 
@@ -56,12 +56,12 @@ def _stack(clips: Sequence[np.ndarray]) -> Float32[np.ndarray, "a m"]:
 
 def _separate(poses: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     training, candidates = poses[~held], poses[held]
-    known = {pose.tobytes() for pose in training}
+    keys = {pose.tobytes() for pose in training}
     fresh = []
     for index, pose in enumerate(candidates):
         key = pose.tobytes()
-        if key not in known:
-            known.add(key)
+        if key not in keys:
+            keys.add(key)
             fresh.append(index)
     if not len(training) or not fresh:
         raise InputError(
@@ -103,7 +103,7 @@ def augment(
     the controls that its animator used, and no others. Values reach three times what the animation holds, past the
     controls' limits, which the rig must bear. All controls of our rigs rest at 0. A rig with a control that rests
     elsewhere (a gain of 1, say) gets it scattered over [low, high] times that value in *every* sample, whether or
-    not the animation touches it; the equation is kept as it stands, and such a rig had better redefine the control.
+    not the animation touches it; the equation stays as it is, and such a rig had better redefine the control.
 
     poses: A, training poses only. Poses are drawn with replacement.
     """
@@ -164,5 +164,5 @@ def draw_from_index(
 
     order, starts, sizes: as `bin_index` returns them.
     """
-    chosen = generator.integers(len(starts), size=count)
-    return order[starts[chosen] + generator.integers(sizes[chosen])]
+    bins = generator.integers(len(starts), size=count)
+    return order[starts[bins] + generator.integers(sizes[bins])]

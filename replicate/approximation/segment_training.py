@@ -1,41 +1,45 @@
 """Training one network a segment from nothing: what the coarse CNN and the dense baseline share (§3.5, §5.1)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import torch
 from torch import nn
 
 from replicate.approximation.model import SegmentedModel, fresh_model
+from replicate.approximation.samples import SampleSet
 from replicate.approximation.segments import Segment, segment_vertices
 from replicate.approximation.supervision import Supervision
 from replicate.approximation.training import prepare, train
+from replicate.config import CoarseConfig, DenseConfig
+from replicate.geometry.mesh import Mesh
 
 
 def train_segments(
-    mesh,
+    mesh: Mesh,
     segments: Sequence[Segment],
     networks: Sequence[nn.Module],
-    samples,
-    config,
+    samples: SampleSet,
+    config: CoarseConfig | DenseConfig,
     scratch: Path,
-    progress,
+    progress: Callable,
     stream: str,
     seed: int,
-    device="cpu",
+    device: str = "cpu",
 ) -> tuple[SegmentedModel, list[dict]]:
-    """Train the networks of some segments together on Eq. 1; return (SegmentedModel, log).
+    """Train the networks of some segments together on Eq. 1; return the model and its log.
 
-    networks: one a segment; their weights are drawn anew. samples: a SampleSet. config: a CoarseConfig or DenseConfig.
-    scratch: a folder of this training's own, continued from if it holds a checkpoint. progress: as for
-    `training.train`. stream: names the training, in its progress and as its stream of random batches. The log's mm
-    and degrees are those of the validation poses, over all segments.
+    networks: one a segment; their weights are drawn anew. scratch: a folder of this training's own, continued from if
+    it holds a checkpoint. progress: as for `training.train`. stream: names the training, in its
+    progress and as its stream of random batches. The log's mm and degrees are those of the validation poses, over all
+    segments.
     """
     device = prepare(device)
     supervision = Supervision(mesh, samples, segment_vertices(segments), config.normal_weight, device)
     _, offsets = supervision.statistics()
     model = fresh_model(networks, segments, samples.params, offsets, config.leaky_slope, seed).to(device)
 
-    def loss_of_step(step: int):
+    def loss_of_step(step: int) -> torch.Tensor:
         params, target = supervision.batch(seed, stream, step, config.training.batch)
         return supervision.loss(model(params), target)
 

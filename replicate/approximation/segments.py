@@ -41,16 +41,16 @@ def coarse_segments(
 ) -> tuple[Segment, ...]:
     """Return the mesh's own segments without the rigid ones, in the mesh's order.
 
-    rigid_segments: indices into `mesh.segment_names` (found by §3.4). influence: which parameter can move which vertex.
+    rigid_segments: indices into `mesh.segment_names` (those of §3.4). influence: which parameter can move which vertex.
     Raises InputError when the influence is not of this mesh or every segment is rigid.
     """
     if len(influence) != len(mesh.neutral):
         raise InputError(f"influence: found {len(influence)} vertices, where the mesh has {len(mesh.neutral)}.")
-    kept = [k for k in range(len(mesh.segment_names)) if k not in set(rigid_segments)]
-    if not kept:
+    deforming = [k for k in range(len(mesh.segment_names)) if k not in set(rigid_segments)]
+    if not deforming:
         raise InputError(f"mesh: all {len(mesh.segment_names)} segments are rigid, where one that deforms is needed.")
-    vertices = [np.flatnonzero(mesh.segment == k) for k in kept]
-    names = [mesh.segment_names[k] for k in kept]
+    vertices = [np.flatnonzero(mesh.segment == k) for k in deforming]
+    names = [mesh.segment_names[k] for k in deforming]
     return tuple(make_segment(name, v, mesh.uv[v], influence) for name, v in zip(names, vertices, strict=True))
 
 
@@ -66,17 +66,17 @@ def faces_within(faces: Int[np.ndarray, "f 3"], vertices: Int[np.ndarray, " v"],
     """
     place = np.full(count, -1, np.int32)
     place[vertices] = np.arange(len(vertices), dtype=np.int32)
-    placed = place[faces]
-    return placed[(placed >= 0).all(1)]
+    corners = place[faces]
+    return corners[(corners >= 0).all(1)]
 
 
 def faces_touching(
     faces: Int[np.ndarray, "f 3"], vertices: Int[np.ndarray, " v"], count: int
 ) -> Bool[np.ndarray, " f"]:
     """Return which faces have a corner among `vertices`."""
-    chosen = np.zeros(count, bool)
-    chosen[vertices] = True
-    return chosen[faces].any(1)
+    inside = np.zeros(count, bool)
+    inside[vertices] = True
+    return inside[faces].any(1)
 
 
 def save_segments(segments: Sequence[Segment], file: Path) -> None:

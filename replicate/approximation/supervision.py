@@ -1,4 +1,4 @@
-"""What a network is held to: batches of training samples, Eq. 1 over its part of the mesh, validation."""
+"""What networks are trained and validated on: batches of samples, and Eq. 1 over their part of the mesh."""
 
 from collections.abc import Callable
 
@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 
 from replicate.approximation.losses import FacialLoss
 from replicate.approximation.metrics import normal_error, vertex_error
+from replicate.approximation.samples import SampleSet
 from replicate.approximation.segments import faces_touching, faces_within
 from replicate.geometry.mesh import Mesh
 
@@ -25,7 +26,7 @@ class Supervision:
     def __init__(
         self,
         mesh: Mesh,
-        samples,
+        samples: SampleSet,
         moved: Int[np.ndarray, " v"],
         normal_weight: float,
         device: torch.device,
@@ -40,8 +41,8 @@ class Supervision:
             touched = within[faces_touching(within, changed, n)]
             self.vertices = np.union1d(touched, changed)
             within = touched
-        placed = faces_within(within, self.vertices, n)
-        self.loss = FacialLoss(mesh.neutral[self.vertices], placed, normal_weight, len(moved), len(self.faces))
+        corners = faces_within(within, self.vertices, n)
+        self.loss = FacialLoss(mesh.neutral[self.vertices], corners, normal_weight, len(moved), len(self.faces))
 
     def batch(self, seed: int, stream: str, step: int, size: int) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the raw rig parameters (b, m) and true offsets (b, v, 3), mm, of one step."""
@@ -57,7 +58,7 @@ class Supervision:
     ) -> Callable[[Callable[[np.ndarray], np.ndarray]], tuple[float, float]]:
         """Return a function from a predictor of offsets to its mean errors (mm, degrees) on the validation poses.
 
-        base: a fixed predictor, evaluated once, that the measured one adds to.
+        base: a fixed predictor, evaluated once, that the predictor adds to.
         """
         params = np.asarray(self.samples.validation_params)
         truth = self.mesh.neutral + np.asarray(self.samples.validation_offsets)
@@ -72,8 +73,8 @@ class Supervision:
 
     def statistics(self) -> tuple[np.ndarray, Float[np.ndarray, "s n 3"]]:
         """Return parameters and true offsets of some training samples, spread over the set."""
-        chosen = spread(len(self.samples.params), STATISTICS)
-        return np.asarray(self.samples.params[chosen]), self.samples.offsets(chosen)
+        rows = spread(len(self.samples.params), STATISTICS)
+        return np.asarray(self.samples.params[rows]), self.samples.offsets(rows)
 
 
 def spread(count: int, most: int) -> Int[np.ndarray, " k"]:

@@ -15,6 +15,7 @@ import torch
 from safetensors.torch import load, save
 from torch import nn
 
+from replicate.config import TrainingConfig
 from replicate.engine.sealed_files import read_sealed, write_sealed
 from replicate.engine.tidy_files import Column, write_csv
 
@@ -24,7 +25,7 @@ ROWS = 25  # of the log; each one costs a measurement on held-out poses
 LOG_COLUMNS = ("step", "loss", "mm", "degrees")
 
 
-def learning_rate(config, step: int) -> float:
+def learning_rate(config: TrainingConfig, step: int) -> float:
     """Return the rate of one step (0 ≤ step < config.steps).
 
     "paper": config.rates one after the other, each for its share of the steps. "one_cycle": linear warm-up to
@@ -52,7 +53,7 @@ def prepare(device: str) -> torch.device:
 def train(
     model: nn.Module,
     loss_of_step: Callable[[int], torch.Tensor],
-    config,
+    config: TrainingConfig,
     scratch: Path,
     progress: Callable,
     label: str,
@@ -60,8 +61,8 @@ def train(
 ) -> list[dict]:
     """Minimise a loss over a model's weights, in place, and return the log: one dict of LOG_COLUMNS a row.
 
-    loss_of_step: the differentiable loss of one step's batch. config: a TrainingConfig. scratch: a folder of this
-    training's own, kept until its result is safe; a checkpoint in it is continued. progress: (total, label, initial)
+    loss_of_step: the differentiable loss of one step's batch. scratch: a folder of this training's own,
+    which stays until its result is safe; a checkpoint in it is continued. progress: (total, label, initial)
     → a context manager with update(k). measure: () → (mm, degrees) on held-out poses, for the log.
     """
     weights = dict(model.named_parameters())

@@ -1,1 +1,1 @@
-"""What every method stands on: a module for each artefact, with its stage, how it is made, and its one loader."""
+"""What every method builds on: a module for each artefact, with its stage, its function and its one loader."""

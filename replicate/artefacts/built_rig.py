@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from data_recipes.catalogue import character_parts
+from data_recipes.rig import Rig
 from replicate.artefacts.plan import Plan
 from replicate.config import resolve
 from replicate.engine.provenance import as_lines, core_count, package_versions, provenance
@@ -38,7 +39,7 @@ def make(context: StageContext) -> None:
     context.note(vertices=len(rig.mesh.neutral), faces=len(rig.mesh.faces), parameters=len(rig.controls))
 
 
-def load(inputs: Mapping[str, Path]):
+def load(inputs: Mapping[str, Path]) -> Rig:
     """Return the rig. inputs: the folder of the artefact by its name, "rig", among others."""
     from data_recipes.catalogue import load_rig
 
@@ -50,7 +51,7 @@ def load_mesh(inputs: Mapping[str, Path]) -> Mesh:
     return Mesh.load(inputs["rig"] / "mesh.npz")
 
 
-def rig_of(character: str):
+def rig_of(character: str) -> Rig:
     """Return a character's rig, which is built unless the store has it: for those who work outside a graph.
 
     Raises InputError for an unknown character or a bad recipe.

@@ -2,10 +2,14 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from replicate.artefacts import built_rig
 from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
+
+if TYPE_CHECKING:
+    import replicate.approximation.samples
 
 
 def stage(plan: Plan) -> Stage:
@@ -22,8 +26,8 @@ def make(context: StageContext) -> None:
     context.note(**facts)
 
 
-def load(inputs: Mapping[str, Path]):
-    """Return the `SampleSet`, memory-mapped."""
+def load(inputs: Mapping[str, Path]) -> "replicate.approximation.samples.SampleSet":
+    """Return the samples, memory-mapped."""
     from replicate.approximation.samples import SampleSet
 
     return SampleSet.open(inputs["samples"])

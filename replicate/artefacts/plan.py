@@ -59,8 +59,8 @@ class Plan:
         if name not in self._stages:
             seed = self.config.seed if seeded else 0
             label = f"{self.character}-seed{seed}" if seed else self.character
-            called = function if isinstance(function, str) else reference(function)
-            self._stages[name] = Stage(name, called, settings, inputs, label, files)
+            path = function if isinstance(function, str) else reference(function)
+            self._stages[name] = Stage(name, path, settings, inputs, label, files)
         return self._stages[name]
 
     def __contains__(self, name: str) -> bool:

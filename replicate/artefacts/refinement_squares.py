@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +11,9 @@ from jaxtyping import Float
 from replicate.artefacts import built_rig, control_influence, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
+
+if TYPE_CHECKING:
+    import replicate.approximation.segments
 
 FILE, ERROR_FILE = "segments.npz", "map_error.npy"
 
@@ -41,14 +45,15 @@ def make(context: StageContext) -> None:
     samples, segments = drawn_samples.load(context.inputs), rigid_segments.load_coarse_segments(context.inputs, mesh)
     poses = samples.draw(context.rng("poses"), min(numbers.poses, len(samples)))
     errors = map_error(segments, samples.offsets(poses), numbers.coarse_map_size)
-    squares, elbow = select(segments, errors, control_influence.load(context.inputs), numbers, context.config.seed)
+    influence, seed = control_influence.load(context.inputs), context.config.seed
+    squares, elbow = select(segments, errors, influence, numbers.square, numbers.clusters_max, seed)
     save_segments(squares, context.out / FILE)
     np.save(context.out / ERROR_FILE, errors)
     sizes = {square.name: len(square.vertices) for square in squares}
     context.note(segments=sizes, clusters=elbow.clusters, inertia=list(elbow.inertia))
 
 
-def load(inputs: Mapping[str, Path]):
+def load(inputs: Mapping[str, Path]) -> "tuple[replicate.approximation.segments.Segment, ...]":
     """Return the refinement segments."""
     from replicate.approximation.segments import load_segments
 

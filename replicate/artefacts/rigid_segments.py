@@ -2,11 +2,16 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from replicate.artefacts import built_rig, control_influence, drawn_samples
 from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
 from replicate.geometry.mesh import Mesh
+
+if TYPE_CHECKING:
+    import replicate.approximation.rigid
+    import replicate.approximation.segments
 
 FILE = "attachments.npz"
 
@@ -29,14 +34,16 @@ def make(context: StageContext) -> None:
     context.note(rigid_segments=[mesh.segment_names[k] for k in attachments.segment])
 
 
-def load(inputs: Mapping[str, Path]):
-    """Return the `Attachments`."""
+def load(inputs: Mapping[str, Path]) -> "replicate.approximation.rigid.Attachments":
+    """Return the rigid segments and their attachments."""
     from replicate.approximation.rigid import Attachments
 
     return Attachments.load(inputs["rigid"] / FILE)
 
 
-def load_coarse_segments(inputs: Mapping[str, Path], mesh: Mesh):
+def load_coarse_segments(
+    inputs: Mapping[str, Path], mesh: Mesh
+) -> "tuple[replicate.approximation.segments.Segment, ...]":
     """Return the segments of the coarse networks: the mesh's own, less the rigid ones."""
     from replicate.approximation.segments import coarse_segments
 

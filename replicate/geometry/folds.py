@@ -35,10 +35,10 @@ def most_folded(
     first is taken. Raises InputError if no two shown faces share an edge.
     """
     edges, sides = inner_edges(mesh.faces)
-    kept = shown[sides].all(-1)
-    if not kept.any():
+    inner = shown[sides].all(-1)
+    if not inner.any():
         raise InputError("most_folded: no two of the shown faces share an edge; shown must hold a patch of the mesh.")
-    edges, sides = edges[kept], sides[kept]
+    edges, sides = edges[inner], sides[inner]
     # Only the patch is looked at: the test poses of a whole head need not be read into memory.
     used, inverse = np.unique(mesh.faces[sides].reshape(-1), return_inverse=True)
     number, face_pairs = np.full(len(mesh.neutral), -1), np.arange(2 * len(sides)).reshape(-1, 2)

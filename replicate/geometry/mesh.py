@@ -67,9 +67,9 @@ class Mesh:
 
 def _array(name: str, values, dtype) -> np.ndarray:
     array = np.asarray(values)
-    wanted = "f" if dtype == np.float32 else "iu"
-    if array.dtype.kind not in wanted:
-        kind = "floating-point numbers" if wanted == "f" else "integers"
+    kinds = "f" if dtype == np.float32 else "iu"
+    if array.dtype.kind not in kinds:
+        kind = "floating-point numbers" if kinds == "f" else "integers"
         raise InputError(f"mesh: {name} holds {array.dtype}, where only {kind} are allowed.")
     return np.ascontiguousarray(array, dtype=dtype)
 
@@ -83,9 +83,9 @@ def _check_shapes(mesh: Mesh) -> None:
         "segment": (n,),
     }
     for name, allowed in shapes.items():
-        found = getattr(mesh, name).shape
-        if found != allowed:
-            raise InputError(f"mesh: {name} has the shape {found}, where {allowed} is allowed.")
+        shape = getattr(mesh, name).shape
+        if shape != allowed:
+            raise InputError(f"mesh: {name} has the shape {shape}, where {allowed} is allowed.")
     if n == 0 or len(mesh.faces) == 0:
         raise InputError(
             f"mesh: found {n} vertices and {len(mesh.faces)} faces, where at least one of each is allowed."

@@ -17,16 +17,16 @@ def ray_hits(
     origins: Float[np.ndarray, "k 3"],
     directions: Float[np.ndarray, "k 3"],
     corners: Float[np.ndarray, "f 3 3"],
-    wanted: Bool[np.ndarray, " f"] | None = None,
+    opaque: Bool[np.ndarray, " f"] | None = None,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Return where the segments origin + s·direction, 0 ≤ s ≤ 1, first meet a triangle: s, and the cosine there.
 
-    s is infinite for none. The cosine is that between the triangle's normal and the direction. Triangles that are not
-    wanted let the rays through.
+    s is infinite for none. The cosine is that between the triangle's normal and the direction. opaque: which
+    triangles count, all by default; rays pass through the others.
     """
-    wanted = np.ones(len(corners), bool) if wanted is None else wanted
+    opaque = np.ones(len(corners), bool) if opaque is None else opaque
     arrays = (np.ascontiguousarray(array, np.float64) for array in (origins, directions))
-    return _first(*arrays, *_balls(corners[wanted]))
+    return _first(*arrays, *_balls(corners[opaque]))
 
 
 def _balls(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -41,7 +41,7 @@ def _balls(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
 @njit(cache=KEPT, error_model="numpy")
 @no_type_check
 def _first(origins, directions, corners, normals, centres, radii):
-    found, cosines = np.full(len(origins), np.inf), np.zeros(len(origins))
+    nearest, cosines = np.full(len(origins), np.inf), np.zeros(len(origins))
     for i in range(len(origins)):
         o, d = origins[i], directions[i]
         length = np.sqrt((d * d).sum())
@@ -57,7 +57,7 @@ def _first(origins, directions, corners, normals, centres, radii):
                 continue
             a, b, c = corners[j, 0], corners[j, 1], corners[j, 2]
             s = ((a - o) * normals[j]).sum() / (cosine * length)
-            if s < 0 or s > 1 or s >= found[i]:
+            if s < 0 or s > 1 or s >= nearest[i]:
                 continue
             q = o + s * d
             inside = True
@@ -71,5 +71,5 @@ def _first(origins, directions, corners, normals, centres, radii):
                 if turn < -1e-12:
                     inside = False
             if inside:
-                found[i], cosines[i] = s, cosine
-    return found, cosines
+                nearest[i], cosines[i] = s, cosine
+    return nearest, cosines

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from replicate.artefacts import built_rig
 from replicate.artefacts.plan import Plan
@@ -9,6 +10,9 @@ from replicate.engine.stage import Stage, StageContext
 from replicate.geometry.mesh import Mesh
 from replicate.methods.method import Method, Number
 from replicate.methods.training_stage import inputs_of_networks, train_on_segments
+
+if TYPE_CHECKING:
+    import replicate.approximation.model
 
 
 def stage(plan: Plan) -> Stage:
@@ -23,8 +27,8 @@ def train(context: StageContext) -> None:
     train_on_segments(context, cnn.make_network, cnn.shape_facts(context.config.section), cnn.save)
 
 
-def load_model(inputs: Mapping[str, Path]):
-    """Return the `SegmentedModel`."""
+def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
+    """Return the coarse networks."""
     from replicate.approximation.cnn import load_coarse
 
     return load_coarse(inputs["coarse"])

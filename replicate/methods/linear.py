@@ -4,9 +4,10 @@ For each segment Δ ≈ (p / scale, 1) W with W = argmin ‖(p / scale, 1) W −
 the constant is not penalised. λ is the one of a few that is best on the validation poses.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Float64
@@ -18,8 +19,11 @@ from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
 from replicate.methods.training_stage import inputs_of_networks
 
+if TYPE_CHECKING:
+    import replicate.approximation.samples
+
 SEGMENTS, WEIGHTS = "segments.npz", "weights.npz"
-CHUNK = 512  # samples that are read at a time
+CHUNK = 512  # samples at a time
 
 
 @dataclass(frozen=True)
@@ -47,20 +51,20 @@ def fit(context: StageContext) -> None:
     mesh, samples = built_rig.load_mesh(context.inputs), drawn_samples.load(context.inputs)
     segments = rigid_segments.load_coarse_segments(context.inputs, mesh)
     scale, strengths = parameter_scale(samples.params), context.config.section.strengths
-    inputs, checked = (with_constant(params / scale) for params in (samples.params, samples.validation_params))
-    lost, fitted = np.zeros(len(strengths)), []
+    inputs, held_out = (with_constant(params / scale) for params in (samples.params, samples.validation_params))
+    squares, fits = np.zeros(len(strengths)), []
     with context.progress(len(segments), "linear") as bar:
         for segment in segments:
             columns = np.append(segment.parameters, inputs.shape[1] - 1)
             targets = (offsets for offsets in chunks(samples, segment.vertices))
             solutions = ridge(inputs[:, columns], targets, strengths)
-            truth = samples.validation_offsets[:, segment.vertices].reshape(len(checked), -1)
-            lost += [float(np.square(checked[:, columns] @ weights - truth).sum()) for weights in solutions]
-            fitted.append(solutions)
+            truth = samples.validation_offsets[:, segment.vertices].reshape(len(held_out), -1)
+            squares += [float(np.square(held_out[:, columns] @ weights - truth).sum()) for weights in solutions]
+            fits.append(solutions)
             bar.update(1)
-    best = int(np.argmin(lost))
+    best = int(np.argmin(squares))
     save_segments(segments, context.out / SEGMENTS)
-    weights = {f"{k}": solutions[best].astype(np.float32) for k, solutions in enumerate(fitted)}
+    weights = {f"{k}": solutions[best].astype(np.float32) for k, solutions in enumerate(fits)}
     np.savez(context.out / WEIGHTS, scale=scale, **weights)
     context.note(strength=strengths[best], size_mb=sum(part.size for part in weights.values()) * 4 / 1e6)
 
@@ -70,14 +74,18 @@ def with_constant(params: Float[np.ndarray, "b m"]) -> Float64[np.ndarray, "b n"
     return np.concatenate([params, np.ones((len(params), 1))], axis=1, dtype=np.float64)
 
 
-def chunks(samples, vertices: np.ndarray):
+def chunks(
+    samples: "replicate.approximation.samples.SampleSet", vertices: np.ndarray
+) -> Iterator[Float64[np.ndarray, "k d"]]:
     """Yield the offsets of some vertices in all training samples, (k, 3v) float64 mm, a chunk of samples at a time."""
     for start in range(0, len(samples), CHUNK):
         rows = np.arange(start, min(start + CHUNK, len(samples)))
         yield samples.vertices_subset(rows, vertices).reshape(len(rows), -1).astype(np.float64)
 
 
-def ridge(inputs: Float64[np.ndarray, "n j"], targets, strengths: tuple[float, ...]) -> list[np.ndarray]:
+def ridge(
+    inputs: Float64[np.ndarray, "n j"], targets: Iterable[Float64[np.ndarray, "k d"]], strengths: tuple[float, ...]
+) -> list[np.ndarray]:
     """Return the weights (j, d) for each strength λ; the last input, the constant, is not penalised.
 
     targets: the rows of the (n, d) targets, some at a time, in order.
@@ -102,10 +110,10 @@ def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
         scale, weights = stored["scale"], [stored[f"{k}"] for k in range(len(segments))]
 
     def predict(params: np.ndarray) -> np.ndarray:
-        given = with_constant(params / scale).astype(np.float32)
+        columns = with_constant(params / scale).astype(np.float32)
         vertices = np.repeat(neutral[None], len(params), axis=0)
         for segment, part in zip(segments, weights, strict=True):
-            offsets = given[:, np.append(segment.parameters, given.shape[1] - 1)] @ part
+            offsets = columns[:, np.append(segment.parameters, columns.shape[1] - 1)] @ part
             vertices[:, segment.vertices] += offsets.reshape(len(params), -1, 3)
         return vertices
 

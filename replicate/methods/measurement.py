@@ -1,10 +1,11 @@
-"""The artefacts "errors_…": a method measured on the test poses, and the pose that figures show as it predicts it."""
+"""The artefacts "errors_…": a method's errors on the test poses, and its prediction of the pose that figures show."""
 
 import json
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float32
@@ -15,6 +16,9 @@ from replicate.engine.stage import Stage, StageContext, stage_function, stream_r
 from replicate.engine.store import read_manifest
 from replicate.methods.method import Method, Number
 from replicate.methods.training_stage import LOG
+
+if TYPE_CHECKING:
+    import replicate.approximation.evaluation
 
 PREFIX = "errors_"
 ERRORS, POSE, NUMBERS = "errors.npz", "pose.npy", "numbers.json"
@@ -36,7 +40,7 @@ class MeasurementNumbers:
 
 
 def stage(plan: Plan, method: Method) -> Stage:
-    """Return the stage that measures a method; all that its predictor is read from is made for it."""
+    """Return the stage that measures a method; what its predictor is read from is among the stage's inputs."""
     config = plan.config
     load, facts = reference(method.load), reference(method.facts) if method.facts else ""
     numbers = MeasurementNumbers(
@@ -52,8 +56,8 @@ def stage(plan: Plan, method: Method) -> Stage:
     )
     shared = (built_rig.stage(plan), drawn_samples.stage(plan), shown_pose.stage(plan), rigid_segments.stage(plan))
     inputs = {stage.title: stage for stage in (*shared, *method.stages(plan))}
-    called = ", ".join(filter(None, (reference(measure), load, facts)))
-    return plan.stage(f"{PREFIX}{method.name}", called, numbers, *inputs.values())
+    functions = ", ".join(filter(None, (reference(measure), load, facts)))
+    return plan.stage(f"{PREFIX}{method.name}", functions, numbers, *inputs.values())
 
 
 def predictor(numbers: MeasurementNumbers, inputs: Mapping[str, Path]) -> Callable:
@@ -98,25 +102,25 @@ def measure(context: StageContext) -> None:
     shown = shown_pose.load(inputs)
     truth = mesh.neutral + samples.test_offsets[shown : shown + 1]
     np.save(context.out / POSE, predict(samples.test_params[shown : shown + 1], truth)[0].astype(np.float32))
-    found = stage_function(numbers.facts)(inputs, mesh) if numbers.facts else []
+    entries = stage_function(numbers.facts)(inputs, mesh) if numbers.facts else []
     own = inputs.get(numbers.method)
     size = read_manifest(own)["notes"].get("size_mb") if own else None
-    found = [*found, *([("model_size", "MB", size)] if size is not None else [])]
-    (context.out / NUMBERS).write_text(json.dumps(found) + "\n", encoding="utf-8")
+    entries = [*entries, *([("model_size", "MB", size)] if size is not None else [])]
+    (context.out / NUMBERS).write_text(json.dumps(entries) + "\n", encoding="utf-8")
     if own and (own / LOG).is_file():
         shutil.copyfile(own / LOG, context.out / LOG)
 
 
-def measured(inputs: Mapping[str, Path]) -> dict[str, Path]:
+def error_folders(inputs: Mapping[str, Path]) -> dict[str, Path]:
     """Return the artefact of every measured method among some inputs, by the method's name.
 
-    An input goes by its stage's name and by its title, name-character; the names alone are wanted.
+    An input goes by its stage's name and by its title, name-character; only names count here.
     """
     names = (name for name in inputs if name.startswith(PREFIX) and "-" not in name)
     return {name.removeprefix(PREFIX): inputs[name] for name in names}
 
 
-def load_errors(folder: Path):
+def load_errors(folder: Path) -> "replicate.approximation.evaluation.Errors":
     """Return the `Errors` of a measured method."""
     from replicate.approximation.evaluation import load_errors
 

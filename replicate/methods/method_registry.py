@@ -1,4 +1,4 @@
-"""The list of methods: every module of this folder that has a `METHOD`, and those that somebody brings along."""
+"""The list of methods: the modules of this folder that have a `METHOD`, and files from outside."""
 
 import importlib
 import importlib.util
@@ -30,14 +30,14 @@ def methods(config: Config | None = None) -> dict[str, Method]:
 
 
 def sections(profile: str) -> dict[str, Checked]:
-    """Return the sections of the configuration that methods bring along, by the methods' names."""
+    """Return the methods' own sections of the configuration, by the methods' names."""
     return {name: method.own(profile) for name, method in methods().items() if method.own}
 
 
 def method_named(name: str) -> Method:
     """Return the method of that name; one that nobody knows, in old results say, is labelled by its name."""
-    if name in (known := methods()):
-        return known[name]
+    if name in (registry := methods()):
+        return registry[name]
     for module in _own_modules():
         if hasattr(module, "method_named") and (method := module.method_named(name)):
             return method
@@ -56,21 +56,21 @@ def choose(words: Sequence[str], config: Config | None = None) -> list[Method]:
     Raises InputError for an unknown name and for a file that holds no method.
     """
     outside = {word: _bring(Path(word)) for word in words if word.endswith(".py")}
-    known = methods(config)
-    chosen: dict[str, Method] = {}
+    registry = methods(config)
+    selection: dict[str, Method] = {}
     for word in words or ("all",):
         if word == "all":
-            chosen |= known
+            selection |= registry
         elif word in outside:
-            chosen |= {method.name: method for method in _methods_in(outside[word], config)}
+            selection |= {method.name: method for method in _methods_in(outside[word], config)}
         elif word == "lbs":
-            chosen |= {name: method for name, method in known.items() if re.fullmatch(r"lbs\d+", name)}
-        elif word in known:
-            chosen[word] = known[word]
+            selection |= {name: method for name, method in registry.items() if re.fullmatch(r"lbs\d+", name)}
+        elif word in registry:
+            selection[word] = registry[word]
         else:
-            allowed = ", ".join(known)
+            allowed = ", ".join(registry)
             raise InputError(f"method {word!r} is unknown: allowed are all, lbs, {allowed}, or the path of a .py file")
-    return _ordered(chosen.values())
+    return _ordered(selection.values())
 
 
 def _ordered(methods: Iterable[Method]) -> list[Method]:
@@ -80,8 +80,10 @@ def _ordered(methods: Iterable[Method]) -> list[Method]:
 @cache
 def _own_modules() -> tuple[ModuleType, ...]:
     names = [name for _, name, _ in pkgutil.iter_modules(importlib.import_module(PACKAGE).__path__)]
-    found = [importlib.import_module(f"{PACKAGE}.{name}") for name in names if name not in ("registry", "measurement")]
-    return tuple(module for module in found if _holds_methods(module))
+    modules = [
+        importlib.import_module(f"{PACKAGE}.{name}") for name in names if name not in ("registry", "measurement")
+    ]
+    return tuple(module for module in modules if _holds_methods(module))
 
 
 def _holds_methods(module: ModuleType) -> bool:
@@ -116,8 +118,8 @@ def _outside_module(file: Path) -> ModuleType:
         raise InputError(f"{file}: {name!r} can't name a module; allowed are letters, digits and _")
     if folder not in sys.path:
         sys.path.append(folder)
-    found = importlib.util.find_spec(name)
-    if found is None or found.origin is None or Path(found.origin).resolve() != file:
+    spec = importlib.util.find_spec(name)
+    if spec is None or spec.origin is None or Path(spec.origin).resolve() != file:
         raise InputError(f"{file}: there is another module {name}; give the file another name")
     try:
         module = importlib.import_module(name)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +20,11 @@ from replicate.engine.schema import Checked, number
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
 from replicate.methods.training_stage import inputs_of_networks, write_training
+
+if TYPE_CHECKING:
+    import torch
+
+    import replicate.approximation.samples
 
 STEPS = {"quick": 600, "laptop": 16_000}  # those of the dense network
 PEAK_RATE = 2e-3
@@ -49,10 +55,12 @@ def stage(plan: Plan) -> Stage:
     return plan.stage("pca", train, plan.training(METHOD.section(plan.config)), *inputs_of_networks(plan))
 
 
-def make_network(inputs: int, basis, mean, hidden: Sequence[int], slope: float):
+def make_network(
+    inputs: int, basis: "torch.Tensor", mean: "torch.Tensor", hidden: Sequence[int], slope: float
+) -> "torch.nn.Module":
     """Return the network: (b, m) scaled parameters → (b, k, 3) offsets in mm.
 
-    basis: (c, 3k) components; mean: (3k,); both torch tensors of float32, which are not trained.
+    basis: (c, 3k) components; mean: (3k,); both of float32, which are not trained.
     """
     import torch
     from torch import nn
@@ -119,7 +127,9 @@ def train(context: StageContext) -> None:
     context.note(size_mb=model.size_mb() + (basis.size + mean.size) * 4 / 1e6, components=len(basis))
 
 
-def components(samples, vertices: np.ndarray, section: PcaConfig, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def components(
+    samples: "replicate.approximation.samples.SampleSet", vertices: np.ndarray, section: PcaConfig, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the principal components of some vertices' offsets, (c, 3k) mm, and their mean, (3k,), as float32.
 
     Each component is as long as its standard deviation over the samples, so that coefficients are of the size of 1.
@@ -129,8 +139,8 @@ def components(samples, vertices: np.ndarray, section: PcaConfig, seed: int) -> 
 
     from replicate.approximation.supervision import spread
 
-    chosen = spread(len(samples), section.basis_samples)
-    offsets = samples.vertices_subset(chosen, vertices).reshape(len(chosen), -1)
+    rows = spread(len(samples), section.basis_samples)
+    offsets = samples.vertices_subset(rows, vertices).reshape(len(rows), -1)
     with threadpool_limits(1):
         count = min(section.components, *offsets.shape)
         pca = PCA(count, svd_solver="randomized", random_state=seed).fit(offsets)

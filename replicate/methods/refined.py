@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares
 from replicate.artefacts.plan import Plan
@@ -10,6 +11,9 @@ from replicate.geometry.mesh import Mesh
 from replicate.methods import coarse
 from replicate.methods.method import Method, Number
 from replicate.methods.training_stage import write_training
+
+if TYPE_CHECKING:
+    import replicate.approximation.refinement
 
 
 def stage(plan: Plan) -> Stage:
@@ -39,8 +43,8 @@ def train(context: StageContext) -> None:
     write_training(context, model, log)
 
 
-def load_model(inputs: Mapping[str, Path]):
-    """Return the `RefinedModel`: the coarse networks and what is added to them."""
+def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
+    """Return the coarse networks and what is added to them."""
     from replicate.approximation.refinement import load_refined
 
     return load_refined(inputs["refined"], coarse.load_model(inputs))

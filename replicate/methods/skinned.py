@@ -5,12 +5,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from replicate.artefacts import built_rig, drawn_samples
 from replicate.artefacts.plan import Plan
 from replicate.config import Config, LbsConfig
 from replicate.engine.stage import Stage, StageContext, stream_rng
 from replicate.methods.method import Method
+
+if TYPE_CHECKING:
+    import replicate.approximation.skinning.ssdr
 
 FILE = "skin.npz"
 GREYS = {16: "#BBBBBB", 24: "#888888", 32: "#555555"}
@@ -70,8 +74,8 @@ def fit_skin(context: StageContext) -> None:
     skin.save(context.out / FILE)
 
 
-def load_skin(inputs: Mapping[str, Path], bones: int):
-    """Return the `Skin` with some number of bones."""
+def load_skin(inputs: Mapping[str, Path], bones: int) -> "replicate.approximation.skinning.ssdr.Skin":
+    """Return the skin with some number of bones."""
     from replicate.approximation.skinning.ssdr import Skin
 
     return Skin.load(inputs[f"lbs{bones}"] / FILE)

@@ -1,10 +1,15 @@
 """What training stages share: one network a coarse segment, and what is written of every training."""
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from replicate.artefacts import built_rig, control_influence, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
+
+if TYPE_CHECKING:
+    import replicate.approximation.model
+    import replicate.approximation.refinement
 
 LOG = "log.csv"
 
@@ -37,7 +42,11 @@ def train_on_segments(context: StageContext, make_network: Callable, facts: dict
     write_training(context, model, log)
 
 
-def write_training(context: StageContext, model, log: list[dict]) -> None:
+def write_training(
+    context: StageContext,
+    model: "replicate.approximation.model.SegmentedModel | replicate.approximation.refinement.RefinedModel",
+    log: list[dict],
+) -> None:
     """Write a training's log beside its model, and note the model's size."""
     from replicate.approximation.training import write_log
 

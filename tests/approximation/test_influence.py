@@ -4,13 +4,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from plain_rig import PlainRig
 
 from data_recipes.catalogue import build_rig
 from replicate.approximation.influence import THRESHOLD_MM, farthest_first, influence, influence_poses
 from replicate.approximation.sampling import augment, sample_uniform, split_frames
 
 
-class Hidden:
+class Hidden(PlainRig):
     """Vertex 0 follows control 0; vertex 1 control 1, only where 0 is raised; vertex 2 control 2, only downwards."""
 
     controls = ("open", "gain", "down", "idle")
@@ -42,8 +43,8 @@ def test_influence_is_found_at_poses_where_it_shows():
 
 
 def test_the_default_pose_alone_would_miss_some():
-    found = influence(Hidden(), np.zeros((1, 4), np.float32))
-    assert not found[1].any() and found[0, 0] and found[2, 2]
+    moves = influence(Hidden(), np.zeros((1, 4), np.float32))
+    assert not moves[1].any() and moves[0, 0] and moves[2, 2]
 
 
 def test_the_threshold_decides_what_counts():

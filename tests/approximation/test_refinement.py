@@ -48,21 +48,21 @@ def test_three_spots_of_error_are_found_where_they_are():
     rng = np.random.default_rng(0)
     uv = rng.uniform(0, 1, (3000, 2))
     weight, spots = three_spots(uv)
-    (centres, other), found = refinement.clusters([uv, uv], [weight, 0 * weight], RefinementConfig(), seed=0)
-    assert found.clusters == 3 and len(other) == 0
+    (centres, other), elbow = refinement.clusters([uv, uv], [weight, 0 * weight], 10, seed=0)
+    assert elbow.clusters == 3 and len(other) == 0
     distance = np.linalg.norm(centres[:, None] - spots, axis=2)
     assert sorted(distance.argmin(1)) == [0, 1, 2] and distance.min(1).max() < 0.02
-    assert all(a >= b for a, b in zip(found.inertia, found.inertia[1:], strict=False))
+    assert all(a >= b for a, b in zip(elbow.inertia, elbow.inertia[1:], strict=False))
 
 
 def test_segments_are_disjoint_squares_that_fill_their_maps(face):
     mesh, segments = face
     errors = np.where(mesh.segment == 0, three_spots(mesh.uv)[0], 0)
-    chosen, _ = refinement.select(segments, errors, small_influence(mesh), RefinementConfig())
-    vertices = np.concatenate([segment.vertices for segment in chosen])
-    assert len(chosen) >= 2 and len(set(vertices)) == len(vertices)
+    squares, _ = refinement.select(segments, errors, small_influence(mesh), 0.25, 10)
+    vertices = np.concatenate([segment.vertices for segment in squares])
+    assert len(squares) >= 2 and len(set(vertices)) == len(vertices)
     assert (mesh.segment[vertices] == 0).all()
-    for segment in chosen:
+    for segment in squares:
         assert np.ptp(mesh.uv[segment.vertices], axis=0).max() <= 0.25 + 1e-6
         np.testing.assert_allclose([segment.uv.min(0), segment.uv.max(0)], [[0, 0], [1, 1]])
         np.testing.assert_array_equal(segment.parameters, range(8))
@@ -72,17 +72,17 @@ def test_a_chart_with_few_places_gets_no_more_clusters_than_those(face):
     mesh, segments = face
     errors = np.zeros(len(mesh.neutral))
     errors[segments[0].vertices[:3]] = 1.0
-    _, elbow = refinement.select(segments, errors, small_influence(mesh), RefinementConfig(square=0.9))
+    _, elbow = refinement.select(segments, errors, small_influence(mesh), 0.9, 10)
     assert len(elbow.inertia) == 3
 
 
 def test_what_cannot_be_refined_is_said_in_one_sentence(face):
     mesh, segments = face
     with pytest.raises(InputError, match="nothing to refine"):
-        refinement.select(segments, np.zeros(len(mesh.neutral)), small_influence(mesh), RefinementConfig())
+        refinement.select(segments, np.zeros(len(mesh.neutral)), small_influence(mesh), 0.25, 10)
     errors = np.ones(len(mesh.neutral))
     with pytest.raises(InputError, match=r"refinement\.square is 0\.01: no square of that size"):
-        refinement.select(segments, errors, small_influence(mesh), RefinementConfig(square=0.01))
+        refinement.select(segments, errors, small_influence(mesh), 0.01, 10)
 
 
 def test_refinement_lowers_both_errors_and_moves_only_its_vertices(face, tmp_path):
@@ -93,12 +93,12 @@ def test_refinement_lowers_both_errors_and_moves_only_its_vertices(face, tmp_pat
     _, coarse, before = train_small(cnn, config, tmp_path / "coarse")
     errors = refinement.map_error(segments, samples.offsets(np.arange(20)), 8)
     config = RefinementConfig(map_size=32, square=0.5, training=training)
-    chosen, _ = refinement.select(segments, errors, small_influence(mesh), config)
-    refined, after = refinement.train_refined(mesh, coarse, chosen, samples, config, tmp_path / "refined", progress, 0)
+    squares, _ = refinement.select(segments, errors, small_influence(mesh), config.square, config.clusters_max)
+    refined, after = refinement.train_refined(mesh, coarse, squares, samples, config, tmp_path / "refined", progress, 0)
     assert after[-1]["mm"] < before[-1]["mm"] and after[-1]["degrees"] < before[-1]["degrees"]
     params = samples.validation_params
     changed = np.flatnonzero(np.abs(refined.offsets(params) - coarse.offsets(params)).max((0, 2)))
-    np.testing.assert_array_equal(changed, np.sort(np.concatenate([segment.vertices for segment in chosen])))
+    np.testing.assert_array_equal(changed, np.sort(np.concatenate([segment.vertices for segment in squares])))
     cnn.save(refined.residual, tmp_path, config)
     loaded = refinement.load_refined(tmp_path, coarse)
     np.testing.assert_array_equal(loaded.offsets(params), refined.offsets(params))

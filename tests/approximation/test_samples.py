@@ -14,16 +14,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from damage import flip_a_bit
+from plain_rig import PlainRig
 
 from replicate.approximation import samples
 from replicate.approximation.samples import SampleSet, write_samples
+from replicate.config import SamplesConfig
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import ROOT
 from replicate.engine.sealed_files import read_sealed
 
 
 @dataclass
-class Waves:
+class Waves(PlainRig):
     """A small stand-in that keeps the Rig contract: sines of the controls on random vertices."""
 
     clips: tuple | None = None
@@ -53,7 +55,7 @@ def clips(count=6, frames=50):
 
 def config(**changed):
     values = {"count": 600, "split": "frames", "held_out": 0.1, "validation": 20, "low": 0.25, "high": 3.0, "bins": 16}
-    return SimpleNamespace(**({"uniform_test": 50} | values | changed))
+    return SamplesConfig(**({"uniform_test": 50} | values | changed))
 
 
 def rng(stream):

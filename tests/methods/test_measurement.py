@@ -75,7 +75,7 @@ def test_errors_pose_numbers_size_and_curve_are_kept(inputs, tmp_path):
     numbers = replace(BLIND, facts=reference(toy_methods.facts), test_poses=5)
     done, _ = run_stage(measurement.measure, inputs, "errors_toy", numbers, tmp_path)
     folder, samples, mesh = done["errors_toy"], drawn_samples.load(inputs), small_mesh()
-    assert measurement.measured(done | {"errors_toy-small": folder}) == {"toy": folder}
+    assert measurement.error_folders(done | {"errors_toy-small": folder}) == {"toy": folder}
     errors = measurement.load_errors(folder)
     assert len(errors.pose_mm) == 5
     moved = mesh.neutral + 2 * samples.test_params[3, 0] * np.float32([1, 0, 0])

@@ -32,7 +32,7 @@ from replicate.targets.table1.size_rows import WIDTHS, rows_of, sizes_mb
 from replicate.targets.table1.size_table import bracket, implied_vertices, size_claim, size_ratio, table1
 
 THEIRS = read_results(PAPER / "table1.csv")
-SMALL = SimpleNamespace(map_size=16, channels=2, hidden=(3, 128))
+SMALL = CoarseConfig(map_size=16, channels=2, hidden=(3, 128))
 
 
 def segments(counts: list[tuple[int, int]]) -> list[Segment]:

@@ -18,7 +18,9 @@ _BUFFER = 28 * LANES
 
 @numba.njit(cache=KEPT, error_model="numpy")
 @no_type_check
-def loss_and_gradient(vertices, target, faces, vertex_scale, normal_scale):
+def loss_and_gradient(
+    vertices: np.ndarray, target: np.ndarray, faces: np.ndarray, vertex_scale: float, normal_scale: float
+) -> tuple[float, np.ndarray]:
     """Return the summed Eq. 1 of all lanes and its gradient, (n, 3, LANES), in the vertices.
 
     vertices, target: (n, 3, LANES) float32, mm. faces: (f, 3) int32. The two scales multiply the sums of absolute

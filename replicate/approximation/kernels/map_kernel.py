@@ -5,11 +5,11 @@ changes the function: a nearest-upsampled image shows the 3×3 kernel only 2×2 
 positions of an output pixel has a kernel of four taps; the 16 channels of a pixel are one vector (`tile_kernel`); the
 map is sampled before the last 1×1 convolution, which then runs over vertices.
 
-Images are (b, s + 2, s + 2, 16) float32 with a border of zeros, kept flat. Taps are (t, 16, 16), [tap, in, out].
+Images are (b, s + 2, s + 2, 16) float32 with a border of zeros, stored flat. Taps are (t, 16, 16), [tap, in, out].
 """
 
 from functools import lru_cache
-from typing import no_type_check
+from typing import Any, no_type_check
 
 import numpy as np
 import torch
@@ -220,7 +220,14 @@ class MapOffsets(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(ctx, start, slope, pixels, shares, *weights):
+    def forward(
+        ctx: Any,
+        start: torch.Tensor,
+        slope: float,
+        pixels: torch.Tensor,
+        shares: torch.Tensor,
+        *weights: torch.Tensor,
+    ) -> torch.Tensor:
         arrays = [array.detach().contiguous().numpy() for array in weights]
         batch, s = start.shape[:2]
         images = [_take(batch, s)]
@@ -245,7 +252,7 @@ class MapOffsets(torch.autograd.Function):
         return torch.from_numpy(out)
 
     @staticmethod
-    def backward(ctx, upstream):
+    def backward(ctx: Any, upstream: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         images, arrays, slope, s = ctx.images, ctx.arrays, ctx.slope, ctx.size
         batch, first, _, channels = ctx.start_shape
         gradients = [None] * len(arrays)

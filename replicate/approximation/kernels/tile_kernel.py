@@ -1,15 +1,18 @@
-"""Two vector kernels that the convolutions are made of: 16 channels are one vector, written for LLVM directly.
+"""Two vector kernels that make up the convolutions: 16 channels are one vector, written for LLVM directly.
 
 Plain loops leave it to the compiler to keep the sums in registers, and it does not. Here eight sums of 16 channels
 each stay there while all taps of a kernel go by. Images are flat float32 arrays with 16 channels last; "first" and
 "step" are positions in numbers, not pixels. `multiply_reference` and `correlate_reference` say the same in NumPy.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.core.errors import TypingError
+from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
 
 CHANNELS = 16
@@ -20,7 +23,10 @@ _FLOAT = ir.FloatType()
 _VECTOR = ir.VectorType(_FLOAT, CHANNELS)
 
 
-def multiply_reference(y, y_first, y_step, x, x_first, x_step, offsets, weights, start):
+def multiply_reference(
+    y: np.ndarray, y_first: int, y_step: int, x: np.ndarray, x_first: int, x_step: int,
+    offsets: np.ndarray, weights: np.ndarray, start: np.ndarray,
+) -> None:  # fmt: skip
     """Write start + Σ_t x[pixel + offsets[t]] @ weights[t] to a tile of pixels.
 
     The i-th pixel of the tile is read at x_first + i·x_step and written at y_first + i·y_step. offsets: (t,) int64.
@@ -35,7 +41,10 @@ def multiply_reference(y, y_first, y_step, x, x_first, x_step, offsets, weights,
         y[at : at + CHANNELS] = total
 
 
-def correlate_reference(gradient, x, x_first, x_step, x_row, y, y_first, y_step, y_row, columns, rows):
+def correlate_reference(
+    gradient: np.ndarray, x: np.ndarray, x_first: int, x_step: int, x_row: int,
+    y: np.ndarray, y_first: int, y_step: int, y_row: int, columns: int, rows: int,
+) -> None:  # fmt: skip
     """Add Σ x[pixel]ᵀ y[pixel] over rows × columns of pixels to gradient (16, 16), [channel of x, channel of y]."""
     for row in range(rows):
         for column in range(columns):
@@ -74,7 +83,10 @@ def _sums(builder, count):
 
 
 @intrinsic
-def multiply(typing, y, y_first, y_step, x, x_first, x_step, offsets, weights, start):
+def multiply(
+    typing: object, y: types.Type, y_first: types.Type, y_step: types.Type, x: types.Type, x_first: types.Type,
+    x_step: types.Type, offsets: types.Type, weights: types.Type, start: types.Type,
+) -> tuple[Signature, Callable]:  # fmt: skip
     """Compile `multiply_reference`."""
 
     def generate(context, builder, signature, args):
@@ -112,7 +124,10 @@ def multiply(typing, y, y_first, y_step, x, x_first, x_step, offsets, weights, s
 
 
 @intrinsic
-def correlate(typing, gradient, x, x_first, x_step, x_row, y, y_first, y_step, y_row, columns, rows):
+def correlate(
+    typing: object, gradient: types.Type, x: types.Type, x_first: types.Type, x_step: types.Type, x_row: types.Type,
+    y: types.Type, y_first: types.Type, y_step: types.Type, y_row: types.Type, columns: types.Type, rows: types.Type,
+) -> tuple[Signature, Callable]:  # fmt: skip
     """Compile `correlate_reference`."""
 
     def generate(context, builder, signature, args):

@@ -1,4 +1,4 @@
-"""The compiled active set of SSDR's weight step; `lbs_weights` says what it does, `solve_reference` there says how."""
+"""The compiled active set of SSDR's weight step; `weights.solve_reference` is its readable twin."""
 
 from typing import no_type_check
 
@@ -10,7 +10,11 @@ from replicate.engine.jit_cache import KEPT
 
 @njit(cache=KEPT, fastmath={"reassoc", "contract", "nsz"})
 @no_type_check
-def solve_all(products, table, carried, square, old_index, old_weights, rounds, index, result, error):
+def solve_all(
+    products: np.ndarray, table: np.ndarray, carried: np.ndarray, square: np.ndarray,
+    old_index: np.ndarray, old_weights: np.ndarray, rounds: int,
+    index: np.ndarray, result: np.ndarray, error: np.ndarray,
+) -> None:  # fmt: skip
     """Solve for the weights of all vertices; fill in `index`, `result` and `error`.
 
     products (n, 10), table (10, bones²), carried (n, bones), square (n,); from old_index, old_weights (n, influences).
@@ -94,9 +98,9 @@ def _descend(gram, support, weights, size, influences, factor, y):
             total += y[a]
         drop, step = -1, np.inf
         for a in range(size):
-            wanted = y[a] / total
-            if wanted <= 0:
-                length = weights[a] / (weights[a] - wanted) if weights[a] > wanted else 0.0
+            share = y[a] / total
+            if share <= 0:
+                length = weights[a] / (weights[a] - share) if weights[a] > share else 0.0
                 if length < step:
                     drop, step = a, length
         if drop >= 0:

@@ -37,11 +37,11 @@ class Problem:
         """Every colour's vertices, their rows of K over their diagonal, and ‖Σ_j (K_ij / K_ii) x_j‖² of each."""
         diagonal = self.metric.matrix.diagonal()
         y = np.ascontiguousarray(self.data.coefficients.T)
-        found = []
+        neighbourhoods = []
         for colour in self.metric.colours:
             share = csr_array(self.metric.matrix[colour] / diagonal[colour, None])
-            found.append((colour, share, ((share @ y) ** 2).sum(1)))
-        return tuple(found)
+            neighbourhoods.append((colour, share, ((share @ y) ** 2).sum(1)))
+        return tuple(neighbourhoods)
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def reseed(
 ) -> tuple[Int[np.ndarray, "n k"], Float[np.ndarray, "n k"]]:
     """Give a bone that no vertex uses to the worst-fitted vertex and its neighbours, which then hold nothing else.
 
-    No vertex is taken that alone keeps another bone in use; as there are no more bones than vertices, one can be found.
+    No vertex is taken that alone keeps another bone in use; bones are no more than vertices, so there is one.
     """
     mass = np.bincount(index.ravel(), weights.ravel() ** 2, bones)
     error = error.copy()
@@ -175,9 +175,9 @@ def sparse(
     weights: Float[np.ndarray, "n bones"], influences: int
 ) -> tuple[Int[np.ndarray, "n k"], Float[np.ndarray, "n k"]]:
     """Return the largest weights of every vertex and their bones, rescaled to sum to one; unused places hold 0."""
-    kept = min(influences, weights.shape[1])
+    count = min(influences, weights.shape[1])
     index = np.zeros((len(weights), influences), np.int64)
     result = np.zeros((len(weights), influences))
-    index[:, :kept] = np.argsort(-weights, axis=1, kind="stable")[:, :kept]
-    result[:, :kept] = np.take_along_axis(weights, index[:, :kept], 1)
+    index[:, :count] = np.argsort(-weights, axis=1, kind="stable")[:, :count]
+    result[:, :count] = np.take_along_axis(weights, index[:, :count], 1)
     return index, result / result.sum(1, keepdims=True)

@@ -5,7 +5,7 @@ the bones from the rig parameters, as the other methods must guess their offsets
 them; the network is trained through the skinning on Eq. 1, over all vertices. Not in the paper.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,14 +16,17 @@ from torch import nn
 from torch.nn import functional
 
 from replicate.approximation.model import SegmentedModel, initialise, load_model, parameter_scale, save_model
+from replicate.approximation.samples import SampleSet
 from replicate.approximation.segments import Segment
 from replicate.approximation.skinning.bones import weighted_points
 from replicate.approximation.skinning.ssdr import Skin, refit
 from replicate.approximation.supervision import Supervision
 from replicate.approximation.training import prepare, train
+from replicate.config import DrivenConfig
+from replicate.geometry.mesh import Mesh
 
 SKIN = "skin.npz"
-REFITTED = 64  # training poses whose refitted bones tell how far each bone goes
+REFITTED = 64  # training poses whose refitted bones show how far each bone goes
 LEAST_TURN, LEAST_SHIFT_MM = 1e-3, 1e-2  # of a bone's usual turn (radians) and shift
 
 
@@ -90,10 +93,19 @@ def usual_motion(
     return np.maximum(turn, LEAST_TURN), np.maximum(np.sqrt((shift**2).sum(-1).mean(0)), LEAST_SHIFT_MM)
 
 
-def train_driven(mesh, skin: Skin, samples, config, scratch: Path, progress, seed: int, device="cpu"):
-    """Train the network of a skin; return (SegmentedModel, log).
+def train_driven(
+    mesh: Mesh,
+    skin: Skin,
+    samples: SampleSet,
+    config: DrivenConfig,
+    scratch: Path,
+    progress: Callable,
+    seed: int,
+    device: str = "cpu",
+) -> tuple[SegmentedModel, list[dict]]:
+    """Train the network of a skin; return the model and its log.
 
-    samples, config, scratch, progress, seed: as for `segment_training.train_segments`; config: a DrivenConfig.
+    Arguments as in `segment_training.train_segments`.
     """
     device = prepare(device)
     n, m = len(mesh.neutral), samples.params.shape[1]
@@ -107,7 +119,7 @@ def train_driven(mesh, skin: Skin, samples, config, scratch: Path, progress, see
     network.shift.copy_(torch.from_numpy(shift))
     model = SegmentedModel([network], [segment], parameter_scale(samples.params), [1.0], n).to(device)
 
-    def loss_of_step(step: int):
+    def loss_of_step(step: int) -> torch.Tensor:
         params, target = supervision.batch(seed, "driven", step, config.training.batch)
         return supervision.loss(model(params), target)
 
@@ -116,7 +128,7 @@ def train_driven(mesh, skin: Skin, samples, config, scratch: Path, progress, see
     return model, log
 
 
-def save(model: SegmentedModel, skin: Skin, folder: Path, config) -> None:
+def save(model: SegmentedModel, skin: Skin, folder: Path, config: DrivenConfig) -> None:
     """Write a driven model and its skin to a folder."""
     skin.save(Path(folder) / SKIN)
     save_model(model, folder, {"hidden": list(config.hidden), "leaky_slope": config.leaky_slope})

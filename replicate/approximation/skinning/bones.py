@@ -1,7 +1,7 @@
 """The bone step of SSDR: with the weights fixed, find every bone's rigid motion in every pose (Le & Deng 2012, §5).
 
 A pose's displacements are D = Σ_b w_b (p M_b), p = (u, 1) the homogeneous rest point and M_b = [R_b − I; t_b] 4 × 3.
-Transposed motions are kept together as `motion` (f, 3, B, 4): pose, coordinate, bone, component of p. With the
+Transposed motions lie together as `motion` (f, 3, B, 4): pose, coordinate, bone, component of p. With the
 weights fixed the squared error is quadratic in them, and all it needs of n vertices are the matrices
 
     UU = Σ_i z_i z_iᵀ   (4B, 4B)       VU = Σ_i x_i z_iᵀ   (f, 3, 4B),      z_i = w_i ⊗ p_i,  x_i the displacement,
@@ -73,7 +73,7 @@ def sweep(
 
 
 def project(motion: Float[np.ndarray, "f 3 bones 4"]) -> Float[np.ndarray, "f 3 bones 4"]:
-    """Return motions whose linear parts are the rotations nearest to the given ones."""
+    """Return motions whose linear parts are the rotations nearest to those of `motion`."""
     result = np.ascontiguousarray(motion, np.float64).copy()
     _project(result)
     return result
@@ -154,10 +154,10 @@ def _project(motion):
 
 @njit(cache=KEPT)
 @no_type_check
-def rotation_of(matrix):
+def rotation_of(matrix: np.ndarray) -> np.ndarray:
     """Return the R in SO(3) that maximises tr(Rᵀ matrix), by Horn's quaternion: no reflection can come out.
 
-    The quaternion is the top eigenvector of a symmetric 4 × 4 matrix, found by Jacobi's rotations.
+    The quaternion is the top eigenvector of a symmetric 4 × 4 matrix, by Jacobi's rotations.
     """
     key = np.empty((4, 4))
     vectors = np.eye(4)

@@ -90,8 +90,8 @@ def compress(
         rank = min(2 * rank, limit, LARGEST_RANK)
     values, directions = np.linalg.eigh(coefficients @ coefficients.T)
     tail = np.cumsum(np.maximum(values, 0.0)) + left_out
-    kept = directions[:, tail > TOLERANCE**2 * total] if total > 0 else directions[:, -1:]
-    basis, _ = np.linalg.qr(basis @ kept)
+    directions = directions[:, tail > TOLERANCE**2 * total] if total > 0 else directions[:, -1:]
+    basis, _ = np.linalg.qr(basis @ directions)
     coefficients = _project_onto(basis, displacements)
     lost = np.sqrt(max(total - float(np.sum(coefficients**2)), 0.0) / total) if total > 0 else 0.0
     return Compressed(points, basis, coefficients, centre, radius, float(lost))

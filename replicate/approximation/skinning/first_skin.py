@@ -57,7 +57,7 @@ def grow(problem: Problem, state: State, added: int) -> State:
 
 
 def settle(problem: Problem, motion: np.ndarray, loads: np.ndarray, influences: int) -> State:
-    """Return the state of given weights (n, bones), its bones fitted to them from given motions (f, 3, bones, 4)."""
+    """Return the state of some weights (n, bones), its bones fitted to them from some motions (f, 3, bones, 4)."""
     index, weights = sparse(loads, influences)
     motion = sweep(motion, *normal_equations(problem, index, weights, motion.shape[2]), SWEEPS)
     return State(0, motion, motion, index, weights, np.inf, 0.0)

@@ -1,13 +1,14 @@
 """Linear blend skinning fitted to example poses: SSDR (Le & Deng 2012), the paper's LBS rows in Table 2 (§5.1).
 
-Two steps alternate: sparse convex weights for all vertices with the bones fixed (`lbs_weights`), rigid motions of all
-bones with the weights fixed (`lbs_bones`). Both work on compressed poses (`lbs_compression`), measure errors in
-`lbs_metric`, and start from `lbs_start`; bone motions are extrapolated along their last change as long as the error
-falls (`lbs_descent`). At first every bone may act everywhere; sparse supports come last (`lbs_relaxation`).
+Two steps alternate: sparse convex weights for all vertices with the bones fixed (`weights`), rigid motions of all
+bones with the weights fixed (`bones`). Both work on compressed poses (`compression`), measure errors in
+`edge_metric`, and start from `first_skin`; bone motions are extrapolated along their last change as long as the error
+falls (`alternation`). At first every bone may act everywhere; sparse supports come last (`relaxation`).
 
 An LBS row is an oracle: `refit` sees the very mesh that it then approximates, never a rig parameter.
 """
 
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,7 +75,7 @@ def fit(
     influences: int = 8,
     iterations: int = 100,
     scratch: Path | None = None,
-    progress=None,
+    progress: Callable | None = None,
     faces: Int[np.ndarray, "t 3"] | None = None,
     coherence: float = 0.2,
     relaxed: int = 60,
@@ -85,7 +86,7 @@ def fit(
     else. scratch: a folder that keeps the state every few seconds, so that a killed fit goes on where it stood and ends
     with the same bits; a scratch of other data or settings is ignored. progress: (total, label, initial) -> context
     manager with `update(k)`. faces: the mesh's triangles; with them borders between bones start out blended, and a fit
-    also keeps errors alike along edges, `coherence` weighing that against distance (`lbs_metric`; DEVIATIONS, LBS).
+    also keeps errors alike along edges, `coherence` weighing that against distance (`edge_metric`; DEVIATIONS, LBS).
     relaxed: iterations before the others, in which all bones may act on every vertex.
 
     The result depends on the order of neither vertices nor poses. Raises InputError for no poses, for numbers that are
@@ -97,18 +98,18 @@ def fit(
     rest = neutral[vertex_order]
     ranks = np.argsort(vertex_order)
     corners = np.zeros((0, 3), np.int64) if faces is None else ranks[faces]
-    kept = Checkpoints(scratch, fingerprint(rest, ordered, corners, bones, influences, coherence, relaxed))
-    data = kept.data()
+    checkpoints = Checkpoints(scratch, fingerprint(rest, ordered, corners, bones, influences, coherence, relaxed))
+    data = checkpoints.data()
     if data is None:
         data = compress(rest, ordered, generator)
-        kept.keep_data(data)
+        checkpoints.keep_data(data)
     del ordered
     course, total = alternation(data, corners, coherence, influences, relaxed), relaxed + iterations
-    state = kept.state() or course.start(bones)
+    state = checkpoints.state() or course.start(bones)
     with progress(total, f"LBS, {bones} bones", state.iteration) if progress else nullcontext() as bar:
         while state.iteration < total:
             state = course.step(state)
-            kept.keep_state(state, at_once=state.iteration == total)
+            checkpoints.keep_state(state, at_once=state.iteration == total)
             if bar is not None:
                 bar.update(1)
     return skin_of(neutral, vertex_order, state)
@@ -143,9 +144,9 @@ def skin_of(neutral: Float[np.ndarray, "n 3"], vertex_order: Int[np.ndarray, "n"
 def refit(
     skin: Skin, vertices: Float[np.ndarray, "b n 3"], sweeps: int = 500, settled: float = 1e-7
 ) -> tuple[Float[np.ndarray, "b bones 3 3"], Float[np.ndarray, "b bones 3"]]:
-    """Return the bone rotations and translations (mm) that best pose a skin as the given meshes, its weights fixed.
+    """Return the bone rotations and translations (mm) that best pose a skin as some meshes, its weights fixed.
 
-    Sweeps run until none moves a bone by more than `settled` (radians and rest radii), or `sweeps` have been made.
+    Sweeps run until none moves a bone by more than `settled` (radians and rest radii), or there were `sweeps` of them.
     """
     points, centre, radius = rest_frame(skin.neutral)
     z = weighted_points(points, skin.dense_weights())

@@ -1,4 +1,4 @@
-"""What a fit keeps on disk while it runs, so that a killed one goes on where it stood."""
+"""Checkpoints of an SSDR fit on disk, so that a killed fit goes on where it stood."""
 
 import hashlib
 import json
@@ -16,7 +16,7 @@ SECONDS = 20.0  # between two checkpoints
 
 
 class Checkpoints:
-    """A folder with the compressed poses and the last state of one fit; with no folder, nothing is kept.
+    """A folder with the compressed poses and the last state of one fit; with no folder, nothing is stored.
 
     Files appear whole, carry a checksum and the fingerprint of the fit that they belong to: those of another fit, and
     damaged ones, count as absent.
@@ -28,21 +28,21 @@ class Checkpoints:
         self.written = time.monotonic()
 
     def data(self) -> Compressed | None:
-        """Return the compressed poses, if they were kept."""
+        """Return the compressed poses, if they are stored."""
         arrays = self._read("compressed.sealed")
         return arrays and Compressed(**_scalars(arrays, "radius_mm", "lost"))
 
     def keep_data(self, data: Compressed) -> None:
-        """Keep the compressed poses."""
+        """Store the compressed poses."""
         self._write("compressed.sealed", vars(data))
 
     def state(self) -> State | None:
-        """Return the last state kept."""
+        """Return the last stored state."""
         arrays = self._read("state.sealed")
         return arrays and State(**_scalars(arrays, "iteration", "energy", "beta"))
 
     def keep_state(self, state: State, at_once: bool = False) -> None:
-        """Keep a state if the last one is old enough, or at once."""
+        """Store a state if the last one is old enough, or at once."""
         if at_once or time.monotonic() - self.written >= SECONDS:
             self._write("state.sealed", vars(state))
             self.written = time.monotonic()

@@ -84,14 +84,14 @@ def descend_reference(
     support = np.flatnonzero(weights > 0) if support is None else np.array(support)
     while True:
         y = np.linalg.solve(gram[np.ix_(support, support)], np.ones(len(support)))
-        wanted, held = y / y.sum(), weights[support]
-        negative = wanted <= 0
+        optimum, current = y / y.sum(), weights[support]
+        negative = optimum <= 0
         if not negative.any():
-            weights[support] = wanted
+            weights[support] = optimum
             return weights
-        steps = np.where(negative, held / np.where(negative, held - wanted, 1.0), np.inf)
+        steps = np.where(negative, current / np.where(negative, current - optimum, 1.0), np.inf)
         drop = int(np.argmin(steps))
-        weights[support] = held + steps[drop] * (wanted - held)
+        weights[support] = current + steps[drop] * (optimum - current)
         weights[support[drop]] = 0
         support = np.delete(support, drop)
 
@@ -105,7 +105,7 @@ def solve_weights(
     weights: Float[np.ndarray, "n k"],
     rounds: int = ROUNDS,
 ) -> tuple[Int[np.ndarray, "n k"], Float[np.ndarray, "n k"], Float[np.ndarray, " n"]]:
-    """Return bones, weights and squared error of every vertex, starting from the given ones.
+    """Return bones, weights and squared error of every vertex, starting from those of `bone_index` and `weights`.
 
     k is the number of influences; unused places hold weight 0 (and bone 0). The squared error is without the ridge.
     """

@@ -40,7 +40,7 @@ def rows_of(settings, inputs: Mapping[str, Path]) -> list[Row]:
     """Return a character's rows: each method's errors, its size, and what else it has to say."""
     run = run_name(inputs)
     rows = []
-    for method, folder in measurement.measured(inputs).items():
+    for method, folder in measurement.error_folders(inputs).items():
         rows += error_rows(settings.character, {method: measurement.load_errors(folder)}, settings.profile, run)
         for metric, unit, value in measurement.load_numbers(folder):
             table = "table2_segments" if "[" in metric else "table2"
@@ -52,7 +52,7 @@ def rows_of(settings, inputs: Mapping[str, Path]) -> list[Row]:
 
 def curves_of(character: str, inputs: Mapping[str, Path]) -> dict[tuple[str, str], Curve]:
     """Return the validation errors of a character's trainings, step by step."""
-    files = {method: measurement.load_curve(folder) for method, folder in measurement.measured(inputs).items()}
+    files = {method: measurement.load_curve(folder) for method, folder in measurement.error_folders(inputs).items()}
     return {(character, method): read_log(file) for method, file in files.items() if file}
 
 
@@ -64,5 +64,5 @@ def pose_of(
     offsets: (n, 3) mm, its true ones. props: from `rig.pose_props`.
     """
     vertices = {TRUTH: mesh.neutral + np.asarray(offsets)}
-    vertices |= {method: measurement.load_pose(folder) for method, folder in measurement.measured(inputs).items()}
+    vertices |= {method: measurement.load_pose(folder) for method, folder in measurement.error_folders(inputs).items()}
     return PoseRecord(character, pose, mesh.neutral, mesh.faces, vertices, tuple(props))
