@@ -4,8 +4,11 @@ import argparse
 import sys
 from collections.abc import Sequence
 
+from data_recipes.recipe_paths import OUTSIDE
 from replicate.engine.exceptions import InputError
 from replicate.engine.make_options import without_foreign
+from replicate.engine.paths import settle_folders
+from replicate.engine.schema import cut
 from replicate.targets.options import OPTIONS
 from replicate.targets.target_registry import Target, targets
 
@@ -17,7 +20,7 @@ sources stay the same. Exit codes: 0 done, 1 a stage failed or the disk is full,
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str):
-        raise InputError(f"{message}; `{self.prog} --help` lists what is allowed")
+        raise InputError(f"{cut(message)}; `{self.prog} --help` lists what is allowed")
 
 
 def command(arguments: Sequence[str] | None = None) -> None:
@@ -26,6 +29,7 @@ def command(arguments: Sequence[str] | None = None) -> None:
     arguments: the words after `python -m replicate`; None for those of this process. Raises InputError for words that
     mean nothing, and whatever the target raises.
     """
+    settle_folders(*OUTSIDE.values())
     words = list(sys.argv[1:] if arguments is None else arguments)
     target = targets().get(words[0]) if words else None
     given = without_foreign(words, {f"--{option}" for option in target.options} if target else ())
