@@ -2,13 +2,13 @@
 
 import argparse
 import sys
+import textwrap
 from collections.abc import Sequence
 
 from data_recipes.recipe_paths import OUTSIDE
 from replicate.engine.exceptions import InputError
 from replicate.engine.make_options import without_foreign
 from replicate.engine.paths import settle_folders
-from replicate.engine.schema import cut
 from replicate.targets.options import OPTIONS
 from replicate.targets.target_registry import Target, targets
 
@@ -17,10 +17,12 @@ Artefacts are kept in .cache, or in $REPLICATE_CACHE, and reused for as long as 
 sources stay the same. Exit codes: 0 done, 1 a stage failed or the disk is full, 2 bad input, 130 interrupted.
 """
 
+LONGEST = 600  # characters of argparse's own sentences, which repeat what was typed
+
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str):
-        raise InputError(f"{cut(message)}; `{self.prog} --help` lists what is allowed")
+        raise InputError(f"{textwrap.shorten(message, LONGEST)}; `{self.prog} --help` lists what is allowed")
 
 
 def command(arguments: Sequence[str] | None = None) -> None:
