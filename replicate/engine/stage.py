@@ -78,8 +78,8 @@ class StageContext:
 
     config: the stage's. inputs: by the name of each input stage (by its title, name-label, where several share a
     name), the folder of its verified artefact. out: an empty folder to fill. scratch: a folder that outlives a kill,
-    for checkpoints; it is removed once the artefact is complete. threads: how many the stage may use. files: the stage's
-    data files, in its order.
+    for checkpoints; it is removed once the artefact is complete. threads: how many the stage may use. files: the
+    stage's data files, in its order.
     """
 
     name: str
