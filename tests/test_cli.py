@@ -45,8 +45,8 @@ def toy(monkeypatch):
     ("arguments", "named"),
     [
         (["--jobs", "0"], ["jobs is 0", "at least 1"]),
-        (["--seed=-1"], ["seed is '-1'", "at least 0"]),
-        (["--seed", "0,one"], ["seed is 'one'", "at least 0"]),
+        (["--seed=-1"], ["seed is '-1'", "a whole number from 0"]),
+        (["--seed", "0,one"], ["seed is 'one'", "a whole number from 0"]),
         (["--device", "tpu"], ["'tpu'", "auto, cpu, cuda"]),
         (["--split", "poses"], ["'poses'", "frames, clips"]),
         (["--config", "nowhere.toml"], ["nowhere.toml", "no such file"]),

@@ -99,8 +99,8 @@ def test_a_saved_figure_is_small_has_a_palette_white_paper_and_its_words(tmp_pat
 
 
 def test_a_figure_that_would_be_too_large_gets_fewer_colours(tmp_path):
-    x, y = np.meshgrid(np.linspace(0, 255, 700), np.linspace(0, 255, 700))
-    noise = np.random.default_rng(0).normal(size=(2, 700, 700, 1)) * 12
+    x, y = np.meshgrid(np.linspace(0, 255, 300), np.linspace(0, 255, 300))
+    noise = np.random.default_rng(0).normal(size=(2, 300, 300, 1)) * 12
     picture = np.uint8((np.stack([x, y, 255 - x], -1) + noise[0] + noise[1]).clip(0, 255))
     figure = panel_grid([[picture]], ["noise"])
     save_figure(figure, tmp_path / "f.png", Words("noise", "noise"))

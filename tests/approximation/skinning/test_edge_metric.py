@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_ssdr import known_skin, moved, sheet
+from skinned_sheets import grid_faces, sheet, wrinkled
 
 from replicate.approximation.skinning.alternation import Problem, dense, improve_weights, step
 from replicate.approximation.skinning.compression import compress
@@ -11,23 +11,8 @@ from replicate.approximation.skinning.first_skin import start
 from replicate.approximation.skinning.ssdr import fit
 
 
-def grid_faces(side):
-    corner = np.array([i * side + j for i in range(side - 1) for j in range(side - 1)])
-    lower = np.stack([corner, corner + side, corner + 1], 1)
-    upper = np.stack([corner + 1, corner + side, corner + side + 1], 1)
-    return np.concatenate([lower, upper]).astype(np.int32)
-
-
 def edges_of(faces):
     return sorted({tuple(sorted((int(f[a]), int(f[b])))) for f in faces for a, b in ((0, 1), (1, 2), (2, 0))})
-
-
-def wrinkled(side=16, poses=30, bones=5):
-    """A skinned sheet with folds that no bone can make."""
-    truth, rng = known_skin(sheet(side), bones=bones)
-    fold = np.sin(truth.neutral[:, 0] / 4)[:, None] * np.array([0, 0, 1.0])
-    amount = rng.random((poses, 1, 1)) * 2
-    return truth.neutral, (moved(truth, rng, poses) + amount * fold).astype(np.float32), grid_faces(side)
 
 
 def test_the_metric_is_squared_distance_plus_squared_tilt_of_every_edge():

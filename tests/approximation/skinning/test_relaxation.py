@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_edge_metric import wrinkled
+from skinned_sheets import wrinkled
 
 from replicate.approximation.skinning.alternation import dense
 from replicate.approximation.skinning.compression import compress

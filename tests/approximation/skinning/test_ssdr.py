@@ -9,38 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from damage import flip_a_bit
+from skinned_sheets import known_skin, moved, noisy_problem, sheet
 
 from replicate.approximation.skinning import ssdr_checkpoints
 from replicate.approximation.skinning.ssdr import Skin, fit, refit
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import ROOT
 from replicate.geometry.alignment import nearest_rotation
-
-
-def sheet(side=16):
-    """A curved sheet of side² vertices, 100 mm wide."""
-    x, y = np.meshgrid(np.linspace(-50, 50, side), np.linspace(-50, 50, side), indexing="ij")
-    return np.stack([x.ravel(), y.ravel(), 20 * np.cos(x / 30).ravel()], -1).astype(np.float32)
-
-
-def known_skin(neutral, bones=4, sharpness=8.0, seed=0):
-    """Weights that fall off from a few places on the mesh, so that all bones meet and each has a place of its own."""
-    rng = np.random.default_rng(seed)
-    centres = [0]
-    for _ in range(bones - 1):
-        distance = np.linalg.norm(neutral[:, None] - neutral[centres], axis=-1).min(1)
-        centres.append(int(np.argmax(distance)))
-    distance = np.linalg.norm(neutral[:, None] - neutral[centres], axis=-1) / 100
-    weights = np.exp(-sharpness * distance)
-    weights = np.maximum(weights / weights.sum(1, keepdims=True) - 0.05, 0)
-    weights /= weights.sum(1, keepdims=True)
-    index = np.broadcast_to(np.arange(bones), weights.shape).astype(np.int32)
-    return Skin(neutral, index.copy(), weights.astype(np.float32), bones), rng
-
-
-def moved(skin, rng, poses=24, angle=0.25, shift=6.0):
-    rotation = nearest_rotation(np.eye(3) + angle * rng.normal(size=(poses, skin.bones, 3, 3)))
-    return skin.deform(rotation, shift * rng.normal(size=(poses, skin.bones, 3)))
 
 
 def rms_mm(a, b):
@@ -167,11 +142,6 @@ def test_a_flat_mesh_keeps_proper_rotations():
     assert proper(rotation) and convex(skin)
 
 
-def noisy_problem():
-    truth, rng = known_skin(sheet(), bones=6)
-    return truth.neutral, moved(truth, rng) + rng.normal(size=(24, 256, 3)).astype(np.float32)
-
-
 class Stopped(Exception):
     pass
 
@@ -245,9 +215,11 @@ FIT_FOR_LONG = """
 import sys
 from pathlib import Path
 
-sys.path[:0] = sys.argv[2:]
+sys.path.insert(0, sys.argv[2])
 import numpy as np
-from test_ssdr import fit, ssdr_checkpoints, noisy_problem
+from replicate.approximation.skinning import ssdr_checkpoints
+from replicate.approximation.skinning.ssdr import fit
+from skinned_sheets import noisy_problem
 
 ssdr_checkpoints.SECONDS = 0.0
 fit(*noisy_problem(), 5, np.random.default_rng(2), iterations=100_000, scratch=Path(sys.argv[1]))
@@ -258,10 +230,10 @@ def test_a_killed_process_leaves_a_scratch_that_the_next_one_ends_with_the_same_
     neutral, poses = noisy_problem()
     settings = {"generator": np.random.default_rng(2), "iterations": 60}
     whole = fit(neutral, poses, 5, **settings)
-    here, state = Path(__file__).parent, tmp_path / "state.sealed"
+    tests, state = Path(__file__).parents[2], tmp_path / "state.sealed"
     for _ in range(2):
         before = state.stat().st_mtime_ns if state.exists() else 0
-        command = [sys.executable, "-c", FIT_FOR_LONG, str(tmp_path), str(here), str(here.parents[1])]
+        command = [sys.executable, "-c", FIT_FOR_LONG, str(tmp_path), str(tests)]
         child = subprocess.Popen(command, cwd=ROOT)
         while child.poll() is None and not (state.exists() and state.stat().st_mtime_ns > before):
             time.sleep(0.001)

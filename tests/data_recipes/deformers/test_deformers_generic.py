@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from test_deformers_surface_operators import plane
+from plane import plane
 
 from data_recipes.deformers import flesh, handles, head_shape, jaw, pose_curves, rigid_teeth, skull_slide
 from data_recipes.deformers.jaw import JawMotion

@@ -4,7 +4,7 @@ import dataclasses
 
 import jax.numpy as jnp
 import numpy as np
-from test_deformers_surface_operators import plane
+from plane import plane
 
 from data_recipes.deformers import wrinkles
 
