@@ -7,11 +7,27 @@ whose networks see all of them are therefore the least and the most that a given
 
 from collections.abc import Sequence
 from itertools import pairwise
-
-from replicate.config import CoarseConfig, RefinementConfig
+from typing import Protocol, runtime_checkable
 
 START = 8  # pixels a side of the maps that the dense layers make (Fig. 3)
 BYTES = 4
+
+
+@runtime_checkable
+class MapShape(Protocol):
+    """What decides the size of a map network (Fig. 3); a network's section of the configuration has it, too."""
+
+    @property
+    def map_size(self) -> int:
+        """Pixels a side."""
+
+    @property
+    def channels(self) -> int:
+        """Channels of every convolution."""
+
+    @property
+    def hidden(self) -> tuple[int, ...]:
+        """Widths of the dense layers."""
 
 
 def megabytes(weights: int) -> float:
@@ -19,10 +35,10 @@ def megabytes(weights: int) -> float:
     return weights * BYTES / 1e6
 
 
-def cnn_weights(inputs: int, shape: CoarseConfig | RefinementConfig) -> int:
+def cnn_weights(inputs: int, shape: MapShape) -> int:
     """Return the number of weights of one map network of Fig. 3.
 
-    inputs: how many rig parameters it sees. shape: its `map_size`, `channels` and `hidden`.
+    inputs: how many rig parameters it sees.
     """
     dense = sum(a * b + b for a, b in pairwise((inputs, *shape.hidden)))
     levels = (shape.map_size // START).bit_length() - 1
@@ -37,11 +53,11 @@ def dense_weights(inputs: int, vertices: int, hidden: Sequence[int]) -> int:
 
 
 def cnn_size_mb(
-    coarse: Sequence[int], refined: Sequence[int], coarse_shape: CoarseConfig, refined_shape: RefinementConfig
+    coarse: Sequence[int], refined: Sequence[int], coarse_shape: MapShape, refined_shape: MapShape
 ) -> float:
     """Return the size of the full approximation.
 
-    coarse, refined: how many rig parameters each of their networks sees. The shapes are as in `cnn_weights`.
+    coarse, refined: how many rig parameters each of their networks sees.
     """
     weights = sum(cnn_weights(inputs, coarse_shape) for inputs in coarse)
     return megabytes(weights + sum(cnn_weights(inputs, refined_shape) for inputs in refined))
