@@ -14,7 +14,7 @@ BYTES = 4
 
 
 @runtime_checkable
-class MapShape(Protocol):
+class NetworkShape(Protocol):
     """What decides the size of a map network (Fig. 3); a network's section of the configuration has it, too."""
 
     @property
@@ -35,7 +35,7 @@ def megabytes(weights: int) -> float:
     return weights * BYTES / 1e6
 
 
-def cnn_weights(inputs: int, shape: MapShape) -> int:
+def cnn_weights(inputs: int, shape: NetworkShape) -> int:
     """Return the number of weights of one map network of Fig. 3.
 
     inputs: how many rig parameters it sees.
@@ -53,7 +53,7 @@ def dense_weights(inputs: int, vertices: int, hidden: Sequence[int]) -> int:
 
 
 def cnn_size_mb(
-    coarse: Sequence[int], refined: Sequence[int], coarse_shape: MapShape, refined_shape: MapShape
+    coarse: Sequence[int], refined: Sequence[int], coarse_shape: NetworkShape, refined_shape: NetworkShape
 ) -> float:
     """Return the size of the full approximation.
 

@@ -69,7 +69,7 @@ def rig_identifier(character: str) -> str:
 
 
 def rig_provenance_text(character: str) -> str:
-    """Return what tells a rig from others, in a few lines."""
+    """Return a rig's name, artefact and packages, in a few lines."""
     packages = package_versions()
     return as_lines(
         {

@@ -1,4 +1,4 @@
-"""What deliberate faults do to Table 2's numbers, so that the bands around the committed ones are known to bite.
+"""What deliberate faults do to Table 2's numbers, to show that the tolerances of the committed results notice them.
 
 `make bench-faults` takes a run's networks, skins and attachments, breaks one thing at a time and measures again:
 texture coordinates flipped, a segment that predicts nothing, a refinement left out, teeth carried by others' vertices,
@@ -20,7 +20,7 @@ import numpy as np
 from data_recipes import recipe_paths
 from replicate.approximation.cnn import make_network
 from replicate.approximation.evaluation import Predictor, evaluate, unique_poses
-from replicate.approximation.model import load_model
+from replicate.approximation.model import SegmentedModel, load_model
 from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.rigid import Attachments, attach
 from replicate.approximation.samples import SampleSet
@@ -45,13 +45,13 @@ from replicate.report.tables import Table, as_text, rounded
 ABOUT = "what deliberate faults do to the numbers of Table 2"
 WRITES = "results/runs/bench/bench_faults.csv"
 POSES = 128
-MEASURED = ("coarse", "refined", "floor", "neutral", "attachment", "lbs16", "lbs32")
+METHODS = ("coarse", "refined", "floor", "neutral", "attachment", "lbs16", "lbs32")
 SHOWN = (("coarse", "vertex"), ("coarse", "normal"), ("refined", "vertex"), ("refined", "normal"), ("lbs32", "vertex"))
 
 
-def made(config: Config, wanted: Sequence[Stage]) -> tuple[dict[str, Path], dict[str, object]]:
-    """Return the artefacts behind some stages by the stages' names, made where missing, and the stages' settings."""
-    stages = in_order(list(wanted))
+def artefacts_of(config: Config, last: Sequence[Stage]) -> tuple[dict[str, Path], dict[str, object]]:
+    """Return the artefacts behind some stages and the stages' settings by the stages' names; run what is missing."""
+    stages = in_order(list(last))
     run(stages, facts=provenance(["make", "bench-faults"], config.profile, [config.seed], core_count()))
     folders = {stage.name: artefact_folder(stage.identifier) for stage in stages}
     return folders, {stage.name: stage.config for stage in stages}
@@ -68,28 +68,30 @@ def networks(inputs: dict[str, Path], flipped: bool = False) -> tuple:
     return coarse, RefinedModel(coarse, residual)
 
 
-def placed(mesh: Mesh, attachments: Attachments, model, kept: np.ndarray | None = None) -> Predictor:
-    """Return a model as a predictor; kept: which vertices it may move, all by default."""
+def predictor_of(
+    mesh: Mesh, attachments: Attachments, model: SegmentedModel | RefinedModel, movable: np.ndarray | None = None
+) -> Predictor:
+    """Return a model as a predictor; movable: which vertices it may move, all by default."""
 
     def predict(params: np.ndarray, truth: np.ndarray) -> np.ndarray:
         offsets = model.offsets(params)
-        return attach(mesh, attachments, mesh.neutral + (offsets if kept is None else offsets * kept[:, None]))
+        return attach(mesh, attachments, mesh.neutral + (offsets if movable is None else offsets * movable[:, None]))
 
     return predict
 
 
 def faults(config: Config) -> tuple[Mesh, SampleSet, Attachments, dict[str, dict[str, Predictor]]]:
-    """Return mesh, samples, attachments and, for every fault by name, what each measured method then predicts."""
+    """Return mesh, samples, attachments and, for every fault by name, what each method then predicts."""
     plan = Plan(config)
-    inputs, settings = made(config, [measurement.stage(plan, method_named(name)) for name in MEASURED])
+    inputs, settings = artefacts_of(config, [measurement.stage(plan, method_named(name)) for name in METHODS])
     unweighted = replace(config, coarse=replace(config.coarse, normal_weight=0.0))
-    broken, _ = made(unweighted, [coarse_method.stage(Plan(unweighted))])
+    broken, _ = artefacts_of(unweighted, [coarse_method.stage(Plan(unweighted))])
     mesh, samples, attachments = built_rig.load_mesh(inputs), drawn_samples.load(inputs), rigid_segments.load(inputs)
-    sound = {name: measurement.predictor(settings[f"{measurement.PREFIX}{name}"], inputs) for name in MEASURED}
-    place = partial(placed, mesh, attachments)
+    sound = {name: measurement.predictor(settings[f"{measurement.PREFIX}{name}"], inputs) for name in METHODS}
+    place = partial(predictor_of, mesh, attachments)
     coarse, refined = networks(inputs)
     flipped, both_flipped = networks(inputs, flipped=True)
-    kept = mesh.segment != np.bincount(mesh.segment).argmax()  # all but the face
+    movable = mesh.segment != np.bincount(mesh.segment).argmax()  # all but the face
     shifted = replace(attachments, vertex=np.roll(attachments.vertex, len(attachments.vertex) // 2, axis=0))
     return (
         mesh,
@@ -98,7 +100,7 @@ def faults(config: Config) -> tuple[Mesh, SampleSet, Attachments, dict[str, dict
         {
             "sound": sound,
             "uv_flipped": sound | {"coarse": place(flipped), "refined": place(both_flipped)},
-            "segment_zeroed": sound | {"coarse": place(coarse, kept), "refined": place(refined, kept)},
+            "segment_zeroed": sound | {"coarse": place(coarse, movable), "refined": place(refined, movable)},
             "refinement_left_out": sound | {"refined": sound["coarse"]},
             "teeth_on_wrong_vertices": sound | {"attachment": lambda params, truth: attach(mesh, shifted, truth)},
             "half_of_the_bones": sound | {"lbs32": sound["lbs16"]},
@@ -112,15 +114,15 @@ def measure(config: Config, count: int) -> list[Row]:
     mesh, samples, attachments, broken = faults(config)
     poses = unique_poses(samples.test_params)
     poses = poses[np.linspace(0, len(poses) - 1, min(count, len(poses))).astype(int)]
-    given = (mesh, samples.test_params[poses], samples.test_offsets[poses])
+    poses_and_truth = (mesh, samples.test_params[poses], samples.test_offsets[poses])
     character, rows = recipe_paths.recipe_file(config.character).stem, []
-    known: dict[Callable, object] = {}  # what a fault leaves alone is measured once
+    errors_by: dict[Callable, object] = {}  # what a fault leaves alone is evaluated once
     for name, predictors in broken.items():
-        missing = {method: predict for method, predict in predictors.items() if predict not in known}
+        missing = {method: predict for method, predict in predictors.items() if predict not in errors_by}
         with progress(len(poses), f"errors, {name}") as bar:
-            found = evaluate(*given, missing, attachments.segment, config.evaluation.batch, bar)
-        known |= {predict: found[method] for method, predict in missing.items()}
-        errors = {method: known[predict] for method, predict in predictors.items()}
+            fresh = evaluate(*poses_and_truth, missing, attachments.segment, config.evaluation.batch, bar)
+        errors_by |= {predict: fresh[method] for method, predict in missing.items()}
+        errors = {method: errors_by[predict] for method, predict in predictors.items()}
         for row in error_rows(character, errors, config.profile, "bench-faults"):
             rows.append(replace(row, table=f"{row.table}@{name}"))
     return rows
@@ -134,8 +136,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--profile", default="laptop", help="whose networks are broken (default: laptop)")
     parser.add_argument("--characters", default="teen", help="a name or recipe (default: teen)")
     parser.add_argument("--poses", type=int, default=POSES, help=f"test poses to measure on (default: {POSES})")
-    options, given = parse(parser, arguments)
-    return guard(partial(_run, options, given))
+    options, typed = parse(parser, arguments)
+    return guard(partial(_run, options, typed))
 
 
 def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
@@ -146,11 +148,11 @@ def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
 
 
 def _table(rows: Sequence[Row]) -> Table:
-    found = {(row.table, row.method, row.metric): row for row in rows}
+    by_key = {(row.table, row.method, row.metric): row for row in rows}
     names = list(dict.fromkeys(row.table.partition("@")[2] for row in rows))
     lines = []
     for name in names:
-        shown = (found[f"table2@{name}", method, f"{kind}_error_mean"] for method, kind in SHOWN)
+        shown = (by_key[f"table2@{name}", method, f"{kind}_error_mean"] for method, kind in SHOWN)
         lines.append((name.replace("_", " "), *(rounded(row.value, row.unit) for row in shown)))
     header = ("", *(f"{method}, {'mm' if kind == 'vertex' else 'degrees'}" for method, kind in SHOWN))
     note = f"mean errors on {rows[0].poses} test poses."

@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 from jaxtyping import Bool, Float
 
+from replicate.approximation.deformation_map import Floor
 from replicate.approximation.evaluation import unique_poses
 from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
@@ -40,7 +41,7 @@ REGIONS = {"": "all", "refined": "refined regions"}
 
 
 def floor_errors(
-    mesh: Mesh, floor, offsets: Float[np.ndarray, "b n 3"], inside: Bool[np.ndarray, " n"]
+    mesh: Mesh, floor: Floor, offsets: Float[np.ndarray, "b n 3"], inside: Bool[np.ndarray, " n"]
 ) -> dict[str, tuple[float, float]]:
     """Return what a floor misses of true offsets (mm): region → mean vertex error (mm) and mean normal error (degrees).
 
@@ -54,8 +55,8 @@ def floor_errors(
         millimetres, degrees = vertex_error(held, truth), normal_error(held, truth, mesh.faces)
         for region, total in sums.items():
             for k, values in enumerate((millimetres[:, vertices[region]], degrees[:, faces[region]])):
-                known = np.isfinite(values)
-                total[k] += values[known].sum(dtype=np.float64), known.sum()
+                valid = np.isfinite(values)
+                total[k] += values[valid].sum(dtype=np.float64), valid.sum()
     return {region: tuple(float(total / max(count, 1)) for total, count in both) for region, both in sums.items()}
 
 
@@ -121,14 +122,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.bench_floors", description=__doc__)
     parser.add_argument("--profile", default="laptop", help="whose samples and refinement segments (default: laptop)")
     parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
-    options, given = parse(parser, arguments)
-    return guard(partial(_run, options, given))
+    options, typed = parse(parser, arguments)
+    return guard(partial(_run, options, typed))
 
 
 def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
     rows = [row for name in named(options.characters) for row in floors(resolve(name, options.profile))]
-    measured = dict.fromkeys(row.character for row in rows)
-    print("\n\n".join(as_text(floors_table(rows, name)) for name in measured))
+    characters = dict.fromkeys(row.character for row in rows)
+    print("\n\n".join(as_text(floors_table(rows, name)) for name in characters))
     publish("bench_floors", rows, typed)
 
 

@@ -1,9 +1,9 @@
 """Our SSDR and Dem Bones on the same poses: errors on held-out poses, time, memory.
 
 `make bench-lbs` draws training poses of a character (Eq. 5; a seed each time) and test poses, fits both methods until
-they have converged by one rule, refits both on the same test poses in the same way (`lbs.refit`), and measures. Each
+they have converged by one rule, refits both on the same test poses in the same way (`ssdr.refit`), and measures. Each
 fit runs in a process of its own, one after the other, on one thread, and its time is that of the processor: other work
-on the machine changes it little. What is finished is kept: the same command goes on from there.
+on the machine changes it little. Finished fits stay: the same command goes on from there.
 """
 
 import argparse
@@ -19,9 +19,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from data_recipes.rig import Rig
 from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, merge, named, note, parse
 from replicate.config import SamplesConfig
 from replicate.engine.command_line import guard
@@ -31,6 +33,11 @@ from replicate.engine.stage import stream_rng
 from replicate.engine.worker_process import thread_limits
 from replicate.report.results import Row, over_seeds, read_results
 from replicate.report.tables import Table, as_text, rounded
+
+if TYPE_CHECKING:
+    import replicate.approximation.skinning.alternation
+    import replicate.approximation.skinning.compression
+    import replicate.approximation.skinning.ssdr
 
 ABOUT = "our SSDR beside Dem Bones (pip install py-dem-bones) on the same poses"
 WRITES = "results/runs/bench/bench_lbs.csv"
@@ -68,7 +75,7 @@ class Course:
     rmse: list[float]
 
     def go_on(self, iteration: int, seconds: float, rmse: float) -> bool:
-        """Note one iteration and return whether another is wanted."""
+        """Note one iteration and return whether another should follow."""
         self.seconds.append(seconds)
         self.rmse.append(rmse)
         if iteration < LEAST:
@@ -80,8 +87,16 @@ class Course:
         return next((s for s, r in zip(self.seconds, self.rmse, strict=True) if r <= rmse), math.inf)
 
 
-def fit_ours(neutral, vertices, faces, bones: int, seed: int, course: Course, relaxed: int | None = None):
-    """Fit as `lbs.fit` does with its usual settings, an iteration at a time; what is noted costs no time.
+def fit_ours(
+    neutral: np.ndarray,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    bones: int,
+    seed: int,
+    course: Course,
+    relaxed: int | None = None,
+) -> "replicate.approximation.skinning.ssdr.Skin":
+    """Fit as `ssdr.fit` does with its usual settings, an iteration at a time; notes cost no time.
 
     relaxed: iterations in which all bones may act; the usual number by default.
     """
@@ -109,7 +124,10 @@ def fit_ours(neutral, vertices, faces, bones: int, seed: int, course: Course, re
     return skin_of(neutral, vertex_order, state)
 
 
-def training_rmse(data, state) -> float:
+def training_rmse(
+    data: "replicate.approximation.skinning.compression.Compressed",
+    state: "replicate.approximation.skinning.alternation.State",
+) -> float:
     """Return the root of the mean squared distance over vertices and poses, in mm."""
     from scipy.sparse import eye_array
 
@@ -125,7 +143,9 @@ def training_rmse(data, state) -> float:
     return data.radius_mm * math.sqrt(max(float(squared), 0.0) / (n * data.frames))
 
 
-def held_out(skin, truth, faces) -> dict[str, float]:
+def held_out(
+    skin: "replicate.approximation.skinning.ssdr.Skin", truth: np.ndarray, faces: np.ndarray
+) -> dict[str, float]:
     """Return the errors of a skin that is refitted to test poses."""
     from replicate.approximation.metrics import normal_error, vertex_error
     from replicate.approximation.skinning.ssdr import refit
@@ -141,7 +161,7 @@ def held_out(skin, truth, faces) -> dict[str, float]:
 
 
 def one_fit(folder: Path, method: str, bones: int, seed: int) -> None:
-    """Fit and measure one method on the poses in a folder; write what is found beside them, as JSON."""
+    """Fit and measure one method on the poses in a folder; write the errors beside them, as JSON."""
     from replicate.benchmarks import dem_bones
 
     with np.load(folder / "poses.npz", allow_pickle=False) as stored:
@@ -155,8 +175,8 @@ def one_fit(folder: Path, method: str, bones: int, seed: int) -> None:
         skin, more["bones_of_own_start"] = dem_bones.fit(neutral, training, faces, bones, options, course.go_on)
     peak = peak_memory_mb()  # the test poses' refit is not the fit's
     more |= {"seconds": course.seconds, "rmse_course": course.rmse, "peak_mb": peak}
-    found = held_out(skin, test, faces) | more
-    (folder / f"{method}.json").write_text(json.dumps(found))
+    results = held_out(skin, test, faces) | more
+    (folder / f"{method}.json").write_text(json.dumps(results))
 
 
 def compile_kernels() -> None:
@@ -170,21 +190,21 @@ def compile_kernels() -> None:
     fit(neutral, poses, 4, rng, iterations=2, faces=np.int32([[0, 1, 7], [0, 7, 6]]))
 
 
-def write_poses(rig, seed: int, training: int, test: int, file: Path) -> None:
+def write_poses(rig: Rig, seed: int, training: int, test: int, file: Path) -> None:
     """Write a character's training and test poses for one seed, in mm."""
     from replicate.approximation.samples import choose_poses, evaluate
 
-    chosen = choose_poses(rig, SamplesConfig(count=training), lambda name: stream_rng(seed, "samples", name))
-    unique = np.unique(chosen["test"], axis=0)
+    poses = choose_poses(rig, SamplesConfig(count=training), lambda name: stream_rng(seed, "samples", name))
+    unique = np.unique(poses["test"], axis=0)
     picked = unique[np.sort(stream_rng(seed, "lbs", "test").permutation(len(unique))[:test])]
     posed = {
         part: np.concatenate([vertices for _, vertices in evaluate(rig, params)])
-        for part, params in (("training", chosen["training"]), ("test", picked))
+        for part, params in (("training", poses["training"]), ("test", picked))
     }
     np.savez(file, neutral=rig.mesh.neutral, faces=rig.mesh.faces, **posed)
 
 
-def measured(character: str, options: argparse.Namespace, file: Path) -> list[Row]:
+def rows_of_character(character: str, options: argparse.Namespace, file: Path) -> list[Row]:
     """Fit all methods at all numbers of bones and seeds that the file lacks, and return all rows of this character."""
     from replicate.artefacts.built_rig import rig_identifier, rig_of
 
@@ -199,22 +219,22 @@ def measured(character: str, options: argparse.Namespace, file: Path) -> list[Ro
                 command = [sys.executable, "-m", __spec__.name, "--fit", str(folder), method, str(bones), str(seed)]
                 if subprocess.run(command, check=False, env=os.environ | thread_limits(1)).returncode:
                     raise RunError(f"{METHODS[method]}, {bones} bones, seed {seed}: the fit failed; see above")
-                found = json.loads((folder / f"{method}.json").read_text())
+                results = json.loads((folder / f"{method}.json").read_text())
                 own = method == "dem_bones"
-                reach = min(found["rmse_course"]) if own else _peer_error(file, rig.name, run, bones, seed)
-                _keep(file, rows_of(rig.name, method, bones, seed, run, found, reach, options.test))
+                reach = min(results["rmse_course"]) if own else _peer_error(file, rig.name, run, bones, seed)
+                _keep(file, rows_of(rig.name, method, bones, seed, run, results, reach, options.test))
     return [row for row in read_results(file) if row.character == rig.name]
 
 
 def _missing(file: Path, character: str, run: str, seed: int, options: argparse.Namespace) -> list[tuple[int, str]]:
     """Return the numbers of bones and methods without numbers of this rig and seed, the peers' first."""
-    known = {(row.method, row.metric) for row in _known(file) if (row.character, row.run) == (character, run)}
+    done = {(row.method, row.metric) for row in _known(file) if (row.character, row.run) == (character, run)}
     methods = sorted(options.methods, key=lambda method: method in OURS)  # ours is timed against the peer's error
-    return [(b, m) for b in options.bones for m in methods if (m, f"rmse[{b}, seed {seed}]") not in known]
+    return [(b, m) for b in options.bones for m in methods if (m, f"rmse[{b}, seed {seed}]") not in done]
 
 
 def _peer_error(file: Path, character: str, run: str, bones: int, seed: int) -> float:
-    """Return the training error that Dem Bones reached; zero, which nothing reaches, if that isn't known."""
+    """Return the training error that Dem Bones reached; zero, which nothing reaches, if that isn't done."""
     sought = (character, run, "dem_bones", f"training_rmse[{bones}, seed {seed}]")
     return next((r.value for r in _known(file) if (r.character, r.run, r.method, r.metric) == sought), 0.0)
 
@@ -231,17 +251,19 @@ def _keep(file: Path, rows: Sequence[Row]) -> None:
 
 
 def rows_of(
-    character: str, method: str, bones: int, seed: int, run: str, found: dict, peer_error: float, poses: int
+    character: str, method: str, bones: int, seed: int, run: str, results: dict, peer_error: float, poses: int
 ) -> list[Row]:
     """Return one fit's numbers as rows; times in ms. peer_error: Dem Bones' training RMSE, mm."""
-    course = Course(found["seconds"], found["rmse_course"])
-    values = {name: found[name] for name in ("rmse", "mean", "normal", "max", "bones_of_own_start") if name in found}
+    course = Course(results["seconds"], results["rmse_course"])
+    values = {
+        name: results[name] for name in ("rmse", "mean", "normal", "max", "bones_of_own_start") if name in results
+    }
     values |= {
         "training_rmse": min(course.rmse),
         "iterations": len(course.rmse) - 1,
         "time": 1e3 * course.seconds[-1],
         "time_at_equal_iterations": 1e3 * course.seconds[min(EQUAL, len(course.seconds) - 1)],
-        "peak_memory": found["peak_mb"],
+        "peak_memory": results["peak_mb"],
     }
     reached = course.time_to(peer_error)
     if math.isfinite(reached):
@@ -256,20 +278,20 @@ def rows_of(
 def lbs_table(rows: Sequence[Row], character: str) -> Table:
     """Return one character's table: each method's means over seeds, and ours over Dem Bones' with its spread."""
     by_seed = _by_seed([row for row in rows if row.character == character])
-    runs = [[*found, *_ratios(found)] for found in by_seed.values()]
-    known = {(row.method, row.metric): row for row in over_seeds(runs)}
+    runs = [[*own, *_ratios(own)] for own in by_seed.values()]
+    by_metric = {(row.method, row.metric): row for row in over_seeds(runs)}
     body: list[tuple[str, ...] | None] = []
     partly = False
-    for bones in sorted({_place(metric)[1] for _, metric in known}):
+    for bones in sorted({_place(metric)[1] for _, metric in by_metric}):
         body += [None] if body else []
         seeds = sum(any(_place(row.metric)[1] == bones for row in run) for run in runs)
         for method, words in (METHODS | {RATIO: "ours / Dem Bones"}).items():
-            found = [known.get((method, f"{name}[{bones}]")) for name in SHOWN]
-            if (first := found[0]) is None:
+            cells = [by_metric.get((method, f"{name}[{bones}]")) for name in SHOWN]
+            if (first := cells[0]) is None:
                 continue
             fewer = f" ({first.seeds} of {seeds} seeds)" if first.seeds < seeds else ""
-            body.append((f"{words}, {bones} bones{fewer}", *(_cell(row, first.seeds) for row in found)))
-            partly |= any(row.seeds < first.seeds for row in found if row)
+            body.append((f"{words}, {bones} bones{fewer}", *(_cell(row, first.seeds) for row in cells)))
+            partly |= any(row.seeds < first.seeds for row in cells if row)
     several = f"means over {len(runs)} seeds of poses; ratios ± their standard deviation"
     notes = (
         f"Held-out poses, bones refitted to each alike; {several if len(runs) > 1 else 'one seed of poses'}. "
@@ -289,11 +311,11 @@ def _place(metric: str) -> tuple[str, int, int | None]:
 
 def _by_seed(rows: Sequence[Row]) -> dict[int, list[Row]]:
     """Return the rows of each seed, which their metrics no longer name."""
-    found: dict[int, list[Row]] = {}
+    by_seed: dict[int, list[Row]] = {}
     for row in rows:
         name, bones, seed = _place(row.metric)
-        found.setdefault(seed, []).append(replace(row, metric=f"{name}[{bones}]"))
-    return found
+        by_seed.setdefault(seed, []).append(replace(row, metric=f"{name}[{bones}]"))
+    return by_seed
 
 
 def _ratios(rows: Sequence[Row]) -> list[Row]:
@@ -310,8 +332,8 @@ def _rescued(rows: Sequence[Row], character: str) -> str:
     few = sorted({(bones, own) for bones, own in starts if own < bones})
     if not few:
         return ""
-    found = ", ".join(f"{own} of {bones}" for bones, own in few)
-    return f" Dem Bones' own start found too few bones ({found}): it got our clusters, which its memory includes."
+    counts = ", ".join(f"{own} of {bones}" for bones, own in few)
+    return f" Dem Bones' own start found too few bones ({counts}): it got our clusters, which its memory includes."
 
 
 def _cell(row: Row | None, seeds: int) -> str:
@@ -336,12 +358,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--training", type=int, default=TRAINING, help=f"training poses (default: {TRAINING})")
     parser.add_argument("--test", type=int, default=TEST, help=f"held-out poses (default: {TEST})")
     parser.add_argument("--fit", nargs=4, metavar=("FOLDER", "METHOD", "BONES", "SEED"), help=argparse.SUPPRESS)
-    options, given = parse(parser, arguments)
+    options, typed = parse(parser, arguments)
     if options.fit:
         folder, method, bones, seed = options.fit
         one_fit(Path(folder), method, int(bones), int(seed))
         return 0
-    return guard(partial(_run, options, given))
+    return guard(partial(_run, options, typed))
 
 
 def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
@@ -351,7 +373,7 @@ def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
     if any(method not in OURS for method in options.methods):
         solver_class()
     for character in named(options.characters):
-        rows = measured(character, options, bench_folder() / "bench_lbs.csv")
+        rows = rows_of_character(character, options, bench_folder() / "bench_lbs.csv")
         print(as_text(lbs_table(rows, rows[0].character)) + "\n")
         note("bench_lbs", [rows[0].character], typed, options.seeds)
 

@@ -70,11 +70,11 @@ def measure(config: Config, words: Sequence[str], rounds: int) -> list[Row]:
     with threadpool_limits(1):
         times = timed(ways, np.asarray(samples.test_params), rounds)
     rows = []
-    for name, found in times.items():
+    for name, milliseconds in times.items():
         numbers = {
-            "pose_ms": ("ms", float(np.median(found))),
-            "pose_ms_p95": ("ms", float(np.quantile(found, 0.95))),
-            "times_as_fast": ("ratio", float(np.median(times[RIG]) / np.median(found))),
+            "pose_ms": ("ms", float(np.median(milliseconds))),
+            "pose_ms_p95": ("ms", float(np.quantile(milliseconds, 0.95))),
+            "times_as_fast": ("ratio", float(np.median(times[RIG]) / np.median(milliseconds))),
         }
         for metric, (unit, value) in numbers.items():
             rows.append(Row(TABLE, plan.character, name, metric, unit, value, None, 1, rounds, PROFILE, plan.character))
@@ -106,8 +106,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
     parser.add_argument("--methods", nargs="+", default=["all"], help="as for table2 (default: all)")
     parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"poses that each is timed on (default: {ROUNDS})")
-    options, given = parse(parser, arguments)
-    return guard(partial(_run, options, given))
+    options, typed = parse(parser, arguments)
+    return guard(partial(_run, options, typed))
 
 
 def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:

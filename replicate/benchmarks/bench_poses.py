@@ -2,8 +2,8 @@
 
 `make bench-poses` measures 10,000 samples of Eq. 5 as training draws them (uniform ones for a rig without clips), every
 frame of the clips once, and each control alone at its ends. The mouth and the lids are measured on the frames and on
-the single controls: what an animator shows, and what can be told from one control. evaluation/skin.py, mouth.py and
-lids.py say what counts. It prints the worst and the controls behind them, writes bench_poses.csv and draws the worst.
+the single controls: what an animator shows, and what depends on one control. `rig_health`
+says what counts. It prints the worst and the controls behind them, writes bench_poses.csv and draws the worst.
 """
 
 import argparse
@@ -14,6 +14,7 @@ from functools import partial
 
 import numpy as np
 
+from data_recipes.rig import Rig
 from replicate.approximation.samples import choose_poses
 from replicate.artefacts.built_rig import rig_of
 from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, named, parse, publish
@@ -39,80 +40,80 @@ SAMPLED = ("uniform", "uniform, mouths")  # the sets of a rig without clips that
 
 
 @dataclass(frozen=True)
-class Measured:
-    """One set of poses: "augmented" or "uniform", "clips" or "controls"; a name for each pose; what was found."""
+class PoseSet:
+    """One set of poses: "augmented" or "uniform", "clips" or "controls"; a name for each pose; their health."""
 
     kind: str
     names: list[str]
     health: Health
 
 
-def sets_of_poses(rig, count: int, every: int = 1) -> dict[str, tuple[list[str], np.ndarray]]:
+def sets_of_poses(rig: Rig, count: int, every: int = 1) -> dict[str, tuple[list[str], np.ndarray]]:
     """Return each set's names and parameters (b, m); every: take each k-th of the clips' frames only."""
-    drawn = choose_poses(rig, SamplesConfig(count=count), lambda name: stream_rng(0, "samples", name))["training"]
-    found = {"uniform" if rig.clips is None else "augmented": ([f"sample {k}" for k in range(count)], drawn)}
+    samples = choose_poses(rig, SamplesConfig(count=count), lambda name: stream_rng(0, "samples", name))["training"]
+    sets = {"uniform" if rig.clips is None else "augmented": ([f"sample {k}" for k in range(count)], samples)}
     if rig.clips is not None:
         names = [f"{clip.name} {frame}" for clip in rig.clips for frame in range(len(clip.values))]
         frames = np.concatenate([np.asarray(clip.values, np.float32) for clip in rig.clips])
         first = np.sort(np.unique(frames, axis=0, return_index=True)[1])[::every]
-        found["clips"] = [names[k] for k in first], frames[first]
-    found["controls"] = each_alone(rig)
-    return found
+        sets["clips"] = [names[k] for k in first], frames[first]
+    sets["controls"] = each_alone(rig)
+    return sets
 
 
-def bench(rig, count: int, every: int = 1) -> list[Measured]:
-    """Return what is found in each set of poses."""
+def bench(rig: Rig, count: int, every: int = 1) -> list[PoseSet]:
+    """Return each set of poses with its health."""
     skin, mouth, eyes = Skin(rig.mesh), find_mouth(rig.mesh), find_eyes(rig)
-    found = []
+    sets = []
     for kind, (names, params) in sets_of_poses(rig, count, every).items():
         if kind == "uniform":
             inner = measure(rig, params[:UNIFORM_MOUTHS], skin, mouth, eyes, f"{rig.name}, mouths")
-            found.append(Measured("uniform, mouths", names[:UNIFORM_MOUTHS], inner))
+            sets.append(PoseSet("uniform, mouths", names[:UNIFORM_MOUTHS], inner))
         full = kind in ("clips", "controls")
         health = measure(rig, params, skin, mouth if full else None, eyes if full else None, f"{rig.name}, {kind}")
-        found.append(Measured(kind, names, health))
-    return found
+        sets.append(PoseSet(kind, names, health))
+    return sets
 
 
-def rows(character: str, measured: Measured) -> list[Row]:
+def rows(character: str, pose_set: PoseSet) -> list[Row]:
     """Return one set's numbers as rows; `poses` is how many they stand on."""
-    health = measured.health
+    health = pose_set.health
 
     def row(metric: str, unit: str, value: float | int, poses: int | None = None) -> Row:
         poses = len(health.params) if poses is None else poses
         return Row(
-            "bench_poses", character, measured.kind, metric, unit, float(value), None, 1, poses, PROFILE, "bench-poses"
+            "bench_poses", character, pose_set.kind, metric, unit, float(value), None, 1, poses, PROFILE, "bench-poses"
         )
 
-    listed = [
+    rows = [
         row("bad_vertices", "count", int(health.bad.sum())),
         row("flipped_triangles_mean", "ratio", float(health.flipped.mean())),
         row("flipped_triangles_worst", "ratio", float(health.flipped.max())),
         row("furthest_vertex", "ratio", float(health.furthest.max())),
     ]
     for kind, values in health.through.items():
-        listed.append(row(f"{kind}_through_worst", "mm", float(values.max())))
-        listed.append(row(f"{kind}_through_over_1mm", "ratio", float((values > DEEP_MM).mean())))
+        rows.append(row(f"{kind}_through_worst", "mm", float(values.max())))
+        rows.append(row(f"{kind}_through_over_1mm", "ratio", float((values > DEEP_MM).mean())))
     if health.lids:
         eyes = [lid for _, _, lid in health.lids]
-        listed += [
+        rows += [
             row("eye_shows_worst", "ratio", max(lid.shows for lid in eyes), len(eyes)),
             row("eye_sticks_out_worst", "mm", max(lid.sticks_out_mm for lid in eyes), len(eyes)),
             row("lid_gap_worst", "mm", max(lid.gap_mm for lid in eyes), len(eyes)),
         ]
-    return listed
+    return rows
 
 
-def summary(listed: Sequence[Row]) -> Table:
+def summary(rows: Sequence[Row]) -> Table:
     """Return the printed table of all rows: a set of a character a line."""
-    value = {(row.character, row.method, row.metric): row.value for row in listed}
+    value = {(row.character, row.method, row.metric): row.value for row in rows}
     body = []
-    for who, kind in dict.fromkeys((row.character, row.method) for row in listed):
-        poses = next(row.poses for row in listed if (row.character, row.method) == (who, kind))
+    for who, kind in dict.fromkeys((row.character, row.method) for row in rows):
+        poses = next(row.poses for row in rows if (row.character, row.method) == (who, kind))
 
         def cell(metric: str, scale: float, pattern: str, who=who, kind=kind) -> str:
-            found = value.get((who, kind, metric))
-            return "–" if found is None else pattern.format(scale * found)
+            number = value.get((who, kind, metric))
+            return "–" if number is None else pattern.format(scale * number)
 
         body.append((
             f"{who}, {kind}", f"{poses:,}", cell("bad_vertices", 1, "{:.0f}"),
@@ -131,12 +132,12 @@ def summary(listed: Sequence[Row]) -> Table:
     return Table("Poses: what is broken", (header,), tuple(body), notes)
 
 
-def health_card(listed: Sequence[Row]) -> Table:
+def health_card(rows: Sequence[Row]) -> Table:
     """Return the table of the data card: a character a line, in the order of the paper's."""
-    value = {(row.character, row.method, row.metric): row for row in listed}
+    value = {(row.character, row.method, row.metric): row for row in rows}
     body = []
-    for who in sorted({row.character for row in listed}, key=order_of):
-        drawn, acted = ("augmented", "clips") if (who, "clips", "bad_vertices") in value else SAMPLED
+    for who in sorted({row.character for row in rows}, key=order_of):
+        sampled, acted = ("augmented", "clips") if (who, "clips", "bad_vertices") in value else SAMPLED
 
         def number(kind: str, metric: str, who=who) -> float:
             return value[who, kind, metric].value
@@ -147,9 +148,9 @@ def health_card(listed: Sequence[Row]) -> Table:
             if (who, "controls", metric) in value
         }
         body.append((
-            who, f"{value[who, drawn, 'bad_vertices'].poses:,}", f"{number(drawn, 'bad_vertices'):.0f}",
-            f"{100 * number(drawn, 'flipped_triangles_mean'):.3f} %",
-            f"{100 * number(drawn, 'flipped_triangles_worst'):.2f} %", f"{number(drawn, 'furthest_vertex'):.2f}",
+            who, f"{value[who, sampled, 'bad_vertices'].poses:,}", f"{number(sampled, 'bad_vertices'):.0f}",
+            f"{100 * number(sampled, 'flipped_triangles_mean'):.3f} %",
+            f"{100 * number(sampled, 'flipped_triangles_worst'):.2f} %", f"{number(sampled, 'furthest_vertex'):.2f}",
             f"{value[who, acted, 'bad_vertices'].poses:,}", f"{100 * number(acted, 'teeth_through_over_1mm'):.2f} %",
             f"{number(acted, 'teeth_through_worst'):.2f} mm",
             f"{100 * eyes['eye_shows_worst']:.1f} %" if eyes else "–",
@@ -160,17 +161,17 @@ def health_card(listed: Sequence[Row]) -> Table:
     return Table("What is broken in poses of our characters", (header,), tuple(body))
 
 
-def told(rig, measured: Measured) -> list[str]:
+def worst_in_words(rig: Rig, pose_set: PoseSet) -> list[str]:
     """Return lines that name a set's worst poses and the controls that they use most."""
-    health, lines = measured.health, []
+    health, lines = pose_set.health, []
     measures = {"flips, %": 100 * health.flipped}
     measures |= {f"{kind} through the skin, mm": values for kind, values in health.through.items()}
     for what, values in measures.items():
-        found = worst(values, LISTED)
-        if len(found):
-            lines.append(f"{rig.name}, {measured.kind}: worst {what}")
-        for k in found:
-            lines.append(f"  {values[k]:7.2f}  {measured.names[k]:28} {strongest(rig.controls, health.params[k])}")
+        indices = worst(values, LISTED)
+        if len(indices):
+            lines.append(f"{rig.name}, {pose_set.kind}: worst {what}")
+        for k in indices:
+            lines.append(f"  {values[k]:7.2f}  {pose_set.names[k]:28} {strongest(rig.controls, health.params[k])}")
     return lines
 
 
@@ -182,31 +183,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
     parser.add_argument("--count", type=int, default=COUNT, help=f"samples of Eq. 5 (default: {COUNT})")
     parser.add_argument("--every", type=int, default=1, help="take each k-th frame of the clips only (default: 1)")
-    options, given = parse(parser, arguments)
-    return guard(partial(_run, options, given))
+    options, typed = parse(parser, arguments)
+    return guard(partial(_run, options, typed))
 
 
 def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
     check_at_least(1, count=options.count, every=options.every)
-    listed = [row for name in named(options.characters) for row in _measured(name, options, typed)]
-    print(as_text(summary(listed)))
+    table_rows = [row for name in named(options.characters) for row in _rows_of(name, options, typed)]
+    print(as_text(summary(table_rows)))
 
 
-def _measured(character: str, options: argparse.Namespace, typed: Sequence[str]) -> list[Row]:
+def _rows_of(character: str, options: argparse.Namespace, typed: Sequence[str]) -> list[Row]:
     """Measure one character; write its rows, in place of those of an earlier run, and draw its worst poses."""
     from replicate.drawing.panels import save_figure
     from replicate.rig_health.worst_poses import worst_poses
 
     rig = rig_of(character)
-    found = bench(rig, options.count, options.every)
-    listed = [row for measured in found for row in rows(rig.name, measured)]
-    for measured in found:
-        print("\n".join(told(rig, measured)))
-    publish("bench_poses", listed, typed)
-    figure, words = worst_poses(rig, found)
+    sets = bench(rig, options.count, options.every)
+    table_rows = [row for pose_set in sets for row in rows(rig.name, pose_set)]
+    for pose_set in sets:
+        print("\n".join(worst_in_words(rig, pose_set)))
+    publish("bench_poses", table_rows, typed)
+    figure, words = worst_poses(rig, sets)
     save_figure(figure, bench_folder() / f"{rig.name}_worst_poses.png", words)
     print(f"written to {paths.shown(bench_folder())}: {rig.name}_worst_poses.png")
-    return listed
+    return table_rows
 
 
 if __name__ == "__main__":

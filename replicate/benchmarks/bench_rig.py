@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from data_recipes import recipe_paths
+from data_recipes.rig import Rig
 from replicate.artefacts.built_rig import rig_of
 from replicate.benchmarks.common import PROFILE, check_at_least, named, parse, publish
 from replicate.engine.command_line import guard
@@ -52,7 +53,7 @@ def timed(ways: dict[str, Callable[[], object]], rounds: int) -> dict[str, np.nd
     return seconds
 
 
-def run_timed(rig, params: np.ndarray, into: dict[str, float]) -> None:
+def run_timed(rig: Rig, params: np.ndarray, into: dict[str, float]) -> None:
     """Run a rig's nodes one by one and add to each name's entry how many seconds it took."""
     started = time.perf_counter()
     for name, _ in rig.node_steps(params):
@@ -61,8 +62,8 @@ def run_timed(rig, params: np.ndarray, into: dict[str, float]) -> None:
         started = ended
 
 
-def bench(rig, params: np.ndarray, rounds: int) -> dict[str, float]:
-    """Return what was measured, by name: milliseconds a pose of each way to call a rig, on the clock and of processor
+def bench(rig: Rig, params: np.ndarray, rounds: int) -> dict[str, float]:
+    """Return times by name: milliseconds a pose of each way to call a rig, on the clock and of processor
     time; of each node, in both ways to run nodes; of the worst batch; and the ways' difference. params: (BATCH, m).
     """
     single, poses = params[:1], [params[k : k + 1] for k in range(APART)]
@@ -79,53 +80,53 @@ def bench(rig, params: np.ndarray, rounds: int) -> dict[str, float]:
         "nodes": lambda: by_node("nodes", poses),
         "nodes_batched": lambda: by_node("nodes_batched", [params]),
     }
-    found = timed(ways, rounds)
+    seconds_of = timed(ways, rounds)
     result = {}
     for way in ways:
-        wall, processor = 1e3 * np.median(found[way], axis=0) / POSES[way]
+        wall, processor = 1e3 * np.median(seconds_of[way], axis=0) / POSES[way]
         result |= {way: float(wall), f"{way} processor": float(processor)}
-    for way, measured in parts.items():
-        for name in measured[-1]:
-            middle = np.median([seconds[name] for seconds in measured[1:]])  # the first round compiled
+    for way, rounds_of in parts.items():
+        for name in rounds_of[-1]:
+            middle = np.median([seconds[name] for seconds in rounds_of[1:]])  # the first round compiled
             result[f"{way}[{name}]"] = 1e3 * float(middle) / POSES[way]
-    result["batched_worst"] = 1e3 * float(found["batched"][:, 0].max()) / BATCH
+    result["batched_worst"] = 1e3 * float(seconds_of["batched"][:, 0].max()) / BATCH
     result["nodes_difference_mm"] = float(np.abs(rig(single) - rig.run_nodes(single)).max())
     return result
 
 
-def shares(found: dict[str, float], way: str) -> dict[str, float]:
+def shares(times: dict[str, float], way: str) -> dict[str, float]:
     """Return each node's share of a way to run nodes, "nodes" or "nodes_batched"; they sum to 1."""
-    own = {key[len(way) + 1 : -1]: value for key, value in found.items() if key.startswith(f"{way}[")}
+    own = {key[len(way) + 1 : -1]: value for key, value in times.items() if key.startswith(f"{way}[")}
     return {name: value / sum(own.values()) for name, value in own.items()}
 
 
-def rows(character: str, found: dict[str, float]) -> list[Row]:
+def rows(character: str, times: dict[str, float]) -> list[Row]:
     """Return the numbers of one character as rows, ratios as rows of their own; `poses` are those of a round."""
 
     def row(method: str, metric: str, unit: str, value: float) -> Row:
         poses = 1 if metric == "largest_difference" else min(POSES[way] for way in method.split("/"))
         return Row("bench_rig", character, method, metric, unit, value, None, None, poses, PROFILE, "bench-rig")
 
-    listed = [row(way, "time_per_pose", "ms", found[way]) for way in POSES]
-    listed += [row(way, "processor_time_per_pose", "ms", found[f"{way} processor"]) for way in POSES]
-    listed += [row(way, "poses_per_second", "count", 1e3 / found[way]) for way in POSES]
-    listed.append(row("batched", "worst_time_per_pose", "ms", found["batched_worst"]))
-    listed.append(row("batched", f"time_for_{DATA_SET}_poses", "ms", DATA_SET * found["batched"]))
-    listed.append(row("nodes", "largest_difference", "mm", found["nodes_difference_mm"]))
+    rows = [row(way, "time_per_pose", "ms", times[way]) for way in POSES]
+    rows += [row(way, "processor_time_per_pose", "ms", times[f"{way} processor"]) for way in POSES]
+    rows += [row(way, "poses_per_second", "count", 1e3 / times[way]) for way in POSES]
+    rows.append(row("batched", "worst_time_per_pose", "ms", times["batched_worst"]))
+    rows.append(row("batched", f"time_for_{DATA_SET}_poses", "ms", DATA_SET * times["batched"]))
+    rows.append(row("nodes", "largest_difference", "mm", times["nodes_difference_mm"]))
     for pair in RATIOS:
         above, below = pair.split("/")
-        listed.append(row(pair, "time_ratio", "ratio", found[above] / found[below]))
+        rows.append(row(pair, "time_ratio", "ratio", times[above] / times[below]))
     for way in ("nodes", "nodes_batched"):
-        for name, share in shares(found, way).items():
-            listed.append(row(way, f"time_per_pose[{name}]", "ms", found[f"{way}[{name}]"]))
-            listed.append(row(way, f"time_share[{name}]", "ratio", share))
-    return listed
+        for name, share in shares(times, way).items():
+            rows.append(row(way, f"time_per_pose[{name}]", "ms", times[f"{way}[{name}]"]))
+            rows.append(row(way, f"time_share[{name}]", "ratio", share))
+    return rows
 
 
-def tables(listed: Sequence[Row], rounds: int | None = None) -> list[Table]:
+def tables(rows: Sequence[Row], rounds: int | None = None) -> list[Table]:
     """Return two printed tables of some characters' rows: the ways to call a rig, and its nodes, slowest first."""
-    value = {(row.character, row.method, row.metric): row.value for row in listed}
-    characters = list(dict.fromkeys(row.character for row in listed))
+    value = {(row.character, row.method, row.metric): row.value for row in rows}
+    characters = list(dict.fromkeys(row.character for row in rows))
     speeds, nodes = [], []
     for who in characters:
         times = [f"{value[who, way, 'time_per_pose']:.2f}" for way in POSES]
@@ -135,7 +136,7 @@ def tables(listed: Sequence[Row], rounds: int | None = None) -> list[Table]:
         speeds.append(
             (who, *times, processor, f"{value[who, 'batched', 'poses_per_second']:,.0f}", *ratios, f"{whole:.1f}")
         )
-    names = [row.metric for row in listed if row.method == "nodes" and row.metric.startswith("time_share[")]
+    names = [row.metric for row in rows if row.method == "nodes" and row.metric.startswith("time_share[")]
     share = lambda metric: value.get((characters[0], "nodes_batched", metric), 0.0)  # noqa: E731
     for metric in sorted(dict.fromkeys(names), key=share, reverse=True):
         cells = []
@@ -160,11 +161,11 @@ def tables(listed: Sequence[Row], rounds: int | None = None) -> list[Table]:
     ]
 
 
-def speed_card(listed: Sequence[Row]) -> Table:
+def speed_card(rows: Sequence[Row]) -> Table:
     """Return the table of REPRODUCING: milliseconds a pose in three ways, a character a line."""
-    value = {(row.character, row.method, row.metric): row.value for row in listed}
+    value = {(row.character, row.method, row.metric): row.value for row in rows}
     body = []
-    for who in sorted({row.character for row in listed}, key=order_of):
+    for who in sorted({row.character for row in rows}, key=order_of):
         times = [f"{value[who, way, 'time_per_pose']:.1f}" for way in ("batched", "single", "nodes")]
         ratios = [f"{value[who, pair, 'time_ratio']:.1f}" for pair in RATIOS[:2]]
         body.append((who, *times, *ratios, f"{value[who, 'batched', f'time_for_{DATA_SET}_poses'] / 60e3:.1f} min"))
@@ -188,22 +189,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--characters", default=" ".join(own), help=f"names or recipes, separated by commas (default: {', '.join(own)})"
     )
     parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"how often each way is timed (default: {ROUNDS})")
-    options, given = parse(parser, arguments)
-    return guard(partial(_run, options, given))
+    options, typed = parse(parser, arguments)
+    return guard(partial(_run, options, typed))
 
 
 def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
     check_at_least(3, rounds=options.rounds)
-    listed: list[Row] = []
+    table_rows: list[Row] = []
     for character in named(options.characters):
         rig = rig_of(character)
-        listed += rows(rig.name, bench(rig, frames_of(rig), options.rounds))
-    for table in tables(listed, options.rounds):
+        table_rows += rows(rig.name, bench(rig, frames_of(rig), options.rounds))
+    for table in tables(table_rows, options.rounds):
         print(as_text(table))
-    publish("bench_rig", listed, typed)
+    publish("bench_rig", table_rows, typed)
 
 
-def frames_of(rig) -> np.ndarray:
+def frames_of(rig: Rig) -> np.ndarray:
     """Return BATCH poses (BATCH, m): frames of the clips, or uniform ones for a rig without clips."""
     generator = np.random.default_rng(0)
     if not rig.clips:

@@ -51,15 +51,15 @@ class Variant:
 def variants(steps: int) -> list[Variant]:
     """Return all trainings: peak rates at a schedule of `steps`, then changes to the profile's own schedule."""
     short = {"training": {"steps": steps}}
-    found = [Variant("coarse", f"{rate:g}, {steps:,} steps", {"coarse": _at(rate, steps)}) for rate in RATES]
+    choices = [Variant("coarse", f"{rate:g}, {steps:,} steps", {"coarse": _at(rate, steps)}) for rate in RATES]
     for rate in RATES:
         overrides = {"coarse": short, "refinement": _at(rate, steps)}
-        found.append(Variant("refined", f"{rate:g}, {steps:,} steps", overrides))
-    found += [Variant("dense", f"{rate:g}, {steps:,} steps", {"dense": _at(rate, steps)}) for rate in RATES]
+        choices.append(Variant("refined", f"{rate:g}, {steps:,} steps", overrides))
+    choices += [Variant("dense", f"{rate:g}, {steps:,} steps", {"dense": _at(rate, steps)}) for rate in RATES]
     for method in ("coarse", "refined"):
-        found.append(Variant(method, "as the profile", {}))
-        found.append(Variant(method, "uniform draws", {"samples": {"bins": 1}}))
-    return found
+        choices.append(Variant(method, "as the profile", {}))
+        choices.append(Variant(method, "uniform draws", {"samples": {"bins": 1}}))
+    return choices
 
 
 def _at(rate: float, steps: int) -> dict:
@@ -71,7 +71,7 @@ def stages_of(config: Config, method: str) -> dict[str, Stage]:
     return {stage.name: stage for stage in in_order(list(method_named(method).stages(Plan(config))))}
 
 
-def measured(stages: dict[str, Stage], method: str) -> tuple[float, float]:
+def validation_errors(stages: dict[str, Stage], method: str) -> tuple[float, float]:
     """Return a finished training's validation errors (mm, degrees): the last row of its log."""
     *_, last = read_log(artefact_folder(stages[method].identifier) / LOG)
     return last[2], last[3]
@@ -99,12 +99,12 @@ def axis_rows(stages: dict[str, Stage], profile: str) -> list[Row]:
     params = np.asarray(samples.params, np.float64)
     centred, interval = params - params.mean(0), samples.bins - samples.bins.mean()
     sizes = np.linalg.norm(centred, axis=0) * np.linalg.norm(interval)
-    found = np.divide(centred.T @ interval, sizes, out=np.zeros(len(sizes)), where=sizes > 0)
-    strongest = np.argsort(-np.abs(found))[:AXIS_CONTROLS]
+    follows = np.divide(centred.T @ interval, sizes, out=np.zeros(len(sizes)), where=sizes > 0)
+    strongest = np.argsort(-np.abs(follows))[:AXIS_CONTROLS]
     facts = (None, 1, len(params), profile, "bench-training")
     label = stages["rig"].label
     return [
-        Row(TABLE, label, "samples", f"interval_correlation[{controls[k].name}]", "ratio", float(found[k]), *facts)
+        Row(TABLE, label, "samples", f"interval_correlation[{controls[k].name}]", "ratio", float(follows[k]), *facts)
         for k in strongest
     ]
 
@@ -118,8 +118,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--only", default="", help="only trainings whose description contains this; others stay in the file"
     )
-    options, given = parse(parser, arguments)
-    return guard(partial(_run, options, given))
+    options, typed = parse(parser, arguments)
+    return guard(partial(_run, options, typed))
 
 
 def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
@@ -130,20 +130,20 @@ def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
 
 def compare(options: argparse.Namespace) -> list[Row]:
     """Train all variants and return their validation errors."""
-    chosen = [v for v in variants(options.steps) if options.only in f"{v.method}, {v.change}"]
-    if not chosen:
+    selection = [v for v in variants(options.steps) if options.only in f"{v.method}, {v.change}"]
+    if not selection:
         raise InputError(f"only is {options.only!r}: no training is called so; leave it out to see their names")
-    configs = [resolve(options.characters, options.profile, variant.overrides) for variant in chosen]
-    graphs = [stages_of(config, variant.method) for config, variant in zip(configs, chosen, strict=True)]
+    configs = [resolve(options.characters, options.profile, variant.overrides) for variant in selection]
+    graphs = [stages_of(config, variant.method) for config, variant in zip(configs, selection, strict=True)]
     facts = provenance(["make", "bench-training"], options.profile, [0], core_count())
-    run([graph[variant.method] for graph, variant in zip(graphs, chosen, strict=True)], facts=facts)
+    run([graph[variant.method] for graph, variant in zip(graphs, selection, strict=True)], facts=facts)
     rows = []
-    for variant, config, graph in zip(chosen, configs, graphs, strict=True):
-        mm, degrees = measured(graph, variant.method)
-        found = {"validation_vertex_error": mm, "validation_normal_error": degrees}
+    for variant, config, graph in zip(selection, configs, graphs, strict=True):
+        mm, degrees = validation_errors(graph, variant.method)
+        errors = {"validation_vertex_error": mm, "validation_normal_error": degrees}
         if variant.method in FLOORS:
-            found["normal_error_over_floor"] = degrees / floor_deg(graph, config, variant.method == "refined")
-        for metric, value in found.items():
+            errors["normal_error_over_floor"] = degrees / floor_deg(graph, config, variant.method == "refined")
+        for metric, value in errors.items():
             name, unit = f"{metric}[{variant.change}]", METRICS[metric][0]
             facts = (None, 1, config.samples.validation, config.profile, "bench-training")
             rows.append(Row(TABLE, graph["rig"].label, variant.method, name, unit, value, *facts))

@@ -18,21 +18,21 @@ PROFILE = "bench"  # the folder's name, and what rows say that no profile made
 
 
 def parse(parser: argparse.ArgumentParser, arguments: Sequence[str] | None) -> tuple[argparse.Namespace, list[str]]:
-    """Return a benchmark's options, and the words that they were given in.
+    """Return a benchmark's options, and the words that state them.
 
     What make hands to all benchmarks and this one lacks is left out.
     """
     every = list(sys.argv[1:] if arguments is None else arguments)
-    given = without_foreign(every, parser._option_string_actions)
-    return parser.parse_args(given), given
+    own = without_foreign(every, parser._option_string_actions)
+    return parser.parse_args(own), own
 
 
 def named(characters: str) -> list[str]:
     """Return the characters that a text names, separated by commas or spaces. Raises InputError if there are none."""
-    found = list(dict.fromkeys(words(characters)))
-    if not found:
+    names = list(dict.fromkeys(words(characters)))
+    if not names:
         raise InputError(f"no character is named: allowed are {', '.join(recipe_paths.character_names())}")
-    return found
+    return names
 
 
 def check_at_least(least: int, **values: int) -> None:
@@ -43,10 +43,10 @@ def check_at_least(least: int, **values: int) -> None:
 
 
 def bench_folder() -> Path:
-    """Return the folder that benchmarks write to; it is made if there is none."""
-    found = paths.run_folder(PROFILE)
-    found.mkdir(parents=True, exist_ok=True)
-    return found
+    """Return the folder that benchmarks write to; it is there then."""
+    folder = paths.run_folder(PROFILE)
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
 def publish(name: str, rows: Sequence[Row], typed: Sequence[str], keep: Callable[[Row], bool] | None = None) -> None:
@@ -55,16 +55,16 @@ def publish(name: str, rows: Sequence[Row], typed: Sequence[str], keep: Callable
     typed: the command line's arguments. keep: which rows of an earlier file stay; those
     of other characters by default.
     """
-    measured = {row.character for row in rows}
-    merge(bench_folder() / f"{name}.csv", rows, keep or (lambda row: row.character not in measured))
-    note(name, measured, typed)
+    characters = {row.character for row in rows}
+    merge(bench_folder() / f"{name}.csv", rows, keep or (lambda row: row.character not in characters))
+    note(name, characters, typed)
 
 
 def merge(file: Path, rows: Sequence[Row], keep: Callable[[Row], bool]) -> None:
     """Write rows to a CSV file beside those that it has already and that shall stay; never two about the same thing."""
     new = {row.key for row in rows}
-    kept = [row for row in read_results(file) if keep(row) and row.key not in new] if file.is_file() else []
-    write_results(file, [*kept, *rows])
+    others = [row for row in read_results(file) if keep(row) and row.key not in new] if file.is_file() else []
+    write_results(file, [*others, *rows])
 
 
 def note(name: str, characters: Iterable[str], typed: Sequence[str], seeds: Sequence[int] = (0,)) -> None:
@@ -72,6 +72,6 @@ def note(name: str, characters: Iterable[str], typed: Sequence[str], seeds: Sequ
     into = bench_folder()
     command = ["python", "-m", f"replicate.benchmarks.{name}", *typed]
     facts = provenance(command, PROFILE, list(seeds), core_count())
-    known = manifest.entries(into, name)
-    manifest.write_entries(into, name, dict(sorted((known | dict.fromkeys(characters, facts)).items())))
+    before = manifest.entries(into, name)
+    manifest.write_entries(into, name, dict(sorted((before | dict.fromkeys(characters, facts)).items())))
     print(f"written to {paths.shown(into)}: {name}.csv, {manifest.NAME}")

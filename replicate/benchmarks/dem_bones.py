@@ -47,7 +47,7 @@ BEST = Options()
 DEFAULT = Options(linked=False, all_bones=False, trans_affine=None, weights_smooth=None)
 
 
-def solver_class():
+def solver_class() -> type:
     """Return the solver of `py-dem-bones`. Raises InputError where it isn't installed."""
     try:
         from py_dem_bones._py_dem_bones import DemBones
@@ -72,12 +72,12 @@ def links(neutral: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "t 3"]) -> I
     for a in range(count):
         for b in range(a):
             distance[a, b] = trees[a].query(neutral[members[b]])[0].min() + 1e-9
-    found = []
+    pairs = []
     for a, b in zip(*minimum_spanning_tree(csr_array(distance)).nonzero(), strict=True):
         away, other = trees[a].query(neutral[members[b]])
         nearest = np.argsort(away, kind="stable")[:LINKS]
-        found.append(np.stack([members[b][nearest], members[a][other[nearest]]], 1))
-    return np.concatenate(found) if found else np.zeros((0, 2), int)
+        pairs.append(np.stack([members[b][nearest], members[a][other[nearest]]], 1))
+    return np.concatenate(pairs) if pairs else np.zeros((0, 2), int)
 
 
 def fit(
@@ -88,7 +88,7 @@ def fit(
     options: Options,
     go_on: Callable[[int, float, float], bool],
 ) -> tuple[Skin, int]:
-    """Fit Dem Bones to poses and return its skin and how many bones its own start found.
+    """Fit Dem Bones to poses and return its skin and how many bones its own start has.
 
     go_on: called after the start and after every iteration with the iterations so far, the processor's seconds that
     they took, and the RMSE in mm (its own, not counted in the time); the fit ends when it returns False. A start that
@@ -141,8 +141,8 @@ def cluster_motions(
 
 def skin_of(neutral: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, "n bones"]) -> Skin:
     """Return a skin of dense weights, of which at most `INFLUENCES` a vertex are not zero."""
-    kept = min(INFLUENCES, weights.shape[1])
-    index = np.argsort(-weights, axis=1, kind="stable")[:, :kept].astype(np.int32)
-    chosen = np.take_along_axis(weights, index, 1)
-    chosen = (chosen / chosen.sum(1, keepdims=True)).astype(np.float32)
-    return Skin(np.asarray(neutral, np.float32), index, chosen, weights.shape[1])
+    count = min(INFLUENCES, weights.shape[1])
+    index = np.argsort(-weights, axis=1, kind="stable")[:, :count].astype(np.int32)
+    strongest = np.take_along_axis(weights, index, 1)
+    strongest = (strongest / strongest.sum(1, keepdims=True)).astype(np.float32)
+    return Skin(np.asarray(neutral, np.float32), index, strongest, weights.shape[1])

@@ -21,32 +21,34 @@ def trainings_table(rows: Iterable[Row]) -> Table:
 
     A row's metric is metric[change], as `replicate.benchmarks.bench_training` writes it.
     """
-    found: dict[tuple[str, str], dict[str, Row]] = {}
+    by_change: dict[tuple[str, str], dict[str, Row]] = {}
     for row in rows:
         if row.table == TABLE and row.method in METHODS:
             metric, _, change = row.metric.rstrip("]").partition("[")
-            found.setdefault((row.method, change), {})[metric] = row
+            by_change.setdefault((row.method, change), {})[metric] = row
     lines: list[tuple[str, ...] | None] = []
     for method in METHODS:
         of_method = {
-            change: each for (name, change), each in sorted(found.items(), key=lambda item: item[0]) if name == method
+            change: each
+            for (name, change), each in sorted(by_change.items(), key=lambda item: item[0])
+            if name == method
         }
         lines += [None] if lines and of_method else []
         for change, each in of_method.items():
             cells = (each[metric] if metric in each else None for metric in METRICS)
             lines.append((method, change, *(rounded(row.value, row.unit) if row else "" for row in cells)))
     header = ("", "peak rate or change", *(name for _, name in METRICS.values()))
-    poses = max((row.poses or 0 for each in found.values() for row in each.values()), default=0)
+    poses = max((row.poses or 0 for each in by_change.values() for row in each.values()), default=0)
     note = f"errors on {poses} poses held out of the training animation; one seed."
     return Table("Trainings that differ in one thing", (header,), tuple(lines), (note,))
 
 
 def axis_text(rows: Iterable[Row]) -> str:
     """Return which controls §3.5's intervals follow most, with their correlations, from `bench_training.csv`."""
-    found = [row for row in rows if row.table == TABLE and row.metric.startswith("interval_correlation[")]
-    found.sort(key=lambda row: -abs(row.value))
-    listed = (f"{row.metric.rstrip(']').partition('[')[2]} {row.value:+.2f}" for row in found)
-    return f"controls that the intervals follow most (correlation): {', '.join(listed)}"
+    correlations = [row for row in rows if row.table == TABLE and row.metric.startswith("interval_correlation[")]
+    correlations.sort(key=lambda row: -abs(row.value))
+    controls = (f"{row.metric.rstrip(']').partition('[')[2]} {row.value:+.2f}" for row in correlations)
+    return f"controls that the intervals follow most (correlation): {', '.join(controls)}"
 
 
 def draws_text(samples_per_bin: Sequence[int]) -> str:
@@ -63,7 +65,7 @@ def draws_text(samples_per_bin: Sequence[int]) -> str:
 
 
 def balance_text(name: str) -> str:
-    """Return, for each character whose manifest tells it, how §3.5's balanced draws were spread over the samples."""
+    """Return, for each character whose manifest records it, how §3.5's balanced draws were spread over the samples."""
     lines = []
     for character, facts in section(folder_of(name), "table2").get("characters", {}).items():
         samples = [stage for title, stage in facts.get("stages", {}).items() if title.startswith("samples-")]

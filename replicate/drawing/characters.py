@@ -1,15 +1,20 @@
 """A character in several poses, in the colours of skin, teeth and mouth: what a reader sees first."""
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from data_recipes.rig import Rig
 from replicate.drawing.panels import Words, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.scene import PORTRAIT, Camera, Surface, camera_for, framed
 from replicate.geometry.mesh import Mesh
+
+if TYPE_CHECKING:
+    import matplotlib.figure
 
 SKIN = (226, 178, 148)
 # By the beginning of a segment's name; what begins otherwise is skin.
@@ -34,10 +39,10 @@ def segment_colours(mesh: Mesh, skin: tuple[int, int, int] = SKIN) -> UInt8[np.n
     return colours_by_segment(mesh, skin)[mesh.face_segment]
 
 
-def character_surfaces(rig, params: Float[np.ndarray, " m"], camera: Camera | None = None) -> list[Surface]:
+def character_surfaces(rig: Rig, params: Float[np.ndarray, " m"], camera: Camera | None = None) -> list[Surface]:
     """Return a rig in a pose with its props, in its own paint or, where it has none, coloured by segment.
 
-    rig: any that keeps the Rig contract. camera: gives the eyes catchlights, see `prop_surfaces`.
+    camera: gives the eyes catchlights, see `prop_surfaces`.
     """
     paint = getattr(rig, "paint", None)
     colours = {"colours": segment_colours(rig.mesh)} if paint is None else {"paint": paint}
@@ -46,17 +51,17 @@ def character_surfaces(rig, params: Float[np.ndarray, " m"], camera: Camera | No
 
 
 def expression_sheet(
-    rig,
+    rig: Rig,
     poses: Mapping[str, np.ndarray],
     columns: int = 4,
     camera: str = "front",
     width: int = 300,
     height: int = 320,
-    renderer=None,
-):
+    renderer: str | None = None,
+) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): a rig in several poses, titled, row by row, with its props where it has any.
 
-    rig: any that keeps the Rig contract. poses: title → parameters (m,).
+    poses: title → parameters (m,).
     """
     mesh = rig.mesh
     view = camera_for(camera, mesh.neutral)
@@ -72,9 +77,9 @@ def expression_sheet(
     rows = [pictures[k : k + columns] for k in range(0, len(pictures), columns)]
     grid = [titles[k : k + columns] for k in range(0, len(titles), columns)]
     figure = panel_grid(rows, grid)
-    listed = ", ".join(poses)
+    names = ", ".join(poses)
     return figure, Words(
-        f"Renders of the character {rig.name} in {len(poses)} poses: {listed}.",
-        f"{rig.name}: {len(mesh.neutral):,} vertices, {len(rig.controls)} controls. Poses: {listed}. Hair, brows and "
+        f"Renders of the character {rig.name} in {len(poses)} poses: {names}.",
+        f"{rig.name}: {len(mesh.neutral):,} vertices, {len(rig.controls)} controls. Poses: {names}. Hair, brows and "
         "eyeballs are for display only; no method approximates them.",
     )

@@ -1,10 +1,17 @@
 """Errors as colours on the mesh, never shaded, with one scale for all panels (Fig. 10)."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from replicate.approximation.metrics import normal_error
 from replicate.drawing.scene import Surface
+
+if TYPE_CHECKING:
+    import matplotlib.axes
+    import matplotlib.colorbar
+    import matplotlib.figure
 
 COLOUR_MAP = "viridis"  # perceptually uniform, and in order for readers who see fewer colours
 NO_NORMAL = (200, 200, 200)  # faces that Eq. 11 leaves out
@@ -31,8 +38,10 @@ def normal_heat(
     )
 
 
-def colour_bar(figure, axes, limit: float, label: str):
-    """Draw the bar of `error_colours` in the given axes; the label has the unit, an arrow shows that it saturates."""
+def colour_bar(
+    figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes", limit: float, label: str
+) -> "matplotlib.colorbar.Colorbar":
+    """Draw the bar of `error_colours` in `axes`; the label has the unit, an arrow shows that it saturates."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 

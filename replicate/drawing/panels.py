@@ -2,11 +2,15 @@
 
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    import matplotlib.figure
 
 DPI = 100
 GAP, TITLE, SIDE, BAR, MARGIN = 6, 26, 26, 74, 8  # pixels
@@ -21,7 +25,12 @@ class Words:
     caption: str
 
 
-def panel_grid(rows: Sequence[Sequence[np.ndarray]], titles: Sequence, names: Sequence[str] = (), bar=None):
+def panel_grid(
+    rows: Sequence[Sequence[np.ndarray]],
+    titles: Sequence,
+    names: Sequence[str] = (),
+    bar: tuple[int, int, Callable] | None = None,
+) -> "matplotlib.figure.Figure":
     """Return a matplotlib figure of equally large pictures.
 
     rows: pictures (h, w, 3) uint8. titles: one for each column, or for each row a list of its pictures' own. names: one
@@ -66,7 +75,9 @@ def panel_grid(rows: Sequence[Sequence[np.ndarray]], titles: Sequence, names: Se
     return figure
 
 
-def png(figure, words: Words, largest_bytes: int = LARGEST_BYTES, dither: bool = False) -> bytes:
+def png(
+    figure: "matplotlib.figure.Figure", words: Words, largest_bytes: int = LARGEST_BYTES, dither: bool = False
+) -> bytes:
     """Return a figure as PNG with a palette and its alt text inside, in fewer colours if it would be too large.
 
     dither: mix neighbouring colours, where more hues are drawn than a palette holds; not for colours that are read off
@@ -96,14 +107,20 @@ def _with_palette(picture, colours: int, dither: bool):
     indices = np.array(picture.quantize(palette=palette, dither=mixed))
     indices[(np.asarray(picture) == 255).all(-1)] = colours - 1  # paper is white, not the mean of the near-whites
     table = np.full((colours, 3), 255, np.uint8)
-    known = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)[: colours - 1]
-    table[: len(known)] = known
-    found = Image.fromarray(indices)
-    found.putpalette(table.ravel().tolist())
-    return found
+    own = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)[: colours - 1]
+    table[: len(own)] = own
+    mapped = Image.fromarray(indices)
+    mapped.putpalette(table.ravel().tolist())
+    return mapped
 
 
-def save_figure(figure, path: Path, words: Words, largest_bytes: int = LARGEST_BYTES, dither: bool = False) -> None:
+def save_figure(
+    figure: "matplotlib.figure.Figure",
+    path: Path,
+    words: Words,
+    largest_bytes: int = LARGEST_BYTES,
+    dither: bool = False,
+) -> None:
     """Write a figure as `png` makes it, and `path` with the ending .json beside it with alt text and caption."""
     path.write_bytes(png(figure, words, largest_bytes, dither))
     text = json.dumps({"alt": words.alt, "caption": words.caption}, indent=1, ensure_ascii=False)

@@ -58,7 +58,7 @@ def _catchlight(eyeball: Float[np.ndarray, "k 3"], camera: Camera) -> Surface:
 
 
 def _frame(towards: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """Return right, up and the given direction as unit rows."""
+    """Return right, up and a direction as unit rows."""
     towards = towards / np.linalg.norm(towards)
     right = np.cross([0.0, 1.0, 0.0], towards)
     right /= np.linalg.norm(right)

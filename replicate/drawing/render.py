@@ -74,7 +74,12 @@ def _choose_window() -> None:
 
 
 def plotter_of(
-    surfaces: Sequence[Surface], camera: Camera, width: int, height: int, background=WHITE, lighting: Lighting = STUDIO
+    surfaces: Sequence[Surface],
+    camera: Camera,
+    width: int,
+    height: int,
+    background: Sequence[int] = WHITE,
+    lighting: Lighting = STUDIO,
 ) -> tuple:
     """Return an off-screen pyvista plotter, which the caller closes, and the mesh that it holds of each surface."""
     _choose_window()

@@ -3,17 +3,22 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float32, UInt8
 
+from data_recipes.rig import Rig
 from replicate.drawing.panels import DPI, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.scene import Surface, camera_for
 from replicate.engine.tidy_files import Column, read_csv, write_csv
 
-# Colours that many readers can tell apart, most different first, after Kelly (1965): his list less white, black, grey.
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+# Colours that are distinct to many readers, most different first, after Kelly (1965): his list less white, black, grey.
 DISTINCT = (
     (243, 195, 0), (135, 86, 146), (243, 132, 0), (161, 202, 241), (190, 0, 50), (194, 178, 128), (0, 136, 86),
     (230, 143, 172), (0, 103, 165), (249, 147, 121), (96, 78, 151), (246, 166, 0), (179, 68, 108), (220, 211, 0),
@@ -29,7 +34,7 @@ ROOM = 1.12  # an open mouth needs more height than a closed one
 LINE = 15  # pixels a line of the legend
 
 
-def open_mouth(rig) -> Float32[np.ndarray, " m"]:
+def open_mouth(rig: Rig) -> Float32[np.ndarray, " m"]:
     """Return the parameters of a wide open mouth; the neutral pose for a rig without controls of such names."""
     shares = (
         next((share for start, share in OPEN.items() if control.name.startswith(start)), 0.0)
@@ -39,11 +44,16 @@ def open_mouth(rig) -> Float32[np.ndarray, " m"]:
 
 
 def coloured_views(
-    rig, colours: UInt8[np.ndarray, "f 3"], legend: Sequence[tuple], width: int = 256, height: int = 330, renderer=None
-):
+    rig: Rig,
+    colours: UInt8[np.ndarray, "f 3"],
+    legend: Sequence[tuple],
+    width: int = 256,
+    height: int = 330,
+    renderer: str | None = None,
+) -> "matplotlib.figure.Figure":
     """Return a figure: the rig with an open mouth from each of `VIEWS`, then the legend.
 
-    rig: any that keeps the Rig contract. colours: one for each face. legend: (text, colours) pairs; of props only the
+    colours: one for each face. legend: (text, colours) pairs; of props only the
     eyeballs are drawn.
     """
     params, mesh = open_mouth(rig), rig.mesh
@@ -62,8 +72,8 @@ def coloured_views(
         else:
             camera = replace(camera, height_mm=ROOM * camera.height_mm)
         pictures.append(render(surfaces, camera, width, height, renderer=renderer))
-    listed = legend_panel(legend, width, height)
-    return panel_grid([[*pictures, listed]], [*VIEWS.values(), ""])
+    key = legend_panel(legend, width, height)
+    return panel_grid([[*pictures, key]], [*VIEWS.values(), ""])
 
 
 def legend_panel(entries: Sequence[tuple], width: int, height: int) -> UInt8[np.ndarray, "h w 3"]:

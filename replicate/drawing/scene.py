@@ -68,7 +68,7 @@ CAMERAS = {
     "side": Camera((0, -11, 6), 264, 80, 4),
     "forehead": Camera((0, 33, 78), 88, 14, 4),
     "mouth": Camera((0, -55, 85), 94, 12, 0),
-    # Not for pictures: the skin between brow and hair line, by whose wrinkles a test pose is chosen.
+    # Not for pictures: the skin between brow and hair line, whose wrinkles decide the test pose that figures show.
     "wrinkles": Camera((0, 60, 75), 66, 0, 10),
 }
 

@@ -39,14 +39,16 @@ def rasterise(
 
 def _nearest(pixels, distance, faces, depth, width, height) -> np.ndarray:
     """Lower `depth` wherever a face is nearer, and return the face that did it for each pixel, else −1."""
-    found = np.full(width * height, -1)
+    nearest = np.full(width * height, -1)
     corners = pixels[faces]  # (f, 3, 2)
     size = np.array([width, height])
     low = np.clip(np.ceil(corners.min(1) - 0.5), 0, size).astype(int)
     high = np.clip(np.floor(corners.max(1) - 0.5) + 1, 0, size).astype(int)
     area = (high - low).clip(0).prod(-1)
-    drawn = np.flatnonzero((area > 0) & (distance[faces] > 0).all(-1))
-    for chunk in np.split(drawn, np.searchsorted(np.cumsum(area[drawn]), np.arange(_CHUNK, area[drawn].sum(), _CHUNK))):
+    visible = np.flatnonzero((area > 0) & (distance[faces] > 0).all(-1))
+    for chunk in np.split(
+        visible, np.searchsorted(np.cumsum(area[visible]), np.arange(_CHUNK, area[visible].sum(), _CHUNK))
+    ):
         which = np.repeat(chunk, area[chunk])
         k = np.arange(len(which)) - np.repeat(np.cumsum(area[chunk]) - area[chunk], area[chunk])
         across = (high - low)[which, 0]
@@ -58,8 +60,8 @@ def _nearest(pixels, distance, faces, depth, width, height) -> np.ndarray:
         nearer = z < depth[pixel]
         which, pixel, z = which[nearer], pixel[nearer], z[nearer]
         order = np.argsort(-z, kind="stable")  # of several faces at a pixel the nearest is written last
-        depth[pixel[order]], found[pixel[order]] = z[order], which[order]
-    return found
+        depth[pixel[order]], nearest[pixel[order]] = z[order], which[order]
+    return nearest
 
 
 def _barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -47,12 +47,12 @@ def animated_glb(
 
 
 def _track(part: Part, moved: np.ndarray, tolerance_mm: float) -> Track:
-    """Return a part's track. Normals follow the weights that the positions have chosen, by least squares."""
-    found = low_rank(moved - part.vertices, tolerance_mm)
-    if not len(found.shapes):
-        return Track(found.weights, found.shapes, found.shapes, found.error_mm)
-    turned = follow(found.weights, unit_normals(moved, part.faces) - part.normals)
-    return Track(found.weights, found.shapes, turned, found.error_mm)
+    """Return a part's track. Normals follow the weights of the positions, by least squares."""
+    fit = low_rank(moved - part.vertices, tolerance_mm)
+    if not len(fit.shapes):
+        return Track(fit.weights, fit.shapes, fit.shapes, fit.error_mm)
+    turned = follow(fit.weights, unit_normals(moved, part.faces) - part.normals)
+    return Track(fit.weights, fit.shapes, turned, fit.error_mm)
 
 
 class _Writer:

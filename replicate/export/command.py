@@ -1,4 +1,4 @@
-"""What `make export` does: choose a pose or a clip of a character by name, and write it where it is wanted."""
+"""What `make export` does: choose a pose or a clip of a character by name, and write it to a file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from data_recipes.catalogue import expression_poses, read_clip
+from data_recipes.rig import Rig
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.engine.schema import shown
@@ -37,9 +38,9 @@ class Request:
     tolerance_mm: float = TOLERANCE_MM
 
     def __post_init__(self) -> None:
-        given = [name for name in ("pose", "clip", "params") if getattr(self, name) is not None]
-        if len(given) > 1:
-            raise InputError(f"{' and '.join(given)} are given: allowed is one of pose, clip and params")
+        sources = [name for name in ("pose", "clip", "params") if getattr(self, name) is not None]
+        if len(sources) > 1:
+            raise InputError(f"{' and '.join(sources)} are given: allowed is one of pose, clip and params")
         if not self.tolerance_mm >= LEAST_TOLERANCE_MM or self.tolerance_mm == float("inf"):
             raise InputError(
                 f"tolerance is {self.tolerance_mm}: allowed is a number of at least {LEAST_TOLERANCE_MM} mm"
@@ -65,12 +66,12 @@ def _check_file(file: Path) -> None:
         raise InputError(f"there is no folder {file.absolute().parent} to write {file.name} to: make it first")
 
 
-def export(rig, request: Request) -> tuple[list[Path], str]:
+def export(rig: Rig, request: Request) -> tuple[list[Path], str]:
     """Write a rig's pose or clip; return the files, which appear whole or not at all, and what is in them, in words.
 
-    rig: any that keeps the Rig contract. Raises InputError for an unknown pose or clip, or a bad file of parameters.
+    Raises InputError for an unknown pose or clip, or a bad file of parameters.
     """
-    name, poses = chosen(rig, request)
+    name, poses = requested_poses(rig, request)
     file = _file(request.to) if request.to else paths.run_folder("export") / f"{rig.name}_{name}.glb"
     file.parent.mkdir(parents=True, exist_ok=True)
     about = {"character": rig.name, "pose": name}
@@ -81,7 +82,7 @@ def export(rig, request: Request) -> tuple[list[Path], str]:
         about |= {"clip": about.pop("pose"), "frames_per_second": FRAMES_PER_SECOND}
         data, tracks = animated_glb(rest, frames, about, request.tolerance_mm)
         write_whole(file, data)
-        return [file], _told(poses, tracks, len(data))
+        return [file], _summary(poses, tracks, len(data))
     head, *props = posed_parts(rig, poses[0])
     words = f"{len(head.vertices):,} vertices and {len(props)} props"
     if file.suffix.lower() == ".glb":
@@ -94,7 +95,7 @@ def export(rig, request: Request) -> tuple[list[Path], str]:
     return [file, material], words
 
 
-def _told(poses: np.ndarray, tracks: list, size_bytes: int) -> str:
+def _summary(poses: np.ndarray, tracks: list, size_bytes: int) -> str:
     head, worst = len(tracks[0].shapes), max(track.error_mm for track in tracks)
     return (
         f"{len(poses)} frames at {FRAMES_PER_SECOND} a second; {head} morph targets for the head, "
@@ -102,7 +103,7 @@ def _told(poses: np.ndarray, tracks: list, size_bytes: int) -> str:
     )
 
 
-def chosen(rig, request: Request) -> tuple[str, Float32[np.ndarray, "t m"]]:
+def requested_poses(rig: Rig, request: Request) -> tuple[str, Float32[np.ndarray, "t m"]]:
     """Return the name and the parameters (t, m) of what is asked for; a pose has one row."""
     if request.params is not None:
         return Path(request.params).stem, read_clip(rig, Path(request.params))
@@ -110,20 +111,20 @@ def chosen(rig, request: Request) -> tuple[str, Float32[np.ndarray, "t m"]]:
         clip = _clip(rig, request.clip)
         return clip.name, np.asarray(clip.values, np.float32)
     poses = expression_poses(rig)
-    wanted = request.pose if request.pose is not None else "neutral"
-    if wanted not in poses:
-        raise InputError(f"{rig.name} has no pose {shown(wanted)}: allowed are {', '.join(poses)}")
-    return wanted, poses[wanted][None]
+    name = request.pose if request.pose is not None else "neutral"
+    if name not in poses:
+        raise InputError(f"{rig.name} has no pose {shown(name)}: allowed are {', '.join(poses)}")
+    return name, poses[name][None]
 
 
-def _clip(rig, wanted: str):
+def _clip(rig, name: str):
     clips = {clip.name: clip for clip in rig.clips or ()}
-    if wanted in clips:
-        return clips[wanted]
+    if name in clips:
+        return clips[name]
     if not clips:
         raise InputError(f"{rig.name} has no clips: allowed are poses, and files of parameters")
-    number = as_whole_number(wanted)
+    number = as_whole_number(name)
     if number is not None and number < len(clips):
         return list(clips.values())[number]
     allowed = f"numbers from 0 to {len(clips) - 1} and {', '.join(clips)}"
-    raise InputError(f"{rig.name} has no clip {shown(wanted)}: allowed are {allowed}")
+    raise InputError(f"{rig.name} has no clip {shown(name)}: allowed are {allowed}")

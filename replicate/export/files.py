@@ -1,4 +1,4 @@
-"""Parts as bytes of OBJ and GLB, made by trimesh; and bytes as files that appear whole or not at all."""
+"""Parts as bytes of OBJ and GLB, by trimesh; and bytes as files that appear whole or not at all."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -21,7 +21,7 @@ AXES = "x to the character's left, y up, z forward"
 def glb(parts: Sequence[Part], about: dict, finish: Callable | None = None) -> bytes:
     """Return a GLB in metres, a node a part, with normals, vertex colours and, where there are any, UVs.
 
-    about: words kept as the scene's extras. finish: called with trimesh's buffers and glTF tree before they are joined.
+    about: words for the scene's extras. finish: called with trimesh's buffers and glTF tree before they are joined.
     """
     import trimesh
 

@@ -1,4 +1,4 @@
-"""A clip as few shapes and their weights: the smallest basis found that keeps every vertex within a stated distance.
+"""A clip as few shapes and their weights: a small basis that keeps every vertex within a stated distance.
 
 A vertex's offsets over time are nearly linear in a few dozen directions, also where it wrinkles. The singular vectors
 of the offsets are the best basis in the mean, but a file promises something about the *worst* vertex. So vertices that
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64
 
 PASSES = 2  # fits of one size, each with the vertices weighted by how far the one before was off
-STEP = 1 / 16  # sizes that differ by less than this share are not told apart: a try costs more than it saves
+STEP = 1 / 16  # sizes that differ by less than this share count as equal: a try costs more than it saves
 LEAST_WEIGHT = 0.03  # a vertex that is exact still counts, so that it stays so
 CHUNK_FLOATS = 4_000_000
 
@@ -39,9 +39,9 @@ def low_rank(offsets: Float32[np.ndarray, "t n 3"], tolerance_mm: float) -> LowR
         low, high = high, min(2 * high, most)
     while high - low > max(1, STEP * high):
         middle = (low + high) // 2
-        found, scale = _fit(offsets, middle, scale)
-        if found.error_mm <= tolerance_mm:
-            best, high = found, middle
+        trial, scale = _fit(offsets, middle, scale)
+        if trial.error_mm <= tolerance_mm:
+            best, high = trial, middle
         else:
             low = middle
     return best
@@ -54,7 +54,7 @@ def follow(weights: Float32[np.ndarray, "t k"], values: Float32[np.ndarray, "t n
 
 
 def _fit(offsets: np.ndarray, k: int, scale: Float[np.ndarray, " n"]) -> tuple[LowRank, Float[np.ndarray, " n"]]:
-    """Return the best found of rank k from these weights of the vertices on, and the weights to go on with."""
+    """Return the best fit of rank k from these weights of the vertices on, and the weights to go on with."""
     t, n, _ = offsets.shape
     if k == 0:
         shapes, weights = np.zeros((0, n, 3), np.float32), np.zeros((t, 0), np.float32)
@@ -75,7 +75,7 @@ def _fit(offsets: np.ndarray, k: int, scale: Float[np.ndarray, " n"]) -> tuple[L
 
 
 def _gram(offsets: np.ndarray, scale: Float[np.ndarray, " n"]) -> Float64[np.ndarray, "t t"]:
-    """Return the frames' products, vertices weighted; in double precision, since its roots are wanted."""
+    """Return the frames' products, vertices weighted; in double precision, since its roots are needed."""
     t, n, _ = offsets.shape
     gram = np.zeros((t, t))
     step = max(1, CHUNK_FLOATS // (3 * t))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
+from data_recipes.rig import Rig
 from replicate.drawing.characters import COLOURS, colours_by_segment
 from replicate.engine.progress import progress
 from replicate.geometry.normals import vertex_normals
@@ -35,11 +36,10 @@ def unit_normals(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "
     return normals
 
 
-def posed_parts(rig, params: Float[np.ndarray, " m"]) -> list[Part]:
+def posed_parts(rig: Rig, params: Float[np.ndarray, " m"]) -> list[Part]:
     """Return the head, its vertices those of the rig in their order, and the props, in one pose.
 
     Vertices of props that are in no face are left out: a sphere's pole is many vertices in one place.
-    rig: any that keeps the Rig contract; one of ours brings props.
     """
     mesh = rig.mesh
     vertices = rig(params)
@@ -58,7 +58,7 @@ def _props(rig, params: np.ndarray) -> list[tuple]:
     return rig.pose_props(params) if hasattr(rig, "pose_props") else []
 
 
-def moving_parts(rig, poses: Float[np.ndarray, "t m"]) -> tuple[list[Part], list[Float32[np.ndarray, "t n 3"]]]:
+def moving_parts(rig: Rig, poses: Float[np.ndarray, "t m"]) -> tuple[list[Part], list[Float32[np.ndarray, "t n 3"]]]:
     """Return the parts in the rig's neutral pose, and where the vertices of each are in every frame, in mm."""
     rest = posed_parts(rig, rig.default)
     used = [np.unique(faces) for _, _, faces, _ in _props(rig, rig.default)]
@@ -68,13 +68,13 @@ def moving_parts(rig, poses: Float[np.ndarray, "t m"]) -> tuple[list[Part], list
             batch = poses[first : first + BATCH]
             frames[0][first : first + BATCH] = rig(batch)
             for t, params in enumerate(batch, start=first):
-                for track, (_, vertices, _, _), kept in zip(frames[1:], _props(rig, params), used, strict=True):
-                    track[t] = vertices[kept]
+                for track, (_, vertices, _, _), rows in zip(frames[1:], _props(rig, params), used, strict=True):
+                    track[t] = vertices[rows]
                 bar.update(1)
     return rest, frames
 
 
-def by_material(rig, head: Part) -> list[Part]:
+def by_material(rig: Rig, head: Part) -> list[Part]:
     """Return a head's skin, teeth, gums, tongue and mouth as parts of their own, for files with a colour a part.
 
     Vertices keep their order; those on a border are in both parts, with the same normals.
@@ -86,11 +86,11 @@ def by_material(rig, head: Part) -> list[Part]:
         faces = head.faces[of_face == start]
         if len(faces):
             used, faces = np.unique(faces, return_inverse=True)
-            held = (array[used] for array in (head.vertices, head.normals))
+            arrays = (array[used] for array in (head.vertices, head.normals))
             parts.append(
                 Part(
                     f"{head.name}_{start}",
-                    *held,
+                    *arrays,
                     faces.reshape(-1, 3).astype(np.int32),
                     head.colours[used],
                     head.uv[used],

@@ -15,8 +15,8 @@ def cast() -> tuple[str, ...]:
 
 def order_of(character: str) -> tuple[int, str]:
     """Return what sorts characters: those that stand for one of the paper's in its order, then others by name."""
-    known = list(STANDS_FOR)
-    return (known.index(character) if character in known else len(known)), character
+    names = list(STANDS_FOR)
+    return (names.index(character) if character in names else len(names)), character
 
 
 def characters_of(rows: Iterable[Row]) -> list[str]:

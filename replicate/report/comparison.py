@@ -20,8 +20,8 @@ def compare(paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row]
     keys = {row.key[1:]: row.unit for row in (*reference, *yours) if row.table == table and _compared(row)}
     body: list[tuple[str, ...] | None] = []
     last = None
-    known = in_order({method for _, method, _ in keys})
-    for character, method, metric in sorted(keys, key=lambda key: _order(key, known)):
+    ordered = in_order({method for _, method, _ in keys})
+    for character, method, metric in sorted(keys, key=lambda key: _order(key, ordered)):
         group = (character,) if table == "table1" else (character, metric)  # counts and sizes stand together
         if last is not None and group != last:
             body.append(None)
@@ -62,9 +62,9 @@ def _compared(row: Row) -> bool:
     return not row.metric.endswith(("_p95", "_max", "_left_out", "_least", "_most")) and "texels" not in row.metric
 
 
-def _order(key: tuple[str, str, str], known: Sequence[str]) -> tuple:
+def _order(key: tuple[str, str, str], ordered: Sequence[str]) -> tuple:
     character, method, metric = key
-    place = known.index(method) if method in known else len(known)
+    place = ordered.index(method) if method in ordered else len(ordered)
     return character, metric != "vertex_error_mean", metric, place, method
 
 

@@ -46,13 +46,13 @@ def entries(folder: Path, target: str) -> dict[str, dict]:
 
 
 def targets(folder: Path) -> list[str]:
-    """Return the names of the targets that a folder's manifest tells of; none where it is missing or damaged."""
+    """Return the names of the targets in a folder's manifest; none where it is missing or damaged."""
     top, others = _other(folder)
     return [*([TOP] if top.get("characters") else []), *others]
 
 
 def section(folder: Path, target: str) -> dict:
-    """Return what a folder's manifest tells of one target: what all characters share, and each one's own facts.
+    """Return what a folder's manifest records of one target: what all characters share, and each one's own facts.
 
     Raises InputError, with the target that writes it, where there is no such thing, and for names of files that are
     somewhere else than in that folder.
@@ -72,7 +72,7 @@ def section(folder: Path, target: str) -> dict:
     try:
         own = dict(manifest["targets"][target])
     except (KeyError, TypeError, ValueError):
-        raise InputError(f"{file}: it tells nothing of {target}; `make {target}` writes it with the results.") from None
+        raise InputError(f"{file}: it has no entry for {target}; `make {target}` writes it with the results.") from None
     _check_files(file, target, own)
     return own
 
@@ -84,14 +84,14 @@ def _check_files(file: Path, target: str, own: dict) -> None:
         files = facts.get("files", []) if isinstance(facts, dict) else []
         for name in files if isinstance(files, list) else [files]:
             if not isinstance(name, str) or not re.fullmatch(rf"{re.escape(target)}_[^/\\\0]+", name):
-                found = f"files of {character} in {target} hold {name!r}"
-                raise InputError(f"{file}: {found}, where only plain names that begin with {target}_ are allowed.")
+                entry = f"files of {character} in {target} hold {name!r}"
+                raise InputError(f"{file}: {entry}, where only plain names that begin with {target}_ are allowed.")
 
 
 def write_entries(folder: Path, target: str, characters: dict[str, dict]) -> None:
     """Write one target's facts into a folder's manifest: what all characters share first, then each one's own.
 
-    What the manifest tells of other targets stays; a damaged manifest counts as none.
+    Entries of other targets stay; a damaged manifest counts as none.
     """
     each = list(characters.values())
     shared = {

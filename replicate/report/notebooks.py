@@ -11,6 +11,7 @@ import os
 import re
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from replicate.drawing.panels import Words, png
 from replicate.engine.atomic_files import write_text
@@ -23,6 +24,9 @@ from replicate.report.cast import order_of
 from replicate.report.manifest import section
 from replicate.report.results import Row, read_results
 from replicate.report.tables import Table, as_markdown, unbroken
+
+if TYPE_CHECKING:
+    import matplotlib.figure
 
 NOTEBOOKS = ROOT / "notebooks"
 TIMEOUT_S = 600
@@ -52,13 +56,13 @@ def figure_files(name: str, target: str) -> dict[str, list[Path]]:
     Raises InputError, with the target that makes them, where there are none or one is gone.
     """
     folder = folder_of(name)
-    found = {}
+    pictures = {}
     for character, facts in section(folder, target).get("characters", {}).items():
-        found[character] = [folder / file for file in facts.get("files", ()) if file.endswith(".png")]
-        gone = [file for file in found[character] if not file.is_file()]
+        pictures[character] = [folder / file for file in facts.get("files", ()) if file.endswith(".png")]
+        gone = [file for file in pictures[character] if not file.is_file()]
         if gone:
             raise InputError(f"{gone[0]}: there is no such picture; `make {target}` draws it.")
-    return dict(sorted(found.items(), key=lambda item: order_of(item[0])))
+    return dict(sorted(pictures.items(), key=lambda item: order_of(item[0])))
 
 
 def provenance_text(name: str, target: str = "table2") -> str:
@@ -68,7 +72,7 @@ def provenance_text(name: str, target: str = "table2") -> str:
     for character, own in (manifest.get("characters") or {"": {}}).items():
         facts = {**manifest, **own}
         for label, value in _facts_in_words(facts).items():
-            if value not in lines.values():  # what characters share is said once
+            if value not in lines.values():  # what characters share stands once
                 lines[f"{label}, {character}" if label in lines else label] = value
     return as_lines(lines)
 
@@ -89,13 +93,13 @@ def _facts_in_words(facts: dict) -> dict[str, str]:
 
 def _elsewhere(facts: dict) -> str:
     """Return which stages were made with other versions or on another kind of processor than the run itself."""
-    said = []
+    differences = []
     for title, stage in (facts.get("stages") or {}).items():
         own = {name: stage[name] for name in ("python", "processor", "instruction_set") if name in stage}
         own |= stage.get("packages", {})
         if own:
-            said.append(f"{title} ({', '.join(f'{name} {value}' for name, value in own.items())})")
-    return "; ".join(said)
+            differences.append(f"{title} ({', '.join(f'{name} {value}' for name, value in own.items())})")
+    return "; ".join(differences)
 
 
 def _commits(git: dict | None) -> str:
@@ -114,7 +118,7 @@ def show_table(table: Table) -> None:
     display(Markdown(unbroken(as_markdown(table))))
 
 
-def show(figure, words: Words) -> None:
+def show(figure: "matplotlib.figure.Figure", words: Words) -> None:
     """Show a figure in a notebook, with its alt text and its caption."""
     from IPython.display import Image, Markdown, display
 
@@ -139,7 +143,7 @@ def show_picture(file: Path) -> None:
 def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str | None = None) -> None:
     """Execute a notebook with other values in its first cell, and write it, byte for byte the same each time.
 
-    parameters: name → value; each must be assigned in the notebook's first cell. stamp: kept in the metadata. What
+    parameters: name → value; each must be assigned in the notebook's first cell. stamp: stored in the metadata. What
     cells write to stderr goes to ours. Raises InputError where a cell does, RunError where
     the kernel dies, and what nbclient raises for a cell that fails otherwise; `out` is then left as it was.
     """
@@ -184,27 +188,27 @@ def with_parameters(source: str, parameters: dict[str, object]) -> str:
     """Return a cell's source with other values assigned to some names; comments after the values stay."""
     lines = source.split("\n")
     for name, value in parameters.items():
-        found = [k for k, line in enumerate(lines) if line.startswith(f"{name} = ")]
-        if len(found) != 1:
-            raise InputError(f"the notebook's first cell assigns {name} {len(found)} times, where once is allowed.")
-        _, hash_, comment = lines[found[0]].partition("  # ")
-        lines[found[0]] = f"{name} = {json.dumps(value)}{hash_}{comment}"
+        places = [k for k, line in enumerate(lines) if line.startswith(f"{name} = ")]
+        if len(places) != 1:
+            raise InputError(f"the notebook's first cell assigns {name} {len(places)} times, where once is allowed.")
+        _, hash_, comment = lines[places[0]].partition("  # ")
+        lines[places[0]] = f"{name} = {json.dumps(value)}{hash_}{comment}"
     return "\n".join(lines)
 
 
 def _stable(outputs: list) -> list:
     """Join what was printed in several pieces; pass stderr on to ours; number no outputs; leave widgets out."""
-    kept: list = []
+    merged: list = []
     for output in outputs:
         if output.output_type == "stream" and output.name == "stderr":
             sys.stderr.write(output.text)
-        elif output.output_type == "stream" and kept and kept[-1].output_type == "stream":
-            kept[-1].text += output.text
+        elif output.output_type == "stream" and merged and merged[-1].output_type == "stream":
+            merged[-1].text += output.text
         elif WIDGET in output.get("data", {}):
             continue  # it has another name each time, and shows nothing without a kernel
         else:
-            kept.append(output)
-    return kept
+            merged.append(output)
+    return merged
 
 
 def run_notebook(name: str, results: str, **parameters: object) -> Path:

@@ -1,6 +1,6 @@
-"""One test pose as every method predicts it: chosen by a rule, and kept so small that it can be committed.
+"""One test pose as every method predicts it: by a rule, and stored so small that it can be committed.
 
-Figures and notebooks are drawn from this file, so they need neither a cache nor a trained network.
+Figures and notebooks read this file, so they need neither a cache nor a trained network.
 """
 
 import json

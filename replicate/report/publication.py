@@ -17,8 +17,8 @@ from replicate.report import manifest
 
 
 @dataclass(frozen=True)
-class Made:
-    """A configuration, and the stage whose artefact is its result."""
+class CharacterResult:
+    """A character's configuration, and the stage whose artefact is its result."""
 
     config: Config
     stage: Stage
@@ -44,15 +44,15 @@ def check_results_folder(profile: str) -> None:
     check_lock(_lock(folder))
 
 
-def by_character(made: Sequence[Made]) -> dict[str, list[Made]]:
-    """Return what was made by character: a list over its seeds."""
-    seeded: dict[str, list[Made]] = {}
-    for one in made:
+def by_character(results: Sequence[CharacterResult]) -> dict[str, list[CharacterResult]]:
+    """Return the results by character: a list over its seeds."""
+    seeded: dict[str, list[CharacterResult]] = {}
+    for one in results:
         seeded.setdefault(recipe_paths.recipe_file(one.config.character).stem, []).append(one)
     return seeded
 
 
-def facts_of(seeded: Sequence[Made], run: str) -> dict:
+def facts_of(seeded: Sequence[CharacterResult], run: str) -> dict:
     """Return what a manifest says of one character's results; run: the name of the run that they are of."""
     return manifest.facts_of([one.config for one in seeded], [one.stage for one in seeded], run)
 
@@ -70,7 +70,7 @@ def _lock(folder: Path) -> Path:
     return folder.with_name(f".{folder.name}.lock")
 
 
-def readable(read: Callable[[Path], object], file: Path):
+def readable(read: Callable[[Path], object], file: Path) -> object:
     """Return what a file holds, or None if it isn't there or is damaged, in whatever way."""
     try:
         return read(file)
@@ -78,7 +78,7 @@ def readable(read: Callable[[Path], object], file: Path):
         return None
 
 
-def publish_pictures(name: str, made: Sequence[Made]) -> None:
+def publish_pictures(name: str, results: Sequence[CharacterResult]) -> None:
     """Copy a figure of some characters, with its words and numbers, to the profile's folder, and execute its notebook.
 
     name: the target's; the artefacts' files are called name_character…. Of several seeds the first is shown. Figures of
@@ -86,8 +86,8 @@ def publish_pictures(name: str, made: Sequence[Made]) -> None:
     """
     from replicate.report.notebooks import run_notebook
 
-    profile = made[0].config.profile
-    folder, seeded = results_folder(profile), by_character(made)
+    profile = results[0].config.profile
+    folder, seeded = results_folder(profile), by_character(results)
     with alone(folder):
         before = manifest.entries(folder, name)
         facts = {

@@ -96,13 +96,13 @@ def over_seeds(runs: Sequence[Sequence[Row]]) -> list[Row]:
         for row in rows:
             same.setdefault(row.key, []).append(row)
     merged = []
-    for found in same.values():
-        values = [row.value for row in found]
-        poses = [row.poses for row in found if row.poses is not None]
-        facts = {"value": statistics.fmean(values), "sd": None, "seeds": len(found), "run": name}
+    for group in same.values():
+        values = [row.value for row in group]
+        poses = [row.poses for row in group if row.poses is not None]
+        facts = {"value": statistics.fmean(values), "sd": None, "seeds": len(group), "run": name}
         if len(values) > 1:
             facts["sd"] = statistics.stdev(values)
-        merged.append(replace(found[0], **facts, poses=min(poses) if poses else None))
+        merged.append(replace(group[0], **facts, poses=min(poses) if poses else None))
     return merged
 
 

@@ -1,4 +1,4 @@
-"""What a run is called in the column of that name."""
+"""The name of a run, as results have it in the column `run`."""
 
 import hashlib
 from collections.abc import Mapping

@@ -49,5 +49,5 @@ def _folder(run: str) -> Path:
 def _how_to_make(run: str) -> str:
     if run == "bench":
         return "`make bench-rig` writes the first, and `make help` lists the other benchmarks"
-    made = f"`make table1 PROFILE={run}` or `make table2 PROFILE={run}` writes them"
-    return made + (', and "published" are the paper\'s own' if run == "paper" else "")
+    advice = f"`make table1 PROFILE={run}` or `make table2 PROFILE={run}` writes them"
+    return advice + (', and "published" are the paper\'s own' if run == "paper" else "")

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from data_recipes.rig import Rig
 from replicate.geometry.alignment import align
 from replicate.geometry.rays import ray_hits
 
@@ -18,7 +19,7 @@ NEAR_RADII = 3.5  # an eye's surroundings, which move with its socket: skin with
 FAR_RADII = 12.0  # a broad nose can stand before an eye as far away as this
 CONE_DEG = 52.0  # about where the eye looks at rest: its lids and their corners, and nothing else's rim
 SPARE_DEG = 30.0  # by so much skin may come into the cone from beside it
-TOUCH_MM = 0.05  # what a lid may lie within an eyeball that is made of flat pieces
+TOUCH_MM = 0.05  # what a lid may lie within an eyeball of flat pieces
 FULL_BLINK = 0.98
 
 
@@ -45,7 +46,7 @@ class Lids:
     gap_mm: float
 
 
-def find_eyes(rig) -> Eyes | None:
+def find_eyes(rig: Rig) -> Eyes | None:
     """Return a rig's eyes, or None where it brings no eyeballs or has no controls called blink_left and blink_right."""
     columns = {control.name: index for index, control in enumerate(rig.controls)}
     balls = _eyeballs(rig.pose_props(rig.default)) if hasattr(rig, "pose_props") else {}
@@ -72,32 +73,32 @@ def find_eyes(rig) -> Eyes | None:
 
 
 def measure_lids(
-    rig, eyes: Eyes, params: Float[np.ndarray, " m"], vertices: Float[np.ndarray, "n 3"]
+    rig: Rig, eyes: Eyes, params: Float[np.ndarray, " m"], vertices: Float[np.ndarray, "n 3"]
 ) -> dict[str, Lids]:
     """Return side → Lids for the eyes that blink fully in a pose (m,); vertices: the rig's in that pose."""
     closed = [side for side in SIDES if params[eyes.blink[side]] >= FULL_BLINK]
     balls = _eyeballs(rig.pose_props(params)) if closed else {}
-    found = {}
+    lids = {}
     for side in closed:
         around = eyes.around[side]
         turn, _ = align(rig.mesh.neutral[around].astype(float), vertices[around].astype(float))
         shows, out = _rays(*balls[side], vertices[eyes.faces[side]], eyes.forward[side] @ turn)
         upper, lower = eyes.rims.get(side, (0, 0))
         gap = float(np.linalg.norm(vertices[upper] - vertices[lower]))
-        found[side] = Lids(shows / max(eyes.open_mm2[side], 1e-9), out, gap)
-    return found
+        lids[side] = Lids(shows / max(eyes.open_mm2[side], 1e-9), out, gap)
+    return lids
 
 
 def _eyeballs(props) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return side → vertices and faces of all props of that eye, but for what is lifted off the ball (the pupil)."""
-    found = {}
+    balls = {}
     for side in SIDES:
         parts = [p for p in props if p[0].startswith("eye_") and p[0].endswith(f"_{side}") and "pupil" not in p[0]]
         if parts:
             first = np.cumsum([0, *(len(part[1]) for part in parts)])
             faces = np.concatenate([part[2] + start for part, start in zip(parts, first, strict=False)])
-            found[side] = np.concatenate([part[1] for part in parts]).astype(float), faces
-    return found
+            balls[side] = np.concatenate([part[1] for part in parts]).astype(float), faces
+    return balls
 
 
 def _sphere(vertices: Float[np.ndarray, "k 3"]) -> tuple[Float[np.ndarray, " 3"], float]:

@@ -87,13 +87,13 @@ def find_mouth(mesh: Mesh) -> Mouth | None:
     return replace(mouth, resting=depths(mouth, mesh.neutral))
 
 
-def _edges_between(faces: np.ndarray, points: np.ndarray, wanted: np.ndarray) -> Int[np.ndarray, "e 2"]:
-    """Return the edges whose ends are both wanted points, as indices in `points`."""
+def _edges_between(faces: np.ndarray, points: np.ndarray, inside: np.ndarray) -> Int[np.ndarray, "e 2"]:
+    """Return the edges whose ends are both among some of the points, as indices in `points`."""
     every = edges(faces)
     number = np.full(faces.max() + 1, -1)
-    number[points[wanted]] = np.flatnonzero(wanted)
-    found = number[every]
-    return found[(found >= 0).all(1)]
+    number[points[inside]] = np.flatnonzero(inside)
+    pairs = number[every]
+    return pairs[(pairs >= 0).all(1)]
 
 
 def _outward(x: np.ndarray, points: np.ndarray, skin: np.ndarray) -> Float[np.ndarray, "k 3"]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from data_recipes.rig import Rig
 from replicate.approximation.samples import evaluate
 from replicate.engine.progress import progress
 from replicate.rig_health.eyelids import Eyes, Lids, measure_lids
@@ -15,9 +16,9 @@ from replicate.rig_health.skin_folds import Skin
 
 @dataclass(frozen=True)
 class Health:
-    """What was found in some poses, (b,) each.
+    """What is broken in some poses, (b,) each.
 
-    params (b, m). bad: vertices that are NaN or infinite; of such poses nothing else is measured. flipped: the share of
+    params (b, m). bad: vertices that are NaN or infinite; such poses have no other numbers. flipped: the share of
     the skin's triangles; furthest: in head sizes. through: kind of mouth part → depth in mm; empty if not
     asked for. lids: (pose, side, Lids) for each eye that blinks fully.
     """
@@ -31,7 +32,7 @@ class Health:
 
 
 def measure(
-    rig,
+    rig: Rig,
     params: Float[np.ndarray, "b m"],
     skin: Skin,
     mouth: Mouth | None = None,
@@ -57,8 +58,8 @@ def measure(
                     for kind, value in deepest(mouth, depths(mouth, vertices[k])).items():
                         through[kind][pose] = value
                 if eyes is not None:
-                    found = measure_lids(rig, eyes, params[pose], vertices[k])
-                    lids += [(int(pose), side, lid) for side, lid in found.items()]
+                    by_side = measure_lids(rig, eyes, params[pose], vertices[k])
+                    lids += [(int(pose), side, lid) for side, lid in by_side.items()]
             bar.update(len(vertices))
     return Health(np.asarray(params), bad, flipped, furthest, through, tuple(lids))
 
@@ -77,7 +78,7 @@ def strongest(controls: Sequence, params: Float[np.ndarray, " m"], count: int = 
     return ", ".join(f"{controls[k].name} {used[k]:+.2f}" for k in order if used[k])
 
 
-def each_alone(rig) -> tuple[list[str], Float[np.ndarray, "b m"]]:
+def each_alone(rig: Rig) -> tuple[list[str], Float[np.ndarray, "b m"]]:
     """Return poses of one control each, at its ends: names as "jaw_open 1", and parameters (b, m)."""
     names, poses = [], []
     for k, control in enumerate(rig.controls):

@@ -26,7 +26,7 @@ class Skin:
     mesh: Mesh
 
     @cached_property
-    def chosen(self) -> Int[np.ndarray, " f"]:
+    def face_indices(self) -> Int[np.ndarray, " f"]:
         """The indices of the skin's triangles among the mesh's."""
         skin = [not name.startswith(INSIDE) for name in self.mesh.segment_names]
         return np.flatnonzero(np.array(skin)[self.mesh.segment[self.mesh.faces]].all(1))
@@ -34,7 +34,7 @@ class Skin:
     @cached_property
     def faces(self) -> Int[np.ndarray, "f 3"]:
         """The skin's triangles."""
-        return self.mesh.faces[self.chosen]
+        return self.mesh.faces[self.face_indices]
 
     @cached_property
     def _around(self) -> sparse.csr_matrix:

@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from data_recipes.rig import Rig
 from replicate.drawing.characters import BACKGROUND, segment_colours
 from replicate.drawing.panels import Words, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
@@ -16,20 +18,24 @@ from replicate.rig_health.mouth_contents import depths, find_mouth
 from replicate.rig_health.pose_health import worst
 from replicate.rig_health.skin_folds import Skin
 
+if TYPE_CHECKING:
+    import matplotlib.figure
+
 SHOWN, COLUMNS = 10, 5
 FLIPPED, BESIDE, OUTSIDE = (220, 0, 110), (250, 190, 90), (220, 0, 110)
 SKIN = (214, 206, 198)
 LEAST = {"flips": 1e-9, "through": 0.05}  # what is worth a picture: a share, mm
 
 
-def worst_poses(rig, measured: Sequence, width: int = 250, height: int = 270, renderer=None):
+def worst_poses(
+    rig: Rig, sets: Sequence, width: int = 250, height: int = 270, renderer: str | None = None
+) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): the poses with most flipped triangles, then those whose teeth go furthest.
 
-    rig: any that keeps the Rig contract. measured: sets of poses with `kind`, `names` and `health`, as the benchmark of
-    poses finds them.
+    sets: of poses, each with `kind`, `names` and `health`, as the benchmark of poses has them.
     """
-    flips = _ranked(measured, lambda health: health.flipped, "flips")
-    deep = _ranked(measured, lambda health: health.through.get("teeth", ()), "through")
+    flips = _ranked(sets, lambda health: health.flipped, "flips")
+    deep = _ranked(sets, lambda health: health.through.get("teeth", ()), "through")
     skin, mouth = Skin(rig.mesh), find_mouth(rig.mesh)
     pictures, titles = [], []
     for value, name, params in flips:
@@ -70,20 +76,20 @@ def _words(rig, flips: list, deep: list) -> Words:
     )
 
 
-def _ranked(measured: Sequence, value_of, kind: str) -> list[tuple[float, str, np.ndarray]]:
+def _ranked(sets: Sequence, value_of, kind: str) -> list[tuple[float, str, np.ndarray]]:
     """Return the largest values of all sets with their poses' names and parameters, one a clip, largest first."""
-    found: dict[str, tuple[float, str, np.ndarray]] = {}
-    for one in measured:
+    entries: dict[str, tuple[float, str, np.ndarray]] = {}
+    for one in sets:
         values = value_of(one.health)
-        kept = 0
+        count = 0
         for k in worst(values, len(values)) if len(values) else ():
             source = one.names[k].rsplit(" ", 1)[0] if one.kind == "clips" else one.names[k]
-            if source not in found and values[k] >= LEAST[kind]:  # a sample can be in two sets
-                found[source] = float(values[k]), one.names[k], one.health.params[k]
-                kept += 1
-            if kept == SHOWN:
+            if source not in entries and values[k] >= LEAST[kind]:  # a sample can be in two sets
+                entries[source] = float(values[k]), one.names[k], one.health.params[k]
+                count += 1
+            if count == SHOWN:
                 break
-    return sorted(found.values(), key=lambda entry: -entry[0])[:SHOWN]
+    return sorted(entries.values(), key=lambda entry: -entry[0])[:SHOWN]
 
 
 def _flip_colours(mesh: Mesh, skin: Skin, flipped: Bool[np.ndarray, " f"]) -> np.ndarray:
@@ -92,7 +98,7 @@ def _flip_colours(mesh: Mesh, skin: Skin, flipped: Bool[np.ndarray, " f"]) -> np
     near = np.zeros(len(mesh.neutral), bool)
     near[skin.faces[flipped]] = True
     colours[near[mesh.faces].any(1)] = BESIDE
-    colours[skin.chosen[flipped]] = FLIPPED
+    colours[skin.face_indices[flipped]] = FLIPPED
     return colours
 
 

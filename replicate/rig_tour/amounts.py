@@ -5,23 +5,25 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float32
 
+from data_recipes.rig import Rig
 from replicate.engine.exceptions import InputError
 
 SIDES = ("left", "right")
 
 
-def posed(rig, amounts: Mapping[str, float]) -> Float32[np.ndarray, " m"]:
+def posed(rig: Rig, amounts: Mapping[str, float]) -> Float32[np.ndarray, " m"]:
     """Return parameters (m,): the defaults and these amounts; "*" in a name stands for both sides.
 
     Controls that a smaller rig lacks are left out. Raises InputError if it lacks all of them.
     """
     columns = {control.name: k for k, control in enumerate(rig.controls)}
-    params, found = rig.default.copy(), False
+    params, matches = rig.default.copy(), 0
     for pattern, amount in amounts.items():
         for name in dict.fromkeys(pattern.replace("*", side) for side in SIDES):
             if name in columns:
-                params[columns[name]], found = amount, True
-    if amounts and not found:
-        listed = ", ".join(amounts)
-        raise InputError(f"rig '{rig.name}': it has none of the controls {listed}; `rig.controls` lists those it has.")
+                params[columns[name]] = amount
+                matches += 1
+    if amounts and not matches:
+        names = ", ".join(amounts)
+        raise InputError(f"rig '{rig.name}': it has none of the controls {names}; `rig.controls` lists those it has.")
     return params

@@ -7,16 +7,21 @@ set a slider's `value` and look at `picture`.
 import io
 import time
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import UInt8
 
 from data_recipes.catalogue import expression_poses
+from data_recipes.rig import Rig
 from replicate.drawing.characters import BACKGROUND, character_surfaces
 from replicate.drawing.panels import DPI, Words
 from replicate.drawing.scene import camera_for
 from replicate.engine.exceptions import InputError
 from replicate.rig_tour.live_view import LiveView
+
+if TYPE_CHECKING:
+    import matplotlib.figure
 
 VIEWS = ("front", "three_quarter", "side", "forehead", "mouth")
 SHOWN_BARS = 26  # how many sliders the still picture has room for
@@ -29,14 +34,14 @@ class ControlPanel:
     params: (m,) the pose shown; picture: (height, width, 3) uint8; times_ms: how long the last picture took, by part.
     """
 
-    def __init__(self, rig, width: int = 400, height: int = 440, renderer: str | None = None):
+    def __init__(self, rig: Rig, width: int = 400, height: int = 440, renderer: str | None = None):
         import ipywidgets as widgets
 
         self.rig, self.params = rig, rig.default.copy()
         self.times_ms: dict[str, float] = {}
         self.picture: UInt8[np.ndarray, "h w 3"] = np.zeros((height, width, 3), np.uint8)
         self._view = LiveView(width, height, BACKGROUND, renderer=renderer)
-        self._held = False  # several sliders change, and one picture is wanted
+        self._held = False  # while several sliders change for one picture
         self._presets = expression_poses(rig)
         self.sliders = {c.name: self._slider(widgets, k, c) for k, c in enumerate(rig.controls)}
         regions = list(dict.fromkeys(c.region for c in rig.controls))
@@ -56,8 +61,8 @@ class ControlPanel:
         self.camera.observe(lambda change: self.draw(), "value")
         self.wrinkles.observe(lambda change: self.draw(), "value")
         self.reset.on_click(lambda button: self.show("neutral"))
-        chosen = [self.expression, self.region, self.camera, widgets.HBox([self.wrinkles, self.reset])]
-        self.widget = widgets.HBox([widgets.VBox([self._image, self._words]), widgets.VBox([*chosen, self._box])])
+        choices = [self.expression, self.region, self.camera, widgets.HBox([self.wrinkles, self.reset])]
+        self.widget = widgets.HBox([widgets.VBox([self._image, self._words]), widgets.VBox([*choices, self._box])])
         self._list()
         self.draw()
 
@@ -109,20 +114,20 @@ class ControlPanel:
             surfaces[0] = replace(surfaces[0], vertices=smooth)
         posed = time.perf_counter()
         self.picture = self._view.draw(surfaces, camera)
-        drawn = time.perf_counter()
+        rendered = time.perf_counter()
         self._image.value = _png(self.picture)
         ended = time.perf_counter()
-        parts = {"rig": posed - started, "drawing": drawn - posed, "PNG": ended - drawn, "all": ended - started}
+        parts = {"rig": posed - started, "drawing": rendered - posed, "PNG": ended - rendered, "all": ended - started}
         self.times_ms = {name: 1e3 * seconds for name, seconds in parts.items()}
         self._words.value = "  ".join(f"{name} {ms:.0f} ms" for name, ms in self.times_ms.items())
 
 
-def control_panel(rig, width: int = 400, height: int = 440, renderer: str | None = None) -> ControlPanel:
+def control_panel(rig: Rig, width: int = 400, height: int = 440, renderer: str | None = None) -> ControlPanel:
     """Return a panel for any rig that keeps the contract; wrinkles can be switched off on those built from recipes."""
     return ControlPanel(rig, width, height, renderer)
 
 
-def still(panel: ControlPanel):
+def still(panel: ControlPanel) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): a panel's picture, and the sliders of its region as bars, or as many as fit."""
     from matplotlib.figure import Figure
 
@@ -145,10 +150,10 @@ def still(panel: ControlPanel):
     fold = "on" if panel.wrinkles.value else "off"
     region, expression = panel.region.value, panel.expression.value
     axes.set_title(f"expression: {expression}   region: {region}   wrinkles: {fold}", fontsize=8, x=0.2)
-    listed = f"{len(columns)} controls" if len(bars) == len(columns) else f"{len(bars)} of {len(columns)} controls"
+    controls = f"{len(columns)} controls" if len(bars) == len(columns) else f"{len(bars)} of {len(columns)} controls"
     return figure, Words(
-        f"The character {panel.rig.name}, {expression}, beside {listed} of the region {region} as bars.",
-        f"The panel as it opens, without a kernel: {panel.rig.name}, {expression}; {listed} of the region {region}.",
+        f"The character {panel.rig.name}, {expression}, beside {controls} of the region {region} as bars.",
+        f"The panel as it opens, without a kernel: {panel.rig.name}, {expression}; {controls} of the region {region}.",
     )
 
 

@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from data_recipes.rig import Rig
 from replicate.drawing.panels import DPI, Words, panel_grid
 from replicate.drawing.render import render
 from replicate.drawing.scene import Surface, camera_for
@@ -13,19 +15,23 @@ from replicate.drawing.style import tidy
 from replicate.rig_tour.amounts import posed
 from replicate.rig_tour.layers import clay
 
+if TYPE_CHECKING:
+    import matplotlib.axes
+    import matplotlib.figure
+
 NO_REGION = (205, 205, 205)
 DIVERGING = "RdBu_r"  # red is compressed, blue is stretched, white is at rest
 STEPS = np.linspace(0, 1, 13)
 
 
-def strain(rig, params: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
+def strain(rig: Rig, params: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
     """Return c̃ at every vertex; where regions overlap, the larger one in size; NaN outside all of them."""
-    found = np.full(len(rig.mesh.neutral), np.nan)
+    compression = np.full(len(rig.mesh.neutral), np.nan)
     for state in rig.wrinkle_states(params).values():
-        known = np.nan_to_num(found[state.vertices])
-        larger = np.abs(state.compression) >= np.abs(known)
-        found[state.vertices] = np.where(larger, state.compression, known)
-    return found
+        before = np.nan_to_num(compression[state.vertices])
+        larger = np.abs(state.compression) >= np.abs(before)
+        compression[state.vertices] = np.where(larger, state.compression, before)
+    return compression
 
 
 def strain_colours(strain: Float[np.ndarray, " n"], limit: float) -> UInt8[np.ndarray, "n 3"]:
@@ -37,8 +43,8 @@ def strain_colours(strain: Float[np.ndarray, " n"], limit: float) -> UInt8[np.nd
     return colours
 
 
-def strain_bar(figure, axes, limit: float):
-    """Draw the bar of `strain_colours` in the given axes."""
+def strain_bar(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes", limit: float) -> None:
+    """Draw the bar of `strain_colours` in `axes`."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -49,19 +55,19 @@ def strain_bar(figure, axes, limit: float):
 
 
 def strain_sheet(
-    rig, poses: Mapping[str, Float[np.ndarray, " m"]], limit: float = 0.2, width: int = 200, height: int = 218,
-    renderer=None,
-):  # fmt: skip
+    rig: Rig, poses: Mapping[str, Float[np.ndarray, " m"]], limit: float = 0.2, width: int = 200, height: int = 218,
+    renderer: str | None = None,
+) -> "tuple[matplotlib.figure.Figure, Words]":  # fmt: skip
     """Return (figure, words): the diffused compression of every region in some poses, and the folds that it raises."""
     view = camera_for("front", rig.mesh.neutral)
     draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
     strained, folded, spoken = [], [], []
     for title, params in poses.items():
-        vertices, found = rig(params), strain(rig, params)
-        paint = strain_colours(found, limit)
+        vertices, compression = rig(params), strain(rig, params)
+        paint = strain_colours(compression, limit)
         strained.append(draw([Surface(vertices, rig.mesh.faces, lit=False, smooth=False, paint=paint)]))
         folded.append(draw(clay(rig, vertices, params)))
-        spoken.append(f"{title} {100 * np.nanmax(found):.0f} %")
+        spoken.append(f"{title} {100 * np.nanmax(compression):.0f} %")
     figure = panel_grid(
         [strained, folded], list(poses), ("compression", "surface"), (0, 0, partial(strain_bar, limit=limit))
     )
@@ -73,7 +79,9 @@ def strain_sheet(
     )
 
 
-def fold_chart(rig, amounts: Mapping[str, float], region: str = "forehead"):
+def fold_chart(
+    rig: Rig, amounts: Mapping[str, float], region: str = "forehead"
+) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): one region while controls rise from 0 to these amounts.
 
     Left, the vertex that ends highest: compression, its excess over the threshold, height. Middle: excess against

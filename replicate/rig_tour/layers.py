@@ -3,10 +3,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
+from data_recipes.rig import Rig
 from replicate.drawing.heatmap import colour_bar, error_colours
 from replicate.drawing.panels import Words, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
@@ -14,6 +16,10 @@ from replicate.drawing.render import render
 from replicate.drawing.scene import Surface, camera_for
 from replicate.report.tables import Table
 from replicate.rig_tour.amounts import posed
+
+if TYPE_CHECKING:
+    import matplotlib.axes
+    import matplotlib.figure
 
 SCALES_MM = (0.5, 1, 2, 3, 5, 8, 12, 20, 30, 50, 80)  # upper ends of the heatmaps
 MOVED_MM = 0.1  # a vertex that a layer moves by more counts as moved
@@ -82,7 +88,9 @@ EXHIBITS = (
 ABREAST = 2  # layers in a row
 
 
-def layer_sheet(rig, exhibits: Sequence[Exhibit] = EXHIBITS, width: int = 150, height: int = 165, renderer=None):
+def layer_sheet(
+    rig: Rig, exhibits: Sequence[Exhibit] = EXHIBITS, width: int = 150, height: int = 165, renderer: str | None = None
+) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): each layer's exhibit without it, with it, and how far it moves the surface in the end.
 
     Everything else is the same in both, the layers that come after included. rig: one built from a recipe.
@@ -114,14 +122,21 @@ def layer_sheet(rig, exhibits: Sequence[Exhibit] = EXHIBITS, width: int = 150, h
     )
 
 
-def share_bar(figure, axes) -> None:
+def share_bar(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes") -> None:
     """Draw one bar for heatmaps whose scales stand above them."""
     bar = colour_bar(figure, axes, 100.0, "% of the scale above each heatmap")
     bar.set_ticks([0, 50, 100])
     bar.ax.tick_params(labelsize=8)
 
 
-def build_up(rig, amounts: Mapping[str, float], width: int = 132, height: int = 146, columns: int = 7, renderer=None):
+def build_up(
+    rig: Rig,
+    amounts: Mapping[str, float],
+    width: int = 132,
+    height: int = 146,
+    columns: int = 7,
+    renderer: str | None = None,
+) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): one pose after each node, from the neutral face on."""
     params = posed(rig, amounts)
     view = camera_for("front", rig.mesh.neutral)
@@ -145,7 +160,7 @@ def build_up(rig, amounts: Mapping[str, float], width: int = 132, height: int = 
     )
 
 
-def layer_table(rig, poses: Float[np.ndarray, "b m"], exhibits: Sequence[Exhibit] = EXHIBITS) -> Table:
+def layer_table(rig: Rig, poses: Float[np.ndarray, "b m"], exhibits: Sequence[Exhibit] = EXHIBITS) -> Table:
     """Return how far each layer moves the final surface over some poses, in the order of evaluation."""
     whole = rig.run_nodes(poses)
     lines = []
@@ -172,7 +187,7 @@ def scale_for(moved: Float[np.ndarray, " n"]) -> float:
     return next((scale for scale in SCALES_MM if far <= scale), SCALES_MM[-1])
 
 
-def clay(rig, vertices: Float[np.ndarray, "n 3"], params: Float[np.ndarray, " m"]) -> list[Surface]:
+def clay(rig: Rig, vertices: Float[np.ndarray, "n 3"], params: Float[np.ndarray, " m"]) -> list[Surface]:
     """Return the surface as clay, with the eyeballs of a pose."""
     eyes = [prop for prop in rig.pose_props(params) if prop[0].startswith("eye")]
     return [Surface(np.asarray(vertices, np.float32), rig.mesh.faces), *prop_surfaces(eyes)]

@@ -34,9 +34,9 @@ def command(arguments: Sequence[str] | None = None) -> None:
     settle_folders(*OUTSIDE.values())
     words = list(sys.argv[1:] if arguments is None else arguments)
     target = targets().get(words[0]) if words else None
-    given = without_foreign(words, {f"--{option}" for option in target.options} if target else ())
-    options = parser().parse_args(given)
-    options.typed = ["python", "-m", "replicate", *given]
+    own = without_foreign(words, {f"--{option}" for option in target.options} if target else ())
+    options = parser().parse_args(own)
+    options.typed = ["python", "-m", "replicate", *own]
     targets()[options.target].run(options)
 
 

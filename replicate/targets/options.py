@@ -84,9 +84,9 @@ def characters(options: argparse.Namespace) -> list[str]:
     recipes: dict[str, tuple[Path, str]] = {}
     for character in words(options.characters):
         file = recipe_file(character)
-        known, _ = recipes.setdefault(file.stem, (file, character))
-        if known != file:
-            both = f"{paths.shown(known)} and {paths.shown(file)}"
+        first, _ = recipes.setdefault(file.stem, (file, character))
+        if first != file:
+            both = f"{paths.shown(first)} and {paths.shown(file)}"
             raise InputError(f"{both} would both be {file.stem!r} in the results: rename one of them")
     if not recipes:
         raise InputError(f"no character is named: allowed are {', '.join(character_names())}")

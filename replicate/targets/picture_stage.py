@@ -1,11 +1,11 @@
-"""What the stages that draw figures have in common."""
+"""The settings of stages that draw figures."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Picture:
-    """Whose figure is drawn, and the seed that examples are chosen with."""
+    """Whose figure is drawn, and the seed that decides its examples."""
 
     character: str
     seed: int

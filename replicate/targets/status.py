@@ -17,8 +17,8 @@ def run(options: argparse.Namespace) -> None:
     from replicate.targets.target_registry import targets
 
     for config in configurations(options):
-        plan, chosen = Plan(config), methods(options, config)
-        graphs = [target.stages(plan, chosen) for target in targets().values() if target.stages]
+        plan, rows = Plan(config), methods(options, config)
+        graphs = [target.stages(plan, rows) for target in targets().values() if target.stages]
         for stage, state in states([stage for graph in graphs for stage in graph]):
             print(f"{stage.title:28} {stage.key}  {state}")
     entries = inventory()

@@ -37,11 +37,11 @@ def one_character() -> tuple[str, ...]:
 @cache
 def targets() -> dict[str, Target]:
     """Return all targets by name, tables first."""
-    found = {}
+    registry = {}
     for _, name, _ in pkgutil.iter_modules(importlib.import_module(PACKAGE).__path__):
         module = importlib.import_module(f"{PACKAGE}.{name}")
         if hasattr(module, "ABOUT"):
-            found[name] = Target(
+            registry[name] = Target(
                 name,
                 module.ABOUT,
                 module.WRITES,
@@ -51,4 +51,4 @@ def targets() -> dict[str, Target]:
                 getattr(module, "stages", None),
                 getattr(module, "COMPARED", False),
             )
-    return dict(sorted(found.items(), key=lambda item: (item[1].stages is None, not item[1].compared, item[0])))
+    return dict(sorted(registry.items(), key=lambda item: (item[1].stages is None, not item[1].compared, item[0])))

@@ -19,7 +19,7 @@ from data_recipes.rig import Clip
 from replicate import __main__ as cli
 from replicate.engine.exceptions import InputError
 from replicate.export import command
-from replicate.export.command import Request, chosen, export
+from replicate.export.command import Request, export, requested_poses
 from replicate.export.files import write_whole
 from replicate.export.low_rank import follow, low_rank
 from replicate.geometry.mesh import Mesh
@@ -220,16 +220,16 @@ def test_a_file_of_parameters_is_a_pose_or_a_clip(tmp_path):
 
 def test_poses_and_clips_go_by_their_names_and_clips_by_their_numbers_too():
     rig = foreign((Clip("nod", np.zeros((2, 1))), Clip("12", np.ones((3, 1)))))
-    assert [chosen(rig, Request(clip=wanted))[0] for wanted in ("nod", "0", "00", "1", "12")] == [
+    assert [requested_poses(rig, Request(clip=wanted))[0] for wanted in ("nod", "0", "00", "1", "12")] == [
         "nod", "nod", "nod", "12", "12",
     ]  # fmt: skip
-    assert chosen(rig, Request())[0] == "neutral"
+    assert requested_poses(rig, Request())[0] == "neutral"
     with pytest.raises(InputError, match=r"no clip '2': allowed are numbers from 0 to 1 and nod, 12"):
-        chosen(rig, Request(clip="2"))
+        requested_poses(rig, Request(clip="2"))
     with pytest.raises(InputError, match="box has no pose 'joy': allowed are neutral"):
-        chosen(rig, Request(pose="joy"))
+        requested_poses(rig, Request(pose="joy"))
     with pytest.raises(InputError, match="box has no clips"):
-        chosen(foreign(), Request(clip="0"))
+        requested_poses(foreign(), Request(clip="0"))
 
 
 @pytest.mark.parametrize(

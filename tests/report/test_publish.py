@@ -16,7 +16,7 @@ from replicate.engine import store
 from replicate.engine.stage import Stage
 from replicate.report import manifest, notebooks
 from replicate.report.pose_record import PoseRecord, save_pose
-from replicate.report.publication import Made, publish_pictures
+from replicate.report.publication import CharacterResult, publish_pictures
 from replicate.report.results import read_results, write_results
 from replicate.report.training_curves import read_curves, write_curves
 from replicate.targets import table1
@@ -35,7 +35,9 @@ def place(tmp_path, cache, monkeypatch):
 GIT = {"commit": "c0ffee", "clean": True}
 
 
-def made(character: str, seed: int = 0, run: str = "r", git: dict | None = GIT, split: str = "frames") -> Made:
+def result(
+    character: str, seed: int = 0, run: str = "r", git: dict | None = GIT, split: str = "frames"
+) -> CharacterResult:
     """Return a character whose table's artefact holds made-up numbers."""
 
     def build(out, scratch):
@@ -48,10 +50,10 @@ def made(character: str, seed: int = 0, run: str = "r", git: dict | None = GIT, 
 
     stage = Stage("table2", "toy_stages:numbers", ToyConfig(seed), label=f"{character}-{run}")
     store.make(stage.identifier, build)
-    return Made(resolve(character, "quick", {"samples": {"split": split}}, seed=seed), stage)
+    return CharacterResult(resolve(character, "quick", {"samples": {"split": split}}, seed=seed), stage)
 
 
-def publish_numbers(*runs: Made) -> None:
+def publish_numbers(*runs: CharacterResult) -> None:
     publishing.publish(runs, draw=False)
 
 
@@ -65,18 +67,18 @@ def characters(place) -> list[set[str]]:
 
 
 def test_characters_published_one_after_the_other_stand_side_by_side(place):
-    publish_numbers(made("teen"))
-    publish_numbers(made("tiny"))
+    publish_numbers(result("teen"))
+    publish_numbers(result("tiny"))
     assert characters(place) == [{"teen", "tiny"}] * 3
     before = {file: (place / file).read_bytes() for file in FILES}
-    publish_numbers(made("tiny"))
+    publish_numbers(result("tiny"))
     assert {file: (place / file).read_bytes() for file in FILES} == before
 
 
 @pytest.mark.parametrize("harm", ["gone", "empty", "garbage", "cut"])
 @pytest.mark.parametrize("file", FILES)
 def test_a_file_that_is_gone_or_damaged_is_written_again(place, file, harm):
-    runs = made("teen"), made("tiny")
+    runs = result("teen"), result("tiny")
     publish_numbers(*runs)
     whole = {name: (place / name).read_bytes() for name in FILES}
     (place / file).unlink()
@@ -90,31 +92,31 @@ def test_a_file_that_is_gone_or_damaged_is_written_again(place, file, harm):
 
 @pytest.mark.parametrize("text", ["7", "[]", "{}", '{"characters": []}', '{"characters": {"teen": 7}}'])
 def test_a_manifest_of_another_shape_counts_as_none(place, text):
-    publish_numbers(made("teen"))
+    publish_numbers(result("teen"))
     (place / "manifest.json").write_text(text)
-    publish_numbers(made("tiny"))
+    publish_numbers(result("tiny"))
     assert characters(place) == [{"tiny"}] * 3
 
 
 def test_a_character_without_an_entry_in_the_manifest_is_left_out(place):
-    publish_numbers(made("teen"), made("tiny"))
+    publish_numbers(result("teen"), result("tiny"))
     manifest = json.loads((place / "manifest.json").read_text())
     del manifest["characters"]["teen"]
     (place / "manifest.json").write_text(json.dumps(manifest))
-    publish_numbers(made("tiny"))
+    publish_numbers(result("tiny"))
     assert characters(place) == [{"tiny"}] * 3
 
 
 def test_rows_of_another_run_than_the_manifests_are_left_out(place):
-    publish_numbers(made("teen"))
+    publish_numbers(result("teen"))
     rows = [replace(row, run="killed before the manifest was written") for row in table2_rows()]
     write_results(place / "table2.csv", rows)
-    publish_numbers(made("tiny"))
+    publish_numbers(result("tiny"))
     assert characters(place) == [{"tiny"}] * 3
 
 
 def test_two_processes_that_publish_at_once_lose_no_rows(place, monkeypatch, capsys):
-    runs, read, reading = [made("teen"), made("tiny")], publishing.read_curves, threading.Event()
+    runs, read, reading = [result("teen"), result("tiny")], publishing.read_curves, threading.Event()
 
     def read_slowly(file):
         if file.parent == place and not reading.is_set():
@@ -133,7 +135,7 @@ def test_two_processes_that_publish_at_once_lose_no_rows(place, monkeypatch, cap
 
 
 def test_the_lock_is_free_after_a_failure_and_lies_outside_the_results(place, monkeypatch):
-    run = made("teen")
+    run = result("teen")
     monkeypatch.setattr(table2_figures, "open_table2", lambda folder: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         publishing.publish([run])
@@ -166,37 +168,37 @@ ALL = [*table2_figures.table2_figure_names("teen"), "table2.ipynb"]
 
 
 def test_figures_and_notebook_are_made_once(place, drawing):
-    publishing.publish([made("teen")])
+    publishing.publish([result("teen")])
     assert drawing == ALL
     assert all((place / f"{name}.png").is_file() for name in ALL[:-1])
-    publishing.publish([made("teen")])
+    publishing.publish([result("teen")])
     assert drawing == ALL, "both show these results already"
-    publishing.publish([made("teen", run="another")])
+    publishing.publish([result("teen", run="another")])
     assert drawing == ALL * 2
 
 
 @pytest.mark.parametrize("gone", ["figure09_teen.png", "table2_teen_curves.json"])
 def test_a_figure_that_is_gone_is_drawn_again(place, drawing, gone):
-    publishing.publish([made("teen")])
+    publishing.publish([result("teen")])
     (place / gone).unlink()
     drawing.clear()
-    publishing.publish([made("teen")])
+    publishing.publish([result("teen")])
     assert (place / gone).is_file() and drawing == ALL[:-1], "the notebook need not be executed for it"
 
 
 def test_figures_that_a_killed_process_left_old_are_drawn_again(drawing, monkeypatch):
-    publishing.publish([made("teen")])
+    publishing.publish([result("teen")])
     with monkeypatch.context() as killed:
         killed.setattr("replicate.drawing.panels.save_figure", lambda *given: 1 / 0)
         with pytest.raises(ZeroDivisionError):
-            publishing.publish([made("teen", run="another")])
+            publishing.publish([result("teen", run="another")])
     drawing.clear()
-    publishing.publish([made("teen", run="another")])
+    publishing.publish([result("teen", run="another")])
     assert drawing == ALL
 
 
 def test_the_notebook_is_executed_again_when_only_the_manifest_changes(place, drawing):
-    publishing.publish([made("teen")])
+    publishing.publish([result("teen")])
     manifest = json.loads((place / "manifest.json").read_text())
     assert notebooks.is_current("table2", "quick", HEATMAP_DEG=10.0)
     (place / "manifest.json").write_text(json.dumps(manifest | {"processor": "abacus"}))
@@ -204,7 +206,7 @@ def test_the_notebook_is_executed_again_when_only_the_manifest_changes(place, dr
 
 
 def test_a_character_is_clean_only_if_all_its_seeds_are(place):
-    publish_numbers(made("tiny"), made("teen"), made("teen", 1, git={"commit": "f00d", "clean": False}))
+    publish_numbers(result("tiny"), result("teen"), result("teen", 1, git={"commit": "f00d", "clean": False}))
     manifest = json.loads((place / "manifest.json").read_text())
     assert "git" not in manifest, "they share none"
     assert manifest["characters"]["tiny"]["git"] == GIT
@@ -213,9 +215,9 @@ def test_a_character_is_clean_only_if_all_its_seeds_are(place):
 
 
 def test_what_is_published_says_how_the_poses_were_split(place, capsys):
-    publish_numbers(made("teen"))
+    publish_numbers(result("teen"))
     assert capsys.readouterr().out.count("\nsplit by frames, as in the paper\n") == 1
-    publish_numbers(made("tiny", split="clips"))
+    publish_numbers(result("tiny", split="clips"))
     assert "\nsplit by clips\n" in capsys.readouterr().out
     facts = json.loads((place / "manifest.json").read_text())["characters"]
     assert {name: own["split"] for name, own in facts.items()} == {"teen": "frames", "tiny": "clips"}
@@ -236,7 +238,7 @@ def executed(place, monkeypatch):
     return done
 
 
-def counted(character: str, seed: int = 0, run: str = "r", small: float = 8.0) -> Made:
+def counted(character: str, seed: int = 0, run: str = "r", small: float = 8.0) -> CharacterResult:
     """Return a character whose artefact holds made-up sizes for Table 1."""
 
     def build(out, scratch):
@@ -245,7 +247,7 @@ def counted(character: str, seed: int = 0, run: str = "r", small: float = 8.0) -
 
     stage = Stage("table1", "toy_stages:numbers", ToyConfig(seed), label=f"{character}-{run}")
     store.make(stage.identifier, build)
-    return Made(resolve(character, "quick", seed=seed), stage)
+    return CharacterResult(resolve(character, "quick", seed=seed), stage)
 
 
 def test_table_1_is_published_character_by_character_with_the_claim(place, executed, capsys):
@@ -277,7 +279,7 @@ def test_rows_of_table_1_that_the_manifest_does_not_know_are_left_out(place, exe
     assert {row.character for row in read_results(place / "table1.csv")} == {"tiny"}
 
 
-def drawn(character: str, run: str = "r", clips: bool = True) -> Made:
+def drawn(character: str, run: str = "r", clips: bool = True) -> CharacterResult:
     """Return a character whose artefact holds its Figure 5, with or without strips of clips."""
 
     def build(out, scratch):
@@ -288,7 +290,7 @@ def drawn(character: str, run: str = "r", clips: bool = True) -> Made:
 
     stage = Stage("figure05", "toy_stages:numbers", ToyConfig(0), label=f"{character}-{run}")
     store.make(stage.identifier, build)
-    return Made(resolve(character, "quick"), stage)
+    return CharacterResult(resolve(character, "quick"), stage)
 
 
 def test_a_figure_is_copied_with_its_words_and_numbers_and_others_stay(place, executed, capsys):
@@ -313,13 +315,13 @@ def test_a_picture_that_a_character_no_longer_has_is_removed_and_one_that_is_gon
 
 
 def test_what_the_manifest_tells_of_one_target_stays_when_another_is_published(place, executed):
-    publish_numbers(made("teen"))
+    publish_numbers(result("teen"))
     top = json.loads((place / "manifest.json").read_text())
     table1.publish([counted("tiny")])
     publish_pictures("figure05", [drawn("teen")])
     told = json.loads((place / "manifest.json").read_text())
     assert set(told.pop("targets")) == {"figure05", "table1"} and told == top
-    publish_numbers(made("teen"), made("tiny"))
+    publish_numbers(result("teen"), result("tiny"))
     assert set(json.loads((place / "manifest.json").read_text())["targets"]) == {"figure05", "table1"}
     assert set(manifest.entries(place, "table1")) == {"tiny"} and "tiny" in manifest.entries(place, "table2")
 

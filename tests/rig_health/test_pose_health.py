@@ -1,6 +1,5 @@
 """Broken poses: each criterion is silent on sound ones and says how much of a fault that was built in."""
 
-import types
 from dataclasses import replace
 from functools import cache
 
@@ -262,7 +261,7 @@ def test_an_eyeball_that_pops_out_of_its_lids_sticks_out_by_so_much():
 
 
 def test_a_rig_without_eyeballs_has_no_eyes():
-    assert find_eyes(types.SimpleNamespace(controls=(), mesh=None)) is None
+    assert find_eyes(folding()) is None
 
 
 # -- many poses --------------------------------------------------------------------------------------------------
@@ -297,7 +296,7 @@ def test_measured_poses_say_which_of_them_is_broken_and_by_what():
 def test_the_benchmark_writes_a_set_a_kind_of_pose_and_keeps_other_characters(capsys, monkeypatch, tmp_path):
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path))
     clip = Clip("tug", np.float32([[0, 0], [0, 0], [0.2, 0], [1, 0]] + [[0.3 + k / 100, 0.1] for k in range(30)]))
-    monkeypatch.setattr(bench_poses, "made_rig", lambda name: folding((clip,)) if name == "a" else folding())
+    monkeypatch.setattr(bench_poses, "rig_of", lambda name: folding((clip,)) if name == "a" else folding())
     monkeypatch.setattr(bench_poses, "UNIFORM_MOUTHS", 8)
     monkeypatch.setattr("replicate.rig_health.worst_poses.render", lambda *given: np.zeros((270, 250, 3), np.uint8))
     assert bench_poses.main(["--characters", "a", "--count", "40"]) == 0

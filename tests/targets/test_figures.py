@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import hsv_to_rgb
 from PIL import Image
+from plain_rig import PlainRig
 from sample_rows import CURVE, PUBLISHED, table2_rows
 from scipy.ndimage import gaussian_filter
 
@@ -183,7 +184,7 @@ def test_an_expression_sheet_shows_every_pose_with_its_title_and_props(record):
     assert {tuple(colour) for colour in segment_colours(mesh)} == {(226, 178, 148), (245, 242, 230)}
     eye = record.neutral * 0.2 + np.float32([0, 0, 60])
 
-    class Rig(SimpleNamespace):
+    class Rig(SimpleNamespace, PlainRig):
         def __call__(self, params):
             return mesh.neutral + np.float32([params[0], 0, 0])
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from PIL import Image
+from plain_rig import PlainRig
 
 from data_recipes.controls import Control
 from data_recipes.rig import Clip
@@ -36,7 +37,7 @@ from replicate.targets.figure08.refinement_segments import (
 NAMES = ("face", "neck", "tooth_1", "tooth_2")
 
 
-class Plate(SimpleNamespace):
+class Plate(SimpleNamespace, PlainRig):
     """A plate of 9 × 9 vertices, 180 mm wide, in four strips; its controls shift it, one opens no mouth."""
 
     def __call__(self, params):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from PIL import Image
+from plain_rig import PlainRig
 
 from replicate.drawing.characters import character_surfaces
 from replicate.drawing.scene import Camera, Surface, camera_for, framed, project
@@ -17,7 +18,7 @@ QUADS = np.array([[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6]])
 FACES = np.int32(np.concatenate([QUADS[:, [0, 1, 2]], QUADS[:, [0, 2, 3]]]))
 
 
-class Plate(SimpleNamespace):
+class Plate(SimpleNamespace, PlainRig):
     """A rig of two charts and a tooth, 180 mm wide, painted, that one control moves aside."""
 
     def __call__(self, params):

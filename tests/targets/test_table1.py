@@ -1,7 +1,6 @@
 """Table 1: sizes counted by hand, equal to those of models that are really saved, and the paper's own arithmetic."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,11 +27,13 @@ from replicate.report.cast import STANDS_FOR, characters_of
 from replicate.report.comparison import compare
 from replicate.report.results import find, read_results, write_results
 from replicate.report.tables import as_markdown, as_text
+from replicate.targets.table1.size_numbers import MapShape, SizeNumbers
 from replicate.targets.table1.size_rows import WIDTHS, rows_of, sizes_mb
 from replicate.targets.table1.size_table import bracket, implied_vertices, size_claim, size_ratio, table1
 
 THEIRS = read_results(PAPER / "table1.csv")
-SMALL = CoarseConfig(map_size=16, channels=2, hidden=(3, 128))
+SHAPES = [MapShape(c.map_size, c.channels, c.hidden) for c in (CoarseConfig(), RefinementConfig())]
+SMALL = MapShape(map_size=16, channels=2, hidden=(3, 128))
 
 
 def segments(counts: list[tuple[int, int]]) -> list[Segment]:
@@ -128,7 +129,7 @@ def character(tmp_path):
     none = np.zeros((1, 3))
     Attachments(np.int64([2]), np.int64([[0, 1, 2]]), none, np.zeros(1), none).save(inputs["rigid"] / "attachments.npz")
     save_segments(segments([(4, 2), (3, 1)]), inputs["selection"] / "segments.npz")
-    settings = SimpleNamespace(character="mine", profile="quick", coarse=CoarseConfig(), refined=RefinementConfig())
+    settings = SizeNumbers("mine", "quick", *SHAPES)
     return settings, inputs
 
 
@@ -147,12 +148,11 @@ def test_a_characters_rows_are_counts_of_what_the_stages_found_and_sizes_of_what
 
 def test_a_size_lies_between_that_of_nets_which_see_nothing_and_all():
     coarse, refined = segments([(9, 3), (20, 8)]), segments([(4, 5)])
-    shapes = SimpleNamespace(coarse=CoarseConfig(), refined=RefinementConfig())
-    found = sizes_mb(8, coarse, refined, shapes)
+    found = sizes_mb(8, coarse, refined, *SHAPES)
     for method in ("coarse", "refined", *WIDTHS):
         least, size, most = (found[method, f"model_size{end}"][1] for end in ("_least", "", "_most"))
         assert least < size < most
-    everything = sizes_mb(8, segments([(9, 8), (20, 8)]), segments([(4, 8)]), shapes)
+    everything = sizes_mb(8, segments([(9, 8), (20, 8)]), segments([(4, 8)]), *SHAPES)
     assert everything["refined", "model_size"] == everything["refined", "model_size_most"]
 
 

@@ -1,4 +1,4 @@
-"""Figure 5: poses of the training data, and strips of the clips that they were made from."""
+"""Figure 5: poses of the training data, and strips of the clips behind them."""
 
 import argparse
 from collections.abc import Sequence

@@ -1,20 +1,24 @@
-"""Figure 5: example poses of the training data in clay; and strips of the clips that they were made from (Eq. 5)."""
+"""Figure 5: example poses of the training data in clay; and strips of the clips behind them (Eq. 5)."""
 
 import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from data_recipes.rig import Clip
+from data_recipes.rig import Clip, Rig
 from replicate.drawing.panels import Words, panel_grid, save_figure
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.rig_views import read_lines, write_lines
 from replicate.drawing.scene import Surface, camera_for
 from replicate.report.tables import Table
+
+if TYPE_CHECKING:
+    import matplotlib.figure
 
 POSES = 8
 FRAMES = 10
@@ -30,7 +34,9 @@ def choose(count: int, generator: np.random.Generator) -> Int[np.ndarray, " k"]:
     return np.sort(generator.choice(count, min(POSES, count), replace=False))
 
 
-def figure05(rig, params: Float[np.ndarray, "k m"], width: int = 232, height: int = 248, renderer=None):
+def figure05(
+    rig: Rig, params: Float[np.ndarray, "k m"], width: int = 232, height: int = 248, renderer: str | None = None
+) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): some poses of the training data, in clay."""
     view = camera_for("front", rig.mesh.neutral)
     view = replace(view, height_mm=ROOM * view.height_mm)
@@ -57,7 +63,7 @@ def figure05(rig, params: Float[np.ndarray, "k m"], width: int = 232, height: in
     )
 
 
-def save_poses(rig, params: Float[np.ndarray, "k m"], samples: Int[np.ndarray, " k"], stem: Path) -> None:
+def save_poses(rig: Rig, params: Float[np.ndarray, "k m"], samples: Int[np.ndarray, " k"], stem: Path) -> None:
     """Write Figure 5 of a rig as PNG, its words as JSON, and the controls that are off their defaults as CSV.
 
     samples: each pose's index in the training data.
@@ -86,7 +92,9 @@ def shown_frames(clip: Clip, count: int = FRAMES) -> Int[np.ndarray, " count"]:
     return np.linspace(0, len(clip.values) - 1, count + 2)[1:-1].round().astype(int)
 
 
-def clip_strips(rig, width: int = 122, height: int = 150, renderer=None):
+def clip_strips(
+    rig: Rig, width: int = 122, height: int = 150, renderer: str | None = None
+) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): a strip of frames of the first clip of each kind, in clay."""
     view, kinds = camera_for("front", rig.mesh.neutral), clip_kinds(rig.clips)
     view = replace(view, height_mm=CLIP_ROOM * view.height_mm)
@@ -95,13 +103,13 @@ def clip_strips(rig, width: int = 122, height: int = 150, renderer=None):
         frames = shown_frames(clip)
         rows.append([render(_surfaces(rig, clip.values[k]), view, width, height, renderer=renderer) for k in frames])
         titles.append([f"{k / FRAMES_PER_SECOND:.1f} s" for k in frames])
-    listed = ", ".join(
+    strips = ", ".join(
         f"{kind} ({clip.name}, {len(clip.values) / FRAMES_PER_SECOND:.1f} s)" for kind, clip in kinds.items()
     )
     return panel_grid(rows, titles, tuple(kinds)), Words(
-        f"{len(kinds)} strips of clay renders of {rig.name}, {FRAMES} frames each, time from left to right: {listed}.",
+        f"{len(kinds)} strips of clay renders of {rig.name}, {FRAMES} frames each, time from left to right: {strips}.",
         f"The animation of {rig.name} that Eq. 5 multiplies: the first clip of each kind, {FRAMES} frames spread "
-        f"evenly over it: {listed}; {len(rig.clips)} clips in all.",
+        f"evenly over it: {strips}; {len(rig.clips)} clips in all.",
     )
 
 
@@ -109,7 +117,7 @@ def _surfaces(rig, params: Float[np.ndarray, " m"]) -> list[Surface]:
     return [Surface(rig(params), rig.mesh.faces), *prop_surfaces(rig.pose_props(params))]
 
 
-def save_clips(rig, stem: Path) -> None:
+def save_clips(rig: Rig, stem: Path) -> None:
     """Write the strips of a rig's clips as PNG, their words as JSON, and the frames shown as CSV."""
     figure, words = clip_strips(rig)
     save_figure(figure, stem.with_suffix(".png"), words, LARGEST_BYTES)
@@ -135,7 +143,7 @@ def poses_table(file: Path, character: str) -> Table:
         )
     body = []
     for name, used in poses.items():
-        used.sort(key=lambda found: (-found[0], found[1]))
+        used.sort(key=lambda pair: (-pair[0], pair[1]))
         farthest = ", ".join(f"{control} {share:.1f}" for share, control in used[:3])
         body.append((name, f"{len(used)}", f"{sum(share > 1 for share, _ in used)}", farthest))
     header = ("pose", "controls used", "beyond limits", "farthest, over limit")

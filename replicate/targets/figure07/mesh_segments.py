@@ -2,14 +2,19 @@
 
 from collections.abc import Collection
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Int
 
+from data_recipes.rig import Rig
 from replicate.drawing.panels import Words, save_figure
 from replicate.drawing.rig_views import DISTINCT, coloured_views, hexadecimal, read_lines, write_lines
 from replicate.geometry.mesh import Mesh
 from replicate.report.tables import Table
+
+if TYPE_CHECKING:
+    import matplotlib.figure
 
 # Light ones for teeth and other rigid parts, in turn, so that neighbours differ.
 RIGID = ((255, 255, 255), (140, 195, 255), (255, 200, 130), (165, 225, 150))
@@ -32,8 +37,10 @@ def shown_segment(mesh: Mesh) -> Int[np.ndarray, " f"]:
     return mesh.segment[mesh.faces].min(1)
 
 
-def figure07(rig, rigid: Collection[int], width: int = 256, height: int = 330, renderer=None):
-    """Return (figure, words). rigid: indices of the segments that §3.4 found to move rigidly."""
+def figure07(
+    rig: Rig, rigid: Collection[int], width: int = 256, height: int = 330, renderer: str | None = None
+) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words). rigid: indices of the segments that move rigidly by §3.4."""
     mesh, colours = rig.mesh, segment_palette(rig.mesh, rigid)
     vertices = np.bincount(mesh.segment, minlength=len(colours))
     deforming = [k for k in range(len(colours)) if k not in rigid]
@@ -42,16 +49,16 @@ def figure07(rig, rigid: Collection[int], width: int = 256, height: int = 330, r
         legend.append((f"{len(rigid)} rigid: {vertices[list(rigid)].sum():,} vertices", RIGID))
     painted = np.array(colours, np.uint8)[shown_segment(mesh)]
     figure = coloured_views(rig, painted, legend, width, height, renderer)
-    listed = ", ".join(mesh.segment_names[k].replace("_", " ") for k in deforming)
+    names = ", ".join(mesh.segment_names[k].replace("_", " ") for k in deforming)
     return figure, Words(
         f"The character {rig.name}, mouth open, from the front, from three-quarters and close up into the mouth. Each "
-        f"deforming segment has a colour: {listed}; {len(rigid)} rigid ones are in light colours.",
+        f"deforming segment has a colour: {names}; {len(rigid)} rigid ones are in light colours.",
         f"Mesh segments of {rig.name} (after Fig. 7): {len(deforming)} that deform, each with a network of its own, "
         f"and {len(rigid)} that move rigidly (§3.4), in light colours that alternate. Eyeballs are for display only.",
     )
 
 
-def save_segments_figure(rig, rigid: Collection[int], stem: Path) -> None:
+def save_segments_figure(rig: Rig, rigid: Collection[int], stem: Path) -> None:
     """Write Figure 7 of a rig as PNG, its words as JSON, and each segment's numbers as CSV."""
     figure, words = figure07(rig, rigid)
     save_figure(figure, stem.with_suffix(".png"), words)

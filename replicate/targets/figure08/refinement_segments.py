@@ -2,15 +2,20 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from data_recipes.rig import Rig
 from replicate.approximation.segments import Segment
 from replicate.drawing.panels import Words, save_figure
 from replicate.drawing.rig_views import DISTINCT, UNUSED, coloured_views, hexadecimal, read_lines, write_lines
 from replicate.geometry.mesh import Mesh
 from replicate.report.tables import Table
+
+if TYPE_CHECKING:
+    import matplotlib.figure
 
 HEADER = (
     "segment", "chart", "vertices", "parameters", "u_low", "u_high", "v_low", "v_high", "map_error_mm", "error_share",
@@ -58,7 +63,14 @@ def segment_lines(mesh: Mesh, segments: Sequence[Segment], errors: Float[np.ndar
     return lines
 
 
-def figure08(rig, segments: Sequence[Segment], errors, width: int = 256, height: int = 330, renderer=None):
+def figure08(
+    rig: Rig,
+    segments: Sequence[Segment],
+    errors: Float[np.ndarray, " n"],
+    width: int = 256,
+    height: int = 330,
+    renderer: str | None = None,
+) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words). segments: what §3.3 selected; errors: e_i of Eq. 2 in mm², (n,)."""
     mesh = rig.mesh
     *lines, rest = segment_lines(mesh, segments, errors)
@@ -70,17 +82,17 @@ def figure08(rig, segments: Sequence[Segment], errors, width: int = 256, height:
     legend.append((f"unused: {rest[2]:,} vertices, {rest[HEADER.index('error_share')]:.0%}", [UNUSED]))
     legend.append(("% of the maps' error, Eq. 2", ()))
     figure = coloured_views(rig, refinement_colours(mesh, segments), legend, width, height, renderer)
-    listed = ", ".join(f"{name.replace('_', ' ')} {share:.0%}" for name, share in shares.items())
+    parts = ", ".join(f"{name.replace('_', ' ')} {share:.0%}" for name, share in shares.items())
     return figure, Words(
         f"The character {rig.name}, mouth open, from the front, from three-quarters and close up into the mouth; "
         f"{len(segments)} square patches are in colours of their own, all else is grey.",
         f"Refinement segments of {rig.name} (after Fig. 8): {len(segments)} squares of the texture coordinates, as "
         "many as the elbow method asks for, around the centroids of the coarse maps' error (Eq. 2). Their parts of "
-        f"that error: {listed}. Grey: unused. Eyeballs are for display only.",
+        f"that error: {parts}. Grey: unused. Eyeballs are for display only.",
     )
 
 
-def save_refinement_figure(rig, segments: Sequence[Segment], errors, stem: Path) -> None:
+def save_refinement_figure(rig: Rig, segments: Sequence[Segment], errors: Float[np.ndarray, " n"], stem: Path) -> None:
     """Write Figure 8 of a rig as PNG, its words as JSON, and each segment's numbers as CSV."""
     figure, words = figure08(rig, segments, errors)
     save_figure(figure, stem.with_suffix(".png"), words)

@@ -35,8 +35,8 @@ def draw(context: StageContext) -> None:
     rig, samples = built_rig.load(context.inputs), drawn_samples.load(context.inputs)
     skins = {bones: skinned.load_skin(context.inputs, bones) for bones in BONES}
     count = len(samples.test_params)
-    measured = np.sort(context.rng("poses").choice(count, min(TEST, count), replace=False))
-    test = rig.mesh.neutral + np.asarray(samples.test_offsets[measured], np.float32)
+    rows = np.sort(context.rng("poses").choice(count, min(TEST, count), replace=False))
+    test = rig.mesh.neutral + np.asarray(samples.test_offsets[rows], np.float32)
     training = samples.draw(context.rng("training"), min(TRAINING, len(samples)))
     wrinkled = rig.mesh.neutral + np.asarray(samples.test_offsets[shown_pose.load(context.inputs)], np.float32)
     posed = rig.mesh.neutral + samples.offsets(training)

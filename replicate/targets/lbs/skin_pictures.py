@@ -3,10 +3,12 @@
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from data_recipes.rig import Rig
 from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.approximation.skinning.bone_network import usual_motion
 from replicate.approximation.skinning.ssdr import Skin, refit
@@ -16,7 +18,12 @@ from replicate.drawing.render import render
 from replicate.drawing.rig_views import read_lines, write_lines
 from replicate.drawing.scene import Surface, camera_for
 from replicate.drawing.style import tidy
+from replicate.engine.progress import Progress
+from replicate.geometry.mesh import Mesh
 from replicate.report.tables import Table
+
+if TYPE_CHECKING:
+    import matplotlib.figure
 
 HEADER = ("bones", "poses", "rmse_mm", "mean_mm", "normal_deg", "floor_rmse_mm", "floor_normal_deg")
 PAINTED = (8, 16, 32)  # numbers of bones whose weights are painted, of those that there are
@@ -44,43 +51,57 @@ def weight_colours(weights: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, "n 3"]
     return np.rint(np.array(PALE) + weights[:, None] * (np.array(DEEP) - PALE)).astype(np.uint8)
 
 
-def painted(mesh, skins: Mapping[int, Skin], width: int = 250, height: int = 290, renderer=None):
+def painted(
+    mesh: Mesh, skins: Mapping[int, Skin], width: int = 250, height: int = 290, renderer: str | None = None
+) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): all weights at once for several numbers of bones, from the front and three-quarters."""
     shown = [bones for bones in PAINTED if bones in skins] or sorted(skins)
     rows = []
     for view in ("front", "three_quarter"):
         draw = partial(render, camera=camera_for(view, mesh.neutral), width=width, height=height, renderer=renderer)
         rows.append([draw([Surface(mesh.neutral, mesh.faces, paint=bone_colours(skins[b]))]) for b in shown])
-    listed = ", ".join(map(str, shown))
+    in_words = ", ".join(map(str, shown))
     return panel_grid(rows, [f"{bones} bones" for bones in shown]), Words(
-        f"The head at rest, each vertex in the mixed colours of the bones that move it, for {listed} bones.",
-        f"Weights found by SSDR for {listed} bones: each bone has a colour, and a vertex mixes those of its bones "
+        f"The head at rest, each vertex in the mixed colours of the bones that move it, for {in_words} bones.",
+        f"Weights found by SSDR for {in_words} bones: each bone has a colour, and a vertex mixes those of its bones "
         "(eight at most) by their weights. Soft borders are what lets neighbouring bones blend.",
     )
 
 
-def one_by_one(mesh, skin: Skin, poses: Float[np.ndarray, "b n 3"], width: int = 190, height: int = 222, renderer=None):
+def one_by_one(
+    mesh: Mesh,
+    skin: Skin,
+    poses: Float[np.ndarray, "b n 3"],
+    width: int = 190,
+    height: int = 222,
+    renderer: str | None = None,
+) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): the bones that move most skin, each alone, with how far it goes in some poses."""
     turn, shift = usual_motion(skin, poses)
     dense = skin.dense_weights()
     reach = (dense**2).sum(0) * (shift + 30 * turn)  # a turn moves what lies some 30 mm away
-    chosen = np.argsort(-reach, kind="stable")[:ALONE]
+    bones = np.argsort(-reach, kind="stable")[:ALONE]
     draw = partial(render, camera=camera_for("front", mesh.neutral), width=width, height=height, renderer=renderer)
-    pictures = [draw([Surface(mesh.neutral, mesh.faces, paint=weight_colours(dense[:, b]))]) for b in chosen]
-    titles = [f"{np.degrees(turn[b]):.1f}°, {shift[b]:.1f} mm" for b in chosen]
-    listed = "; ".join(
-        f"{(dense[:, b] > 0.01).sum():,} vertices, {title}" for b, title in zip(chosen, titles, strict=True)
+    pictures = [draw([Surface(mesh.neutral, mesh.faces, paint=weight_colours(dense[:, b]))]) for b in bones]
+    titles = [f"{np.degrees(turn[b]):.1f}°, {shift[b]:.1f} mm" for b in bones]
+    in_words = "; ".join(
+        f"{(dense[:, b] > 0.01).sum():,} vertices, {title}" for b, title in zip(bones, titles, strict=True)
     )
     return panel_grid([pictures], titles), Words(
-        f"The head at rest {len(chosen)} times, each time one bone's weights in red: {listed}.",
-        f"{len(chosen)} of {skin.bones} bones, each alone: red where its weight is one. Above, how far it turns and "
+        f"The head at rest {len(bones)} times, each time one bone's weights in red: {in_words}.",
+        f"{len(bones)} of {skin.bones} bones, each alone: red where its weight is one. Above, how far it turns and "
         "its centre moves (root of the mean square over training poses).",
     )
 
 
 def folded(
-    mesh, skins: Mapping[int, Skin], truth: Float[np.ndarray, "n 3"], width: int = 232, height: int = 270, renderer=None
-):
+    mesh: Mesh,
+    skins: Mapping[int, Skin],
+    truth: Float[np.ndarray, "n 3"],
+    width: int = 232,
+    height: int = 270,
+    renderer: str | None = None,
+) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): one wrinkled pose as skins of more and more bones approximate it."""
     shown = [bones for bones in FOLDED if bones in skins] or sorted(skins)
     posed = {bones: skins[bones].deform(*refit(skins[bones], truth[None]))[0] for bones in shown}
@@ -89,18 +110,18 @@ def folded(
     shaded = [draw([Surface(vertices, mesh.faces)]) for vertices in (truth, *posed.values())]
     heat = [draw([normal_heat(vertices, truth, mesh.faces, LIMIT_DEG)]) for vertices in (truth, *posed.values())]
     means = {b: float(np.nanmean(normal_error(vertices, truth, mesh.faces))) for b, vertices in posed.items()}
-    listed = ", ".join(f"{bones} bones {mean:.2f}°" for bones, mean in means.items())
+    in_words = ", ".join(f"{bones} bones {mean:.2f}°" for bones, mean in means.items())
     bar = (1, 1, partial(colour_bar, limit=LIMIT_DEG, label="normal angle error, degrees"))
     titles = ["Ground truth", *(f"{bones} bones" for bones in shown)]
     return panel_grid([shaded, heat], titles, ("surface", "normal error"), bar), Words(
-        f"A wrinkled forehead, true and skinned, with normal errors below from 0 to {LIMIT_DEG:g} degrees: {listed}.",
+        f"A wrinkled forehead, true and skinned, with normal errors below from 0 to {LIMIT_DEG:g} degrees: {in_words}.",
         "The test pose that folds the forehead most: the truth, then skins whose bones are refitted to it. A fold is a "
-        f"few vertices wide, a bone moves many: the ridges go first. Mean normal error over the head: {listed}.",
+        f"few vertices wide, a bone moves many: the ridges go first. Mean normal error over the head: {in_words}.",
     )
 
 
 def measured_lines(
-    mesh, skins: Mapping[int, Skin], truth: Float[np.ndarray, "b n 3"], progress=None
+    mesh: Mesh, skins: Mapping[int, Skin], truth: Float[np.ndarray, "b n 3"], progress: Progress | None = None
 ) -> list[tuple[int, int, float, float, float, float, float]]:
     """Return a line of `HEADER` for each skin: its errors on test poses, and those of the best rank that it could have.
 
@@ -114,8 +135,8 @@ def measured_lines(
     lines = []
     for bones, skin in sorted(skins.items()):
         posed = skin.deform(*refit(skin, truth))
-        kept = min(4 * bones, len(strengths))
-        flat = (left[:, :kept] * strengths[:kept]) @ right[:kept]
+        count = min(4 * bones, len(strengths))
+        flat = (left[:, :count] * strengths[:count]) @ right[:count]
         floor = (mesh.neutral + flat.reshape(b, 3, n).transpose(0, 2, 1)).astype(np.float32)
         errors = [
             (float(np.sqrt((d.astype(np.float64) ** 2).mean())), float(d.mean(dtype=np.float64)),
@@ -129,7 +150,7 @@ def measured_lines(
     return lines
 
 
-def curve(lines: Sequence[Mapping[str, str]], character: str):
+def curve(lines: Sequence[Mapping[str, str]], character: str) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): errors against the number of bones, with the floors of their rank."""
     from matplotlib.figure import Figure
 
@@ -161,13 +182,13 @@ def curve(lines: Sequence[Mapping[str, str]], character: str):
 
 
 def save_all(
-    rig,
+    rig: Rig,
     skins: Mapping[int, Skin],
     training: Float[np.ndarray, "b n 3"],
     test: Float[np.ndarray, "t n 3"],
     wrinkled: Float[np.ndarray, "n 3"],
     stem: Path,
-    progress=None,
+    progress: Progress | None = None,
 ) -> None:
     """Write all pictures of a character's skins with their words, and the errors as CSV; stem: "…/lbs_teen".
 

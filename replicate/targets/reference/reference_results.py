@@ -31,15 +31,15 @@ ALWAYS = ("rig_tour",)  # notebooks that show a rig; the others show results
 def publish_reference(profile: str) -> list[Path]:
     """Put a profile's results and the benchmarks' in the place of the committed ones; return the files written.
 
-    What the profile or the benchmarks have not made stays as it is. Raises InputError, and has written nothing, if
-    neither has results, or some were made from a tree with changes.
+    Files without a new result stay as they are. Raises InputError, and has written nothing, if
+    neither has results, or some come from a tree with changes.
     """
     run, bench, rigs = (paths.run_folder(name) for name in (profile, BENCH, "rigs"))
-    told, benched = manifest.targets(run), manifest.targets(bench)
-    if not (told or benched):
+    of_run, of_bench = manifest.targets(run), manifest.targets(bench)
+    if not (of_run or of_bench):
         raise InputError(f"{run}: there are no results; `make table2 PROFILE={profile}` writes them.")
-    for folder, found in ((run, told), (bench, benched)):
-        for target in found:
+    for folder, names in ((run, of_run), (bench, of_bench)):
+        for target in names:
             for character, facts in manifest.entries(folder, target).items():
                 if not (facts.get("git") or {}).get("clean"):
                     raise InputError(
@@ -47,10 +47,10 @@ def publish_reference(profile: str) -> list[Path]:
                         "them and make it again"
                     )
     paths.REFERENCE.mkdir(parents=True, exist_ok=True)
-    written = [_copied(file) for file in sorted(run.iterdir()) if _is_result(file)] if told else []
-    for target in told:
+    written = [_copied(file) for file in sorted(run.iterdir()) if _is_result(file)] if of_run else []
+    for target in of_run:
         manifest.write_entries(paths.REFERENCE, target, manifest.entries(run, target))
-    written += _benchmarks(bench, benched)
+    written += _benchmarks(bench, of_bench)
     written += [_copied(rigs / name) for name in shown_pictures() if (rigs / name).is_file()]
     return written + _texts(manifest.targets(paths.REFERENCE))
 
@@ -98,14 +98,14 @@ def _copied(file: Path) -> Path:
 
 
 def _benchmarks(folder: Path, targets: list[str]) -> list[Path]:
-    """Merge the benchmarks' rows, a character's as a whole, and copy the pictures of those that were measured."""
+    """Merge the benchmarks' rows, a character's as a whole, and copy the pictures of those characters."""
     written = []
     for target in targets:
         rows, into = read_results(folder / f"{target}.csv"), paths.REFERENCE / f"{target}.csv"
-        measured = {row.character for row in rows}
-        merge(into, rows, lambda row, measured=measured: row.character not in measured)
-        known = manifest.entries(paths.REFERENCE, target)
-        manifest.write_entries(paths.REFERENCE, target, known | manifest.entries(folder, target))
+        characters = {row.character for row in rows}
+        merge(into, rows, lambda row, characters=characters: row.character not in characters)
+        before = manifest.entries(paths.REFERENCE, target)
+        manifest.write_entries(paths.REFERENCE, target, before | manifest.entries(folder, target))
         written.append(into)
     pictures = [file for file in sorted(folder.iterdir()) if file.suffix in (".png", ".json")] if targets else []
     return written + [_copied(file) for file in pictures if _is_result(file)]

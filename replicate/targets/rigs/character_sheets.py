@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from data_recipes.catalogue import expression_poses
+from data_recipes.rig import Rig
 from replicate.drawing.characters import expression_sheet
 from replicate.drawing.panels import save_figure
 from replicate.targets.rigs.rig_sheet import line_up, rig_sheet
@@ -15,20 +16,20 @@ SHOWN = (
 COLUMNS = 6
 
 
-def draw_sheets(rig, folder: Path, renderer=None) -> list[Path]:
+def draw_sheets(rig: Rig, folder: Path, renderer: str | None = None) -> list[Path]:
     """Draw a rig's two sheets into a folder and return the files; `rig`: any that keeps the Rig contract."""
     poses = expression_poses(rig)
-    chosen = {name: poses[name] for name in SHOWN if name in poses}
-    drawn = {
+    shown = {name: poses[name] for name in SHOWN if name in poses}
+    sheets = {
         "sheet": rig_sheet(rig, renderer=renderer),
-        "expressions": expression_sheet(rig, chosen, COLUMNS, width=240, height=262, renderer=renderer),
+        "expressions": expression_sheet(rig, shown, COLUMNS, width=240, height=262, renderer=renderer),
     }
-    for kind, (figure, words) in drawn.items():
+    for kind, (figure, words) in sheets.items():
         save_figure(figure, folder / f"{rig.name}_{kind}.png", words)
-    return [folder / f"{rig.name}_{kind}.png" for kind in drawn]
+    return [folder / f"{rig.name}_{kind}.png" for kind in sheets]
 
 
-def draw_line_up(rigs: Sequence, folder: Path, renderer=None) -> Path:
+def draw_line_up(rigs: Sequence, folder: Path, renderer: str | None = None) -> Path:
     """Draw the rigs side by side into a folder and return the file."""
     figure, words = line_up(rigs, renderer=renderer)
     save_figure(figure, folder / "characters.png", words)

@@ -1,9 +1,11 @@
 """What a character is: three views, its edges and the charts of its segments; and all characters side by side."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from data_recipes.rig import Rig
 from replicate.drawing.characters import BACKGROUND, character_surfaces
 from replicate.drawing.panels import DPI, GAP, MARGIN, TITLE, Words, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
@@ -11,17 +13,22 @@ from replicate.drawing.render import render
 from replicate.drawing.scene import PORTRAIT, STUDIO, Surface, camera_for, framed
 from replicate.drawing.wireframe import quad_edges, wireframe
 
+if TYPE_CHECKING:
+    import matplotlib.figure
+
 VIEWS = ("front", "three_quarter", "side")
-# Of the charts, one after the other: soft enough for lines, and told apart by readers who see fewer colours.
+# Of the charts, one after the other: soft enough for lines, and distinct to readers who see fewer colours.
 CHART_COLOURS = ("#b5d3ea", "#f6cfa3", "#b9dfc6", "#eec3d2", "#dcd0ea", "#e8e2a8", "#c3dfe6", "#d9c9b8")
 
 
-def chart_names(rig) -> list[str]:
+def chart_names(rig: Rig) -> list[str]:
     """Return the segments whose charts networks fill: all that aren't teeth."""
     return [name for name in rig.mesh.segment_names if not name.startswith(("tooth", "teeth"))]
 
 
-def rig_sheet(rig, width: int = 310, height: int = 340, renderer=None):
+def rig_sheet(
+    rig: Rig, width: int = 310, height: int = 340, renderer: str | None = None
+) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): a rig from three sides and as a wireframe, and below them each segment's chart.
 
     rig: any that keeps the Rig contract.
@@ -54,23 +61,25 @@ def rig_sheet(rig, width: int = 310, height: int = 340, renderer=None):
         axes = place(MARGIN + column * (side + GAP), top, side, side, f"{name.replace('_', ' ')}  {members.sum():,}")
         _draw_chart(axes, rig.mesh, members, CHART_COLOURS[k % len(CHART_COLOURS)])
     rigid = len(rig.mesh.segment_names) - len(names)
-    listed = ", ".join(names)
+    words = ", ".join(names)
     return figure, Words(
         f"Renders of the character {rig.name} from the front, from three quarters and from the side, then its edges "
-        f"over clay; below, the texture charts of its {len(names)} deformable segments: {listed}.",
+        f"over clay; below, the texture charts of its {len(names)} deformable segments: {words}.",
         f"{rig.name}: {len(rig.mesh.neutral):,} vertices, {len(rig.controls)} controls, {len(names)} deformable "
         f"segments with a chart each (its vertices beside its name) and {rigid} rigid ones. Paint, hair, brows and "
         "eyeballs are for display only; no method approximates them.",
     )
 
 
-def line_up(rigs: Sequence, width: int = 300, height: int = 330, renderer=None):
+def line_up(
+    rigs: Sequence, width: int = 300, height: int = 330, renderer: str | None = None
+) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): the rigs side by side at rest, from the front and from three quarters."""
     rows = [[_portrait(rig, view, width, height, renderer) for rig in rigs] for view in ("front", "three_quarter")]
-    listed = ", ".join(rig.name for rig in rigs)
+    words = ", ".join(rig.name for rig in rigs)
     return panel_grid(rows, [rig.name for rig in rigs]), Words(
-        f"Renders of {len(rigs)} characters at rest, from the front and from three quarters: {listed}.",
-        f"The characters, procedural heads, at rest: {listed}. Paint, hair, brows, horns and eyeballs are for display "
+        f"Renders of {len(rigs)} characters at rest, from the front and from three quarters: {words}.",
+        f"The characters, procedural heads, at rest: {words}. Paint, hair, brows, horns and eyeballs are for display "
         "only.",
     )
 

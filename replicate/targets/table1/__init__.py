@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from replicate.artefacts import built_rig, control_influence, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
@@ -10,9 +9,10 @@ from replicate.engine.paths import PAPER, shown
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
 from replicate.report.cast import cast
-from replicate.report.publication import Made, alone, by_character, facts_of, readable, results_folder
+from replicate.report.publication import CharacterResult, alone, by_character, facts_of, readable, results_folder
 from replicate.targets.options import OF_A_RUN
 from replicate.targets.running import make
+from replicate.targets.table1.size_numbers import MapShape, SizeNumbers
 
 ABOUT = "Table 1: counts of segments, model sizes and what brackets them, and the verdict on claim C6"
 WRITES = "results/runs/<profile>/"
@@ -20,25 +20,6 @@ OPTIONS = OF_A_RUN
 CHARACTERS = cast
 COMPARED = True
 FILE = "table1.csv"
-
-
-@dataclass(frozen=True)
-class MapShape:
-    """The shape of a map network, for its size: what `approximation.model_size` needs of a network's section."""
-
-    map_size: int
-    channels: int
-    hidden: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class SizeNumbers:
-    """What the rows are labelled with, and the shapes of the networks whose sizes they hold."""
-
-    character: str
-    profile: str
-    coarse: MapShape
-    refined: MapShape
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
@@ -63,7 +44,7 @@ def run(options: argparse.Namespace) -> None:
     publish(make(options, stages))
 
 
-def publish(made: Sequence[Made]) -> None:
+def publish(results: Sequence[CharacterResult]) -> None:
     """Write Table 1 of some characters to the profile's folder, print it, and execute its notebook if it is stale.
 
     Of several seeds the means are written. Results of characters that are not among them stay.
@@ -74,8 +55,8 @@ def publish(made: Sequence[Made]) -> None:
     from replicate.report.tables import as_text
     from replicate.targets.table1.size_table import size_claim, table1
 
-    profile = made[0].config.profile
-    folder, seeded = results_folder(profile), by_character(made)
+    profile = results[0].config.profile
+    folder, seeded = results_folder(profile), by_character(results)
     with alone(folder):
         facts = manifest.entries(folder, "table1")
         rows = readable(read_results, folder / FILE) or []

@@ -3,28 +3,28 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from replicate.approximation.model_size import cnn_size_mb, dense_size_mb
+from replicate.approximation.model_size import NetworkShape, cnn_size_mb, dense_size_mb
 from replicate.approximation.segments import Segment
 from replicate.artefacts import built_rig, control_influence, refinement_squares, rigid_segments
 from replicate.geometry.mesh import Mesh
 from replicate.report.results import Row
 from replicate.report.run_name import run_name
+from replicate.targets.table1.size_numbers import SizeNumbers
 
 # The dense baseline's hidden layers: as the text has them, and as the released code has them (DEVIATIONS D13).
 WIDTHS = {"dense": (256, 256), "dense_released": (256, 512)}
 
 
-def rows_of(settings, inputs: Mapping[str, Path]) -> list[Row]:
+def rows_of(settings: SizeNumbers, inputs: Mapping[str, Path]) -> list[Row]:
     """Return a character's rows.
 
-    settings: `character` and `profile` label the rows; `coarse` and `refined` are their networks' shapes. inputs: the
-    folders of the stages "rig", "influence", "rigid" and "selection".
+    inputs: the folders of the stages "rig", "influence", "rigid" and "selection".
     """
     mesh, parameters = built_rig.load_mesh(inputs), control_influence.load(inputs).shape[1]
     coarse, refined = rigid_segments.load_coarse_segments(inputs, mesh), refinement_squares.load(inputs)
     rigid = len(rigid_segments.load(inputs).segment)
     run, numbers = run_name(inputs), counts(mesh, parameters, rigid, coarse, refined)
-    numbers |= sizes_mb(parameters, coarse, refined, settings)
+    numbers |= sizes_mb(parameters, coarse, refined, settings.coarse, settings.refined)
     return [
         Row("table1", settings.character, method, metric, unit, float(value), None, 1, None, settings.profile, run)
         for (method, metric), (unit, value) in numbers.items()
@@ -35,7 +35,7 @@ def counts(
     mesh: Mesh, parameters: int, rigid: int, coarse: Sequence[Segment], refined: Sequence[Segment]
 ) -> dict[tuple[str, str], tuple[str, float]]:
     """Return the counts of Table 1, (method, metric) → (unit, value), and how many vertices the networks move."""
-    found = {
+    numbers = {
         ("model", "vertices"): len(mesh.neutral),
         ("model", "rig_parameters"): parameters,
         ("model", "rigid_segments"): rigid,
@@ -43,25 +43,29 @@ def counts(
         ("coarse", "segments"): len(coarse),
         ("refined", "segments"): len(refined),
     }
-    return {key: ("count", value) for key, value in found.items()}
+    return {key: ("count", value) for key, value in numbers.items()}
 
 
 def sizes_mb(
-    parameters: int, coarse: Sequence[Segment], refined: Sequence[Segment], shapes
+    parameters: int,
+    coarse: Sequence[Segment],
+    refined: Sequence[Segment],
+    coarse_shape: NetworkShape,
+    refined_shape: NetworkShape,
 ) -> dict[tuple[str, str], tuple[str, float]]:
     """Return the sizes of Table 1, (method, metric) → (unit, value): as they are, and the least and most they can be.
 
-    parameters: m of the whole rig. shapes: `coarse` and `refined` are the networks' shapes.
+    parameters: m of the whole rig.
     """
-    found = {}
+    sizes = {}
     ends = {"": None, "_least": 0, "_most": parameters}
-    for ending, given in ends.items():
+    for ending, count in ends.items():
         seen, finer = (
-            [len(segment.parameters) if given is None else given for segment in part] for part in (coarse, refined)
+            [len(segment.parameters) if count is None else count for segment in part] for part in (coarse, refined)
         )
-        found["refined", f"model_size{ending}"] = cnn_size_mb(seen, finer, shapes.coarse, shapes.refined)
-        found["coarse", f"model_size{ending}"] = cnn_size_mb(seen, (), shapes.coarse, shapes.refined)
+        sizes["refined", f"model_size{ending}"] = cnn_size_mb(seen, finer, coarse_shape, refined_shape)
+        sizes["coarse", f"model_size{ending}"] = cnn_size_mb(seen, (), coarse_shape, refined_shape)
         moved = [len(segment.vertices) for segment in coarse]
         for method, hidden in WIDTHS.items():
-            found[method, f"model_size{ending}"] = dense_size_mb(seen, moved, hidden)
-    return {key: ("MB", value) for key, value in found.items()}
+            sizes[method, f"model_size{ending}"] = dense_size_mb(seen, moved, hidden)
+    return {key: ("MB", value) for key, value in sizes.items()}

@@ -1,4 +1,4 @@
-"""Table 1, printed: what each character's model is made of and how large it is, ours beside the paper's; and claim C6.
+"""Table 1, printed: each character's counts of segments and sizes of models, ours beside the paper's; and claim C6.
 
 The paper's own counts of segments and parameters give the least and the most that its CNN can weigh; its dense sizes
 give, the other way round, how many vertices its dense networks must move.
@@ -32,7 +32,7 @@ def table1(ours: Iterable[Row], paper: Sequence[Row]) -> Table:
             whose.append((STANDS_FOR[character], paper, STANDS_FOR[character]))
     body: list[tuple[str, ...] | None] = []
     for line in _LINES:
-        cells = line and [line[1](found, name, found is paper) for _, found, name in whose]
+        cells = line and [line[1](source, name, source is paper) for _, source, name in whose]
         body.append(line and (line[0], *cells))
     profiles = sorted({row.profile for row in rows})
     about = "; ".join([f"profile {', '.join(profiles)}", *_seeds(rows)])
@@ -50,33 +50,33 @@ def size_ratio(rows: Iterable[Row], character: str, dense: str = "dense") -> flo
 def size_claim(ours: Sequence[Row], paper: Sequence[Row]) -> str:
     """Return in one sentence what the sizes say of claim C6, "the CNN is 2–5× smaller than the dense model".
 
-    The width of the text decides; that of the released code is told beside it.
+    The width of the text decides; that of the released code stands beside it.
     """
     ratios = {name: ratio for name in characters_of(ours) if (ratio := size_ratio(ours, name))}
-    said = f"C6, a CNN {CLAIM[0]:g} to {CLAIM[1]:g} times smaller than the dense model,"
+    claim = f"C6, a CNN {CLAIM[0]:g} to {CLAIM[1]:g} times smaller than the dense model,"
     if not ratios:
-        return f"{said} is not tested: there are no sizes."
+        return f"{claim} is not tested: there are no sizes."
     inside = [name for name, ratio in ratios.items() if CLAIM[0] <= ratio <= CLAIM[1]]
     outside = [name for name in ratios if name not in inside]
     verdicts = ((word, names) for word, names in (("holds on", inside), ("fails on", outside)) if names)
-    verdict = " and ".join(f"{word} {_listed(names)}" for word, names in verdicts)
+    verdict = " and ".join(f"{word} {_in_words(names)}" for word, names in verdicts)
     wide = {name: ratio for name in ratios if (ratio := size_ratio(ours, name, "dense_released"))}
     theirs = {name: ratio for name in STANDS_FOR.values() if (ratio := size_ratio(paper, name))}
-    told = [
+    reasons = [
         f"with hidden layers of {_widths('dense')} the dense model is {_times(ratios)} times as large",
         f"with {_widths('dense_released')} {_times(wide)} times" if wide else "",
         f"in the paper {_times(theirs)} times" if theirs else "",
     ]
-    return f"{said} {verdict}: {'; '.join(filter(None, told))}."
+    return f"{claim} {verdict}: {'; '.join(filter(None, reasons))}."
 
 
-def _listed(names: Iterable[str]) -> str:
+def _in_words(names: Iterable[str]) -> str:
     *most, last = names
     return f"{', '.join(most)} and {last}" if most else last
 
 
 def _times(ratios: dict[str, float]) -> str:
-    return _listed(f"{ratio:.1f} ({name})" for name, ratio in ratios.items())
+    return _in_words(f"{ratio:.1f} ({name})" for name, ratio in ratios.items())
 
 
 def _widths(method: str) -> str:
@@ -107,8 +107,8 @@ def _span(method: str) -> Callable:
 
 
 def _ends(rows, character: str, method: str) -> tuple[float | None, float | None]:
-    found = (find(rows, "table1", character, method, f"model_size_{end}") for end in ("least", "most"))
-    least, most = (row.value if row else None for row in found)
+    sizes = (find(rows, "table1", character, method, f"model_size_{end}") for end in ("least", "most"))
+    least, most = (row.value if row else None for row in sizes)
     return least, most
 
 
@@ -141,18 +141,18 @@ def implied_vertices(paper: Iterable[Row], character: str, method: str) -> tuple
     """Return how many vertices a dense model of the paper's moves by its size, if it sees all parameters, or none."""
     paper = list(paper)
     keys = (("dense", "model_size"), ("coarse", "segments"), ("model", "rig_parameters"))
-    found = [find(paper, "table1", character, *key) for key in keys]
-    if None in found:
+    numbers = [find(paper, "table1", character, *key) for key in keys]
+    if None in numbers:
         return None
-    size, segments, parameters = (row.value for row in found)
+    size, segments, parameters = (row.value for row in numbers)
     fewest, most = (dense_vertices(size, round(segments), seen, WIDTHS[method]) for seen in (round(parameters), 0))
     return fewest, most
 
 
 def _implied(method: str) -> Callable:
     def cell(rows, character: str, is_paper: bool) -> str:
-        found = implied_vertices(rows, character, method) if is_paper else None
-        return f"{found[0]:,.0f}–{found[1]:,.0f}" if found else ""
+        ends = implied_vertices(rows, character, method) if is_paper else None
+        return f"{ends[0]:,.0f}–{ends[1]:,.0f}" if ends else ""
 
     return cell
 

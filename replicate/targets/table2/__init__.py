@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments, shown_pose
 from replicate.artefacts.plan import Plan
@@ -11,20 +10,12 @@ from replicate.methods import measurement
 from replicate.methods.method import Method
 from replicate.targets.options import OF_A_RUN, methods
 from replicate.targets.running import make
+from replicate.targets.table2.table_numbers import TableNumbers
 
 ABOUT = "Table 2: approximation errors of every method on held-out poses, beside the paper's; Figures 9 and 10"
 WRITES = "results/runs/<profile>/"
 OPTIONS = (*OF_A_RUN, "methods", "numbers-only")
 COMPARED = True
-
-
-@dataclass(frozen=True)
-class TableNumbers:
-    """What the rows are labelled with."""
-
-    character: str
-    profile: str
-    seed: int
 
 
 def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
@@ -47,5 +38,5 @@ def run(options: argparse.Namespace) -> None:
     """Make the errors of every method on every character, publish and print them."""
     from replicate.targets.table2.publishing import publish
 
-    made = make(options, lambda plan: stages(plan, methods(options, plan.config)))
-    publish(made, not options.numbers_only)
+    results = make(options, lambda plan: stages(plan, methods(options, plan.config)))
+    publish(results, not options.numbers_only)

@@ -1,10 +1,11 @@
-"""One character's part of Table 2, gathered from the artefacts of its measured methods."""
+"""One character's part of Table 2, gathered from the methods' errors."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from data_recipes.rig import Prop
 from replicate.artefacts import built_rig, drawn_samples, shown_pose
 from replicate.geometry.mesh import Mesh
 from replicate.methods import measurement
@@ -13,6 +14,7 @@ from replicate.report.pose_record import TRUTH, PoseRecord, save_pose
 from replicate.report.results import Row, write_results
 from replicate.report.run_name import run_name
 from replicate.report.training_curves import Curve, read_log, write_curves
+from replicate.targets.table2.table_numbers import TableNumbers
 
 ROWS, CURVES = "table2.csv", "table2_curves.csv"
 
@@ -22,11 +24,10 @@ def pose_file(folder: Path, character: str) -> Path:
     return folder / f"table2_{character}_pose.npz"
 
 
-def write_all(settings, inputs: Mapping[str, Path], out: Path) -> None:
+def write_all(settings: TableNumbers, inputs: Mapping[str, Path], out: Path) -> None:
     """Write a character's rows, curves and pose to a folder.
 
-    settings: `character` and `profile` label the rows. inputs: the folders of rig, samples, "wrinkled" and of the
-    errors of every measured method.
+    inputs: the folders of rig, samples, "wrinkled" and of the errors of every method.
     """
     rig, samples, pose = built_rig.load(inputs), drawn_samples.load(inputs), shown_pose.load(inputs)
     write_results(out / ROWS, rows_of(settings, inputs))
@@ -36,7 +37,7 @@ def write_all(settings, inputs: Mapping[str, Path], out: Path) -> None:
     save_pose(pose_file(out, settings.character), record)
 
 
-def rows_of(settings, inputs: Mapping[str, Path]) -> list[Row]:
+def rows_of(settings: TableNumbers, inputs: Mapping[str, Path]) -> list[Row]:
     """Return a character's rows: each method's errors, its size, and what else it has to say."""
     run = run_name(inputs)
     rows = []
@@ -57,7 +58,7 @@ def curves_of(character: str, inputs: Mapping[str, Path]) -> dict[tuple[str, str
 
 
 def pose_of(
-    character: str, inputs: Mapping[str, Path], mesh: Mesh, pose: int, offsets: np.ndarray, props
+    character: str, inputs: Mapping[str, Path], mesh: Mesh, pose: int, offsets: np.ndarray, props: Sequence[Prop]
 ) -> PoseRecord:
     """Return the test pose that figures show, as it is and as every method predicts it.
 

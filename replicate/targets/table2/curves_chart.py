@@ -1,6 +1,7 @@
 """Validation error of the networks against training step, with the floors that their maps set."""
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from replicate.drawing.panels import DPI, Words
 from replicate.drawing.style import MEASURES, tidy
@@ -8,8 +9,13 @@ from replicate.methods.method_registry import in_order, method_named, methods
 from replicate.report.results import Row, find
 from replicate.report.training_curves import Curve
 
+if TYPE_CHECKING:
+    import matplotlib.figure
 
-def training_curves(curves: Mapping[tuple[str, str], Curve], rows: Sequence[Row], character: str):
+
+def training_curves(
+    curves: Mapping[tuple[str, str], Curve], rows: Sequence[Row], character: str
+) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): both errors of one character's networks on the validation poses.
 
     rows: Table 2's results, for the floors (dashed).

@@ -1,6 +1,7 @@
 """Table 2 as a chart: our means and the paper's, method by method, so that orderings can be seen."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from replicate.drawing.panels import DPI, Words
 from replicate.drawing.style import MEASURES, tidy
@@ -9,10 +10,13 @@ from replicate.report.cast import STANDS_FOR
 from replicate.report.results import Row, find
 from replicate.report.tables import rounded
 
+if TYPE_CHECKING:
+    import matplotlib.figure
+
 UNITS = {"mm": "mm", "deg": "degrees"}
 
 
-def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str):
+def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): one character's mean errors (dots) and those of the paper's counterpart (rings).
 
     The neutral row, many times the others, is given in words.
@@ -21,8 +25,8 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str):
     from matplotlib.lines import Line2D
 
     theirs = STANDS_FOR.get(character, "")
-    measured = {row.method for row in ours if row.character == character and row.metric == MEASURES[0][0]}
-    methods = [method for method in map(method_named, in_order(measured)) if method.charted]
+    names = {row.method for row in ours if row.character == character and row.metric == MEASURES[0][0]}
+    methods = [method for method in map(method_named, in_order(names)) if method.charted]
     figure = Figure((10, 0.36 * len(methods) + 1.2), dpi=DPI, layout="constrained")
     spoken, motion = [], []
     for axes, (metric, unit, label) in zip(figure.subplots(1, 2, sharey=True), MEASURES, strict=True):

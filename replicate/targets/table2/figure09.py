@@ -1,6 +1,7 @@
 """Figure 9: forehead wrinkles, close up: what each method keeps of them."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from replicate.drawing.panels import Words, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
@@ -9,11 +10,16 @@ from replicate.drawing.scene import Surface, camera_for
 from replicate.report.pose_record import TRUTH, PoseRecord
 from replicate.targets.table2.panel_titles import panel_title, plain_name
 
+if TYPE_CHECKING:
+    import matplotlib.figure
+
 SHOWN = (TRUTH, "refined", "coarse", "lbs32")
 
 
-def figure09(record: PoseRecord, methods: Sequence[str] = SHOWN, width: int = 400, height: int = 340, renderer=None):
-    """Return (figure, words): the record's pose from the forehead camera, one panel for each of the given methods."""
+def figure09(
+    record: PoseRecord, methods: Sequence[str] = SHOWN, width: int = 400, height: int = 340, renderer: str | None = None
+) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words): the record's pose from the forehead camera, one panel for each of `methods`."""
     view = camera_for("forehead", record.neutral)
     shown = [method for method in methods if method in record.vertices]
     props = prop_surfaces(record.props)
@@ -22,9 +28,9 @@ def figure09(record: PoseRecord, methods: Sequence[str] = SHOWN, width: int = 40
         for method in shown
     ]
     titles = [panel_title(method) for method in shown]
-    listed = ", ".join(plain_name(method) for method in shown)
+    names = ", ".join(plain_name(method) for method in shown)
     return panel_grid([panels], titles), Words(
-        f"Clay renders of one forehead, close up, from left to right: {listed}.",
-        f"Forehead wrinkles of {record.character} in test pose {record.pose} (after Fig. 9 of the paper): {listed}. "
+        f"Clay renders of one forehead, close up, from left to right: {names}.",
+        f"Forehead wrinkles of {record.character} in test pose {record.pose} (after Fig. 9 of the paper): {names}. "
         "† An oracle: bones refitted to the true mesh of this pose.",
     )

@@ -1,6 +1,7 @@
 """Figure 10: one wrinkled test pose as every method predicts it, shaded above, normal error below."""
 
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from replicate.methods.method_registry import in_order, method_named
 from replicate.report.pose_record import TRUTH, PoseRecord
 from replicate.targets.table2.panel_titles import panel_title, plain_name
 
+if TYPE_CHECKING:
+    import matplotlib.figure
+
 
 def figure10(
     record: PoseRecord,
@@ -21,8 +25,8 @@ def figure10(
     camera: str = "front",
     width: int = 232,
     height: int = 292,
-    renderer=None,
-):
+    renderer: str | None = None,
+) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words). limit_deg: the upper end of the colours, the same for every panel."""
     view = camera_for(camera, record.neutral)
     shown = [TRUTH, *(m for m in in_order(set(record.vertices) - {TRUTH}) if method_named(m).drawn)]
@@ -38,11 +42,11 @@ def figure10(
         (1, 1, partial(colour_bar, limit=limit_deg, label="normal angle error, degrees")),
     )
     means = {method: np.nanmean(normal_error(record.vertices[method], truth, record.faces)) for method in shown[1:]}
-    listed = ", ".join(f"{plain_name(method)} {mean:.2f}°" for method, mean in means.items())
+    names = ", ".join(f"{plain_name(method)} {mean:.2f}°" for method, mean in means.items())
     return figure, Words(
         f"Clay renders of one face pose in {len(shown)} columns, ground truth first, then each method; below each, "
-        f"the same face coloured by normal error from 0 to {limit_deg:g} degrees. Mean errors: {listed}.",
+        f"the same face coloured by normal error from 0 to {limit_deg:g} degrees. Mean errors: {names}.",
         f"Test pose {record.pose} of {record.character}, the one whose forehead folds most (after Fig. 10). "
         f"Below: angle between each face's predicted and true normal (Eq. 11), unlit, one scale for all panels. "
-        f"Means over the whole mesh in this pose: {listed}.",
+        f"Means over the whole mesh in this pose: {names}.",
     )

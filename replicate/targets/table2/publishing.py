@@ -8,7 +8,7 @@ from replicate.engine.paths import PAPER, shown
 from replicate.report import manifest
 from replicate.report.notebooks import is_current, run_notebook
 from replicate.report.pose_record import load_pose
-from replicate.report.publication import Made, alone, by_character, facts_of, readable, results_folder
+from replicate.report.publication import CharacterResult, alone, by_character, facts_of, readable, results_folder
 from replicate.report.results import Row, over_seeds, read_results, write_results
 from replicate.report.tables import as_text
 from replicate.report.training_curves import read_curves, write_curves
@@ -16,7 +16,7 @@ from replicate.targets.table2.character_part import CURVES, ROWS, pose_file
 from replicate.targets.table2.error_table import table2
 
 
-def publish(made: Sequence[Made], draw: bool = True) -> None:
+def publish(results: Sequence[CharacterResult], draw: bool = True) -> None:
     """Write Table 2 of some characters to the profile's folder, print it, and execute its notebook if it is stale.
 
     Of several seeds of a character its numbers are the means, its curves and pictures those of the first. Results of
@@ -24,8 +24,8 @@ def publish(made: Sequence[Made], draw: bool = True) -> None:
     a number comes from is read from the artefacts, so publishing again changes nothing. While another process publishes
     to the same folder, this one waits, so that neither loses the other's results.
     """
-    config = made[0].config
-    folder, seeded = results_folder(config.profile), by_character(made)
+    config = results[0].config
+    folder, seeded = results_folder(config.profile), by_character(results)
     with alone(folder):
         rows = _merge(folder, seeded)
         if draw:
@@ -39,7 +39,7 @@ def publish(made: Sequence[Made], draw: bool = True) -> None:
     print(f"written to {shown(folder)}: {ROWS}, {manifest.NAME}{with_it}")
 
 
-def _merge(folder: Path, seeded: Mapping[str, Sequence[Made]]) -> list[Row]:
+def _merge(folder: Path, seeded: Mapping[str, Sequence[CharacterResult]]) -> list[Row]:
     """Write the results of some characters beside those of the others that are there, and return all rows."""
     rows, curves, facts = _present(folder)
     for character, each in seeded.items():
@@ -80,15 +80,15 @@ def _present(folder: Path) -> tuple[list[Row], dict, dict]:
 def _draw(folder: Path, profile: str, limit_deg: float) -> None:
     """Draw the figures and execute the notebook, unless both show these results already.
 
-    The notebook comes last: only when it stands, with its stamp, were the figures of these results drawn to the end.
+    The notebook comes last: only when it stands, with its stamp, are the figures of these results complete.
     """
     from replicate.drawing.panels import save_figure
     from replicate.targets.table2.table2_figures import open_table2, table2_figure_names, table2_figures
 
     results = open_table2(folder)
     names = [name for character in results.characters for name in table2_figure_names(character)]
-    drawn = all((folder / f"{name}{ending}").is_file() for name in names for ending in (".png", ".json"))
-    if drawn and is_current("table2", profile, HEATMAP_DEG=limit_deg):
+    complete = all((folder / f"{name}{ending}").is_file() for name in names for ending in (".png", ".json"))
+    if complete and is_current("table2", profile, HEATMAP_DEG=limit_deg):
         return
     for character in results.characters:
         for name, figure, words in table2_figures(results, character, limit_deg):

@@ -53,8 +53,8 @@ def table2_segments(ours: Iterable[Row], character: str) -> Table:
     for kind, unit in (("vertex", "mm"), ("normal", "deg")):
         body += [None] if body else []
         for name in names:
-            found = (find(rows, "table2_segments", character, m, f"{kind}_error_mean[{name}]") for m in methods)
-            cells = (rounded(row.value, unit) if row else "–" for row in found)
+            errors = (find(rows, "table2_segments", character, m, f"{kind}_error_mean[{name}]") for m in methods)
+            cells = (rounded(row.value, unit) if row else "–" for row in errors)
             body.append((f"{name}, {unit}", *cells))
     header = (
         "",

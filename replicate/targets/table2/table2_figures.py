@@ -58,7 +58,7 @@ def table2_figure_names(character: str) -> tuple[str, ...]:
 
 
 def table2_figures(
-    results: Table2Results, character: str, limit_deg: float, renderer=None
+    results: Table2Results, character: str, limit_deg: float, renderer: str | None = None
 ) -> Iterator[tuple[str, object, Words]]:
     """Yield (file name without ending, figure, words) of each figure of one character."""
     pose = results.poses[character]

@@ -1,0 +1,65 @@
+"""Every public function says what it takes and what it returns, and tests hold it to that."""
+
+import ast
+
+import pytest
+
+from replicate.engine.paths import ROOT
+
+FOLDERS = (
+    "approximation",
+    "artefacts",
+    "benchmarks",
+    "drawing",
+    "export",
+    "geometry",
+    "methods",
+    "report",
+    "rig_health",
+    "rig_tour",
+    "targets",
+)
+PUBLIC = ("__init__", "__call__")
+SOURCES = sorted(path for folder in FOLDERS for path in (ROOT / "replicate" / folder).rglob("*.py"))
+
+
+def public_functions(body, of_a_class=False):
+    """Yield (function, whether it is a method) of all that is public, with what makes and what calls an object."""
+    for node in body:
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            yield from public_functions(node.body, True)
+        elif isinstance(node, ast.FunctionDef) and (
+            not node.name.startswith("_") or node.name in ("__init__", "__call__")
+        ):
+            yield node, of_a_class and "staticmethod" not in map(ast.unparse, node.decorator_list)
+
+
+def unannotated(code):
+    """Return "function: parameter" for each parameter, or "return", that has no annotation."""
+    missing = []
+    for function, method in public_functions(ast.parse(code).body):
+        arguments = function.args
+        named = [*arguments.posonlyargs, *arguments.args][method:] + arguments.kwonlyargs
+        rest = [argument for argument in (arguments.vararg, arguments.kwarg) if argument]
+        missing += [f"{function.name}: {a.arg}" for a in (*named, *rest) if a.annotation is None]
+        if function.returns is None and function.name != "__init__":
+            missing.append(f"{function.name}: return")
+    return missing
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_public_functions_are_annotated(path):
+    assert unannotated(path.read_text(encoding="utf-8")) == []
+
+
+def test_what_lacks_an_annotation_is_noticed():
+    code = """
+def open_(a, *rest, b: int = 0): ...
+def _hidden(a): ...
+class Box:
+    def __init__(self, size): ...
+    def fill(self, share: float) -> None: ...
+    @staticmethod
+    def load(path) -> "Box": ...
+"""
+    assert unannotated(code) == ["open_: a", "open_: rest", "open_: return", "__init__: size", "load: path"]
