@@ -7,13 +7,12 @@ ones. The refined regions are the triangles whose corners all lie in refinement 
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from replicate.approximation.deformation_map import Floor
 from replicate.approximation.evaluation import unique_poses
 from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
@@ -41,7 +40,10 @@ REGIONS = {"": "all", "refined": "refined regions"}
 
 
 def floor_errors(
-    mesh: Mesh, floor: Floor, offsets: Float[np.ndarray, "b n 3"], inside: Bool[np.ndarray, " n"]
+    mesh: Mesh,
+    floor: Callable[[np.ndarray], np.ndarray],
+    offsets: Float[np.ndarray, "b n 3"],
+    inside: Bool[np.ndarray, " n"],
 ) -> dict[str, tuple[float, float]]:
     """Return what a floor misses of true offsets (mm): region → mean vertex error (mm) and mean normal error (degrees).
 

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from plain_rig import PlainRig
 
 from replicate.benchmarks.bench_rig import BATCH, bench, rows, run_timed, shares, tables
 
 
-class Doubling:
+class Doubling(PlainRig):
     """A rig that does next to nothing, in two nodes."""
 
     def __call__(self, params):
@@ -49,7 +50,7 @@ def test_the_shares_of_the_nodes_are_those_of_their_times(found):
 def test_each_node_gets_the_time_that_it_took():
     import time
 
-    class Slow:
+    class Slow(PlainRig):
         def node_steps(self, params):
             yield "quick", None
             time.sleep(0.05)

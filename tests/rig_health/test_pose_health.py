@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 import trimesh
+from plain_rig import PlainRig
 
 from data_recipes.catalogue import build_rig
 from data_recipes.controls import Control
@@ -186,7 +187,7 @@ def test_a_mesh_without_teeth_has_no_mouth():
 RADIUS, LID = 10.0, 10.5
 
 
-class Eyed:
+class Eyed(PlainRig):
     """Two eyes at (±40, 0, 0) behind lids that are parts of a sphere; the control of each closes them by its value."""
 
     def __init__(self, out_mm: float = 0.0, wall_mm: float | None = None):
@@ -318,7 +319,7 @@ def test_the_picture_of_the_worst_poses_marks_what_is_broken():
     rig = folding()
     names, params = each_alone(rig)
     health = measure(rig, params, Skin(rig.mesh))
-    measured = [bench_poses.Measured("controls", names, health)]
+    measured = [bench_poses.PoseSet("controls", names, health)]
     figure, words = worst_poses(rig, measured, 60, 60, "software")
     pictures = [image.get_array() for axes in figure.axes for image in axes.get_images()]
     assert "1 with most flipped" in words.alt and "0 with teeth furthest" in words.alt

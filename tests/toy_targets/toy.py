@@ -8,14 +8,14 @@ from toy_stages import ToyConfig
 from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage
 from replicate.methods.method import Method
-from replicate.report.publication import Made
+from replicate.report.publication import CharacterResult
 from replicate.targets.options import OF_A_RUN
 from replicate.targets.running import make
 
 ABOUT = "two toy stages a character"
 WRITES = "nothing but the cache"
 OPTIONS = OF_A_RUN
-PUBLISHED: list[list[Made]] = []
+PUBLISHED: list[list[CharacterResult]] = []
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
