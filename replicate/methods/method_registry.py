@@ -80,9 +80,7 @@ def _ordered(methods: Iterable[Method]) -> list[Method]:
 @cache
 def _own_modules() -> tuple[ModuleType, ...]:
     names = [name for _, name, _ in pkgutil.iter_modules(importlib.import_module(PACKAGE).__path__)]
-    modules = [
-        importlib.import_module(f"{PACKAGE}.{name}") for name in names if name not in ("registry", "measurement")
-    ]
+    modules = [importlib.import_module(f"{PACKAGE}.{name}") for name in names]
     return tuple(module for module in modules if _holds_methods(module))
 
 

@@ -11,7 +11,7 @@ from replicate.report.results import Row, read_results, write_results
 from replicate.report.tables import Table
 from replicate.targets.reference import reference_results as reference
 
-TABLES = ("table2", "bench_poses", "bench_rig")
+TABLES = ("table2", "bench_poses", "bench_rig", "targets")
 CLEAN = {"git": {"commit": "c" * 40, "clean": True}, "run": "r"}
 
 
@@ -49,8 +49,8 @@ def test_results_benchmarks_manifest_and_readme_are_written(folders):
     reference.publish_reference("laptop")
     assert (committed / "table2.csv").read_bytes() == (run / "table2.csv").read_bytes()
     assert (committed / "figure10_teen.png").is_file() and not (committed / "table2.ipynb").exists()
-    kept = {found.character: found.value for found in read_results(committed / "bench_floors.csv")}
-    assert kept == {"teen": 1.0, "woman": 2.0}, "the other character's stays"
+    values = {row.character: row.value for row in read_results(committed / "bench_floors.csv")}
+    assert values == {"teen": 1.0, "woman": 2.0}, "the other character's stays"
     assert manifest.targets(committed) == ["table2", "bench_floors"]
     assert executed == ["rig_tour", "table2"]
     text = reference.README.read_text()
