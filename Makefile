@@ -40,11 +40,11 @@ ENVIRONMENT := .venv/installed
 endif
 
 # What says what it is ABOUT in its first lines is a target; benchmarks are called bench-<module>.
-FOUND := $(shell grep -l '^ABOUT = ' replicate/targets/*.py replicate/targets/*/__init__.py)
+FOUND := $(shell grep -ls '^ABOUT = ' replicate/targets/*.py replicate/targets/*/__init__.py)
 ABOUT := $(foreach kind,table figure,$(filter replicate/targets/$(kind)%,$(FOUND)))
 ABOUT += $(filter-out $(ABOUT),$(FOUND))
 TARGETS := $(patsubst %.py,%,$(notdir $(subst /__init__.py,.py,$(ABOUT))))
-BENCHMARKS := $(patsubst replicate/benchmarks/bench_%.py,bench-%,$(shell grep -l "^ABOUT = " replicate/benchmarks/bench_*.py))
+BENCHMARKS := $(patsubst replicate/benchmarks/bench_%.py,bench-%,$(shell grep -ls "^ABOUT = " replicate/benchmarks/bench_*.py))
 
 # The variables that are set, as options; what a target doesn't take, it leaves out.
 VARIABLES := PROFILE CHARACTERS METHODS SEED JOBS CLUSTER DEVICE CONFIG SPLIT LATEX POSE CLIP PARAMS TO TOLERANCE

@@ -2,13 +2,17 @@
 
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import tomllib
 
 import pytest
 
+from data_recipes import recipe_paths
 from replicate.engine.paths import ROOT
+from replicate.targets.target_registry import targets
+from replicate.targets.target_table import target_table
 
 MODULE_NAMES = {
     "pillow": "PIL",
@@ -73,15 +77,25 @@ def test_make_looks_for_every_direct_dependency_in_an_active_environment():
     assert set(modules) == {MODULE_NAMES.get(package, package) for package in direct()}
 
 
+def bare_checkout(folder):
+    """Copy what make reads: its rules and the modules that say what they are about, beside a ready environment."""
+    shutil.copy(ROOT / "Makefile", folder)
+    for part in ("targets", "benchmarks"):
+        shutil.copytree(ROOT / "replicate" / part, folder / "replicate" / part)
+    (folder / ".venv").mkdir()
+    for name in ("requirements.lock", ".venv/installed"):
+        (folder / name).write_text("")
+
+
 def test_make_alone_prints_every_target_and_does_nothing(tmp_path):
-    shutil.copy(ROOT / "Makefile", tmp_path)
-    told = make(folder=tmp_path)
-    assert told.returncode == 0, told.stderr
-    targets = re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE).group(1).split()
-    assert "table2" in targets
-    for target in targets:
-        assert re.search(rf"^  {target} +\S", told.stdout, re.MULTILINE), f"{target} has no help"
-    assert os.listdir(tmp_path) == ["Makefile"]
+    bare_checkout(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    done = make(folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    for name, about, _ in target_table().body:
+        listed = re.escape(f"{name.strip('`').removeprefix('make ')}")
+        assert re.search(rf"^  {listed} +{re.escape(about)}$", done.stdout, re.MULTILINE), f"{name} has no help"
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_an_old_python_is_refused_in_one_sentence(tmp_path):
@@ -97,27 +111,24 @@ def test_an_old_python_is_refused_in_one_sentence(tmp_path):
 
 
 def test_variables_reach_the_command_line(tmp_path):
-    shutil.copy(ROOT / "Makefile", tmp_path)
-    (tmp_path / ".venv").mkdir()
-    (tmp_path / "requirements.lock").write_text("")
-    (tmp_path / ".venv" / "installed").write_text("")
+    bare_checkout(tmp_path)
     values = {"PROFILE": "quick", "CHARACTERS": "teen woman", "SEED": "3", "JOBS": "1", "DEVICE": "cpu"}
-    told = make("-n", "table2", *(f"{name}={value}" for name, value in values.items()), folder=tmp_path).stdout
-    for option in ('--profile "quick"', '--characters "teen woman"', '--seed "3"', '--jobs "1"', '--device "cpu"'):
-        assert option in told
-    assert "--config" not in told and "--split" not in told
+    said = make("-n", "table2", *(f"{name}={value}" for name, value in values.items()), folder=tmp_path).stdout
+    words = shlex.split(said)
+    for name, value in values.items():
+        assert words[words.index(f"--{name.lower()}") + 1] == value
+    assert "--config" not in words and "--split" not in words
+    assert "--characters" not in make("-n", "table1", folder=tmp_path).stdout, "the target has characters of its own"
+    assert "--characters" in make("-n", "table1", folder=tmp_path, CHARACTERS="tiny").stdout, "from the environment too"
 
 
-@pytest.mark.parametrize("target", ["table1", "figure05", "figure07", "figure08", "rigs"])
-def test_table1_and_figures_show_every_recipe_of_the_papers_four_unless_some_are_named(tmp_path, target):
-    shutil.copy(ROOT / "Makefile", tmp_path)
-    for name in (".venv/installed", "requirements.lock", *(f"data_recipes/{c}.toml" for c in ("toon", "tiny", "teen"))):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text("")
-    assert '--characters "teen toon"' in make("-n", target, folder=tmp_path).stdout
-    assert '--characters "tiny"' in make("-n", target, "CHARACTERS=tiny", "JOBS=1", folder=tmp_path).stdout
-    assert '--characters "tiny"' in make("-n", target, folder=tmp_path, CHARACTERS="tiny").stdout
-    assert '--characters "teen"' in make("-n", "table2", folder=tmp_path).stdout
+def test_table1_and_figures_show_every_recipe_of_the_papers_four_unless_some_are_named(tmp_path, monkeypatch):
+    for name in ("toon", "tiny", "teen"):
+        (tmp_path / f"{name}.toml").write_text("")
+    monkeypatch.setattr(recipe_paths, "RECIPES", tmp_path)
+    for name in ("table1", "figure05", "figure07", "figure08", "rigs"):
+        assert targets()[name].characters() == ("teen", "toon")
+    assert targets()["table2"].characters() == ("teen",)
 
 
 @pytest.mark.parametrize("path", tracked(), ids=lambda path: str(path.relative_to(ROOT)))

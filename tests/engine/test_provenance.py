@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain_rig import PlainRig
 from toy_stages import toy_graph
 
 from replicate.artefacts import built_rig
@@ -127,15 +128,16 @@ def test_a_graph_from_outside_a_checkout_has_no_commit(mixed):
 
 
 def test_a_rig_built_outside_a_graph_says_what_it_was_made_from(monkeypatch, tmp_path):
-    noted = {}
+    noted, folders = {}, []
 
     def run(stages, facts):
         noted.update(facts)
         return {stage.title: tmp_path / stage.identifier for stage in stages}
 
     monkeypatch.setattr("replicate.engine.scheduler.run", run)
-    monkeypatch.setattr("data_recipes.catalogue.load_rig", lambda folder: folder)
-    assert built_rig.rig_of("tiny").parent.name == built_rig.rig_identifier("tiny")
+    monkeypatch.setattr("data_recipes.catalogue.load_rig", lambda folder: folders.append(folder) or PlainRig())
+    assert isinstance(built_rig.rig_of("tiny"), PlainRig)
+    assert [folder.parent.name for folder in folders] == [built_rig.rig_identifier("tiny")]
     assert noted["git"] == git_state() and noted["command"].startswith("python ")
 
 
