@@ -27,6 +27,11 @@ steps = 120
 steps = 250
 [driven.training]
 steps = 120
+[pca]
+components = 40
+basis_samples = 200
+[pca.training]
+steps = 120
 [rigid]
 poses = 40
 [lbs]
