@@ -76,11 +76,11 @@ def in_their_words(
     """
     place = {name: column for column, name in enumerate(ours)}
     target = {name: column for column, name in enumerate(theirs)}
-    told = np.zeros((len(poses), len(theirs)))
+    values = np.zeros((len(poses), len(theirs)))
     for name, sign, other, share in name_pairs():
         if name in place and other in target:
-            told[:, target[other]] += share * np.maximum(sign * poses[:, place[name]], 0)
-    return np.clip(told, 0, 1)
+            values[:, target[other]] += share * np.maximum(sign * poses[:, place[name]], 0)
+    return np.clip(values, 0, 1)
 
 
 def our_pose(columns: Mapping[str, int], amounts: Mapping[str, float]) -> Float[np.ndarray, " k"]:

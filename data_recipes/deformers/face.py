@@ -46,22 +46,22 @@ def limit(constants: FaceConstants, state: State) -> State:
     return state | {"u": saturate(constants["limits"], state["p"])}
 
 
-def sculpted(constants: FaceConstants, state: State) -> State:
+def sculpt(constants: FaceConstants, state: State) -> State:
     """Layer 1: the sculpted fields' curves."""
     return state | {"x": constants["neutral"] + pose_curves.move(constants["pose"], state["u"])}
 
 
-def slid(constants: FaceConstants, state: State) -> State:
+def slide_on_skull(constants: FaceConstants, state: State) -> State:
     """Layer 2: the skin slides along the skull."""
     return state | {"x": state["x"] + skull_slide.slide(constants["slide"], state["x"] - constants["neutral"])}
 
 
-def bulged(constants: FaceConstants, state: State) -> State:
+def bulge_out(constants: FaceConstants, state: State) -> State:
     """Layer 1 again: bulges along the normals, which the slide must not take back."""
     return state | {"x": state["x"] + pose_curves.move(constants["bulge"], state["u"])}
 
 
-def shaped(constants: FaceConstants, state: State) -> State:
+def shape_by_handles(constants: FaceConstants, state: State) -> State:
     """Layer 3: free-form handles."""
     return state | {"x": state["x"] + handles.move(constants["handles"], state["u"])}
 
@@ -72,7 +72,7 @@ def jaw_motion(constants: FaceConstants, u: Float[Values, "b m"]) -> JawMotion:
     return JawMotion(value @ jnp.asarray(TURN_RAD), value @ jnp.asarray(GLIDE_MM))
 
 
-def opened(constants: FaceConstants, state: State) -> State:
+def open_the_jaw(constants: FaceConstants, state: State) -> State:
     """Layer 4: the jaw."""
     motion = jaw_motion(constants, state["u"])
     return state | {"jaw": motion, "x": jaw.open_jaw(constants["jaw"], state["x"], motion)}
@@ -87,35 +87,35 @@ def gaze_controls(constants: FaceConstants, u: Float[Values, "b m"]) -> Float[Ar
     return jnp.concatenate([u, jnp.stack(derived, axis=1)], axis=1)
 
 
-def lidded(constants: FaceConstants, state: State) -> State:
+def move_lids(constants: FaceConstants, state: State) -> State:
     """Layer 5: lids, one eye after the other."""
     u = gaze_controls(constants, state["u"])
     x = lids.close_lids(constants["lids_left"], state["x"], u)
     return state | {"x": lids.close_lids(constants["lids_right"], x, u)}
 
 
-def closed(constants: FaceConstants, state: State) -> State:
+def close_lips(constants: FaceConstants, state: State) -> State:
     """Layer 6: sticky corners and contact of the lips."""
     return state | {"x": lips.close_lips(constants["lips"], state["x"], state["u"])}
 
 
-def rolled(constants: FaceConstants, state: State) -> State:
+def roll_lips(constants: FaceConstants, state: State) -> State:
     """Layer 6: lips roll over the teeth."""
     x = lips.roll_over_teeth(constants["wall_upper"], state["x"], state["jaw"])
     return state | {"x": lips.roll_over_teeth(constants["wall_lower"], x, state["jaw"])}
 
 
-def mushed(constants: FaceConstants, state: State) -> State:
+def even_out_flesh(constants: FaceConstants, state: State) -> State:
     """Layer 7: flesh."""
     return state | {"x": flesh.mush(constants["flesh"], state["x"])}
 
 
-def wrinkled(constants: FaceConstants, state: State) -> State:
+def fold_skin(constants: FaceConstants, state: State) -> State:
     """Layer 8: wrinkles."""
     return state | {"x": wrinkles.wrinkle(constants["wrinkles"], state["x"], state["u"])}
 
 
-def ridden(constants: FaceConstants, state: State) -> State:
+def carry_riders(constants: FaceConstants, state: State) -> State:
     """After layer 8: frills go with the skin in which they stand."""
     return state | {"x": riders.ride(constants["riders"], state["x"])}
 
@@ -126,13 +126,13 @@ def shape_values(constants: FaceConstants, u: Float[Values, "b m"]) -> ShapeValu
     return ShapeValues(*(value[:, i : i + 1] for i in range(len(HEAD_CONTROLS))))
 
 
-def warped(constants: FaceConstants, state: State) -> State:
+def warp_head(constants: FaceConstants, state: State) -> State:
     """Layer 9: squash and stretch, bend, twist, head shape."""
     values = shape_values(constants, state["u"])
     return state | {"shape": values, "x": head_shape.warp(constants["shape"], values, state["x"])}
 
 
-def bitten(constants: FaceConstants, state: State) -> State:
+def set_teeth(constants: FaceConstants, state: State) -> State:
     """Layer 10: rigid teeth."""
     values = state["shape"]
     warp = lambda points: head_shape.warp(constants["shape"], values, points)  # noqa: E731
@@ -141,17 +141,17 @@ def bitten(constants: FaceConstants, state: State) -> State:
 
 NODES = (
     Node("limit", limit, ("limits",)),
-    Node("pose_curves", sculpted, ("neutral", "pose")),
-    Node("skull_slide", slid, ("neutral", "slide")),
-    Node("bulges", bulged, ("bulge",)),
-    Node("handles", shaped, ("handles",)),
-    Node("jaw", opened, ("jaw_controls", "jaw")),
-    Node("lip_contact", closed, ("lips",)),
-    Node("teeth_contact", rolled, ("wall_upper", "wall_lower")),
-    Node("lids", lidded, ("gaze_controls", "lids_left", "lids_right")),
-    Node("flesh", mushed, ("flesh",)),
-    Node("wrinkles", wrinkled, ("wrinkles",)),
-    Node("riders", ridden, ("riders",)),
-    Node("head_shape", warped, ("head_controls", "shape")),
-    Node("teeth", bitten, ("shape", "teeth")),
+    Node("pose_curves", sculpt, ("neutral", "pose")),
+    Node("skull_slide", slide_on_skull, ("neutral", "slide")),
+    Node("bulges", bulge_out, ("bulge",)),
+    Node("handles", shape_by_handles, ("handles",)),
+    Node("jaw", open_the_jaw, ("jaw_controls", "jaw")),
+    Node("lip_contact", close_lips, ("lips",)),
+    Node("teeth_contact", roll_lips, ("wall_upper", "wall_lower")),
+    Node("lids", move_lids, ("gaze_controls", "lids_left", "lids_right")),
+    Node("flesh", even_out_flesh, ("flesh",)),
+    Node("wrinkles", fold_skin, ("wrinkles",)),
+    Node("riders", carry_riders, ("riders",)),
+    Node("head_shape", warp_head, ("head_controls", "shape")),
+    Node("teeth", set_teeth, ("shape", "teeth")),
 )

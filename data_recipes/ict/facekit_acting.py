@@ -1,4 +1,4 @@
-"""The animation of a face in ICT-FaceKit's format: our invented acting, told in its controls' names."""
+"""The animation of a face in ICT-FaceKit's format: our invented acting, in its controls' names."""
 
 from __future__ import annotations
 

@@ -28,12 +28,12 @@ def effective(constants: FaceConstants, params: Float[Values, "b m"]) -> Float[A
     return u * (controls["free"] + u @ controls["gate"])
 
 
-def limited(constants: FaceConstants, state: State) -> State:
+def limit(constants: FaceConstants, state: State) -> State:
     """Bend the parameters towards their limits."""
     return state | {"u": effective(constants, state["p"])}
 
 
-def summed(constants: FaceConstants, state: State) -> State:
+def add_shapes(constants: FaceConstants, state: State) -> State:
     """Sum the expressions, and bend each vertex's sum towards a little more than any one of them moves it."""
     shapes, u = constants["shapes"], state["u"]
     moved = (u @ shapes["fields"]).reshape(len(u), 3, -1)
@@ -42,28 +42,28 @@ def summed(constants: FaceConstants, state: State) -> State:
     return state | {"x": constants["neutral"] + spread(moved, shapes["place"])}
 
 
-def opened(constants: FaceConstants, state: State) -> State:
+def open_the_jaw(constants: FaceConstants, state: State) -> State:
     """Turn and slide the jaw."""
     motion = JawMotion(state["u"] @ constants["jaw_turn"], state["u"] @ constants["jaw_slide"])
     return state | {"x": jaw.open_jaw(constants["jaw"], state["x"], motion)}
 
 
-def closed(constants: FaceConstants, state: State) -> State:
+def close_lips(constants: FaceConstants, state: State) -> State:
     """Close the lips over the open jaw, in the skull's frame."""
     shapes, u = constants["closing"], state["u"]
     moved = (u @ shapes["fields"]).reshape(len(u), 3, -1)
     return state | {"x": state["x"] + spread(moved, shapes["place"])}
 
 
-def wrinkled(constants: FaceConstants, state: State) -> State:
+def fold_skin(constants: FaceConstants, state: State) -> State:
     """Fold the skin where it is compressed."""
     return state | {"x": wrinkles.wrinkle(constants["wrinkles"], state["x"], state["u"])}
 
 
 NODES = (
-    Node("limit", limited, ("limits", "controls")),
-    Node("shapes", summed, ("neutral", "shapes")),
-    Node("jaw", opened, ("jaw", "jaw_turn", "jaw_slide")),
-    Node("lip_closing", closed, ("closing",)),
-    Node("wrinkles", wrinkled, ("wrinkles",)),
+    Node("limit", limit, ("limits", "controls")),
+    Node("shapes", add_shapes, ("neutral", "shapes")),
+    Node("jaw", open_the_jaw, ("jaw", "jaw_turn", "jaw_slide")),
+    Node("lip_closing", close_lips, ("closing",)),
+    Node("wrinkles", fold_skin, ("wrinkles",)),
 )

@@ -48,7 +48,7 @@ def run(function: str) -> int:
 
 
 def guard(body: Callable[[], int | None]) -> int:
-    """Call a function and return the exit code: its own, or that of what it raises, which is told in one sentence.
+    """Call a function and return the exit code: its own, or that of what it raises, which ends in one sentence.
 
     Errors that nobody has foreseen are raised as they are.
     """

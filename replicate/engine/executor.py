@@ -38,7 +38,7 @@ class Task:
         return most if self.stage.threads == 0 else min(self.stage.threads, most)
 
     def orders(self, threads: int) -> dict:
-        """Return what the stage's worker process is told, ready for JSON."""
+        """Return the orders of the stage's worker process, ready for JSON."""
         stage = self.stage
         return {
             "identifier": stage.identifier,

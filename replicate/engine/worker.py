@@ -28,7 +28,7 @@ _PR_SET_PDEATHSIG = 1
 
 
 def main() -> None:
-    """Make one artefact as told, and report how it went."""
+    """Make one artefact by its orders, and report how it went."""
     if sys.platform == "linux":  # at once, even while a compiled kernel runs; elsewhere the watchdog has to do
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     line = sys.stdin.readline()
