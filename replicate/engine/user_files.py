@@ -82,7 +82,7 @@ def is_file(file: Path) -> bool:
         return False
 
 
-def check_writable(file: Path) -> None:
+def check_output_file(file: Path) -> None:
     """Raise InputError where no regular file can be written: a folder, device or pipe is there, or the name is none."""
     name = shown_path(file)
     if "\0" in str(file) or len(os.fsencode(file.name)) > LONGEST_NAME - len(BESIDE):

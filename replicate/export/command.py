@@ -11,7 +11,7 @@ from data_recipes.rig import Rig
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.engine.schema import shown
-from replicate.engine.user_files import as_whole_number, check_writable
+from replicate.engine.user_files import as_whole_number, check_output_file
 from replicate.export.animation import FRAMES_PER_SECOND, animated_glb
 from replicate.export.files import glb, obj, write_whole
 from replicate.export.parts import by_material, moving_parts, posed_parts
@@ -61,7 +61,7 @@ def _file(named: str) -> Path:
 def _check_file(file: Path) -> None:
     if file.suffix.lower() not in ENDINGS:
         raise InputError(f"{file} ends in {file.suffix or 'nothing'!r}: allowed are {' and '.join(ENDINGS)}")
-    check_writable(file)
+    check_output_file(file)
     if not file.absolute().parent.is_dir():
         raise InputError(f"there is no folder {file.absolute().parent} to write {file.name} to: make it first")
 

@@ -9,7 +9,7 @@ from jaxtyping import UInt8
 from replicate.engine.atomic_files import write_bytes
 from replicate.engine.exceptions import InputError
 from replicate.engine.full_disk import shortage_number
-from replicate.engine.user_files import check_writable
+from replicate.engine.user_files import check_output_file
 from replicate.export.parts import Part
 
 MM_PER_M = 1000.0
@@ -88,7 +88,7 @@ def write_whole(file: Path, data: bytes) -> None:
 
     Raises InputError where nothing may be written, and OSError when the disk is full.
     """
-    check_writable(file)
+    check_output_file(file)
     try:
         write_bytes(file, data)
     except OSError as error:

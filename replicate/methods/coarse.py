@@ -4,12 +4,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replicate.artefacts import built_rig
 from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
 from replicate.geometry.mesh import Mesh
 from replicate.methods.method import Method, Number
-from replicate.methods.training_stage import inputs_of_networks, train_on_segments
+from replicate.methods.training_stage import inputs_of_networks, train_on_segments, vertices_of
 
 if TYPE_CHECKING:
     import replicate.approximation.model
@@ -36,11 +35,7 @@ def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.Seg
 
 def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
     """Return parameters (b, m) → vertices (b, n, 3) of the coarse networks."""
-    from replicate.approximation.training import prepare
-
-    prepare("cpu")
-    mesh, model = built_rig.load_mesh(inputs), load_model(inputs)
-    return lambda params: mesh.neutral + model.offsets(params)
+    return vertices_of(inputs, load_model(inputs))
 
 
 def map_sizes(inputs: Mapping[str, Path]) -> dict[str, tuple[int, int]]:

@@ -3,11 +3,10 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from replicate.artefacts import built_rig
 from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
-from replicate.methods.training_stage import inputs_of_networks, train_on_segments
+from replicate.methods.training_stage import inputs_of_networks, train_on_segments, vertices_of
 
 
 def stage(plan: Plan) -> Stage:
@@ -25,11 +24,8 @@ def train(context: StageContext) -> None:
 def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
     """Return parameters (b, m) → vertices (b, n, 3) of the dense networks."""
     from replicate.approximation.dense import load_dense
-    from replicate.approximation.training import prepare
 
-    prepare("cpu")
-    mesh, model = built_rig.load_mesh(inputs), load_dense(inputs["dense"])
-    return lambda params: mesh.neutral + model.offsets(params)
+    return vertices_of(inputs, load_dense(inputs["dense"]))
 
 
 METHOD = Method("dense", "Dense", lambda plan: (stage(plan),), load, place=30, in_paper=True, colour="#D55E00")

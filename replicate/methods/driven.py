@@ -9,7 +9,7 @@ from replicate.artefacts.plan import Plan, TrainingNumbers
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import skinned
 from replicate.methods.method import Method
-from replicate.methods.training_stage import write_training
+from replicate.methods.training_stage import vertices_of, write_training
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,8 @@ def train(context: StageContext) -> None:
 def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
     """Return parameters (b, m) → vertices (b, n, 3) of the skin as the network poses it."""
     from replicate.approximation.skinning.bone_network import load_driven
-    from replicate.approximation.training import prepare
 
-    prepare("cpu")
-    mesh, model = built_rig.load_mesh(inputs), load_driven(inputs["driven"])
-    return lambda params: mesh.neutral + model.offsets(params)
+    return vertices_of(inputs, load_driven(inputs["driven"]))
 
 
 METHOD = Method(

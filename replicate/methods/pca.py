@@ -19,7 +19,7 @@ from replicate.config import TrainingConfig
 from replicate.engine.schema import Checked, number
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
-from replicate.methods.training_stage import inputs_of_networks, write_training
+from replicate.methods.training_stage import inputs_of_networks, vertices_of, write_training
 
 if TYPE_CHECKING:
     import torch
@@ -153,17 +153,13 @@ def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
     import torch
 
     from replicate.approximation.model import load_model
-    from replicate.approximation.training import prepare
-
-    prepare("cpu")
 
     def network(segment, facts: dict):
         mean = torch.zeros(3 * len(segment.vertices))
         basis = torch.zeros(facts["components"], len(mean))
         return make_network(len(segment.parameters), basis, mean, facts["hidden"], facts["leaky_slope"])
 
-    mesh, model = built_rig.load_mesh(inputs), load_model(inputs["pca"], network)
-    return lambda params: mesh.neutral + model.offsets(params)
+    return vertices_of(inputs, load_model(inputs["pca"], network))
 
 
 METHOD = Method(

@@ -10,7 +10,7 @@ from replicate.engine.stage import Stage, StageContext
 from replicate.geometry.mesh import Mesh
 from replicate.methods import coarse
 from replicate.methods.method import Method, Number
-from replicate.methods.training_stage import write_training
+from replicate.methods.training_stage import vertices_of, write_training
 
 if TYPE_CHECKING:
     import replicate.approximation.refinement
@@ -52,11 +52,7 @@ def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinemen
 
 def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
     """Return parameters (b, m) → vertices (b, n, 3) of both levels of networks."""
-    from replicate.approximation.training import prepare
-
-    prepare("cpu")
-    mesh, model = built_rig.load_mesh(inputs), load_model(inputs)
-    return lambda params: mesh.neutral + model.offsets(params)
+    return vertices_of(inputs, load_model(inputs))
 
 
 def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Number]:

@@ -1,6 +1,7 @@
-"""What training stages share: one network a coarse segment, and what is written of every training."""
+"""What methods with trained networks share: training on coarse segments, what is written of it, and prediction."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from replicate.artefacts import built_rig, control_influence, drawn_samples, rigid_segments
@@ -52,3 +53,15 @@ def write_training(
 
     write_log(log, context.out / LOG)
     context.note(size_mb=model.size_mb())
+
+
+def vertices_of(
+    inputs: Mapping[str, Path],
+    model: "replicate.approximation.model.SegmentedModel | replicate.approximation.refinement.RefinedModel",
+) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3), mm, of a model that predicts offsets; on the CPU, one thread."""
+    from replicate.approximation.training import prepare
+
+    prepare("cpu")
+    mesh = built_rig.load_mesh(inputs)
+    return lambda params: mesh.neutral + model.offsets(params)

@@ -6,7 +6,14 @@ import pytest
 
 from replicate.engine import user_files
 from replicate.engine.exceptions import InputError
-from replicate.engine.user_files import as_whole_number, check_writable, read_bytes, read_text, read_toml, whole_number
+from replicate.engine.user_files import (
+    as_whole_number,
+    check_output_file,
+    read_bytes,
+    read_text,
+    read_toml,
+    whole_number,
+)
 
 
 def test_a_file_is_read_up_to_its_limit_and_no_further(tmp_path):
@@ -47,7 +54,7 @@ def test_any_other_text_is_refused_by_name(text):
 
 
 def test_only_regular_files_are_written(tmp_path):
-    check_writable(tmp_path / "new.glb")
+    check_output_file(tmp_path / "new.glb")
     for bad in ("/dev/full", tmp_path, tmp_path / "a\0b", tmp_path / ("n" * 250)):
         with pytest.raises(InputError):
-            check_writable(user_files.Path(bad))
+            check_output_file(user_files.Path(bad))
