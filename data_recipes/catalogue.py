@@ -1,4 +1,4 @@
-"""The characters: what there is, and a rig of each, built or loaded. The one door to them for `replicate/`.
+"""The characters: their names, and a rig of each, built or loaded. `replicate/` takes them from here alone.
 
 Rigs take a second to import, with JAX and scipy: that waits until one is built or loaded, since command lines come
 here for names and files alone.

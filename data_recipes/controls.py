@@ -206,40 +206,40 @@ CREATURE = (
 )
 
 
-def _sided(names: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:
+def _expand(names: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:
     """Expand "*" in (name, region) to both sides."""
-    expanded = []
+    pairs = []
     for name, region in names:
         for side in SIDES if "*" in name else ("",):
-            expanded.append((name.replace("*", side), region.replace("*", side)))
-    return expanded
+            pairs.append((name.replace("*", side), region.replace("*", side)))
+    return pairs
 
 
 def control_groups() -> dict[str, list[Control]]:
     """Return every control that our face rigs know, by group, in the order in which a smaller rig drops them last."""
     eyes = tuple((part, "eye_*") for part in LID_PARTS)
     follow = tuple((part, "eye_*") for part in LID_FOLLOW)
-    pairs = [Control(name, 0.0, 0.0, 1.0, region) for name, region in _sided(FACE_PAIRS)]
+    pairs = [Control(name, 0.0, 0.0, 1.0, region) for name, region in _expand(FACE_PAIRS)]
     singles = [Control(name, lower, 0.0, 1.0, region) for name, lower, region in FACE_SINGLES]
-    more = [Control(name, lower, 0.0, 1.0, region) for pair, lower in FACE_MORE for name, region in _sided((pair,))]
+    more = [Control(name, lower, 0.0, 1.0, region) for pair, lower in FACE_MORE for name, region in _expand((pair,))]
     return {
         # The singles stand in the middle, so that a rig with 24 face controls also has chin and lip rolls.
         "face": pairs[:20] + singles + pairs[20:] + more,
         "jaw": [Control(name, lower, 0.0, 1.0, region) for name, lower, region in JAW],
-        "lids": [Control(name, -1.0, 0.0, 1.0, region) for name, region in _sided(eyes)],
+        "lids": [Control(name, -1.0, 0.0, 1.0, region) for name, region in _expand(eyes)],
         "lips": [Control(f"{point}_{axis}", -1.0, 0.0, 1.0, "mouth") for point in LIP_POINTS for axis in AXES],
         "handles": [
             Control(f"handle_{name}_{axis}", -1.0, 0.0, 1.0, region)
-            for name, region in _sided(HANDLES)
+            for name, region in _expand(HANDLES)
             for axis in AXES
         ],
         "wrinkles": [Control(name, -1.0, 0.0, 1.0, region) for name, region in WRINKLES],
         "head": [Control(name, -1.0, 0.0, 1.0, "head") for name in HEAD],
-        "lid_follow": [Control(name, -1.0, 0.0, 1.0, region) for name, region in _sided(follow)],
+        "lid_follow": [Control(name, -1.0, 0.0, 1.0, region) for name, region in _expand(follow)],
         "creature": [
             Control(name, lower, 0.0, 1.0, region)
             for pattern, lower, where in CREATURE
-            for name, region in _sided(((pattern, where),))
+            for name, region in _expand(((pattern, where),))
         ],
     }
 
@@ -271,16 +271,16 @@ def limit_controls(
 
     full: names of those that keep their limits, "*" for both sides. Raises InputError for one that the rig lacks.
     """
-    kept = {name for name, _ in _sided(tuple((name, "") for name in full))}
-    unknown = sorted(kept - {control.name for control in controls})
+    full_names = {name for name, _ in _expand(tuple((name, "") for name in full))}
+    unknown = sorted(full_names - {control.name for control in controls})
     if unknown:
         raise InputError(f"{source}: limits.full names '{unknown[0]}', but the rig has no such control.")
 
-    def drawn_in(c: Control) -> Control:
+    def shrink(c: Control) -> Control:
         lower, upper = (c.default + reach * (limit - c.default) for limit in (c.lower, c.upper))
         return replace(c, lower=lower, upper=upper)
 
-    return tuple(control if control.name in kept else drawn_in(control) for control in controls)
+    return tuple(control if control.name in full_names else shrink(control) for control in controls)
 
 
 def control_index(controls: tuple[Control, ...]) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""What a recipe gets wrong that shows without building its head: in a moment, before any stage starts."""
+"""Checks of a recipe that need no head: they take a moment, before any stage starts."""
 
 from dataclasses import asdict
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Is it a face: what a recipe or a model has built, measured and refused in one sentence where it is none.
+"""Is it a face: measure the head that a recipe or a model gives, and refuse it in one sentence where it is none.
 
 Every number of a recipe is within its range before anything is built; whether they give a face together shows only in
 the head that they give. The bounds are far from all of our characters (in brackets: the extremes among tiny, teen,
@@ -22,7 +22,7 @@ OUT_MM = 40.0  # that a point of the skull, nose, eyes or ears may stand out of 
 TEETH_OUT_MM = 5.0  # that a tooth may stand out of the skin [0]
 TEETH_AWAY_MM = 40.0  # from the upper lip to the nearest tooth [5 to 11]
 OPEN_MM = 1.0  # that upper and lower lid are apart at rest, at least [8 to 18]
-SHUT = 0.3  # of that, still, when the eye blinks [0.003 to 0.07]
+BLINK_GAP = 0.3  # of that gap, at most, when the eye blinks [0.003 to 0.07]
 NOSE_MM = 120.0  # that the tip of the nose stands before the lips [6 to 28]
 SKIN = ("face", "cranium", "head")
 UPWARDS = ("chin", "lip_upper_mid", "nose_tip", "eye_outer_left")
@@ -52,25 +52,25 @@ def check_face(rig: Rig, recipe: Recipe | FaceKitRecipe) -> Rig:
 
 def _check_size(x: Float[np.ndarray, "n 3"]) -> None:
     for size, what in zip(np.ptp(x, axis=0), ("wide", "high", "deep"), strict=True):
-        allowed = f"{SIZE_MM[0]:g} to {SIZE_MM[1]:g}"
-        _hold(SIZE_MM[0] <= size <= SIZE_MM[1], "skull", f"the head is {size:.0f} mm {what}", allowed)
+        requirement = f"{SIZE_MM[0]:g} to {SIZE_MM[1]:g}"
+        _hold(SIZE_MM[0] <= size <= SIZE_MM[1], "skull", f"the head is {size:.0f} mm {what}", requirement)
 
 
 def _check_points(rig: Rig, recipe: Recipe | FaceKitRecipe) -> None:
-    known = {field.name for field in fields(recipe)}
-    names = [(section, name) for section, own in POINTS.items() if section in known for name in own]
+    sections = {field.name for field in fields(recipe)}
+    names = [(section, name) for section, own in POINTS.items() if section in sections for name in own]
     if not names:
         return
     out = _outside(rig, np.array([getattr(getattr(recipe, section), name) for section, name in names]))
     for (section, name), distance in zip(names, out, strict=True):
-        found = f"it stands {distance:.0f} mm out of the head that the recipe gives"
-        _hold(distance <= OUT_MM, f"{section}.{name}", found, f"at most {OUT_MM:g}")
+        finding = f"it stands {distance:.0f} mm out of the head that the recipe gives"
+        _hold(distance <= OUT_MM, f"{section}.{name}", finding, f"at most {OUT_MM:g}")
 
 
 def _check_landmarks(x: Float[np.ndarray, "n 3"], marks: dict[str, int]) -> None:
-    seen: dict[int, str] = {}
+    owners: dict[int, str] = {}
     for name, vertex in marks.items():
-        other = seen.setdefault(vertex, name)
+        other = owners.setdefault(vertex, name)
         _hold(other == name, "template", f"the landmarks {other} and {name} are one vertex", "two")
     for low, high in pairwise(UPWARDS):
         if low in marks and high in marks:
@@ -88,8 +88,8 @@ def _check_teeth(rig: Rig, x: Float[np.ndarray, "n 3"], marks: dict[str, int]) -
     out = _outside(rig, teeth).max()
     _hold(out <= TEETH_OUT_MM, "teeth", f"a tooth stands {out:.0f} mm out of the skin", f"at most {TEETH_OUT_MM:g}")
     away = np.linalg.norm(teeth - x[marks["lip_upper_mid"]], axis=1).min()
-    found = f"the nearest tooth is {away:.0f} mm from the upper lip"
-    _hold(away <= TEETH_AWAY_MM, "teeth", found, f"at most {TEETH_AWAY_MM:g}")
+    finding = f"the nearest tooth is {away:.0f} mm from the upper lip"
+    _hold(away <= TEETH_AWAY_MM, "teeth", finding, f"at most {TEETH_AWAY_MM:g}")
 
 
 def _check_lids(rig: Rig, x: Float[np.ndarray, "n 3"], marks: dict[str, int]) -> None:
@@ -98,19 +98,19 @@ def _check_lids(rig: Rig, x: Float[np.ndarray, "n 3"], marks: dict[str, int]) ->
     pose = rig.default.copy()
     for at in blinks.values():
         pose[at] = rig.upper[at]
-    shut = rig(pose)
+    blink_x = rig(pose)
     for side in BLINKS:
         upper, lower = marks.get(f"lid_upper_{side}"), marks.get(f"lid_lower_{side}")
         if upper is None or lower is None:
             continue
-        rest, left = (float(v[upper, 1] - v[lower, 1]) for v in (x, shut))
+        rest, gap = (float(v[upper, 1] - v[lower, 1]) for v in (x, blink_x))
         _hold(rest >= OPEN_MM, "eyes", f"the {side} lids are {rest:.1f} mm apart at rest", f"at least {OPEN_MM:g}")
-        found = f"the {side} lids are still {left:.1f} of {rest:.1f} mm apart when the eye blinks"
-        _hold(not blinks[side] or abs(left) <= SHUT * rest, "eyes", found, f"at most {SHUT:.0%} of it")
+        finding = f"the {side} lids are still {gap:.1f} of {rest:.1f} mm apart when the eye blinks"
+        _hold(not blinks[side] or abs(gap) <= BLINK_GAP * rest, "eyes", finding, f"at most {BLINK_GAP:.0%} of it")
 
 
 def _outside(rig: Rig, points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
-    """Return how far points stand out of the skin, in mm: what a ray from the head's middle goes on beyond it."""
+    """Return how far points stand out of the skin, in mm: along rays from the head's middle."""
     x = rig.mesh.neutral.astype(float)
     inner = np.zeros(len(x), bool)
     inner[_members(rig, SKIN)] = True
@@ -122,11 +122,11 @@ def _outside(rig: Rig, points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " 
 
 
 def _members(rig: Rig, starts: tuple[str, ...]) -> np.ndarray:
-    wanted = np.array([name.startswith(starts) for name in rig.mesh.segment_names])
-    return np.flatnonzero(wanted[rig.mesh.segment])
+    mask = np.array([name.startswith(starts) for name in rig.mesh.segment_names])
+    return np.flatnonzero(mask[rig.mesh.segment])
 
 
-def _hold(rule: bool | np.bool_, where: str, found: str, allowed: str) -> None:
+def _hold(rule: bool | np.bool_, where: str, finding: str, requirement: str) -> None:
     """Raise InputError unless a rule holds; where: the recipe's section, or the key."""
     if not rule:
-        raise InputError(f"{where} gives no face: {found}, allowed is {allowed}")
+        raise InputError(f"{where} gives no face: {finding}, allowed is {requirement}")

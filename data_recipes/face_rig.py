@@ -14,6 +14,7 @@ from jaxtyping import Float, Float32, UInt8
 
 from data_recipes.deformers import node_chain, wrinkles
 from data_recipes.deformers.node_chain import Chain, Node, State
+from data_recipes.deformers.planes import Values
 from data_recipes.deformers.posed_props import RestProp
 from data_recipes.function_rig import FunctionRig
 from data_recipes.rig import Prop
@@ -42,23 +43,23 @@ class FaceParts:
 
 def face_function(parts: FaceParts) -> Callable:
     """Return r(p), (b, m) → (b, n, 3), compiled per batch size; its constants are arguments, so it compiles fast."""
-    evaluate = _compiled_chain(parts.chain)
+    evaluate = _compile_chain(parts.chain)
     return lambda params: evaluate(parts.on_device, jnp.asarray(params, jnp.float32))
 
 
 @cache
-def _compiled_chain(chain: Chain) -> Callable:
+def _compile_chain(chain: Chain) -> Callable:
     return jax.jit(partial(node_chain.evaluate, chain))
 
 
 @cache
-def _compiled_node(node: Node) -> Callable:
+def _compile_node(node: Node) -> Callable:
     return jax.jit(node.function)
 
 
 @cache
-def _switched_off(node: Node) -> Node:
-    return node_chain.switched_off(node)
+def _switch_off(node: Node) -> Node:
+    return node_chain.switch_off(node)
 
 
 @dataclass(frozen=True)
@@ -89,30 +90,34 @@ class FaceRig(FunctionRig):
         columns = {control.name: i for i, control in enumerate(self.controls)}
         return self.face.chain.pose_props(self.face.props, self.face.constants, columns, p, vertices, self.mesh.neutral)
 
-    def node_steps(self, params, skip: Collection[str] = (), upto: str | None = None) -> Iterator[tuple[str, State]]:
-        """Run each node for itself, its result handed on in memory, and yield its name and the state after it.
+    def node_steps(
+        self, params: Float[Values, "b m"], skip: Collection[str] = (), upto: str | None = None
+    ) -> Iterator[tuple[str, State]]:
+        """Run node after node in memory, and yield each one's name and the state after it.
 
         The state's "x" are the positions so far as planes (b, 3, n), "u" the limited controls (b, m). skip: names of
         nodes to switch off; upto: the last node to run. Raises InputError for unknown names.
         """
-        nodes = _chosen(self, skip, upto)
+        nodes = _select_nodes(self, skip, upto)
         constants = self.face.on_device
         state = node_chain.start(constants, jnp.asarray(params, jnp.float32))
         for node in nodes:
             # Of the constants each node gets its own alone: to hand over all would take longer than some nodes do.
             own = {name: constants[name] for name in node.reads}
-            state = jax.block_until_ready(_compiled_node(node)(own, state))
+            state = jax.block_until_ready(_compile_node(node)(own, state))
             yield node.name, state
 
-    def run_nodes(self, params, skip: Collection[str] = (), upto: str | None = None) -> Float32[np.ndarray, "b n 3"]:
-        """Return r(p) of (b, m), or what the chosen nodes make of p, node by node, as a production engine runs them.
+    def run_nodes(
+        self, params: Float[Values, "b m"], skip: Collection[str] = (), upto: str | None = None
+    ) -> Float32[np.ndarray, "b n 3"]:
+        """Return r(p) of (b, m), or the result of some of its nodes, node by node, as a production engine runs them.
 
         skip: names of nodes to switch off; upto: the last node to run. Raises InputError for unknown names.
         """
         *_, (_, state) = self.node_steps(params, skip, upto)
         return np.asarray(node_chain.finish(state))
 
-    def wrinkle_states(self, params) -> dict[str, wrinkles.RegionState]:
+    def wrinkle_states(self, params: Float[Values, " m"]) -> dict[str, wrinkles.RegionState]:
         """Return each wrinkle region's vertices, compression c̃, excess c₊ and height_mm, (s,), in the pose (m,)."""
         names = [node.name for node in self.nodes]
         before = names[names.index("wrinkles") - 1]
@@ -120,11 +125,11 @@ class FaceRig(FunctionRig):
         return wrinkles.region_states(self.face.on_device["wrinkles"], state["x"], state["u"])
 
 
-def _chosen(rig: FaceRig, skip: Collection[str], upto: str | None) -> list[Node]:
+def _select_nodes(rig: FaceRig, skip: Collection[str], upto: str | None) -> list[Node]:
     names = [node.name for node in rig.nodes]
     skip = (skip,) if isinstance(skip, str) else tuple(skip)
     unknown = [name for name in (*skip, *([upto] if upto is not None else [])) if name not in names]
     if unknown:
         raise InputError(f"rig '{rig.name}': it has no node '{unknown[0]}'; allowed are {', '.join(names)}.")
     last = len(names) if upto is None else names.index(upto) + 1
-    return [_switched_off(node) if node.name in skip else node for node in rig.nodes[:last]]
+    return [_switch_off(node) if node.name in skip else node for node in rig.nodes[:last]]

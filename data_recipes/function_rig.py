@@ -8,7 +8,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Int, UInt8
+from jaxtyping import Float, Float32, Int, UInt8
+from numpy.typing import ArrayLike
 
 from data_recipes.controls import Control
 from data_recipes.rig import Clip, Prop
@@ -42,12 +43,12 @@ class FunctionRig:
             object.__setattr__(self, field, np.asarray(getattr(self, field), np.int32))
         _check(self)
 
-    def __call__(self, params) -> np.ndarray:
+    def __call__(self, params: ArrayLike) -> np.ndarray:
         """Return the vertices (n, 3) or (b, n, 3), float32 mm, of one pose (m,) or a batch (b, m)."""
         p = np.asarray(params, np.float32)
         if p.ndim not in (1, 2) or p.shape[-1] != len(self.controls):
-            allowed = f"({len(self.controls)},) or (b, {len(self.controls)})"
-            raise InputError(f"rig '{self.name}': parameters have the shape {p.shape}, where {allowed} is allowed.")
+            shapes = f"({len(self.controls)},) or (b, {len(self.controls)})"
+            raise InputError(f"rig '{self.name}': parameters have the shape {p.shape}, where {shapes} is allowed.")
         if p.ndim == 1 or len(p) == 1:
             vertices = np.asarray(self.function(p.reshape(1, -1)), np.float32)
             return vertices[0] if p.ndim == 1 else vertices
@@ -83,7 +84,7 @@ class FunctionRig:
         """A colour for each vertex: None."""
         return None
 
-    def pose_props(self, params) -> list[Prop]:
+    def pose_props(self, params: Float[np.ndarray, " m"]) -> list[Prop]:
         """Return the display-only meshes in the pose (m,): none."""
         return []
 
@@ -98,18 +99,18 @@ class FunctionRig:
         return jax.jit(push)
 
     def jacobian(
-        self, params, columns: Sequence[int] | Int[np.ndarray, " k"] | None = None
+        self, params: Float[np.ndarray, " m"], columns: Sequence[int] | Int[np.ndarray, " k"] | None = None
     ) -> Float32[np.ndarray, "n 3 k"]:
         """Return ∂V/∂p (n, 3, m) in mm per unit of each control, exact, by forward differentiation.
 
-        columns: the controls wanted, by their place in p; None for all. Needs a function that JAX can trace; our own
+        columns: the controls, by their place in p; None for all. Needs a function that JAX can trace; our own
         rigs' can.
         """
         p, every = np.asarray(params, np.float32), np.eye(len(self.controls), dtype=np.float32)
-        wanted = every if columns is None else every[np.asarray(columns, int)]
-        k = len(wanted)
+        directions = every if columns is None else every[np.asarray(columns, int)]
+        k = len(directions)
         size = min(k, BATCH)
-        seeds = np.concatenate([wanted, np.zeros((-k % size, len(p)), np.float32)])
+        seeds = np.concatenate([directions, np.zeros((-k % size, len(p)), np.float32)])
         parts = [np.asarray(self._tangents(p, seeds[i : i + size])) for i in range(0, len(seeds), size)]
         return np.moveaxis(np.concatenate(parts)[:k], 0, 2)
 

@@ -1,4 +1,4 @@
-"""Every number that a run can be given, as frozen dataclasses whose defaults are the paper's values.
+"""All numbers of a run's configuration, as frozen dataclasses whose defaults are the paper's values.
 
 A profile overrides some of them, a TOML file (`CONFIG=file.toml`) may override more; an unknown key or a value
 out of range is an InputError. The resolved configuration is stored with every artefact and decides its key.
@@ -57,8 +57,8 @@ class TrainingConfig(Checked):
     def __post_init__(self):
         super().__post_init__()
         if len(self.shares) != len(self.rates) or sum(self.shares) <= 0:
-            allowed = f"{len(self.rates)} numbers, as many as rates, not all of them 0"
-            raise InputError(f"shares is {shown(self.shares)}: allowed are {allowed}")
+            choices = f"{len(self.rates)} numbers, as many as rates, not all of them 0"
+            raise InputError(f"shares is {shown(self.shares)}: allowed are {choices}")
 
 
 def _check_map_size(size: int) -> None:
@@ -236,7 +236,7 @@ def resolve(
     overrides: dict | None = None,
     file: Path | None = None,
     sections: Mapping[str, Checked] | None = None,
-    **values,
+    **values: object,
 ) -> Config:
     """Return the configuration of one character: the paper's values, then the profile, a file, and single values.
 
@@ -256,8 +256,8 @@ def resolve(
 
 
 def _overridden(config: Config, overrides: dict, source: str) -> Config:
-    for fixed in ("character", "profile", "seed", "device"):  # the command line's; a file may serve several runs
-        if fixed in overrides:
-            raise InputError(f"{source}: {fixed} can't be set here: use {fixed.upper()}{'S' * (fixed == 'character')}=")
+    for name in ("character", "profile", "seed", "device"):  # the command line's; a file may serve several runs
+        if name in overrides:
+            raise InputError(f"{source}: {name} can't be set here: use {name.upper()}{'S' * (name == 'character')}=")
     with naming(source):
         return read_table(config, overrides)

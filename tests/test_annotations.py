@@ -11,6 +11,7 @@ FOLDERS = (
     "artefacts",
     "benchmarks",
     "drawing",
+    "engine",
     "export",
     "geometry",
     "methods",
@@ -20,7 +21,8 @@ FOLDERS = (
     "targets",
 )
 PUBLIC = ("__init__", "__call__")
-SOURCES = sorted(path for folder in FOLDERS for path in (ROOT / "replicate" / folder).rglob("*.py"))
+WHOLE = (*(ROOT / "replicate" / folder for folder in FOLDERS), ROOT / "data_recipes")
+SOURCES = sorted([*(ROOT / "replicate").glob("*.py"), *(path for folder in WHOLE for path in folder.rglob("*.py"))])
 
 
 def public_functions(body, of_a_class=False):

@@ -15,6 +15,7 @@ from replicate.targets.target_registry import targets
 from replicate.targets.target_table import target_table
 
 MODULE_NAMES = {
+    "dask-jobqueue": "dask_jobqueue",
     "pillow": "PIL",
     "pytest-xdist": "xdist",
     "scikit-learn": "sklearn",

@@ -1,4 +1,4 @@
-"""What a face does on purpose or in passing: amounts of the named controls (see `data_recipes.acting.expressions`)."""
+"""Expressions on purpose or in passing: amounts of the named controls (see `data_recipes.acting.expressions`)."""
 
 ANTICS: dict[str, dict[str, float]] = {
     "thinking": {

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from data_recipes.acting.motion import pose
 
-# Ours, and the sign of the amount that is meant → theirs and how much of it. "*" stands for both sides.
+# Our control and the sign of its amount → their controls and a share for each. "*" stands for both sides.
 NAMES: tuple[tuple[str, int, dict[str, float]], ...] = (
     ("brow_inner_up_*", 1, {"browInnerUp_*": 1.0}),
     ("brow_outer_up_*", 1, {"browOuterUp_*": 1.0}),
@@ -70,7 +70,7 @@ def name_pairs() -> list[tuple[str, int, str, float]]:
 def in_their_words(
     ours: Sequence[str], theirs: Sequence[str], poses: Float[np.ndarray, "t m"]
 ) -> Float[np.ndarray, "t k"]:
-    """Return poses of our controls as poses of theirs, each from 0 to 1; what has no counterpart is dropped.
+    """Return poses of our controls as poses of theirs, each from 0 to 1; a control without a counterpart is left out.
 
     ours: m names. theirs: k names, in the rig's order.
     """

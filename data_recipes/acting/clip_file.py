@@ -12,7 +12,7 @@ from replicate.engine.exceptions import InputError
 from replicate.engine.schema import shown
 from replicate.engine.user_files import read_text, shown_path
 
-TOLERANCE = 1e-6  # of a control's range, for what is lost in writing decimals
+TOLERANCE = 1e-6  # of a control's range: writing decimals rounds that much
 MOST_FRAMES = 20_000  # 14 minutes, three times what our longest character acts
 MOST_LINES = 10 * MOST_FRAMES  # empty ones included
 MOST_BYTES = 100_000_000  # so many frames of 350 controls, in 14 characters each
@@ -49,8 +49,8 @@ def read_clip(path: Path, controls: Sequence) -> Float32[np.ndarray, "t m"]:
             pose[column] = _value(text, controls[column], f"{where}: line {line}, {name}")
         poses.append(pose)
     if not poses:
-        found = "1 line" if header else "0 lines"
-        raise InputError(f"{where}: found {found}, where a header of controls and a row a frame are allowed.")
+        length = "1 line" if header else "0 lines"
+        raise InputError(f"{where}: found {length}, where a header of controls and a row a frame are allowed.")
     return np.stack(poses)
 
 
@@ -74,8 +74,8 @@ def _value(text: str, control, where: str) -> float:
         value = np.nan
     slack = TOLERANCE * (control.upper - control.lower)
     if not control.lower - slack <= value <= control.upper + slack:  # True for NaN as well
-        allowed = f"numbers from {control.lower:g} to {control.upper:g} are allowed"
-        raise InputError(f"{where} is {shown(text)}, where {allowed}.")
+        bounds = f"numbers from {control.lower:g} to {control.upper:g} are allowed"
+        raise InputError(f"{where} is {shown(text)}, where {bounds}.")
     return min(max(value, control.lower), control.upper)
 
 

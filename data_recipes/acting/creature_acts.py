@@ -1,4 +1,4 @@
-"""What creatures do otherwise in the expressions of faces: ears, frills and the lips along the snout.
+"""How a creature's expressions differ from a human face's: ears, frills and the lips along the snout.
 
 Amounts by control; `data_recipes.acting.expressions` lays them over a face's where a rig has a creature's controls.
 """
@@ -6,8 +6,8 @@ Amounts by control; `data_recipes.acting.expressions` lays them over a face's wh
 FRILLS = ("crown", "temple", "cheek", "jaw")
 
 
-def _frills(raised: float, spread: float) -> dict[str, float]:
-    return {f"frill_{name}_raise_*": raised for name in FRILLS} | {f"frill_{name}_spread_*": spread for name in FRILLS}
+def _frills(lift: float, spread: float) -> dict[str, float]:
+    return {f"frill_{name}_raise_*": lift for name in FRILLS} | {f"frill_{name}_spread_*": spread for name in FRILLS}
 
 
 def _lip_points(wide: float, corners_up: float, middle_up: float, out: float) -> dict[str, float]:
@@ -21,7 +21,7 @@ def _lip_points(wide: float, corners_up: float, middle_up: float, out: float) ->
     return {name: amount for name, amount in points.items() if amount}
 
 
-# What a rig with the controls of a creature does otherwise: its ears and frills tell most of it, its mouth is wide.
+# For rigs with the controls of a creature: ears and frills carry most of an expression, and the mouth is wide.
 CREATURE: dict[str, dict[str, float]] = {
     "joy": {"smile_*": 0.95, "ear_raise_*": 0.5, "lid_lower_middle_*": 0.3, **_frills(0.5, 0.2)},
     "laugh": {"ear_raise_*": 0.5, "ear_spread_*": 0.3, **_frills(0.6, 0.4)},

@@ -20,7 +20,7 @@ def expression_poses(rig: Rig) -> dict[str, Float32[np.ndarray, " m"]]:
     poses = {"neutral": rig.default}
     for name in EXPRESSIONS:
         amounts = expression(name, columns)
-        posed = np.clip(pose(columns, amounts) + our_pose(columns, amounts), rig.lower, rig.upper).astype(np.float32)
-        if posed.any():
-            poses[name] = posed
+        values = np.clip(pose(columns, amounts) + our_pose(columns, amounts), rig.lower, rig.upper).astype(np.float32)
+        if values.any():
+            poses[name] = values
     return poses

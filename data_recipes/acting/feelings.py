@@ -1,4 +1,4 @@
-"""What a face shows that feels something: amounts of the named controls (see `data_recipes.acting.expressions`)."""
+"""Expressions of feelings: amounts of the named controls (see `data_recipes.acting.expressions`)."""
 
 FEELINGS: dict[str, dict[str, float]] = {
     "joy": {

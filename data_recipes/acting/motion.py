@@ -55,16 +55,16 @@ def through(
     keys: (time, pose) in time order; times that coincide keep the later pose. lag: frames by which each control
     drags behind, so that parts of the face overlap in time. Before the first and after the last key the pose holds.
     """
-    merged = {float(time): value for time, value in keys}
-    times = np.array(sorted(merged))
-    poses = np.stack([merged[time] for time in times])
+    pose_at = {float(time): value for time, value in keys}
+    times = np.array(sorted(pose_at))
+    poses = np.stack([pose_at[time] for time in times])
     if len(times) == 1:
         return np.repeat(poses, frames, axis=0)
     values = np.empty((frames, poses.shape[1]))
     for late in np.unique(lag):
-        chosen = lag == late
+        mask = lag == late
         when = np.clip(np.arange(frames) - late, times[0], times[-1])
-        values[:, chosen] = _curve(times, poses[:, chosen])(when)
+        values[:, mask] = _curve(times, poses[:, mask])(when)
     return values
 
 
@@ -76,14 +76,14 @@ def _curve(times: Float[np.ndarray, " k"], values: Float[np.ndarray, "k ..."]) -
 
 
 def blink_profile(frames: int, starts: Sequence[float], slowness: float = 1.0) -> Float64[np.ndarray, " frames"]:
-    """Return how far lids are closed by blinks (0 … 1): two frames down, one shut, four up, times `slowness`."""
+    """Return how far lids are closed by blinks (0 … 1): two frames down, one closed, four up, times `slowness`."""
     shape_time = np.array([0.0, 2.0, 3.2, 5.0, 7.5]) * slowness
-    closed = _curve(shape_time, np.array([0.0, 1.0, 1.0, 0.35, 0.0]))
+    closure = _curve(shape_time, np.array([0.0, 1.0, 1.0, 0.35, 0.0]))
     profile = np.zeros(frames)
     for start in starts:
         time = np.arange(frames) - start
         during = (time > 0) & (time < shape_time[-1])
-        profile[during] = np.maximum(profile[during], closed(time[during]))
+        profile[during] = np.maximum(profile[during], closure(time[during]))
     return profile
 
 

@@ -41,16 +41,16 @@ FAMILIES: dict[str, tuple[str, ...]] = {
 }
 # A full bend moves the crown by half a decimetre, a full lip point a lip by 4 mm: families that a face is sparing with.
 QUIET = {"head attitude": 0.3, "head shape": 0.5}
-SHOWN = 0.75  # share of a family's controls that a gesture moves
+ACTIVE_SHARE = 0.75  # share of a family's controls that a gesture moves
 
 
 def family_columns(columns: Mapping[str, int]) -> dict[str, dict[str, int]]:
     """Return each family's controls, name → column, leaving out families that the rig lacks altogether."""
-    found = {
+    families = {
         family: {name: column for name, column in columns.items() if name.startswith(starts)}
         for family, starts in FAMILIES.items()
     }
-    return {family: members for family, members in found.items() if members}
+    return {family: members for family, members in families.items() if members}
 
 
 def deal(families: Sequence[str], shots: int, hand: int, generator: np.random.Generator) -> list[list[str]]:
@@ -83,7 +83,7 @@ def gesture(
         share = sides[0] if left else sides[1] if right else 1.0
         mirror = -1.0 if axis == "x" and right else 1.0
         play = generator.normal()
-        if generator.random() < SHOWN:
+        if generator.random() < ACTIVE_SHARE:
             values[column] = amount * share * (mirror * common[axis] + 0.6 * play)
     return values
 

@@ -35,7 +35,7 @@ class Acting(Checked):
     hand: int = number(6, 0, 20)  # families of fine controls polished in a shot
     holds: float = number(0.45, 0.0, 1.0)  # share of key poses on which everything stands still for a while
     blinks_per_minute: float = number(16.0, 0.0, 120.0)
-    dialogues: int = number(3, 0, 3)  # of ten shots; what there are fewer than three, there are more takes
+    dialogues: int = number(3, 0, 3)  # of ten shots; takes fill up what is missing to three
 
 
 # What a shot is: how many of ten shots, and how it is played.
@@ -84,28 +84,28 @@ def act(controls: Sequence, acting: Acting) -> list[tuple[str, np.ndarray]]:
     for index in range(acting.clips):
         kind = shots[(index * 7) % len(shots)]  # 7 and 10 share no factor: every ten shots hold all kinds
         generator = np.random.default_rng([acting.seed, index])
-        nudged = {name: families[name] for name in hands[index]}
-        values = _shot(kind, casts[index], nudged, columns, acting, generator) + default
+        nudges = {name: families[name] for name in hands[index]}
+        values = _shot(kind, casts[index], nudges, columns, acting, generator) + default
         values = np.clip(np.round(values, DECIMALS), lower, upper).astype(np.float32)
         clips.append((f"{index:02d}_{kind}_{casts[index][0]}", values))
     return clips
 
 
-def _shot(kind, cast, nudged, columns, acting, generator) -> Float64[np.ndarray, "t m"]:
+def _shot(kind, cast, nudges, columns, acting, generator) -> Float64[np.ndarray, "t m"]:
     """Return one shot's offsets from the default pose: keys, then speech, gaze and blinks over them, then holds."""
     how = KINDS[kind]
-    wanted = int(FRAMES_PER_SECOND * acting.clip_s * generator.uniform(0.6, 1.4))
+    target_frames = int(FRAMES_PER_SECOND * acting.clip_s * generator.uniform(0.6, 1.4))
     rest = np.zeros(len(columns))
-    keys, settled, now = [(0.0, rest)], [], generator.uniform(2, 8)
+    keys, moods, now = [(0.0, rest)], [], generator.uniform(2, 8)
     holds = {0: int(generator.integers(4, 14))} if generator.random() < 0.5 else {}
     lag = _lags(columns)
-    while now + sum(holds.values()) < wanted - 20:
+    while now + sum(holds.values()) < target_frames - 20:
         before = keys[-1][1]
         if kind == "exercise":
             goal = _exercise(columns, generator)
         else:
             goal = _feel(cast[generator.integers(len(cast))], how["gain"], columns, acting, generator)
-        for family, members in nudged.items():
+        for family, members in nudges.items():
             goal = goal + gesture(members, len(columns), acting.polish * QUIET.get(family, 1.0), generator)
         if kind == "take":  # go down to come up
             crouch = pose(columns, {"squash": 0.3, "blink_*": 0.8, "brow_down_*": 0.4, "bend_forward": 0.12})
@@ -118,14 +118,14 @@ def _shot(kind, cast, nudged, columns, acting, generator) -> Float64[np.ndarray,
         if generator.random() < acting.holds:
             holds[int(now) + int(lag.max()) + 1] = int(generator.integers(5, 22))
         stay = generator.uniform(*how["stay"]) / acting.tempo
-        settled.append((now, now + stay))
+        moods.append((now, now + stay))
         now += stay
         keys.append((now, goal))
     frames = int(now + 16)
     keys += move_keys(now, 10.0, keys[-1][1], rest, 0.0, 0.0)
     values = through(keys, frames, lag)
     if kind == "dialogue":
-        values = _talk(values, settled, columns, acting, generator)
+        values = _talk(values, moods, columns, acting, generator)
     values += _breathe(frames, columns, generator)
     values = _look_and_blink(values, list(holds), columns, acting, generator)
     return freeze(values, {frame: count for frame, count in holds.items() if frame < frames - 14 or frame == 0})
@@ -142,22 +142,22 @@ def _feel(name, gain, columns, acting, generator) -> Float64[np.ndarray, " m"]:
     side = np.array([("left" in name) * 1.0 - ("right" in name) for name in columns])
     flip = generator.random() < 0.5  # a smirk to the other side
     if flip:
-        amounts = _mirrored(amounts, columns)
+        amounts = _mirror(amounts, columns)
     return amounts * strength * (1 + np.clip(lean, -0.6, 0.6) * side) * generator.uniform(0.75, 1.2, len(columns))
 
 
-def _mirrored(amounts, columns) -> Float64[np.ndarray, " m"]:
+def _mirror(amounts, columns) -> Float64[np.ndarray, " m"]:
     """Return a pose with left and right exchanged and sideways controls reversed."""
     result = np.empty_like(amounts)
     for name, column in columns.items():
-        swapped = name.replace("left", "#").replace("right", "left").replace("#", "right")
+        opposite = name.replace("left", "#").replace("right", "left").replace("#", "right")
         sideways = "sideways" in name or "twist" in name or name.startswith("look_x")
-        result[column] = amounts[columns.get(swapped, column)] * (-1 if sideways else 1)
+        result[column] = amounts[columns.get(opposite, column)] * (-1 if sideways else 1)
     return result
 
 
 def _exercise(columns, generator) -> Float64[np.ndarray, " m"]:
-    """Return a few controls far out, as in the calisthenics by which a rig is signed off."""
+    """Return a few controls far out, as in the exercises that test a rig before it is used."""
     goal = np.zeros(len(columns))
     for stem in generator.choice(sorted({_stem(name) for name in columns}), size=min(7, len(columns)), replace=False):
         amount = generator.uniform(0.5, 1.0) * generator.choice([-1, 1, 1])
@@ -176,18 +176,18 @@ def _lags(columns):
     return np.array([next((lag for start, lag in LAGS.items() if name.startswith(start)), 1) for name in columns])
 
 
-def _talk(values, settled, columns, acting, generator) -> Float64[np.ndarray, "t m"]:
+def _talk(values, moods, columns, acting, generator) -> Float64[np.ndarray, "t m"]:
     """Speak while a mood lasts: mouths that talk show less of it, and accents lift the brows."""
     frames = len(values)
     curtain = _curtain(frames)
     mouth = np.array([name.startswith(MOUTH) for name in columns])
-    for start, end in settled:
+    for start, end in moods:
         syllables = max(2, int((end - start) / 7 * acting.tempo))
         entries = speech.schedule(speech.invent(syllables, generator), acting.tempo, generator)
         entries = [entry for entry in entries if entry[1] < end - start]
-        spoken, busy = speech.speak(entries, int(start) - 3, frames, columns)
-        spoken, busy = spoken * curtain[:, None], busy * curtain
-        values = np.where(mouth, values * (1 - 0.6 * busy[:, None]), values) + acting.intensity * spoken
+        mouth_poses, busy = speech.speak(entries, int(start) - 3, frames, columns)
+        mouth_poses, busy = mouth_poses * curtain[:, None], busy * curtain
+        values = np.where(mouth, values * (1 - 0.6 * busy[:, None]), values) + acting.intensity * mouth_poses
         accents = curtain * blink_profile(frames, list(generator.uniform(start, end, size=2)), 2.0)
         nod = pose(columns, {"brow_inner_up_*": 0.3, "brow_outer_up_*": 0.35, "bend_forward": 0.08, "squash": -0.03})
         values = values + accents[:, None] * nod * generator.uniform(0.4, 1.2)
@@ -196,10 +196,10 @@ def _talk(values, settled, columns, acting, generator) -> Float64[np.ndarray, "t
 
 def _breathe(frames, columns, generator) -> Float64[np.ndarray, "t m"]:
     """Return the small motion of a face that is alive; holds freeze it with all the rest."""
-    moved = np.flatnonzero(pose(columns, dict.fromkeys(BREATHING, 1.0)))
+    active = np.flatnonzero(pose(columns, dict.fromkeys(BREATHING, 1.0)))
     values = np.zeros((frames, len(columns)))
-    if len(moved):
-        values[:, moved] = 0.012 * drift(frames, len(moved), 30.0, generator) * _curtain(frames)[:, None]
+    if len(active):
+        values[:, active] = 0.012 * drift(frames, len(active), 30.0, generator) * _curtain(frames)[:, None]
     return values
 
 
@@ -225,13 +225,13 @@ def _look_and_blink(values, holds, columns, acting, generator) -> Float64[np.nda
     values += up * pose(columns, {"eye_wide_*": 0.3, "brow_outer_up_*": 0.25, "brow_inner_up_*": 0.2})
     values += down * pose(columns, {"blink_*": 0.3, "brow_down_*": 0.1})
 
-    expected = acting.blinks_per_minute * frames / (60 * FRAMES_PER_SECOND)
-    starts = list(generator.uniform(4, max(5, frames - 12), size=generator.poisson(expected)))
+    mean_count = acting.blinks_per_minute * frames / (60 * FRAMES_PER_SECOND)
+    starts = list(generator.uniform(4, max(5, frames - 12), size=generator.poisson(mean_count)))
     starts += [dart for dart in darts if generator.random() < 0.2]  # eyes that travel like to blink
     starts = [start for start in starts if not any(start - 2 < hold < start + 12 for hold in holds)]
-    shut = blink_profile(frames, starts, generator.uniform(1.0, 1.4))[:, None]
+    closure = blink_profile(frames, starts, generator.uniform(1.0, 1.4))[:, None]
     late = blink_profile(frames, [start + generator.uniform(-0.7, 0.7) for start in starts], 1.1)[:, None]
     left, right = pose(columns, {"blink_left": 1.0}), pose(columns, {"blink_right": 1.0})
-    lids = shut * left + late * right
-    values = values * (1 - shut * pose(columns, {"eye_wide_*": 0.9})) + lids * (1 - np.clip(values, 0, 1))
-    return values + shut * pose(columns, {"brow_down_*": 0.07, "squint_*": 0.12, "cheek_raise_*": 0.05})
+    lids = closure * left + late * right
+    values = values * (1 - closure * pose(columns, {"eye_wide_*": 0.9})) + lids * (1 - np.clip(values, 0, 1))
+    return values + closure * pose(columns, {"brow_down_*": 0.07, "squint_*": 0.12, "cheek_raise_*": 0.05})

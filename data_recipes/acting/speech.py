@@ -2,7 +2,7 @@
 
 Coarticulation follows the idea of dominance functions (Cohen and Massaro 1993): every mouth shape has a weight
 that rises and falls around its centre, and what the mouth does is the weighted mean. Shapes that must touch (m, b,
-p, f, v) outweigh their neighbours; a k lets the vowels around it have their way.
+p, f, v) outweigh their neighbours; a k yields to the vowels around it.
 """
 
 from collections.abc import Mapping

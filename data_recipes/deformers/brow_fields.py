@@ -34,7 +34,7 @@ def brow_row_field(s: Sculptor) -> Float[np.ndarray, " n"]:
     brows = np.concatenate([head.curves["brow_left"], head.curves["brow_right"]])
     row = _row_of(head, brows)
     between = body[row, list(range(-t.eye_columns[0], t.eye_columns[0] + 1))]
-    moved = np.concatenate([brows, between[between >= 0]])
+    brow_line = np.concatenate([brows, between[between >= 0]])
     # Up the forehead's columns the field is 1 − s, s the arc length from brow to hair line: an even strain.
     reach = t.eye_columns[1] - 1
     columns = body[row : t.hair_row + 1][:, list(range(-reach, reach + 1))]
@@ -42,8 +42,8 @@ def brow_row_field(s: Sculptor) -> Float[np.ndarray, " n"]:
     arc = np.concatenate([np.zeros((1, columns.shape[1])), np.cumsum(steps, axis=0)])
     ramp = 1 - arc / arc[-1]
     whole = (columns >= 0).all()
-    even = (columns.ravel(), ramp.ravel()) if whole else (moved, 1.0)
-    return s.blend((moved, 1.0), even, (still, 0.0), passes=4)
+    even = (columns.ravel(), ramp.ravel()) if whole else (brow_line, 1.0)
+    return s.blend((brow_line, 1.0), even, (still, 0.0), passes=4)
 
 
 def _row_of(head, brow: np.ndarray) -> int:

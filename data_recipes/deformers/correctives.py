@@ -1,4 +1,4 @@
-"""Combination correctives: what the sum of two actions gets wrong, mended where both are on (layer 1)."""
+"""Combination correctives: offsets that correct the sum of two actions where both are on (layer 1)."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from data_recipes.deformers.sculpting import Sculptor, smoothstep
 
 def _laugh(u: Curve, side: Curve) -> Motion:
     corner = np.abs(u) ** 2
-    bared = (side > 0) * arch(u, 2.6)  # the upper lip goes up with the corners and bares the upper teeth
-    return -2.5 * np.sign(u) * corner, 2.5 * corner + 6.0 * bared, -0.5 * corner - 1.0 * bared
+    lift = (side > 0) * arch(u, 2.6)  # the upper lip goes up with the corners and bares the upper teeth
+    return -2.5 * np.sign(u) * corner, 2.5 * corner + 6.0 * lift, -0.5 * corner - 1.0 * lift
 
 
 def _oh(u: Curve, side: Curve) -> Motion:

@@ -1,4 +1,4 @@
-"""What a creature does beyond a human face: frills, ears that turn, a snarl along the snout, a pouch (layer 1)."""
+"""Actions of a creature beyond those of a human face: frills, ears, a snarl along the snout, a pouch (layer 1)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def sculpt(s: Sculptor) -> dict[str, Path]:
     return frills(s) | ears(s) | snout(s)
 
 
-def turned(
+def turn_about(
     s: Sculptor, vertices: np.ndarray, pivot: np.ndarray, axis: np.ndarray, angle: Float[np.ndarray, " k"]
 ) -> Path:
     """Return the path of vertices that turn about an axis through a pivot, each by its own full angle (radians)."""
@@ -47,8 +47,10 @@ def frills(s: Sculptor) -> dict[str, Path]:
         root = s.x[grid[:2].ravel()].mean(axis=0)
         share = np.broadcast_to(np.linspace(0.5, 1.0, len(grid))[:, None], grid.shape).ravel()
         up = 1.0 if across[1] + 0.3 * across[0] >= 0 else -1.0
-        paths[f"frill_{name}_raise_*"] = turned(s, grid.ravel(), root, up * np.cross(along, across), RAISE_RAD * share)
-        paths[f"frill_{name}_spread_*"] = turned(s, grid.ravel(), root, np.cross(along, front), SPREAD_RAD * share)
+        paths[f"frill_{name}_raise_*"] = turn_about(
+            s, grid.ravel(), root, up * np.cross(along, across), RAISE_RAD * share
+        )
+        paths[f"frill_{name}_spread_*"] = turn_about(s, grid.ravel(), root, np.cross(along, front), SPREAD_RAD * share)
     return paths
 
 
@@ -61,8 +63,8 @@ def ears(s: Sculptor) -> dict[str, Path]:
     mine = np.union1d(np.flatnonzero(s.in_parts("ear_left")), rings.ravel())
     root, (back, _, out) = s.x[rings[-1]].mean(axis=0), ear_frame(s.head.recipe)
     return {
-        "ear_spread_*": turned(s, mine, root, np.cross(back, out), EAR_SPREAD_RAD * share[mine]),
-        "ear_fold_*": turned(s, mine, root, np.array([-1.0, 0.0, 0.0]), EAR_FOLD_RAD * share[mine]),
+        "ear_spread_*": turn_about(s, mine, root, np.cross(back, out), EAR_SPREAD_RAD * share[mine]),
+        "ear_fold_*": turn_about(s, mine, root, np.array([-1.0, 0.0, 0.0]), EAR_FOLD_RAD * share[mine]),
     }
 
 

@@ -1,7 +1,7 @@
 """The face: every deformer in its layer, from coarse to fine, as the nodes of a chain (see `node_chain`).
 
-Beside parameters, controls and positions the state holds what later layers ask of earlier ones: the jaw's motion, the
-head's shape.
+Beside parameters, controls and positions the state holds what later layers need of earlier ones: the jaw's motion and
+the head's shape.
 """
 
 from __future__ import annotations
@@ -79,12 +79,12 @@ def open_the_jaw(constants: FaceConstants, state: State) -> State:
 
 
 def gaze_controls(constants: FaceConstants, u: Float[Values, "b m"]) -> Float[Array, "b q"]:
-    """Return u and six derived controls: the gaze times each follow gain (see `lid_fields.DERIVED`)."""
+    """Return u and six more controls: the gaze times each follow gain (see `lid_fields.GAZE_PRODUCTS`)."""
     value = u @ constants["gaze_controls"]
-    derived = []
+    products = []
     for up, upper, lower, aside, sideways in (value[:, :5].T, value[:, 5:].T):
-        derived += [up * (1 + upper), up * (1 + lower), aside * (1 + ASIDE_GAIN * sideways)]
-    return jnp.concatenate([u, jnp.stack(derived, axis=1)], axis=1)
+        products += [up * (1 + upper), up * (1 + lower), aside * (1 + ASIDE_GAIN * sideways)]
+    return jnp.concatenate([u, jnp.stack(products, axis=1)], axis=1)
 
 
 def move_lids(constants: FaceConstants, state: State) -> State:

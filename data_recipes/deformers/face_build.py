@@ -48,8 +48,8 @@ def build_constants(head: Head, controls: tuple[Control, ...]) -> dict[str, Any]
     columns, m = control_index(controls), len(controls)
     numbers = np.array([[c.lower, c.upper, c.default] for c in controls], np.float64)
     pose, bulge = _pose_fields(s, columns, m)
-    lid_columns = columns | {name: m + i for i, name in enumerate(lid_fields.DERIVED)}
-    several = m + len(lid_fields.DERIVED)
+    lid_columns = columns | {name: m + i for i, name in enumerate(lid_fields.GAZE_PRODUCTS)}
+    several = m + len(lid_fields.GAZE_PRODUCTS)
     constants: dict[str, Any] = {
         "neutral": np.ascontiguousarray(s.x.T, np.float32),
         "limits": limits(*numbers.T),
@@ -175,12 +175,12 @@ def _jaw_weight(s: Sculptor) -> Float[np.ndarray, " n"]:
     mouth, bag = head.grids["mouth"], head.grids["mouth_bag"]
     lip_rings = head.recipe.template.lip_rings
     # A lens that is round at the corners; 0/1 weights would give a square mouth.
-    parted = np.clip(1 - np.abs(head.ring_parameter["mouth_u"]) ** 2.2, 0, 1) ** 0.7
-    profile = 0.5 - 0.5 * head.ring_parameter["mouth_side"] * parted
-    fixed: dict[int, float] = {}
+    opening = np.clip(1 - np.abs(head.ring_parameter["mouth_u"]) ** 2.2, 0, 1) ** 0.7
+    profile = 0.5 - 0.5 * head.ring_parameter["mouth_side"] * opening
+    anchors: dict[int, float] = {}
     for rings in (mouth[: lip_rings + 1], bag):
         for ring in rings:
-            fixed.update(zip(ring.tolist(), profile.tolist(), strict=True))
+            anchors.update(zip(ring.tolist(), profile.tolist(), strict=True))
     wing, chin, corner = s.point("nose_wing_left"), s.point("chin"), s.point("jaw_corner_left")
     x, body = s.x, head.grids["body"]
     still = s.is_outer & (x[:, 1] > wing[1] + 6 + 0.12 * np.maximum(wing[2] - x[:, 2], 0))
@@ -193,16 +193,16 @@ def _jaw_weight(s: Sculptor) -> Float[np.ndarray, " n"]:
     )
     hard &= x[:, 2] > chin[2] - 26
     for vertex in np.flatnonzero(hard & ~np.isin(np.arange(s.n), mouth[: lip_rings + 1])).tolist():
-        fixed[vertex] = 1.0
+        anchors[vertex] = 1.0
     for vertex in head.curves["jawline"].tolist():
         reach = np.clip(abs(x[vertex, 0]) / corner[0], 0, 1)
         if x[vertex, 2] > corner[2] - 10:
-            fixed[vertex] = float(1 - 0.45 * smoothstep(np.array(reach), 0.4, 1.0))
+            anchors[vertex] = float(1 - 0.45 * smoothstep(np.array(reach), 0.4, 1.0))
     for vertex in np.flatnonzero(still).tolist():
-        fixed[vertex] = 0.0
-    ids = np.array(list(fixed), int)
-    kept = np.concatenate([mouth[: lip_rings + 1].ravel(), bag.ravel()])
-    weight = jaw.jaw_weights(s.graph, ids, np.array([fixed[i] for i in ids.tolist()]), kept)
+        anchors[vertex] = 0.0
+    ids = np.array(list(anchors), int)
+    mouth_vertices = np.concatenate([mouth[: lip_rings + 1].ravel(), bag.ravel()])
+    weight = jaw.jaw_weights(s.graph, ids, np.array([anchors[i] for i in ids.tolist()]), mouth_vertices)
     weight[~s.is_skin] = 0.0
     weight[s.in_parts("gum_lower", "tongue")] = 1.0
     return weight

@@ -131,9 +131,9 @@ def tongue(s: Sculptor) -> dict[str, Path]:
         return np.stack([x + 0 * t, y + 0 * t, z + 0 * t], axis=1) * scale
 
     # Half-way values below half make the parabola flat on its negative side: down there is the floor of the mouth.
-    raised = move(y=10.0 * t**1.6, z=-1.5 * t**2)
+    full_raise = move(y=10.0 * t**1.6, z=-1.5 * t**2)
     return {
-        "tongue_raise": Path(move(y=4.1 * t**1.6, z=-0.5 * t**2), raised, 0 * t, 0 * t),
+        "tongue_raise": Path(move(y=4.1 * t**1.6, z=-0.5 * t**2), full_raise, 0 * t, 0 * t),
         "tongue_out": Path(move(z=4.0 * t, y=0.4 * t), move(z=7.0 * t, y=0.6 * t), 0 * t, 0 * t),
         "tongue_sideways": Path(move(x=4.0 * t**2), move(x=8.0 * t**2, z=-1.2 * t**2), 0 * t, 0 * t),
         "tongue_curl": Path(move(y=3.55 * t**3, z=-1.4 * t**3), move(y=8.5 * t**3, z=-4.0 * t**3), 0 * t, 0 * t),
@@ -164,9 +164,9 @@ def fade(s: Sculptor, part: str) -> Float[np.ndarray, " n"]:
     names = ("mouth",) if part == "mouth" else ("eye_left", "eye_right")
     for name in names:
         rings = s.head.grids[name]
-        held = s.head.recipe.template.lip_rings if part == "mouth" else len(rings) // 4
+        inner_rings = s.head.recipe.template.lip_rings if part == "mouth" else len(rings) // 4
         for j, ring in enumerate(rings[:-1]):
-            weight[ring] = smoothstep(np.array(float(j)), held - 1, len(rings))
+            weight[ring] = smoothstep(np.array(float(j)), inner_rings - 1, len(rings))
     for name in ("mouth_bag", "mouth_cap") if part == "mouth" else ("lid_inner_left", "lid_inner_right"):
         weight[s.head.grids[name]] = 0
     return weight

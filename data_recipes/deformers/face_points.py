@@ -67,22 +67,22 @@ def handle_vertices(s: Sculptor, names: list[str]) -> Int[np.ndarray, " h"]:
 def control_points(s: Sculptor) -> tuple[Int[np.ndarray, " c"], tuple[str, ...]]:
     """Return the vertices that an animator drags, and the region of the face that each belongs to."""
     points, marks = named_points(s), s.head.landmarks
-    chosen: list[tuple[int, str]] = []
+    pairs: list[tuple[int, str]] = []
     for side in ("left", "right"):
-        chosen += [(points[f"brow_{side}_0{i}"], "brows") for i in (1, 2, 3)] + [(points[f"forehead_{side}"], "brows")]
+        pairs += [(points[f"brow_{side}_0{i}"], "brows") for i in (1, 2, 3)] + [(points[f"forehead_{side}"], "brows")]
         lids = ("lid_upper", "lid_lower", "eye_inner", "eye_outer")
-        chosen += [(marks[f"{name}_{side}"], f"eye_{side}") for name in lids]
-        chosen += [(points[f"cheek_{side}_0{i}"], "cheeks") for i in (1, 2, 3)]
-        chosen += [(points[f"nose_wing_{side}"], "nose"), (points[f"nasolabial_{side}"], "mouth")]
-        chosen += [
+        pairs += [(marks[f"{name}_{side}"], f"eye_{side}") for name in lids]
+        pairs += [(points[f"cheek_{side}_0{i}"], "cheeks") for i in (1, 2, 3)]
+        pairs += [(points[f"nose_wing_{side}"], "nose"), (points[f"nasolabial_{side}"], "mouth")]
+        pairs += [
             (marks[f"mouth_corner_{side}"], "mouth"),
             (points[f"jaw_{side}_01"], "jaw"),
             (points[f"jaw_{side}_02"], "jaw"),
         ]
-    chosen += [(points["nose_tip"], "nose"), (points["nose_bridge"], "nose"), (points["forehead"], "brows")]
-    chosen += [(points["glabella"], "brows"), (points["chin"], "jaw")]
+    pairs += [(points["nose_tip"], "nose"), (points["nose_bridge"], "nose"), (points["forehead"], "brows")]
+    pairs += [(points["glabella"], "brows"), (points["chin"], "jaw")]
     for name in ("lip_upper", "lip_lower"):
         curve = s.head.curves[name]
-        chosen += [(int(curve[round(f * (len(curve) - 1))]), "mouth") for f in (0.15, 0.3, 0.5, 0.7, 0.85)]
-    unique = dict(chosen[::-1])
+        pairs += [(int(curve[round(f * (len(curve) - 1))]), "mouth") for f in (0.15, 0.3, 0.5, 0.7, 0.85)]
+    unique = dict(pairs[::-1])
     return np.array(list(unique)[::-1], np.int32), tuple(list(unique.values())[::-1])

@@ -1,7 +1,7 @@
 """Flesh: delta mush, which evens out a deformation and keeps the resting detail (layer 7).
 
 The posed skin is smoothed, and the detail that smoothing took from the *resting* skin is put back in the frames of
-the smoothed pose. What the layers before left uneven is gone; what the sculptor gave the neutral is not.
+the smoothed pose. Unevenness of the layers before is gone; the neutral's own detail is not.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def _fans(
 
 
 def smooth(constants: Constants, x: Float[Values, "b 3 s"]) -> Float[Values, "b 3 s"]:
-    """Return positions after PASSES of moving half-way to the mean of the neighbours, the border held."""
+    """Return positions after PASSES of moving half-way to the mean of the neighbours; the border stays."""
     index, weight = constants["neighbour"], jnp.asarray(constants["neighbour_weight"])[:, :, None]
     pull = jnp.asarray(constants["pull"])[:, None]
     # One row per vertex: gathering rows is ten times as fast as gathering along planes. The loop keeps the compiler
@@ -98,8 +98,8 @@ def prepare(
 
 def mush(constants: Constants, x: Float[Values, "b 3 n"]) -> Float[Values, "b 3 n"]:
     """Return positions after the delta mush."""
-    held = x[:, :, constants["support"]]
-    smoothed = smooth(constants, held)
+    support_x = x[:, :, constants["support"]]
+    smoothed = smooth(constants, support_x)
     detail = constants["detail"]
     target = smoothed + sum(axis * detail[k] for k, axis in enumerate(frames(constants, smoothed)))
-    return x + spread(constants["weight"] * (target - held), constants["place"])
+    return x + spread(constants["weight"] * (target - support_x), constants["place"])

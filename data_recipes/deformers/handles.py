@@ -54,5 +54,5 @@ def move(constants: Constants, u: Float[Values, "b m"]) -> Float[Values, "b 3 n"
     """Return the displacement of every vertex at controls u."""
     padded = jnp.concatenate([u, jnp.zeros_like(u[:, :1])], axis=1)
     travel = padded[:, constants["columns"]] * constants["reach"]  # (b, h, 3)
-    moved = travel.transpose(0, 2, 1) @ constants["share"]  # (b, 3, s)
-    return spread(moved, constants["place"])
+    displacement = travel.transpose(0, 2, 1) @ constants["share"]  # (b, 3, s)
+    return spread(displacement, constants["place"])

@@ -120,8 +120,8 @@ def warp(constants: Constants, values: ShapeValues, points: Float[Values, "b 3 s
     share = ramp(y, base, base + 190)
     angles = jnp.stack([-BEND_RAD * v.bend_sideways, BEND_RAD * v.bend_forward, TWIST_RAD * v.twist])
 
-    def turn(k, held):
-        p, q, r = held
+    def turn(k, point):
+        p, q, r = point
         s, c = sine_cosine(angles[k] * share)
         return s * p + c * q, r, c * p - s * q
 

@@ -30,16 +30,16 @@ class JawMotion:
 
 def jaw_weights(
     graph: sp.csr_matrix,
-    fixed: Int[np.ndarray, " k"],
+    anchors: Int[np.ndarray, " k"],
     values: Float[np.ndarray, " k"],
     keep: Int[np.ndarray, " j"],
     passes: int = SMOOTHING_PASSES,
 ) -> Float[np.ndarray, " n"]:
-    """Return harmonic weights through `values` at `fixed`, smoothed `passes` times except at the vertices `keep`."""
-    weight = harmonic(graph, fixed, values)
-    kept = np.zeros(len(weight), bool)
-    kept[keep] = True
-    return np.clip(smooth_values(weight, graph, passes, kept), 0, 1)
+    """Return harmonic weights through `values` at `anchors`, smoothed `passes` times except at the vertices `keep`."""
+    weight = harmonic(graph, anchors, values)
+    keep_mask = np.zeros(len(weight), bool)
+    keep_mask[keep] = True
+    return np.clip(smooth_values(weight, graph, passes, keep_mask), 0, 1)
 
 
 def prepare(weight: Float[np.ndarray, " n"], pivot: Float[np.ndarray, " 3"]) -> dict[str, np.ndarray]:
@@ -67,11 +67,11 @@ def turn(vectors: Float[Values, "b 3 s"], rotation: Float[Values, "b 3 s"]) -> F
 
 def open_jaw(constants: Constants, x: Float[Values, "b 3 n"], motion: JawMotion) -> Float[Values, "b 3 n"]:
     """Return positions with the jaw's motion applied, each vertex by its weight."""
-    held = x[:, :, constants["support"]]
+    support_x = x[:, :, constants["support"]]
     pivot = constants["pivot"][:, None]
     rotation = motion.rotation[:, :, None] * constants["weight"]
-    moved = turn(held - pivot, rotation) + pivot + motion.translation[:, :, None] * constants["weight"]
-    return x + spread(moved - held, constants["place"])
+    target_x = turn(support_x - pivot, rotation) + pivot + motion.translation[:, :, None] * constants["weight"]
+    return x + spread(target_x - support_x, constants["place"])
 
 
 def undo_jaw(pivot: Float[Values, " 3"], x: Float[Values, "b 3 s"], motion: JawMotion) -> Float[Values, "b 3 s"]:

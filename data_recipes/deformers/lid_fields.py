@@ -1,7 +1,7 @@
 """What each control does to an eye's lids: edges, creases and bags, as elevations and distances on the lid ball.
 
-Besides the rig's own controls there are derived ones, `DERIVED`: the gaze's height, or how far it goes aside, times the
-lid's follow gain.
+Besides the rig's own controls there are products, `GAZE_PRODUCTS`: the gaze's height, or how far it goes aside, times
+the lid's follow gain.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from data_recipes.deformers.lids import LidPatch
 from data_recipes.deformers.sculpting import Sculptor, smoothstep
 
 RAD = np.pi / 180
-DERIVED = tuple(f"gaze_{part}_{side}" for side in ("left", "right") for part in ("upper", "lower", "aside"))
+GAZE_PRODUCTS = tuple(f"gaze_{part}_{side}" for side in ("left", "right") for part in ("upper", "lower", "aside"))
 # How far the edges follow the gaze (radians per full look): upper lid, lower lid.
 FOLLOW = (9.0 * RAD, 5.0 * RAD)
 

@@ -115,12 +115,12 @@ def edges(constants: Constants, u: Float[Array, "b m"]) -> tuple[Array, Array, A
     used = u[:, constants["used"]]
     moves = jnp.einsum("bk,kqs->qbs", used, constants["moves"])
     rest_upper, rest_lower = constants["edge_upper"], constants["edge_lower"]
-    closed = rest_lower + CLOSED_SHARE * (rest_upper - rest_lower)
+    meeting_line = rest_lower + CLOSED_SHARE * (rest_upper - rest_lower)
     b = closing(u @ constants["blink"])
     upper = rest_upper + moves[0]
     lower = rest_lower + moves[1]
-    upper = upper + b * (closed - upper)
-    lower = lower + b * (closed - lower)
+    upper = upper + b * (meeting_line - upper)
+    lower = lower + b * (meeting_line - lower)
     # Where they would cross they meet half-way; at rest, and wherever they are apart, this is exactly 0.
     overlap = 0.5 * hinge(lower - upper, 0.02)
     return upper + overlap, lower - overlap, moves[2], moves[3]
@@ -128,19 +128,19 @@ def edges(constants: Constants, u: Float[Array, "b m"]) -> tuple[Array, Array, A
 
 def close_lids(constants: Constants, x: Float[Array, "b 3 n"], u: Float[Array, "b m"]) -> Float[Array, "b 3 n"]:
     """Return positions with one eye's lids turned, drawn onto the lid ball, and pushed out of the eyeball."""
-    held = x[:, :, constants["support"]]
+    support_x = x[:, :, constants["support"]]
     frame, centre = constants["frame"], constants["centre"]
-    q = to_frame(frame, centre, held)
+    q = to_frame(frame, centre, support_x)
     distance = jnp.sqrt((q * q).sum(axis=1) + 1e-9)
     edge_upper, edge_lower, lift, swell = edges(constants, u)
     side = constants["upper"]
     turn = side * (edge_upper - constants["edge_upper"]) + (1 - side) * (edge_lower - constants["edge_lower"])
     turn = turn * constants["share"]
     # A vertex drawn down over the ball lies on it as the rim does; rim vertices stay where their thickness puts them.
-    drawn = LEAN * jnp.minimum(turn * turn / FULL_TURN_RAD**2, 1.0)
+    lean = LEAN * jnp.minimum(turn * turn / FULL_TURN_RAD**2, 1.0)
     outside = jnp.maximum(constants["rest_distance"] - constants["lid_ball"], 0.0)
-    distance = distance - drawn * outside + swell
+    distance = distance - lean * outside + swell
     ball = constants["ball"]
     distance = distance + hinge(ball - distance, 0.1)
-    moved = from_frame(frame, centre, raise_on_ball(q, turn + lift, distance))
-    return x + spread(moved - held, constants["place"])
+    target_x = from_frame(frame, centre, raise_on_ball(q, turn + lift, distance))
+    return x + spread(target_x - support_x, constants["place"])

@@ -48,7 +48,7 @@ def corner(u: Curve, power: float) -> Curve:
 
 
 def _smile_seam(u: Curve, side: Curve) -> Motion:
-    # Closed lips: both dip alike. What bares the teeth is raising the lip, and a corrective with the open jaw.
+    # Closed lips: both dip alike. Raising the lip bares the teeth, and so does a corrective with the open jaw.
     up = 11.5 * corner(u, 2.2) - 1.2 * arch(u)
     # The corners go back too, around the teeth, as far as the contact lets them.
     return 10.0 * np.sign(u) * corner(u, 1.2), up, -4.5 * corner(u, 2.0) - 0.8 * arch(u)

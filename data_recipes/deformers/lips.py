@@ -1,7 +1,7 @@
 """Lips: sticky corners, contact, and rolling over the teeth (layer 6).
 
-The mouth's rings share columns: column i of the upper lip faces column k − i of the lower. What closes, parts or pushes
-a column moves its rings by shares that fall off away from the seam.
+The mouth's rings share columns: column i of the upper lip faces column k − i of the lower. A motion of a
+column moves its rings by shares that fall off away from the seam.
 """
 
 from __future__ import annotations
@@ -69,9 +69,9 @@ def close_lips(constants: Constants, x: Float[Array, "b 3 n"], u: Float[Array, "
     left = constants["left"]
     sticky = jnp.maximum(sticky_left * left + sticky_right * (1 - left), 0.0)
     reach = STICK_MM + STICK_REACH_MM * sticky
-    stuck = jnp.exp(-((size / reach) ** 2))
-    pull = stuck + (1 - stuck) * jnp.clip(together, 0.0, 1.0)
-    # Closed lips may press but not pass: what overlaps along y is parted in full, whatever the pull.
+    stick = jnp.exp(-((size / reach) ** 2))
+    pull = stick + (1 - stick) * jnp.clip(together, 0.0, 1.0)
+    # Closed lips may press but not pass: an overlap along y is removed in full, whatever the pull.
     overlap = hinge(-(gap[:, 1] * (1 - pull)), 0.05)
     part = jnp.stack([jnp.zeros_like(overlap), overlap, jnp.zeros_like(overlap)], axis=1)
     down = pull[:, None] * gap
@@ -128,10 +128,10 @@ def prepare_wall(
 
 def roll_over_teeth(constants: Constants, x: Float[Array, "b 3 n"], motion: JawMotion) -> Float[Array, "b 3 n"]:
     """Return positions pushed out of a row of teeth; the lower row rides on the jaw."""
-    held = x[:, :, constants["support"]]
+    support_x = x[:, :, constants["support"]]
     lower = constants["side"] < 0
     still = JawMotion(jnp.where(lower, motion.rotation, 0.0), jnp.where(lower, motion.translation, 0.0))
-    q = undo_jaw(constants["pivot"], held, still)
+    q = undo_jaw(constants["pivot"], support_x, still)
     z = q[:, 2] - constants["axis_z"]
     radius = jnp.sqrt(q[:, 0] ** 2 + z**2 + 1e-6)
     cosine = z / radius

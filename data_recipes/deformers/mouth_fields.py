@@ -43,7 +43,7 @@ def lip_change(
     return change
 
 
-def _windowed(motion: Motion, window: Curve) -> Motion:
+def _apply_window(motion: Motion, window: Curve) -> Motion:
     return motion[0] * window, motion[1] * window, motion[2] * window
 
 
@@ -51,7 +51,7 @@ def sculpt(sculptor: Sculptor, action: LipAction) -> Path:
     """Return an action's path, of the left side if it has sides; left and right together give the whole mouth's."""
     u, side = sculptor.head.ring_parameter["mouth_u"], sculptor.head.ring_parameter["mouth_side"]
     window = smoothstep(u, -0.45, 0.45) if action.sided else np.ones_like(u)
-    seam, border = (_windowed(motion(u, side), window) for motion in (action.seam, action.border))
+    seam, border = (_apply_window(motion(u, side), window) for motion in (action.seam, action.border))
     change = lip_change(sculptor, seam, border, action.bending_mm2)
     half, full = sculptor.along_surface(change * np.array(action.half)), sculptor.along_surface(change)
     still = np.zeros(sculptor.n)
@@ -70,6 +70,6 @@ def sculpt_point(sculptor: Sculptor, name: str) -> Path:
     if part != "corner":
         weight = weight * arch(u, 6)
     direction = [POINT_TRAVEL_MM[axis] * weight if axis == name_ else 0 * u for name_ in "xyz"]
-    change = lip_change(sculptor, tuple(direction), _windowed(tuple(direction), 0.65 * np.ones_like(u)))
+    change = lip_change(sculptor, tuple(direction), _apply_window(tuple(direction), 0.65 * np.ones_like(u)))
     still = np.zeros(sculptor.n)
     return Path(sculptor.along_surface(0.5 * change), sculptor.along_surface(change), still, still)

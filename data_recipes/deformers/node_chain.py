@@ -1,8 +1,8 @@
 """A face as a chain of nodes: what a node is, and how a chain runs, whole or with some of its nodes switched off.
 
 Each node takes the constants and the state of a batch and returns the state after it. The state holds the parameters
-"p" (b, m), the soft-limited controls "u" (b, m), the positions "x" as planes (b, 3, n), and what later nodes ask of
-earlier ones. Composed, the nodes are the rig's function.
+"p" (b, m), the soft-limited controls "u" (b, m), the positions "x" as planes (b, 3, n), and results that later nodes
+need of earlier ones. Composed, the nodes are the rig's function.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def start(constants: FaceConstants, params: Float[Values, "b m"]) -> State:
     return {"p": params, "u": params - constants["limits"]["default"], "x": neutral}
 
 
-def switched_off(node: Node) -> Node:
+def switch_off(node: Node) -> Node:
     """Return a node that leaves positions and controls as they were, and hands on what the node does at rest.
 
     So without the jaw's node the lower teeth stay closed too, since they ask it how far the jaw has turned.

@@ -48,8 +48,8 @@ def rest_props(head: Any) -> tuple[RestProp, ...]:
     rest = []
     for prop in head.props:
         vertices = np.asarray(prop.vertices, np.float32)
-        tied = np.maximum(vertices, (-np.inf, scalp, -np.inf)) if prop.follow == "hair" else vertices
-        distance, index = tree.query(tied, k=NEAREST)
+        anchors = np.maximum(vertices, (-np.inf, scalp, -np.inf)) if prop.follow == "hair" else vertices
+        distance, index = tree.query(anchors, k=NEAREST)
         weight = 1 / (distance + 0.5) ** 2
         rest.append(
             RestProp(
@@ -89,19 +89,19 @@ def pose(
         rest.append(x)
     # Everything bends, squashes and stretches as the whole head does, in one go.
     planes = jnp.asarray(np.concatenate(rest).T[None], jnp.float32)
-    warped = np.asarray(_compiled_warp()(constants["shape"], values, planes))[0].T
+    warped = np.asarray(_compile_warp()(constants["shape"], values, planes))[0].T
     skin, *warped = np.split(warped, np.cumsum([len(x) for x in rest])[:-1])
-    moved = vertices - skin  # what the skin does beside that
-    posed = []
+    displacement = vertices - skin  # of the skin, beside that warp
+    meshes = []
     for prop, x in zip(props, warped, strict=True):
         if not prop.follow.startswith("eye"):
-            x = x + (moved[prop.index] * prop.weight[..., None]).sum(axis=1)
-        posed.append((prop.name, x.astype(np.float32), prop.faces, prop.colours))
-    return posed
+            x = x + (displacement[prop.index] * prop.weight[..., None]).sum(axis=1)
+        meshes.append((prop.name, x.astype(np.float32), prop.faces, prop.colours))
+    return meshes
 
 
 @cache
-def _compiled_warp() -> Callable:
+def _compile_warp() -> Callable:
     """Return the head's map of space, compiled once: its loop, called as it is, would be compiled at every call."""
     return jax.jit(head_shape.warp)
 

@@ -1,6 +1,6 @@
 """Riders: shells that stand in the skin go where the skin around their roots goes (after layer 8).
 
-What moves them against the skin is sculpted as everything else (layer 1), and the head's shape takes them along.
+Their own motion is sculpted as everything else (layer 1), and the head's shape takes them along.
 """
 
 from __future__ import annotations
@@ -35,5 +35,5 @@ def ride(constants: Constants, x: Float[Values, "b 3 n"]) -> Float[Array, "b 3 n
     """Return positions in which every shell has gone with the skin around its root."""
     if len(constants["around"]) == 0:
         return x
-    moved = x[:, :, constants["around"]].mean(axis=-1) - constants["rest"]  # (b, 3, shells)
-    return x + spread(jnp.asarray(moved)[:, :, constants["owner"]], constants["place"])
+    displacement = x[:, :, constants["around"]].mean(axis=-1) - constants["rest"]  # (b, 3, shells)
+    return x + spread(jnp.asarray(displacement)[:, :, constants["owner"]], constants["place"])

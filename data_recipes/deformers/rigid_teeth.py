@@ -64,12 +64,12 @@ def place_teeth(
     centre = jnp.broadcast_to(constants["centre"], (batch, 3, count))
     centre = turn(centre - pivot, rotation) + pivot + motion.translation[:, :, None] * lower
     probes = [centre] + [centre + sign * PROBE_MM * jnp.eye(3)[i][:, None] for i in range(3) for sign in (1.0, -1.0)]
-    seen = warp(jnp.concatenate(probes, axis=2)).reshape(batch, 3, 7, count)
-    columns = [(seen[:, :, 1 + 2 * i] - seen[:, :, 2 + 2 * i]) / (2 * PROBE_MM) for i in range(3)]
+    images = warp(jnp.concatenate(probes, axis=2)).reshape(batch, 3, 7, count)
+    columns = [(images[:, :, 1 + 2 * i] - images[:, :, 2 + 2 * i]) / (2 * PROBE_MM) for i in range(3)]
     spin = polar_rotation(jnp.stack(columns, axis=-1).transpose(0, 2, 1, 3))  # (b, tooth, row, column)
 
     owner = constants["owner"]
     local = turn(jnp.broadcast_to(constants["local"], (batch, *constants["local"].shape)), rotation[:, :, owner])
-    spun = jnp.einsum("bsij,bjs->bis", spin[:, owner], local)
+    offset = jnp.einsum("bsij,bjs->bis", spin[:, owner], local)
     inside = constants["place"] < len(owner)
-    return jnp.where(inside, spread(spun + seen[:, :, 0][:, :, owner], constants["place"]), x)
+    return jnp.where(inside, spread(offset + images[:, :, 0][:, :, owner], constants["place"]), x)

@@ -63,7 +63,7 @@ def smoothstep(x: np.ndarray, low: float, high: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Sculptor:
-    """A head and what sculpting it needs, made when first asked for."""
+    """A head and what sculpting it needs, computed on first use."""
 
     head: Head
 
@@ -114,8 +114,8 @@ class Sculptor:
 
     def in_parts(self, *names: str) -> np.ndarray:
         """Return which vertices (n,) belong to the named parts of the head."""
-        wanted = [i for i, name in enumerate(self.head.part_names) if name in names]
-        return np.isin(self.head.part, wanted)
+        indices = [i for i, name in enumerate(self.head.part_names) if name in names]
+        return np.isin(self.head.part, indices)
 
     def point(self, name: str) -> Float[np.ndarray, " 3"]:
         """Return a landmark's position."""
@@ -143,7 +143,7 @@ class Sculptor:
     def blend(self, *levels: tuple[np.ndarray, float | np.ndarray], passes: int = 3) -> Float[np.ndarray, " n"]:
         """Return the harmonic function on the skin that takes each level at its vertices, smoothed a little.
 
-        A vertex that is named twice takes the level named first.
+        A vertex in several levels takes the first one.
         """
         ids = np.concatenate([v for v, _ in levels])
         values = np.concatenate([np.broadcast_to(np.asarray(level, float), len(v)) for v, level in levels])
@@ -152,18 +152,18 @@ class Sculptor:
 
     def on_skull(self, offset: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Return the offset corrected so that each vertex keeps its distance from the skull (three Newton steps)."""
-        moved = np.flatnonzero(np.abs(offset).max(axis=1) > 1e-3)
-        if len(moved) == 0:
+        active = np.flatnonzero(np.abs(offset).max(axis=1) > 1e-3)
+        if len(active) == 0:
             return offset
-        rest = self.x[moved]
-        wanted, _ = self._distance(rest)
-        y = rest + offset[moved]
+        rest = self.x[active]
+        rest_distance, _ = self._distance(rest)
+        y = rest + offset[active]
         for _ in range(3):
             d, g = self._distance(y)
-            step = (d - wanted) / np.maximum((g * g).sum(axis=1), 0.3)
+            step = (d - rest_distance) / np.maximum((g * g).sum(axis=1), 0.3)
             y = y - np.clip(step, -3, 3)[:, None] * g
         result = offset.copy()
-        result[moved] = y - rest
+        result[active] = y - rest
         return result
 
     def _distance(self, points: np.ndarray, step: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
@@ -229,12 +229,12 @@ class Sculptor:
 
     def along_surface(self, change: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Return the offsets of a change in wrapped coordinates (Δa, Δb, Δr), following the skull's relief."""
-        moved = np.flatnonzero(np.abs(change).max(axis=1) > 1e-3)
-        at = self.wrapped[moved]
-        to = at + change[moved]
+        active = np.flatnonzero(np.abs(change).max(axis=1) > 1e-3)
+        at = self.wrapped[active]
+        to = at + change[active]
         to[:, 2] += self.relief_at(to[:, 0], to[:, 1]) - self.relief_at(at[:, 0], at[:, 1])
         result = np.zeros_like(self.x)
-        result[moved] = self.unwrap(to) - self.x[moved]
+        result[active] = self.unwrap(to) - self.x[active]
         return result
 
     # -- carrying a curve's motion into the skin -----------------------------------------------------------------
@@ -251,11 +251,11 @@ class Sculptor:
         x = self.x[patch]
         k = stiffness(x, local)
         mass = vertex_areas(x, local)
-        held = [head.landmarks["nose_tip"]]
+        pins = [head.landmarks["nose_tip"]]
         for side in ("left", "right"):
-            held += head.grids[f"eye_{side}"][:3].ravel().tolist() + head.grids[f"nostril_{side}"].ravel().tolist()
+            pins += head.grids[f"eye_{side}"][:3].ravel().tolist() + head.grids[f"nostril_{side}"].ravel().tolist()
         is_lip = np.isin(patch, lips)
-        free = ~is_lip & ~np.isin(patch, held) & (far[patch] < 62.0)
+        free = ~is_lip & ~np.isin(patch, pins) & (far[patch] < 62.0)
         return patch, is_lip, free, k, (k @ sp.diags(1 / mass) @ k).tocsr()
 
     @cached_property
@@ -263,7 +263,7 @@ class Sculptor:
         return {}
 
     def extend(self, on_lips: Float[np.ndarray, "n c"], bending_mm2: float = EXTENSION_MM2) -> Float[np.ndarray, "n c"]:
-        """Return values given on the lips' rings carried into the skin around, to 0 at eyes, nose tip and afar.
+        """Carry values on the lips' rings into the skin around, to 0 at eyes, nose tip and afar.
 
         bending_mm2: how far the skin goes on as the lips slope (large), against how soon it is back at rest (small).
         """

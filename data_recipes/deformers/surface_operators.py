@@ -110,20 +110,20 @@ def vertex_normals(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f
 
 
 def harmonic(
-    graph: sp.csr_matrix, fixed: Int[np.ndarray, " k"], values: Float[np.ndarray, " k"]
+    graph: sp.csr_matrix, anchors: Int[np.ndarray, " k"], values: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, " n"]:
-    """Return the function whose every free value is the mean of its neighbours' and which takes `values` at `fixed`.
+    """Return the function whose every free value is the mean of its neighbours' and which takes `values` at `anchors`.
 
-    Vertices that no path joins to a fixed one get 0.
+    Vertices that no path joins to an anchor get 0.
     """
     n = graph.shape[0]
     free = np.ones(n, bool)
-    free[fixed] = False
+    free[anchors] = False
     degree = np.asarray(graph.sum(axis=1)).ravel()
     # The tiny screen keeps islands solvable and pulls them to 0; elsewhere it is far below rounding of the result.
     laplacian = (sp.diags(degree + 1e-9) - graph).tocsr()
     result = np.zeros(n)
-    result[fixed] = values
+    result[anchors] = values
     right = -laplacian[free][:, ~free] @ result[~free]
     result[free] = sp.linalg.spsolve(laplacian[free][:, free].tocsc(), right)
     return result

@@ -23,18 +23,18 @@ def ridges(phase: Float[np.ndarray, "*s"]) -> Float[np.ndarray, "*s"]:
 
 def build_regions(s: Sculptor, columns: dict[str, int], m: int) -> list[Region]:
     """Return the face's wrinkle regions; a gain control that the rig lacks stays at its natural value (column m)."""
-    regions = [_forehead(s), _glabella(s), _chin(s)]
+    parts = [_forehead(s), _glabella(s), _chin(s)]
     for side in ("left", "right"):
-        regions += [_bridge(s, side), _crow(s, side), _nasolabial(s, side), _under_eye(s, side)]
-    built = []
-    for name, vertices, fibre, wavelength, pattern, controls in regions:
+        parts += [_bridge(s, side), _crow(s, side), _nasolabial(s, side), _under_eye(s, side)]
+    regions = []
+    for name, vertices, fibre, wavelength, pattern, controls in parts:
         local, _ = submesh(s.head.faces, vertices, s.n)
         used = np.unique(local)
         if len(used) < 6:
             continue  # the tiny template has no room for this region
         names = list(controls)
         total = sum(controls.values())
-        built.append(
+        regions.append(
             Region(
                 name=name,
                 vertices=vertices[used].astype(np.int32),
@@ -46,7 +46,7 @@ def build_regions(s: Sculptor, columns: dict[str, int], m: int) -> list[Region]:
                 gain_weights=np.stack([controls[c][used] / total[used] for c in names]).astype(np.float32),
             )
         )
-    return built
+    return regions
 
 
 Parts = tuple[str, np.ndarray, np.ndarray, float, np.ndarray, dict[str, np.ndarray]]
@@ -67,8 +67,8 @@ def _forehead(s: Sculptor) -> Parts:
     body = head.grids["body"]
     first, last = t.eye_rows[1], t.hair_row
     reach = t.eye_columns[1] + 2
-    wanted = list(range(-reach, reach + 1))
-    grid = body[first : last + 1][:, wanted]
+    columns = list(range(-reach, reach + 1))
+    grid = body[first : last + 1][:, columns]
     row, column = np.indices(grid.shape)
     keep = grid >= 0
     vertices = grid[keep]
@@ -173,12 +173,12 @@ def _nasolabial(s: Sculptor, side: str) -> Parts:
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
     outward = np.sign(sign * across[:, 0])[:, None]
     across = across * np.where(outward == 0, 1, outward)
-    signed = ((s.x - curve[place]) * across).sum(axis=1)
+    distance = ((s.x - curve[place]) * across).sum(axis=1)
     mouth = s.head.grids["mouth"][: s.head.recipe.template.lip_rings + 1]
     off_lips = ~np.isin(np.arange(s.n), mouth)
     near = (along.min(axis=1) < 17) & (sign * s.x[:, 0] > 8) & (s.x[:, 2] > 20) & off_lips
     vertices = _inside(s, near)
-    d, place = signed[vertices], place[vertices] / 59
+    d, place = distance[vertices], place[vertices] / 59
     # A groove of two edges' width on this mesh: a narrower one would be drawn as stairs.
     p = -1.6 * np.exp(-((d / 3.8) ** 2)) + 1.2 * np.exp(-(((d - 7.5) / 5.0) ** 2))
     window = smoothstep(place, 0.0, 0.12) * smoothstep(place, 0.95, 0.6) * smoothstep(np.abs(d), 16, 11)

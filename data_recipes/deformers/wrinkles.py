@@ -87,9 +87,9 @@ def compression(constants: Constants, x: Float[Values, "b 3 n"]) -> Float[Values
     return (1 - stretch) @ constants["diffuse"]
 
 
-def excess(compressed: Float[Values, "b s"], threshold: Float[Values, ""]) -> Float[Values, "b s"]:
+def excess(shortening: Float[Values, "b s"], threshold: Float[Values, ""]) -> Float[Values, "b s"]:
     """Return c₊, the compression beyond the threshold: exactly 0 at rest."""
-    y = compressed - threshold
+    y = shortening - threshold
     return jnp.maximum(0.0, 0.5 * (y + jnp.sqrt(y * y + 2e-4)) - 0.004)
 
 
@@ -102,8 +102,8 @@ def gains(u: Float[Values, "b m"], columns: Int[Values, " g"]) -> Float[Values, 
 def heights(constants: Constants, x: Float[Values, "b 3 n"], u: Float[Values, "b m"]) -> Float[Values, "b s"]:
     """Return the height h (mm) of a region's wrinkles at positions x and controls u."""
     c = excess(compression(constants, x), constants["threshold"])
-    folded = c > 0
-    root = jnp.where(folded, jnp.sqrt(jnp.where(folded, c, 1.0)), 0.0)
+    folds = c > 0
+    root = jnp.where(folds, jnp.sqrt(jnp.where(folds, c, 1.0)), 0.0)
     gain = gains(u, constants["gain_columns"]) @ constants["gain_weights"]
     return (root * gain) @ constants["raise"]
 
@@ -119,9 +119,9 @@ def normals(constants: Constants, x: Float[Values, "b 3 n"]) -> Float[Values, "b
 
 def prepare_normals(support: Int[np.ndarray, " s"], faces: Int[np.ndarray, "f 3"], n: int) -> dict[str, np.ndarray]:
     """Return the faces around the support's vertices and, per vertex, the slots of its incident faces."""
-    wanted = np.zeros(n, bool)
-    wanted[support] = True
-    around = faces[wanted[faces].any(axis=1)]
+    mask = np.zeros(n, bool)
+    mask[support] = True
+    around = faces[mask[faces].any(axis=1)]
     place = np.full(n, -1)
     place[support] = np.arange(len(support))
     incident: list[list[int]] = [[] for _ in support]
@@ -166,9 +166,9 @@ def region_vertices(constants: Mapping[str, Constants]) -> dict[str, Int[np.ndar
     if not names:
         return {}
     place, sources = (np.asarray(constants["surface"][part]) for part in ("place", "sources"))
-    found = np.zeros(sum(sizes) + 1, np.int32)  # the last slot is the padding's
-    found[sources] = np.flatnonzero(place < sources.shape[1])  # places rise with the vertices
-    return dict(zip(names, np.split(found[:-1], np.cumsum(sizes)[:-1]), strict=True))
+    vertices = np.zeros(sum(sizes) + 1, np.int32)  # the last slot is the padding's
+    vertices[sources] = np.flatnonzero(place < sources.shape[1])  # places rise with the vertices
+    return dict(zip(names, np.split(vertices[:-1], np.cumsum(sizes)[:-1]), strict=True))
 
 
 @dataclass(frozen=True)
@@ -189,13 +189,13 @@ def region_states(
     constants: Mapping[str, Constants], x: Float[Values, "1 3 n"], u: Float[Values, "1 m"]
 ) -> dict[str, RegionState]:
     """Return what each region does, by name, at the positions before the layer and the limited controls of one pose."""
-    found = {}
+    states = {}
     for name, vertices in region_vertices(constants).items():
         own = constants[name]
         c = compression(own, x)
         parts = (c, excess(c, own["threshold"]), heights(own, x, u))
-        found[name] = RegionState(vertices, float(own["threshold"]), *(np.asarray(part)[0] for part in parts))
-    return found
+        states[name] = RegionState(vertices, float(own["threshold"]), *(np.asarray(part)[0] for part in parts))
+    return states
 
 
 def wrinkle(

@@ -48,7 +48,7 @@ def place(shape: Shape, layout: Layout) -> Float[np.ndarray, "n 3"]:
         "ear": (grids["ear_left"][-1], base),
     }
     x = placement.start(shape, layout, pins)
-    surface, pinned = np.isin(layout.part, (FACE, CRANIUM, NECK)), np.zeros(len(x), bool)
+    surface, is_pinned = np.isin(layout.part, (FACE, CRANIUM, NECK)), np.zeros(len(x), bool)
     for ids in (
         grids["mouth_bag"],
         grids["nostril_left"][: len(nostril) - 1],
@@ -56,10 +56,10 @@ def place(shape: Shape, layout: Layout) -> Float[np.ndarray, "n 3"]:
         grids["ear_left"][:-1],
     ):
         surface[ids], surface[layout.mirror[ids]] = False, False
-    pinned[bottom] = True
+    is_pinned[bottom] = True
     for ids, _ in pins.values():
-        pinned[ids], pinned[layout.mirror[ids]] = True, True
-    x = placement.relax(shape, layout, x, surface, pinned, weights(recipe, layout))
+        is_pinned[ids], is_pinned[layout.mirror[ids]] = True, True
+    x = placement.relax(shape, layout, x, surface, is_pinned, weights(recipe, layout))
 
     x[grids["mouth_bag"]] = mouth.bag_positions(recipe, x[grids["mouth"][0]], len(grids["mouth_bag"]))
     x[grids["mouth_cap"]] = mouth.fill_cap(x[grids["mouth_cap"]])

@@ -1,4 +1,4 @@
-"""Brows, for display only: strips of hair over the brow ridge that say nothing at rest. Left one; the right mirrors it.
+"""Brows, for display only: strips of hair over the brow ridge, neutral at rest. Left one; the right mirrors it.
 
 Both ends lie at one height, or a face at rest looks sad or cross; the arch peaks at two thirds of the way outwards.
 """

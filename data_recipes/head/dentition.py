@@ -25,7 +25,9 @@ def arch(recipe: Recipe, front_z: float, upper: bool) -> Float[np.ndarray, "s 2"
     return np.stack([x, z], -1)
 
 
-def along(curve: Float[np.ndarray, "s 2"], distance) -> tuple[np.ndarray, np.ndarray]:
+def along(
+    curve: Float[np.ndarray, "s 2"], distance: Float[np.ndarray, " k"]
+) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, "k 2"]]:
     """Return points and unit tangents at arc lengths from the curve's middle; past its ends it runs straight on."""
     length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
     s = np.asarray(distance, float) + length[len(length) // 2]
@@ -60,8 +62,8 @@ def seam_lift(recipe: Recipe, points: Float[np.ndarray, "k 2"]) -> Float[np.ndar
 def length_factors(recipe: Recipe, upper: bool) -> Float[np.ndarray, " teeth"]:
     """Return the teeth's lengths against `teeth.length`, right to left."""
     t = recipe.teeth
-    given, half = t.lengths_upper if upper else t.lengths_lower, (t.upper if upper else t.lower) // 2
-    left = np.array([*given, *[1.0] * half][:half])
+    lengths, half = t.lengths_upper if upper else t.lengths_lower, (t.upper if upper else t.lower) // 2
+    left = np.array([*lengths, *[1.0] * half][:half])
     return np.concatenate([left[::-1], left])
 
 

@@ -23,22 +23,22 @@ def square_embedding(
 ) -> Float[np.ndarray, "n 2"]:
     """Lay a disc out in the unit square, each vertex at the weighted mean of its neighbours [Tutte 1963].
 
-    The border is spaced by the wanted lengths of its edges. For any positive weights no triangle flips, if none has all
+    The border is spaced by the target lengths of its edges. For any positive weights no triangle flips, if none has all
     its corners on one side [Floater 1997]. So the weights are free to be chosen: every round strengthens the edges that
     came out too long and weakens the others. A few rounds are best: many make some edges very short to please others.
     The graph must be 3-connected, as our parts without holes are; holes have to be bridged by edges of their own.
 
     Args:
-        count: n, how many vertices. edges: pairs of them. length: wanted relative length of each.
+        count: n, how many vertices. edges: pairs of them. length: target relative length of each.
         sides: the lower, right, upper and left side's vertices in order, each from its first corner up to the last one
             before the next corner.
     """
     edges, weight = np.asarray(edges), 1.0 / np.asarray(length, float)
-    wanted = {frozenset(edge): share for edge, share in zip(edges.tolist(), length.tolist(), strict=True)}
+    target_length = {frozenset(edge): share for edge, share in zip(edges.tolist(), length.tolist(), strict=True)}
     xy = np.zeros((count, 2))
     for side, after, corner, along in zip(sides, sides[1:] + sides[:1], CORNERS, DIRECTIONS, strict=True):
         line = np.append(side, after[0]).tolist()
-        share = np.cumsum([0.0] + [wanted[frozenset(edge)] for edge in pairwise(line)])
+        share = np.cumsum([0.0] + [target_length[frozenset(edge)] for edge in pairwise(line)])
         xy[side] = corner + share[:-1, None] / share[-1] * along
     border = np.concatenate(sides)
     free = np.setdiff1d(np.arange(count), border)
@@ -57,6 +57,6 @@ def _solve(edges: np.ndarray, weight: np.ndarray, free: np.ndarray, xy: np.ndarr
     row, column = np.concatenate([a, b, a, b]), np.concatenate([b, a, a, b])
     laplacian = csc_matrix((np.concatenate([-weight, -weight, weight, weight]), (row, column)), (n, n))
     matrix = laplacian.tocsr()[free].tocsc()
-    fixed = np.setdiff1d(np.arange(n), free)
+    border = np.setdiff1d(np.arange(n), free)
     options = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
-    return splu(matrix[:, free], **options).solve(-(matrix[:, fixed] @ xy[fixed]))
+    return splu(matrix[:, free], **options).solve(-(matrix[:, border] @ xy[border]))

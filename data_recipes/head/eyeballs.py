@@ -11,7 +11,7 @@ from data_recipes.head.topology import Layout
 from data_recipes.recipe.reading import Recipe
 
 EYE_WHITE = np.array([0.93, 0.915, 0.895])
-VEINED = np.array([0.86, 0.70, 0.66])  # the white away from the iris
+VEIN_COLOUR = np.array([0.86, 0.70, 0.66])  # the white away from the iris
 PUPIL = np.array([0.02, 0.02, 0.025])
 LASHES = (0.09, 0.06, 0.05)
 SLIT = 0.30  # a slit pupil's width over its height
@@ -51,7 +51,7 @@ def _colours(recipe: Recipe, zone: str, degrees, around) -> Float[np.ndarray, "r
     if zone == "white":
         far = smooth_step(degrees, e.iris_deg + 12, e.iris_deg + 42)[..., None]
         near = smooth_step(degrees, e.iris_deg + 4, e.iris_deg)[..., None]  # the white grows dull at the iris
-        return (EYE_WHITE + 0.55 * far * (VEINED - EYE_WHITE)) * (1 - 0.14 * near)
+        return (EYE_WHITE + 0.55 * far * (VEIN_COLOUR - EYE_WHITE)) * (1 - 0.14 * near)
     if zone == "pupil":
         return PUPIL * flat
     if zone == "limbus":

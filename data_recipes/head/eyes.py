@@ -25,8 +25,13 @@ def rim_angles(recipe: Recipe, k: int) -> tuple[Float[np.ndarray, " k"], Float[n
     return azimuth, elevation
 
 
-def on_ball(recipe: Recipe, azimuth, elevation, radius) -> Float[np.ndarray, "k 3"]:
-    """Return points of the left eye at the given angles (radians) and distance from its centre."""
+def on_ball(
+    recipe: Recipe,
+    azimuth: Float[np.ndarray, " k"],
+    elevation: Float[np.ndarray, " k"],
+    radius: Float[np.ndarray, " k"],
+) -> Float[np.ndarray, "k 3"]:
+    """Return points of the left eye at angles (radians) and distances (mm) from its centre."""
     q = np.stack([np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)], -1)
     return np.array(recipe.eyes.centre) + (np.asarray(radius)[..., None] * q) @ eye_frame(recipe)
 
@@ -43,11 +48,11 @@ def inner_lids(recipe: Recipe, k: int, rings: int) -> Float[np.ndarray, "rings k
     """Return the inner lid's rings: over the margin to the eyeball, then behind the lid."""
     e = recipe.eyes
     azimuth, elevation = rim_angles(recipe, k)
-    grown = np.interp(np.linspace(0, 1, rings) if rings > 1 else [0.0], [0, 1 / 3, 2 / 3, 1], [0.0, 0.10, 0.28, 0.50])
+    growth = np.interp(np.linspace(0, 1, rings) if rings > 1 else [0.0], [0, 1 / 3, 2 / 3, 1], [0.0, 0.10, 0.28, 0.50])
     scale = e.radius / 20.5
     out = np.empty((rings, k, 3))
     size = np.hypot(azimuth, elevation)
-    for i, g in enumerate(grown):
+    for i, g in enumerate(growth):
         factor = 1 + g / size
         out[i] = on_ball(
             recipe, azimuth * factor, elevation * factor, np.full(k, e.radius + scale * (0.5 if i == 0 else 0.35))

@@ -75,7 +75,7 @@ def hair(recipe: Recipe, x: Float[np.ndarray, "n 3"]) -> Prop:
     p, normal = (_both_sides(half) for half in _scalp(recipe, style, turn[COLUMNS // 2 :], centre, x))
     low = _meet(p, line)
     share = np.concatenate([[0.0, 0.0], np.linspace(0.0, 1.0, ROWS - 2) ** 1.15])
-    grid, outwards = _resampled(p, low, share), _resampled(normal, low, share)
+    grid, outwards = _resample(p, low, share), _resample(normal, low, share)
     outwards /= np.maximum(np.linalg.norm(outwards, axis=-1, keepdims=True), 1e-9)
     share = share[:, None]
     sweep = count * turn + 2.6 * np.sin(2 * turn + 0.6) * share + 1.1 * np.sin(5 * turn + 0.4) + 0.6 * np.sin(11 * turn)
@@ -135,12 +135,12 @@ def _scalp(recipe: Recipe, style: Style, turn, centre, x) -> tuple[np.ndarray, n
         origin[..., 1] += np.abs(level) * (LOWEST_MM * scale - centre[1])
         aside = np.stack([np.sin(turn), 0 * turn, np.cos(turn)], -1)
         towards = np.where((pitch < 0)[..., None], aside, towards)
-    found = on_skin(lambda q: skull_distance(recipe, q), origin.reshape(-1, 3), towards.reshape(-1, 3))
-    p, normal = (values.reshape(towards.shape) for values in found)
+    hits = on_skin(lambda q: skull_distance(recipe, q), origin.reshape(-1, 3), towards.reshape(-1, 3))
+    p, normal = (values.reshape(towards.shape) for values in hits)
     if not style.falls:
         return p, normal
     reach = np.hypot(p[..., 0], p[..., 2] - centre[2])
-    tent = _draped(np.maximum(reach, _ears_reach(p, turn, centre, x)), p[..., 1], turn)
+    tent = _drape(np.maximum(reach, _ears_reach(p, turn, centre, x)), p[..., 1], turn)
     reach = reach + smooth_step(pitch, np.radians(62), np.radians(15)) * (tent - reach)
     reach = reach - 6.0 * scale * smooth_step(p[..., 1], 0.65 * LOWEST_MM * scale, 0.9 * LOWEST_MM * scale)
     p = np.stack([reach * aside[:, 0], p[..., 1], centre[2] + reach * aside[:, 2]], -1)
@@ -148,8 +148,8 @@ def _scalp(recipe: Recipe, style: Style, turn, centre, x) -> tuple[np.ndarray, n
     return p, normal + hangs * (aside - normal)
 
 
-def _draped(reach: np.ndarray, height: np.ndarray, turn: np.ndarray) -> Float[np.ndarray, "rays columns"]:
-    """Return how far out hair lies that falls over a shape: over an ear it forms a tent, below it it hangs."""
+def _drape(reach: np.ndarray, height: np.ndarray, turn: np.ndarray) -> Float[np.ndarray, "rays columns"]:
+    """Drape hair over a shape and return how far out it lies: a tent over an ear, hanging below it."""
     step = np.diff(turn)
     for _ in range(2):
         for j in range(1, len(turn)):
@@ -169,7 +169,7 @@ def _ears_reach(p, turn, centre, x) -> Float[np.ndarray, "rays columns"]:
     own = x - (0.0, 0.0, centre[2])
     far = np.hypot(own[:, 0], own[:, 2])
     angle = np.arctan2(own[:, 0], own[:, 2])
-    found = np.zeros(p.shape[:2])
+    reach = np.zeros(p.shape[:2])
     wide = np.flatnonzero((np.abs(np.sin(angle)) > 0.7) & (own[:, 1] > p[0, :, 1].min()))
     for column, t in enumerate(turn):
         if np.abs(np.sin(t)) < 0.7:
@@ -178,8 +178,8 @@ def _ears_reach(p, turn, centre, x) -> Float[np.ndarray, "rays columns"]:
         for i, height in enumerate(p[:, column, 1]):
             near = close[np.abs(own[close, 1] - height) < 5]
             if len(near):
-                found[i, column] = far[near].max()
-    return found
+                reach[i, column] = far[near].max()
+    return reach
 
 
 def _meet(p: Float[np.ndarray, "rays columns 3"], line: Float[np.ndarray, " columns"]) -> Float[np.ndarray, " columns"]:
@@ -193,7 +193,7 @@ def _meet(p: Float[np.ndarray, "rays columns 3"], line: Float[np.ndarray, " colu
     return place
 
 
-def _resampled(values: Float[np.ndarray, "rays columns 3"], low, share) -> Float[np.ndarray, "rows columns 3"]:
+def _resample(values: Float[np.ndarray, "rays columns 3"], low, share) -> Float[np.ndarray, "rows columns 3"]:
     """Return values at shares of the way from the hair line (0) to the crown (1)."""
     place = low + (len(values) - 1 - low) * share[:, None]
     i = np.minimum(place.astype(int), len(values) - 2)

@@ -19,7 +19,7 @@ from data_recipes.recipe.sections import Teeth
 
 MOUTH_OPENING, EYE_OPENING = 0.16, 0.28  # of the holes in the face's chart: height over half the rim's length
 BESIDE = 1.0  # how far rows of cells beside a feature make room for its rings
-EAR_HOLE = 0.6  # wanted length of the edges that bridge the ears' holes, against the others'
+EAR_HOLE = 0.6  # target length of the edges that bridge the ears' holes, against the others'
 NECK_HOLE = 0.17  # radius of the hole in the neck's annulus
 
 
@@ -63,7 +63,7 @@ def _embed(uv: np.ndarray, edges: np.ndarray, length: np.ndarray, sides: list[np
 
 
 def _rungs(ring: Int[np.ndarray, " k"], opening: float) -> tuple[np.ndarray, np.ndarray]:
-    """Bridge a ring by rungs from its upper to its lower half; return them and their wanted lengths, a lens's."""
+    """Bridge a ring by rungs from its upper to its lower half; return them and their target lengths, a lens's."""
     half = len(ring) // 2
     i = np.arange(1, half)
     return np.stack([ring[i], ring[-i]], -1), opening * half * np.sin(np.pi * i / half) ** 0.7
@@ -83,9 +83,9 @@ def _face(recipe: Recipe, layout: Layout, uv: np.ndarray) -> None:
     for (r0, r1), rings in blocks:
         length[0][(r0 <= first) & (first < last) & (last <= r1)] = 1 + BESIDE * rings / (r1 - r0)
     for name, opening in (("mouth", MOUTH_OPENING), ("eye_left", EYE_OPENING), ("eye_right", EYE_OPENING)):
-        rungs, wanted = _rungs(layout.grids[name][0], opening)
+        rungs, rung_length = _rungs(layout.grids[name][0], opening)
         edges.append(rungs)
-        length.append(wanted)
+        length.append(rung_length)
     _embed(uv, np.concatenate(edges), np.concatenate(length), sides)
 
 

@@ -37,20 +37,20 @@ NOSTRIL = np.array([0.20, 0.08, 0.07])
 
 def paint(recipe: Recipe, layout: Layout, x: Float[np.ndarray, "n 3"]) -> UInt8[np.ndarray, "n 3"]:
     """Return every vertex's colour; `x` are the head's vertices in its neutral pose, mm."""
-    wanted = recipe.props
-    colour = np.tile(np.array(wanted.skin_colour), (len(x), 1))
+    props = recipe.props
+    colour = np.tile(np.array(props.skin_colour), (len(x), 1))
 
     def over(weight, tint) -> None:
         w = np.clip(weight, 0, 1)[:, None]
         colour[:] = colour + w * (np.asarray(tint) - colour)
 
-    over(wanted.back * _back(recipe, x), wanted.back_colour)
-    over(wanted.throat * _throat(recipe, x), wanted.throat_colour)
-    over(wanted.blush * _blush(recipe, layout, x), wanted.blush_colour)
-    over(wanted.lid * _lids(recipe, layout, x), wanted.lid_colour)
-    over(_nostrils(layout), NOSTRIL * (0.4 + 0.6 * np.array(wanted.skin_colour)))
-    lips = wanted.lip * _lips(recipe, layout)
-    over(lips, wanted.lip_colour)
+    over(props.back * _back(recipe, x), props.back_colour)
+    over(props.throat * _throat(recipe, x), props.throat_colour)
+    over(props.blush * _blush(recipe, layout, x), props.blush_colour)
+    over(props.lid * _lids(recipe, layout, x), props.lid_colour)
+    over(_nostrils(layout), NOSTRIL * (0.4 + 0.6 * np.array(props.skin_colour)))
+    lips = props.lip * _lips(recipe, layout)
+    over(lips, props.lip_colour)
     _inside(recipe, layout, colour, lips)
     return np.rint(255 * np.clip(colour, 0, 1)).astype(np.uint8)
 

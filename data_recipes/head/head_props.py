@@ -12,7 +12,7 @@ from data_recipes.head.brows import brow
 from data_recipes.head.eyeballs import eyeball, lashes
 from data_recipes.head.hair import hair
 from data_recipes.head.horns import horns
-from data_recipes.head.prop_mesh import Prop, mirrored
+from data_recipes.head.prop_mesh import Prop, mirror_prop
 from data_recipes.head.topology import Layout
 from data_recipes.recipe.reading import Recipe
 
@@ -21,14 +21,14 @@ __all__ = ["Prop", "build_props"]
 
 def build_props(recipe: Recipe, layout: Layout, x: Float[np.ndarray, "n 3"]) -> tuple[Prop, ...]:
     """Return a head's props; `x` are the head's vertices."""
-    wanted, left = recipe.props, eyeball(recipe)
-    if wanted.brows != "none":
+    styles, left = recipe.props, eyeball(recipe)
+    if styles.brows != "none":
         left.append(brow(recipe))
-    if wanted.lashes != "none":
+    if styles.lashes != "none":
         left.append(lashes(recipe, layout, x))
-    props = [side for prop in left for side in (prop, mirrored(prop))]
-    if wanted.hair != "none":
+    props = [side for prop in left for side in (prop, mirror_prop(prop))]
+    if styles.hair != "none":
         props.append(hair(recipe, x))
-    if wanted.horns != "none":
+    if styles.horns != "none":
         props += horns(recipe)
     return tuple(props)

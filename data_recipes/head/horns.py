@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_recipes.head.prop_mesh import Prop, mirrored, on_skin, sheet, smooth_step
+from data_recipes.head.prop_mesh import Prop, mirror_prop, on_skin, sheet, smooth_step
 from data_recipes.head.shape import skull_distance
 from data_recipes.recipe.reading import Recipe
 
@@ -13,7 +13,7 @@ from data_recipes.recipe.reading import Recipe
 PAIRS = ((30.0, 40.0, 11.0, 4.2), (42.0, 60.0, 16.0, 5.0), (88.0, 62.0, 38.0, 7.5), (128.0, 38.0, 28.0, 6.5))
 CREST = ((180.0, 82.0, 13.0, 4.5), (180.0, 62.0, 15.0, 5.0), (180.0, 40.0, 13.0, 4.5), (180.0, 18.0, 10.0, 4.0))
 COLUMNS, ROWS = 17, 12
-SWEPT = np.array([0.0, 0.25, -1.0])  # where the tips point
+TIP_DIRECTION = np.array([0.0, 0.25, -1.0])  # where the tips point
 
 
 def horns(recipe: Recipe) -> list[Prop]:
@@ -21,7 +21,7 @@ def horns(recipe: Recipe) -> list[Prop]:
     parts = []
     for number, place in enumerate(PAIRS, 1):
         left = _horn(recipe, f"horn_left_{number}", *place)
-        parts += [left, mirrored(left)]
+        parts += [left, mirror_prop(left)]
     return parts + [_horn(recipe, f"horn_crest_{number}", *place) for number, place in enumerate(CREST, 1)]
 
 
@@ -38,15 +38,15 @@ def _horn(recipe: Recipe, name: str, turn_deg: float, pitch_deg: float, length: 
     if turn_deg == 180:
         foot[0] = normal[0] = 0.0
         normal /= np.linalg.norm(normal)
-    swept = SWEPT / np.linalg.norm(SWEPT)
+    tip_direction = TIP_DIRECTION / np.linalg.norm(TIP_DIRECTION)
     t = np.linspace(0, 1, ROWS)[:, None]
-    bent = normal + 0.9 * t * swept
-    bent /= np.linalg.norm(bent, axis=1, keepdims=True)
+    tangent = normal + 0.9 * t * tip_direction
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     step = length / (ROWS - 1)
-    axis = foot - 0.35 * radius * normal + np.concatenate([np.zeros((1, 3)), np.cumsum(bent[:-1] * step, 0)])
-    side = np.cross(bent, swept + np.array([0, 0.01, 0]))
+    axis = foot - 0.35 * radius * normal + np.concatenate([np.zeros((1, 3)), np.cumsum(tangent[:-1] * step, 0)])
+    side = np.cross(tangent, tip_direction + np.array([0, 0.01, 0]))
     side /= np.linalg.norm(side, axis=1, keepdims=True)
-    other = np.cross(bent, side)
+    other = np.cross(tangent, side)
     around = np.linspace(0, 2 * np.pi, COLUMNS)[None, :, None]
     rings = 1 + 0.06 * np.cos(9 * np.pi * t) * (1 - t)
     thick = radius * rings * np.maximum(1 - t, 0.0) ** 0.85

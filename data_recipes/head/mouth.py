@@ -51,11 +51,11 @@ def lip_pins(shape: Shape, k: int) -> tuple[Float[np.ndarray, "k 3"], Float[np.n
     """Return the pinned positions of the lip seam's ring and of the vermilion border's ring."""
     recipe, (u, side) = shape.recipe, ring_parameter(k)
     m = recipe.mouth
-    closed = on_surface(shape, m.half_width * u, seam(recipe, u))
-    closed[:, 1] += m.half_gap * side
+    seam_ring = on_surface(shape, m.half_width * u, seam(recipe, u))
+    seam_ring[:, 1] += m.half_gap * side
     v = np.sign(u) * (1 - (1 - np.abs(u)) ** 1.15)  # denser towards the corners, where the lips taper
     border = on_surface(shape, (1 + m.corner_reach) * m.half_width * v, vermilion(recipe, v, side))
-    return closed, border
+    return seam_ring, border
 
 
 def corner_pins(shape: Shape) -> Float[np.ndarray, "r 3"]:

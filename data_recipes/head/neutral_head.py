@@ -1,4 +1,4 @@
-"""A neutral head, put together: its shape, its topology, where its vertices lie, its charts and what is shown."""
+"""A neutral head, put together: its shape, its topology, where its vertices lie, its charts, paint and props."""
 
 from __future__ import annotations
 

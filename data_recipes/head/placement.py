@@ -39,8 +39,8 @@ def start(shape: Shape, layout: Layout, pins: dict[str, tuple[np.ndarray, np.nda
     x, grids = np.zeros((len(layout.part), 3)), layout.grids
     origin, direction = body_rays(shape.recipe)
     body = grids["body"]
-    kept = body >= 0
-    x[body[kept]] = raycast(lambda p: skin_distance(shape, p), origin[kept], direction[kept])
+    mask = body >= 0
+    x[body[mask]] = raycast(lambda p: skin_distance(shape, p), origin[mask], direction[mask])
     for ids, position in pins.values():
         x[ids] = position
     x = mirror_left(layout, x)
@@ -52,14 +52,14 @@ def start(shape: Shape, layout: Layout, pins: dict[str, tuple[np.ndarray, np.nda
     for i in range(2):
         there = x[coarse[0::3][:-1]] * (2 - i) / 3 + x[coarse[0::3][1:]] * (1 + i) / 3
         x[grids["transition_left"][:, i]] = 0.5 * (x[fine[1 + i :: 3]] + there)
-    for name, known in (
+    for name, anchors in (
         ("mouth", (0, t.lip_rings, -1)),
         ("eye_left", (0, -1)),
         ("nostril_left", (max(t.nostril_rings - 2, 0), -1)),
     ):
         rings = grids[name]
-        known = [k % len(rings) for k in known]
-        for a, b in pairwise(known):
+        anchors = [k % len(rings) for k in anchors]
+        for a, b in pairwise(anchors):
             for i in range(a + 1, b):
                 x[rings[i]] = x[rings[a]] + (x[rings[b]] - x[rings[a]]) * (i - a) / (b - a)
     return mirror_left(layout, x)
@@ -112,14 +112,14 @@ def relax(
     layout: Layout,
     x: Float[np.ndarray, "n 3"],
     surface: Bool[np.ndarray, " n"],
-    pinned: Bool[np.ndarray, " n"],
+    is_pinned: Bool[np.ndarray, " n"],
     weight: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, "n 3"]:
     """Return relaxed positions: heavy regions keep short edges, pinned vertices stay, all free ones lie on the SDF.
 
     Args:
         surface: which vertices belong to the skin (explicit parts such as the mouth bag don't).
-        pinned: which of them stay.
+        is_pinned: which of them stay.
         weight: per vertex; an edge weighs the mean of its ends.
     """
     q = layout.quads
@@ -135,7 +135,7 @@ def relax(
         (n, n),
     )
     total = np.asarray(matrix.sum(1)).ravel()
-    free = surface & ~pinned
+    free = surface & ~is_pinned
     left = left_half(layout)
     left = left[free[left]]
     right = layout.mirror[left]

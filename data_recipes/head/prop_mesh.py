@@ -1,4 +1,4 @@
-"""What all props are made of: a mesh with a colour for each vertex, and the ways to lay one on the head."""
+"""Meshes of props, with a colour for each vertex, and the ways to lay one on the head."""
 
 from __future__ import annotations
 
@@ -29,7 +29,12 @@ class Prop:
     faces: Int[np.ndarray, "f 3"]
 
 
-def sheet(name: str, follow: str, colours, grid: Float[np.ndarray, "rows columns 3"]) -> Prop:
+def sheet(
+    name: str,
+    follow: str,
+    colours: tuple[float, float, float] | Float[np.ndarray, "rows columns 3"],
+    grid: Float[np.ndarray, "rows columns 3"],
+) -> Prop:
     """Make a prop of a grid whose rows run up and whose columns run to the right, seen from outside.
 
     colours: one RGB, or one for each point of the grid.
@@ -38,11 +43,11 @@ def sheet(name: str, follow: str, colours, grid: Float[np.ndarray, "rows columns
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).astype(np.int32)
     p = grid.reshape(-1, 3)
     area = np.linalg.norm(np.cross(p[faces[:, 1]] - p[faces[:, 0]], p[faces[:, 2]] - p[faces[:, 0]]), axis=1)
-    painted = np.broadcast_to(np.asarray(colours, float), grid.shape).reshape(-1, 3)
-    return Prop(name, follow, np.clip(painted, 0, 1), p, faces[area > 1e-9])
+    rgb = np.broadcast_to(np.asarray(colours, float), grid.shape).reshape(-1, 3)
+    return Prop(name, follow, np.clip(rgb, 0, 1), p, faces[area > 1e-9])
 
 
-def mirrored(prop: Prop) -> Prop:
+def mirror_prop(prop: Prop) -> Prop:
     """Return a left-hand prop's image on the right."""
     name, follow = prop.name.replace("left", "right"), prop.follow.replace("left", "right")
     return Prop(name, follow, prop.colours, prop.vertices * FLIP, prop.faces[:, ::-1].copy())
@@ -57,7 +62,7 @@ def on_skin(
     return p, normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
 
-def smooth_step(x, low: float, high: float):
+def smooth_step(x: float | Float[np.ndarray, "*s"], low: float, high: float) -> float | Float[np.ndarray, "*s"]:
     """Return 0 below `low`, 1 above `high`, and a smooth rise between them; the other way round if low > high."""
     t = np.clip((np.asarray(x, float) - low) / (high - low), 0, 1)
     return t * t * (3 - 2 * t)

@@ -23,8 +23,8 @@ def grid_quads(grid: Int[np.ndarray, "rows columns"]) -> Int[np.ndarray, "q 4"]:
 
 def ring_quads(rings: Int[np.ndarray, "rings k"]) -> Int[np.ndarray, "q 4"]:
     """Return the cells between closed rings, listed from the inside outwards and anticlockwise seen from outside."""
-    closed = np.concatenate([rings, rings[:, :1]], 1)
-    return np.stack([closed[:-1, :-1], closed[1:, :-1], closed[1:, 1:], closed[:-1, 1:]], -1).reshape(-1, 4)
+    loops = np.concatenate([rings, rings[:, :1]], 1)
+    return np.stack([loops[:-1, :-1], loops[1:, :-1], loops[1:, 1:], loops[:-1, 1:]], -1).reshape(-1, 4)
 
 
 def fill_block(

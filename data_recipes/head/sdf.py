@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Float
 
 Points = Float[np.ndarray, "k 3"]
 Distances = Float[np.ndarray, " k"]
+Distance = Callable[[Points], Distances]
+Vector = tuple[float, float, float] | Float[np.ndarray, " 3"]
 
 
-def ellipsoid(p: Points, centre, radii) -> Distances:
+def ellipsoid(p: Points, centre: Vector, radii: Vector) -> Distances:
     """Return the usual first-order distance to an ellipsoid, k0 (k0 - 1) / k1."""
     q = p - np.asarray(centre)
     k0 = np.sqrt(((q / radii) ** 2).sum(-1))
@@ -17,7 +21,7 @@ def ellipsoid(p: Points, centre, radii) -> Distances:
     return k0 * (k0 - 1.0) / np.maximum(k1, 1e-9)
 
 
-def cone(p: Points, a, b, radius_a: float, radius_b: float) -> Distances:
+def cone(p: Points, a: Vector, b: Vector, radius_a: float, radius_b: float) -> Distances:
     """Return the distance to the segment a-b minus a radius that runs linearly from one end to the other."""
     a, b = np.asarray(a, float), np.asarray(b, float)
     axis = b - a
@@ -45,14 +49,14 @@ def soft_abs(x: Distances, softness: float) -> Distances:
 _TETRAHEDRON = np.array([[1.0, -1, -1], [-1, -1, 1], [-1, 1, -1], [1, 1, 1]])
 
 
-def distance_and_gradient(sdf, p: Points, step_mm: float = 0.05) -> tuple[Distances, Points]:
+def distance_and_gradient(sdf: Distance, p: Points, step_mm: float = 0.05) -> tuple[Distances, Points]:
     """Return an SDF's values and gradients by four evaluations at the corners of a small tetrahedron."""
     corners = (p[None] + step_mm * _TETRAHEDRON[:, None]).reshape(-1, 3)
     values = sdf(corners).reshape(4, -1)
     return values.mean(0), np.einsum("ck,cd->kd", values, _TETRAHEDRON) / (4.0 * step_mm)
 
 
-def project(sdf, p: Points, steps: int = 1, reach_mm: float = 6.0) -> Points:
+def project(sdf: Distance, p: Points, steps: int = 1, reach_mm: float = 6.0) -> Points:
     """Move points onto the zero set by Newton steps of at most `reach_mm`."""
     for _ in range(steps):
         d, g = distance_and_gradient(sdf, p)
@@ -60,7 +64,7 @@ def project(sdf, p: Points, steps: int = 1, reach_mm: float = 6.0) -> Points:
     return p
 
 
-def raycast(sdf, origins: Points, directions: Points, far_mm: float = 260.0, steps: int = 60) -> Points:
+def raycast(sdf: Distance, origins: Points, directions: Points, far_mm: float = 260.0, steps: int = 60) -> Points:
     """Return where rays, followed from afar back to their origins, first meet the surface; else their origins."""
     t = np.full(len(origins), far_mm)
     for _ in range(steps):

@@ -40,14 +40,14 @@ def rotation_y(degrees: float) -> np.ndarray:
     return np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
 
 
-def _mirrored(p: Points, softness: float) -> Points:
+def _mirror(p: Points, softness: float) -> Points:
     return np.stack([soft_abs(p[:, 0], softness), p[:, 1], p[:, 2]], -1)
 
 
 def skull_distance(recipe: Recipe, p: Points) -> Distances:
     """Return the distance to the head without lips, lids or fine detail."""
     s = recipe.skull
-    near, far = _mirrored(p, 0.3), _mirrored(p, 36.0)
+    near, far = _mirror(p, 0.3), _mirror(p, 36.0)
     d = ellipsoid(p, s.cranium, s.cranium_radii)
     d = smooth_min(d, ellipsoid(p, s.forehead, s.forehead_radii), 40.0)
     d = smooth_min(d, ellipsoid(p, s.face, s.face_radii), 30.0)
@@ -63,8 +63,8 @@ def skull_distance(recipe: Recipe, p: Points) -> Distances:
     d = smooth_min(d, ellipsoid(near, s.cheek, s.cheek_radii), 24.0)
     d = smooth_min(d, ellipsoid(p, s.muzzle, s.muzzle_radii), 20.0)
     d = smooth_min(d, cone(near, s.brow_inner, s.brow_outer, s.brow_radii[0], s.brow_radii[1]), s.brow_radii[2])
-    turned = (near - np.array(s.socket)) @ rotation_y(s.socket_yaw_deg)
-    d = smooth_max(d, -ellipsoid(turned, (0.0, 0.0, 0.0), s.socket_radii), 14.0)
+    socket_points = (near - np.array(s.socket)) @ rotation_y(s.socket_yaw_deg)
+    d = smooth_max(d, -ellipsoid(socket_points, (0.0, 0.0, 0.0), s.socket_radii), 14.0)
     return _with_nose(recipe, d, p, near)
 
 
@@ -105,7 +105,7 @@ def lid_edge(recipe: Recipe, u: Distances, upper: bool) -> Distances:
 
 def lidded_distance(recipe: Recipe, p: Points) -> Distances:
     """Return the distance to the head with lids and fine detail, without lips."""
-    e, m, near = recipe.eyes, recipe.mouth, _mirrored(p, 0.3)
+    e, m, near = recipe.eyes, recipe.mouth, _mirror(p, 0.3)
     d = skull_distance(recipe, p)
     azimuth, elevation, r = lid_angles(recipe, near)
     d = smooth_min(d, r - (e.radius + e.lid_thickness), 7.0)
@@ -124,7 +124,7 @@ def lidded_distance(recipe: Recipe, p: Points) -> Distances:
 def skin_distance(shape: Shape, p: Points) -> Distances:
     """Return the distance to the whole surface, lips included."""
     d = lidded_distance(shape.recipe, p)
-    near = _mirrored(p, 0.3)
+    near = _mirror(p, 0.3)
     m = shape.recipe.mouth
     reach = 3 * m.half_width
     close = np.flatnonzero((np.abs(p[:, 1] - m.y) < reach) & (p[:, 2] > m.axis_z - reach) & (np.abs(d) < 30))

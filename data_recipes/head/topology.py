@@ -119,8 +119,8 @@ def _body(b: _Builder, recipe: Recipe, grids: dict) -> None:
 
     (r0, r1), c = t.coarse_rows, t.coarse_from
     cells[r0:r1, c : 2 * half - c] = False
-    dropped = r0 + np.flatnonzero(np.arange(r1 - r0) % 3)
-    part[np.ix_(dropped, np.arange(c + 1, 2 * half - c))] = -1
+    dropped_rows = r0 + np.flatnonzero(np.arange(r1 - r0) % 3)
+    part[np.ix_(dropped_rows, np.arange(c + 1, 2 * half - c))] = -1
     b.part[:] = part.ravel().tolist()
 
     wrapped = np.concatenate([grid, grid[:, :1]], 1)

@@ -38,7 +38,7 @@ def build_charts(model: FaceKit, parts: Segments, soft: int) -> tuple[Float[np.n
             uv[ids] = lay_out(np.searchsorted(ids, parts.polygons[inside]), parts.polygons[inside] < 0, len(ids), name)
             anew.append(name)
         else:
-            uv[ids] = _filled(chart)
+            uv[ids] = _fill_square(chart)
     return uv, tuple(anew)
 
 
@@ -62,7 +62,7 @@ def _own_chart(uv: np.ndarray, parts: Segments, ids: np.ndarray, inside: np.ndar
     return chart, int(several.sum())
 
 
-def _filled(chart: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 2"]:
+def _fill_square(chart: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 2"]:
     """Stretch a chart over the unit square, up to a margin: maps have few texels, and all should be used."""
     low, span = chart.min(axis=0), np.maximum(np.ptp(chart, axis=0), 1e-9)
     return MARGIN + (1 - 2 * MARGIN) * (chart - low) / span
@@ -86,19 +86,19 @@ def lay_out(polygons: Int[np.ndarray, "q 4"], gaps: np.ndarray, count: int, name
     every = np.concatenate([edges, *hubs])
     length = np.concatenate([np.ones(len(edges)), *spokes])
     try:
-        return _filled(square_embedding(count + len(hubs), every, length, sides, ROUNDS)[:count])
+        return _fill_square(square_embedding(count + len(hubs), every, length, sides, ROUNDS)[:count])
     except RuntimeError as error:  # of the sparse solver
         raise InputError(f"part '{name}': its chart can't be laid out ({error}): it must be one piece") from error
 
 
 def border_loops(polygons: Int[np.ndarray, "q 4"]) -> list[Int[np.ndarray, " k"]]:
     """Return the borders of a surface, each as its vertices in order."""
-    directed = []
+    directed_edges = []
     for polygon in polygons.tolist():
         ring = [v for v in polygon if v >= 0]
-        directed += list(zip(ring, ring[1:] + ring[:1], strict=True))
-    count = Counter(tuple(sorted(edge)) for edge in directed)
-    after = {a: b for a, b in directed if count[tuple(sorted((a, b)))] == 1}
+        directed_edges += list(zip(ring, ring[1:] + ring[:1], strict=True))
+    count = Counter(tuple(sorted(edge)) for edge in directed_edges)
+    after = {a: b for a, b in directed_edges if count[tuple(sorted((a, b)))] == 1}
     loops = []
     while after:
         start, vertex = next(iter(after.items()))

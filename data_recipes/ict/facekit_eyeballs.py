@@ -1,4 +1,4 @@
-"""What is shown and not approximated: the eyeballs, which turn with the looks.
+"""The eyeballs, for display only: they turn with the looks.
 
 The model's eyes are shells for transparent textures, as are its lashes, tear fluid and shadow strips: ours stand in.
 """
@@ -71,12 +71,12 @@ def pose(
     u = np.asarray(effective(constants, jnp.asarray(params)))[0]
     whole = {prop.follow: [p.vertices for p in props if p.follow == prop.follow] for prop in props}
     centres = {follow: sphere_centre(np.concatenate(vertices)) for follow, vertices in whole.items()}
-    posed = []
+    meshes = []
     for prop in props:
         centre = centres[prop.follow]
         x = (prop.vertices - centre) @ gaze_rotation(*_look(u, columns, prop.follow.removeprefix("eye_"))) + centre
-        posed.append((prop.name, x.astype(np.float32), prop.faces, prop.colours))
-    return posed
+        meshes.append((prop.name, x.astype(np.float32), prop.faces, prop.colours))
+    return meshes
 
 
 def _look(u: np.ndarray, columns: dict[str, int], side: str) -> tuple[float, float]:

@@ -57,9 +57,9 @@ def model_folder() -> Path:
             f"the character needs a folder that is not part of this project ({SOURCE}): get it and name it, as in "
             f"{VARIABLE}=/path/to/ICT-FaceKit"
         )
-    for found in (folder, folder / "FaceXModel"):
-        if is_file(found / NEUTRAL):
-            return found
+    for candidate in (folder, folder / "FaceXModel"):
+        if is_file(candidate / NEUTRAL):
+            return candidate
     raise InputError(f"{VARIABLE}={folder}: found no {NEUTRAL} there, allowed is the folder of {SOURCE}")
 
 
@@ -101,16 +101,18 @@ def read_model(vertices: int) -> FaceKit:
         )
     offsets = {}
     for file in expression_files:
-        posed = read_vertices(file)
-        if len(posed) != len(rest):
-            raise InputError(f"{file}: found {len(posed)} vertices, where the {len(rest)} of {NEUTRAL} are allowed")
-        offsets[file.stem] = MM * (posed - rest)
+        expression = read_vertices(file)
+        if len(expression) != len(rest):
+            raise InputError(
+                f"{file}: found {len(expression)} vertices, where the {len(rest)} of {NEUTRAL} are allowed"
+            )
+        offsets[file.stem] = MM * (expression - rest)
     landmarks = indices["idx_to_landmark_verts"]
     bad = [index for index in landmarks if not 0 <= index < len(rest)]
     if len(landmarks) != LANDMARKS or bad:
-        found = f"{len(landmarks)} landmarks" if len(landmarks) != LANDMARKS else f"vertex {shown(bad[0])}"
-        allowed = f"{LANDMARKS} landmarks from 0 to {len(rest) - 1} are allowed"
-        raise InputError(f"{indices_file}: 'idx_to_landmark_verts': found {found}, where {allowed}")
+        finding = f"{len(landmarks)} landmarks" if len(landmarks) != LANDMARKS else f"vertex {shown(bad[0])}"
+        requirement = f"{LANDMARKS} landmarks from 0 to {len(rest) - 1} are allowed"
+        raise InputError(f"{indices_file}: 'idx_to_landmark_verts': found {finding}, where {requirement}")
     return FaceKit(MM * rest, polygons, uv, uv_polygons, offsets, np.array(landmarks, np.int64))
 
 

@@ -17,7 +17,7 @@ from data_recipes.deformers.saturation import SHARPNESS, saturate
 
 
 def effective(constants: FaceConstants, params: Float[Values, "b m"]) -> Float[Array, "b m"]:
-    """Return what the controls amount to: bent towards their limits, and some of them through others.
+    """Return the controls' effective values: bent towards their limits, and some scaled by others.
 
     A shut eye leaves nothing for looks and squints to do with its lids (`blink`, (m, m): who shuts whose); lips close
     over an open jaw alone (`gate`, (m, m): who is opened by whom, and `free`, (m,): 1 for all others).
@@ -36,10 +36,10 @@ def limit(constants: FaceConstants, state: State) -> State:
 def add_shapes(constants: FaceConstants, state: State) -> State:
     """Sum the expressions, and bend each vertex's sum towards a little more than any one of them moves it."""
     shapes, u = constants["shapes"], state["u"]
-    moved = (u @ shapes["fields"]).reshape(len(u), 3, -1)
-    ratio = (moved * moved).sum(axis=1, keepdims=True) * shapes["inverse_square"]
-    moved = moved * (1 + ratio ** (SHARPNESS // 2)) ** (-1 / SHARPNESS)
-    return state | {"x": constants["neutral"] + spread(moved, shapes["place"])}
+    offset = (u @ shapes["fields"]).reshape(len(u), 3, -1)
+    ratio = (offset * offset).sum(axis=1, keepdims=True) * shapes["inverse_square"]
+    offset = offset * (1 + ratio ** (SHARPNESS // 2)) ** (-1 / SHARPNESS)
+    return state | {"x": constants["neutral"] + spread(offset, shapes["place"])}
 
 
 def open_the_jaw(constants: FaceConstants, state: State) -> State:
@@ -51,8 +51,8 @@ def open_the_jaw(constants: FaceConstants, state: State) -> State:
 def close_lips(constants: FaceConstants, state: State) -> State:
     """Close the lips over the open jaw, in the skull's frame."""
     shapes, u = constants["closing"], state["u"]
-    moved = (u @ shapes["fields"]).reshape(len(u), 3, -1)
-    return state | {"x": state["x"] + spread(moved, shapes["place"])}
+    offset = (u @ shapes["fields"]).reshape(len(u), 3, -1)
+    return state | {"x": state["x"] + spread(offset, shapes["place"])}
 
 
 def fold_skin(constants: FaceConstants, state: State) -> State:

@@ -40,7 +40,7 @@ def outside(points: Float[np.ndarray, "n 2"], polygon: Float[np.ndarray, "k 2"])
     share = np.clip((away * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-12), 0, 1)
     distance = np.linalg.norm(away - share[..., None] * along, axis=-1).min(axis=1)
     y = points[:, None, 1]
-    crossed = (a[None, :, 1] > y) != (b[None, :, 1] > y)
+    crossing = (a[None, :, 1] > y) != (b[None, :, 1] > y)
     rise = np.where(np.abs(along[..., 1]) > 1e-12, along[..., 1], 1.0)
     beyond = points[:, None, 0] < a[None, :, 0] + (y - a[None, :, 1]) * along[..., 0] / rise
-    return np.where((crossed & beyond).sum(axis=1) % 2 == 1, -distance, distance)
+    return np.where((crossing & beyond).sum(axis=1) % 2 == 1, -distance, distance)

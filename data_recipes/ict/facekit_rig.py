@@ -32,7 +32,7 @@ from replicate.engine.schema import naming
 from replicate.geometry.mesh import Mesh
 
 EYES_Z_MM = 62.0  # our own heads' eyes are at y = 0 and here, and the cameras know it
-NOISE_MM = 0.01  # what a shape moves by less is rounding of the model's making, and would count as influence
+NOISE_MM = 0.01  # smaller offsets are rounding in the model's files, and would count as influence
 CLOSE, SIDES = "mouthClose", ("L", "R")
 LID_CONTROLS = ("eyeSquint_*", "eyeWide_*", "eyeLookUp_*", "eyeLookDown_*")
 CLOSING = ("eyeBlink_L", "eyeBlink_R", CLOSE)
@@ -40,7 +40,7 @@ CLOSING = ("eyeBlink_L", "eyeBlink_R", CLOSE)
 
 def build_facekit_rig(recipe: FaceKitRecipe) -> FaceRig:
     """Return the rig. Raises InputError, naming the folder, the file or the recipe's key, for what cannot be."""
-    model = placed(read_model(recipe.vertices), recipe)
+    model = place_model(read_model(recipe.vertices), recipe)
     controls = model_controls(model.offsets)
     clips = [Clip(Path(file).stem, read_clip(Path(file), controls)) for file in recipe.clip_files]
     clips = [Clip(name, values) for name, values in perform(controls, recipe.acting)] + clips
@@ -76,8 +76,8 @@ def build_facekit_rig(recipe: FaceKitRecipe) -> FaceRig:
     return rig
 
 
-def placed(model: FaceKit, recipe: FaceKitRecipe) -> FaceKit:
-    """Return the model moved, not turned or scaled, so that the middle between its eyes is where ours have it."""
+def place_model(model: FaceKit, recipe: FaceKitRecipe) -> FaceKit:
+    """Shift the model, without turning or scaling it, so that the middle between its eyes is where ours have it."""
     balls = [getattr(recipe.parts, f"eyeball_{side}") for side in ("left", "right")]
     centre = np.mean([sphere_centre(model.vertices[a : b + 1]) for a, b in balls], axis=0)
     shift = np.array([0.0, -centre[1], EYES_Z_MM - centre[2]])
@@ -89,8 +89,8 @@ def _marks(model: FaceKit, segments: Segments, file: str) -> Int[np.ndarray, " l
     place[segments.vertices] = np.arange(len(segments.vertices))
     marks = place[model.landmarks]
     if (marks < 0).any():
-        found = model.landmarks[np.flatnonzero(marks < 0)[0]]
-        raise InputError(f"{file}: 'parts': found landmark vertex {found} in none of them, where one is needed")
+        vertex = model.landmarks[np.flatnonzero(marks < 0)[0]]
+        raise InputError(f"{file}: 'parts': found landmark vertex {vertex} in none of them, where one is needed")
     return marks
 
 
@@ -124,11 +124,11 @@ def build_constants(model: FaceKit, segments: Segments, marks: np.ndarray, recip
         "neutral": np.ascontiguousarray(x.T, np.float32),
         "limits": control_limits(columns, recipe.reach),
         "controls": control_constants(columns, recipe.reach),
-        "shapes": _bounded(_packed(fields), recipe.reach.vertex),
+        "shapes": _add_bounds(_pack(fields), recipe.reach.vertex),
         "jaw": jaw.prepare(fit.weight, fit.pivot),
         "jaw_turn": turn.astype(np.float32),
         "jaw_slide": slide.astype(np.float32),
-        "closing": _packed(closing),
+        "closing": _pack(closing),
         "wrinkles": wrinkles.prepare(regions, x, segments.faces),
     }
 
@@ -152,10 +152,10 @@ def control_constants(columns: dict[str, int], reach: Reach) -> dict[str, np.nda
     m = len(columns)
     blink, gate, free = np.zeros((m, m)), np.zeros((m, m)), np.ones(m)
     for side in SIDES:
-        shut = columns.get(f"eyeBlink_{side}")
+        blink_column = columns.get(f"eyeBlink_{side}")
         for name in (name.replace("*", side) for name in LID_CONTROLS):
-            if shut is not None and name in columns:
-                blink[shut, columns[name]] = 1.0
+            if blink_column is not None and name in columns:
+                blink[blink_column, columns[name]] = 1.0
     if CLOSE in columns and "jawOpen" in columns:
         gate[columns["jawOpen"], columns[CLOSE]] = 1.0
         free[columns[CLOSE]] = 0.0
@@ -167,14 +167,14 @@ def control_constants(columns: dict[str, int], reach: Reach) -> dict[str, np.nda
     }
 
 
-def _packed(fields: Float[np.ndarray, "m n 3"]) -> dict[str, np.ndarray]:
+def _pack(fields: Float[np.ndarray, "m n 3"]) -> dict[str, np.ndarray]:
     """Return the fields (m, 3 s) on the vertices that any of them moves, and these vertices' places."""
     support = np.flatnonzero(np.abs(fields).max(axis=(0, 2)) > 0)
-    packed = np.ascontiguousarray(fields[:, support].transpose(0, 2, 1), np.float32)
-    return {"fields": packed.reshape(len(fields), -1), "place": place_of(support, fields.shape[1])}
+    planes = np.ascontiguousarray(fields[:, support].transpose(0, 2, 1), np.float32)
+    return {"fields": planes.reshape(len(fields), -1), "place": place_of(support, fields.shape[1])}
 
 
-def _bounded(shapes: dict[str, np.ndarray], reach: float) -> dict[str, np.ndarray]:
+def _add_bounds(shapes: dict[str, np.ndarray], reach: float) -> dict[str, np.ndarray]:
     """Add 1/c² of each moved vertex: c is `reach` times the farthest that any one shape moves it, in mm."""
     fields = shapes["fields"].reshape(len(shapes["fields"]), 3, -1).astype(np.float64)
     farthest = np.maximum((fields**2).sum(axis=1).max(axis=0), NOISE_MM**2)

@@ -54,13 +54,13 @@ def split(model: FaceKit, parts: Parts, file: str) -> Segments:
     place[vertices] = np.arange(len(vertices))
     corners = np.where(model.polygons < 0, len(model.vertices), model.polygons)
     polygons = place[corners]
-    held = (polygons >= 0).sum(axis=1)
-    wanted = (model.polygons >= 0).sum(axis=1)
-    torn = np.flatnonzero((held > 0) & (held < wanted))
-    if len(torn):
-        found = model.polygons[torn[0]].tolist()
-        raise InputError(f"{file}: 'parts': found face {found} partly outside of {', '.join(ranges)}: allowed is none")
-    keep = held == wanted
+    inside_count = (polygons >= 0).sum(axis=1)
+    corner_count = (model.polygons >= 0).sum(axis=1)
+    partial_faces = np.flatnonzero((inside_count > 0) & (inside_count < corner_count))
+    if len(partial_faces):
+        face = model.polygons[partial_faces[0]].tolist()
+        raise InputError(f"{file}: 'parts': found face {face} partly outside of {', '.join(ranges)}: allowed is none")
+    keep = inside_count == corner_count
     polygons = polygons[keep]
 
     segment = np.repeat(np.arange(len(ranges)), [len(ids) for ids in ranges.values()])
@@ -80,14 +80,14 @@ def _teeth(model: FaceKit, vertices: np.ndarray, polygons: np.ndarray, teeth: np
     graph = sp.csr_matrix((np.ones(len(edges)), edges.T), shape=(len(vertices),) * 2)
     count, owner = connected_components(graph[teeth][:, teeth], directed=False)
     members = [teeth[owner == k] for k in range(count)]
-    moved = np.linalg.norm(model.offsets[JAW_OPEN][vertices], axis=1)
-    in_jaw = [bool(moved[ids].mean() > 0.5 * moved[teeth].max()) for ids in members]
+    travel = np.linalg.norm(model.offsets[JAW_OPEN][vertices], axis=1)
+    in_jaw = [bool(travel[ids].mean() > 0.5 * travel[teeth].max()) for ids in members]
     along = [model.vertices[vertices[ids], 0].mean() for ids in members]
-    named, seen = [], {False: 0, True: 0}
+    entries, numbers = [], {False: 0, True: 0}
     for k in sorted(range(count), key=lambda k: (in_jaw[k], along[k])):
-        seen[in_jaw[k]] += 1
-        named.append((f"tooth_{'lower' if in_jaw[k] else 'upper'}_{seen[in_jaw[k]]:02d}", members[k], in_jaw[k]))
-    return named
+        numbers[in_jaw[k]] += 1
+        entries.append((f"tooth_{'lower' if in_jaw[k] else 'upper'}_{numbers[in_jaw[k]]:02d}", members[k], in_jaw[k]))
+    return entries
 
 
 def _ears(polygons: np.ndarray, segment: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Where this face folds, found by its 68 landmarks: forehead, glabella, crow's feet and nasolabial folds.
+"""Where this face folds, by its 68 landmarks: forehead, glabella, crow's feet and nasolabial folds.
 
 The folds are the strain-driven ones of `deformers.wrinkles`, as on our own faces; there is no control for their gains,
 so each region has that of the recipe.
@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Float, Int
 
 from data_recipes.deformers.sculpting import smoothstep
 from data_recipes.deformers.surface_operators import submesh, vertex_normals
@@ -42,21 +42,29 @@ class Skin:
 Parts = tuple[str, np.ndarray, np.ndarray, float, np.ndarray]  # name, vertices, fibre (s, 3), wavelength, pattern
 
 
-def build_regions(x, faces, polygons, face: np.ndarray, marks: np.ndarray, folds: Folds, m: int) -> list[Region]:
+def build_regions(
+    x: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "f 3"],
+    polygons: Int[np.ndarray, "q 4"],
+    face: Bool[np.ndarray, " n"],
+    marks: Float[np.ndarray, "68 3"],
+    folds: Folds,
+    m: int,
+) -> list[Region]:
     """Return the wrinkle regions. face: (n,) bool, the skin that may fold. marks: (68, 3). m: the rig's controls."""
     skin = Skin(x, vertex_normals(x, faces), faces, polygons, face, marks)
     parts = [(folds.forehead, _forehead(skin, folds.rows)), (folds.glabella, _glabella(skin))]
     for side in ("left", "right"):
         parts += [(folds.crow, _crow(skin, side)), (folds.nasolabial, _nasolabial(skin, side))]
-    built = []
+    regions = []
     for gain, (name, vertices, fibre, wavelength, pattern) in parts:
         used = np.unique(submesh(faces, vertices, len(x))[0])
         if len(used) < FEWEST or gain == 0:
             continue
         natural = np.array([m], np.int32), np.ones((1, len(used)), np.float32)  # no control: always at its gain
         numbers = (gain * pattern[used], SMALLEST_THRESHOLD, *natural)
-        built.append(Region(name, vertices[used].astype(np.int32), fibre[used], wavelength, *numbers))
-    return built
+        regions.append(Region(name, vertices[used].astype(np.int32), fibre[used], wavelength, *numbers))
+    return regions
 
 
 def walk_rows(polygons: Int[np.ndarray, "q 4"], seeds: list[int], inside: np.ndarray) -> dict[int, float]:
@@ -150,8 +158,8 @@ def _nasolabial(s: Skin, side: str) -> Parts:
     across *= np.where(sign * across[:, :1] < 0, -1.0, 1.0)
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
     off_lips = np.linalg.norm(s.x[:, None] - s.marks[None, LIPS], axis=2).min(axis=1) > 7
-    wanted = (near.min(axis=1) < 18) & (sign * s.x[:, 0] > 8) & s.face & off_lips & (s.x[:, 2] > end[2] - 30)
-    vertices = np.flatnonzero(wanted)
+    mask = (near.min(axis=1) < 18) & (sign * s.x[:, 0] > 8) & s.face & off_lips & (s.x[:, 2] > end[2] - 30)
+    vertices = np.flatnonzero(mask)
     d = ((s.x - curve[place]) * across).sum(axis=1)[vertices]
     place = place[vertices] / 59
     pattern = -1.9 * np.exp(-((d / 3.2) ** 2)) + 1.3 * np.exp(-(((d - 7.5) / 4.8) ** 2))

@@ -1,7 +1,7 @@
-"""A real jaw out of linear shapes: what the lower teeth do in each jaw shape is rigid, so it is a rotation and a slide.
+"""A real jaw out of linear shapes: the lower teeth move rigidly in each, so that is a rotation and a slide.
 
-The skin follows by weights that are read off jawOpen, and what weights can't say stays as an offset, applied in the
-resting jaw's frame: each jaw shape alone, in full, is the model's own to rounding.
+The skin follows by weights that are read off jawOpen, and the rest stays as an offset, applied in the resting jaw's
+frame: each jaw shape alone, in full, is the model's own to rounding.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
+import scipy.sparse as sp
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
@@ -46,7 +47,7 @@ def fit_jaw(
     shapes: dict[str, Float[np.ndarray, "n 3"]],
     lower: Int[np.ndarray, " l"],
     still: Int[np.ndarray, " s"],
-    graph,
+    graph: sp.csr_matrix,
 ) -> JawFit:
     """Fit the jaw to its shapes.
 
@@ -60,7 +61,7 @@ def fit_jaw(
     pivot = _pivot(*motions[0])
     turns = np.array([Rotation.from_matrix(rotation.T).as_rotvec() for rotation, _ in motions])
     slides = np.array([pivot @ rotation + shift - pivot for rotation, shift in motions])
-    missed = [
+    residual = [
         np.sqrt((((x[lower] @ rotation + shift) - (x[lower] + shapes[name][lower])) ** 2).sum(1).mean())
         for name, (rotation, shift) in zip(JAW_CONTROLS, motions, strict=True)
     ]
@@ -69,14 +70,14 @@ def fit_jaw(
     weight = _weights(x, shapes[JAW_CONTROLS[0]], pivot, turns[0], slides[0], lower, still, graph)
     offsets = {}
     for name, rotation, slide in zip(JAW_CONTROLS, turns, slides, strict=True):
-        posed = x + shapes[name] - pivot - weight[:, None] * slide
-        offsets[name] = turned(posed, -weight[:, None] * rotation) + pivot - x
+        pose = x + shapes[name] - pivot - weight[:, None] * slide
+        offsets[name] = turn_vectors(pose, -weight[:, None] * rotation) + pivot - x
         offsets[name][np.concatenate([lower, still])] = 0.0
-    return JawFit(pivot, turns, slides, weight, offsets, np.array(missed))
+    return JawFit(pivot, turns, slides, weight, offsets, np.array(residual))
 
 
-def turned(vectors: Float[np.ndarray, "n 3"], rotation: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Return vectors turned by rotation vectors, with the deformer's own series."""
+def turn_vectors(vectors: Float[np.ndarray, "n 3"], rotation: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Turn vectors by rotation vectors, with the deformer's own series."""
     planes = (jnp.asarray(a.T[None], jnp.float32) for a in (vectors, rotation))
     return np.asarray(turn(*planes), np.float64)[0].T
 
@@ -99,12 +100,12 @@ def _weights(x, offset, pivot, rotation, slide, lower, still, graph) -> Float[np
     """Return each vertex's share in jawOpen, 0 … 1: where on its arc it comes nearest to the shape."""
     weight = np.zeros(len(x))
     for _ in range(6):  # Gauss–Newton on the arc
-        moved = turned(x - pivot, weight[:, None] * rotation)
-        tangent = np.cross(rotation, moved) + slide
-        missing = offset + x - pivot - moved - weight[:, None] * slide
+        arm = turn_vectors(x - pivot, weight[:, None] * rotation)
+        tangent = np.cross(rotation, arm) + slide
+        missing = offset + x - pivot - arm - weight[:, None] * slide
         gradient = (tangent * missing).sum(1) - SOFTNESS_MM2 * weight
         weight = np.clip(weight + gradient / ((tangent**2).sum(1) + SOFTNESS_MM2), 0.0, 1.0)
-    fixed = np.zeros(len(x), bool)
-    fixed[lower] = fixed[still] = True
+    is_tooth = np.zeros(len(x), bool)
+    is_tooth[lower] = is_tooth[still] = True
     weight[lower], weight[still] = 1.0, 0.0
-    return np.clip(smooth_values(weight, graph, SMOOTHING_PASSES, fixed), 0.0, 1.0)
+    return np.clip(smooth_values(weight, graph, SMOOTHING_PASSES, is_tooth), 0.0, 1.0)

@@ -68,11 +68,11 @@ def landmarks(marks: Int[np.ndarray, " l"]) -> tuple[tuple[str, ...], Int[np.nda
 
 def control_points(marks: Int[np.ndarray, " l"]) -> tuple[Int[np.ndarray, " c"], tuple[str, ...]]:
     """Return the vertices that an animator drags, each once, and their regions."""
-    chosen: dict[int, str] = {}
+    regions: dict[int, str] = {}
     for (first, last), region in REGIONS:
         for vertex in marks[first : last + 1].tolist():
-            chosen.setdefault(vertex, region)
-    return np.array(list(chosen), np.int32), tuple(chosen.values())
+            regions.setdefault(vertex, region)
+    return np.array(list(regions), np.int32), tuple(regions.values())
 
 
 def model_controls(expressions: Iterable[str]) -> tuple[Control, ...]:

@@ -70,5 +70,5 @@ def check_parts(recipe: FaceKitRecipe) -> None:
     for part in fields(recipe.parts):
         first, last = getattr(recipe.parts, part.name)
         if last >= recipe.vertices:
-            allowed = f"two of the model's vertices, 0 to {recipe.vertices - 1}"
-            raise InputError(f"parts.{part.name} is {[first, last]}: allowed are {allowed}")
+            bounds = f"two of the model's vertices, 0 to {recipe.vertices - 1}"
+            raise InputError(f"parts.{part.name} is {[first, last]}: allowed are {bounds}")

@@ -25,8 +25,8 @@ def load_recipe(name_or_path: str | Path) -> Recipe | FaceKitRecipe:
     """
     path = recipe_file(str(name_or_path))
     if not is_file(path) and not str(name_or_path).endswith(".toml"):
-        allowed = f"{', '.join(character_names())}, or the path of a .toml recipe"
-        raise InputError(f"character {shown(str(name_or_path))} has no recipe: allowed are {allowed}")
+        choices = f"{', '.join(character_names())}, or the path of a .toml recipe"
+        raise InputError(f"character {shown(str(name_or_path))} has no recipe: allowed are {choices}")
     table = read_toml(path)
     with naming(str(path)):
         kind, check = (FaceKitRecipe, check_parts) if "model" in table else (Recipe, check_rules)

@@ -15,9 +15,9 @@ def check_rules(recipe: Recipe) -> None:
     """Raise InputError, naming the key, where values of several keys don't go together."""
     t, teeth, tongue = recipe.template, recipe.teeth, recipe.tongue
 
-    def hold(rule: bool, key: str, found: Any, allowed: str) -> None:
+    def hold(rule: bool, key: str, value: Any, requirement: str) -> None:
         if not rule:
-            raise InputError(f"{key} is {cut(str(found))}: allowed is {allowed}")
+            raise InputError(f"{key} is {cut(str(value))}: allowed is {requirement}")
 
     rows = [row[0] for row in t.anchors]
     growing = len(rows) > 1 and rows[0] == 0 and all(a < b for a, b in pairwise(rows))
@@ -33,14 +33,14 @@ def check_rules(recipe: Recipe) -> None:
         first, last = getattr(t, key)
         hold((last - first) % 2 == 0, f"template.{key}", [first, last], "an even number of rows apart")
     apart = t.mouth_rows[1] <= t.nostril_rows[0] and t.nostril_rows[1] <= t.eye_rows[0] and t.eye_rows[1] < t.hair_row
-    allowed = "above mouth_rows and below eye_rows, those below hair_row"
-    hold(apart, "template.nostril_rows", list(t.nostril_rows), allowed)
+    requirement = "above mouth_rows and below eye_rows, those below hair_row"
+    hold(apart, "template.nostril_rows", list(t.nostril_rows), requirement)
     hold(t.hair_row < rows[-1], "template.hair_row", t.hair_row, f"below the last row, {rows[-1]:g}")
     hold(t.crown_across < half, "template.crown_across", t.crown_across, f"below half_columns = {half}")
     order = (t.eye_columns[1], t.face_columns, t.ear_columns[0] - 1, t.ear_columns[1])
     inside = all(a < b for a, b in pairwise(order)) and order[-1] <= t.coarse_from < half
-    allowed = "eye_columns < face_columns < ear_columns - 1, ear_columns <= coarse_from < half_columns"
-    hold(inside, "template.face_columns", t.face_columns, allowed)
+    requirement = "eye_columns < face_columns < ear_columns - 1, ear_columns <= coarse_from < half_columns"
+    hold(inside, "template.face_columns", t.face_columns, requirement)
     widest = max(t.mouth_columns, t.nostril_columns[1])
     hold(widest < t.face_columns, "template.mouth_columns", t.mouth_columns, f"below face_columns = {t.face_columns}")
     coarse = list(t.coarse_rows)
@@ -48,8 +48,8 @@ def check_rules(recipe: Recipe) -> None:
     hold(t.lip_rings < t.mouth_rings, "template.lip_rings", t.lip_rings, f"below mouth_rings = {t.mouth_rings}")
     for side in ("upper", "lower"):
         widths, half_teeth = getattr(teeth, f"widths_{side}"), getattr(teeth, side) // 2
-        allowed = f"a width for each of the {half_teeth} teeth of a half"
-        hold(len(widths) >= half_teeth, f"teeth.widths_{side}", f"{len(widths)} widths", allowed)
+        requirement = f"a width for each of the {half_teeth} teeth of a half"
+        hold(len(widths) >= half_teeth, f"teeth.widths_{side}", f"{len(widths)} widths", requirement)
         columns = getattr(tongue, f"gum_columns_{side}")
         hold(columns % 2 == 1, f"tongue.gum_columns_{side}", columns, "an odd number")
     hold(not (tongue.cap[0] % 2 or tongue.cap[1] % 2), "tongue.cap", list(tongue.cap), "two even numbers")
@@ -61,12 +61,12 @@ def check_rules(recipe: Recipe) -> None:
 
 
 def _check_segments(segments: dict[str, tuple[str, ...]], hold: Callable[..., None]) -> None:
-    used = [part for parts in segments.values() for part in parts]
-    alone = set(PARTS) - set(used)
+    parts_in_use = [part for parts in segments.values() for part in parts]
+    alone = set(PARTS) - set(parts_in_use)
     for name, parts in segments.items():
         key = f"segments.{name}"
         hold(name.isidentifier() and name not in alone, key, repr(name), "a name that no other segment has")
         hold(len(parts) > 1, key, list(parts), "two or more parts")
-        twice = [part for part in parts if used.count(part) > 1]
+        twice = [part for part in parts if parts_in_use.count(part) > 1]
         hold(not twice, key, f"'{twice[0]}' again" if twice else "", "each part once")
         hold("face" not in parts, key, "the part 'face'", "any other: the face needs all of its chart")

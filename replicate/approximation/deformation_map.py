@@ -94,8 +94,8 @@ class Projection:
         """Return the offsets that the segment's vertices read from the least-squares maps."""
         b, k, _ = offsets.shape
         columns = np.asarray(offsets, np.float64).transpose(1, 0, 2).reshape(k, 3 * b)
-        fitted = self.matrix @ self.factor.solve(self.matrix.T @ columns)
-        return fitted.reshape(k, b, 3).transpose(1, 0, 2).astype(np.float32)
+        fit = self.matrix @ self.factor.solve(self.matrix.T @ columns)
+        return fit.reshape(k, b, 3).transpose(1, 0, 2).astype(np.float32)
 
 
 class Floor:

@@ -27,8 +27,8 @@ def influence_poses(
     """
     spread = (poses - rig.default) / (rig.upper - rig.lower)
     base = np.asarray(poses, dtype=np.float32)[farthest_first(spread, max(1, (count - 1) // 2))]
-    augmented = augment(base, count - 1 - len(base), generator)
-    return np.concatenate([np.asarray(rig.default, dtype=np.float32)[None], base, augmented])
+    augmentation = augment(base, count - 1 - len(base), generator)
+    return np.concatenate([np.asarray(rig.default, dtype=np.float32)[None], base, augmentation])
 
 
 def farthest_first(points: Float[np.ndarray, "a m"], count: int) -> Int[np.ndarray, " count"]:
@@ -62,8 +62,8 @@ def influence(
             for rows, vertices in evaluate(rig, trials):
                 if rows.start == 0:
                     base = vertices[0]
-                for row, moved in zip(range(rows.start, rows.stop), vertices, strict=True):
-                    moves[(row - 1) % m] |= np.abs(moved - base).max(axis=-1) > threshold_mm
+                for row, positions in zip(range(rows.start, rows.stop), vertices, strict=True):
+                    moves[(row - 1) % m] |= np.abs(positions - base).max(axis=-1) > threshold_mm
                 if bar is not None:
                     bar.update(len(vertices))
     return moves.T

@@ -124,10 +124,10 @@ def summary(tally: Tally, group: int | None = None) -> Summary:
 
 
 def _percentile(histogram: np.ndarray, fraction: float) -> float:
-    reached = np.cumsum(histogram)
-    rank = fraction * reached[-1]
-    k = int(np.searchsorted(reached, rank))
-    within = (rank - (reached[k] - histogram[k])) / histogram[k]
+    cumulative = np.cumsum(histogram)
+    rank = fraction * cumulative[-1]
+    k = int(np.searchsorted(cumulative, rank))
+    within = (rank - (cumulative[k] - histogram[k])) / histogram[k]
     lower, upper = _edge(k), _edge(k + 1)
     return lower + within * (upper - lower)
 

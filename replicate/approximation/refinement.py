@@ -22,7 +22,7 @@ from replicate.config import RefinementConfig
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
-UNCOVERED = 0.25  # squared distance, in widths of a chart, of a vertex whose chart has no cluster: half a width
+UNCOVERED_COST = 0.25  # squared distance, in widths of a chart, of a vertex whose chart has no cluster: half a width
 STARTS = 4  # k-means runs, of which the best counts
 
 
@@ -44,8 +44,8 @@ def map_error(segments: Sequence[Segment], offsets: Float[np.ndarray, "p n 3"], 
     for segment in segments:
         truth = offsets[:, segment.vertices].transpose(1, 0, 2).reshape(len(segment.vertices), -1)  # (k, 3p)
         pixels = polyharmonic_map(segment.uv, truth, size).reshape(size**2, -1)
-        lost = truth - sampling_matrix(bilinear(segment.uv, size)) @ pixels
-        errors[segment.vertices] = (lost**2).sum(1) / len(offsets)
+        residual = truth - sampling_matrix(bilinear(segment.uv, size)) @ pixels
+        errors[segment.vertices] = (residual**2).sum(1) / len(offsets)
     return errors
 
 
@@ -62,7 +62,7 @@ def select(
     k-means of each chart's texture coordinates weighted by e_i; the vertices in a square of side `square` about
     their nearest centroid form a segment, whose coordinates are stretched to fill its map. A cluster belongs to one
     chart, since charts are separate planes: k clusters go to where they lower the summed inertia most, and a vertex in
-    a chart without one counts as UNCOVERED. At most `clusters_max` clusters are tried.
+    a chart without one costs UNCOVERED_COST. At most `clusters_max` clusters are tried.
     """
     weights = [errors[segment.vertices] for segment in segments]
     centroids, knee = clusters([segment.uv for segment in segments], weights, clusters_max, seed)
@@ -77,7 +77,7 @@ def select(
             members = inside & (nearest == c)
             if members.sum() >= 3:
                 name = f"{segment.name}_{c + 1}"
-                vertices, uv = segment.vertices[members], _stretched(segment.uv[members])
+                vertices, uv = segment.vertices[members], _stretch(segment.uv[members])
                 squares.append(make_segment(name, vertices, uv, influence))
     if not squares:
         raise InputError(
@@ -86,7 +86,7 @@ def select(
     return tuple(squares), knee
 
 
-def _stretched(uv: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 2"]:
+def _stretch(uv: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 2"]:
     low, high = uv.min(0), uv.max(0)
     return (uv - low) / np.where(high > low, high - low, 1)
 
@@ -96,7 +96,9 @@ def clusters(
 ) -> tuple[list[Float64[np.ndarray, "c 2"]], Elbow]:
     """Return each chart's centroids (c may be 0) for the number of clusters at the elbow of 1 to `most`."""
     fits = [_chart_fits(uv, weight, most, seed) for uv, weight in zip(charts, weights, strict=True)]
-    costs = [[UNCOVERED * float(w.sum())] + [cost for cost, _ in fit] for w, fit in zip(weights, fits, strict=True)]
+    costs = [
+        [UNCOVERED_COST * float(w.sum())] + [cost for cost, _ in fit] for w, fit in zip(weights, fits, strict=True)
+    ]
     dealt = [0] * len(charts)
     inertia, history = [], []
     for _ in range(most):
@@ -164,8 +166,8 @@ def train_refined(
     millisecond, and no table of predictions for all samples is needed. Other arguments as in `train_segments`.
     """
     device = prepare(device)
-    changed = segment_vertices(segments)
-    supervision = Supervision(mesh, samples, coarse.vertices, config.normal_weight, device, changed)
+    own = segment_vertices(segments)
+    supervision = Supervision(mesh, samples, coarse.vertices, config.normal_weight, device, own)
     params, offsets = supervision.statistics()
     networks = [make_network(segment, shape_facts(config)) for segment in segments]
     targets = offsets - coarse.offsets(params)
@@ -174,7 +176,7 @@ def train_refined(
     near = [k for k, s in enumerate(coarse.segments) if np.isin(s.vertices, supervision.vertices).any()]
     below = coarse.part(near)
     source = _positions(below.vertices, supervision.vertices, device)
-    target = _positions(supervision.vertices, changed, device)
+    target = _positions(supervision.vertices, own, device)
 
     def loss_of_step(step: int) -> torch.Tensor:
         params, truth = supervision.batch(seed, "refined", step, config.training.batch)

@@ -105,9 +105,9 @@ def following_errors(
     homogeneous = np.concatenate([neutral, np.ones((len(neutral), 1))], axis=1).astype(np.float64)
     motion = np.concatenate([rotation - np.eye(3), translation[:, None, :]], axis=1)  # (b, 4, 3)
     motion = motion.transpose(0, 2, 1).reshape(-1, 4)
-    moved = (vertices.astype(np.float64) - neutral).transpose(1, 0, 2).reshape(len(neutral), -1)
+    displacement = (vertices.astype(np.float64) - neutral).transpose(1, 0, 2).reshape(len(neutral), -1)
     total = (homogeneous @ (motion.T @ motion) * homogeneous).sum(1)
-    total += (moved**2).sum(1) - 2 * ((moved @ motion) * homogeneous).sum(1)
+    total += (displacement**2).sum(1) - 2 * ((displacement @ motion) * homogeneous).sum(1)
     return np.sqrt(np.maximum(total, 0.0) / len(vertices))
 
 

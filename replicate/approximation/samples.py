@@ -153,8 +153,8 @@ def write_samples(
         **{part: {f"{part}_offsets": (np.float32, (n, 3))} for part in PARTS[1:]},
     }
     key = sha256(b"".join(poses.tobytes() for poses in poses_of.values()) + rig.mesh.neutral.tobytes()).hexdigest()
-    unfinished = Scratch(scratch, key, CHUNK, {part: (len(poses_of[part]), rows[part]) for part in PARTS})
-    arrays = unfinished.arrays
+    drafts = Scratch(scratch, key, CHUNK, {part: (len(poses_of[part]), rows[part]) for part in PARTS})
+    arrays = drafts.arrays
 
     def store(part: str, rows: slice, offsets: np.ndarray) -> None:
         if part != "training":
@@ -165,15 +165,15 @@ def write_samples(
         arrays["squared_error"][rows] = (error**2).mean(axis=(1, 2), dtype=np.float64)
         arrays["landmarks"][rows] = offsets[:, rig.landmarks]
 
-    with progress(sum(map(len, poses_of.values())), "samples", sum(map(unfinished.done, PARTS))) as bar:
+    with progress(sum(map(len, poses_of.values())), "samples", sum(map(drafts.finished_poses, PARTS))) as bar:
         for part, poses in poses_of.items():
-            while (first := unfinished.done(part)) < len(poses):
+            while (first := drafts.finished_poses(part)) < len(poses):
                 for rows, vertices in evaluate(rig, poses[first : first + CHUNK]):
                     rows = slice(first + rows.start, first + rows.stop)
                     _check_finite(rig.name, part, rows.start, vertices)
                     store(part, rows, vertices - rig.mesh.neutral)
                     bar.update(len(vertices))
-                unfinished.checkpoint(part)
+                drafts.checkpoint(part)
     facts = {
         "poses": len(params),
         "validation_poses": len(poses_of["validation"]),
@@ -194,7 +194,7 @@ def write_samples(
     facts["samples_per_bin"] = np.bincount(bins, minlength=config.bins).tolist()
     (Path(folder) / "samples.json").write_text(json.dumps(facts, indent=1) + "\n")
     del arrays
-    unfinished.move(["offsets", "steps", "validation_offsets", "test_offsets"], Path(folder))
+    drafts.move(["offsets", "steps", "validation_offsets", "test_offsets"], Path(folder))
     return facts
 
 

@@ -24,9 +24,9 @@ class Scratch:
     """Arrays in a folder, memory-mapped, of which the first rows are done.
 
     folder: stays between calls. key: what the contents depend on; a folder of another key is begun anew. chunk: poses
-    between two checkpoints. parts: by name, the number of poses and the arrays, name → (dtype, shape of one row). What
-    is done already is checked here: from the first damaged chunk of a part on, named on standard error, it counts as
-    not done.
+    between two checkpoints. parts: by name, the number of poses and the arrays, name → (dtype, shape of one row). The
+    rows of an earlier call are checked here: those from the first damaged chunk of a part on count as missing, and
+    standard error names it.
     """
 
     def __init__(
@@ -48,8 +48,8 @@ class Scratch:
             make = np.lib.format.open_memmap
             self.arrays = {name: make(self._file(name), "w+", *shape) for name, shape in shapes.items()}
 
-    def done(self, part: str) -> int:
-        """Return how many of a part's poses are done."""
+    def finished_poses(self, part: str) -> int:
+        """Return how many of a part's poses have all their rows."""
         return min(len(self._sums[part]) * self.chunk, self.poses[part])
 
     def checkpoint(self, part: str) -> None:
@@ -63,7 +63,7 @@ class Scratch:
     def move(self, names: list[str], target: Path) -> None:
         """Move finished arrays into another folder; they are never in two places, where a write would change both.
 
-        Stopped after this, all is done again, to the same bytes.
+        A run that ends after this evaluates all samples again, to the same bytes.
         """
         del self.arrays
         (self.folder / STATE).unlink()
@@ -91,8 +91,8 @@ class Scratch:
 
     def _sound(self, part: str, sums: list[str]) -> list[str]:
         """Return the checksums up to the first chunk of a part that differs from its own."""
-        for chunk, expected in enumerate(sums):
-            if self._sum(part, chunk) != expected:
+        for chunk, checksum in enumerate(sums):
+            if self._sum(part, chunk) != checksum:
                 first = chunk * self.chunk
                 self._report(f"{part} poses from {first} on differ from their checksum", "they are")
                 return sums[:chunk]

@@ -25,9 +25,9 @@ def split_frames(
     Returns both sets in the order of the animation. Raises InputError when a side would be empty.
     """
     poses = _stack(clips)
-    held = np.zeros(len(poses), dtype=bool)
-    held[generator.permutation(len(poses))[: round(held_out * len(poses))]] = True
-    return _separate(poses, held)
+    mask = np.zeros(len(poses), dtype=bool)
+    mask[generator.permutation(len(poses))[: round(held_out * len(poses))]] = True
+    return _separate(poses, mask)
 
 
 def split_clips(
@@ -40,12 +40,12 @@ def split_clips(
     """
     poses = _stack(clips)
     owner = np.repeat(np.arange(len(clips)), [len(clip) for clip in clips])
-    held = np.zeros(len(poses), dtype=bool)
+    mask = np.zeros(len(poses), dtype=bool)
     for clip in generator.permutation(len(clips)):
-        grown = held | (owner == clip)
-        if not held.any() or grown.sum() <= held_out * len(poses):
-            held = grown
-    return _separate(poses, held)
+        larger = mask | (owner == clip)
+        if not mask.any() or larger.sum() <= held_out * len(poses):
+            mask = larger
+    return _separate(poses, mask)
 
 
 def _stack(clips: Sequence[np.ndarray]) -> Float32[np.ndarray, "a m"]:
@@ -54,8 +54,8 @@ def _stack(clips: Sequence[np.ndarray]) -> Float32[np.ndarray, "a m"]:
     return np.concatenate([np.asarray(clip, dtype=np.float32) for clip in clips]) + np.float32(0)  # −0 → +0
 
 
-def _separate(poses: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    training, candidates = poses[~held], poses[held]
+def _separate(poses: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    training, candidates = poses[~mask], poses[mask]
     keys = {pose.tobytes() for pose in training}
     fresh = []
     for index, pose in enumerate(candidates):
@@ -76,18 +76,18 @@ def hold_out(
 ) -> tuple[Float32[np.ndarray, "r m"], Float32[np.ndarray, "v m"]]:
     """Take `count` poses out of a training animation, to choose schedules by and to follow a training with.
 
-    Only poses that occur once are taken, so that what rests keeps every pose that the animation dwells on, and at most
-    a tenth of them. Returns the rest and the poses taken, both in the order of the animation. Raises InputError when no
+    The choice is among the poses that occur once, a tenth of them at most, so that the rest keeps every pose that the
+    animation dwells on. Returns the rest and the choice, both in the order of the animation. Raises InputError when no
     pose occurs once.
     """
     _, first, times = np.unique(poses, axis=0, return_index=True, return_counts=True)
     single = np.sort(first[times == 1])
     if not len(single):
         raise InputError(f"each of the {len(poses)} training poses occurs more than once, so none can be held out")
-    taken = generator.permutation(single)[: min(count, max(1, len(single) // 10))]
-    held = np.zeros(len(poses), dtype=bool)
-    held[taken] = True
-    return poses[~held], poses[held]
+    choice = generator.permutation(single)[: min(count, max(1, len(single) // 10))]
+    mask = np.zeros(len(poses), dtype=bool)
+    mask[choice] = True
+    return poses[~mask], poses[mask]
 
 
 def augment(

@@ -18,31 +18,31 @@ STATISTICS = 512  # training samples, spread over the set, that output lengths a
 class Supervision:
     """Eq. 1 on `vertices`, in that order, against training samples drawn as §3.5 says.
 
-    moved: (v,) the vertices that some network moves; its size, and the number of faces within, are Eq. 1's n and f.
-    changed: (k,) the vertices that the network in training can change, all of `moved` by default. Only faces that touch
-    one of those are in the loss; the rest of Eq. 1 is a constant. `vertices` are the corners of those faces.
+    movable: (v,) the vertices that some network moves; its size, and the number of faces within, are Eq. 1's n and f.
+    trainable: (k,) the vertices that the network in training can change, all of `movable` by default. Only faces that
+    touch one of those are in the loss; the rest of Eq. 1 is a constant. `vertices` are the corners of those faces.
     """
 
     def __init__(
         self,
         mesh: Mesh,
         samples: SampleSet,
-        moved: Int[np.ndarray, " v"],
+        movable: Int[np.ndarray, " v"],
         normal_weight: float,
         device: torch.device,
-        changed: Int[np.ndarray, " k"] | None = None,
+        trainable: Int[np.ndarray, " k"] | None = None,
     ):
-        self.mesh, self.samples, self.device, self.moved = mesh, samples, device, moved
+        self.mesh, self.samples, self.device, self.movable = mesh, samples, device, movable
         n = len(mesh.neutral)
-        within = moved[faces_within(mesh.faces, moved, n)]  # (f, 3)
+        within = movable[faces_within(mesh.faces, movable, n)]  # (f, 3)
         self.faces = within
-        self.vertices = moved
-        if changed is not None:
-            touched = within[faces_touching(within, changed, n)]
-            self.vertices = np.union1d(touched, changed)
-            within = touched
+        self.vertices = movable
+        if trainable is not None:
+            near = within[faces_touching(within, trainable, n)]
+            self.vertices = np.union1d(near, trainable)
+            within = near
         corners = faces_within(within, self.vertices, n)
-        self.loss = FacialLoss(mesh.neutral[self.vertices], corners, normal_weight, len(moved), len(self.faces))
+        self.loss = FacialLoss(mesh.neutral[self.vertices], corners, normal_weight, len(movable), len(self.faces))
 
     def batch(self, seed: int, stream: str, step: int, size: int) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the raw rig parameters (b, m) and true offsets (b, v, 3), mm, of one step."""
@@ -66,7 +66,7 @@ class Supervision:
 
         def measure(predict: Callable[[np.ndarray], np.ndarray]) -> tuple[float, float]:
             posed = start + predict(params)
-            distance = vertex_error(posed[:, self.moved], truth[:, self.moved]).mean(dtype=np.float64)
+            distance = vertex_error(posed[:, self.movable], truth[:, self.movable]).mean(dtype=np.float64)
             return float(distance), float(np.nanmean(normal_error(posed, truth, self.faces), dtype=np.float64))
 
         return measure

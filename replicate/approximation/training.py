@@ -70,7 +70,7 @@ def train(
     checkpoint = Path(scratch) / "checkpoint.sealed"
     first, log, running = _resume(checkpoint, weights, optimiser)
     every = max(1, config.steps // ROWS)
-    saved = time.monotonic()
+    last_save = time.monotonic()
     with progress(config.steps, label, first) as bar:
         for step in range(first, config.steps):
             optimiser.param_groups[0]["lr"] = learning_rate(config, step)
@@ -83,9 +83,9 @@ def train(
                 row = (step + 1, math.fsum(running) / len(running), *measure())
                 log.append(dict(zip(LOG_COLUMNS, row, strict=True)))
                 running = []
-            if time.monotonic() - saved > CHECKPOINT_S or step + 1 == config.steps:
+            if time.monotonic() - last_save > CHECKPOINT_S or step + 1 == config.steps:
                 _save(checkpoint, weights, optimiser, step + 1, log, running)
-                saved = time.monotonic()
+                last_save = time.monotonic()
             bar.update(1)
     return log
 

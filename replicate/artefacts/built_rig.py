@@ -26,7 +26,7 @@ def stage(plan: Plan) -> Stage:
     if "rig" in plan:
         return plan["rig"]
     recipe, files = character_parts(plan.config.character)
-    return plan.stage("rig", make, Character(recipe), files=files, seeded=False)
+    return plan.stage("rig", make, Character(recipe), files=files, per_seed=False)
 
 
 def make(context: StageContext) -> None:

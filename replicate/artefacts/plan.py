@@ -48,16 +48,16 @@ class Plan:
         settings: object,
         *inputs: Stage,
         files: tuple[Path, ...] = (),
-        seeded: bool = True,
+        per_seed: bool = True,
     ) -> Stage:
         """Return the stage of that name, which is put together the first time that somebody asks.
 
         function: called with a `StageContext` in a process of its own, or as "module:function". settings: a frozen
-        dataclass of what its numbers depend on, or None. inputs, files: as for `Stage`. seeded: False where nothing
+        dataclass of what its numbers depend on, or None. inputs, files: as for `Stage`. per_seed: False where nothing
         depends on the seed, so that all seeds share the artefact.
         """
         if name not in self._stages:
-            seed = self.config.seed if seeded else 0
+            seed = self.config.seed if per_seed else 0
             label = f"{self.character}-seed{seed}" if seed else self.character
             path = function if isinstance(function, str) else reference(function)
             self._stages[name] = Stage(name, path, settings, inputs, label, files)

@@ -40,13 +40,19 @@ from replicate.methods import measurement
 from replicate.methods.method_registry import method_named
 from replicate.report.error_rows import error_rows
 from replicate.report.results import Row
-from replicate.report.tables import Table, as_text, rounded
+from replicate.report.tables import Table, as_text, round_off
 
 ABOUT = "what deliberate faults do to the numbers of Table 2"
 WRITES = "results/runs/bench/bench_faults.csv"
 POSES = 128
 METHODS = ("coarse", "refined", "floor", "neutral", "attachment", "lbs16", "lbs32")
-SHOWN = (("coarse", "vertex"), ("coarse", "normal"), ("refined", "vertex"), ("refined", "normal"), ("lbs32", "vertex"))
+COLUMNS = (
+    ("coarse", "vertex"),
+    ("coarse", "normal"),
+    ("refined", "vertex"),
+    ("refined", "normal"),
+    ("lbs32", "vertex"),
+)
 
 
 def artefacts_of(config: Config, last: Sequence[Stage]) -> tuple[dict[str, Path], dict[str, object]]:
@@ -85,7 +91,7 @@ def faults(config: Config) -> tuple[Mesh, SampleSet, Attachments, dict[str, dict
     plan = Plan(config)
     inputs, settings = artefacts_of(config, [measurement.stage(plan, method_named(name)) for name in METHODS])
     unweighted = replace(config, coarse=replace(config.coarse, normal_weight=0.0))
-    broken, _ = artefacts_of(unweighted, [coarse_method.stage(Plan(unweighted))])
+    faulty, _ = artefacts_of(unweighted, [coarse_method.stage(Plan(unweighted))])
     mesh, samples, attachments = built_rig.load_mesh(inputs), drawn_samples.load(inputs), rigid_segments.load(inputs)
     sound = {name: measurement.predictor(settings[f"{measurement.PREFIX}{name}"], inputs) for name in METHODS}
     place = partial(predictor_of, mesh, attachments)
@@ -104,20 +110,20 @@ def faults(config: Config) -> tuple[Mesh, SampleSet, Attachments, dict[str, dict
             "refinement_left_out": sound | {"refined": sound["coarse"]},
             "teeth_on_wrong_vertices": sound | {"attachment": lambda params, truth: attach(mesh, shifted, truth)},
             "half_of_the_bones": sound | {"lbs32": sound["lbs16"]},
-            "normals_unweighted": sound | {"coarse": place(coarse_method.load_model(broken))},
+            "normals_unweighted": sound | {"coarse": place(coarse_method.load_model(faulty))},
         },
     )
 
 
 def measure(config: Config, count: int) -> list[Row]:
     """Return Table 2's rows under every fault on `count` test poses; the fault's name stands behind the table's."""
-    mesh, samples, attachments, broken = faults(config)
+    mesh, samples, attachments, faulty = faults(config)
     poses = unique_poses(samples.test_params)
     poses = poses[np.linspace(0, len(poses) - 1, min(count, len(poses))).astype(int)]
     poses_and_truth = (mesh, samples.test_params[poses], samples.test_offsets[poses])
     character, rows = recipe_paths.recipe_file(config.character).stem, []
     errors_by: dict[Callable, object] = {}  # what a fault leaves alone is evaluated once
-    for name, predictors in broken.items():
+    for name, predictors in faulty.items():
         missing = {method: predict for method, predict in predictors.items() if predict not in errors_by}
         with progress(len(poses), f"errors, {name}") as bar:
             fresh = evaluate(*poses_and_truth, missing, attachments.segment, config.evaluation.batch, bar)
@@ -136,15 +142,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--profile", default="laptop", help="whose networks are broken (default: laptop)")
     parser.add_argument("--characters", default="teen", help="a name or recipe (default: teen)")
     parser.add_argument("--poses", type=int, default=POSES, help=f"test poses to measure on (default: {POSES})")
-    options, typed = parse(parser, arguments)
-    return guard(partial(_run, options, typed))
+    options, command_line = parse(parser, arguments)
+    return guard(partial(_run, options, command_line))
 
 
-def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
+def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     check_at_least(1, poses=options.poses)
     rows = measure(resolve(options.characters, options.profile), options.poses)
     print(as_text(_table(rows)))
-    publish("bench_faults", rows, typed)
+    publish("bench_faults", rows, command_line)
 
 
 def _table(rows: Sequence[Row]) -> Table:
@@ -152,9 +158,9 @@ def _table(rows: Sequence[Row]) -> Table:
     names = list(dict.fromkeys(row.table.partition("@")[2] for row in rows))
     lines = []
     for name in names:
-        shown = (by_key[f"table2@{name}", method, f"{kind}_error_mean"] for method, kind in SHOWN)
-        lines.append((name.replace("_", " "), *(rounded(row.value, row.unit) for row in shown)))
-    header = ("", *(f"{method}, {'mm' if kind == 'vertex' else 'degrees'}" for method, kind in SHOWN))
+        cells = (by_key[f"table2@{name}", method, f"{kind}_error_mean"] for method, kind in COLUMNS)
+        lines.append((name.replace("_", " "), *(round_off(row.value, row.unit) for row in cells)))
+    header = ("", *(f"{method}, {'mm' if kind == 'vertex' else 'degrees'}" for method, kind in COLUMNS))
     note = f"mean errors on {rows[0].poses} test poses."
     return Table("Table 2's numbers under deliberate faults", (header,), tuple(lines), (note,))
 

@@ -17,7 +17,7 @@ from replicate.approximation.evaluation import unique_poses
 from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import named, parse, publish
+from replicate.benchmarks.common import parse, publish, split_names
 from replicate.config import Config, resolve
 from replicate.engine.command_line import guard
 from replicate.engine.progress import progress
@@ -27,7 +27,7 @@ from replicate.engine.stage import in_order
 from replicate.engine.store import artefact_folder
 from replicate.geometry.mesh import Mesh
 from replicate.report.results import Row, find
-from replicate.report.tables import Table, as_text, rounded
+from replicate.report.tables import Table, as_text, round_off
 
 ABOUT = "what maps of several resolutions can hold at best, where skin wrinkles and elsewhere"
 WRITES = "results/runs/bench/bench_floors.csv"
@@ -53,8 +53,8 @@ def floor_errors(
     sums = {region: np.zeros((2, 2)) for region in REGIONS}
     for start in range(0, len(offsets), BATCH):
         truth = mesh.neutral + np.asarray(offsets[start : start + BATCH], np.float32)
-        held = mesh.neutral + floor(truth - mesh.neutral)
-        millimetres, degrees = vertex_error(held, truth), normal_error(held, truth, mesh.faces)
+        projection = mesh.neutral + floor(truth - mesh.neutral)
+        millimetres, degrees = vertex_error(projection, truth), normal_error(projection, truth, mesh.faces)
         for region, total in sums.items():
             for k, values in enumerate((millimetres[:, vertices[region]], degrees[:, faces[region]])):
                 valid = np.isfinite(values)
@@ -106,8 +106,8 @@ def floors_table(rows: Sequence[Row], character: str) -> Table:
                     key = f"{region} {kind}"
                     share = row.value / before[key] if row and before.get(key) else None
                     cells += [
-                        rounded(row.value, unit) if row else "–",
-                        "–" if share is None else rounded(share, "ratio"),
+                        round_off(row.value, unit) if row else "–",
+                        "–" if share is None else round_off(share, "ratio"),
                     ]
                     before[key] = row.value if row else 0.0
             body.append(tuple(cells))
@@ -124,15 +124,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.bench_floors", description=__doc__)
     parser.add_argument("--profile", default="laptop", help="whose samples and refinement segments (default: laptop)")
     parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
-    options, typed = parse(parser, arguments)
-    return guard(partial(_run, options, typed))
+    options, command_line = parse(parser, arguments)
+    return guard(partial(_run, options, command_line))
 
 
-def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
-    rows = [row for name in named(options.characters) for row in floors(resolve(name, options.profile))]
+def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
+    rows = [row for name in split_names(options.characters) for row in floors(resolve(name, options.profile))]
     characters = dict.fromkeys(row.character for row in rows)
     print("\n\n".join(as_text(floors_table(rows, name)) for name in characters))
-    publish("bench_floors", rows, typed)
+    publish("bench_floors", rows, command_line)
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from data_recipes.rig import Rig
-from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, merge, named, note, parse
+from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, merge, note, parse, split_names
 from replicate.benchmarks.lbs_comparison import EQUAL, METHODS, lbs_table
 from replicate.config import SamplesConfig
 from replicate.engine.command_line import guard
@@ -46,7 +46,7 @@ OURS = {"ssdr": None, "ssdr_sparse": 0}  # relaxed iterations; None: as usual
 BONES, SEEDS = (16, 24, 32), (0, 1, 2)
 TRAINING, TEST = 1_000, 200
 MOST, LEAST = 200, 30  # iterations
-WINDOW, SETTLED = 10, 0.002  # converged: the last so many iterations lowered the RMSE by less than this share
+WINDOW, LEAST_GAIN = 10, 0.002  # converged: the last so many iterations lowered the RMSE by less than this share
 METRICS = {
     "rmse": "mm", "mean": "mm", "normal": "deg", "max": "mm", "training_rmse": "mm", "iterations": "count",
     "time": "ms", "time_at_equal_iterations": "ms", "time_to_dem_bones_error": "ms", "peak_memory": "MB",
@@ -67,7 +67,7 @@ class Course:
         self.rmse.append(rmse)
         if iteration < LEAST:
             return True
-        return iteration < MOST and min(self.rmse[-WINDOW:]) < (1 - SETTLED) * min(self.rmse[:-WINDOW])
+        return iteration < MOST and min(self.rmse[-WINDOW:]) < (1 - LEAST_GAIN) * min(self.rmse[:-WINDOW])
 
     def time_to(self, rmse: float) -> float:
         """Return the seconds after which the error was no larger than this; infinite if it never was."""
@@ -93,7 +93,7 @@ def fit_ours(
     from replicate.config import LbsConfig
 
     usual = LbsConfig()
-    started = time.process_time()
+    start = time.process_time()
     check(neutral, vertices, bones, usual.influences)
     vertex_order, pose_order = canonical_order(neutral, vertices)
     rest, ranks = neutral[vertex_order], np.argsort(vertex_order)
@@ -103,16 +103,16 @@ def fit_ours(
     state = way.start(bones)
     for _ in range(way.relaxed):
         state = way.step(state)
-    seconds = time.process_time() - started
+    seconds = time.process_time() - start
     while course.go_on(state.iteration - way.relaxed, seconds, training_rmse(data, state)):
-        started = time.process_time()
+        start = time.process_time()
         state = way.step(state)
-        seconds += time.process_time() - started
+        seconds += time.process_time() - start
     return skin_of(neutral, vertex_order, state)
 
 
 def training_rmse(
-    data: "replicate.approximation.skinning.compression.Compressed",
+    data: "replicate.approximation.skinning.compression.CompressedPoses",
     state: "replicate.approximation.skinning.alternation.State",
 ) -> float:
     """Return the root of the mean squared distance over vertices and poses, in mm."""
@@ -183,10 +183,10 @@ def write_poses(rig: Rig, seed: int, training: int, test: int, file: Path) -> No
 
     poses = choose_poses(rig, SamplesConfig(count=training), lambda name: stream_rng(seed, "samples", name))
     unique = np.unique(poses["test"], axis=0)
-    picked = unique[np.sort(stream_rng(seed, "lbs", "test").permutation(len(unique))[:test])]
+    choice = unique[np.sort(stream_rng(seed, "lbs", "test").permutation(len(unique))[:test])]
     posed = {
         part: np.concatenate([vertices for _, vertices in evaluate(rig, params)])
-        for part, params in (("training", poses["training"]), ("test", picked))
+        for part, params in (("training", poses["training"]), ("test", choice))
     }
     np.savez(file, neutral=rig.mesh.neutral, faces=rig.mesh.faces, **posed)
 
@@ -215,18 +215,18 @@ def rows_of_character(character: str, options: argparse.Namespace, file: Path) -
 
 def _missing(file: Path, character: str, run: str, seed: int, options: argparse.Namespace) -> list[tuple[int, str]]:
     """Return the numbers of bones and methods without numbers of this rig and seed, the peers' first."""
-    done = {(row.method, row.metric) for row in _known(file) if (row.character, row.run) == (character, run)}
+    entries = {(row.method, row.metric) for row in _read_rows(file) if (row.character, row.run) == (character, run)}
     methods = sorted(options.methods, key=lambda method: method in OURS)  # ours is timed against the peer's error
-    return [(b, m) for b in options.bones for m in methods if (m, f"rmse[{b}, seed {seed}]") not in done]
+    return [(b, m) for b in options.bones for m in methods if (m, f"rmse[{b}, seed {seed}]") not in entries]
 
 
 def _peer_error(file: Path, character: str, run: str, bones: int, seed: int) -> float:
     """Return the training error that Dem Bones reached; zero, which nothing reaches, if that isn't done."""
-    sought = (character, run, "dem_bones", f"training_rmse[{bones}, seed {seed}]")
-    return next((r.value for r in _known(file) if (r.character, r.run, r.method, r.metric) == sought), 0.0)
+    key = (character, run, "dem_bones", f"training_rmse[{bones}, seed {seed}]")
+    return next((r.value for r in _read_rows(file) if (r.character, r.run, r.method, r.metric) == key), 0.0)
 
 
-def _known(file: Path) -> list[Row]:
+def _read_rows(file: Path) -> list[Row]:
     return read_results(file) if file.is_file() else []
 
 
@@ -252,9 +252,9 @@ def rows_of(
         "time_at_equal_iterations": 1e3 * course.seconds[min(EQUAL, len(course.seconds) - 1)],
         "peak_memory": results["peak_mb"],
     }
-    reached = course.time_to(peer_error)
-    if math.isfinite(reached):
-        values["time_to_dem_bones_error"] = 1e3 * reached
+    seconds = course.time_to(peer_error)
+    if math.isfinite(seconds):
+        values["time_to_dem_bones_error"] = 1e3 * seconds
     return [
         Row(TABLE, character, method, f"{name}[{bones}, seed {seed}]", METRICS[name], float(value), None, 1,
             poses, PROFILE, run)
@@ -272,24 +272,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--training", type=int, default=TRAINING, help=f"training poses (default: {TRAINING})")
     parser.add_argument("--test", type=int, default=TEST, help=f"held-out poses (default: {TEST})")
     parser.add_argument("--fit", nargs=4, metavar=("FOLDER", "METHOD", "BONES", "SEED"), help=argparse.SUPPRESS)
-    options, typed = parse(parser, arguments)
+    options, command_line = parse(parser, arguments)
     if options.fit:
         folder, method, bones, seed = options.fit
         one_fit(Path(folder), method, int(bones), int(seed))
         return 0
-    return guard(partial(_run, options, typed))
+    return guard(partial(_run, options, command_line))
 
 
-def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
+def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     from replicate.benchmarks.dem_bones import solver_class
 
     check_at_least(1, training=options.training, test=options.test)
     if any(method not in OURS for method in options.methods):
         solver_class()
-    for character in named(options.characters):
+    for character in split_names(options.characters):
         rows = rows_of_character(character, options, bench_folder() / "bench_lbs.csv")
         print(as_text(lbs_table(rows, rows[0].character)) + "\n")
-        note("bench_lbs", [rows[0].character], typed, options.seeds)
+        note("bench_lbs", [rows[0].character], command_line, options.seeds)
 
 
 if __name__ == "__main__":

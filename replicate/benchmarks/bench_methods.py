@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from replicate.artefacts import built_rig, drawn_samples
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import PROFILE, check_at_least, named, parse, publish
+from replicate.benchmarks.common import PROFILE, check_at_least, parse, publish, split_names
 from replicate.config import Config, resolve
 from replicate.engine.command_line import guard
 from replicate.engine.progress import progress
@@ -30,7 +30,7 @@ from replicate.methods import measurement
 from replicate.methods.method_registry import choose, method_named, sections
 from replicate.methods.method_registry import in_order as methods_in_order
 from replicate.report.results import Row, find
-from replicate.report.tables import Table, as_text, rounded
+from replicate.report.tables import Table, as_text, round_off
 
 ABOUT = "milliseconds a pose of every method beside the rig, one pose at a time, on one thread"
 WRITES = "results/runs/bench/bench_methods.csv"
@@ -39,16 +39,16 @@ RIG = "rig"
 ROUNDS = 50
 
 
-def timed(ways: dict[str, Callable[[np.ndarray], object]], poses: np.ndarray, rounds: int) -> dict[str, np.ndarray]:
+def time_ways(ways: dict[str, Callable[[np.ndarray], object]], poses: np.ndarray, rounds: int) -> dict[str, np.ndarray]:
     """Return each way's wall times in ms, (rounds,); each round has one pose of its own, and one goes before them."""
     times = {name: np.zeros(rounds) for name in ways}
     with progress(rounds, "timing") as bar:
         for turn in range(-1, rounds):
             params = poses[turn % len(poses)][None]
             for name, way in ways.items():
-                started = time.perf_counter()
+                start = time.perf_counter()
                 way(params)
-                times[name][max(turn, 0)] = 1e3 * (time.perf_counter() - started)
+                times[name][max(turn, 0)] = 1e3 * (time.perf_counter() - start)
             bar.update(1)
     return times
 
@@ -68,7 +68,7 @@ def measure(config: Config, words: Sequence[str], rounds: int) -> list[Row]:
         predict = measurement.predictor(stage.config, inputs)
         ways[method.name] = partial(_without_truth, predict)
     with threadpool_limits(1):
-        times = timed(ways, np.asarray(samples.test_params), rounds)
+        times = time_ways(ways, np.asarray(samples.test_params), rounds)
     rows = []
     for name, milliseconds in times.items():
         numbers = {
@@ -92,7 +92,7 @@ def methods_table(rows: Sequence[Row], character: str) -> Table:
     for name in names:
         cells = [find(rows, TABLE, character, name, metric) for metric in ("pose_ms", "pose_ms_p95", "times_as_fast")]
         label = "The rig, compiled" if name == RIG else method_named(name).label
-        body.append((label, *(rounded(cell.value, cell.unit) if cell else "–" for cell in cells)))
+        body.append((label, *(round_off(cell.value, cell.unit) if cell else "–" for cell in cells)))
     notes = ("One pose a call, on one thread; medians over turns. Rigid segments placed where a method needs it.",)
     header = ("", "ms a pose", "95 % below, ms", "times as fast as the rig")
     return Table(f"Milliseconds a pose: {character}", (header,), tuple(body), notes)
@@ -106,21 +106,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
     parser.add_argument("--methods", nargs="+", default=["all"], help="as for table2 (default: all)")
     parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"poses that each is timed on (default: {ROUNDS})")
-    options, typed = parse(parser, arguments)
-    return guard(partial(_run, options, typed))
+    options, command_line = parse(parser, arguments)
+    return guard(partial(_run, options, command_line))
 
 
-def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
+def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     check_at_least(1, rounds=options.rounds)
-    words = named(" ".join(options.methods))
+    words = split_names(" ".join(options.methods))
     choose(words)
     rows = []
-    for character in named(options.characters):
+    for character in split_names(options.characters):
         config = resolve(character, options.profile, sections=sections(options.profile))
         rows += measure(config, words, options.rounds)
     for character in dict.fromkeys(row.character for row in rows):
         print(as_text(methods_table(rows, character)))
-    publish(TABLE, rows, typed)
+    publish(TABLE, rows, command_line)
 
 
 if __name__ == "__main__":

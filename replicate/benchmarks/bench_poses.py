@@ -17,7 +17,7 @@ import numpy as np
 from data_recipes.rig import Rig
 from replicate.approximation.samples import choose_poses
 from replicate.artefacts.built_rig import rig_of
-from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, named, parse, publish
+from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, parse, publish, split_names
 from replicate.config import SamplesConfig
 from replicate.engine import paths
 from replicate.engine.command_line import guard
@@ -35,8 +35,8 @@ WRITES = "results/runs/bench/bench_poses.csv, <character>_worst_poses.png"
 COUNT = 10_000
 UNIFORM_MOUTHS = 1_000  # of a rig without clips: in how many of its samples the mouth is measured
 DEEP_MM = 1.0
-LISTED = 5
-SAMPLED = ("uniform", "uniform, mouths")  # the sets of a rig without clips that stand for samples and for frames
+LIST_LENGTH = 5
+UNIFORM_KINDS = ("uniform", "uniform, mouths")  # the sets of a rig without clips that stand for samples and for frames
 
 
 @dataclass(frozen=True)
@@ -137,22 +137,23 @@ def health_card(rows: Sequence[Row]) -> Table:
     value = {(row.character, row.method, row.metric): row for row in rows}
     body = []
     for who in sorted({row.character for row in rows}, key=order_of):
-        sampled, acted = ("augmented", "clips") if (who, "clips", "bad_vertices") in value else SAMPLED
+        sample_kind, clip_kind = ("augmented", "clips") if (who, "clips", "bad_vertices") in value else UNIFORM_KINDS
 
         def number(kind: str, metric: str, who=who) -> float:
             return value[who, kind, metric].value
 
         eyes = {
-            metric: max(number(kind, metric) for kind in (acted, "controls") if (who, kind, metric) in value)
+            metric: max(number(kind, metric) for kind in (clip_kind, "controls") if (who, kind, metric) in value)
             for metric in ("eye_shows_worst", "eye_sticks_out_worst")
             if (who, "controls", metric) in value
         }
         body.append((
-            who, f"{value[who, sampled, 'bad_vertices'].poses:,}", f"{number(sampled, 'bad_vertices'):.0f}",
-            f"{100 * number(sampled, 'flipped_triangles_mean'):.3f} %",
-            f"{100 * number(sampled, 'flipped_triangles_worst'):.2f} %", f"{number(sampled, 'furthest_vertex'):.2f}",
-            f"{value[who, acted, 'bad_vertices'].poses:,}", f"{100 * number(acted, 'teeth_through_over_1mm'):.2f} %",
-            f"{number(acted, 'teeth_through_worst'):.2f} mm",
+            who, f"{value[who, sample_kind, 'bad_vertices'].poses:,}", f"{number(sample_kind, 'bad_vertices'):.0f}",
+            f"{100 * number(sample_kind, 'flipped_triangles_mean'):.3f} %",
+            f"{100 * number(sample_kind, 'flipped_triangles_worst'):.2f} %",
+            f"{number(sample_kind, 'furthest_vertex'):.2f}", f"{value[who, clip_kind, 'bad_vertices'].poses:,}",
+            f"{100 * number(clip_kind, 'teeth_through_over_1mm'):.2f} %",
+            f"{number(clip_kind, 'teeth_through_worst'):.2f} mm",
             f"{100 * eyes['eye_shows_worst']:.1f} %" if eyes else "–",
             f"{eyes['eye_sticks_out_worst']:.2f} mm" if eyes else "–",
         ))  # fmt: skip
@@ -167,7 +168,7 @@ def worst_in_words(rig: Rig, pose_set: PoseSet) -> list[str]:
     measures = {"flips, %": 100 * health.flipped}
     measures |= {f"{kind} through the skin, mm": values for kind, values in health.through.items()}
     for what, values in measures.items():
-        indices = worst(values, LISTED)
+        indices = worst(values, LIST_LENGTH)
         if len(indices):
             lines.append(f"{rig.name}, {pose_set.kind}: worst {what}")
         for k in indices:
@@ -183,17 +184,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
     parser.add_argument("--count", type=int, default=COUNT, help=f"samples of Eq. 5 (default: {COUNT})")
     parser.add_argument("--every", type=int, default=1, help="take each k-th frame of the clips only (default: 1)")
-    options, typed = parse(parser, arguments)
-    return guard(partial(_run, options, typed))
+    options, command_line = parse(parser, arguments)
+    return guard(partial(_run, options, command_line))
 
 
-def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
+def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     check_at_least(1, count=options.count, every=options.every)
-    table_rows = [row for name in named(options.characters) for row in _rows_of(name, options, typed)]
+    table_rows = [row for name in split_names(options.characters) for row in _rows_of(name, options, command_line)]
     print(as_text(summary(table_rows)))
 
 
-def _rows_of(character: str, options: argparse.Namespace, typed: Sequence[str]) -> list[Row]:
+def _rows_of(character: str, options: argparse.Namespace, command_line: Sequence[str]) -> list[Row]:
     """Measure one character; write its rows, in place of those of an earlier run, and draw its worst poses."""
     from replicate.drawing.panels import save_figure
     from replicate.rig_health.worst_poses import worst_poses
@@ -203,10 +204,10 @@ def _rows_of(character: str, options: argparse.Namespace, typed: Sequence[str]) 
     table_rows = [row for pose_set in sets for row in rows(rig.name, pose_set)]
     for pose_set in sets:
         print("\n".join(worst_in_words(rig, pose_set)))
-    publish("bench_poses", table_rows, typed)
+    publish("bench_poses", table_rows, command_line)
     figure, words = worst_poses(rig, sets)
     save_figure(figure, bench_folder() / f"{rig.name}_worst_poses.png", words)
-    print(f"written to {paths.shown(bench_folder())}: {rig.name}_worst_poses.png")
+    print(f"written to {paths.display_path(bench_folder())}: {rig.name}_worst_poses.png")
     return table_rows
 
 

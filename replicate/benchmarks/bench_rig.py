@@ -18,7 +18,7 @@ import numpy as np
 from data_recipes import recipe_paths
 from data_recipes.rig import Rig
 from replicate.artefacts.built_rig import rig_of
-from replicate.benchmarks.common import PROFILE, check_at_least, named, parse, publish
+from replicate.benchmarks.common import PROFILE, check_at_least, parse, publish, split_names
 from replicate.engine.command_line import guard
 from replicate.engine.exceptions import InputError
 from replicate.engine.progress import progress
@@ -36,7 +36,7 @@ DATA_SET = 50_000  # poses of the profile "paper"
 RATIOS = ("single/batched", "nodes/single", "nodes_batched/batched")
 
 
-def timed(ways: dict[str, Callable[[], object]], rounds: int) -> dict[str, np.ndarray]:
+def time_ways(ways: dict[str, Callable[[], object]], rounds: int) -> dict[str, np.ndarray]:
     """Return each way's wall time and processor time in each round, (rounds, 2) seconds.
 
     One unmeasured round comes first, to compile.
@@ -45,21 +45,21 @@ def timed(ways: dict[str, Callable[[], object]], rounds: int) -> dict[str, np.nd
     with progress((rounds + 1) * len(ways), "timing") as bar:
         for r in range(-1, rounds):
             for name, call in ways.items():
-                started = np.array([time.perf_counter(), time.process_time()])
+                start = np.array([time.perf_counter(), time.process_time()])
                 call()
                 if r >= 0:
-                    seconds[name][r] = np.array([time.perf_counter(), time.process_time()]) - started
+                    seconds[name][r] = np.array([time.perf_counter(), time.process_time()]) - start
                 bar.update(1)
     return seconds
 
 
-def run_timed(rig: Rig, params: np.ndarray, into: dict[str, float]) -> None:
+def time_nodes(rig: Rig, params: np.ndarray, into: dict[str, float]) -> None:
     """Run a rig's nodes one by one and add to each name's entry how many seconds it took."""
-    started = time.perf_counter()
+    start = time.perf_counter()
     for name, _ in rig.node_steps(params):
-        ended = time.perf_counter()
-        into[name] = into.get(name, 0.0) + ended - started
-        started = ended
+        end = time.perf_counter()
+        into[name] = into.get(name, 0.0) + end - start
+        start = end
 
 
 def bench(rig: Rig, params: np.ndarray, rounds: int) -> dict[str, float]:
@@ -72,7 +72,7 @@ def bench(rig: Rig, params: np.ndarray, rounds: int) -> dict[str, float]:
     def by_node(way: str, batches: Sequence[np.ndarray]) -> None:
         parts[way].append({})
         for batch in batches:
-            run_timed(rig, batch, parts[way][-1])
+            time_nodes(rig, batch, parts[way][-1])
 
     ways = {
         "batched": lambda: rig(params),
@@ -80,7 +80,7 @@ def bench(rig: Rig, params: np.ndarray, rounds: int) -> dict[str, float]:
         "nodes": lambda: by_node("nodes", poses),
         "nodes_batched": lambda: by_node("nodes_batched", [params]),
     }
-    seconds_of = timed(ways, rounds)
+    seconds_of = time_ways(ways, rounds)
     result = {}
     for way in ways:
         wall, processor = 1e3 * np.median(seconds_of[way], axis=0) / POSES[way]
@@ -189,19 +189,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--characters", default=" ".join(own), help=f"names or recipes, separated by commas (default: {', '.join(own)})"
     )
     parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"how often each way is timed (default: {ROUNDS})")
-    options, typed = parse(parser, arguments)
-    return guard(partial(_run, options, typed))
+    options, command_line = parse(parser, arguments)
+    return guard(partial(_run, options, command_line))
 
 
-def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
+def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     check_at_least(3, rounds=options.rounds)
     table_rows: list[Row] = []
-    for character in named(options.characters):
+    for character in split_names(options.characters):
         rig = rig_of(character)
         table_rows += rows(rig.name, bench(rig, frames_of(rig), options.rounds))
     for table in tables(table_rows, options.rounds):
         print(as_text(table))
-    publish("bench_rig", table_rows, typed)
+    publish("bench_rig", table_rows, command_line)
 
 
 def frames_of(rig: Rig) -> np.ndarray:

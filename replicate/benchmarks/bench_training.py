@@ -118,14 +118,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--only", default="", help="only trainings whose description contains this; others stay in the file"
     )
-    options, typed = parse(parser, arguments)
-    return guard(partial(_run, options, typed))
+    options, command_line = parse(parser, arguments)
+    return guard(partial(_run, options, command_line))
 
 
-def _run(options: argparse.Namespace, typed: Sequence[str]) -> None:
+def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     rows = compare(options)
     print(as_text(trainings_table(rows)))
-    publish("bench_training", rows, typed, (lambda row: True) if options.only else None)
+    publish("bench_training", rows, command_line, (lambda row: True) if options.only else None)
 
 
 def compare(options: argparse.Namespace) -> list[Row]:

@@ -27,7 +27,7 @@ def parse(parser: argparse.ArgumentParser, arguments: Sequence[str] | None) -> t
     return parser.parse_args(own), own
 
 
-def named(characters: str) -> list[str]:
+def split_names(characters: str) -> list[str]:
     """Return the characters that a text names, separated by commas or spaces. Raises InputError if there are none."""
     names = list(dict.fromkeys(words(characters)))
     if not names:
@@ -49,15 +49,16 @@ def bench_folder() -> Path:
     return folder
 
 
-def publish(name: str, rows: Sequence[Row], typed: Sequence[str], keep: Callable[[Row], bool] | None = None) -> None:
+def publish(
+    name: str, rows: Sequence[Row], arguments: Sequence[str], keep: Callable[[Row], bool] | None = None
+) -> None:
     """Write rows to <name>.csv in the benchmarks' folder, note in its manifest how they were made, and say so.
 
-    typed: the command line's arguments. keep: which rows of an earlier file stay; those
-    of other characters by default.
+    arguments: the command line's. keep: which rows of an earlier file stay; those of other characters by default.
     """
     characters = {row.character for row in rows}
     merge(bench_folder() / f"{name}.csv", rows, keep or (lambda row: row.character not in characters))
-    note(name, characters, typed)
+    note(name, characters, arguments)
 
 
 def merge(file: Path, rows: Sequence[Row], keep: Callable[[Row], bool]) -> None:
@@ -67,11 +68,11 @@ def merge(file: Path, rows: Sequence[Row], keep: Callable[[Row], bool]) -> None:
     write_results(file, [*others, *rows])
 
 
-def note(name: str, characters: Iterable[str], typed: Sequence[str], seeds: Sequence[int] = (0,)) -> None:
+def note(name: str, characters: Iterable[str], arguments: Sequence[str], seeds: Sequence[int] = (0,)) -> None:
     """Note in the folder's manifest how <name>.csv's rows about some characters were made, and say so."""
     into = bench_folder()
-    command = ["python", "-m", f"replicate.benchmarks.{name}", *typed]
+    command = ["python", "-m", f"replicate.benchmarks.{name}", *arguments]
     facts = provenance(command, PROFILE, list(seeds), core_count())
     before = manifest.entries(into, name)
     manifest.write_entries(into, name, dict(sorted((before | dict.fromkeys(characters, facts)).items())))
-    print(f"written to {paths.shown(into)}: {name}.csv, {manifest.NAME}")
+    print(f"written to {paths.display_path(into)}: {name}.csv, {manifest.NAME}")

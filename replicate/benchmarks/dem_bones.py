@@ -37,14 +37,14 @@ class Options:
     all_bones: where its own start finds fewer bones than asked for, it starts from our clusters.
     """
 
-    linked: bool = True
+    link_parts: bool = True
     all_bones: bool = True
     trans_affine: float | None = 0.0
     weights_smooth: float | None = 1e-6
 
 
 BEST = Options()
-DEFAULT = Options(linked=False, all_bones=False, trans_affine=None, weights_smooth=None)
+DEFAULT = Options(link_parts=False, all_bones=False, trans_affine=None, weights_smooth=None)
 
 
 def solver_class() -> type:
@@ -96,7 +96,7 @@ def fit(
     """
     solver = solver_class()()
     polygons = [face.tolist() for face in faces]
-    if options.linked:
+    if options.link_parts:
         polygons += links(neutral, faces).tolist()
     solver.nV, solver.nF, solver.nS, solver.nB = len(neutral), len(vertices), 1, bones
     solver.nnz = min(INFLUENCES, bones)
@@ -108,19 +108,19 @@ def fit(
         solver.transAffine = options.trans_affine
     if options.weights_smooth is not None:
         solver.weightsSmooth = options.weights_smooth
-    started = time.process_time()
+    start = time.process_time()
     solver.init()
-    seconds, iteration, own_start = time.process_time() - started, 0, solver.nB
+    seconds, iteration, own_start = time.process_time() - start, 0, solver.nB
     if options.all_bones and own_start < bones:
-        started = time.process_time()
+        start = time.process_time()
         solver.nB, solver.m = bones, cluster_motions(neutral, vertices, bones)
         solver.init()
-        seconds = time.process_time() - started
+        seconds = time.process_time() - start
     while go_on(iteration, seconds, float(solver.rmse())):
-        started = time.process_time()
+        start = time.process_time()
         solver.computeTranformations()  # so it is spelt there
         solver.computeWeights()
-        seconds += time.process_time() - started
+        seconds += time.process_time() - start
         iteration += 1
     return skin_of(neutral, np.asarray(solver.get_weights(), np.float64).T), own_start
 

@@ -5,14 +5,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from replicate.report.results import Row, over_seeds
-from replicate.report.tables import Table, rounded
+from replicate.report.tables import Table, round_off
 
 METHODS = {
     "ssdr": "ours", "ssdr_sparse": "ours, sparse from the start",
     "dem_bones": "Dem Bones", "dem_bones_default": "Dem Bones, as it comes",
 }  # fmt: skip
 EQUAL = 30  # iterations at which times are compared
-SHOWN = {
+COLUMNS = {
     "rmse": "RMSE, mm", "mean": "mean, mm", "normal": "normal, °", "max": "max, mm", "time": "time, s",
     "time_at_equal_iterations": f"{EQUAL} iterations, s", "time_to_dem_bones_error": "to equal error, s",
     "peak_memory": "memory, MB", "iterations": "iterations",
@@ -31,7 +31,7 @@ def lbs_table(rows: Sequence[Row], character: str) -> Table:
         body += [None] if body else []
         seeds = sum(any(_place(row.metric)[1] == bones for row in run) for run in runs)
         for method, words in (METHODS | {RATIO: "ours / Dem Bones"}).items():
-            cells = [by_metric.get((method, f"{name}[{bones}]")) for name in SHOWN]
+            cells = [by_metric.get((method, f"{name}[{bones}]")) for name in COLUMNS]
             if (first := cells[0]) is None:
                 continue
             fewer = f" ({first.seeds} of {seeds} seeds)" if first.seeds < seeds else ""
@@ -43,9 +43,9 @@ def lbs_table(rows: Sequence[Row], character: str) -> Table:
         "To equal error: until the training error is no larger than Dem Bones'. Times are the processor's, one thread, "
         "with all that comes before the first iteration."
         + (" In brackets: over so many seeds only; in the others it wasn't reached, or not measured." if partly else "")
-        + _rescued(rows, character),
+        + _note_on_starts(rows, character),
     )
-    return Table(f"LBS: {character}", (("", *SHOWN.values()),), tuple(body), notes)
+    return Table(f"LBS: {character}", (("", *COLUMNS.values()),), tuple(body), notes)
 
 
 def _place(metric: str) -> tuple[str, int, int | None]:
@@ -70,7 +70,7 @@ def _ratios(rows: Sequence[Row]) -> list[Row]:
     return [replace(ours[m], method=RATIO, unit="ratio", value=ours[m].value / theirs[m].value) for m in sorted(both)]
 
 
-def _rescued(rows: Sequence[Row], character: str) -> str:
+def _note_on_starts(rows: Sequence[Row], character: str) -> str:
     """Return a sentence on where Dem Bones was not left to its own start, or nothing."""
     theirs = [row for row in rows if (row.character, row.method) == (character, "dem_bones")]
     starts = [(_place(row.metric)[1], int(row.value)) for row in theirs if row.metric.startswith("bones_of_own_start")]
@@ -87,7 +87,7 @@ def _cell(row: Row | None, seeds: int) -> str:
         return "–"
     value = row.value / 1e3 if row.unit == "ms" else row.value
     if row.unit in ("mm", "deg", "ratio"):
-        text = rounded(value, row.unit, row.sd if row.unit == "ratio" else None)
+        text = round_off(value, row.unit, row.sd if row.unit == "ratio" else None)
     else:
         text = f"{value:.1f}" if row.unit == "ms" and value < 100 else f"{value:,.0f}"
     return f"{text} ({row.seeds})" if row.seeds < seeds else text

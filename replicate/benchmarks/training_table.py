@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from replicate.report.manifest import section
 from replicate.report.notebooks import folder_of
 from replicate.report.results import Row
-from replicate.report.tables import Table, rounded
+from replicate.report.tables import Table, round_off
 
 TABLE = "bench_training"
 METRICS = {
@@ -36,7 +36,7 @@ def trainings_table(rows: Iterable[Row]) -> Table:
         lines += [None] if lines and of_method else []
         for change, each in of_method.items():
             cells = (each[metric] if metric in each else None for metric in METRICS)
-            lines.append((method, change, *(rounded(row.value, row.unit) if row else "" for row in cells)))
+            lines.append((method, change, *(round_off(row.value, row.unit) if row else "" for row in cells)))
     header = ("", "peak rate or change", *(name for _, name in METRICS.values()))
     poses = max((row.poses or 0 for each in by_change.values() for row in each.values()), default=0)
     note = f"errors on {poses} poses held out of the training animation; one seed."
@@ -56,11 +56,11 @@ def draws_text(samples_per_bin: Sequence[int]) -> str:
 
     samples_per_bin: how many samples lie in each interval of the landmarks' first principal component.
     """
-    filled = sorted(count for count in samples_per_bin if count)
-    rare = filled[: len(filled) // 2]
+    counts = sorted(count for count in samples_per_bin if count)
+    rare = counts[: len(counts) // 2]
     return (
-        f"{len(rare)} of {len(filled)} intervals hold {100 * sum(rare) / sum(filled):.1f} % of the samples and get "
-        f"{100 * len(rare) / len(filled):.0f} % of the draws"
+        f"{len(rare)} of {len(counts)} intervals hold {100 * sum(rare) / sum(counts):.1f} % of the samples and get "
+        f"{100 * len(rare) / len(counts):.0f} % of the draws"
     )
 
 

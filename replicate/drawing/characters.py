@@ -10,7 +10,7 @@ from data_recipes.rig import Rig
 from replicate.drawing.panels import Words, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
-from replicate.drawing.scene import PORTRAIT, Camera, Surface, camera_for, framed
+from replicate.drawing.scene import PORTRAIT, Camera, Surface, camera_for, frame_surfaces
 from replicate.geometry.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ BACKGROUND = (231, 235, 238)
 
 def colours_by_segment(mesh: Mesh, skin: tuple[int, int, int] = SKIN) -> UInt8[np.ndarray, "s 3"]:
     """Return each segment's colour by what it is part of."""
-    named = [next((c for start, c in COLOURS.items() if name.startswith(start)), skin) for name in mesh.segment_names]
-    return np.array(named, np.uint8)
+    colours = [next((c for start, c in COLOURS.items() if name.startswith(start)), skin) for name in mesh.segment_names]
+    return np.array(colours, np.uint8)
 
 
 def segment_colours(mesh: Mesh, skin: tuple[int, int, int] = SKIN) -> UInt8[np.ndarray, "f 3"]:
@@ -66,7 +66,7 @@ def expression_sheet(
     mesh = rig.mesh
     view = camera_for(camera, mesh.neutral)
     posed = [surface for params in poses.values() for surface in character_surfaces(rig, params)]
-    view = framed(view, posed, width / height)  # a stretched head is taller than one at rest
+    view = frame_surfaces(view, posed, width / height)  # a stretched head is taller than one at rest
     pictures = [
         render(character_surfaces(rig, params, view), view, width, height, BACKGROUND, renderer, PORTRAIT)
         for params in poses.values()

@@ -103,15 +103,15 @@ def _with_palette(picture, colours: int, dither: bool):
     from PIL import Image
 
     palette = picture.quantize(colours - 1, method=Image.Quantize.MEDIANCUT, kmeans=2)
-    mixed = Image.Dither.FLOYDSTEINBERG if dither else Image.Dither.NONE
-    indices = np.array(picture.quantize(palette=palette, dither=mixed))
+    dithering = Image.Dither.FLOYDSTEINBERG if dither else Image.Dither.NONE
+    indices = np.array(picture.quantize(palette=palette, dither=dithering))
     indices[(np.asarray(picture) == 255).all(-1)] = colours - 1  # paper is white, not the mean of the near-whites
     table = np.full((colours, 3), 255, np.uint8)
     own = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)[: colours - 1]
     table[: len(own)] = own
-    mapped = Image.fromarray(indices)
-    mapped.putpalette(table.ravel().tolist())
-    return mapped
+    image = Image.fromarray(indices)
+    image.putpalette(table.ravel().tolist())
+    return image
 
 
 def save_figure(

@@ -51,8 +51,8 @@ def working_renderer() -> Literal["pyvista", "software"]:
     """
     _choose_window()
     try:
-        tried = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, timeout=120)
-        status = tried.returncode
+        process = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, timeout=120)
+        status = process.returncode
     except subprocess.TimeoutExpired:
         status = "none within 120 s"
     if status == 0:

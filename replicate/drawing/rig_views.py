@@ -24,7 +24,7 @@ DISTINCT = (
     (230, 143, 172), (0, 103, 165), (249, 147, 121), (96, 78, 151), (246, 166, 0), (179, 68, 108), (220, 211, 0),
     (136, 45, 23), (141, 182, 0), (101, 69, 34), (226, 88, 34), (43, 61, 38),
 )  # fmt: skip
-UNUSED = (205, 205, 205)
+UNUSED_COLOUR = (205, 205, 205)
 VIEWS = {"front": "front", "three_quarter": "three-quarter", "mouth": "into the mouth"}
 # Shares of their ranges at which controls show the inside of a mouth, by the beginnings of their names.
 OPEN = {"jaw_open": 0.8, "jaw_drop": 0.3, "upper_lip_raise": 0.9, "lower_lip_depress": 0.9}
@@ -61,12 +61,12 @@ def coloured_views(
     surfaces = [Surface(posed, mesh.faces, colours)]
     surfaces += prop_surfaces(prop for prop in rig.pose_props(params) if prop[0].startswith(EYE))
     inside = [k for k, name in enumerate(mesh.segment_names) if name.startswith(INSIDE)]
-    framed = posed[np.isin(mesh.segment, inside)]
+    contents = posed[np.isin(mesh.segment, inside)]
     pictures = []
     for name in VIEWS:
         camera = camera_for(name, mesh.neutral)
-        if name == "mouth" and len(framed):
-            middle, extent = (framed.min(0) + framed.max(0)) / 2, np.ptp(framed, axis=0)
+        if name == "mouth" and len(contents):
+            middle, extent = (contents.min(0) + contents.max(0)) / 2, np.ptp(contents, axis=0)
             tall = 1.35 * max(float(extent[1]), float(extent[0]) * height / width)
             camera = replace(camera, focus=tuple(map(float, middle)), height_mm=tall)
         else:

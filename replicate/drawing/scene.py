@@ -134,13 +134,13 @@ def project(
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
     """Return each vertex's place in pixels (x right, y down, pixel centres at .5) and its depth before the eye, mm."""
     rows, eye = axes(camera)
-    seen = (vertices - eye) @ rows.T
-    depth = -seen[:, 2]
+    view = (vertices - eye) @ rows.T
+    depth = -view[:, 2]
     scale = height / camera.height_mm * camera.distance_mm / depth
-    return np.stack([width / 2 + seen[:, 0] * scale, height / 2 - seen[:, 1] * scale], -1), depth
+    return np.stack([width / 2 + view[:, 0] * scale, height / 2 - view[:, 1] * scale], -1), depth
 
 
-def framed(camera: Camera, surfaces: Sequence[Surface], aspect: float, margin: float = 0.04) -> Camera:
+def frame_surfaces(camera: Camera, surfaces: Sequence[Surface], aspect: float, margin: float = 0.04) -> Camera:
     """Return the camera moved and widened so that the surfaces fill a picture of this width over height.
 
     margin: the share of the height that stays free on each side.
@@ -172,5 +172,5 @@ def faces_in_view(
 
 def forehead_faces(neutral: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> np.ndarray:
     """Return (f,) bool: the skin that "wrinkles" sees, or on a mesh without skin there, all that faces the front."""
-    seen = faces_in_view(neutral, faces, camera_for("wrinkles", neutral))
-    return seen if seen.sum() >= 12 else faces_in_view(neutral, faces, camera_for("front", neutral))
+    visible = faces_in_view(neutral, faces, camera_for("wrinkles", neutral))
+    return visible if visible.sum() >= 12 else faces_in_view(neutral, faces, camera_for("front", neutral))

@@ -67,11 +67,11 @@ def _nearest(pixels, distance, faces, depth, width, height) -> np.ndarray:
 def _barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Return the weights (k, 3) of the corners (k, 3, 2) at the points (k, 2); negative ones for flat triangles."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    doubled = _cross(b - a, c - a)
+    double_area = _cross(b - a, c - a)
     with np.errstate(divide="ignore", invalid="ignore"):
-        wb, wc = _cross(points - a, c - a) / doubled, _cross(b - a, points - a) / doubled
+        wb, wc = _cross(points - a, c - a) / double_area, _cross(b - a, points - a) / double_area
         weights = np.stack([1 - wb - wc, wb, wc], -1)
-    return np.where(doubled[:, None] == 0, -1.0, weights)
+    return np.where(double_area[:, None] == 0, -1.0, weights)
 
 
 def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:

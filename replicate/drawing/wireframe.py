@@ -33,10 +33,10 @@ def wireframe(
     v = np.asarray(vertices, float)
     to_eye = axes(camera)[1] - v
     to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)
-    seen = np.zeros(len(v), bool)
-    seen[faces[(face_normals(v, faces) * to_eye[faces[:, 0]]).sum(-1) > 0]] = True
+    visible = np.zeros(len(v), bool)
+    visible[faces[(face_normals(v, faces) * to_eye[faces[:, 0]]).sum(-1) > 0]] = True
     edges = quad_edges(faces)
-    a, b = edges[seen[edges].all(1)].T
+    a, b = edges[visible[edges].all(1)].T
     aside = np.cross(v[b] - v[a], to_eye[a])
     aside *= 0.5 * width_mm / np.linalg.norm(aside, axis=1, keepdims=True).clip(1e-9)
     corners = np.stack([v[a] - aside, v[a] + aside, v[b] + aside, v[b] - aside], 1) + LIFT_MM * to_eye[a][:, None]

@@ -17,8 +17,8 @@ from replicate.engine.stage import Stage, in_order
 from replicate.engine.store import MANIFEST, MARKER, artefact_folder, find_damage, lock, read_manifest
 
 _IDENTIFIER = r"([\w.-]+-[0-9a-f]{16})"  # as `Stage.identifier` makes them
-_UNFINISHED = {"partial": f"{_IDENTIFIER}@.+", "scratch": _IDENTIFIER, "logs": rf"{_IDENTIFIER}\.log"}
-_NAMED = 10  # items that a sentence names before it counts the others
+_WORK_NAMES = {"partial": f"{_IDENTIFIER}@.+", "scratch": _IDENTIFIER, "logs": rf"{_IDENTIFIER}\.log"}
+_LONGEST_LIST = 10  # items that a sentence names before it counts the others
 
 
 @dataclass(frozen=True)
@@ -62,24 +62,24 @@ def clean(everything: bool = False) -> tuple[int, int]:
         _tell({cache: reason})
         return 0, 0
     busy = store.is_in_use()
-    removed = []
+    sizes = []
     for entry in entries:
-        finished = entry.state in ("current", "stale")
+        is_artefact = entry.state in ("current", "stale")
         if entry.state == "current" and not everything:
             continue
-        if finished and busy:
+        if is_artefact and busy:
             left[entry.folder] = "a run goes on in this cache: clean it again afterwards"
             continue
         try:
             with lock(entry.identifier, wait=False):
                 _remove(entry.folder)
-            removed.append(entry.size_bytes)
+            sizes.append(entry.size_bytes)
         except Timeout:
             left[entry.folder] = "in use by a run"
         except OSError as error:
             left[entry.folder] = f"it can't be removed: {error.strerror}"
     _tell(left)
-    return len(removed), sum(removed)
+    return len(sizes), sum(sizes)
 
 
 def _survey() -> tuple[list[Entry], dict[Path, str], list[Path]]:
@@ -87,19 +87,19 @@ def _survey() -> tuple[list[Entry], dict[Path, str], list[Path]]:
     entries, left, foreign = [], {}, []
     stale: dict[str, bool] = {}
     for item in sorted(cache_folder().glob("*")):
-        damaged = re.fullmatch(f"damaged-{_IDENTIFIER}", item.name)
+        wreck = re.fullmatch(f"damaged-{_IDENTIFIER}", item.name)
         if item.is_symlink():
-            (left if item.name in _UNFINISHED else {})[item] = "it is a link"
+            (left if item.name in _WORK_NAMES else {})[item] = "it is a link"
             foreign.append(item)
-        elif item.name in _UNFINISHED and item.is_dir():
+        elif item.name in _WORK_NAMES and item.is_dir():
             for inner in sorted(item.iterdir()):
-                match = re.fullmatch(_UNFINISHED[item.name], inner.name)
+                match = re.fullmatch(_WORK_NAMES[item.name], inner.name)
                 if match and not inner.is_symlink():
                     entries.append(Entry(inner, "unfinished", _size_bytes(inner), match[1]))
                 else:
                     left[inner] = "it is a link" if inner.is_symlink() else "it has no name that this suite gives"
-        elif damaged and item.is_dir():
-            entries.append(Entry(item, "damaged", _size_bytes(item), damaged[1]))
+        elif wreck and item.is_dir():
+            entries.append(Entry(item, "damaged", _size_bytes(item), wreck[1]))
         elif re.fullmatch(_IDENTIFIER, item.name) and store.is_sealed(item):
             state = "stale" if _is_stale(item.name, stale) else "current"
             entries.append(Entry(item, state, _size_bytes(item), item.name))
@@ -110,18 +110,18 @@ def _survey() -> tuple[list[Entry], dict[Path, str], list[Path]]:
     return entries, left, foreign
 
 
-def _is_stale(identifier: str, known: dict[str, bool]) -> bool:
+def _is_stale(identifier: str, answers: dict[str, bool]) -> bool:
     """Return whether the sources of an artefact, or of what it was made from, have changed or are gone.
 
     An input that is missing or damaged says nothing about them: what was made from it is as good as before.
     """
-    if identifier not in known:
-        known[identifier] = False
+    if identifier not in answers:
+        answers[identifier] = False
         if store.is_sealed(folder := artefact_folder(identifier)):
             manifest = read_manifest(folder)
-            needed = manifest["inputs"].values()
-            known[identifier] = _has_changed(manifest) or any(_is_stale(name, known) for name in needed)
-    return known[identifier]
+            inputs = manifest["inputs"].values()
+            answers[identifier] = _has_changed(manifest) or any(_is_stale(name, answers) for name in inputs)
+    return answers[identifier]
 
 
 def _has_changed(manifest: dict) -> bool:
@@ -150,8 +150,8 @@ def _tell(left: dict[Path, str]) -> None:
     """Print what was left alone, a line a reason."""
     for why in dict.fromkeys(left.values()):
         items = [str(item) for item, reason in left.items() if reason == why]
-        others = f" and {len(items) - _NAMED} more" if len(items) > _NAMED else ""
-        print(f"left alone: {', '.join(items[:_NAMED])}{others} ({why})", file=sys.stderr)
+        others = f" and {len(items) - _LONGEST_LIST} more" if len(items) > _LONGEST_LIST else ""
+        print(f"left alone: {', '.join(items[:_LONGEST_LIST])}{others} ({why})", file=sys.stderr)
 
 
 def _size_bytes(item: Path) -> int:

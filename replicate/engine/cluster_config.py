@@ -62,8 +62,8 @@ def read_cluster(text: str) -> Cluster:
     allowed, and where a package or a program that it needs is not installed.
     """
     cluster = _parse(text.strip())
-    needed = ["distributed", "dask_jobqueue"] if isinstance(cluster, SlurmCluster) else ["distributed"]
-    missing = [package for package in needed if importlib.util.find_spec(package) is None]
+    packages = ["distributed", "dask_jobqueue"] if isinstance(cluster, SlurmCluster) else ["distributed"]
+    missing = [package for package in packages if importlib.util.find_spec(package) is None]
     if missing:
         raise InputError(f"CLUSTER={text} needs the package {missing[0].replace('_', '-')}: {_INSTALL}")
     if isinstance(cluster, SlurmCluster) and shutil.which("sbatch") is None:
@@ -90,10 +90,10 @@ def _parse(text: str) -> Cluster:
 
 def _read_slurm(file: Path) -> SlurmCluster:
     values = read_toml(file)
-    allowed = [entry.name for entry in fields(SlurmCluster)]
+    keys = [entry.name for entry in fields(SlurmCluster)]
     for key in values:
-        if key not in allowed:
-            raise InputError(f"{file}: unknown key {key}: allowed are {', '.join(allowed)}")
+        if key not in keys:
+            raise InputError(f"{file}: unknown key {key}: allowed are {', '.join(keys)}")
     try:
         cluster = SlurmCluster(**values)
     except InputError as error:

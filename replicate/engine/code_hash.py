@@ -33,7 +33,7 @@ def sources_digest(functions: str) -> str:
     (`is_machinery`). Definitions and modules that are looked up by a computed name are not seen. Raises ValueError when
     there is no such function.
     """
-    named = []
+    definitions = []
     for function in functions.split(","):
         module, _, name = function.strip().partition(":")
         file = _module_file(module)
@@ -41,35 +41,35 @@ def sources_digest(functions: str) -> str:
             raise ValueError(f"{function.strip()}: there is no module {module} among the sources")
         if name not in _outline(file, module).bindings:
             raise ValueError(f"{function.strip()}: {file} has no function {name}")
-        named.append((module, name))
-    return _digest(tuple(named))
+        definitions.append((module, name))
+    return _digest(tuple(definitions))
 
 
 def code_digest(code: str) -> str:
     """Return a hash of all project sources that some lines of Python reach by their imports; not of the lines."""
     entries = [entry for node in ast.walk(ast.parse(code)) for entry in _import_entries(node, "", False)]
-    named = [
+    definitions = [
         (f"{module}.{name}", EVERYTHING) if name and _module_file(f"{module}.{name}") else (module, name or EVERYTHING)
         for _, module, name in entries
     ]
-    return _digest(tuple(sorted(named)))
+    return _digest(tuple(sorted(definitions)))
 
 
 @functools.cache
-def _digest(named: tuple[tuple[str, str], ...]) -> str:
+def _digest(definitions: tuple[tuple[str, str], ...]) -> str:
     """Return the hash of all that some definitions, (module, name) each, reach."""
-    reached: dict[str, set[int]] = {}  # by module, the places of its statements
-    pending, known = list(named), set()
+    closure: dict[str, set[int]] = {}  # by module, the places of its statements
+    pending, visits = list(definitions), set()
     while pending:
         module, name = pending.pop()
-        if (module, name) in known or is_machinery(module) or (file := _module_file(module)) is None:
+        if (module, name) in visits or is_machinery(module) or (file := _module_file(module)) is None:
             continue
-        known.add((module, name))
+        visits.add((module, name))
         outline = _outline(file, module)
-        if module not in reached:
-            reached[module] = set()
+        if module not in closure:
+            closure[module] = set()
             pending += [(package, "") for package in _packages(module)]
-            pending += [(imported, "") for imported in outline.imports]
+            pending += [(other, "") for other in outline.imports]
             fresh = set(outline.loose)  # they run whenever the module is imported
         else:
             fresh = set()
@@ -77,12 +77,12 @@ def _digest(named: tuple[tuple[str, str], ...]) -> str:
             fresh |= set(range(len(outline.statements)))
         else:
             fresh |= set(outline.bindings.get(name, ()))
-        for place in fresh - reached[module]:
-            reached[module].add(place)
-            pending += [(module, needed) for needed in outline.statements[place].names if needed in outline.defined]
-            pending += _imported(outline, place)
+        for place in fresh - closure[module]:
+            closure[module].add(place)
+            pending += [(module, other) for other in outline.statements[place].names if other in outline.definitions]
+            pending += _imports_of(outline, place)
     dumps = []
-    for module, places in sorted(reached.items()):
+    for module, places in sorted(closure.items()):
         statements = _outline(_module_file(module), module).statements
         dumps += [(module, statements[place].dump) for place in sorted(places) if not statements[place].is_import]
     return hashlib.sha256(repr(dumps).encode()).hexdigest()
@@ -92,7 +92,7 @@ def _digest(named: tuple[tuple[str, str], ...]) -> str:
 class _Statement:
     """What hashing needs of a statement at a module's top.
 
-    names: all that it names. attributes: (name, attribute) of every name whose attribute is taken. bare: names that
+    names: all that it names. attributes: (name, attribute) of every name whose attribute it reads. bare: names that
     stand elsewhere too. imports: what it imports, also deep inside: (bound name, module, name there or "").
     """
 
@@ -108,20 +108,20 @@ class _Statement:
 class _Outline:
     """A module's statements, which of them bind a name, which bind none (loose), and the modules that it imports.
 
-    defined: the names that are bound by other statements than imports.
+    definitions: the names that are bound by other statements than imports.
     """
 
     statements: tuple[_Statement, ...]
     bindings: dict[str, tuple[int, ...]]
-    defined: frozenset[str]
+    definitions: frozenset[str]
     loose: tuple[int, ...]
     imports: frozenset[str]
 
 
-def _imported(outline: _Outline, place: int) -> list[tuple[str, str]]:
-    """Return the (module, name) pairs that a reached statement imports, by itself or by imports at the module's top.
+def _imports_of(outline: _Outline, place: int) -> list[tuple[str, str]]:
+    """Return the (module, name) pairs that a statement imports, by itself or by imports at the module's top.
 
-    Of a module that a name stands for, the attributes that are taken of it count; where it is used otherwise, all does.
+    Of a module that a name stands for, the attributes count that the statement reads; all, where it is used otherwise.
     """
     statement = outline.statements[place]
     entries = list(statement.imports)
@@ -129,15 +129,15 @@ def _imported(outline: _Outline, place: int) -> list[tuple[str, str]]:
         for other in outline.bindings.get(name, ()):
             above = outline.statements[other]
             entries += [entry for entry in above.imports if above.is_import and entry[0].split(".")[0] == name]
-    found = []
+    pairs = []
     for bound, module, name in entries:
         if name and _module_file(f"{module}.{name}") is None:
-            found.append((module, name))
+            pairs.append((module, name))
             continue
-        taken = {attribute for root, attribute in statement.attributes if root == bound}
-        names = taken if taken and bound not in statement.bare else {EVERYTHING}
-        found += [(f"{module}.{name}" if name else module, needed) for needed in names]
-    return found
+        attributes = {attribute for root, attribute in statement.attributes if root == bound}
+        names = attributes if attributes and bound not in statement.bare else {EVERYTHING}
+        pairs += [(f"{module}.{name}" if name else module, attribute) for attribute in names]
+    return pairs
 
 
 def _packages(module: str) -> set[str]:
@@ -148,8 +148,8 @@ def _packages(module: str) -> set[str]:
 
 @functools.cache
 def _roots(path: tuple[str, ...]) -> tuple[Path, ...]:
-    installed = [os.path.realpath(prefix) + os.sep for prefix in (sys.prefix, sys.base_prefix)]
-    return (ROOT, *(Path(p) for p in path if p and not os.path.realpath(p).startswith(tuple(installed))))
+    prefixes = [os.path.realpath(prefix) + os.sep for prefix in (sys.prefix, sys.base_prefix)]
+    return (ROOT, *(Path(p) for p in path if p and not os.path.realpath(p).startswith(tuple(prefixes))))
 
 
 def project_roots() -> tuple[Path, ...]:
@@ -171,8 +171,8 @@ def _module_file(module: str) -> Path | None:
 def _outline(file: Path, module: str) -> _Outline:
     tree = ast.parse(file.read_text(encoding="utf-8"), str(file))
     for node in ast.walk(tree):
-        documented = isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef))
-        if documented and ast.get_docstring(node, clean=False) is not None:
+        has_docstring = isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef))
+        if has_docstring and ast.get_docstring(node, clean=False) is not None:
             node.body = node.body[1:]
     package = file.name == "__init__.py"
     bindings: dict[str, list[int]] = {}
@@ -191,24 +191,26 @@ def _outline(file: Path, module: str) -> _Outline:
         for _, source, name in statement.imports
         for whole in (source, f"{source}.{name}" if name else source)
     }
-    places = {name: tuple(found) for name, found in bindings.items()}
-    defined = {name for name, found in places.items() if not all(statements[place].is_import for place in found)}
-    return _Outline(tuple(statements), places, frozenset(defined), tuple(loose), frozenset(imports))
+    places = {name: tuple(numbers) for name, numbers in bindings.items()}
+    definitions = {
+        name for name, numbers in places.items() if not all(statements[place].is_import for place in numbers)
+    }
+    return _Outline(tuple(statements), places, frozenset(definitions), tuple(loose), frozenset(imports))
 
 
 def _statement(node: ast.stmt, module: str, package: bool) -> _Statement:
     imports = tuple(entry for inner in ast.walk(node) for entry in _import_entries(inner, module, package))
     if isinstance(node, (ast.Import, ast.ImportFrom)):
         return _Statement(True, "", frozenset(), frozenset(), frozenset(), imports)
-    rooted = {
+    roots = {
         id(inner.value): (inner.value.id, inner.attr)
         for inner in ast.walk(node)
         if isinstance(inner, ast.Attribute) and isinstance(inner.value, ast.Name)
     }
     used = [inner for inner in ast.walk(node) if isinstance(inner, ast.Name)]
-    bare = {name.id for name in used if id(name) not in rooted}
+    bare = {name.id for name in used if id(name) not in roots}
     names = frozenset(name.id for name in used)
-    return _Statement(False, ast.dump(node), names, frozenset(rooted.values()), frozenset(bare), imports)
+    return _Statement(False, ast.dump(node), names, frozenset(roots.values()), frozenset(bare), imports)
 
 
 def _import_entries(node: ast.AST, module: str, package: bool) -> list[tuple[str, str, str]]:

@@ -19,7 +19,7 @@ from collections.abc import Callable
 
 from replicate.engine.exceptions import InputError, RunError
 
-INTERRUPTED = "interrupted: what is finished is kept, and the same command goes on from there"
+INTERRUPTION = "interrupted: what is finished is kept, and the same command goes on from there"
 
 
 def run(function: str) -> int:
@@ -29,18 +29,18 @@ def run(function: str) -> int:
     an import, or of the interpreter's end, could become any other.
     """
     prepare_streams()
-    heeded = signal.getsignal(signal.SIGINT) is not signal.SIG_IGN  # a shell's background job ignores it
+    has_interrupts = signal.getsignal(signal.SIGINT) is not signal.SIG_IGN  # a shell's background job ignores it
 
     def on_interrupt(handler: Callable[[int, object], None]) -> None:
-        if heeded:
+        if has_interrupts:
             signal.signal(signal.SIGINT, handler)
 
     def body() -> int | None:
         on_interrupt(_leave)
         module, _, name = function.partition(":")
-        called = getattr(importlib.import_module(module), name)
+        entry = getattr(importlib.import_module(module), name)
         on_interrupt(signal.default_int_handler)
-        return called()
+        return entry()
 
     code = guard(body)
     on_interrupt(lambda number, frame: os._exit(code))
@@ -55,18 +55,18 @@ def guard(body: Callable[[], int | None]) -> int:
     try:
         try:
             code = body()
-        except SystemExit as ended:
-            code = ended.code
+        except SystemExit as end:
+            code = end.code
         sys.stdout.flush()
-        return code if isinstance(code, int) else 0 if code is None else _told(str(code), 1)
+        return code if isinstance(code, int) else 0 if code is None else _tell(str(code), 1)
     except InputError as error:
-        return _told(str(error), 2)
+        return _tell(str(error), 2)
     except RunError as error:
-        return _told(str(error), 1)
+        return _tell(str(error), 1)
     except KeyboardInterrupt:
-        return _told(INTERRUPTED, 130)
+        return _tell(INTERRUPTION, 130)
     except MemoryError:
-        return _told("the memory is too small: what is finished is kept; close other programs or name fewer JOBS", 1)
+        return _tell("the memory is too small: what is finished is kept; close other programs or name fewer JOBS", 1)
     except BrokenPipeError:
         if not _is_unread():
             raise
@@ -78,7 +78,7 @@ def guard(body: Callable[[], int | None]) -> int:
         short = shortage(error)
         if not short:
             raise
-        code = _told(f"{short}, then run the same command; what is finished is kept", 1)
+        code = _tell(f"{short}, then run the same command; what is finished is kept", 1)
         _silence()  # it may be standard output that found no room
         return code
 
@@ -103,14 +103,14 @@ def prepare_streams() -> None:
             stream.reconfigure(errors="replace")
 
 
-def _told(sentence: str, code: int) -> int:
+def _tell(sentence: str, code: int) -> int:
     with contextlib.suppress(OSError, ValueError):  # nobody may be left to read it
         print(" ".join(sentence.split()), file=sys.stderr, flush=True)
     return code
 
 
 def _leave(number: int, frame: object) -> None:
-    _told(INTERRUPTED, 130)
+    _tell(INTERRUPTION, 130)
     os._exit(130)
 
 

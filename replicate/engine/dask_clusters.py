@@ -33,25 +33,29 @@ class Connection:
     watch: Callable[[], None] = lambda: None
 
 
-def connect(wanted: Cluster) -> Connection:
+def connect(settings: Cluster) -> Connection:
     """Return a connection to the cluster, started if need be.
 
     Raises InputError if a scheduler can't be reached, or Slurm refuses such jobs; RunError if a running scheduler has
     no workers that stages can be given to.
     """
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters of it is said in our words
-    if isinstance(wanted, LocalCluster):
+    if isinstance(settings, LocalCluster):
         gpus = visible_gpus()
-        cluster = _local(wanted.workers, gpus)
+        cluster = _local(settings.workers, gpus)
         return Connection(distributed.Client(cluster), cluster, 1, bool(gpus))
-    if isinstance(wanted, SlurmCluster):
+    if isinstance(settings, SlurmCluster):
         from replicate.engine.slurm_jobs import SlurmWatch, start_jobs
 
-        cluster = start_jobs(wanted)
+        cluster = start_jobs(settings)
         return Connection(
-            distributed.Client(cluster), cluster, wanted.cores, wanted.gpus > 0, SlurmWatch(cluster, wanted.jobs).look
+            distributed.Client(cluster),
+            cluster,
+            settings.cores,
+            settings.gpus > 0,
+            SlurmWatch(cluster, settings.jobs).look,
         )
-    return _running(wanted)
+    return _running(settings)
 
 
 def _local(count: int, gpus: list[str]) -> distributed.SpecCluster:
@@ -65,7 +69,7 @@ def _local(count: int, gpus: list[str]) -> distributed.SpecCluster:
 
 def local_workers(count: int, gpus: list[str], folder: str) -> dict[int, dict]:
     """Return Dask's description of workers on this machine: the first ones have a GPU each, the others none."""
-    described = {}
+    descriptions = {}
     for place in range(count):
         own_gpu = gpus[place : place + 1]
         options = {
@@ -77,12 +81,12 @@ def local_workers(count: int, gpus: list[str], folder: str) -> dict[int, dict]:
             "env": {"CUDA_VISIBLE_DEVICES": "".join(own_gpu)},
             "silence_logs": logging.CRITICAL,
         }
-        described[place] = {"cls": distributed.Nanny, "options": options}
-    return described
+        descriptions[place] = {"cls": distributed.Nanny, "options": options}
+    return descriptions
 
 
-def _running(wanted: RunningCluster) -> Connection:
-    address = wanted.address
+def _running(settings: RunningCluster) -> Connection:
+    address = settings.address
     try:
         with dask.config.set({"distributed.comm.timeouts.connect": REACHED_WITHIN_S}):
             client = distributed.Client(address, timeout=REACHED_WITHIN_S, set_as_default=False)

@@ -7,8 +7,9 @@ words. This module is imported by Dask's workers.
 import platform
 import time
 from pathlib import Path
+from typing import Any
 
-from distributed import WorkerPlugin, get_worker
+from distributed import Worker, WorkerPlugin, get_worker
 
 from replicate.engine.shared_cache import not_visible
 from replicate.engine.worker_process import WorkerProcess
@@ -28,12 +29,12 @@ class KillCancelled(WorkerPlugin):
 
     name = "replicate-kill-cancelled"
 
-    def transition(self, key, start, finish, **kwargs) -> None:
+    def transition(self, key: object, start: str, finish: str, **kwargs: Any) -> None:
         """Follow a task from one of Dask's states to the next."""
         if finish in ("released", "cancelled", "forgotten") and key in _running:
             _running[key].kill()
 
-    def teardown(self, worker) -> None:
+    def teardown(self, worker: Worker) -> None:
         """Leave no process behind when the Dask worker ends."""
         for process in list(_running.values()):
             process.kill()
@@ -45,20 +46,20 @@ def supervise(orders: dict, inputs: list[dict]) -> dict:
     orders: as `Task.orders` returns them. inputs: what this function has returned for the stages that it needs.
     Raises WorkerDied if the process was killed.
     """
-    failed = [outcome for outcome in inputs if outcome["event"] == "failed"]
-    if failed:
-        return failed[0]
+    failures = [outcome for outcome in inputs if outcome["event"] == "failed"]
+    if failures:
+        return failures[0]
     identifier, dask_worker = orders["identifier"], get_worker()
     cache = Path(orders["cache"])
     if not cache.is_dir():
-        return _unshared(orders, "is not there")
+        return _refuse_cache(orders, "is not there")
     if hidden := not_visible(cache, set(orders["inputs"].values())):
-        return _unshared(orders, f"does not hold {hidden[0]}")
+        return _refuse_cache(orders, f"does not hold {hidden[0]}")
     key = dask_worker.get_current_task()
     process = _running[key] = WorkerProcess(orders)
     try:
         dask_worker.log_event(TOPIC, (identifier, {"event": "started"}))
-        spoken, label = -float("inf"), ""
+        last_report, label = -float("inf"), ""
         while True:
             for message in process.listen():
                 if message["event"] in ("done", "failed"):
@@ -66,14 +67,14 @@ def supervise(orders: dict, inputs: list[dict]) -> dict:
                         raise WorkerDied(f"{message['message']}, on {platform.node()}")
                     return message
                 soon = message["event"] == "progress" and message["label"] == label
-                if soon and time.monotonic() - spoken < _INTERVAL_S:
+                if soon and time.monotonic() - last_report < _INTERVAL_S:
                     continue
-                spoken, label = time.monotonic(), message.get("label", label)
+                last_report, label = time.monotonic(), message.get("label", label)
                 dask_worker.log_event(TOPIC, (identifier, message))
     finally:
         del _running[key]
 
 
-def _unshared(orders: dict, what: str) -> dict:
+def _refuse_cache(orders: dict, what: str) -> dict:
     reason = f"{orders['title']}: the cache {orders['cache']} {what} on {platform.node()}"
     return {"event": "failed", "kind": "RunError", "message": f"{reason}: the machines of a cluster must share it"}

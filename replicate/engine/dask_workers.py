@@ -24,10 +24,10 @@ class DaskWorkers:
     Raises InputError or RunError where there is no such cluster.
     """
 
-    def __init__(self, wanted: Cluster):
+    def __init__(self, settings: Cluster):
         self._messages: queue.SimpleQueue[tuple[str, dict]] = queue.SimpleQueue()
         self._futures: dict[str, Future] = {}
-        self._connection = connect(wanted)
+        self._connection = connect(settings)
         self._address = self._connection.client.scheduler.address
 
     def submit(self, tasks: Sequence[Task]) -> None:
@@ -43,7 +43,7 @@ class DaskWorkers:
             future = client.submit(
                 supervise,
                 task.orders(threads),
-                [self._futures[needed] for needed in task.needs],
+                [self._futures[need] for need in task.needs],
                 key=f"{task.identifier}@{store.cache_folder()}",  # two runs at once share the stages that they share
                 resources={"CPU": threads} | ({"GPU": 1} if task.gpu else {}),
                 priority=-place,
@@ -81,7 +81,7 @@ class DaskWorkers:
         if future.status == "finished":
             message = future.result()
             if message["event"] == "done" and not_visible(store.cache_folder(), [identifier]):
-                message = _failed(
+                message = _failure(
                     "RunError",
                     f"{identifier} isn't in the cache {store.cache_folder()} though a worker "
                     "has put it there: the machines of a cluster must share it",
@@ -89,13 +89,13 @@ class DaskWorkers:
         elif future.status == "error":
             error = future.exception()
             if isinstance(error, KilledWorker):
-                message = _failed("died", "was given up, since the Dask workers that ran it died one after the other")
+                message = _failure("died", "was given up, since the Dask workers that ran it died one after the other")
             else:
-                message = _failed("died", str(error))
+                message = _failure("died", str(error))
         else:
-            message = _failed("RunError", f"the Dask scheduler at {self._address} is gone, or has dropped the stages")
+            message = _failure("RunError", f"the Dask scheduler at {self._address} is gone, or has dropped the stages")
         self._messages.put((identifier, message))
 
 
-def _failed(kind: str, message: str) -> dict:
+def _failure(kind: str, message: str) -> dict:
     return {"event": "failed", "kind": kind, "message": message}

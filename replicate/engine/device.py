@@ -9,20 +9,20 @@ from pathlib import Path
 from replicate.engine.exceptions import InputError
 
 
-def choose_device(wanted: str = "auto", elsewhere: bool = False) -> str:
-    """Return "cuda" or "cpu": as wanted, or for "auto" CUDA where there is one.
+def choose_device(choice: str = "auto", elsewhere: bool = False) -> str:
+    """Return "cuda" or "cpu": the choice itself, or for "auto" CUDA where there is one.
 
     elsewhere: whether other machines do the work, so that "cuda" is taken at its word and "auto" means the CPU.
     Raises InputError for another name, and for "cuda" where there is none.
     """
-    if wanted not in ("auto", "cpu", "cuda"):
-        raise InputError(f"device {wanted!r} is unknown: allowed are auto, cpu, cuda")
+    if choice not in ("auto", "cpu", "cuda"):
+        raise InputError(f"device {choice!r} is unknown: allowed are auto, cpu, cuda")
     if elsewhere:
-        return "cuda" if wanted == "cuda" else "cpu"
-    if wanted == "cpu":
+        return "cuda" if choice == "cuda" else "cpu"
+    if choice == "cpu":
         return "cpu"
     obstacle = _obstacle()
-    if obstacle and wanted == "cuda":
+    if obstacle and choice == "cuda":
         raise InputError(f"device cuda can't be used: {obstacle}; allowed are auto and cpu")
     return "cpu" if obstacle else "cuda"
 
@@ -43,9 +43,9 @@ def _obstacle() -> str:
 
 def visible_gpus() -> list[str]:
     """Return the GPUs that this process may use, each as CUDA_VISIBLE_DEVICES names it."""
-    named = [name.strip() for name in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if name.strip()]
+    names = [name.strip() for name in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if name.strip()]
     count = _gpu_count() or 0
-    return named[:count] if named else [str(place) for place in range(count)]
+    return names[:count] if names else [str(place) for place in range(count)]
 
 
 def _gpu_count() -> int | None:

@@ -17,14 +17,14 @@ class StageDisplay:
     def __init__(self, title: str, slot: int, stream: TextIOBase | None = None):
         self.title, self.slot = title, slot
         self.stream = stream or sys.stderr
-        self.started = self._spoken = time.monotonic()
+        self.start = self._last_line = time.monotonic()
         self._announced = False
         self._bar: tqdm | None = None
-        self._label, self._label_started, self._label_initial = "", self.started, 0.0
+        self._label, self._label_start, self._label_initial = "", self.start, 0.0
 
     def tick(self) -> None:
         """Announce the stage once it has run for two seconds."""
-        if not self._announced and time.monotonic() - self.started >= DELAY_S:
+        if not self._announced and time.monotonic() - self.start >= DELAY_S:
             self._announced = True
             self._line("started")
 
@@ -33,44 +33,44 @@ class StageDisplay:
         self._announced = True
         self._line("being made by another process; waiting for it")
 
-    def progress(self, label: str, done: float, total: float) -> None:
-        """Show that `done` of `total` steps of the part `label` are done."""
+    def progress(self, label: str, steps: float, total: float) -> None:
+        """Show that `steps` of `total` steps of the part `label` are done."""
         self.tick()
         if label != self._label:
             self._close()
-            self._label, self._label_started, self._label_initial = label, time.monotonic(), done
+            self._label, self._label_start, self._label_initial = label, time.monotonic(), steps
         if self.stream.isatty():
-            self._draw(done, total)
-        elif self._announced and time.monotonic() - self._spoken >= LINE_EVERY_S and done < total:
-            self._line(f"{label} {done:,.0f} of {total:,.0f}{self._time_left(done, total)}")
+            self._draw(steps, total)
+        elif self._announced and time.monotonic() - self._last_line >= LINE_EVERY_S and steps < total:
+            self._line(f"{label} {steps:,.0f} of {total:,.0f}{self._time_left(steps, total)}")
 
     def end(self, outcome: str) -> None:
         """Take the bar away and, unless the stage took under two seconds, say how long it took."""
         self._close()
-        seconds = time.monotonic() - self.started
+        seconds = time.monotonic() - self.start
         if seconds >= DELAY_S:
             self._line(f"{outcome} in {duration(seconds)}")
 
-    def _draw(self, done: float, total: float) -> None:
+    def _draw(self, steps: float, total: float) -> None:
         if self._bar is None:
             self._bar = tqdm(
                 total=total,
-                initial=done,
+                initial=steps,
                 desc=f"{self.title}: {self._label}",
                 position=self.slot,
-                delay=max(0.0, self.started + DELAY_S - time.monotonic()),
+                delay=max(0.0, self.start + DELAY_S - time.monotonic()),
                 leave=False,
                 dynamic_ncols=True,
                 file=self.stream,
             )
-        self._bar.update(done - self._bar.n)
+        self._bar.update(steps - self._bar.n)
 
-    def _time_left(self, done: float, total: float) -> str:
-        elapsed, here = time.monotonic() - self._label_started, done - self._label_initial
-        return f", about {duration(elapsed * (total - done) / here)} left" if here > 0 else ""
+    def _time_left(self, steps: float, total: float) -> str:
+        seconds, here = time.monotonic() - self._label_start, steps - self._label_initial
+        return f", about {duration(seconds * (total - steps) / here)} left" if here > 0 else ""
 
     def _line(self, text: str) -> None:
-        self._spoken = time.monotonic()
+        self._last_line = time.monotonic()
         tqdm.write(f"{self.title}: {text}", file=self.stream)
         self.stream.flush()
 

@@ -48,7 +48,7 @@ class Task:
             "function": stage.function,
             "sources": sources_digest(stage.function),
             "config": to_json(stage.config),
-            "inputs": {name: needed.identifier for name, needed in input_names(stage.inputs).items()},
+            "inputs": {name: other.identifier for name, other in input_names(stage.inputs).items()},
             "files": [str(Path(file).absolute()) for file in stage.files],
             "threads": threads,
             "cache": str(store.cache_folder()),

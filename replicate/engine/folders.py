@@ -43,7 +43,7 @@ def short_temporary_folder() -> Iterator[Path]:
 
     It is in `$TMPDIR` where that is short enough, and goes when the block ends. Raises InputError where there is none.
     """
-    parents = [Path(named) for named in (os.environ.get("TMPDIR"), "/tmp", "/var/tmp", "/dev/shm") if named]
+    parents = [Path(name) for name in (os.environ.get("TMPDIR"), "/tmp", "/var/tmp", "/dev/shm") if name]
     for parent in parents:
         if len(os.fsencode(parent.absolute())) > _LONGEST_BYTES:
             continue

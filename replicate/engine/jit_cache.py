@@ -24,12 +24,12 @@ def kernels() -> list[str]:
     return [".".join(file.relative_to(ROOT).with_suffix("").parts) for file in compiling]
 
 
-def folder_of(named: str, sources: str) -> str:
-    """Return the folder for kernels of some sources, a hash, within the one that the user has named.
+def folder_of(root: str, sources: str) -> str:
+    """Return the folder for kernels of some sources, a hash, within the user's folder.
 
-    named: may also be such a folder, as a process finds it that was started by one of ours.
+    root: the user's folder, or already such a folder for kernels, which a process inherits from one of ours.
     """
-    folder = Path(named).absolute()
+    folder = Path(root).absolute()
     if re.fullmatch(r"kernels-[0-9a-f]{16}", folder.name):
         folder = folder.parent
     return str(folder / f"kernels-{sources[:16]}")
@@ -37,14 +37,14 @@ def folder_of(named: str, sources: str) -> str:
 
 def _keep() -> bool:
     """Name the folder to Numba, loaded by now or not; return whether code is kept at all."""
-    named = os.environ.get(_VARIABLE)
-    if not named:
+    root = os.environ.get(_VARIABLE)
+    if not root:
         return False
-    own = folder_of(named, code_digest("\n".join(f"import {module}" for module in kernels())))
+    own = folder_of(root, code_digest("\n".join(f"import {module}" for module in kernels())))
     os.environ[_VARIABLE] = own
     if "numba" in sys.modules:
         sys.modules["numba"].config.CACHE_DIR = own
     return True
 
 
-KEPT = _keep()
+KEEP_CODE = _keep()

@@ -52,13 +52,13 @@ class LocalWorkers:
 
     def _startable(self) -> list[Task]:
         """Return the tasks to start now, in their order: inputs done, and threads to spare."""
-        chosen, free = [], self._cores - sum(threads for _, threads in self._running.values())
+        selection, free = [], self._cores - sum(threads for _, threads in self._running.values())
         for task in self._pending:
             if not self._undone.isdisjoint(task.needs):
                 continue
             threads = task.threads(self._cores)
             if threads > free:
                 break  # an urgent stage that wants more threads is not starved by those behind it
-            chosen.append(task)
+            selection.append(task)
             free -= threads
-        return chosen
+        return selection

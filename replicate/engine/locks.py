@@ -25,13 +25,13 @@ def hold(file: Path, waiting: Callable[[], None] = lambda: None, wait: bool = Tr
     """
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        held = FileLock(file, is_singleton=True)
-        held.acquire(timeout=0)
+        file_lock = FileLock(file, is_singleton=True)
+        file_lock.acquire(timeout=0)
     except Timeout:
         if not wait:
             raise
         waiting()
-        held.acquire(poll_interval=0.2)
+        file_lock.acquire(poll_interval=0.2)
     except OSError as error:
         if shortage_number(error, file.parent):
             raise
@@ -39,4 +39,4 @@ def hold(file: Path, waiting: Callable[[], None] = lambda: None, wait: bool = Tr
     try:
         yield
     finally:
-        held.release()
+        file_lock.release()

@@ -5,16 +5,16 @@ from collections.abc import Collection
 FROM_MAKE = "--from-make"
 
 
-def without_foreign(given: list[str], taken: Collection[str]) -> list[str]:
-    """Return a command line's words; those from make without the options, and their values, that are not `taken`.
+def without_foreign(words: list[str], options: Collection[str]) -> list[str]:
+    """Return a command line's words; those from make without the options, and their values, that a command lacks.
 
-    taken: the options that the command takes, as "--profile".
+    options: those that the command takes, as "--profile".
     """
-    if FROM_MAKE not in given:
-        return given
-    kept, keep = [], True
-    for word in given:
-        keep = word in taken if word.startswith("--") else keep
+    if FROM_MAKE not in words:
+        return words
+    rest, keep = [], True
+    for word in words:
+        keep = word in options if word.startswith("--") else keep
         if keep:
-            kept.append(word)
-    return kept
+            rest.append(word)
+    return rest

@@ -45,20 +45,20 @@ def settle_folders(*others: str) -> None:
 
 def named_folder(variable: str) -> Path | None:
     """Return the folder that an environment variable names, absolute, or None where it names none."""
-    named = os.environ.get(variable, "").strip()
-    if not named:
+    name = os.environ.get(variable, "").strip()
+    if not name:
         return None
     try:
-        folder = Path(os.path.abspath(Path(named).expanduser()))
+        folder = Path(os.path.abspath(Path(name).expanduser()))
     except RuntimeError:  # ~nobody
-        raise InputError(f"{variable} is {named}: there is no such home folder, allowed is a folder's path") from None
+        raise InputError(f"{variable} is {name}: there is no such home folder, allowed is a folder's path") from None
     if any(len(os.fsencode(part)) > LONGEST_NAME for part in folder.parts):
         raise InputError(f"{variable} has a name of more than {LONGEST_NAME} bytes in it: allowed is a folder's path")
     if os.path.exists(folder) and not os.path.isdir(folder):
-        raise InputError(f"{variable} is {named}: allowed is a folder, and this is none")
+        raise InputError(f"{variable} is {name}: allowed is a folder, and this is none")
     return Path(os.path.realpath(folder))
 
 
-def shown(path: Path) -> str:
+def display_path(path: Path) -> str:
     """Return a path as messages show it: from the project's folder on, or whole if it lies elsewhere."""
     return str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else str(path)

@@ -25,15 +25,15 @@ class Progress:
     """How far a piece of work has come; made by `progress`."""
 
     def __init__(self, total: float, label: str, initial: float = 0):
-        self.total, self.label, self.done = total, label, initial
-        self._reported = -float("inf")
+        self.total, self.label, self.steps = total, label, initial
+        self._last_report = -float("inf")
         self._bar: tqdm | None = None
 
     def __enter__(self) -> "Progress":
         if _reporter is None:
             self._bar = tqdm(
                 total=self.total,
-                initial=self.done,
+                initial=self.steps,
                 desc=self.label,
                 delay=DELAY_S,
                 leave=False,
@@ -52,16 +52,16 @@ class Progress:
 
     def update(self, amount: float = 1) -> None:
         """Add `amount` to what is done."""
-        self.done += amount
+        self.steps += amount
         if self._bar is not None:
             self._bar.update(amount)
-        elif time.monotonic() - self._reported >= _INTERVAL_S:
+        elif time.monotonic() - self._last_report >= _INTERVAL_S:
             self._report()
 
     def _report(self) -> None:
-        self._reported = time.monotonic()
+        self._last_report = time.monotonic()
         if _reporter is not None:
-            _reporter(self.label, self.done, self.total)
+            _reporter(self.label, self.steps, self.total)
 
 
 def progress(total: float, label: str, initial: float = 0) -> Progress:

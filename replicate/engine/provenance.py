@@ -159,8 +159,8 @@ def stage_facts(stages: list[Stage]) -> dict[str, dict]:
     shared = top and {name: top[name] for name in ("commit", "clean")}
     for stage in in_order(stages):
         manifest = read_manifest(artefact_folder(stage.identifier))
-        kept = ("key", "wall_s", "resumed", "threads", "peak_memory_mb", "gpu", "notes")
-        facts[stage.title] = {name: manifest[name] for name in kept if manifest.get(name) not in (None, {}, False)}
+        keys = ("key", "wall_s", "resumed", "threads", "peak_memory_mb", "gpu", "notes")
+        facts[stage.title] = {name: manifest[name] for name in keys if manifest.get(name) not in (None, {}, False)}
         if (own := _made_from(stage)) != shared:
             facts[stage.title]["git"] = own
         facts[stage.title] |= _differences(manifest.get("surroundings", manifest["run"]), run)
@@ -170,12 +170,12 @@ def stage_facts(stages: list[Stage]) -> dict[str, dict]:
 def _differences(own: dict, run: dict) -> dict:
     """Return of a stage's surroundings what is not that of a run; what either does not tell is not compared."""
     names = ("python", "packages", "processor", "instruction_set")
-    found = {name: own[name] for name in names if name in own and name in run and own[name] != run[name]}
-    if "packages" in found:
+    differences = {name: own[name] for name in names if name in own and name in run and own[name] != run[name]}
+    if "packages" in differences:
         both = sorted(own["packages"].keys() | run["packages"].keys())
         differing = (name for name in both if own["packages"].get(name) != run["packages"].get(name))
-        found["packages"] = {name: own["packages"].get(name) for name in differing}
-    return found
+        differences["packages"] = {name: own["packages"].get(name) for name in differing}
+    return differences
 
 
 def _made_from(stage: Stage) -> dict | None:

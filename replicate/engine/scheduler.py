@@ -21,27 +21,27 @@ def run(
 ) -> dict[str, Path]:
     """Make what is missing of a graph and return the artefacts' folders by the stages' titles.
 
-    stages: the wanted ones, the more urgent first; what they need is made too. workers: processes side by side, by
+    stages: those to make, the more urgent first; their inputs are made too. workers: processes side by side, by
     default one a core. facts: provenance for the manifests. cluster: where they run instead, as CLUSTER names it (see
     `cluster_config`). Prints what was done, or that there was nothing to do. Raises InputError or RunError if a stage
     does, RunError if one fails or is killed; the others are ended then, as they are by SIGINT, SIGTERM and SIGHUP.
     Raises InputError for a cluster that is none or can't be reached.
     """
-    started = time.monotonic()
+    start = time.monotonic()
     elsewhere = read_cluster(cluster) if cluster else None
-    wanted = in_order(stages)
+    graph = in_order(stages)
     store.make_cache_folder()
     with store.used_by_a_run():
-        missing = [stage for stage in wanted if store.load(stage.identifier) is None]
+        missing = [stage for stage in graph if store.load(stage.identifier) is None]
         if missing:
             with ended_by_signals():
                 _make(_tasks(missing, facts or {}), _executor(elsewhere, workers or core_count()))
     if not missing:
-        print(f"nothing to do: {len(wanted)} artefacts up to date", flush=True)
+        print(f"nothing to do: {len(graph)} artefacts up to date", flush=True)
     else:
-        took = duration(time.monotonic() - started)
-        print(f"made {len(missing)} of {len(wanted)} artefacts in {took}; the rest were up to date", flush=True)
-    return {stage.title: store.artefact_folder(stage.identifier) for stage in wanted}
+        took = duration(time.monotonic() - start)
+        print(f"made {len(missing)} of {len(graph)} artefacts in {took}; the rest were up to date", flush=True)
+    return {stage.title: store.artefact_folder(stage.identifier) for stage in graph}
 
 
 def _executor(cluster: Cluster | None, cores: int) -> Executor:
@@ -55,7 +55,7 @@ def _executor(cluster: Cluster | None, cores: int) -> Executor:
 def _tasks(missing: list[Stage], facts: dict) -> list[Task]:
     identifiers = {stage.identifier for stage in missing}
     return [
-        Task(stage, tuple(sorted(identifiers & {needed.identifier for needed in stage.inputs})), facts)
+        Task(stage, tuple(sorted(identifiers & {other.identifier for other in stage.inputs})), facts)
         for stage in missing
     ]
 

@@ -67,33 +67,33 @@ class Checked:
         for entry in dataclasses.fields(self):
             value = getattr(self, entry.name)
             # 5 and 5.0 are the same configuration, and have the same key
-            object.__setattr__(self, entry.name, _checked(entry.name, value, hints[entry.name], entry.metadata))
+            object.__setattr__(self, entry.name, _check(entry.name, value, hints[entry.name], entry.metadata))
 
 
-def read_table(base: Any, table: dict[str, Any], prefix: str = "", **given: Any) -> Any:
+def read_table(base: Any, table: dict[str, Any], prefix: str = "", **extra: Any) -> Any:
     """Return a Checked dataclass with the values of a nested table, as TOML gives it.
 
     base: a Checked class, or an instance whose values stay where the table has none. prefix: the table's own name and
-    a dot, for messages. given: fields that don't come from the table.
+    a dot, for messages. extra: fields that don't come from the table.
 
     Raises InputError for an unknown or missing key and for a value that is not allowed; it names the key, the value and
     what is allowed.
     """
     kind = base if isinstance(base, type) else type(base)
     hints = typing.get_type_hints(kind)
-    known = {entry.name: entry for entry in dataclasses.fields(kind) if entry.name not in given}
+    entries = {entry.name: entry for entry in dataclasses.fields(kind) if entry.name not in extra}
     for key in table:
-        if key not in known:
-            raise InputError(f"unknown key {prefix}{cut(key)}: allowed are {', '.join(known)}")
-    values = dict(given)
-    for key, entry in known.items():
+        if key not in entries:
+            raise InputError(f"unknown key {prefix}{cut(key)}: allowed are {', '.join(entries)}")
+    values = dict(extra)
+    for key, entry in entries.items():
         section = hints[key] if dataclasses.is_dataclass(hints[key]) else None
         if key not in table:
             if base is kind and entry.default is MISSING and entry.default_factory is MISSING:
-                needed = f"a table [{prefix}{key}]" if section else "it"
-                raise InputError(f"{prefix}{key} is missing: {needed} is required")
+                requirement = f"a table [{prefix}{key}]" if section else "it"
+                raise InputError(f"{prefix}{key} is missing: {requirement} is required")
         elif section is None:
-            values[key] = _checked(f"{prefix}{key}", table[key], hints[key], entry.metadata)
+            values[key] = _check(f"{prefix}{key}", table[key], hints[key], entry.metadata)
         elif isinstance(table[key], dict):
             inner = section if base is kind else getattr(base, key)
             values[key] = read_table(inner, table[key], f"{prefix}{key}.")
@@ -129,14 +129,14 @@ def shown(value: Any) -> str:
         return f"a {type(value).__name__} too long to be shown"
 
 
-def _checked(name: str, value: Any, hint: Any, rule: typing.Mapping) -> Any:
+def _check(name: str, value: Any, hint: Any, rule: typing.Mapping) -> Any:
     try:
-        return _fitted(value, hint, rule)
+        return _fit(value, hint, rule)
     except _Unfit as error:
         raise InputError(f"{name} is {shown(value)}: allowed is {error}") from None
 
 
-def _fitted(value: Any, hint: Any, rule: typing.Mapping) -> Any:
+def _fit(value: Any, hint: Any, rule: typing.Mapping) -> Any:
     """Return a value in its field's type. Raises _Unfit where it isn't of that type or not allowed."""
     origin = typing.get_origin(hint)
     if hint in (int, float):
@@ -190,18 +190,18 @@ def _plain(bound: float) -> str:
 def _list(value: Any, element: Any, rule: typing.Mapping) -> tuple:
     if isinstance(value, (tuple, list)) and not len(value) and rule.get("optional"):
         return ()
-    allowed = _list_words(element, rule)
+    demand = _list_words(element, rule)
     if not isinstance(value, (tuple, list)) or len(value) != rule.get("length", len(value)) or not len(value):
-        raise _Unfit(allowed)
+        raise _Unfit(demand)
     try:
         if "width" in rule:
             inner = {"range": rule["range"], "length": rule["width"]}
             return tuple(_list(row, typing.get_args(element)[0], inner) for row in value)
-        items = tuple(_fitted(item, element, rule) for item in value)
+        items = tuple(_fit(item, element, rule) for item in value)
     except _Unfit:
-        raise _Unfit(allowed) from None
+        raise _Unfit(demand) from None
     if (rule.get("ordered") and items[0] > items[1]) or "" in items:
-        raise _Unfit(allowed)
+        raise _Unfit(demand)
     return items
 
 
@@ -241,7 +241,7 @@ def to_json(value: Any) -> Any:
 
 
 def from_json(data: Any) -> Any:
-    """Return what `to_json` was given; lists come back as tuples."""
+    """Return the value behind `to_json`'s data; lists come back as tuples."""
     if isinstance(data, list):
         return tuple(from_json(item) for item in data)
     if isinstance(data, dict) and "pairs" in data:

@@ -42,19 +42,19 @@ def ended_by_signals() -> Iterator[None]:
         pass
     try:
         yield
-    except Stopped as stopped:
-        _announce(stopped)
+    except Stopped as end:
+        _announce(end)
         raise
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
 
 
-def _announce(stopped: Stopped) -> None:
-    if not stopped.announced:
-        stopped.announced = True
+def _announce(end: Stopped) -> None:
+    if not end.announced:
+        end.announced = True
         with suppress(OSError, ValueError):  # the terminal may be gone
-            line = f"{stopped.reason}: what is finished is kept, and the same command goes on from there"
+            line = f"{end.reason}: what is finished is kept, and the same command goes on from there"
             print(line, file=sys.stderr, flush=True)
 
 

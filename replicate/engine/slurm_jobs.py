@@ -18,11 +18,11 @@ _ANNOUNCED_AFTER_S = 5.0
 _LOST_AFTER_S = 60.0  # without a worker, and without a job that could become one
 
 
-def start_jobs(wanted: SlurmCluster) -> dask_jobqueue.SLURMCluster:
+def start_jobs(settings: SlurmCluster) -> dask_jobqueue.SLURMCluster:
     """Return a cluster whose jobs are submitted; raises InputError with Slurm's words if it refuses such jobs."""
     logging.getLogger("dask_jobqueue").setLevel(logging.CRITICAL)
     try:
-        cluster = dask_jobqueue.SLURMCluster(**slurm_options(wanted))
+        cluster = dask_jobqueue.SLURMCluster(**slurm_options(settings))
     except (RuntimeError, ValueError) as error:  # as for an interface that this machine does not have
         raise InputError(f"CLUSTER: {error}") from None
     trial = ["sbatch", "--test-only"]
@@ -31,25 +31,25 @@ def start_jobs(wanted: SlurmCluster) -> dask_jobqueue.SLURMCluster:
         cluster.close()
         words = " ".join(line.removeprefix("sbatch: error: ") for line in answer.stderr.splitlines()[-1:])
         raise InputError(f"CLUSTER: Slurm refuses the jobs ({words})")
-    cluster.scale(jobs=wanted.jobs)
+    cluster.scale(jobs=settings.jobs)
     return cluster
 
 
-def slurm_options(wanted: SlurmCluster) -> dict:
+def slurm_options(settings: SlurmCluster) -> dict:
     """Return the arguments of `dask_jobqueue.SLURMCluster`."""
-    resources = f"CPU={wanted.cores}" + (",GPU=1" if wanted.gpus else "")
-    gpu = ["--gres=gpu:1"] if wanted.gpus else []
+    resources = f"CPU={settings.cores}" + (",GPU=1" if settings.gpus else "")
+    gpu = ["--gres=gpu:1"] if settings.gpus else []
     return {
-        "cores": wanted.cores,
+        "cores": settings.cores,
         "processes": 1,
-        "memory": wanted.memory,
-        "walltime": wanted.walltime,
-        "queue": wanted.partition or None,
-        "account": wanted.account or None,
-        "interface": wanted.interface or None,
+        "memory": settings.memory,
+        "walltime": settings.walltime,
+        "queue": settings.partition or None,
+        "account": settings.account or None,
+        "interface": settings.interface or None,
         "job_name": "replicate",
-        "job_extra_directives": [*gpu, *shlex.split(wanted.directives)],
-        "job_script_prologue": [f"export PYTHONPATH={shlex.quote(str(ROOT))}", *wanted.prologue.splitlines()],
+        "job_extra_directives": [*gpu, *shlex.split(settings.directives)],
+        "job_script_prologue": [f"export PYTHONPATH={shlex.quote(str(ROOT))}", *settings.prologue.splitlines()],
         "worker_extra_args": ["--resources", resources, "--no-dashboard"],
         "death_timeout": 20,  # seconds that a worker looks for a client that is gone, before its job ends
         "log_directory": str(log_folder()),
@@ -82,12 +82,12 @@ class SlurmWatch:
             return
         self._looked = now
         self._cluster.scale(jobs=self._jobs)  # what Dask has noticed as lost is submitted again
-        if has_workers or self._queued():
+        if has_workers or self._has_jobs():
             self._well = now
         elif now - self._well >= _LOST_AFTER_S:
             raise RunError(f"Slurm has ended all jobs, and none is at work: their logs are in {log_folder()}")
 
-    def _queued(self) -> bool:
+    def _has_jobs(self) -> bool:
         """Return whether a job of this cluster waits or runs; true where Slurm does not answer."""
         numbers = {str(job.job_id) for job in self._cluster.workers.values()}
         command = ["squeue", "--me", "--noheader", "--format=%i"]

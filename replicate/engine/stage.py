@@ -4,7 +4,7 @@ import hashlib
 import importlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -74,7 +74,7 @@ def _file_digest(file: Path) -> str:
 
 @dataclass(frozen=True)
 class StageContext:
-    """What a stage's function is given.
+    """The argument of a stage's function.
 
     config: the stage's. inputs: by the name of each input stage (by its title, name-label, where several share a
     name), the folder of its verified artefact. out: an empty folder to fill. scratch: a folder that outlives a kill,
@@ -95,7 +95,7 @@ class StageContext:
         """Return a context manager whose `.update(k)` reports `total` steps, of which `initial` were done before."""
         return progress(total, label, initial)
 
-    def note(self, **facts) -> None:
+    def note(self, **facts: object) -> None:
         """Put facts (JSON-ready) into the artefact's manifest."""
         self.notes.update(json.loads(json.dumps(facts)))
 
@@ -110,7 +110,7 @@ def stream_rng(seed: int, name: str, stream: str) -> np.random.Generator:
     return np.random.default_rng(int.from_bytes(digest[:16], "little"))
 
 
-def stage_function(function: str):
+def stage_function(function: str) -> Callable[[StageContext], None]:
     """Import and return the function "module:function", the first of several."""
     module, _, name = function.split(",")[0].partition(":")
     return getattr(importlib.import_module(module), name)
@@ -127,14 +127,14 @@ def input_names(stages: tuple[Stage, ...]) -> dict[str, Stage]:
 
 def in_order(stages: list[Stage]) -> list[Stage]:
     """Return the stages and all that they need, each once, inputs first, else in the order given."""
-    ordered: dict[str, Stage] = {}
+    order: dict[str, Stage] = {}
 
     def visit(stage: Stage) -> None:
-        if stage.identifier not in ordered:
-            for needed in stage.inputs:
-                visit(needed)
-            ordered[stage.identifier] = stage
+        if stage.identifier not in order:
+            for source in stage.inputs:
+                visit(source)
+            order[stage.identifier] = stage
 
     for stage in stages:
         visit(stage)
-    return list(ordered.values())
+    return list(order.values())

@@ -88,10 +88,10 @@ def find_damage(folder: Path) -> str:
     """Return "" if every file of an artefact agrees with its manifest, else one finding in words."""
     try:
         text = (folder / MANIFEST).read_bytes()
-        sealed = (folder / _SEAL).read_bytes()
+        seal = (folder / _SEAL).read_bytes()
     except OSError as error:
         return f"{Path(error.filename).name} can't be read"
-    if sealed != _seal(text):
+    if seal != _seal(text):
         return f"{MANIFEST} differs from its checksum"
     files = json.loads(text)["files"]
     with ThreadPoolExecutor(min(8, os.cpu_count() or 1)) as pool:
@@ -131,7 +131,7 @@ def make(identifier: str, build: Callable[[Path, Path], dict], waiting: Callable
     """
     partial = _partial_folder(identifier, os.getpid(), cache_folder())
     scratch = scratch_folder(identifier)
-    with _told_if_full(identifier), lock(identifier, waiting):
+    with _tell_if_full(identifier), lock(identifier, waiting):
         if load(identifier) is None:
             _discard_partials(identifier)
             try:
@@ -183,7 +183,7 @@ def is_in_use() -> bool:
 
 
 @contextlib.contextmanager
-def _told_if_full(identifier: str) -> Iterator[None]:
+def _tell_if_full(identifier: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
@@ -230,11 +230,11 @@ def _seal(text: bytes) -> bytes:
     return hashlib.sha256(text).hexdigest().encode() + b"\n"
 
 
-def _compare(file: Path, expected: dict) -> str:
+def _compare(file: Path, facts: dict) -> str:
     try:
-        if file.stat().st_size != expected["bytes"]:
-            return f"{file.name} has {file.stat().st_size} bytes instead of {expected['bytes']}"
-        return "" if _digest(file) == expected["sha256"] else f"{file.name} differs from its checksum"
+        if file.stat().st_size != facts["bytes"]:
+            return f"{file.name} has {file.stat().st_size} bytes instead of {facts['bytes']}"
+        return "" if _digest(file) == facts["sha256"] else f"{file.name} differs from its checksum"
     except OSError:
         return f"{file.name} can't be read"
 

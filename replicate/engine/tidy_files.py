@@ -30,14 +30,14 @@ _WHOLE_NUMBER = re.compile(r"-?\d{1,18}", re.ASCII)  # as many digits as 64 bits
 class Column:
     """What the cells of one column may hold.
 
-    optional: cells may be empty, which means *not known*. allowed: the only texts that may stand there; any, if there
+    optional: cells may be empty, which means *not known*. choices: the only texts that may stand there; any, if there
     are none.
     """
 
     name: str
     kind: Literal["text", "number", "finite number", "whole number"] = "text"
     optional: bool = False
-    allowed: tuple[str, ...] = ()
+    choices: tuple[str, ...] = ()
 
     @property
     def dtype(self) -> str:
@@ -46,7 +46,7 @@ class Column:
 
 
 def read_csv(path: Path, columns: Sequence[Column], key: Sequence[str], missing: str) -> "pandas.DataFrame":
-    """Read a CSV file with exactly these columns; numbers are those that were written, to the last bit.
+    """Read a CSV file with exactly these columns; numbers keep their last bit.
 
     key: the columns whose cells together name a row, in one row at most; no columns: rows may repeat. missing: the
     sentence that follows the name of a file that isn't there. Raises InputError, naming the file and the line, for a
@@ -58,8 +58,8 @@ def read_csv(path: Path, columns: Sequence[Column], key: Sequence[str], missing:
     names = [column.name for column in columns]
     header = [cell for cell in cells.iloc[0] if isinstance(cell, str)] if len(cells) else ["nothing"]
     if header != names:
-        found, allowed = _shortened(",".join(header)), ",".join(names)
-        raise InputError(f"{path}, line 1: found {found!r}, where only the header {allowed!r} is allowed.")
+        names_there, names_here = _shorten(",".join(header)), ",".join(names)
+        raise InputError(f"{path}, line 1: found {names_there!r}, where only the header {names_here!r} is allowed.")
     body = cells.iloc[1:].reset_index(drop=True)
     for line, count in enumerate(body.notna().sum(axis="columns"), start=2):
         if count != len(columns):
@@ -79,16 +79,16 @@ def write_csv(path: Path, columns: Sequence[Column], lines: Iterable[Sequence], 
     r"""Write lines of values, in their order, as `read_csv` reads them; the file appears whole or not at all.
 
     A value of None is *not known*; floats get as many digits as they need to be read back; lines end in \n. Raises
-    InputError for what `read_csv` would refuse, before anything is written.
+    InputError for what `read_csv` would refuse, before it writes anything.
     """
-    written = [[_text(value) for value in line] for line in lines]
-    for number, texts in enumerate(written, start=2):
+    rows = [[_text(value) for value in line] for line in lines]
+    for number, texts in enumerate(rows, start=2):
         for column, text in zip(columns, texts, strict=True):
             _check(path, number, column, text)
     places = [place for place, column in enumerate(columns) if column.name in key]
-    _check_unique(path, (tuple(texts[place] for place in places) for texts in written) if key else ())
+    _check_unique(path, (tuple(texts[place] for place in places) for texts in rows) if key else ())
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([[column.name for column in columns], *written])
+    csv.writer(text, lineterminator="\n").writerows([[column.name for column in columns], *rows])
     write_text(path, text.getvalue())
 
 
@@ -123,22 +123,22 @@ def _check(path: Path, line: int, column: Column, text: str) -> None:
     if not text:
         right = column.optional
     elif column.kind == "text":
-        right = not column.allowed or text in column.allowed
+        right = not column.choices or text in column.choices
     elif column.kind == "whole number":
         right = _WHOLE_NUMBER.fullmatch(text)
     else:
         right = _NUMBER.fullmatch(text) and (column.kind == "number" or math.isfinite(float(text)))
     if not right:
-        only = f"{', '.join(column.allowed)} are" if column.allowed else f"a {column.kind} is"
-        raise InputError(f"{path}, line {line}: {column.name} is {_shortened(text)!r}, where only {only} allowed.")
+        only = f"{', '.join(column.choices)} are" if column.choices else f"a {column.kind} is"
+        raise InputError(f"{path}, line {line}: {column.name} is {_shorten(text)!r}, where only {only} allowed.")
 
 
 def _check_unique(path: Path, keys: Iterable[tuple]) -> None:
-    seen = set()
+    earlier = set()
     for line, key in enumerate(keys, start=2):
-        if key in seen:
+        if key in earlier:
             raise InputError(f"{path}, line {line}: found a second row for {key}, where one is allowed.")
-        seen.add(key)
+        earlier.add(key)
 
 
 def _value(column: Column, text: str) -> str | float | int | None:
@@ -155,5 +155,5 @@ def _text(value: object) -> str:
     return repr(float(value)) if isinstance(value, float | np.floating) else str(value)
 
 
-def _shortened(text: str) -> str:
+def _shorten(text: str) -> str:
     return text if len(text) <= LONGEST else text[:LONGEST] + "…"

@@ -11,10 +11,10 @@ def words(text: str | Iterable[str]) -> list[str]:
 
     Raises InputError for a quote that does not end.
     """
-    joined = text if isinstance(text, str) else " ".join(text)
-    lexer = shlex.shlex(joined, posix=True, punctuation_chars="")
+    line = text if isinstance(text, str) else " ".join(text)
+    lexer = shlex.shlex(line, posix=True, punctuation_chars="")
     lexer.whitespace, lexer.whitespace_split, lexer.commenters = " \t\r\n,", True, ""
     try:
         return list(lexer)
     except ValueError:
-        raise InputError(f"{joined!r}: a quote does not end") from None
+        raise InputError(f"{line!r}: a quote does not end") from None

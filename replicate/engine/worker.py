@@ -49,15 +49,15 @@ def main() -> None:
         with speaking:
             answers.write(json.dumps({"event": event, **facts}) + "\n")
 
-    progress.report_to(lambda label, done, total: answer("progress", label=label, done=done, total=total))
+    progress.report_to(lambda label, steps, total: answer("progress", label=label, done=steps, total=total))
     try:
-        made = []
+        calls = []
         store.make(
             orders["identifier"],
-            lambda out, scratch: made.append(1) or _build(orders, out, scratch),
+            lambda out, scratch: calls.append(1) or _build(orders, out, scratch),
             lambda: answer("waiting"),
         )
-        answer("done", made=bool(made))
+        answer("done", made=bool(calls))
     except (InputError, RunError) as error:
         answer("failed", kind=type(error).__name__, message=str(error))
     except Exception as error:
@@ -68,7 +68,7 @@ def main() -> None:
 
 def _build(orders: dict, out: Path, scratch: Path) -> dict:
     """Run the stage's function and return the facts for the artefact's manifest."""
-    started = time.monotonic()
+    start = time.monotonic()
     inputs = {name: store.load(identifier) for name, identifier in orders["inputs"].items()}
     for name, folder in inputs.items():
         if folder is None:
@@ -88,7 +88,7 @@ def _build(orders: dict, out: Path, scratch: Path) -> dict:
         "config": orders["config"],
         "inputs": orders["inputs"],
         "notes": context.notes,
-        "wall_s": round(time.monotonic() - started, 3),
+        "wall_s": round(time.monotonic() - start, 3),
         "resumed": resumed,
         "threads": orders["threads"],
         "peak_memory_mb": round(peak_memory_mb()),

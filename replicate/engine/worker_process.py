@@ -43,15 +43,15 @@ class WorkerProcess:
 
         The last message of all is "done" or "failed"; the process has ended by then.
         """
-        heard = os.read(self.fileno(), 1 << 16)
-        *lines, self._unread = (self._unread + heard).split(b"\n")
+        data = os.read(self.fileno(), 1 << 16)
+        *lines, self._unread = (self._unread + data).split(b"\n")
         messages = []
         for message in map(json.loads, lines):
             if message["event"] in ("done", "failed"):
                 self._outcome = message
             else:
                 messages.append(message)
-        if not heard:
+        if not data:
             code = self._process.wait()
             self._close()
             messages.append(self._outcome or {"event": "failed", "kind": "died", "message": _manner(code)})

@@ -36,8 +36,8 @@ def animated_glb(
     """
     tracks = []
     with progress(len(rest), "morph targets") as bar:
-        for part, moved in zip(rest, frames, strict=True):
-            tracks.append(_track(part, moved, tolerance_mm))
+        for part, positions in zip(rest, frames, strict=True):
+            tracks.append(_track(part, positions, tolerance_mm))
             bar.update(1)
 
     def finish(buffers, tree) -> None:
@@ -46,13 +46,13 @@ def animated_glb(
     return glb(rest, about, finish), tracks
 
 
-def _track(part: Part, moved: np.ndarray, tolerance_mm: float) -> Track:
+def _track(part: Part, positions: np.ndarray, tolerance_mm: float) -> Track:
     """Return a part's track. Normals follow the weights of the positions, by least squares."""
-    fit = low_rank(moved - part.vertices, tolerance_mm)
+    fit = low_rank(positions - part.vertices, tolerance_mm)
     if not len(fit.shapes):
         return Track(fit.weights, fit.shapes, fit.shapes, fit.error_mm)
-    turned = follow(fit.weights, unit_normals(moved, part.faces) - part.normals)
-    return Track(fit.weights, fit.shapes, turned, fit.error_mm)
+    normals = follow(fit.weights, unit_normals(positions, part.faces) - part.normals)
+    return Track(fit.weights, fit.shapes, normals, fit.error_mm)
 
 
 class _Writer:

@@ -51,11 +51,11 @@ class Request:
                 raise InputError(f"{self.to} can hold one pose and not a clip: allowed for a clip is .glb")
 
 
-def _file(named: str) -> Path:
+def _file(text: str) -> Path:
     try:
-        return Path(named).expanduser()
+        return Path(text).expanduser()
     except RuntimeError:  # ~nobody
-        raise InputError(f"to is {shown(named)}: there is no such home folder, allowed is a file's path") from None
+        raise InputError(f"to is {shown(text)}: there is no such home folder, allowed is a file's path") from None
 
 
 def _check_file(file: Path) -> None:
@@ -126,5 +126,5 @@ def _clip(rig, name: str):
     number = as_whole_number(name)
     if number is not None and number < len(clips):
         return list(clips.values())[number]
-    allowed = f"numbers from 0 to {len(clips) - 1} and {', '.join(clips)}"
-    raise InputError(f"{rig.name} has no clip {shown(name)}: allowed are {allowed}")
+    choices = f"numbers from 0 to {len(clips) - 1} and {', '.join(clips)}"
+    raise InputError(f"{rig.name} has no clip {shown(name)}: allowed are {choices}")

@@ -51,11 +51,11 @@ def obj(parts: Sequence[Part], about: str, material_file: str) -> tuple[str, str
     """
     import trimesh
 
-    class Posed(trimesh.Scene):
+    class PoseScene(trimesh.Scene):
         def dump(self, *_) -> list:
             return list(self.geometry.values())  # trimesh's own are copies, which lose the normals shared at borders
 
-    scene = Posed()
+    scene = PoseScene()
     for part in sorted(parts, key=lambda part: part.uv is None):
         material = trimesh.visual.material.SimpleMaterial(
             name=part.name.removesuffix("_left").removesuffix("_right"),

@@ -26,8 +26,8 @@ def nearest_rotation(matrix: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarra
     A rank-deficient matrix leaves R undetermined; 1e-12 of its size is added along the identity to settle that.
     """
     size = np.linalg.norm(matrix, axis=(-2, -1), keepdims=True)
-    settled = matrix + (1e-12 * size + np.finfo(np.float64).tiny) * np.eye(3)
-    left, _, right = np.linalg.svd(settled)
+    regular = matrix + (1e-12 * size + np.finfo(np.float64).tiny) * np.eye(3)
+    left, _, right = np.linalg.svd(regular)
     sign = np.ones(left.shape[:-1])
     sign[..., 2] = np.where(np.linalg.det(left) * np.linalg.det(right) < 0, -1.0, 1.0)
     return (left * sign[..., None, :]) @ right

@@ -23,7 +23,7 @@ def fold_angles(
 
 
 def most_folded(
-    mesh: Mesh, poses: Int[np.ndarray, " p"], offsets: Float[np.ndarray, "t n 3"], shown: Bool[np.ndarray, " f"],
+    mesh: Mesh, poses: Int[np.ndarray, " p"], offsets: Float[np.ndarray, "t n 3"], visible: Bool[np.ndarray, " f"],
     batch: int = 32,
 ) -> int:  # fmt: skip
     """Return the one of some poses that folds the shown faces most.
@@ -35,9 +35,9 @@ def most_folded(
     first is taken. Raises InputError if no two shown faces share an edge.
     """
     edges, sides = inner_edges(mesh.faces)
-    inner = shown[sides].all(-1)
+    inner = visible[sides].all(-1)
     if not inner.any():
-        raise InputError("most_folded: no two of the shown faces share an edge; shown must hold a patch of the mesh.")
+        raise InputError("most_folded: no two of the shown faces share an edge; visible must hold a patch of the mesh.")
     edges, sides = edges[inner], sides[inner]
     # Only the patch is looked at: the test poses of a whole head need not be read into memory.
     used, inverse = np.unique(mesh.faces[sides].reshape(-1), return_inverse=True)

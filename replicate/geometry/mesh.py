@@ -82,10 +82,10 @@ def _check_shapes(mesh: Mesh) -> None:
         "uv": (n, 2),
         "segment": (n,),
     }
-    for name, allowed in shapes.items():
+    for name, expectation in shapes.items():
         shape = getattr(mesh, name).shape
-        if shape != allowed:
-            raise InputError(f"mesh: {name} has the shape {shape}, where {allowed} is allowed.")
+        if shape != expectation:
+            raise InputError(f"mesh: {name} has the shape {shape}, where {expectation} is allowed.")
     if n == 0 or len(mesh.faces) == 0:
         raise InputError(
             f"mesh: found {n} vertices and {len(mesh.faces)} faces, where at least one of each is allowed."

@@ -22,7 +22,7 @@ def face_vectors(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "
 
 def face_normals(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "*b f 3"]:
     """Return each face's unit normal (the n_i of Eq. 1 and Eq. 11); a face without an area gets the zero vector."""
-    return _normalised(face_vectors(vertices, faces))
+    return _normalise(face_vectors(vertices, faces))
 
 
 def vertex_normals(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "*b n 3"]:
@@ -37,7 +37,7 @@ def vertex_normals(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray,
         for corner in range(3):
             for axis in range(3):
                 pose[:, axis] += np.bincount(faces[:, corner], vector[:, axis], minlength=pose.shape[0])
-    return _normalised(total)
+    return _normalise(total)
 
 
 def degenerate_faces(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]) -> np.ndarray:
@@ -50,6 +50,6 @@ def degenerate_faces(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarra
     return double_area <= FLATNESS * longest
 
 
-def _normalised(vectors: np.ndarray) -> np.ndarray:
+def _normalise(vectors: np.ndarray) -> np.ndarray:
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

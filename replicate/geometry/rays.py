@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numba import njit
 
-from replicate.engine.jit_cache import KEPT
+from replicate.engine.jit_cache import KEEP_CODE
 
 
 def ray_hits(
@@ -38,7 +38,7 @@ def _balls(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
     return corners, normal, centre, np.sqrt(((corners - centre[:, None]) ** 2).sum(-1).max(1))
 
 
-@njit(cache=KEPT, error_model="numpy")
+@njit(cache=KEEP_CODE, error_model="numpy")
 @no_type_check
 def _first(origins, directions, corners, normals, centres, radii):
     nearest, cosines = np.full(len(origins), np.inf), np.zeros(len(origins))

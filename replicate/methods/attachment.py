@@ -35,7 +35,7 @@ METHOD = Method(
     oracle=True,
     note="An oracle: the true mesh, but for the rigid segments, which are placed by their attachment vertices (§3.4).",
     mark="¶",
-    drawn=False,
-    charted=False,
+    in_figures=False,
+    in_charts=False,
     facts=facts,
 )

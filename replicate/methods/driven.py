@@ -63,5 +63,5 @@ METHOD = Method(
     note="The skin with the most bones, moved by a small network that sees rig parameters: LBS as a prediction.",
     mark="◊",
     colour="#F0E442",
-    drawn=False,
+    in_figures=False,
 )

@@ -52,7 +52,7 @@ def _poses(config: Config) -> int:
     return config.evaluation.floor_poses or config.evaluation.test_poses
 
 
-SHARED = {"oracle": True, "note": NOTE, "mark": "‡", "drawn": False, "poses": _poses}
+SHARED = {"oracle": True, "note": NOTE, "mark": "‡", "in_figures": False, "poses": _poses}
 METHODS = (
     Method(
         "floor",

@@ -99,9 +99,9 @@ def measure(context: StageContext) -> None:
             bar,
         )[numbers.method]
     errors.save(context.out / ERRORS)
-    shown = shown_pose.load(inputs)
-    truth = mesh.neutral + samples.test_offsets[shown : shown + 1]
-    np.save(context.out / POSE, predict(samples.test_params[shown : shown + 1], truth)[0].astype(np.float32))
+    row = shown_pose.load(inputs)
+    truth = mesh.neutral + samples.test_offsets[row : row + 1]
+    np.save(context.out / POSE, predict(samples.test_params[row : row + 1], truth)[0].astype(np.float32))
     entries = stage_function(numbers.facts)(inputs, mesh) if numbers.facts else []
     own = inputs.get(numbers.method)
     size = read_manifest(own)["notes"].get("size_mb") if own else None

@@ -26,7 +26,7 @@ def methods(config: Config | None = None) -> dict[str, Method]:
     config: decides which numbers of bones LBS has; the paper's where it is None.
     """
     modules = [*_own_modules(), *map(_outside_module, _outside_files())]
-    return {method.name: method for method in _ordered(m for module in modules for m in _methods_in(module, config))}
+    return {method.name: method for method in _sort(m for module in modules for m in _methods_in(module, config))}
 
 
 def sections(profile: str) -> dict[str, Checked]:
@@ -46,7 +46,7 @@ def method_named(name: str) -> Method:
 
 def in_order(names: Iterable[str]) -> list[str]:
     """Return methods' names in the order of the tables: the paper's first, each group by place."""
-    return [method.name for method in _ordered(map(method_named, dict.fromkeys(names)))]
+    return [method.name for method in _sort(map(method_named, dict.fromkeys(names)))]
 
 
 def choose(words: Sequence[str], config: Config | None = None) -> list[Method]:
@@ -68,12 +68,12 @@ def choose(words: Sequence[str], config: Config | None = None) -> list[Method]:
         elif word in registry:
             selection[word] = registry[word]
         else:
-            allowed = ", ".join(registry)
-            raise InputError(f"method {word!r} is unknown: allowed are all, lbs, {allowed}, or the path of a .py file")
-    return _ordered(selection.values())
+            choices = ", ".join(registry)
+            raise InputError(f"method {word!r} is unknown: allowed are all, lbs, {choices}, or the path of a .py file")
+    return _sort(selection.values())
 
 
-def _ordered(methods: Iterable[Method]) -> list[Method]:
+def _sort(methods: Iterable[Method]) -> list[Method]:
     return sorted(methods, key=lambda method: (not method.in_paper, method.place, method.name))
 
 

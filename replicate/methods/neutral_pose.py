@@ -25,6 +25,6 @@ METHOD = Method(
     note="The neutral pose as prediction: how much the test poses move.",
     mark="§",
     colour="#CC79A7",
-    drawn=False,
-    charted=False,
+    in_figures=False,
+    in_charts=False,
 )

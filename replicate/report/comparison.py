@@ -7,7 +7,7 @@ from replicate.engine.exceptions import InputError
 from replicate.methods.method_registry import in_order, method_named
 from replicate.report.cast import STANDS_FOR
 from replicate.report.results import Row, find, read_results
-from replicate.report.tables import Table, published, rounded
+from replicate.report.tables import Table, paper_value, round_off
 
 NO_METHODS = {"model": "Model", "dense_released": "Dense, 256 and 512"}  # what Table 1 counts besides
 
@@ -17,11 +17,11 @@ def compare(paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row]
 
     The last column is yours over the reference's. Percentiles, maxima and brackets stay in the full tables.
     """
-    keys = {row.key[1:]: row.unit for row in (*reference, *yours) if row.table == table and _compared(row)}
+    keys = {row.key[1:]: row.unit for row in (*reference, *yours) if row.table == table and _has_line(row)}
     body: list[tuple[str, ...] | None] = []
     last = None
-    ordered = in_order({method for _, method, _ in keys})
-    for character, method, metric in sorted(keys, key=lambda key: _order(key, ordered)):
+    order = in_order({method for _, method, _ in keys})
+    for character, method, metric in sorted(keys, key=lambda key: _order(key, order)):
         group = (character,) if table == "table1" else (character, metric)  # counts and sizes stand together
         if last is not None and group != last:
             body.append(None)
@@ -30,9 +30,9 @@ def compare(paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row]
         old, new = (find(rows, table, character, method, metric) for rows in (reference, yours))
         unit = keys[character, method, metric]
         ratio = f"{new.value / old.value:.3f}" if old and new and old.value else "–"
-        cells = (rounded(row.value, unit, row.sd) if row else "–" for row in (old, new))
+        cells = (round_off(row.value, unit, row.sd) if row else "–" for row in (old, new))
         label = f"{character}, {NO_METHODS.get(method) or method_named(method).title}, {metric} [{unit}]"
-        body.append((label, published(theirs), *cells, ratio))
+        body.append((label, paper_value(theirs), *cells, ratio))
     return Table(f"{table}: the paper's rig | the reference results | yours", (_header(reference, yours),), tuple(body))
 
 
@@ -47,24 +47,24 @@ def compare_folders(paper: Path, reference: Path, yours: Path, tables: Sequence[
             f"{yours}: there are no results of yours to compare yet; "
             f"{' or '.join(f'`make {table}`' for table in tables)} makes some."
         )
-    compared = []
+    comparisons = []
     for table in tables:
         if table in present[reference] or table in present[yours]:
             rows = (
                 read_results(folder / f"{table}.csv") if table in present[folder] else []
                 for folder in (reference, yours)
             )
-            compared.append(compare(read_results(paper / f"{table}.csv"), *rows, table))
-    return compared
+            comparisons.append(compare(read_results(paper / f"{table}.csv"), *rows, table))
+    return comparisons
 
 
-def _compared(row: Row) -> bool:
+def _has_line(row: Row) -> bool:
     return not row.metric.endswith(("_p95", "_max", "_left_out", "_least", "_most")) and "texels" not in row.metric
 
 
-def _order(key: tuple[str, str, str], ordered: Sequence[str]) -> tuple:
+def _order(key: tuple[str, str, str], order: Sequence[str]) -> tuple:
     character, method, metric = key
-    place = ordered.index(method) if method in ordered else len(ordered)
+    place = order.index(method) if method in order else len(order)
     return character, metric != "vertex_error_mean", metric, place, method
 
 

@@ -18,7 +18,7 @@ from replicate.engine.atomic_files import write_text
 from replicate.engine.code_hash import code_digest
 from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.folders import short_temporary_folder
-from replicate.engine.paths import REFERENCE, ROOT, run_folder, shown
+from replicate.engine.paths import REFERENCE, ROOT, display_path, run_folder
 from replicate.engine.provenance import as_lines
 from replicate.report.cast import order_of
 from replicate.report.manifest import section
@@ -59,16 +59,16 @@ def figure_files(name: str, target: str) -> dict[str, list[Path]]:
     pictures = {}
     for character, facts in section(folder, target).get("characters", {}).items():
         pictures[character] = [folder / file for file in facts.get("files", ()) if file.endswith(".png")]
-        gone = [file for file in pictures[character] if not file.is_file()]
-        if gone:
-            raise InputError(f"{gone[0]}: there is no such picture; `make {target}` draws it.")
+        missing = [file for file in pictures[character] if not file.is_file()]
+        if missing:
+            raise InputError(f"{missing[0]}: there is no such picture; `make {target}` draws it.")
     return dict(sorted(pictures.items(), key=lambda item: order_of(item[0])))
 
 
 def provenance_text(name: str, target: str = "table2") -> str:
     """Return where the results of a target come from, in a few lines, from the manifest beside them."""
     folder = folder_of(name)
-    manifest, lines = section(folder, target), {"results": shown(folder)}
+    manifest, lines = section(folder, target), {"results": display_path(folder)}
     for character, own in (manifest.get("characters") or {"": {}}).items():
         facts = {**manifest, **own}
         for label, value in _facts_in_words(facts).items():
@@ -218,8 +218,8 @@ def run_notebook(name: str, results: str, **parameters: object) -> Path:
     """
     source = NOTEBOOKS / f"{name}.ipynb"
     if not source.is_file():
-        allowed = ", ".join(sorted(path.stem for path in NOTEBOOKS.glob("*.ipynb")))
-        raise InputError(f"{source}: there is no such notebook; allowed are {allowed}.")
+        choices = ", ".join(sorted(path.stem for path in NOTEBOOKS.glob("*.ipynb")))
+        raise InputError(f"{source}: there is no such notebook; allowed are {choices}.")
     if results == "reference":
         execute(source, source, {"RESULTS": results, **parameters})
         return source

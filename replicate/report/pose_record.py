@@ -34,11 +34,11 @@ class PoseRecord:
     props: tuple[tuple[str, np.ndarray, np.ndarray, np.ndarray | tuple[float, float, float]], ...] = ()
 
     def __post_init__(self) -> None:
-        coloured = tuple(
+        props = tuple(
             (name, vertices, faces, colour if np.ndim(colour) == 2 else colour_in_bytes(colour))
             for name, vertices, faces, colour in self.props
         )
-        object.__setattr__(self, "props", coloured)
+        object.__setattr__(self, "props", props)
 
 
 def save_pose(path: Path, record: PoseRecord) -> None:
@@ -50,10 +50,10 @@ def save_pose(path: Path, record: PoseRecord) -> None:
     arrays["offsets"], facts["step_mm"] = np.rint(offsets / step).astype(np.int16), step
     for k, (name, vertices, faces, colour) in enumerate(record.props):
         arrays[f"prop_{k}_vertices"], arrays[f"prop_{k}_faces"] = np.float32(vertices), np.int32(faces)
-        painted = np.ndim(colour) == 2
-        if painted:
+        has_paint = np.ndim(colour) == 2
+        if has_paint:
             arrays[f"prop_{k}_colours"] = np.asarray(colour, np.uint8)
-        facts["props"].append([name, None if painted else list(colour)])
+        facts["props"].append([name, None if has_paint else list(colour)])
     arrays["facts"] = np.frombuffer(json.dumps(facts, sort_keys=True).encode(), np.uint8)
     with replacing(path) as new:
         np.savez_compressed(new, **arrays)

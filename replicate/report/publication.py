@@ -46,22 +46,22 @@ def check_results_folder(profile: str) -> None:
 
 def by_character(results: Sequence[CharacterResult]) -> dict[str, list[CharacterResult]]:
     """Return the results by character: a list over its seeds."""
-    seeded: dict[str, list[CharacterResult]] = {}
+    groups: dict[str, list[CharacterResult]] = {}
     for one in results:
-        seeded.setdefault(recipe_paths.recipe_file(one.config.character).stem, []).append(one)
-    return seeded
+        groups.setdefault(recipe_paths.recipe_file(one.config.character).stem, []).append(one)
+    return groups
 
 
-def facts_of(seeded: Sequence[CharacterResult], run: str) -> dict:
+def facts_of(results: Sequence[CharacterResult], run: str) -> dict:
     """Return what a manifest says of one character's results; run: the name of the run that they are of."""
-    return manifest.facts_of([one.config for one in seeded], [one.stage for one in seeded], run)
+    return manifest.facts_of([one.config for one in results], [one.stage for one in results], run)
 
 
 def alone(folder: Path) -> contextlib.AbstractContextManager[None]:
     """Return a context manager that holds the lock of a folder of results, which stands beside it."""
 
     def waiting() -> None:
-        print(f"{paths.shown(folder)}: being written by another process; waiting for it", flush=True)
+        print(f"{paths.display_path(folder)}: being written by another process; waiting for it", flush=True)
 
     return hold(_lock(folder), waiting)
 
@@ -87,15 +87,15 @@ def publish_pictures(name: str, results: Sequence[CharacterResult]) -> None:
     from replicate.report.notebooks import run_notebook
 
     profile = results[0].config.profile
-    folder, seeded = results_folder(profile), by_character(results)
+    folder, groups = results_folder(profile), by_character(results)
     with alone(folder):
         before = manifest.entries(folder, name)
         facts = {
             character: own
             for character, own in before.items()
-            if character not in seeded and all((folder / file).is_file() for file in own.get("files", ["?"]))
+            if character not in groups and all((folder / file).is_file() for file in own.get("files", ["?"]))
         }
-        for character, (first, *_) in seeded.items():
+        for character, (first, *_) in groups.items():
             files = sorted(file for file in first.folder.glob(f"{name}_{character}*") if file.is_file())
             for file in before.get(character, {}).get("files", ()):
                 if file not in {path.name for path in files}:
@@ -105,7 +105,9 @@ def publish_pictures(name: str, results: Sequence[CharacterResult]) -> None:
             facts[character] = {**facts_of([first], first.stage.key), "files": [file.name for file in files]}
         manifest.write_entries(folder, name, dict(sorted(facts.items())))
         run_notebook(name, profile)
-    for character in seeded:
+    for character in groups:
         pictures = [file for file in facts[character]["files"] if file.endswith(".png")]
-        print(f"written to {paths.shown(folder)}: {', '.join(pictures)}, with their words and numbers beside them")
-    print(f"written to {paths.shown(folder)}: {name}.ipynb to read them in")
+        print(
+            f"written to {paths.display_path(folder)}: {', '.join(pictures)}, with their words and numbers beside them"
+        )
+    print(f"written to {paths.display_path(folder)}: {name}.ipynb to read them in")

@@ -16,7 +16,7 @@ UNITS = ("mm", "deg", "ms", "MB", "count", "ratio")
 KEY = ("table", "character", "method", "metric")  # what a number is
 SCHEMA = (
     *map(Column, KEY),
-    Column("unit", allowed=UNITS),
+    Column("unit", choices=UNITS),
     Column("value", "finite number"),
     Column("sd", "finite number", optional=True),
     Column("seeds", "whole number", optional=True),

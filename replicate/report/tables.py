@@ -23,7 +23,7 @@ class Table:
     text_columns: int = 1
 
 
-def rounded(value: float | None, unit: str, sd: float | None = None) -> str:
+def round_off(value: float | None, unit: str, sd: float | None = None) -> str:
     """Return a value as it is shown: two decimals, three for less than 0.1 mm; "–" where there is none.
 
     A standard deviation too small for those decimals gets up to two more, if its first digit is among them.
@@ -37,7 +37,7 @@ def rounded(value: float | None, unit: str, sd: float | None = None) -> str:
     return f"{value:,.{digits}f} ± {sd:.{finer}f}"
 
 
-def published(row: Row | None) -> str:
+def paper_value(row: Row | None) -> str:
     """Return a paper's value with the digits that it was printed with; "?" marks one that the scan makes doubtful."""
     if row is None:
         return "–"
@@ -66,7 +66,7 @@ def as_markdown(table: Table) -> str:
     for upper in table.headers[:-1]:
         header = [
             f"{span}: {cell}" if span and cell else cell or span
-            for span, cell in zip(_filled(upper), header, strict=True)
+            for span, cell in zip(_fill(upper), header, strict=True)
         ]
     sides = [":--" if column < table.text_columns else "--:" for column in range(len(header))]
     lines = [f"**{table.title}**", "", _bar(header), _bar(sides)]
@@ -144,7 +144,7 @@ def _spans(header: Sequence[str]) -> list[tuple[str, int]]:
     return [(text, n) for text, n in spans]
 
 
-def _filled(header: Sequence[str]) -> list[str]:
+def _fill(header: Sequence[str]) -> list[str]:
     return [text for text, n in _spans(header) for _ in range(n)]
 
 
@@ -153,8 +153,8 @@ def _bar(cells: Sequence[str]) -> str:
 
 
 def _tex(text: str) -> str:
-    for plain, escaped in _TEX.items():
-        text = text.replace(plain, escaped)
+    for plain, escape in _TEX.items():
+        text = text.replace(plain, escape)
     return text
 
 

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 from replicate.config import PROFILES
 from replicate.engine.exceptions import InputError
-from replicate.engine.paths import PAPER, REFERENCE, run_folder, shown
+from replicate.engine.paths import PAPER, REFERENCE, display_path, run_folder
 from replicate.report.results import KEY, read_table
 
 if TYPE_CHECKING:
     import pandas
 
-COMMITTED = {"reference": REFERENCE, "published": PAPER}
+FOLDERS = {"reference": REFERENCE, "published": PAPER}
 TABLE_FILE = re.compile(r"(table\d+|bench_\w+)\.csv")  # other CSV files hold what is behind a figure
 
 
@@ -27,22 +27,22 @@ def read_run(run: str) -> "pandas.DataFrame":
     folder = _folder(run)
     files = sorted(file for file in folder.glob("*.csv") if TABLE_FILE.fullmatch(file.name))
     if not files:
-        raise InputError(f"{shown(folder)}: there are no results yet; {_how_to_make(run)}.")
+        raise InputError(f"{display_path(folder)}: there are no results yet; {_how_to_make(run)}.")
     tables = pandas.concat({file: read_table(file) for file in files}, names=["file", "line"])
-    repeated = tables.index[tables.duplicated(list(KEY))]
-    if len(repeated):
-        file, line = repeated[0]
+    repetitions = tables.index[tables.duplicated(list(KEY))]
+    if len(repetitions):
+        file, line = repetitions[0]
         key = tuple(tables.loc[(file, line), list(KEY)])
         raise InputError(f"{file}, line {line + 2}: found a second row for {key}, which another file has already.")
     return tables.reset_index(drop=True)
 
 
 def _folder(run: str) -> Path:
-    if run in COMMITTED:
-        return COMMITTED[run]
+    if run in FOLDERS:
+        return FOLDERS[run]
     if run not in (*PROFILES, "bench"):
-        allowed = ", ".join((*COMMITTED, *PROFILES, "bench"))
-        raise InputError(f"there are no results named {run!r}: allowed are {allowed}.")
+        choices = ", ".join((*FOLDERS, *PROFILES, "bench"))
+        raise InputError(f"there are no results named {run!r}: allowed are {choices}.")
     return run_folder(run)
 
 

@@ -76,10 +76,10 @@ def measure_lids(
     rig: Rig, eyes: Eyes, params: Float[np.ndarray, " m"], vertices: Float[np.ndarray, "n 3"]
 ) -> dict[str, Lids]:
     """Return side → Lids for the eyes that blink fully in a pose (m,); vertices: the rig's in that pose."""
-    closed = [side for side in SIDES if params[eyes.blink[side]] >= FULL_BLINK]
-    balls = _eyeballs(rig.pose_props(params)) if closed else {}
+    sides = [side for side in SIDES if params[eyes.blink[side]] >= FULL_BLINK]
+    balls = _eyeballs(rig.pose_props(params)) if sides else {}
     lids = {}
-    for side in closed:
+    for side in sides:
         around = eyes.around[side]
         turn, _ = align(rig.mesh.neutral[around].astype(float), vertices[around].astype(float))
         shows, out = _rays(*balls[side], vertices[eyes.faces[side]], eyes.forward[side] @ turn)

@@ -133,8 +133,8 @@ def _lolling_over(mouth: Mouth, posed: np.ndarray, through: np.ndarray) -> Bool[
     if not len(mouth.lolling) or not out[mouth.lolling].any():
         return np.zeros(len(out), bool)
     start, end = posed[mouth.points[mouth.lolling.T]]
-    crossed, _ = ray_hits(start, end - start, posed[mouth.skin])
-    a, b = mouth.lolling[~np.isfinite(crossed)].T
+    hits, _ = ray_hits(start, end - start, posed[mouth.skin])
+    a, b = mouth.lolling[~np.isfinite(hits)].T
     _, part = connected_components(sparse.coo_matrix((np.ones(len(a)), (a, b)), (len(out), len(out))), directed=False)
     tongue = np.unique(mouth.lolling)
     behind = np.bincount(part[tongue], ~out[tongue])

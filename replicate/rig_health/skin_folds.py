@@ -47,9 +47,9 @@ class Skin:
 
     @cached_property
     def _sharp(self) -> Bool[np.ndarray, " f"]:
-        return self._turned(self.mesh.neutral[None])[0]
+        return self._is_against_mean(self.mesh.neutral[None])[0]
 
-    def _turned(self, vertices: np.ndarray) -> Bool[np.ndarray, "b f"]:
+    def _is_against_mean(self, vertices: np.ndarray) -> Bool[np.ndarray, "b f"]:
         vectors = face_vectors(vertices, self.faces)
         f = len(self.faces)
         mean = self._around @ np.ascontiguousarray(vectors.transpose(1, 0, 2)).reshape(f, -1)
@@ -57,7 +57,7 @@ class Skin:
 
     def flipped(self, vertices: Float[np.ndarray, "b n 3"]) -> Bool[np.ndarray, "b f"]:
         """Return which of the skin's triangles are flipped in each pose."""
-        return self._turned(vertices) & ~self._sharp
+        return self._is_against_mean(vertices) & ~self._sharp
 
     def furthest(self, vertices: Float[np.ndarray, "b n 3"]) -> Float[np.ndarray, " b"]:
         """Return how far the furthest vertex is from the neutral's middle, in sizes of the head: 1 is the neutral's."""

@@ -21,8 +21,8 @@ from replicate.rig_health.skin_folds import Skin
 if TYPE_CHECKING:
     import matplotlib.figure
 
-SHOWN, COLUMNS = 10, 5
-FLIPPED, BESIDE, OUTSIDE = (220, 0, 110), (250, 190, 90), (220, 0, 110)
+POSES, COLUMNS = 10, 5
+FLIP_COLOUR, BESIDE, OUTSIDE = (220, 0, 110), (250, 190, 90), (220, 0, 110)
 SKIN = (214, 206, 198)
 LEAST = {"flips": 1e-9, "through": 0.05}  # what is worth a picture: a share, mm
 
@@ -34,8 +34,8 @@ def worst_poses(
 
     sets: of poses, each with `kind`, `names` and `health`, as the benchmark of poses has them.
     """
-    flips = _ranked(sets, lambda health: health.flipped, "flips")
-    deep = _ranked(sets, lambda health: health.through.get("teeth", ()), "through")
+    flips = _rank(sets, lambda health: health.flipped, "flips")
+    deep = _rank(sets, lambda health: health.through.get("teeth", ()), "through")
     skin, mouth = Skin(rig.mesh), find_mouth(rig.mesh)
     pictures, titles = [], []
     for value, name, params in flips:
@@ -76,7 +76,7 @@ def _words(rig, flips: list, deep: list) -> Words:
     )
 
 
-def _ranked(sets: Sequence, value_of, kind: str) -> list[tuple[float, str, np.ndarray]]:
+def _rank(sets: Sequence, value_of, kind: str) -> list[tuple[float, str, np.ndarray]]:
     """Return the largest values of all sets with their poses' names and parameters, one a clip, largest first."""
     entries: dict[str, tuple[float, str, np.ndarray]] = {}
     for one in sets:
@@ -87,9 +87,9 @@ def _ranked(sets: Sequence, value_of, kind: str) -> list[tuple[float, str, np.nd
             if source not in entries and values[k] >= LEAST[kind]:  # a sample can be in two sets
                 entries[source] = float(values[k]), one.names[k], one.health.params[k]
                 count += 1
-            if count == SHOWN:
+            if count == POSES:
                 break
-    return sorted(entries.values(), key=lambda entry: -entry[0])[:SHOWN]
+    return sorted(entries.values(), key=lambda entry: -entry[0])[:POSES]
 
 
 def _flip_colours(mesh: Mesh, skin: Skin, flipped: Bool[np.ndarray, " f"]) -> np.ndarray:
@@ -98,14 +98,14 @@ def _flip_colours(mesh: Mesh, skin: Skin, flipped: Bool[np.ndarray, " f"]) -> np
     near = np.zeros(len(mesh.neutral), bool)
     near[skin.faces[flipped]] = True
     colours[near[mesh.faces].any(1)] = BESIDE
-    colours[skin.face_indices[flipped]] = FLIPPED
+    colours[skin.face_indices[flipped]] = FLIP_COLOUR
     return colours
 
 
 def _following(camera: Camera, rest: Float[np.ndarray, "k 3"], posed: Float[np.ndarray, "k 3"]) -> Camera:
-    """Return the camera moved as the middle of some vertices has, so that a bent head stays in the picture."""
-    moved = (posed - rest).mean(0)
-    return replace(camera, focus=tuple(float(x) for x in np.asarray(camera.focus) + moved))
+    """Return the camera shifted with the middle of some vertices, so that a bent head stays in the picture."""
+    shift = (posed - rest).mean(0)
+    return replace(camera, focus=tuple(float(x) for x in np.asarray(camera.focus) + shift))
 
 
 def _picture(rig, params, vertices, colours, camera: Camera, width: int, height: int, renderer) -> np.ndarray:

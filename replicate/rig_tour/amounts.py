@@ -11,7 +11,7 @@ from replicate.engine.exceptions import InputError
 SIDES = ("left", "right")
 
 
-def posed(rig: Rig, amounts: Mapping[str, float]) -> Float32[np.ndarray, " m"]:
+def pose_params(rig: Rig, amounts: Mapping[str, float]) -> Float32[np.ndarray, " m"]:
     """Return parameters (m,): the defaults and these amounts; "*" in a name stands for both sides.
 
     Controls that a smaller rig lacks are left out. Raises InputError if it lacks all of them.

@@ -76,10 +76,10 @@ class ControlPanel:
             style={"description_width": "170px"},
             layout=widgets.Layout(width="400px"),
         )
-        slider.observe(lambda change: self._moved(column, change["new"]), "value")
+        slider.observe(lambda change: self._move(column, change["new"]), "value")
         return slider
 
-    def _moved(self, column: int, value: float) -> None:
+    def _move(self, column: int, value: float) -> None:
         self.params[column] = value
         if not self._held:
             self.draw()
@@ -90,8 +90,8 @@ class ControlPanel:
     def show(self, expression: str) -> None:
         """Set all sliders to an expression, "neutral" for none. Raises InputError for one that the rig lacks."""
         if expression not in self._presets:
-            allowed = ", ".join(self._presets)
-            raise InputError(f"rig '{self.rig.name}': it has no expression '{expression}'; allowed are {allowed}.")
+            choices = ", ".join(self._presets)
+            raise InputError(f"rig '{self.rig.name}': it has no expression '{expression}'; allowed are {choices}.")
         self._held = True
         try:
             self.expression.value = expression
@@ -107,17 +107,17 @@ class ControlPanel:
         if self._held:
             return
         camera = camera_for(self.camera.value, self.rig.mesh.neutral)
-        started = time.perf_counter()
+        start = time.perf_counter()
         surfaces = character_surfaces(self.rig, self.params, camera)
         if not self.wrinkles.value:
             smooth = self.rig.run_nodes(self.params[None], skip=("wrinkles",))[0]
             surfaces[0] = replace(surfaces[0], vertices=smooth)
-        posed = time.perf_counter()
+        rig_end = time.perf_counter()
         self.picture = self._view.draw(surfaces, camera)
-        rendered = time.perf_counter()
+        drawing_end = time.perf_counter()
         self._image.value = _png(self.picture)
-        ended = time.perf_counter()
-        parts = {"rig": posed - started, "drawing": rendered - posed, "PNG": ended - rendered, "all": ended - started}
+        end = time.perf_counter()
+        parts = {"rig": rig_end - start, "drawing": drawing_end - rig_end, "PNG": end - drawing_end, "all": end - start}
         self.times_ms = {name: 1e3 * seconds for name, seconds in parts.items()}
         self._words.value = "  ".join(f"{name} {ms:.0f} ms" for name, ms in self.times_ms.items())
 

@@ -12,7 +12,7 @@ from replicate.drawing.panels import DPI, Words, panel_grid
 from replicate.drawing.render import render
 from replicate.drawing.scene import Surface, camera_for
 from replicate.drawing.style import tidy
-from replicate.rig_tour.amounts import posed
+from replicate.rig_tour.amounts import pose_params
 from replicate.rig_tour.layers import clay
 
 if TYPE_CHECKING:
@@ -61,21 +61,21 @@ def strain_sheet(
     """Return (figure, words): the diffused compression of every region in some poses, and the folds that it raises."""
     view = camera_for("front", rig.mesh.neutral)
     draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
-    strained, folded, spoken = [], [], []
+    strain_row, clay_row, percentages = [], [], []
     for title, params in poses.items():
         vertices, compression = rig(params), strain(rig, params)
         paint = strain_colours(compression, limit)
-        strained.append(draw([Surface(vertices, rig.mesh.faces, lit=False, smooth=False, paint=paint)]))
-        folded.append(draw(clay(rig, vertices, params)))
-        spoken.append(f"{title} {100 * np.nanmax(compression):.0f} %")
+        strain_row.append(draw([Surface(vertices, rig.mesh.faces, lit=False, smooth=False, paint=paint)]))
+        clay_row.append(draw(clay(rig, vertices, params)))
+        percentages.append(f"{title} {100 * np.nanmax(compression):.0f} %")
     figure = panel_grid(
-        [strained, folded], list(poses), ("compression", "surface"), (0, 0, partial(strain_bar, limit=limit))
+        [strain_row, clay_row], list(poses), ("compression", "surface"), (0, 0, partial(strain_bar, limit=limit))
     )
     return figure, Words(
         f"The character {rig.name} in {len(poses)} poses, above coloured by compression, below as clay. Largest "
-        f"compression: {', '.join(spoken)}.",
+        f"compression: {', '.join(percentages)}.",
         f"Compression c̃ across the folds of each region of {rig.name}; grey skin is in no region. Largest: "
-        f"{', '.join(spoken)}.",
+        f"{', '.join(percentages)}.",
     )
 
 
@@ -89,7 +89,7 @@ def fold_chart(
     """
     from matplotlib.figure import Figure
 
-    whole = posed(rig, amounts)
+    whole = pose_params(rig, amounts)
     states = [rig.wrinkle_states(rig.default + step * (whole - rig.default))[region] for step in STEPS]
     last = states[-1]
     best = int(np.argmax(np.abs(last.height_mm)))

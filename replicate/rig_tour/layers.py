@@ -15,7 +15,7 @@ from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.scene import Surface, camera_for
 from replicate.report.tables import Table
-from replicate.rig_tour.amounts import posed
+from replicate.rig_tour.amounts import pose_params
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -95,19 +95,19 @@ def layer_sheet(
 
     Everything else is the same in both, the layers that come after included. rig: one built from a recipe.
     """
-    pictures, titles, spoken = [], [], []
+    pictures, titles, sentences = [], [], []
     for exhibit in exhibits:
-        params = posed(rig, exhibit.amounts)
+        params = pose_params(rig, exhibit.amounts)
         view = camera_for(exhibit.camera, rig.mesh.neutral)
         on, off = rig.run_nodes(params[None])[0], rig.run_nodes(params[None], skip=(exhibit.node,))[0]
-        moved = np.linalg.norm(on - off, axis=1)
-        limit = scale_for(moved)
-        heat = Surface(on, rig.mesh.faces, lit=False, smooth=False, paint=error_colours(moved, limit))
+        distance = np.linalg.norm(on - off, axis=1)
+        limit = scale_for(distance)
+        heat = Surface(on, rig.mesh.faces, lit=False, smooth=False, paint=error_colours(distance, limit))
         draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
         eyes = rig.default if exhibit.node == "head_shape" else params  # eyeballs are squashed with the head
         pictures += [draw(clay(rig, off, eyes)), draw(clay(rig, on, params)), draw([heat])]
         titles += [f"{exhibit.title}: off", "on", f"0–{limit:g} mm"]
-        spoken.append(f"{exhibit.title} {moved.max():.1f} mm")
+        sentences.append(f"{exhibit.title} {distance.max():.1f} mm")
     across = 3 * ABREAST
     blank = np.full((height, width, 3), 255, np.uint8)
     pictures, titles = pictures + [blank] * (-len(pictures) % across), titles + [""] * (-len(titles) % across)
@@ -116,9 +116,9 @@ def layer_sheet(
     figure = panel_grid(rows, [titles[k : k + across] for k in range(0, len(titles), across)], bar=bar)
     return figure, Words(
         f"For each layer of the character {rig.name}'s rig two clay renders, without and with it, and a heatmap. "
-        f"Largest displacements: {', '.join(spoken)}.",
+        f"Largest displacements: {', '.join(sentences)}.",
         f"Each layer of {rig.name} off and on, in a pose that shows it, all others on. Heatmaps: how far the layer "
-        f"moves the final surface; each has the scale above it. At most: {', '.join(spoken)}.",
+        f"moves the final surface; each has the scale above it. At most: {', '.join(sentences)}.",
     )
 
 
@@ -138,7 +138,7 @@ def build_up(
     renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): one pose after each node, from the neutral face on."""
-    params = posed(rig, amounts)
+    params = pose_params(rig, amounts)
     view = camera_for("front", rig.mesh.neutral)
     pictures, titles = [], []
     for name, state in rig.node_steps(params[None]):
@@ -165,11 +165,11 @@ def layer_table(rig: Rig, poses: Float[np.ndarray, "b m"], exhibits: Sequence[Ex
     whole = rig.run_nodes(poses)
     lines = []
     for exhibit in exhibits:
-        moved = np.linalg.norm(whole - rig.run_nodes(poses, skip=(exhibit.node,)), axis=2)
-        touched = moved > MOVED_MM
-        mean = moved[touched].mean() if touched.any() else 0.0
-        share = f"{100 * touched.mean():.0f} %"
-        lines.append((exhibit.title, exhibit.does, share, f"{mean:.2f}", f"{moved.max():.1f}"))
+        distance = np.linalg.norm(whole - rig.run_nodes(poses, skip=(exhibit.node,)), axis=2)
+        mask = distance > MOVED_MM
+        mean = distance[mask].mean() if mask.any() else 0.0
+        share = f"{100 * mask.mean():.0f} %"
+        lines.append((exhibit.title, exhibit.does, share, f"{mean:.2f}", f"{distance.max():.1f}"))
     return Table(
         f"What each layer of {rig.name} adds",
         (("", "what it does", "vertices moved", "mean, mm", "largest, mm"),),
@@ -181,9 +181,9 @@ def layer_table(rig: Rig, poses: Float[np.ndarray, "b m"], exhibits: Sequence[Ex
     )
 
 
-def scale_for(moved: Float[np.ndarray, " n"]) -> float:
+def scale_for(distance: Float[np.ndarray, " n"]) -> float:
     """Return the first of `SCALES_MM` that all but one vertex in a thousand stay below."""
-    far = float(np.quantile(moved, 0.999))
+    far = float(np.quantile(distance, 0.999))
     return next((scale for scale in SCALES_MM if far <= scale), SCALES_MM[-1])
 
 

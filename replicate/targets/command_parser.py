@@ -36,7 +36,7 @@ def command(arguments: Sequence[str] | None = None) -> None:
     target = targets().get(words[0]) if words else None
     own = without_foreign(words, {f"--{option}" for option in target.options} if target else ())
     options = parser().parse_args(own)
-    options.typed = ["python", "-m", "replicate", *own]
+    options.command_line = ["python", "-m", "replicate", *own]
     targets()[options.target].run(options)
 
 

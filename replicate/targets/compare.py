@@ -17,6 +17,6 @@ def run(options: argparse.Namespace) -> None:
     from replicate.targets.target_registry import targets
 
     check_profile(options.profile)
-    tables = [name for name, target in targets().items() if target.compared]
+    tables = [name for name, target in targets().items() if target.in_comparison]
     for table in compare_folders(paths.PAPER, paths.REFERENCE, paths.run_folder(options.profile), tables):
         print(as_latex(table) if options.latex else as_text(table))

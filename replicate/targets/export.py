@@ -17,9 +17,9 @@ def run(options: argparse.Namespace) -> None:
     from replicate.export.command import Request, export
 
     request = Request(options.pose, options.clip, options.params, options.to, options.tolerance)
-    named = characters(options)
-    if request.to is not None and len(named) > 1:
-        raise InputError(f"{len(named)} characters can't all be written to {request.to}: name one, or leave out to")
-    for character in named:
+    names = characters(options)
+    if request.to is not None and len(names) > 1:
+        raise InputError(f"{len(names)} characters can't all be written to {request.to}: name one, or leave out to")
+    for character in names:
         files, about = export(rig_of(character), request)
-        print(f"written to {', '.join(paths.shown(file.absolute()) for file in files)}: {about}")
+        print(f"written to {', '.join(paths.display_path(file.absolute()) for file in files)}: {about}")

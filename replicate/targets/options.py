@@ -86,7 +86,7 @@ def characters(options: argparse.Namespace) -> list[str]:
         file = recipe_file(character)
         first, _ = recipes.setdefault(file.stem, (file, character))
         if first != file:
-            both = f"{paths.shown(first)} and {paths.shown(file)}"
+            both = f"{paths.display_path(first)} and {paths.display_path(file)}"
             raise InputError(f"{both} would both be {file.stem!r} in the results: rename one of them")
     if not recipes:
         raise InputError(f"no character is named: allowed are {', '.join(character_names())}")

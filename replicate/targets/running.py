@@ -21,6 +21,6 @@ def make(options: argparse.Namespace, stages: Callable[[Plan], Sequence[Stage]])
     graphs = [list(stages(Plan(config))) for config in configs]
     side_by_side = workers(options)
     check_results_folder(options.profile)  # an error now is better than one after hours
-    facts = provenance(options.typed, options.profile, sorted({config.seed for config in configs}), side_by_side)
+    facts = provenance(options.command_line, options.profile, sorted({config.seed for config in configs}), side_by_side)
     run([stage for graph in graphs for stage in graph], side_by_side, facts, options.cluster)
     return [CharacterResult(config, graph[-1]) for config, graph in zip(configs, graphs, strict=True)]

@@ -16,7 +16,7 @@ class Target:
 
     about: what it makes, for lists. writes: where. options: those of `options.OPTIONS` that it takes. characters: those
     that it takes if none is named. run: does it. stages: (plan, methods) → its graph for one character, its result
-    last; None for a target without one. compared: whether `make compare` shows its CSV.
+    last; None for a target without one. in_comparison: whether `make compare` shows its CSV.
     """
 
     name: str
@@ -26,7 +26,7 @@ class Target:
     characters: Callable[[], tuple[str, ...]]
     run: Callable[[argparse.Namespace], None]
     stages: Callable | None
-    compared: bool
+    in_comparison: bool
 
 
 def one_character() -> tuple[str, ...]:
@@ -49,6 +49,6 @@ def targets() -> dict[str, Target]:
                 getattr(module, "CHARACTERS", one_character),
                 module.run,
                 getattr(module, "stages", None),
-                getattr(module, "COMPARED", False),
+                getattr(module, "IN_COMPARISON", False),
             )
-    return dict(sorted(registry.items(), key=lambda item: (item[1].stages is None, not item[1].compared, item[0])))
+    return dict(sorted(registry.items(), key=lambda item: (item[1].stages is None, not item[1].in_comparison, item[0])))

@@ -22,6 +22,6 @@ def run(options: argparse.Namespace) -> None:
         rig_of(character)  # here its progress is seen, and a bad recipe gets one sentence
         recipe = recipe_paths.recipe_file(character)
         file = folder / f"rig_tour_{recipe.stem}.ipynb"
-        named = str(recipe) if character.endswith(".toml") else character  # the notebook runs in another folder
-        execute(NOTEBOOKS / "rig_tour.ipynb", file, {"CHARACTER": named})
-        print(f"written to {paths.shown(file)}")
+        name = str(recipe) if character.endswith(".toml") else character  # the notebook runs in another folder
+        execute(NOTEBOOKS / "rig_tour.ipynb", file, {"CHARACTER": name})
+        print(f"written to {paths.display_path(file)}")

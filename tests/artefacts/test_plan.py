@@ -55,7 +55,7 @@ def test_all_seeds_share_the_rig_and_no_samples():
 def test_labels_notes_and_colours_of_the_projects_methods_change_no_key():
     before = [measurement.stage(plan(), method) for method in methods().values()]
     for stage, method in zip(before, methods().values(), strict=True):
-        other = replace(method, label="X", note="Other words.", mark="*", colour="#000000", place=1.0, drawn=False)
+        other = replace(method, label="X", note="Other words.", mark="*", colour="#000000", place=1.0, in_figures=False)
         assert measurement.stage(plan(), other).key == stage.key
 
 

@@ -17,7 +17,7 @@ def test_a_fit_ends_when_its_last_iterations_gain_next_to_nothing():
     while course.go_on(iteration, float(iteration), 1.0 + 0.9**iteration):
         iteration += 1
     gained = 1 - course.rmse[-1] / course.rmse[-1 - bench.WINDOW]
-    assert bench.LEAST < iteration < bench.MOST and 0 < gained < bench.SETTLED
+    assert bench.LEAST < iteration < bench.MOST and 0 < gained < bench.LEAST_GAIN
     assert course.time_to(1.5) == 7 and course.time_to(0.9) == float("inf")
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from plain_rig import PlainRig
 
-from replicate.benchmarks.bench_rig import BATCH, bench, rows, run_timed, shares, tables
+from replicate.benchmarks.bench_rig import BATCH, bench, rows, shares, tables, time_nodes
 
 
 class Doubling(PlainRig):
@@ -57,8 +57,8 @@ def test_each_node_gets_the_time_that_it_took():
             yield "slow", None
 
     seconds = {}
-    run_timed(Slow(), np.zeros((1, 3)), seconds)
-    run_timed(Slow(), np.zeros((1, 3)), seconds)
+    time_nodes(Slow(), np.zeros((1, 3)), seconds)
+    time_nodes(Slow(), np.zeros((1, 3)), seconds)
     assert seconds["slow"] >= 0.1 and seconds["slow"] > seconds["quick"]
 
 

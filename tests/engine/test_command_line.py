@@ -170,7 +170,7 @@ def test_an_interruption_is_a_sentence_also_while_modules_are_imported(start, fu
     assert process.stdout.readline().decode().strip() == word
     process.send_signal(signal.SIGINT)
     code, _, errors = ended(process)
-    assert (code, errors) == (130, command_line.INTERRUPTED + "\n")
+    assert (code, errors) == (130, command_line.INTERRUPTION + "\n")
 
 
 def test_an_interruption_that_the_shell_ignores_stays_ignored(start):

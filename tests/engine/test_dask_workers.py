@@ -7,16 +7,14 @@ import signal
 import sys
 import time
 
+import distributed
 import pytest
-from toy_runs import contents, gone, launch, processes_of, start, survivors, wait_for
+from toy_runs import contents, dask_workers_at_work, gone, launch, processes_of, start, survivors, wait_for
 from toy_stages import toy_graph
 
-distributed = pytest.importorskip("distributed", reason="needs Dask: pip install distributed")
-
-from replicate.engine.dask_clusters import local_workers  # noqa: E402, it imports Dask
+from replicate.engine.dask_clusters import local_workers
 
 STAGE = "replicate.engine.worker"
-DASK_WORKER = "spawn_main"
 GRAPH = (0.15, 10)  # seconds of a step, and steps: long enough to be killed on the way
 
 
@@ -33,11 +31,6 @@ def undisturbed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("undisturbed")
     assert start(folder, *GRAPH, 2).wait(120) == 0
     return contents(folder, toy_graph(*GRAPH))
-
-
-def dask_workers_at_work(folder):
-    """Return the Dask workers that watch over a stage."""
-    return [process for process in processes_of(folder, DASK_WORKER) if process.children()]
 
 
 def finish(process, seconds=120):

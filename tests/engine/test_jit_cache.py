@@ -13,11 +13,11 @@ ANSWER = "from replicate.geometry.kernel import answer; print(answer())"
 KERNEL = """
 from numba import njit
 
-from replicate.engine.jit_cache import KEPT
+from replicate.engine.jit_cache import KEEP_CODE
 from replicate.geometry.number import NUMBER
 
 
-@njit(cache=KEPT)
+@njit(cache=KEEP_CODE)
 def answer():
     return NUMBER
 """
@@ -61,6 +61,6 @@ def test_processes_of_one_state_share_a_folder_whoever_starts_them(tmp_path):
 
 
 def test_all_kernels_are_known():
-    asking = {file for file in (ROOT / "replicate").rglob("*.py") if "import KEPT" in file.read_text()}
+    asking = {file for file in (ROOT / "replicate").rglob("*.py") if "import KEEP_CODE" in file.read_text()}
     names = {".".join(file.relative_to(ROOT).with_suffix("").parts) for file in asking}
     assert names <= set(jit_cache.kernels()) and "replicate.approximation.kernels.tile_kernel" in jit_cache.kernels()

@@ -7,7 +7,7 @@ from replicate.engine.progress import progress, report_to
 def test_without_a_terminal_nothing_is_drawn(capfd):
     with progress(10, "counting") as bar:
         bar.update(3)
-    assert bar.done == 3 and capfd.readouterr() == ("", "")
+    assert bar.steps == 3 and capfd.readouterr() == ("", "")
 
 
 def test_a_worker_reports_where_it_began_and_where_it_ended():

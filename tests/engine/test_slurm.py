@@ -11,7 +11,6 @@ from slurm_node import jobs, obstacle, slurm_node
 from toy_runs import contents, processes_of, start, survivors, wait_for
 from toy_stages import toy_graph
 
-pytest.importorskip("dask_jobqueue", reason="needs dask-jobqueue: pip install distributed dask-jobqueue")
 if reason := obstacle():
     pytest.skip(reason, allow_module_level=True)
 

@@ -14,7 +14,7 @@ from replicate.engine.tidy_files import Column, read_csv, write_csv
 
 COLUMNS = (
     Column("name"),
-    Column("unit", allowed=("mm", "deg")),
+    Column("unit", choices=("mm", "deg")),
     Column("error", "finite number"),
     Column("loss", "number", optional=True),
     Column("poses", "whole number", optional=True),

@@ -64,6 +64,11 @@ def processes_of(folder: Path, program: str = "") -> list[psutil.Process]:
     return chosen
 
 
+def dask_workers_at_work(folder: Path) -> list[psutil.Process]:
+    """Return the Dask workers of a local cluster that watch over a stage."""
+    return [process for process in processes_of(folder, "spawn_main") if process.children()]
+
+
 def survivors(folder: Path, seconds: float = 10.0) -> list[str]:
     """Return the commands of the processes that still name a folder after a while; they are killed."""
     _, alive = psutil.wait_procs(processes_of(folder), timeout=seconds)

@@ -10,7 +10,7 @@ from replicate.engine.paths import PAPER
 from replicate.methods.method_registry import in_order, method_named
 from replicate.report.comparison import compare, compare_folders
 from replicate.report.results import Row, read_results, write_results
-from replicate.report.tables import Table, as_latex, as_markdown, as_text, published, rounded, unbroken
+from replicate.report.tables import Table, as_latex, as_markdown, as_text, paper_value, round_off, unbroken
 from replicate.targets.table2.error_table import table2, table2_overview
 from replicate.targets.table2.ratio_tables import table2_ratios, table2_segments
 
@@ -80,12 +80,12 @@ def test_latex_rows_have_as_many_columns_as_the_tabular():
                            (12510.0, "count", "12,510"), (1.25, "deg", "1.25")]
 )  # fmt: skip
 def test_values_are_rounded_where_they_are_shown(value, unit, shown):
-    assert rounded(value, unit) == shown
+    assert round_off(value, unit) == shown
 
 
 def test_a_doubtful_number_of_the_papers_carries_its_question_mark():
     rows = read_results(PAPER / "table3.csv")
-    shown = {published(row) for row in rows if row.character == "Hiccup" and row.method == "coarse"}
+    shown = {paper_value(row) for row in rows if row.character == "Hiccup" and row.method == "coarse"}
     assert shown == {"2.9", "6.4", "5.8?", "6.9?"}
 
 
@@ -151,7 +151,7 @@ def test_other_numbers_of_bones_stand_among_those_of_lbs():
      (0.000004, "mm", 0.000001, "0.000 ± 0.000"), (0.14, "deg", 0.00002, "0.14 ± 0.00")],
 )  # fmt: skip
 def test_a_spread_is_shown_to_its_first_digit(value, unit, sd, shown):
-    assert rounded(value, unit, sd) == shown
+    assert round_off(value, unit, sd) == shown
 
 
 def test_no_line_of_an_unbroken_text_ends_within_a_number_or_before_a_mark():

@@ -20,7 +20,7 @@ from replicate.rig_health.eyelids import find_eyes, measure_lids
 from replicate.rig_health.mouth_contents import deepest, depths, find_mouth
 from replicate.rig_health.pose_health import each_alone, measure, strongest, worst
 from replicate.rig_health.skin_folds import Skin
-from replicate.rig_health.worst_poses import FLIPPED, worst_poses
+from replicate.rig_health.worst_poses import FLIP_COLOUR, worst_poses
 
 
 @cache
@@ -323,5 +323,5 @@ def test_the_picture_of_the_worst_poses_marks_what_is_broken():
     figure, words = worst_poses(rig, measured, 60, 60, "software")
     pictures = [image.get_array() for axes in figure.axes for image in axes.get_images()]
     assert "1 with most flipped" in words.alt and "0 with teeth furthest" in words.alt
-    reddest = max((np.asarray(picture, int) - FLIPPED).__abs__().sum(-1).min() for picture in pictures[:1])
+    reddest = max((np.asarray(picture, int) - FLIP_COLOUR).__abs__().sum(-1).min() for picture in pictures[:1])
     assert reddest < 300

@@ -9,7 +9,7 @@ from data_recipes.catalogue import build_rig
 from replicate.drawing.render import working_renderer
 from replicate.drawing.scene import Camera, Surface
 from replicate.engine.exceptions import InputError
-from replicate.rig_tour.amounts import posed
+from replicate.rig_tour.amounts import pose_params
 from replicate.rig_tour.control_panel import control_panel, still
 from replicate.rig_tour.derivative import central, derivative_sheet
 from replicate.rig_tour.fold_growth import NO_REGION, fold_chart, strain, strain_colours
@@ -107,7 +107,7 @@ def test_every_node_has_an_exhibit_and_the_sheet_says_how_far_it_moves(tiny):
     assert [exhibit.node for exhibit in EXHIBITS] == nodes
     shown = [exhibit for exhibit in EXHIBITS if exhibit.node in ("jaw", "wrinkles")]
     figure, words = layer_sheet(tiny, shown, **SMALL)
-    params = posed(tiny, shown[0].amounts)[None]
+    params = pose_params(tiny, shown[0].amounts)[None]
     far = np.linalg.norm(tiny.run_nodes(params) - tiny.run_nodes(params, skip=("jaw",)), axis=-1).max()
     assert f"4 jaw {far:.1f} mm" in words.caption
     pictures = [axes.images[0].get_array() for axes in figure.axes if axes.images]
@@ -115,7 +115,7 @@ def test_every_node_has_an_exhibit_and_the_sheet_says_how_far_it_moves(tiny):
 
 
 def test_the_table_of_layers_measures_each_one(tiny):
-    poses = np.stack([tiny.default, posed(tiny, SMILE)])
+    poses = np.stack([tiny.default, pose_params(tiny, SMILE)])
     table = layer_table(tiny, poses, [exhibit for exhibit in EXHIBITS if exhibit.node in ("pose_curves", "head_shape")])
     curves, head = table.body
     moved = np.linalg.norm(tiny.run_nodes(poses) - tiny.run_nodes(poses, skip=("pose_curves",)), axis=2)
@@ -135,7 +135,7 @@ def test_scales_hold_what_they_show():
 
 
 def test_strain_is_painted_where_regions_are_and_rest_is_white(tiny):
-    rest, raised = strain(tiny, tiny.default), strain(tiny, posed(tiny, BROWS_UP))
+    rest, raised = strain(tiny, tiny.default), strain(tiny, pose_params(tiny, BROWS_UP))
     known = ~np.isnan(rest)
     assert 0.02 < known.mean() < 0.9 and np.abs(rest[known]).max() < 1e-3
     assert np.nanmax(raised) > 0.03
@@ -162,9 +162,9 @@ def test_a_derivative_is_that_of_finite_differences_and_of_a_known_control(tiny)
 
 
 def test_poses_are_named_amounts_on_both_sides(tiny):
-    params = posed(tiny, {"smile_*": 0.4, "no_such_control": 1.0})
+    params = pose_params(tiny, {"smile_*": 0.4, "no_such_control": 1.0})
     names = [control.name for control in tiny.controls]
     assert params[names.index("smile_left")] == params[names.index("smile_right")] == np.float32(0.4)
     assert np.count_nonzero(params) == 2
     with pytest.raises(InputError, match="none of the controls no_such_control"):
-        posed(tiny, {"no_such_control": 1.0})
+        pose_params(tiny, {"no_such_control": 1.0})

@@ -11,7 +11,7 @@ from plain_rig import PlainRig
 from data_recipes.controls import Control
 from data_recipes.rig import Clip
 from replicate.approximation.segments import Segment
-from replicate.drawing.rig_views import DISTINCT, UNUSED, legend_panel, open_mouth, read_lines
+from replicate.drawing.rig_views import DISTINCT, UNUSED_COLOUR, legend_panel, open_mouth, read_lines
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 from replicate.report.tables import as_text
@@ -84,7 +84,7 @@ def parts(*extents: tuple[int, int]) -> list[Segment]:
 def test_every_deforming_segment_has_a_colour_of_its_own_and_rigid_neighbours_differ(rig):
     colours = segment_palette(rig.mesh, [2, 3])
     assert colours == [DISTINCT[0], DISTINCT[1], RIGID[0], RIGID[1]]
-    assert len(set(DISTINCT)) == len(DISTINCT) >= 19 and not {*RIGID, UNUSED} & set(DISTINCT)
+    assert len(set(DISTINCT)) == len(DISTINCT) >= 19 and not {*RIGID, UNUSED_COLOUR} & set(DISTINCT)
     assert len(set(segment_palette(rig.mesh, []))) == 4
 
 
@@ -120,7 +120,7 @@ def test_figure_8_colours_faces_that_touch_a_segment_and_leaves_the_rest_grey(ri
     first, second = (rig.mesh.faces < 18).any(1), ((rig.mesh.faces >= 36) & (rig.mesh.faces < 45)).any(1)
     assert not (first & second).any() and 0 < first.sum() < len(first)
     assert (colours[first] == DISTINCT[0]).all() and (colours[second] == DISTINCT[1]).all()
-    assert (colours[~first & ~second] == UNUSED).all()
+    assert (colours[~first & ~second] == UNUSED_COLOUR).all()
 
 
 def test_the_lines_of_figure_8_add_up_to_the_mesh_and_to_all_of_the_error(rig, tmp_path):

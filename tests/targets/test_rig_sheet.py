@@ -8,7 +8,7 @@ from PIL import Image
 from plain_rig import PlainRig
 
 from replicate.drawing.characters import character_surfaces
-from replicate.drawing.scene import Camera, Surface, camera_for, framed, project
+from replicate.drawing.scene import Camera, Surface, camera_for, frame_surfaces, project
 from replicate.drawing.wireframe import quad_edges, wireframe
 from replicate.geometry.mesh import Mesh
 from replicate.targets.rigs.character_sheets import draw_line_up, draw_sheets
@@ -92,7 +92,7 @@ def test_sheets_and_line_up_are_written_small_and_with_their_words(rig, tmp_path
 def test_a_framed_camera_shows_all_of_the_surfaces_and_little_more(rig):
     surfaces = character_surfaces(rig, rig.default)
     for aspect in (0.6, 2.5):
-        camera = framed(camera_for("three_quarter", rig.mesh.neutral), surfaces, aspect)
+        camera = frame_surfaces(camera_for("three_quarter", rig.mesh.neutral), surfaces, aspect)
         pixels, _ = project(
             np.concatenate([s.vertices for s in surfaces]).astype(float), camera, round(100 * aspect), 100
         )

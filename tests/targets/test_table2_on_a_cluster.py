@@ -1,17 +1,16 @@
-"""Table 2 of tiny on Dask workers: the same CSV as on this machine alone, byte for byte."""
+"""Table 2 of tiny on Dask workers: the CSV of a run on this machine, byte for byte, whatever is killed meanwhile."""
 
-import importlib.util
 import os
 import subprocess
 import sys
+import time
 
 import pytest
+from toy_runs import dask_workers_at_work, processes_of, survivors, wait_for
 
 from replicate.engine.paths import ROOT
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("distributed") is None, reason="CLUSTER needs Dask: pip install distributed dask-jobqueue"
-)
+METHODS = ("coarse", "lbs", "linear", "neutral")
 FEW = """
 [samples]
 count = 300
@@ -30,24 +29,44 @@ test_poses = 20
 """
 
 
-def table2(folder, *more):
-    """Run Table 2 with few steps in a cache of its own; return the CSV's bytes and what was printed."""
-    config = folder.parent / "few.toml"
+@pytest.fixture(autouse=True)
+def nothing_survives(tmp_path):
+    """No process that a test has started outlives it."""
+    yield
+    assert survivors(tmp_path) == []
+
+
+def start(folder, *options):
+    """Start Table 2 of three seeds with few steps, in a cache of its own."""
+    folder.mkdir(exist_ok=True)
+    config = folder / "few.toml"
     config.write_text(FEW)
-    places = {"REPLICATE_CACHE": folder / "cache", "REPLICATE_RESULTS": folder / "results"}
-    environment = os.environ | {name: str(path) for name, path in places.items()}
-    command = ["table2", "--profile", "quick", "--characters", "tiny", "--seed", "0", "1", "2", "--numbers-only"]
-    command += ["--methods", "coarse", "lbs", "linear", "neutral", "--config", str(config), *more]
-    done = subprocess.run(
-        [sys.executable, "-m", "replicate", *command], env=environment, cwd=ROOT, capture_output=True, text=True
+    command = [sys.executable, "-m", "replicate", "table2", "--profile", "quick", "--characters", "tiny"]
+    command += ["--seed", "0", "1", "2", "--numbers-only", "--methods", *METHODS, "--config", str(config), *options]
+    places = {"REPLICATE_CACHE": str(folder / "cache"), "REPLICATE_RESULTS": str(folder / "results")}
+    return subprocess.Popen(
+        command, cwd=ROOT, env=os.environ | places, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    assert done.returncode == 0, done.stderr
-    return (folder / "results" / "quick" / "table2.csv").read_bytes(), done.stdout
 
 
-def test_three_seeds_on_two_dask_workers_give_the_local_csv(tmp_path):
-    here, _ = table2(tmp_path / "here")
-    there, printed = table2(tmp_path / "there", "--cluster", "local:2")
-    assert there == here
-    assert b",3," in here, "three seeds are behind a number"
-    assert "made " in printed
+def table(folder, process) -> bytes:
+    """Return the CSV that a run writes, which must succeed."""
+    _, complaints = process.communicate(timeout=600)
+    assert process.returncode == 0, complaints
+    return (folder / "results" / "quick" / "table2.csv").read_bytes()
+
+
+def test_a_sweep_on_dask_workers_gives_the_local_csv_though_workers_and_the_client_are_killed(tmp_path):
+    local, cluster = tmp_path / "local", tmp_path / "cluster"
+    expected = table(local, start(local))
+    assert b",3," in expected, "three seeds are behind a number"
+    client = start(cluster, "--cluster", "local:2")
+    for _ in range(2):
+        worker = wait_for(lambda: dask_workers_at_work(cluster), "Dask worker at work", 120)[0]
+        worker.kill()
+        time.sleep(1)
+    wait_for(lambda: processes_of(cluster, "replicate.engine.worker"), "stage", 120)
+    client.kill()
+    client.communicate()
+    assert survivors(cluster) == []
+    assert table(cluster, start(cluster, "--cluster", "local:2")) == expected

@@ -47,7 +47,7 @@ def test_a_target_says_what_it_makes_and_where_and_takes_known_options(capsys, t
 
 
 def test_tables_come_first_and_compare_knows_them():
-    assert [target.name for target in ALL if target.compared] == ["table1", "table2"]
+    assert [target.name for target in ALL if target.in_comparison] == ["table1", "table2"]
     assert list(targets())[:2] == ["table1", "table2"]
 
 

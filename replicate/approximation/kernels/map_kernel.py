@@ -16,7 +16,7 @@ import torch
 from numba import njit
 
 from replicate.approximation.kernels.tile_kernel import CHANNELS, TILE, correlate, multiply
-from replicate.engine.jit_cache import KEPT
+from replicate.engine.jit_cache import KEEP_CODE
 
 # _SHARE[p, t, k]: whether row k of a 3×3 kernel falls on the t-th of the two source rows that a row of parity p shows.
 _SHARE = np.array([[[1, 0, 0], [0, 1, 1]], [[1, 1, 0], [0, 0, 1]]], np.float32)
@@ -39,7 +39,7 @@ def _give(*images: np.ndarray) -> None:
         _free.setdefault(len(image), []).append(image)
 
 
-@njit(cache=KEPT, error_model="numpy")
+@njit(cache=KEEP_CODE, error_model="numpy")
 @no_type_check
 def _convolve(image, x_scale, size, taps, offsets, bias, out, y_scale, firsts):
     """Write to `out` at y_scale·(r, c) + firsts[k] the sum over taps[k] of `image` at x_scale·(r, c) + offsets[k].
@@ -57,7 +57,7 @@ def _convolve(image, x_scale, size, taps, offsets, bias, out, y_scale, firsts):
                     multiply(out, y, y_scale * CHANNELS, image, x, x_scale * CHANNELS, offsets[k], taps[k], bias)
 
 
-@njit(cache=KEPT, error_model="numpy")
+@njit(cache=KEEP_CODE, error_model="numpy")
 @no_type_check
 def _correlate(image, size, offsets, upstream, y_scale, firsts):
     """Return the gradients (k, t, 16, 16) of the taps that `_convolve` with x_scale 1 gave `upstream` from `image`."""
@@ -75,7 +75,7 @@ def _correlate(image, size, offsets, upstream, y_scale, firsts):
     return gradient
 
 
-@njit(cache=KEPT, error_model="numpy")
+@njit(cache=KEEP_CODE, error_model="numpy")
 @no_type_check
 def _activate(image, batch, size, slope):
     """Apply the leaky ReLU in place, all but the border."""
@@ -87,7 +87,7 @@ def _activate(image, batch, size, slope):
                 row[k] = row[k] if row[k] > 0 else row[k] * slope
 
 
-@njit(cache=KEPT, error_model="numpy")
+@njit(cache=KEEP_CODE, error_model="numpy")
 @no_type_check
 def _deactivate(upstream, image, batch, size, slope):
     """Take a gradient through the leaky ReLU that gave `image`, in place; return its sum over all pixels (16,)."""
@@ -96,16 +96,16 @@ def _deactivate(upstream, image, batch, size, slope):
     for b in range(batch):
         for r in range(1, size + 1):
             first, last = ((b * side + r) * side + 1) * CHANNELS, ((b * side + r + 1) * side - 1) * CHANNELS
-            row, shown = upstream[first:last], image[first:last]
+            row, values = upstream[first:last], image[first:last]
             for k in range(len(row)):
-                row[k] = row[k] if shown[k] > 0 else row[k] * slope
+                row[k] = row[k] if values[k] > 0 else row[k] * slope
             for k in range(0, len(row), CHANNELS):
                 for channel in range(CHANNELS):
                     sums[channel] += row[k + channel]
     return sums
 
 
-@njit(cache=KEPT, error_model="numpy", fastmath=_REORDER)
+@njit(cache=KEEP_CODE, error_model="numpy", fastmath=_REORDER)
 @no_type_check
 def _read(image, size, pixels, shares, weight, bias, out):
     """Write to `out` (b, k, 3) what vertices read bilinearly from an image, through the last 1×1 convolution."""
@@ -116,18 +116,18 @@ def _read(image, size, pixels, shares, weight, bias, out):
             s0, s1, s2, s3 = shares[i, 0], shares[i, 1], shares[i, 2], shares[i, 3]
             x, y, z = np.float32(0), np.float32(0), np.float32(0)
             for c in range(CHANNELS):
-                mixed = upper[c] * s0 + upper[c + CHANNELS] * s1 + lower[c] * s2 + lower[c + CHANNELS] * s3
-                x += mixed * weight[0, c]
-                y += mixed * weight[1, c]
-                z += mixed * weight[2, c]
+                sample = upper[c] * s0 + upper[c + CHANNELS] * s1 + lower[c] * s2 + lower[c + CHANNELS] * s3
+                x += sample * weight[0, c]
+                y += sample * weight[1, c]
+                z += sample * weight[2, c]
             out[b, i, 0], out[b, i, 1], out[b, i, 2] = x + bias[0], y + bias[1], z + bias[2]
 
 
-@njit(cache=KEPT, error_model="numpy", fastmath=_REORDER)
+@njit(cache=KEEP_CODE, error_model="numpy", fastmath=_REORDER)
 @no_type_check
 def _read_backward(image, size, pixels, shares, weight, upstream, out):
     """Write the gradient in the image to `out`; return those in the 1×1 convolution's weight and bias."""
-    side, sent = size + 2, np.empty(CHANNELS, np.float32)
+    side, pixel_gradient = size + 2, np.empty(CHANNELS, np.float32)
     gradient, bias = np.zeros((3, CHANNELS), np.float32), np.zeros(3, np.float32)
     out[:] = 0
     for b in range(len(upstream)):
@@ -139,23 +139,23 @@ def _read_backward(image, size, pixels, shares, weight, upstream, out):
             bias[1] += y
             bias[2] += z
             for c in range(CHANNELS):
-                mixed = upper[c] * s0 + upper[c + CHANNELS] * s1 + lower[c] * s2 + lower[c + CHANNELS] * s3
-                gradient[0, c] += mixed * x
-                gradient[1, c] += mixed * y
-                gradient[2, c] += mixed * z
+                sample = upper[c] * s0 + upper[c + CHANNELS] * s1 + lower[c] * s2 + lower[c + CHANNELS] * s3
+                gradient[0, c] += sample * x
+                gradient[1, c] += sample * y
+                gradient[2, c] += sample * z
             for c in range(CHANNELS):
-                sent[c] = weight[0, c] * x + weight[1, c] * y + weight[2, c] * z
+                pixel_gradient[c] = weight[0, c] * x + weight[1, c] * y + weight[2, c] * z
             upper, lower = _pixels(out, b, pixels[i, 0], size, side)
             for c in range(CHANNELS):
-                upper[c] += sent[c] * s0
-                upper[c + CHANNELS] += sent[c] * s1
+                upper[c] += pixel_gradient[c] * s0
+                upper[c + CHANNELS] += pixel_gradient[c] * s1
             for c in range(CHANNELS):
-                lower[c] += sent[c] * s2
-                lower[c + CHANNELS] += sent[c] * s3
+                lower[c] += pixel_gradient[c] * s2
+                lower[c + CHANNELS] += pixel_gradient[c] * s3
     return gradient, bias
 
 
-@njit(cache=KEPT, inline="always", error_model="numpy")
+@njit(cache=KEEP_CODE, inline="always", error_model="numpy")
 @no_type_check
 def _pixels(image, b, pixel, size, side):
     """Return the two pixels of the upper row around a vertex, and the two of the lower row, as views."""
@@ -257,8 +257,8 @@ class MapOffsets(torch.autograd.Function):
         batch, first, _, channels = ctx.start_shape
         gradients = [None] * len(arrays)
         below, here = _take(batch, s), _take(batch, s)
-        sent = upstream.contiguous().numpy()
-        gradients[-2:] = _read_backward(images[-1], s, *ctx.grid, arrays[-2], sent, here)
+        gradient = upstream.contiguous().numpy()
+        gradients[-2:] = _read_backward(images[-1], s, *ctx.grid, arrays[-2], gradient, here)
         gradients[-3] = _deactivate(here, images[-1], batch, s, slope)
         taps = _taps(arrays[-4], (2, 3, 0, 1))
         _convolve(here, 1, s, taps, -_around(s), _NOTHING, below, 1, _HERE)

@@ -5,13 +5,13 @@ from typing import no_type_check
 import numpy as np
 from numba import njit
 
-from replicate.engine.jit_cache import KEPT
+from replicate.engine.jit_cache import KEEP_CODE
 
 
-@njit(cache=KEPT, fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=KEEP_CODE, fastmath={"reassoc", "contract", "nsz"})
 @no_type_check
 def solve_all(
-    products: np.ndarray, table: np.ndarray, carried: np.ndarray, square: np.ndarray,
+    products: np.ndarray, table: np.ndarray, projection: np.ndarray, square: np.ndarray,
     old_index: np.ndarray, old_weights: np.ndarray, rounds: int,
     index: np.ndarray, result: np.ndarray, error: np.ndarray,
 ) -> None:  # fmt: skip
@@ -19,7 +19,7 @@ def solve_all(
 
     products (n, 10), table (10, bones²), carried (n, bones), square (n,); from old_index, old_weights (n, influences).
     """
-    n, bones = carried.shape
+    n, bones = projection.shape
     influences = old_index.shape[1]
     room = influences + 1
     flat = np.empty(bones * bones)
@@ -42,9 +42,9 @@ def solve_all(
                 flat[j] += scale * row[j]
         trace = 0.0
         for a in range(bones):
-            shift = square[i] - carried[i, a]
+            shift = square[i] - projection[i, a]
             for b in range(bones):
-                gram[a, b] += shift - carried[i, b]
+                gram[a, b] += shift - projection[i, b]
             trace += gram[a, a]
         ridge = 1e-9 * max(trace, 0.0) / bones + 1e-11 * square[i] + 1e-30
         for a in range(bones):
@@ -86,7 +86,7 @@ def solve_all(
         error[i] = max(_energy(gram, support, weights, size) - ridge * squares, 0.0)
 
 
-@njit(cache=KEPT, fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=KEEP_CODE, fastmath={"reassoc", "contract", "nsz"})
 @no_type_check
 def _descend(gram, support, weights, size, influences, factor, y):
     """Minimise on the support in place, dropping what would turn negative or is too many; return its new size."""
@@ -123,7 +123,7 @@ def _descend(gram, support, weights, size, influences, factor, y):
     return size
 
 
-@njit(cache=KEPT)
+@njit(cache=KEEP_CODE)
 @no_type_check
 def _cheapest(weights, size, factor, y, total):
     """Return the place in the support whose removal raises the energy least."""
@@ -143,7 +143,7 @@ def _cheapest(weights, size, factor, y, total):
     return cheapest
 
 
-@njit(cache=KEPT)
+@njit(cache=KEEP_CODE)
 @no_type_check
 def _remove(support, weights, size, place):
     for a in range(place, size - 1):
@@ -152,7 +152,7 @@ def _remove(support, weights, size, place):
     return size - 1
 
 
-@njit(cache=KEPT)
+@njit(cache=KEEP_CODE)
 @no_type_check
 def _factorise(gram, support, size, factor):
     """Cholesky of the Gram matrix on the support, lower triangle."""
@@ -168,7 +168,7 @@ def _factorise(gram, support, size, factor):
                 factor[a, b] = value / factor[b, b]
 
 
-@njit(cache=KEPT)
+@njit(cache=KEEP_CODE)
 @no_type_check
 def _solve_ones(factor, size, y):
     """Solve G y = 1 from the Cholesky factor."""
@@ -184,7 +184,7 @@ def _solve_ones(factor, size, y):
         y[a] = value / factor[a, a]
 
 
-@njit(cache=KEPT, fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=KEEP_CODE, fastmath={"reassoc", "contract", "nsz"})
 @no_type_check
 def _gradient(gram, support, weights, size, gradient):
     """Fill in Gw for all bones and return wᵀGw."""
@@ -200,7 +200,7 @@ def _gradient(gram, support, weights, size, gradient):
     return energy
 
 
-@njit(cache=KEPT)
+@njit(cache=KEEP_CODE)
 @no_type_check
 def _energy(gram, support, weights, size):
     total = 0.0

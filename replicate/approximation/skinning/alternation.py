@@ -9,21 +9,21 @@ from scipy.sparse import csr_array
 
 from replicate.approximation.skinning.bones import project, sweep, weighted_points
 from replicate.approximation.skinning.clusters import FEWEST
-from replicate.approximation.skinning.compression import Compressed
+from replicate.approximation.skinning.compression import CompressedPoses
 from replicate.approximation.skinning.edge_metric import Metric
 from replicate.approximation.skinning.weights import ROUNDS, gram_table, monomials, solve_weights
 
 SWEEPS = 3  # Gauss–Seidel sweeps over the bones in each iteration
 BETA_STEP, BETA_MOST = 0.1, 0.9  # of the extrapolation
 FIRST_ROUNDS = 24  # additions a vertex in the first iteration, which starts from one bone
-UNUSED = 1e-2  # Σ w² of a bone below which it carries nothing
+LEAST_MASS = 1e-2  # Σ w² of a bone below which it carries nothing
 
 
 @dataclass(frozen=True)
 class Problem:
     """The poses and the metric of a fit, and what of both together stays as it is while bones and weights change."""
 
-    data: Compressed
+    data: CompressedPoses
     metric: Metric
 
     @cached_property
@@ -111,13 +111,13 @@ def improve_weights(
     z = weighted_points(data.points, dense(index, weights, bones))
     index, weights, error = index.copy(), weights.copy(), np.empty(len(index))
     for colour, share, square in problem.neighbourhoods:
-        carried, moved = share @ own, z[colour] - share @ z
-        together = moved @ gram
-        square = square + (moved * (together + 2 * carried)).sum(1)
+        projection, change = share @ own, z[colour] - share @ z
+        together = change @ gram
+        square = square + (change * (together + 2 * projection)).sum(1)
         index[colour], weights[colour], error[colour] = solve_weights(
             monomials(data.points[colour]),
             table,
-            np.einsum("nbp,np->nb", (carried + together).reshape(-1, bones, 4), data.points[colour]),
+            np.einsum("nbp,np->nb", (projection + together).reshape(-1, bones, 4), data.points[colour]),
             square,
             index[colour],
             weights[colour],
@@ -140,7 +140,7 @@ def reseed(
     """
     mass = np.bincount(index.ravel(), weights.ravel() ** 2, bones)
     error = error.copy()
-    for bone in np.flatnonzero(mass < UNUSED):
+    for bone in np.flatnonzero(mass < LEAST_MASS):
         seed = None
         for i in np.argsort(-error, kind="stable"):
             if _spare(mass, index[i], weights[i]):
@@ -161,7 +161,7 @@ def reseed(
 def _spare(mass: np.ndarray, index: np.ndarray, weights: np.ndarray) -> bool:
     """Whether a vertex's bones all stay in use without it."""
     used = weights > 0
-    return bool(np.all(mass[index[used]] - weights[used] ** 2 >= UNUSED))
+    return bool(np.all(mass[index[used]] - weights[used] ** 2 >= LEAST_MASS))
 
 
 def dense(index: Int[np.ndarray, "n k"], weights: Float[np.ndarray, "n k"], bones: int) -> Float[np.ndarray, "n bones"]:

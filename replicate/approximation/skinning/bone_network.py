@@ -26,7 +26,7 @@ from replicate.config import DrivenConfig
 from replicate.geometry.mesh import Mesh
 
 SKIN = "skin.npz"
-REFITTED = 64  # training poses whose refitted bones show how far each bone goes
+REFIT_POSES = 64  # training poses whose refitted bones show how far each bone goes
 LEAST_TURN, LEAST_SHIFT_MM = 1e-3, 1e-2  # of a bone's usual turn (radians) and shift
 
 
@@ -54,9 +54,9 @@ class BoneNetwork(nn.Module):
         for layer in self.hidden:
             x = functional.leaky_relu(layer(x), self.slope)
         turn, shift = self.output(x).unflatten(1, (2, self.bones, 3)).unbind(1)
-        turned = rotation_less_identity(turn * self.turn[:, None])
-        shifted = shift * self.shift[:, None] - (self.centres[:, None] @ turned).squeeze(2)
-        motion = torch.cat([turned, shifted[:, :, None]], 2)  # (b, bones, 4, 3), for row vectors (v, 1)
+        rotation = rotation_less_identity(turn * self.turn[:, None])
+        translation = shift * self.shift[:, None] - (self.centres[:, None] @ rotation).squeeze(2)
+        motion = torch.cat([rotation, translation[:, :, None]], 2)  # (b, bones, 4, 3), for row vectors (v, 1)
         return self.spread @ motion.flatten(1, 2)
 
 
@@ -114,7 +114,7 @@ def train_driven(
     network = BoneNetwork(m, skin, config.hidden, config.leaky_slope)
     initialise(nn.ModuleList([network]), config.leaky_slope, torch.Generator().manual_seed(seed))
     _, offsets = supervision.statistics()
-    turn, shift = usual_motion(skin, mesh.neutral + offsets[:REFITTED])
+    turn, shift = usual_motion(skin, mesh.neutral + offsets[:REFIT_POSES])
     network.turn.copy_(torch.from_numpy(turn))
     network.shift.copy_(torch.from_numpy(shift))
     model = SegmentedModel([network], [segment], parameter_scale(samples.params), [1.0], n).to(device)

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from numba import njit
 
-from replicate.engine.jit_cache import KEPT
+from replicate.engine.jit_cache import KEEP_CODE
 from replicate.geometry.alignment import nearest_rotation
 
 # Pulls an undetermined rotation (a bone that holds one vertex, or a line) to where it was; the pull follows the bone,
@@ -60,15 +60,15 @@ def sweep(
     uu: Float[np.ndarray, "k k"],
     vu: Float[np.ndarray, "f 3 k"],
     sweeps: int,
-    settled: float = 0.0,
+    tolerance: float = 0.0,
 ) -> Float[np.ndarray, "f 3 bones 4"]:
     """Return the motions after up to `sweeps` Gauss–Seidel sweeps.
 
-    A pose stops early once a sweep moves no entry of its motions by more than `settled` (radians and rest radii).
+    A pose stops early once a sweep moves no entry of its motions by more than `tolerance` (radians and rest radii).
     """
     result = np.ascontiguousarray(motion, np.float64).copy()
     frames, _, bones, _ = result.shape
-    _sweep(result.reshape(frames, 3, 4 * bones), np.ascontiguousarray(uu), np.ascontiguousarray(vu), sweeps, settled)
+    _sweep(result.reshape(frames, 3, 4 * bones), np.ascontiguousarray(uu), np.ascontiguousarray(vu), sweeps, tolerance)
     return result
 
 
@@ -84,9 +84,9 @@ def _empty(uu: np.ndarray) -> float:
     return 1e-12 * np.trace(uu)
 
 
-@njit(cache=KEPT, fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=KEEP_CODE, fastmath={"reassoc", "contract", "nsz"})
 @no_type_check
-def _sweep(motion, uu, vu, sweeps, settled):
+def _sweep(motion, uu, vu, sweeps, tolerance):
     frames, _, width = motion.shape
     bones = width // 4
     empty = 1e-12 * np.trace(uu)
@@ -101,7 +101,7 @@ def _sweep(motion, uu, vu, sweeps, settled):
                 inertia[b, p, q] = uu[o + p, o + q] - uu[o + p, o + 3] * uu[o + q, o + 3] / mass
     for f in range(frames):
         for _ in range(sweeps):
-            moved = 0.0
+            change = 0.0
             for b in range(bones):
                 o = 4 * b
                 mass = uu[o + 3, o + 3]
@@ -126,17 +126,17 @@ def _sweep(motion, uu, vu, sweeps, settled):
                     shift = target[3, k]
                     for p in range(3):
                         entry = turn[p, k] - (1.0 if p == k else 0.0)
-                        moved = max(moved, abs(entry - motion[f, k, o + p]))
+                        change = max(change, abs(entry - motion[f, k, o + p]))
                         motion[f, k, o + p] = entry
                         shift -= uu[o + p, o + 3] * entry
                     shift /= mass
-                    moved = max(moved, abs(shift - motion[f, k, o + 3]))
+                    change = max(change, abs(shift - motion[f, k, o + 3]))
                     motion[f, k, o + 3] = shift
-            if moved <= settled:
+            if change <= tolerance:
                 break
 
 
-@njit(cache=KEPT)
+@njit(cache=KEEP_CODE)
 @no_type_check
 def _project(motion):
     frames, _, bones, _ = motion.shape
@@ -152,7 +152,7 @@ def _project(motion):
                     motion[f, k, b, p] = turn[p, k] - (1.0 if p == k else 0.0)
 
 
-@njit(cache=KEPT)
+@njit(cache=KEEP_CODE)
 @no_type_check
 def rotation_of(matrix: np.ndarray) -> np.ndarray:
     """Return the R in SO(3) that maximises tr(Rᵀ matrix), by Horn's quaternion: no reflection can come out.

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from replicate.approximation.skinning.bones import sweep, weighted_points
-from replicate.approximation.skinning.compression import Compressed
+from replicate.approximation.skinning.compression import CompressedPoses
 from replicate.approximation.skinning.weights import gram_table, monomials
 
 FEWEST = 6  # vertices below which a cluster does not pin its motion down
@@ -15,7 +15,7 @@ LLOYD = 4  # reassignments after each split
 FINAL = 10  # reassignments once all clusters exist
 
 
-def cluster(data: Compressed, bones: int) -> tuple[Int[np.ndarray, "n"], Float[np.ndarray, "f 3 bones 4"]]:
+def cluster(data: CompressedPoses, bones: int) -> tuple[Int[np.ndarray, "n"], Float[np.ndarray, "f 3 bones 4"]]:
     """Return every vertex's cluster and the clusters' rigid motions.
 
     The clusters with the largest errors are split, at most doubling their number, at the vertex that fits its cluster
@@ -31,12 +31,12 @@ def cluster(data: Compressed, bones: int) -> tuple[Int[np.ndarray, "n"], Float[n
             return labels, motion
         for _ in range(min(count, bones - count)):
             labels, error = split(data.points[:, :3], labels, error)
-        grown = int(labels.max()) + 1
-        motion = fit_clusters(data, labels, grown)
-        for _ in range(FINAL if grown == bones else LLOYD):
+        new_count = int(labels.max()) + 1
+        motion = fit_clusters(data, labels, new_count)
+        for _ in range(FINAL if new_count == bones else LLOYD):
             errors = cluster_errors(data, motion)
-            labels = refill(data.points[:, :3], np.argmin(errors, 1), errors, grown)
-            motion = fit_clusters(data, labels, grown)
+            labels = refill(data.points[:, :3], np.argmin(errors, 1), errors, new_count)
+            motion = fit_clusters(data, labels, new_count)
 
 
 def split(
@@ -81,24 +81,24 @@ def refill(
         seed = free[np.argmax(error[free])]
         mates = np.flatnonzero(labels == labels[seed])
         room = min(fewest, sizes[labels[seed]] - fewest)
-        taken = mates[np.argsort(((rest[mates] - rest[seed]) ** 2).sum(1), kind="stable")[:room]]
-        labels[taken] = small
-        error[taken] = 0.0
+        nearest = mates[np.argsort(((rest[mates] - rest[seed]) ** 2).sum(1), kind="stable")[:room]]
+        labels[nearest] = small
+        error[nearest] = 0.0
     return labels
 
 
-def cluster_errors(data: Compressed, motion: Float[np.ndarray, "f 3 bones 4"]) -> Float[np.ndarray, "n bones"]:
+def cluster_errors(data: CompressedPoses, motion: Float[np.ndarray, "f 3 bones 4"]) -> Float[np.ndarray, "n bones"]:
     """Return each vertex's squared error, summed over poses, under each bone's motion alone."""
     flat = motion.reshape(3 * data.frames, -1)
     bones = motion.shape[2]
     table = gram_table(flat.T @ flat)
     own = monomials(data.points) @ table[:, np.arange(bones), np.arange(bones)]
-    carried = ((flat.T @ data.basis) @ data.coefficients).reshape(bones, 4, -1)
-    together = np.einsum("bpn,np->nb", carried, data.points)
+    projection = ((flat.T @ data.basis) @ data.coefficients).reshape(bones, 4, -1)
+    together = np.einsum("bpn,np->nb", projection, data.points)
     return np.maximum(own - 2 * together + (data.coefficients**2).sum(0)[:, None], 0.0)
 
 
-def fit_clusters(data: Compressed, labels: Int[np.ndarray, "n"], count: int) -> Float[np.ndarray, "f 3 bones 4"]:
+def fit_clusters(data: CompressedPoses, labels: Int[np.ndarray, "n"], count: int) -> Float[np.ndarray, "f 3 bones 4"]:
     """Return the rigid motion of every cluster in every pose (Eq. 3 for each)."""
     weights = (labels[:, None] == np.arange(count)).astype(np.float64)
     z = weighted_points(data.points, weights)

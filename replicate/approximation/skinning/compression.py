@@ -15,7 +15,7 @@ FIRST_RANK, LARGEST_RANK = 192, 384  # a skin of fewer than 96 bones has a rank 
 
 
 @dataclass(frozen=True)
-class Compressed:
+class CompressedPoses:
     """Displacements of n vertices in f poses, in units of the mesh's RMS radius, about its centre.
 
     points: (n, 4) float64, homogeneous rest points p = (u, 1). basis: Q (3f, r) float64, orthonormal; row 3f' + k is
@@ -68,7 +68,7 @@ def rest_frame(neutral: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 
 
 def compress(
     neutral: Float[np.ndarray, "n 3"], vertices: Float[np.ndarray, "f n 3"], generator: np.random.Generator
-) -> Compressed:
+) -> CompressedPoses:
     """Return the poses in compressed form, by a randomised range finder with one power step (Halko et al. 2011).
 
     The rank is doubled until what is left out is below TOLERANCE of the RMS displacement, or LARGEST_RANK is reached.
@@ -94,7 +94,7 @@ def compress(
     basis, _ = np.linalg.qr(basis @ directions)
     coefficients = _project_onto(basis, displacements)
     lost = np.sqrt(max(total - float(np.sum(coefficients**2)), 0.0) / total) if total > 0 else 0.0
-    return Compressed(points, basis, coefficients, centre, radius, float(lost))
+    return CompressedPoses(points, basis, coefficients, centre, radius, float(lost))
 
 
 def _project_onto(basis: np.ndarray, displacements: np.ndarray, columns: int = 2048) -> np.ndarray:

@@ -44,11 +44,11 @@ def edge_metric(rest: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], c
 
 def colour(edges: csr_array) -> tuple[Int[np.ndarray, " _size"], ...]:
     """Return sets of vertices, no two of a set on one edge: each vertex takes the first that its neighbours left."""
-    taken = np.full(edges.shape[0], -1)
-    for i in range(len(taken)):
-        others = set(taken[edges.indices[edges.indptr[i] : edges.indptr[i + 1]]])
-        taken[i] = next(c for c in range(len(others) + 1) if c not in others)
-    return tuple(np.flatnonzero(taken == c) for c in range(taken.max() + 1))
+    colours = np.full(edges.shape[0], -1)
+    for i in range(len(colours)):
+        others = set(colours[edges.indices[edges.indptr[i] : edges.indptr[i + 1]]])
+        colours[i] = next(c for c in range(len(others) + 1) if c not in others)
+    return tuple(np.flatnonzero(colours == c) for c in range(colours.max() + 1))
 
 
 def diffuse(edges: csr_array, values: Float[np.ndarray, "n k"], time: float) -> Float[np.ndarray, "n k"]:

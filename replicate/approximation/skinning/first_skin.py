@@ -13,10 +13,10 @@ import numpy as np
 from replicate.approximation.skinning.alternation import Problem, State, dense, normal_equations, sparse, step
 from replicate.approximation.skinning.bones import sweep, weighted_points
 from replicate.approximation.skinning.clusters import cluster, split
-from replicate.approximation.skinning.compression import Compressed
+from replicate.approximation.skinning.compression import CompressedPoses
 from replicate.approximation.skinning.edge_metric import diffuse
 
-CLUSTERED = 0.5  # of the bones come from rigid clusters
+CLUSTER_SHARE = 0.5  # of the bones come from rigid clusters
 GROWTH = 0.25  # of the bones so far are added at a time
 ITERATIONS = 2  # between two additions
 CLUSTER_BLEND, ADDED_BLEND = 30.0, 5.0  # diffusion times, in squared edges, of the borders
@@ -25,9 +25,9 @@ SWEEPS = 10  # over the bones, once borders are blended
 
 def start(problem: Problem, bones: int, influences: int) -> State:
     """Return the state before the first iteration, with all the bones."""
-    labels, motion = cluster(problem.data, max(int(bones * CLUSTERED), 1))
-    blended = diffuse(problem.metric.edges, np.eye(motion.shape[2])[labels], CLUSTER_BLEND)
-    state = settle(problem, motion, np.where(blended > 1e-3, blended, 0.0), influences)
+    labels, motion = cluster(problem.data, max(int(bones * CLUSTER_SHARE), 1))
+    blend = diffuse(problem.metric.edges, np.eye(motion.shape[2])[labels], CLUSTER_BLEND)
+    state = settle(problem, motion, np.where(blend > 1e-3, blend, 0.0), influences)
     while (count := state.motion.shape[2]) < bones:
         for _ in range(ITERATIONS):
             state = step(problem, state)
@@ -35,7 +35,7 @@ def start(problem: Problem, bones: int, influences: int) -> State:
     return replace(state, iteration=0)
 
 
-def grow(problem: Problem, state: State, added: int) -> State:
+def grow(problem: Problem, state: State, more: int) -> State:
     """Return the state with more bones, each on a part that the worst-fitted regions are split into.
 
     A region is the vertices of one strongest bone; its part starts with that bone's motion.
@@ -46,9 +46,9 @@ def grow(problem: Problem, state: State, added: int) -> State:
     labels = np.unique(strongest, return_inverse=True)[1]
     first = int(labels.max()) + 1
     error = vertex_errors(problem.data, motion, loads)
-    for _ in range(added):
+    for _ in range(more):
         labels, error = split(problem.data.points[:, :3], labels, error)
-    parts = labels[:, None] == np.arange(first, first + added)
+    parts = labels[:, None] == np.arange(first, first + more)
     share = diffuse(problem.metric.edges, parts.astype(np.float64), ADDED_BLEND)
     share = np.where(share > 0.02, share, 0.0)
     loads = np.hstack([loads * np.maximum(1.0 - share.sum(1, keepdims=True), 0.0), share])
@@ -63,7 +63,7 @@ def settle(problem: Problem, motion: np.ndarray, loads: np.ndarray, influences: 
     return State(0, motion, motion, index, weights, np.inf, 0.0)
 
 
-def vertex_errors(data: Compressed, motion: np.ndarray, loads: np.ndarray) -> np.ndarray:
+def vertex_errors(data: CompressedPoses, motion: np.ndarray, loads: np.ndarray) -> np.ndarray:
     """Return every vertex's squared error (n,), summed over poses."""
     flat = motion.reshape(3 * data.frames, -1)
     spread = weighted_points(data.points, loads)

@@ -12,11 +12,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from replicate.approximation.skinning.alternation import Problem, State, dense, sparse, step
-from replicate.approximation.skinning.compression import Compressed
+from replicate.approximation.skinning.compression import CompressedPoses
 from replicate.approximation.skinning.edge_metric import diffuse, edge_metric
 from replicate.approximation.skinning.first_skin import start
 
-RELAXED = 4  # times the influences that a skin may hold: with up to 32 bones, all of them
+RELAXED_INFLUENCES = 4  # times the influences that a skin may hold: with up to 32 bones, all of them
 STIFFER = 5.0  # times the coherence, meanwhile
 SMOOTHING = 2.0  # diffusion time, in squared edges, of the weights that decide which bones are kept
 
@@ -33,7 +33,7 @@ class Alternation:
     def start(self, bones: int) -> State:
         """Return the state before the first iteration."""
         if self.relaxed:
-            return start(self.stiff, bones, RELAXED * self.influences)
+            return start(self.stiff, bones, RELAXED_INFLUENCES * self.influences)
         return start(self.plain, bones, self.influences)
 
     def step(self, state: State) -> State:
@@ -41,11 +41,11 @@ class Alternation:
         if state.iteration >= self.relaxed:
             return step(self.plain, state)
         state = step(self.stiff, state)
-        return sparsified(self.plain, state, self.influences) if state.iteration == self.relaxed else state
+        return sparsify(self.plain, state, self.influences) if state.iteration == self.relaxed else state
 
 
 def alternation(
-    data: Compressed, faces: Int[np.ndarray, "t 3"], coherence: float, influences: int, relaxed: int
+    data: CompressedPoses, faces: Int[np.ndarray, "t 3"], coherence: float, influences: int, relaxed: int
 ) -> Alternation:
     """Return how poses of a mesh are fitted."""
     rest = data.points[:, :3]
@@ -53,7 +53,7 @@ def alternation(
     return Alternation(stiff, plain, influences, relaxed)
 
 
-def sparsified(problem: Problem, state: State, influences: int) -> State:
+def sparsify(problem: Problem, state: State, influences: int) -> State:
     """Return the state with at most `influences` bones a vertex: those that its surroundings use most."""
     loads = dense(state.bone_index, state.weights, state.motion.shape[2])
     smoothed = diffuse(problem.metric.edges, loads, SMOOTHING)

@@ -94,16 +94,16 @@ def fit(
     """
     check(neutral, vertices, bones, influences)
     vertex_order, pose_order = canonical_order(neutral, vertices)
-    ordered = vertices[pose_order[:, None], vertex_order[None, :]]
+    examples = vertices[pose_order[:, None], vertex_order[None, :]]
     rest = neutral[vertex_order]
     ranks = np.argsort(vertex_order)
     corners = np.zeros((0, 3), np.int64) if faces is None else ranks[faces]
-    checkpoints = Checkpoints(scratch, fingerprint(rest, ordered, corners, bones, influences, coherence, relaxed))
+    checkpoints = Checkpoints(scratch, fingerprint(rest, examples, corners, bones, influences, coherence, relaxed))
     data = checkpoints.data()
     if data is None:
-        data = compress(rest, ordered, generator)
+        data = compress(rest, examples, generator)
         checkpoints.keep_data(data)
-    del ordered
+    del examples
     course, total = alternation(data, corners, coherence, influences, relaxed), relaxed + iterations
     state = checkpoints.state() or course.start(bones)
     with progress(total, f"LBS, {bones} bones", state.iteration) if progress else nullcontext() as bar:
@@ -142,16 +142,16 @@ def skin_of(neutral: Float[np.ndarray, "n 3"], vertex_order: Int[np.ndarray, "n"
 
 
 def refit(
-    skin: Skin, vertices: Float[np.ndarray, "b n 3"], sweeps: int = 500, settled: float = 1e-7
+    skin: Skin, vertices: Float[np.ndarray, "b n 3"], sweeps: int = 500, tolerance: float = 1e-7
 ) -> tuple[Float[np.ndarray, "b bones 3 3"], Float[np.ndarray, "b bones 3"]]:
     """Return the bone rotations and translations (mm) that best pose a skin as some meshes, its weights fixed.
 
-    Sweeps run until none moves a bone by more than `settled` (radians and rest radii), or there were `sweeps` of them.
+    Sweeps end once one moves no bone by more than `tolerance` (radians and rest radii), after `sweeps` at the latest.
     """
     points, centre, radius = rest_frame(skin.neutral)
     z = weighted_points(points, skin.dense_weights())
     vu = (scaled_displacements(skin.neutral, vertices, radius).astype(np.float64) @ z).reshape(len(vertices), 3, -1)
-    motion = sweep(np.zeros((len(vertices), 3, skin.bones, 4)), z.T @ z, vu, sweeps, settled)
+    motion = sweep(np.zeros((len(vertices), 3, skin.bones, 4)), z.T @ z, vu, sweeps, tolerance)
     rotation = motion[:, :, :, :3].transpose(0, 2, 3, 1) + np.eye(3)  # (b, bones, 3, 3), row vectors
     translation = motion[:, :, :, 3].swapaxes(1, 2) * radius + centre - centre @ rotation
     return rotation, translation

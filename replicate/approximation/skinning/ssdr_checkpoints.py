@@ -9,7 +9,7 @@ from typing import BinaryIO
 import numpy as np
 
 from replicate.approximation.skinning.alternation import State
-from replicate.approximation.skinning.compression import Compressed
+from replicate.approximation.skinning.compression import CompressedPoses
 from replicate.engine.sealed_files import read_sealed, write_sealed
 
 SECONDS = 20.0  # between two checkpoints
@@ -25,14 +25,14 @@ class Checkpoints:
     def __init__(self, folder: Path | None, fingerprint: str) -> None:
         self.folder = folder
         self.fingerprint = fingerprint
-        self.written = time.monotonic()
+        self.last_write = time.monotonic()
 
-    def data(self) -> Compressed | None:
+    def data(self) -> CompressedPoses | None:
         """Return the compressed poses, if they are stored."""
         arrays = self._read("compressed.sealed")
-        return arrays and Compressed(**_scalars(arrays, "radius_mm", "lost"))
+        return arrays and CompressedPoses(**_scalars(arrays, "radius_mm", "lost"))
 
-    def keep_data(self, data: Compressed) -> None:
+    def keep_data(self, data: CompressedPoses) -> None:
         """Store the compressed poses."""
         self._write("compressed.sealed", vars(data))
 
@@ -43,9 +43,9 @@ class Checkpoints:
 
     def keep_state(self, state: State, at_once: bool = False) -> None:
         """Store a state if the last one is old enough, or at once."""
-        if at_once or time.monotonic() - self.written >= SECONDS:
+        if at_once or time.monotonic() - self.last_write >= SECONDS:
             self._write("state.sealed", vars(state))
-            self.written = time.monotonic()
+            self.last_write = time.monotonic()
 
     def _read(self, name: str) -> dict | None:
         arrays = None if self.folder is None else read_sealed(self.folder / name, _arrays)

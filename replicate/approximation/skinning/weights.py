@@ -38,14 +38,14 @@ def monomials(points: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 10"]:
 def residual_gram(
     table: Float[np.ndarray, "10 bones bones"],
     products: Float[np.ndarray, "10"],
-    carried: Float[np.ndarray, " bones"],
+    projection: Float[np.ndarray, " bones"],
     square: float,
 ) -> Float[np.ndarray, "bones bones"]:
     """Return one vertex's G, slightly ridged so that it stays positive where two bones agree.
 
-    carried: (M_b p)·x of each bone with the vertex's displacement x; square: x·x.
+    projection: (M_b p)·x of each bone with the vertex's displacement x; square: x·x.
     """
-    gram = np.tensordot(products, table, 1) - carried[:, None] - carried[None, :] + square
+    gram = np.tensordot(products, table, 1) - projection[:, None] - projection[None, :] + square
     return gram + np.eye(len(gram)) * (1e-9 * max(np.trace(gram), 0.0) / len(gram) + 1e-11 * square + 1e-30)
 
 
@@ -99,7 +99,7 @@ def descend_reference(
 def solve_weights(
     products: Float[np.ndarray, "n 10"],
     table: Float[np.ndarray, "10 bones bones"],
-    carried: Float[np.ndarray, "n bones"],
+    projection: Float[np.ndarray, "n bones"],
     square: Float[np.ndarray, " n"],
     bone_index: Int[np.ndarray, "n k"],
     weights: Float[np.ndarray, "n k"],
@@ -109,8 +109,8 @@ def solve_weights(
 
     k is the number of influences; unused places hold weight 0 (and bone 0). The squared error is without the ridge.
     """
-    n, bones = carried.shape
+    n, bones = projection.shape
     index, result, error = np.zeros_like(bone_index), np.zeros_like(weights), np.empty(n)
     flat = table.reshape(10, bones * bones)
-    solve_all(products, flat, carried, square, bone_index, weights, rounds, index, result, error)
+    solve_all(products, flat, projection, square, bone_index, weights, rounds, index, result, error)
     return index, result, error

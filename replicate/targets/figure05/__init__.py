@@ -30,9 +30,9 @@ def draw(context: StageContext) -> None:
     from replicate.targets.figure05.training_poses import choose, save_clips, save_poses
 
     rig, samples = built_rig.load(context.inputs), drawn_samples.load(context.inputs)
-    shown = choose(len(samples), context.rng("poses"))
+    choice = choose(len(samples), context.rng("poses"))
     stem = context.out / f"figure05_{context.config.character}"
-    save_poses(rig, samples.params[shown], shown, stem)
+    save_poses(rig, samples.params[choice], choice, stem)
     if rig.clips:
         save_clips(rig, stem.with_name(f"{stem.name}_clips"))
 

@@ -82,8 +82,8 @@ def clip_kinds(clips: Sequence[Clip]) -> dict[str, Clip]:
     """Return the first clip of each kind; a clip of ours is named number_kind_expression, others are "clip"s."""
     kinds: dict[str, Clip] = {}
     for clip in clips:
-        named = re.fullmatch(r"\d+_([^_]+)_.+", clip.name)
-        kinds.setdefault(named[1] if named else "clip", clip)
+        match = re.fullmatch(r"\d+_([^_]+)_.+", clip.name)
+        kinds.setdefault(match[1] if match else "clip", clip)
     return kinds
 
 

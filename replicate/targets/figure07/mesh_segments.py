@@ -47,8 +47,8 @@ def figure07(
     legend = [(f"{mesh.segment_names[k].replace('_', ' ')}: {vertices[k]:,} vertices", [colours[k]]) for k in deforming]
     if rigid:
         legend.append((f"{len(rigid)} rigid: {vertices[list(rigid)].sum():,} vertices", RIGID))
-    painted = np.array(colours, np.uint8)[shown_segment(mesh)]
-    figure = coloured_views(rig, painted, legend, width, height, renderer)
+    paint = np.array(colours, np.uint8)[shown_segment(mesh)]
+    figure = coloured_views(rig, paint, legend, width, height, renderer)
     names = ", ".join(mesh.segment_names[k].replace("_", " ") for k in deforming)
     return figure, Words(
         f"The character {rig.name}, mouth open, from the front, from three-quarters and close up into the mouth. Each "

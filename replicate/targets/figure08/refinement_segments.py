@@ -10,7 +10,7 @@ from jaxtyping import Float, UInt8
 from data_recipes.rig import Rig
 from replicate.approximation.segments import Segment
 from replicate.drawing.panels import Words, save_figure
-from replicate.drawing.rig_views import DISTINCT, UNUSED, coloured_views, hexadecimal, read_lines, write_lines
+from replicate.drawing.rig_views import DISTINCT, UNUSED_COLOUR, coloured_views, hexadecimal, read_lines, write_lines
 from replicate.geometry.mesh import Mesh
 from replicate.report.tables import Table
 
@@ -25,11 +25,11 @@ HEADER = (
 
 def refinement_colours(mesh: Mesh, segments: Sequence[Segment]) -> UInt8[np.ndarray, "f 3"]:
     """Return each face's colour: that of a segment that it touches, grey where it touches none."""
-    colours = np.full((len(mesh.faces), 3), UNUSED, np.uint8)
+    colours = np.full((len(mesh.faces), 3), UNUSED_COLOUR, np.uint8)
     for k, segment in enumerate(segments):
-        held = np.zeros(len(mesh.neutral), bool)
-        held[segment.vertices] = True
-        colours[held[mesh.faces].any(1)] = DISTINCT[k % len(DISTINCT)]
+        mask = np.zeros(len(mesh.neutral), bool)
+        mask[segment.vertices] = True
+        colours[mask[mesh.faces].any(1)] = DISTINCT[k % len(DISTINCT)]
     return colours
 
 
@@ -59,7 +59,9 @@ def segment_lines(mesh: Mesh, segments: Sequence[Segment], errors: Float[np.ndar
         )
     rest = errors[unused]
     root = float(np.sqrt(rest.mean())) if len(rest) else 0.0
-    lines.append(("unused", "", len(rest), "", "", "", "", "", root, float(rest.sum()) / total, hexadecimal(UNUSED)))
+    lines.append(
+        ("unused", "", len(rest), "", "", "", "", "", root, float(rest.sum()) / total, hexadecimal(UNUSED_COLOUR))
+    )
     return lines
 
 
@@ -79,7 +81,7 @@ def figure08(
         (f"{line[0].replace('_', ' ')}: {line[2]:,} vertices, {shares[line[0]]:.0%}", [DISTINCT[k % len(DISTINCT)]])
         for k, line in enumerate(lines)
     ]
-    legend.append((f"unused: {rest[2]:,} vertices, {rest[HEADER.index('error_share')]:.0%}", [UNUSED]))
+    legend.append((f"unused: {rest[2]:,} vertices, {rest[HEADER.index('error_share')]:.0%}", [UNUSED_COLOUR]))
     legend.append(("% of the maps' error, Eq. 2", ()))
     figure = coloured_views(rig, refinement_colours(mesh, segments), legend, width, height, renderer)
     parts = ", ".join(f"{name.replace('_', ' ')} {share:.0%}" for name, share in shares.items())
@@ -107,7 +109,9 @@ def refinement_table(file: Path, character: str) -> Table:
         body += [None] if unused else []
         extents = (f"{float(line[f'{axis}_low']):.2f}–{float(line[f'{axis}_high']):.2f}" for axis in "uv" if not unused)
         u, v = ("–", "–") if unused else extents
-        share, lost = f"{float(line['error_share']):.0%}", f"{float(line['map_error_mm']):.2f}"
-        body.append((line["segment"], f"{int(line['vertices']):,}", line["parameters"] or "–", u, v, lost, share))
+        share, map_error_mm = f"{float(line['error_share']):.0%}", f"{float(line['map_error_mm']):.2f}"
+        body.append(
+            (line["segment"], f"{int(line['vertices']):,}", line["parameters"] or "–", u, v, map_error_mm, share)
+        )
     header = ("", "vertices", "parameters", "u", "v", "map error, mm", "of all error")
     return Table(f"Refinement segments of {character}", (header,), tuple(body))

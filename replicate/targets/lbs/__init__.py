@@ -38,10 +38,10 @@ def draw(context: StageContext) -> None:
     rows = np.sort(context.rng("poses").choice(count, min(TEST, count), replace=False))
     test = rig.mesh.neutral + np.asarray(samples.test_offsets[rows], np.float32)
     training = samples.draw(context.rng("training"), min(TRAINING, len(samples)))
-    wrinkled = rig.mesh.neutral + np.asarray(samples.test_offsets[shown_pose.load(context.inputs)], np.float32)
+    wrinkle_pose = rig.mesh.neutral + np.asarray(samples.test_offsets[shown_pose.load(context.inputs)], np.float32)
     posed = rig.mesh.neutral + samples.offsets(training)
     with context.progress(len(skins), "LBS", 0) as bar:
-        save_all(rig, skins, posed, test, wrinkled, context.out / f"lbs_{context.config.character}", bar)
+        save_all(rig, skins, posed, test, wrinkle_pose, context.out / f"lbs_{context.config.character}", bar)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -26,15 +26,15 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
 HEADER = ("bones", "poses", "rmse_mm", "mean_mm", "normal_deg", "floor_rmse_mm", "floor_normal_deg")
-PAINTED = (8, 16, 32)  # numbers of bones whose weights are painted, of those that there are
-FOLDED = (16, 32, 64)  # and those shown in a wrinkled pose
+WEIGHT_BONES = (8, 16, 32)  # numbers of bones whose weights are painted, of those that there are
+WRINKLE_BONES = (16, 32, 64)  # and those shown in a wrinkled pose
 TEST, TRAINING = 200, 64  # poses that errors and the bones' motions are measured on
 ALONE = 6  # bones shown one by one
 GOLDEN = 0.618034  # of a turn of hue from a bone to the next: neighbours differ
 GAMMA = 2.2  # of what is shown: its power is proportional to light
 PALE, DEEP = (236, 236, 232), (178, 24, 43)  # a weight of 0 and of 1
 LIMIT_DEG = 10.0
-DITHERED = ("1_weights", "2_bones")  # their colours are mixtures
+DITHER = ("1_weights", "2_bones")  # their colours are mixtures
 
 
 def bone_colours(skin: Skin) -> UInt8[np.ndarray, "n 3"]:
@@ -51,17 +51,17 @@ def weight_colours(weights: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, "n 3"]
     return np.rint(np.array(PALE) + weights[:, None] * (np.array(DEEP) - PALE)).astype(np.uint8)
 
 
-def painted(
+def weight_picture(
     mesh: Mesh, skins: Mapping[int, Skin], width: int = 250, height: int = 290, renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): all weights at once for several numbers of bones, from the front and three-quarters."""
-    shown = [bones for bones in PAINTED if bones in skins] or sorted(skins)
+    numbers = [bones for bones in WEIGHT_BONES if bones in skins] or sorted(skins)
     rows = []
     for view in ("front", "three_quarter"):
         draw = partial(render, camera=camera_for(view, mesh.neutral), width=width, height=height, renderer=renderer)
-        rows.append([draw([Surface(mesh.neutral, mesh.faces, paint=bone_colours(skins[b]))]) for b in shown])
-    in_words = ", ".join(map(str, shown))
-    return panel_grid(rows, [f"{bones} bones" for bones in shown]), Words(
+        rows.append([draw([Surface(mesh.neutral, mesh.faces, paint=bone_colours(skins[b]))]) for b in numbers])
+    in_words = ", ".join(map(str, numbers))
+    return panel_grid(rows, [f"{bones} bones" for bones in numbers]), Words(
         f"The head at rest, each vertex in the mixed colours of the bones that move it, for {in_words} bones.",
         f"Weights found by SSDR for {in_words} bones: each bone has a colour, and a vertex mixes those of its bones "
         "(eight at most) by their weights. Soft borders are what lets neighbouring bones blend.",
@@ -94,7 +94,7 @@ def one_by_one(
     )
 
 
-def folded(
+def wrinkle_picture(
     mesh: Mesh,
     skins: Mapping[int, Skin],
     truth: Float[np.ndarray, "n 3"],
@@ -103,17 +103,17 @@ def folded(
     renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): one wrinkled pose as skins of more and more bones approximate it."""
-    shown = [bones for bones in FOLDED if bones in skins] or sorted(skins)
-    posed = {bones: skins[bones].deform(*refit(skins[bones], truth[None]))[0] for bones in shown}
+    numbers = [bones for bones in WRINKLE_BONES if bones in skins] or sorted(skins)
+    posed = {bones: skins[bones].deform(*refit(skins[bones], truth[None]))[0] for bones in numbers}
     view = camera_for("forehead", mesh.neutral)
     draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
-    shaded = [draw([Surface(vertices, mesh.faces)]) for vertices in (truth, *posed.values())]
+    clay = [draw([Surface(vertices, mesh.faces)]) for vertices in (truth, *posed.values())]
     heat = [draw([normal_heat(vertices, truth, mesh.faces, LIMIT_DEG)]) for vertices in (truth, *posed.values())]
     means = {b: float(np.nanmean(normal_error(vertices, truth, mesh.faces))) for b, vertices in posed.items()}
     in_words = ", ".join(f"{bones} bones {mean:.2f}°" for bones, mean in means.items())
     bar = (1, 1, partial(colour_bar, limit=LIMIT_DEG, label="normal angle error, degrees"))
-    titles = ["Ground truth", *(f"{bones} bones" for bones in shown)]
-    return panel_grid([shaded, heat], titles, ("surface", "normal error"), bar), Words(
+    titles = ["Ground truth", *(f"{bones} bones" for bones in numbers)]
+    return panel_grid([clay, heat], titles, ("surface", "normal error"), bar), Words(
         f"A wrinkled forehead, true and skinned, with normal errors below from 0 to {LIMIT_DEG:g} degrees: {in_words}.",
         "The test pose that folds the forehead most: the truth, then skins whose bones are refitted to it. A fold is a "
         f"few vertices wide, a bone moves many: the ridges go first. Mean normal error over the head: {in_words}.",
@@ -186,26 +186,26 @@ def save_all(
     skins: Mapping[int, Skin],
     training: Float[np.ndarray, "b n 3"],
     test: Float[np.ndarray, "t n 3"],
-    wrinkled: Float[np.ndarray, "n 3"],
+    wrinkle_pose: Float[np.ndarray, "n 3"],
     stem: Path,
     progress: Progress | None = None,
 ) -> None:
     """Write all pictures of a character's skins with their words, and the errors as CSV; stem: "…/lbs_teen".
 
-    training, test: poses (mm). wrinkled: the test pose that is drawn.
+    training, test: poses (mm). wrinkle_pose: the test pose that is drawn.
     """
     mesh = rig.mesh
     lines = measured_lines(mesh, skins, test, progress)
     write_lines(stem.with_suffix(".csv"), HEADER, lines)
-    few = skins[min(skins, key=lambda bones: abs(bones - PAINTED[1]))]
+    few = skins[min(skins, key=lambda bones: abs(bones - WEIGHT_BONES[1]))]
     pictures = {
-        "1_weights": painted(mesh, skins),
+        "1_weights": weight_picture(mesh, skins),
         "2_bones": one_by_one(mesh, few, training),
         "3_curve": curve(read_lines(stem.with_suffix(".csv"), HEADER), rig.name),
-        "4_wrinkles": folded(mesh, skins, wrinkled),
+        "4_wrinkles": wrinkle_picture(mesh, skins, wrinkle_pose),
     }
     for name, (figure, words) in pictures.items():
-        save_figure(figure, stem.with_name(f"{stem.name}_{name}.png"), words, dither=name in DITHERED)
+        save_figure(figure, stem.with_name(f"{stem.name}_{name}.png"), words, dither=name in DITHER)
 
 
 def lbs_table(file: Path, character: str) -> Table:

@@ -16,4 +16,4 @@ def run(options: argparse.Namespace) -> None:
 
     check_profile(options.profile)
     for file in publish_reference(options.profile):
-        print(f"written to {paths.shown(file)}")
+        print(f"written to {paths.display_path(file)}")

@@ -29,10 +29,10 @@ ALWAYS = ("rig_tour",)  # notebooks that show a rig; the others show results
 
 
 def publish_reference(profile: str) -> list[Path]:
-    """Put a profile's results and the benchmarks' in the place of the committed ones; return the files written.
+    """Put a profile's results and the benchmarks' in the place of the committed ones; return the new files.
 
-    Files without a new result stay as they are. Raises InputError, and has written nothing, if
-    neither has results, or some come from a tree with changes.
+    Files without a new result stay as they are. Raises InputError, before it writes anything, if neither has results,
+    or some come from a tree with changes.
     """
     run, bench, rigs = (paths.run_folder(name) for name in (profile, BENCH, "rigs"))
     of_run, of_bench = manifest.targets(run), manifest.targets(bench)
@@ -43,16 +43,16 @@ def publish_reference(profile: str) -> list[Path]:
             for character, facts in manifest.entries(folder, target).items():
                 if not (facts.get("git") or {}).get("clean"):
                     raise InputError(
-                        f"{target} of {character} in {paths.shown(folder)} was made from a tree with changes: commit "
-                        "them and make it again"
+                        f"{target} of {character} in {paths.display_path(folder)} was made from a tree with changes: "
+                        "commit them and make it again"
                     )
     paths.REFERENCE.mkdir(parents=True, exist_ok=True)
-    written = [_copied(file) for file in sorted(run.iterdir()) if _is_result(file)] if of_run else []
+    files = [_copy(file) for file in sorted(run.iterdir()) if _is_result(file)] if of_run else []
     for target in of_run:
         manifest.write_entries(paths.REFERENCE, target, manifest.entries(run, target))
-    written += _benchmarks(bench, of_bench)
-    written += [_copied(rigs / name) for name in shown_pictures() if (rigs / name).is_file()]
-    return written + _texts(manifest.targets(paths.REFERENCE))
+    files += _benchmarks(bench, of_bench)
+    files += [_copy(rigs / name) for name in shown_pictures() if (rigs / name).is_file()]
+    return files + _texts(manifest.targets(paths.REFERENCE))
 
 
 def shown_pictures() -> list[str]:
@@ -91,7 +91,7 @@ def _is_result(file: Path) -> bool:
     return file.suffix in KINDS and file.name != manifest.NAME and not file.name.startswith(".")
 
 
-def _copied(file: Path) -> Path:
+def _copy(file: Path) -> Path:
     into = paths.REFERENCE / file.name
     copy_file(file, into)
     return into
@@ -99,27 +99,27 @@ def _copied(file: Path) -> Path:
 
 def _benchmarks(folder: Path, targets: list[str]) -> list[Path]:
     """Merge the benchmarks' rows, a character's as a whole, and copy the pictures of those characters."""
-    written = []
+    files = []
     for target in targets:
         rows, into = read_results(folder / f"{target}.csv"), paths.REFERENCE / f"{target}.csv"
         characters = {row.character for row in rows}
         merge(into, rows, lambda row, characters=characters: row.character not in characters)
         before = manifest.entries(paths.REFERENCE, target)
         manifest.write_entries(paths.REFERENCE, target, before | manifest.entries(folder, target))
-        written.append(into)
+        files.append(into)
     pictures = [file for file in sorted(folder.iterdir()) if file.suffix in (".png", ".json")] if targets else []
-    return written + [_copied(file) for file in pictures if _is_result(file)]
+    return files + [_copy(file) for file in pictures if _is_result(file)]
 
 
 def _texts(targets: list[str]) -> list[Path]:
     """Execute the notebooks about some targets on the committed results, and write the tables that texts show."""
     from replicate.report.notebooks import NOTEBOOKS, run_notebook
 
-    named = [file.stem for file in sorted(NOTEBOOKS.glob("*.ipynb")) if file.stem in (*targets, *ALWAYS)]
-    written = [run_notebook(name, "reference") for name in named]
+    names = [file.stem for file in sorted(NOTEBOOKS.glob("*.ipynb")) if file.stem in (*targets, *ALWAYS)]
+    files = [run_notebook(name, "reference") for name in names]
     for name, (text, make_table) in tables_in_texts().items():
         if (file := paths.REFERENCE / f"{name}.csv").is_file():
             write_text(text, with_table(text.read_text("utf-8"), name, make_table(read_results(file))))
-            written.append(text)
+            files.append(text)
     rewrite_target_table()
-    return [*written, REPRODUCING]
+    return [*files, REPRODUCING]

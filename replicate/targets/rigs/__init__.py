@@ -22,5 +22,5 @@ def run(options: argparse.Namespace) -> None:
     rigs = [rig_of(character) for character in characters(options)]
     for rig in rigs:
         for file in draw_sheets(rig, folder):
-            print(f"written to {paths.shown(file)}")
-    print(f"written to {paths.shown(draw_line_up(rigs, folder))}")
+            print(f"written to {paths.display_path(file)}")
+    print(f"written to {paths.display_path(draw_line_up(rigs, folder))}")

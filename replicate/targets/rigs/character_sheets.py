@@ -10,7 +10,7 @@ from replicate.drawing.panels import save_figure
 from replicate.targets.rigs.rig_sheet import line_up, rig_sheet
 
 # Twelve that a stranger should recognise without the label.
-SHOWN = (
+EXPRESSIONS = (
     "neutral", "joy", "laugh", "surprise", "anger", "sadness", "fear", "disgust", "kiss", "smirk", "shout", "yawn",
 )  # fmt: skip
 COLUMNS = 6
@@ -19,10 +19,10 @@ COLUMNS = 6
 def draw_sheets(rig: Rig, folder: Path, renderer: str | None = None) -> list[Path]:
     """Draw a rig's two sheets into a folder and return the files; `rig`: any that keeps the Rig contract."""
     poses = expression_poses(rig)
-    shown = {name: poses[name] for name in SHOWN if name in poses}
+    selection = {name: poses[name] for name in EXPRESSIONS if name in poses}
     sheets = {
         "sheet": rig_sheet(rig, renderer=renderer),
-        "expressions": expression_sheet(rig, shown, COLUMNS, width=240, height=262, renderer=renderer),
+        "expressions": expression_sheet(rig, selection, COLUMNS, width=240, height=262, renderer=renderer),
     }
     for kind, (figure, words) in sheets.items():
         save_figure(figure, folder / f"{rig.name}_{kind}.png", words)

@@ -10,7 +10,7 @@ from replicate.drawing.characters import BACKGROUND, character_surfaces
 from replicate.drawing.panels import DPI, GAP, MARGIN, TITLE, Words, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
-from replicate.drawing.scene import PORTRAIT, STUDIO, Surface, camera_for, framed
+from replicate.drawing.scene import PORTRAIT, STUDIO, Surface, camera_for, frame_surfaces
 from replicate.drawing.wireframe import quad_edges, wireframe
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def line_up(
 
 def _portrait(rig, view: str, width: int, height: int, renderer) -> np.ndarray:
     camera = camera_for(view, rig.mesh.neutral)
-    camera = framed(camera, character_surfaces(rig, rig.default), width / height)
+    camera = frame_surfaces(camera, character_surfaces(rig, rig.default), width / height)
     surfaces = character_surfaces(rig, rig.default, camera)
     return render(surfaces, camera, width, height, BACKGROUND, renderer, PORTRAIT)
 
@@ -96,7 +96,7 @@ def _pictures(rig, width: int, height: int, renderer) -> dict[str, np.ndarray]:
     mesh, neutral = rig.mesh, rig(rig.default)
     props = rig.pose_props(rig.default) if hasattr(rig, "pose_props") else []
     clay = [Surface(neutral, mesh.faces), *prop_surfaces([prop for prop in props if prop[0].startswith("eye")])]
-    camera = framed(camera_for("three_quarter", mesh.neutral), clay[:1], width / height)
+    camera = frame_surfaces(camera_for("three_quarter", mesh.neutral), clay[:1], width / height)
     lines = wireframe(neutral, mesh.faces, camera)
     pictures["wireframe"] = render([*clay, lines], camera, width, height, BACKGROUND, renderer, STUDIO)
     return pictures

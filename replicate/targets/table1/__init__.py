@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from replicate.artefacts import built_rig, control_influence, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.engine.paths import PAPER, shown
+from replicate.engine.paths import PAPER, display_path
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
 from replicate.report.cast import cast
@@ -18,7 +18,7 @@ ABOUT = "Table 1: counts of segments, model sizes and what brackets them, and th
 WRITES = "results/runs/<profile>/"
 OPTIONS = OF_A_RUN
 CHARACTERS = cast
-COMPARED = True
+IN_COMPARISON = True
 FILE = "table1.csv"
 
 
@@ -56,14 +56,14 @@ def publish(results: Sequence[CharacterResult]) -> None:
     from replicate.targets.table1.size_table import size_claim, table1
 
     profile = results[0].config.profile
-    folder, seeded = results_folder(profile), by_character(results)
+    folder, groups = results_folder(profile), by_character(results)
     with alone(folder):
         facts = manifest.entries(folder, "table1")
         rows = readable(read_results, folder / FILE) or []
         runs = {name: {row.run for row in rows if row.character == name} for name in facts}
-        facts = {name: own for name, own in facts.items() if runs[name] == {own.get("run")} and name not in seeded}
+        facts = {name: own for name, own in facts.items() if runs[name] == {own.get("run")} and name not in groups}
         rows = [row for row in rows if row.character in facts]
-        for character, each in seeded.items():
+        for character, each in groups.items():
             rows += over_seeds([read_results(one.folder / FILE) for one in each])
             facts[character] = facts_of(each, rows[-1].run)
         write_results(folder / FILE, rows)
@@ -72,4 +72,4 @@ def publish(results: Sequence[CharacterResult]) -> None:
     paper = read_results(PAPER / FILE)
     print(as_text(table1(rows, paper)))
     print(size_claim(rows, paper))
-    print(f"written to {shown(folder)}: {FILE}, {manifest.NAME}, and table1.ipynb to read it in")
+    print(f"written to {display_path(folder)}: {FILE}, {manifest.NAME}, and table1.ipynb to read it in")

@@ -60,12 +60,14 @@ def sizes_mb(
     sizes = {}
     ends = {"": None, "_least": 0, "_most": parameters}
     for ending, count in ends.items():
-        seen, finer = (
+        inputs_coarse, inputs_refined = (
             [len(segment.parameters) if count is None else count for segment in part] for part in (coarse, refined)
         )
-        sizes["refined", f"model_size{ending}"] = cnn_size_mb(seen, finer, coarse_shape, refined_shape)
-        sizes["coarse", f"model_size{ending}"] = cnn_size_mb(seen, (), coarse_shape, refined_shape)
-        moved = [len(segment.vertices) for segment in coarse]
+        sizes["refined", f"model_size{ending}"] = cnn_size_mb(
+            inputs_coarse, inputs_refined, coarse_shape, refined_shape
+        )
+        sizes["coarse", f"model_size{ending}"] = cnn_size_mb(inputs_coarse, (), coarse_shape, refined_shape)
+        outputs = [len(segment.vertices) for segment in coarse]
         for method, hidden in WIDTHS.items():
-            sizes[method, f"model_size{ending}"] = dense_size_mb(seen, moved, hidden)
+            sizes[method, f"model_size{ending}"] = dense_size_mb(inputs_coarse, outputs, hidden)
     return {key: ("MB", value) for key, value in sizes.items()}

@@ -10,7 +10,7 @@ from replicate.approximation.model_size import cnn_size_mb, dense_vertices
 from replicate.config import CoarseConfig, RefinementConfig
 from replicate.report.cast import STANDS_FOR, characters_of
 from replicate.report.results import Row, find, most_seeds
-from replicate.report.tables import Table, published, rounded
+from replicate.report.tables import Table, paper_value, round_off
 from replicate.targets.table1.size_rows import WIDTHS
 
 CLAIM = (2.0, 5.0)  # C6: how many times as large as the CNN the dense model is
@@ -92,8 +92,8 @@ def _number(method: str, metric: str) -> Callable:
     def cell(rows, character: str, is_paper: bool) -> str:
         row = find(rows, "table1", character, method, metric)
         if is_paper:
-            return published(row)
-        return rounded(row.value, row.unit, row.sd or None) if row else "–"
+            return paper_value(row)
+        return round_off(row.value, row.unit, row.sd or None) if row else "–"
 
     return cell
 
@@ -123,12 +123,13 @@ def bracket(paper: Iterable[Row], character: str) -> tuple[float | None, float |
         return None, None
     coarse, refined, parameters = (round(row.value) for row in counts)
     least, most = (
-        cnn_size_mb([seen] * coarse, [seen] * refined, CoarseConfig(), RefinementConfig()) for seen in (0, parameters)
+        cnn_size_mb([count] * coarse, [count] * refined, CoarseConfig(), RefinementConfig())
+        for count in (0, parameters)
     )
     return least, most
 
 
-def _seen(rows, character: str, is_paper: bool) -> str:
+def _network_share(rows, character: str, is_paper: bool) -> str:
     """Return the mean share of the rig parameters that a network of the CNN sees: where its size lies in between."""
     size = find(rows, "table1", character, "refined", "model_size")
     least, most = bracket(rows, character) if is_paper else _ends(rows, character, "refined")
@@ -145,11 +146,11 @@ def implied_vertices(paper: Iterable[Row], character: str, method: str) -> tuple
     if None in numbers:
         return None
     size, segments, parameters = (row.value for row in numbers)
-    fewest, most = (dense_vertices(size, round(segments), seen, WIDTHS[method]) for seen in (round(parameters), 0))
+    fewest, most = (dense_vertices(size, round(segments), count, WIDTHS[method]) for count in (round(parameters), 0))
     return fewest, most
 
 
-def _implied(method: str) -> Callable:
+def _dense_vertices(method: str) -> Callable:
     def cell(rows, character: str, is_paper: bool) -> str:
         ends = implied_vertices(rows, character, method) if is_paper else None
         return f"{ends[0]:,.0f}–{ends[1]:,.0f}" if ends else ""
@@ -159,7 +160,7 @@ def _implied(method: str) -> Callable:
 
 def _ratio(method: str) -> Callable:
     def cell(rows, character: str, is_paper: bool) -> str:
-        return rounded(size_ratio(rows, character, method), "ratio")
+        return round_off(size_ratio(rows, character, method), "ratio")
 
     return cell
 
@@ -173,7 +174,7 @@ _LINES = (
     None,
     ("CNN, MB", _number("refined", "model_size")),
     ("– least–most", _span("refined")),
-    ("– parameters a network sees, mean", _seen),
+    ("– parameters a network sees, mean", _network_share),
     ("– coarse networks alone", _number("coarse", "model_size")),
     (f"Dense {'/'.join(map(str, WIDTHS['dense']))}, MB", _number("dense", "model_size")),
     ("– least–most", _span("dense")),
@@ -183,5 +184,5 @@ _LINES = (
     (f"Dense {'/'.join(map(str, WIDTHS['dense_released']))} over CNN", _ratio("dense_released")),
     None,
     ("Vertices that deform", _number("model", "deformable_vertices")),
-    *((f"– implied by dense {'/'.join(map(str, WIDTHS[name]))}", _implied(name)) for name in WIDTHS),
+    *((f"– implied by dense {'/'.join(map(str, WIDTHS[name]))}", _dense_vertices(name)) for name in WIDTHS),
 )

@@ -15,7 +15,7 @@ from replicate.targets.table2.table_numbers import TableNumbers
 ABOUT = "Table 2: approximation errors of every method on held-out poses, beside the paper's; Figures 9 and 10"
 WRITES = "results/runs/<profile>/"
 OPTIONS = (*OF_A_RUN, "methods", "numbers-only")
-COMPARED = True
+IN_COMPARISON = True
 
 
 def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:

@@ -27,7 +27,7 @@ def training_curves(
     ends = []
     for axes, column, (metric, _, label) in zip(figure.subplots(1, 2), (2, 3), MEASURES, strict=True):
         for method in map(method_named, in_order(name for who, name in curves if who == character)):
-            if method.drawn:
+            if method.in_figures:
                 curve = curves[character, method.name]
                 steps, errors = [row[0] for row in curve], [row[column] for row in curve]
                 axes.plot(steps, errors, color=method.colour, label=method.label)

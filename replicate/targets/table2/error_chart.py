@@ -8,7 +8,7 @@ from replicate.drawing.style import MEASURES, tidy
 from replicate.methods.method_registry import in_order, method_named
 from replicate.report.cast import STANDS_FOR
 from replicate.report.results import Row, find
-from replicate.report.tables import rounded
+from replicate.report.tables import round_off
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -26,24 +26,24 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str) -> "
 
     theirs = STANDS_FOR.get(character, "")
     names = {row.method for row in ours if row.character == character and row.metric == MEASURES[0][0]}
-    methods = [method for method in map(method_named, in_order(names)) if method.charted]
+    methods = [method for method in map(method_named, in_order(names)) if method.in_charts]
     figure = Figure((10, 0.36 * len(methods) + 1.2), dpi=DPI, layout="constrained")
-    spoken, motion = [], []
+    phrases, motion = [], []
     for axes, (metric, unit, label) in zip(figure.subplots(1, 2, sharey=True), MEASURES, strict=True):
         for y, method in enumerate(methods):
             mine, other = (
                 find(rows, "table2", who, method.name, metric) for rows, who in ((ours, character), (paper, theirs))
             )
             axes.plot(mine.value, y, "o", color=method.colour, markersize=8)
-            shown = rounded(mine.value, unit)
-            axes.annotate(shown, (mine.value, y), (0, 7), textcoords="offset points", ha="center", fontsize=7)
+            text = round_off(mine.value, unit)
+            axes.annotate(text, (mine.value, y), (0, 7), textcoords="offset points", ha="center", fontsize=7)
             if mine.sd is not None:
                 axes.errorbar(mine.value, y, xerr=mine.sd, color=method.colour, capsize=3)
             if other:
                 axes.plot(other.value, y, "o", markerfacecolor="none", markeredgecolor="black", markersize=8)
-            spoken.append(f"{method.label} {shown} {UNITS[unit]}")
+            phrases.append(f"{method.label} {text} {UNITS[unit]}")
         if still := find(ours, "table2", character, "neutral", metric):
-            motion.append(f"{rounded(still.value, unit)} {UNITS[unit]}")
+            motion.append(f"{round_off(still.value, unit)} {UNITS[unit]}")
         axes.set_yticks(range(len(methods)), [method.title for method in methods])
         axes.set_xlim(left=0)
         axes.set_xlabel(label)
@@ -53,7 +53,7 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str) -> "
     ring = Line2D([], [], marker="o", linestyle="", color="black", markerfacecolor="none", label=f"{theirs} (paper)")
     axes.legend(handles=[dot, ring] if theirs else [dot], frameon=False, fontsize=8, loc="lower right")
     return figure, Words(
-        f"Two dot charts of mean error by method for {character}: {'; '.join(spoken)}.",
+        f"Two dot charts of mean error by method for {character}: {'; '.join(phrases)}.",
         f"Table 2 as a chart: {character} (dots)"
         + (
             f" beside the paper's {theirs} (rings), another rig: compare orderings and ratios, not millimetres"

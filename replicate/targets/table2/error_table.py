@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from replicate.methods.method_registry import in_order, method_named
 from replicate.report.cast import STANDS_FOR
 from replicate.report.results import Row, find, most_seeds
-from replicate.report.tables import Table, published, rounded
+from replicate.report.tables import Table, paper_value, round_off
 
 STATISTICS = ("mean", "p95", "max")
 
@@ -40,8 +40,8 @@ def table2_overview(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
             cells = [method_named(method).title]
             for character in characters:
                 mine = find(rows, "table2", character, method, f"{kind}_error_mean")
-                cells.append(rounded(mine.value, unit, mine.sd) if mine else "–")
-                cells.append(published(find(paper, "table2", STANDS_FOR[character], method, f"{kind}_error_mean")))
+                cells.append(round_off(mine.value, unit, mine.sd) if mine else "–")
+                cells.append(paper_value(find(paper, "table2", STANDS_FOR[character], method, f"{kind}_error_mean")))
             body.append(tuple(cells))
     header = ("", *(name for c in characters for name in (c, STANDS_FOR[c])))
     heading = "Table 2: mean errors of our characters beside the paper's"
@@ -54,10 +54,10 @@ def _line(rows, paper, character: str, theirs: str | None, method: str) -> tuple
     for kind, unit in (("vertex", "mm"), ("normal", "deg")):
         for statistic in STATISTICS:
             row = find(rows, "table2", character, method, f"{kind}_error_{statistic}")
-            cells.append(rounded(row.value, unit, row.sd) if row else "–")
-        cells.append(published(find(paper, "table2", theirs or "", method, f"{kind}_error_mean")))
+            cells.append(round_off(row.value, unit, row.sd) if row else "–")
+        cells.append(paper_value(find(paper, "table2", theirs or "", method, f"{kind}_error_mean")))
     texels = find(rows, "table2", character, method, "texels_per_vertex")
-    return (*cells, rounded(texels.value, "ratio") if texels else "")
+    return (*cells, round_off(texels.value, "ratio") if texels else "")
 
 
 def _about(rows: Sequence[Row], theirs: str | None) -> str:

@@ -13,22 +13,26 @@ from replicate.targets.table2.panel_titles import panel_title, plain_name
 if TYPE_CHECKING:
     import matplotlib.figure
 
-SHOWN = (TRUTH, "refined", "coarse", "lbs32")
+COLUMNS = (TRUTH, "refined", "coarse", "lbs32")
 
 
 def figure09(
-    record: PoseRecord, methods: Sequence[str] = SHOWN, width: int = 400, height: int = 340, renderer: str | None = None
+    record: PoseRecord,
+    methods: Sequence[str] = COLUMNS,
+    width: int = 400,
+    height: int = 340,
+    renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): the record's pose from the forehead camera, one panel for each of `methods`."""
     view = camera_for("forehead", record.neutral)
-    shown = [method for method in methods if method in record.vertices]
+    columns = [method for method in methods if method in record.vertices]
     props = prop_surfaces(record.props)
     panels = [
         render([Surface(record.vertices[method], record.faces), *props], view, width, height, renderer=renderer)
-        for method in shown
+        for method in columns
     ]
-    titles = [panel_title(method) for method in shown]
-    names = ", ".join(plain_name(method) for method in shown)
+    titles = [panel_title(method) for method in columns]
+    names = ", ".join(plain_name(method) for method in columns)
     return panel_grid([panels], titles), Words(
         f"Clay renders of one forehead, close up, from left to right: {names}.",
         f"Forehead wrinkles of {record.character} in test pose {record.pose} (after Fig. 9 of the paper): {names}. "

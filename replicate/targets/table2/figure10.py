@@ -29,22 +29,22 @@ def figure10(
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words). limit_deg: the upper end of the colours, the same for every panel."""
     view = camera_for(camera, record.neutral)
-    shown = [TRUTH, *(m for m in in_order(set(record.vertices) - {TRUTH}) if method_named(m).drawn)]
+    columns = [TRUTH, *(m for m in in_order(set(record.vertices) - {TRUTH}) if method_named(m).in_figures)]
     props = prop_surfaces(record.props)
     truth = record.vertices[TRUTH]
     draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
-    shaded = [draw([Surface(record.vertices[method], record.faces), *props]) for method in shown]
-    heat = [draw([normal_heat(record.vertices[method], truth, record.faces, limit_deg)]) for method in shown]
+    clay = [draw([Surface(record.vertices[method], record.faces), *props]) for method in columns]
+    heat = [draw([normal_heat(record.vertices[method], truth, record.faces, limit_deg)]) for method in columns]
     figure = panel_grid(
-        [shaded, heat],
-        [panel_title(method) for method in shown],
+        [clay, heat],
+        [panel_title(method) for method in columns],
         ("surface", "normal error"),
         (1, 1, partial(colour_bar, limit=limit_deg, label="normal angle error, degrees")),
     )
-    means = {method: np.nanmean(normal_error(record.vertices[method], truth, record.faces)) for method in shown[1:]}
+    means = {method: np.nanmean(normal_error(record.vertices[method], truth, record.faces)) for method in columns[1:]}
     names = ", ".join(f"{plain_name(method)} {mean:.2f}°" for method, mean in means.items())
     return figure, Words(
-        f"Clay renders of one face pose in {len(shown)} columns, ground truth first, then each method; below each, "
+        f"Clay renders of one face pose in {len(columns)} columns, ground truth first, then each method; below each, "
         f"the same face coloured by normal error from 0 to {limit_deg:g} degrees. Mean errors: {names}.",
         f"Test pose {record.pose} of {record.character}, the one whose forehead folds most (after Fig. 10). "
         f"Below: angle between each face's predicted and true normal (Eq. 11), unlit, one scale for all panels. "

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from replicate.engine.atomic_files import copy_file
-from replicate.engine.paths import PAPER, shown
+from replicate.engine.paths import PAPER, display_path
 from replicate.report import manifest
 from replicate.report.notebooks import is_current, run_notebook
 from replicate.report.pose_record import load_pose
@@ -25,24 +25,24 @@ def publish(results: Sequence[CharacterResult], draw: bool = True) -> None:
     to the same folder, this one waits, so that neither loses the other's results.
     """
     config = results[0].config
-    folder, seeded = results_folder(config.profile), by_character(results)
+    folder, groups = results_folder(config.profile), by_character(results)
     with alone(folder):
-        rows = _merge(folder, seeded)
+        rows = _merge(folder, groups)
         if draw:
             _draw(folder, config.profile, config.evaluation.heatmap_deg)
     paper = read_results(PAPER / ROWS)
-    for character, each in seeded.items():
+    for character, each in groups.items():
         split = each[0].config.samples.split
         print(as_text(table2(rows, paper, character)))
         print(f"split by {split}" + (", as in the paper" if split == "frames" else ""))
     with_it = ", figures, and table2.ipynb to read them in" if draw else ""
-    print(f"written to {shown(folder)}: {ROWS}, {manifest.NAME}{with_it}")
+    print(f"written to {display_path(folder)}: {ROWS}, {manifest.NAME}{with_it}")
 
 
-def _merge(folder: Path, seeded: Mapping[str, Sequence[CharacterResult]]) -> list[Row]:
+def _merge(folder: Path, groups: Mapping[str, Sequence[CharacterResult]]) -> list[Row]:
     """Write the results of some characters beside those of the others that are there, and return all rows."""
     rows, curves, facts = _present(folder)
-    for character, each in seeded.items():
+    for character, each in groups.items():
         rows = [row for row in rows if row.character != character]
         rows += over_seeds([read_results(one.folder / ROWS) for one in each])
         curves = {key: curve for key, curve in curves.items() if key[0] != character}

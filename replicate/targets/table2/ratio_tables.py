@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from replicate.methods.method_registry import in_order, method_named
 from replicate.report.cast import STANDS_FOR
 from replicate.report.results import Row, find, most_seeds
-from replicate.report.tables import Table, rounded
+from replicate.report.tables import Table, round_off
 
 # (method, over which other, error): what a replication on another rig can compare, and our own measures of success.
 RATIOS = (
@@ -30,7 +30,7 @@ def table2_ratios(ours: Sequence[Row], paper: Sequence[Row], character: str) -> 
         ratios = [_ratio(rows, who, method, other, kind) for rows, who in ((ours, character), (paper, theirs))]
         if ratios[0] is not None:
             label = f"{method_named(method).title} / {method_named(other).title}, {ERRORS[kind]}"
-            body.append((label, *(rounded(ratio, "ratio") for ratio in ratios)))
+            body.append((label, *(round_off(ratio, "ratio") for ratio in ratios)))
     header = ("mean error of one method over another's", character, theirs or "–")
     return Table(f"Table 2 as ratios: {character} beside {theirs or 'nobody'}", (header,), tuple(body))
 
@@ -54,7 +54,7 @@ def table2_segments(ours: Iterable[Row], character: str) -> Table:
         body += [None] if body else []
         for name in names:
             errors = (find(rows, "table2_segments", character, m, f"{kind}_error_mean[{name}]") for m in methods)
-            cells = (rounded(row.value, unit) if row else "–" for row in errors)
+            cells = (round_off(row.value, unit) if row else "–" for row in errors)
             body.append((f"{name}, {unit}", *cells))
     header = (
         "",

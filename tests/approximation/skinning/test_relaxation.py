@@ -6,7 +6,7 @@ from skinned_sheets import wrinkled
 
 from replicate.approximation.skinning.alternation import dense
 from replicate.approximation.skinning.compression import compress
-from replicate.approximation.skinning.relaxation import alternation, sparsified
+from replicate.approximation.skinning.relaxation import alternation, sparsify
 from replicate.approximation.skinning.ssdr import fit, refit
 
 BONES, INFLUENCES = 6, 2
@@ -38,7 +38,7 @@ def test_a_vertex_keeps_the_bones_that_its_surroundings_use_most(course):
     odd = len(alone) // 2 + 8
     alone[odd] = [0, 0, 0.5, 0.5, 0, 0]
     everywhere = np.tile(np.arange(BONES), (len(alone), 1))
-    result = sparsified(course.plain, type(state)(**vars(state) | {"bone_index": everywhere, "weights": alone}), 2)
+    result = sparsify(course.plain, type(state)(**vars(state) | {"bone_index": everywhere, "weights": alone}), 2)
     assert set(result.bone_index[odd]) == {0, 1} and set(result.bone_index[odd + 1]) == {0, 1}
     np.testing.assert_allclose(result.weights.sum(1), 1)
     assert result.energy == np.inf and result.beta == 0

@@ -182,7 +182,7 @@ def test_the_default_pose_is_the_neutral_without_a_fold(mask):
 
 def test_jaw_open_turns_about_its_pivot_and_gives_the_models_shape_in_full(mask, kit):
     read = load_recipe(kit)
-    kept = facekit_rig.placed(facekit_files.read_model(read.vertices), read)
+    kept = facekit_rig.place_model(facekit_files.read_model(read.vertices), read)
     shift = kept.vertices[0] - facekit_files.read_model(read.vertices).vertices[0]
     lower = mask.mesh.segment == mask.mesh.segment_names.index("tooth_lower_01")
     np.testing.assert_allclose(mask.face.constants["jaw"]["pivot"], 10 * PIVOT + shift, atol=0.05)
