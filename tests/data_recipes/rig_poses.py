@@ -3,6 +3,7 @@
 import numpy as np
 
 from data_recipes.rig import Rig
+from replicate.approximation.sampling import augment
 from replicate.geometry.mesh import Mesh
 
 
@@ -35,3 +36,22 @@ def flipped_share(vertices: np.ndarray, faces: np.ndarray) -> float:
     normal = np.cross(b - a, c - a)
     at_vertex = np.stack([np.bincount(faces.ravel(), np.repeat(normal[:, d], 3), len(vertices)) for d in range(3)], 1)
     return float(((at_vertex[faces].sum(axis=1) - 3 * normal) * normal).sum(axis=1).__lt__(0).mean())
+
+
+def pose_of(rig, **amounts):
+    columns = {control.name: column for column, control in enumerate(rig.controls)}
+    values = rig.default.copy()
+    for name, amount in amounts.items():
+        for one in (name,) if name in columns else (f"{name}_L", f"{name}_R"):
+            values[columns[one]] = amount
+    return values
+
+
+def exaggerated_poses(rig, count, seed=0):
+    return augment(np.concatenate([clip.values for clip in rig.clips]), count, np.random.default_rng(seed))
+
+
+def chart_areas(uv, faces):
+    """Twice each chart triangle's signed area."""
+    a, b, c = (uv[faces[:, k]] for k in range(3))
+    return (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]

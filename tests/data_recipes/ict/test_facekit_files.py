@@ -1,0 +1,148 @@
+"""The reader of ICT-FaceKit's files takes what OBJ allows, and names what it can't take."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from data_recipes.catalogue import build_rig
+from data_recipes.ict import facekit_files, facekit_segments
+from replicate.__main__ import main
+from replicate.engine.exceptions import InputError
+
+
+def test_an_obj_keeps_its_vertices_and_cuts_many_corners_into_fans(tmp_path):
+    file = tmp_path / "a.obj"
+    file.write_text(
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv -1 .5 0\n"
+        "vt 0 0 0\nvt 1 0 0\nvt 1 1 0\nf 1/1/1 2/2/1 3/3/1 4/1/1\nf 1/2 3/3 -1/-1\nf 1/1 2/1 3/1 4/1 5/1\n"
+    )
+    vertices, uv, polygons, uv_polygons = facekit_files.read_obj(file)
+    assert vertices.shape == (5, 3) and uv.shape == (3, 2)
+    assert polygons.tolist() == [[0, 1, 2, 3], [0, 2, 4, -1], [0, 1, 2, -1], [0, 2, 3, -1], [0, 3, 4, -1]]
+    assert uv_polygons[:2].tolist() == [[0, 1, 2, 0], [1, 2, 2, -1]]
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("v 0 0 0\nvt 0 0\nf 1/1 1/1 2/1\n", "line 3 is 'f 1/1 1/1 2/1'"),
+        ("v 0 0 0\nvt 0 0\nf 1 1 1\n", "line 3 is 'f 1 1 1'"),
+        ("v 0 0 0\nvt 0 0\n", "found no faces"),
+        ("v 0 0\nvt 0 0\nf 1/1 1/1 1/1\n", "found a line 'v' without 3 numbers"),
+        ("v 0 0 nan\nvt 0 0\nf 1/1 1/1 1/1\n", "where finite numbers"),
+        ("", "found a line 'v' without 3 numbers, or no such line"),
+        ("v 0 0 0\nvt 0 0\nf 1/1 1/1 " + "9" * 30 + "/1\n", "line 3 is 'f 1/1 1/1 9"),
+        ("v 0 0 0\nvt 0 0\nf 1/1 1/1 " + "9" * 5_000 + "/1\n", "line 3 is 'f 1/1 1/1 9"),
+        ("v 0 0 0\nvt 0 0\nf" + " 1/1" * 200_000 + "\n", "where a face of 3 to 64 different corners"),
+    ],
+)
+def test_a_broken_obj_is_named_with_what_was_found(tmp_path, text, found):
+    file = tmp_path / "a.obj"
+    file.write_text(text)
+    with pytest.raises(InputError, match=r"a\.obj") as caught:
+        facekit_files.read_obj(file)
+    assert found in str(caught.value)
+
+
+def test_quads_are_cut_along_the_shorter_diagonal_or_through_a_corner():
+    x = np.array([[0.0, 0, 0], [2, 0, 0], [2.5, 1, 0], [0.5, 1, 0]])
+    quad = np.array([[0, 1, 2, 3], [0, 1, 2, -1]])
+    assert facekit_segments.triangles(quad, x).tolist() == [[0, 1, 3], [1, 2, 3], [0, 1, 2]]
+    through = np.array([True, False, False, False])
+    assert facekit_segments.triangles(quad, x, through).tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2]]
+
+
+def _break(name):
+    def edit(data):
+        if name == "missing":
+            (data / "eyeBlink_L.obj").unlink()
+        elif name == "version":
+            lines = (data / "generic_neutral_mesh.obj").read_text().splitlines(keepends=True)
+            (data / "generic_neutral_mesh.obj").write_text("v 0 0 0\n" + "".join(lines))
+        elif name == "short":
+            lines = (data / "jawLeft.obj").read_text().splitlines(keepends=True)
+            (data / "jawLeft.obj").write_text("".join(lines[:100]))
+        elif name == "json":
+            (data / "vertex_indices.json").write_text("{")
+        elif name == "marks":
+            table = json.loads((data / "vertex_indices.json").read_text())
+            table["idx_to_landmark_verts"].pop()
+            (data / "vertex_indices.json").write_text(json.dumps(table))
+        elif name == "unit":
+            file = data / "generic_neutral_mesh.obj"
+            rows = [line.split() for line in file.read_text().splitlines()]
+            rows = [[row[0], *(str(100 * float(c)) for c in row[1:])] if row[0] == "v" else row for row in rows]
+            file.write_text("\n".join(map(" ".join, rows)))
+        elif name == "deep":
+            (data / "vertex_indices.json").write_text("[" * 100_000)
+        elif name == "huge":
+            table = json.loads((data / "vertex_indices.json").read_text())
+            table["idx_to_landmark_verts"][3] = 10**30
+            (data / "vertex_indices.json").write_text(json.dumps(table))
+        elif name == "loop":
+            (data / "eyeBlink_L.obj").unlink()
+            (data / "eyeBlink_L.obj").symlink_to("eyeBlink_L.obj")
+        elif name == "jaw":
+            table = json.loads((data / "vertex_indices.json").read_text())
+            table["expressions"].remove("jawForward")
+            (data / "vertex_indices.json").write_text(json.dumps(table))
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("missing", ("eyeBlink_L.obj: found no such file", "vertex_indices.json lists it")),
+        ("version", ("generic_neutral_mesh.obj: found 1598 vertices, where the 1597 of ICT-FaceKit",)),
+        ("short", ("jawLeft.obj: found 99 vertices, where the 1597",)),
+        ("json", ("vertex_indices.json: found no readable table",)),
+        ("marks", ("'idx_to_landmark_verts': found 67 landmarks, where 68",)),
+        ("unit", ("is 15000 mm wide", "unit is taken to be the centimetre")),
+        ("deep", ("vertex_indices.json: found no readable table",)),
+        ("huge", ("'idx_to_landmark_verts': found vertex 1000000000000000000000000000000, where",)),
+        ("loop", ("eyeBlink_L.obj: found no such file",)),
+        ("jaw", ("found no 'jawForward'",)),
+    ],
+)
+def test_a_folder_that_is_no_such_model_gets_one_sentence(kit, folder, tmp_path, monkeypatch, fault, words):
+    shutil.copytree(folder, tmp_path / "kit")
+    _break(fault)(tmp_path / "kit" / "FaceXModel")
+    monkeypatch.setenv("ICT_FACEKIT", str(tmp_path / "kit"))
+    with pytest.raises(InputError) as caught:
+        build_rig(kit)
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+@pytest.mark.parametrize("named", ["", "/nonexistent"])
+def test_without_the_folder_the_command_ends_with_2_and_says_where_to_get_it(named, monkeypatch, capsys, cache):
+    monkeypatch.setenv("ICT_FACEKIT", named)
+    assert main(["table2", "--profile", "quick", "--characters", "ict"]) == 2
+    said = capsys.readouterr().err
+    assert "ICT-FaceKit by USC ICT on GitHub" in said and "ICT_FACEKIT=" in said and said.count("\n") == 1
+    assert not cache.exists() or not list(cache.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("rows = 5", "rows = 1", "folds.rows is 1: allowed is a whole number from 2 to 12"),
+        ("rows = 5", "rose = 5", "unknown key folds.rose: allowed are forehead"),
+        ("[parts]", "[bits]", "unknown key bits: allowed are name, vertices, parts"),
+        ("mouth = [", "muth = [", "unknown key parts.muth: allowed are face"),
+        (
+            "vertices = 1597",
+            "vertices = 900",
+            "parts.face is [0, 1146]: allowed are two of the model's",
+        ),
+    ],
+)
+def test_a_bad_recipe_gets_one_sentence(kit, tmp_path, old, new, sentence):
+    text = kit.read_text()
+    assert old in text
+    (tmp_path / "mask.toml").write_text(text.replace(old, new))
+    with pytest.raises(InputError) as caught:
+        build_rig(tmp_path / "mask.toml")
+    assert "mask.toml: " in str(caught.value) and sentence in str(caught.value)

@@ -1,0 +1,40 @@
+"""Characters with artefacts of made-up numbers, to be published."""
+
+from dataclasses import replace
+
+import numpy as np
+from sample_rows import CURVE, table2_rows
+from toy_stages import ToyConfig
+
+from replicate.config import resolve
+from replicate.engine import store
+from replicate.engine.stage import Stage
+from replicate.report.pose_record import PoseRecord, save_pose
+from replicate.report.publication import CharacterResult
+from replicate.report.results import write_results
+from replicate.report.training_curves import write_curves
+from replicate.targets.table2 import publishing
+
+GIT = {"commit": "c0ffee", "clean": True}
+
+
+def result(
+    character: str, seed: int = 0, run: str = "r", git: dict | None = GIT, split: str = "frames"
+) -> CharacterResult:
+    """Return a character whose table's artefact holds made-up numbers."""
+
+    def build(out, scratch):
+        write_results(out / "table2.csv", [replace(row, run=run) for row in table2_rows((character,))])
+        write_curves(out / "table2_curves.csv", {(character, "dense"): CURVE})
+        flat, faces = np.eye(3, dtype=np.float32), np.int32([[0, 1, 2]])
+        record = PoseRecord(character, 5, flat, faces, {"truth": flat, "dense": flat})
+        save_pose(out / f"table2_{character}_pose.npz", record)
+        return {"key": "k", "wall_s": 1.0, "run": {"git": git, "profile": "quick"}}
+
+    stage = Stage("table2", "toy_stages:numbers", ToyConfig(seed), label=f"{character}-{run}")
+    store.make(stage.identifier, build)
+    return CharacterResult(resolve(character, "quick", {"samples": {"split": split}}, seed=seed), stage)
+
+
+def publish_numbers(*runs: CharacterResult) -> None:
+    publishing.publish(runs, draw=False)
