@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
-from data_recipes.recipe.reading import Recipe
+from data_recipes.recipe.sections import ChartLayout
 
 GUTTER = 0.05  # between parts in one chart: more than a texel of 32, so that bilinear samples of neighbours share none
+FACE = "face"
 
 
-def segment_parts(recipe: Recipe, part_names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+def segment_parts(charts: ChartLayout, part_names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     """Return each segment's parts, in the order of the parts; a segment stands where its first part does."""
-    home = {part: name for name, parts in recipe.segments.items() for part in parts}
+    home = {part: name for name, parts in charts.segments.items() for part in parts}
     segments: dict[str, tuple[str, ...]] = {}
     for part in part_names:
         name = home.get(part, part)
@@ -20,35 +21,58 @@ def segment_parts(recipe: Recipe, part_names: tuple[str, ...]) -> dict[str, tupl
     return segments
 
 
-def part_order(recipe: Recipe, part_names: tuple[str, ...]) -> Int[np.ndarray, " p"]:
-    """Return the parts' indices, those of one segment after each other."""
-    index = {name: i for i, name in enumerate(part_names)}
-    return np.array([index[part] for parts in segment_parts(recipe, part_names).values() for part in parts])
-
-
 def build_segments(
-    recipe: Recipe, part: Int[np.ndarray, " n"], part_names: tuple[str, ...], uv: Float[np.ndarray, "n 2"]
+    charts: ChartLayout, part: Int[np.ndarray, " n"], part_names: tuple[str, ...], uv: Float[np.ndarray, "n 2"]
 ) -> tuple[Int[np.ndarray, " n"], tuple[str, ...], Float[np.ndarray, "n 2"]]:
     """Return each vertex's segment, the segments' names, and the charts.
 
     uv: coordinates in a chart a part. Parts of one segment are stacked in rows by their numbers of vertices; a left
-    part and its right fellow share a row, so that charts mirror as the head does.
+    part and its right fellow share a row, so that charts mirror as the head does. The face is cut into bands, called
+    face_1 … from the chin upwards.
     """
-    segment, uv = np.empty(len(part), np.int32), uv.copy()
-    segments = segment_parts(recipe, part_names)
-    for index, parts in enumerate(segments.values()):
-        members = {name: part == part_names.index(name) for name in parts}
-        rows = _rows(parts)
-        size = np.array([sum(members[name].sum() for name in row) for row in rows], float)
-        high = size / size.sum() * (1 - GUTTER * (len(rows) - 1))
-        low = np.cumsum(np.append(0, high[:-1] + GUTTER))
-        for row, below, height in zip(rows, low, high, strict=True):
-            wide = (1 - GUTTER * (len(row) - 1)) / len(row)
-            for column, name in enumerate(row):
-                corner = np.array([column * (wide + GUTTER), below])
-                uv[members[name]] = corner + uv[members[name]] * (wide, height)
-                segment[members[name]] = index
-    return segment, tuple(segments), uv
+    segment, uv, names = np.empty(len(part), np.int32), uv.copy(), []
+    for name, parts in segment_parts(charts, part_names).items():
+        members = {one: part == part_names.index(one) for one in parts}
+        if parts == (FACE,) and charts.face_bands > 1:
+            face = np.flatnonzero(members[FACE])
+            band, uv[face] = cut_into_bands(uv[face], charts.face_bands)
+            segment[face] = len(names) + band
+            names += [f"{name}_{k + 1}" for k in range(charts.face_bands)]
+            continue
+        _stack(members, uv)
+        segment[np.any(list(members.values()), axis=0)] = len(names)
+        names.append(name)
+    return segment, tuple(names), uv
+
+
+def cut_into_bands(uv: Float[np.ndarray, "n 2"], bands: int) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 2"]]:
+    """Cut a chart across v into bands of equally many vertices, from below; return each vertex's band and new chart.
+
+    A band fills its chart in both directions, so that all of its texels count; the left and the right stay mirrored.
+    """
+    height = np.round(uv[:, 1], 9)  # what mirrors each other falls into one band
+    edges = np.quantile(height, np.arange(1, bands) / bands, method="closest_observation")
+    band, stretched = np.searchsorted(edges, height, side="left"), uv.copy()
+    for k in range(bands):
+        own = uv[band == k]
+        low, high = own.min(0), own.max(0)
+        reach = max(high[0] - 0.5, 0.5 - low[0])
+        stretched[band == k, 0] = 0.5 + (own[:, 0] - 0.5) * 0.5 / reach
+        stretched[band == k, 1] = (own[:, 1] - low[1]) / (high[1] - low[1])
+    return band, stretched
+
+
+def _stack(members: dict[str, np.ndarray], uv: Float[np.ndarray, "n 2"]) -> None:
+    """Move the charts of the parts of one segment into rows, in place."""
+    rows = _rows(tuple(members))
+    size = np.array([sum(members[name].sum() for name in row) for row in rows], float)
+    high = size / size.sum() * (1 - GUTTER * (len(rows) - 1))
+    low = np.cumsum(np.append(0, high[:-1] + GUTTER))
+    for row, below, height in zip(rows, low, high, strict=True):
+        wide = (1 - GUTTER * (len(row) - 1)) / len(row)
+        for column, name in enumerate(row):
+            corner = np.array([column * (wide + GUTTER), below])
+            uv[members[name]] = corner + uv[members[name]] * (wide, height)
 
 
 def _rows(parts: tuple[str, ...]) -> list[tuple[str, ...]]:

@@ -91,7 +91,8 @@ def build_head(recipe: Recipe) -> Head:
     mouth_u, mouth_side = mouth.ring_parameter(layout.grids["mouth"].shape[1])
     eye_u, eye_side = mouth.ring_parameter(layout.grids["eye_left"].shape[1])
     curves = name_curves(recipe, layout)
-    segment, segment_names, uv = build_segments(recipe, layout.part, layout.part_names, build_charts(recipe, layout))
+    uv = build_charts(recipe, layout)
+    segment, segment_names, uv = build_segments(recipe.charts, layout.part, layout.part_names, uv)
     tooth_names = layout.part_names[-len(layout.grids["teeth"]) :]
     left, frame = np.array(recipe.eyes.centre), eye_frame(recipe)
     both = {

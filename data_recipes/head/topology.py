@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Int
 
 from data_recipes.head.frills import frill_numbers, frill_parts
-from data_recipes.head.head_segments import part_order
 from data_recipes.head.rings import block_ring, fill_block, grid_quads, ring_mirror, ring_quads
 from data_recipes.recipe.reading import Recipe
 from data_recipes.recipe.sections import PARTS
@@ -64,7 +63,7 @@ class _Builder:
 
 
 def build_layout(recipe: Recipe) -> Layout:
-    """Lay out every part of the head; sorted so that the vertices of each part and of each segment are contiguous."""
+    """Lay out every part of the head; the vertices of each part are contiguous, whatever shares a segment."""
     b, grids = _Builder(), {}
     _body(b, recipe, grids)
     _midline_rings(b, recipe, grids)
@@ -74,8 +73,7 @@ def build_layout(recipe: Recipe) -> Layout:
     _frills(b, recipe, grids)
     names += _teeth(b, recipe, grids, len(names))
     part = np.asarray(b.part)
-    place = np.append(np.argsort(part_order(recipe, names)), len(names))  # part -1: removed
-    order = np.argsort(place[part], kind="stable")[: int((part >= 0).sum())]
+    order = np.argsort(np.where(part < 0, len(names), part), kind="stable")[: int((part >= 0).sum())]  # -1: removed
     new = np.full(len(part), -1)
     new[order] = np.arange(len(order))
     return Layout(

@@ -2,14 +2,16 @@
 # ruff: noqa: RUF009 — what stands as a default is a `dataclasses.field`, or frozen
 
 from dataclasses import dataclass
+from typing import Literal
 
 from data_recipes.acting.procedural_acting import Acting
 from data_recipes.recipe.sections import (
-    PARTS,
+    ChartLayout,
     Controls,
     Ears,
     Eyes,
     Frills,
+    Layouts,
     Limits,
     Mouth,
     Props,
@@ -18,7 +20,7 @@ from data_recipes.recipe.sections import (
     Tongue,
 )
 from data_recipes.recipe.skull import Nose, Skull
-from replicate.engine.schema import Checked, groups, identifier, names, number
+from replicate.engine.schema import Checked, identifier, names, number
 
 VERTICES_MOST = 1_000_000
 
@@ -29,15 +31,16 @@ class Recipe(Checked):
 
     vertices: the exact count that the built head must have. clip_files: animation of one's own as CSV (see
     `clip_file`), beside the invented acting or, with acting.clips = 0, instead of it; in the file their paths are
-    relative to its folder. A recipe with neither has no animation, and its poses are drawn uniformly. segments: which
-    parts of the head share a segment, and so a chart, by the segment's name; every other part is a segment.
+    relative to its folder. A recipe with neither has no animation, and its poses are drawn uniformly. layout: which of
+    the layouts counts.
     """
 
     name: str = identifier()
     vertices: int = number(lower=1, upper=VERTICES_MOST)
     file: str = "<memory>"
     clip_files: tuple[str, ...] = names(what="paths of CSV files")
-    segments: dict[str, tuple[str, ...]] = groups({"lids_inner": ("lid_inner_left", "lid_inner_right")}, PARTS, "parts")
+    layout: Literal["one_face", "fine"] = "one_face"
+    layouts: Layouts = Layouts()
     skull: Skull = Skull()
     nose: Nose = Nose()
     eyes: Eyes = Eyes()
@@ -51,3 +54,8 @@ class Recipe(Checked):
     controls: Controls = Controls()
     limits: Limits = Limits()
     acting: Acting = Acting()
+
+    @property
+    def charts(self) -> ChartLayout:
+        """The layout that counts."""
+        return getattr(self.layouts, self.layout)

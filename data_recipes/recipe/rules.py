@@ -55,16 +55,17 @@ def check_rules(recipe: Recipe) -> None:
     hold(not (tongue.cap[0] % 2 or tongue.cap[1] % 2), "tongue.cap", list(tongue.cap), "two even numbers")
     pupil, iris = recipe.eyes.pupil_deg, recipe.eyes.iris_deg
     hold(pupil < iris, "eyes.pupil_deg", pupil, f"below iris_deg = {iris:g}")
-    _check_segments(recipe.segments, hold)
+    for name in ("one_face", "fine"):
+        _check_segments(f"layouts.{name}.segments", getattr(recipe.layouts, name).segments, hold)
     names = [Path(name).stem for name in recipe.clip_files]
     hold(len(set(names)) == len(names), "clip_files", list(recipe.clip_files), "files of different names")
 
 
-def _check_segments(segments: dict[str, tuple[str, ...]], hold: Callable[..., None]) -> None:
+def _check_segments(table: str, segments: dict[str, tuple[str, ...]], hold: Callable[..., None]) -> None:
     parts_in_use = [part for parts in segments.values() for part in parts]
     alone = set(PARTS) - set(parts_in_use)
     for name, parts in segments.items():
-        key = f"segments.{name}"
+        key = f"{table}.{name}"
         hold(name.isidentifier() and name not in alone, key, repr(name), "a name that no other segment has")
         hold(len(parts) > 1, key, list(parts), "two or more parts")
         twice = [part for part in parts if parts_in_use.count(part) > 1]

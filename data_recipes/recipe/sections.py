@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from data_recipes.recipe.fields import Triple, colour, share, triple
-from replicate.engine.schema import Checked, names, number, numbers, span, table
+from replicate.engine.schema import Checked, groups, names, number, numbers, span, table
 
 # What a head is made of besides its teeth. Each part has a chart of its own unless a recipe puts several into one.
 PARTS = (
@@ -253,3 +253,23 @@ class Limits(Checked):
 
     reach: float = number(1.0, 0.05, 1.0)
     full: tuple[str, ...] = names()
+
+
+@dataclass(frozen=True)
+class ChartLayout(Checked):
+    """How the head is cut into segments, each with a chart of its own.
+
+    segments: which parts share a segment, by the segment's name; every other part is a segment. face_bands: how many
+    segments the face is cut into, from the chin upwards, each with the same number of vertices.
+    """
+
+    segments: dict[str, tuple[str, ...]] = groups({"lids_inner": ("lid_inner_left", "lid_inner_right")}, PARTS, "parts")
+    face_bands: int = number(1, 1, 16)
+
+
+@dataclass(frozen=True)
+class Layouts(Checked):
+    """The layouts that a recipe may name: the face in one chart, as the paper's Fig. 13 implies, or in several."""
+
+    one_face: ChartLayout = ChartLayout()
+    fine: ChartLayout = ChartLayout(face_bands=4)
