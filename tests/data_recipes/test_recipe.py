@@ -90,17 +90,17 @@ def test_a_key_left_out_keeps_its_default_and_a_given_one_counts(tmp_path):
         ("[mouth]\nbag_rings = [[0, 1]]", "mouth.bag_rings is [[0, 1]]: allowed is rows of 3 numbers"),
         ("[controls]\nface = 58", "controls.face is 58: allowed is a whole number from 0 to 57"),
         (
-            "[segments]\nears = 'ear_left'",
-            "segments is {'ears': 'ear_left'}: allowed is a table of lists of the parts",
+            "[layouts.fine.segments]\nears = 'ear_left'",
+            "layouts.fine.segments is {'ears': 'ear_left'}: allowed is a table of lists of the parts",
         ),
-        ("[segments]\nears = ['ear_left', 'nose']", "allowed is a table of lists of the parts face, cranium"),
-        ("[segments]\nears = ['ear_left']", "segments.ears is ['ear_left']: allowed is two or more parts"),
+        ("[layouts.fine.segments]\nears = ['ear_left', 'nose']", "allowed is a table of lists of the parts face, cranium"),
+        ("[layouts.fine.segments]\nears = ['ear_left']", "layouts.fine.segments.ears is ['ear_left']: allowed is two or more parts"),
         (
-            "[segments]\nneck = ['ear_left', 'ear_right']",
-            "segments.neck is 'neck': allowed is a name that no other",
+            "[layouts.fine.segments]\nneck = ['ear_left', 'ear_right']",
+            "layouts.fine.segments.neck is 'neck': allowed is a name that no other",
         ),
-        ("[segments]\na = ['neck', 'neck']", "segments.a is 'neck' again: allowed is each part once"),
-        ("[segments]\na = ['neck', 'face']", "segments.a is the part 'face': allowed is any other"),
+        ("[layouts.fine.segments]\na = ['neck', 'neck']", "layouts.fine.segments.a is 'neck' again: allowed is each part once"),
+        ("[layouts.fine.segments]\na = ['neck', 'face']", "layouts.fine.segments.a is the part 'face': allowed is any other"),
         ("[acting]\nholds = 2", "acting.holds is 2: allowed is a number from 0 to 1"),
     ],
 )
@@ -177,7 +177,7 @@ def test_a_recipes_key_follows_what_it_says_and_not_how_it_is_written(tmp_path):
 
 def test_the_order_of_segments_is_part_of_a_recipes_key(tmp_path):
     pairs = ['ears = ["ear_left", "ear_right"]', 'gums = ["gum_upper", "gum_lower"]']
-    keys = [key_of(write(tmp_path, "[segments]\n" + "\n".join(lines))) for lines in (pairs, pairs[::-1])]
+    keys = [key_of(write(tmp_path, "[layouts.fine.segments]\n" + "\n".join(lines))) for lines in (pairs, pairs[::-1])]
     assert json.dumps(keys[0], sort_keys=True) != json.dumps(keys[1], sort_keys=True)
 
 

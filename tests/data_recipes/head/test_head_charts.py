@@ -14,6 +14,7 @@ from data_recipes.head.topology import build_layout
 from data_recipes.recipe.reading import load_recipe
 from data_recipes.recipe.sections import PARTS
 
+LAYOUTS = ("one_face", "fine")
 TEXELS = 32  # of a coarse deformation map
 
 
@@ -23,20 +24,23 @@ SHARED = {"ears": ("ear_left", "ear_right"), "inside": ("mouth_bag", "gum_upper"
 def merged():
     """Return a recipe with as few segments as can be: parts share charts, and each jaw's teeth are one strip."""
     tiny = load_recipe("tiny")
-    return replace(tiny, segments=tiny.segments | SHARED, teeth=replace(tiny.teeth, style="strip"))
+    charts = replace(tiny.charts, segments=tiny.charts.segments | SHARED)
+    layouts = replace(tiny.layouts, **{tiny.layout: charts})
+    return replace(tiny, layouts=layouts, teeth=replace(tiny.teeth, style="strip"))
 
 
 def laid_out(recipe):
     """Return a head's layout with its segments, and its charts."""
     layout = build_layout(recipe)
-    segment, names, uv = build_segments(recipe, layout.part, layout.part_names, build_charts(recipe, layout))
+    segment, names, uv = build_segments(recipe.charts, layout.part, layout.part_names, build_charts(recipe, layout))
     kept = {name: getattr(layout, name) for name in ("part", "quads", "mirror", "grids")}
     return SimpleNamespace(**kept, segment=segment, segment_names=names), uv
 
 
-@pytest.fixture(scope="module", params=(*NAMES, "merged"))
+@pytest.fixture(scope="module", params=[*((name, layout) for name in NAMES for layout in LAYOUTS), ("merged", "")])
 def chart(request):
-    return laid_out(merged() if request.param == "merged" else load_recipe(request.param))
+    name, layout = request.param
+    return laid_out(merged() if name == "merged" else replace(load_recipe(name), layout=layout))
 
 
 def triangles(layout, segment, cuts=((0, 1, 2), (0, 2, 3))):
