@@ -106,11 +106,11 @@ def test_a_key_left_out_keeps_its_default_and_a_given_one_counts(tmp_path):
 )
 def test_a_section_that_does_not_fit_is_refused_in_one_sentence(tmp_path, text, sentence):
     path = write(tmp_path, text)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError) as error:
         load_recipe(path)
-    assert sentence in str(caught.value)
-    assert "someone.toml" in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert sentence in str(error.value)
+    assert "someone.toml" in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(

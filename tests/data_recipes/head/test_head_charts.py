@@ -20,23 +20,23 @@ TEXELS = 32  # of a coarse deformation map
 SHARED = {"ears": ("ear_left", "ear_right"), "inside": ("mouth_bag", "gum_upper", "gum_lower", "tongue")}
 
 
-def merged():
+def merged_recipe():
     """Return a recipe with as few segments as can be: parts share charts, and each jaw's teeth are one strip."""
     tiny = load_recipe("tiny")
     return replace(tiny, segments=tiny.segments | SHARED, teeth=replace(tiny.teeth, style="strip"))
 
 
-def laid_out(recipe):
+def layout_and_charts(recipe):
     """Return a head's layout with its segments, and its charts."""
     layout = build_layout(recipe)
     segment, names, uv = build_segments(recipe, layout.part, layout.part_names, build_charts(recipe, layout))
-    kept = {name: getattr(layout, name) for name in ("part", "quads", "mirror", "grids")}
-    return SimpleNamespace(**kept, segment=segment, segment_names=names), uv
+    fields = {name: getattr(layout, name) for name in ("part", "quads", "mirror", "grids")}
+    return SimpleNamespace(**fields, segment=segment, segment_names=names), uv
 
 
 @pytest.fixture(scope="module", params=(*NAMES, "merged"))
 def chart(request):
-    return laid_out(merged() if request.param == "merged" else load_recipe(request.param))
+    return layout_and_charts(merged_recipe() if request.param == "merged" else load_recipe(request.param))
 
 
 def triangles(layout, segment, cuts=((0, 1, 2), (0, 2, 3))):
@@ -97,7 +97,7 @@ def test_the_face_stands_upright_with_its_left_to_the_right(chart):
 
 
 def test_lips_and_lids_lie_apart():
-    layout, uv = laid_out(load_recipe("teen"))
+    layout, uv = layout_and_charts(load_recipe("teen"))
     for name, least in (("mouth", 0.8), ("eye_left", 1.2)):
         rim = layout.grids[name][0]
         k = len(rim)
@@ -107,7 +107,7 @@ def test_lips_and_lids_lie_apart():
 
 
 def test_the_teens_face_gives_its_vertices_even_room():
-    layout, uv = laid_out(load_recipe("teen"))
+    layout, uv = layout_and_charts(load_recipe("teen"))
     areas = signed_areas(uv[triangles(layout, 0)])
     # Tutte's map with fixed weights, a chart without our rounds, has 20 here.
     assert np.quantile(areas, 0.95) / np.quantile(areas, 0.05) < 7
@@ -116,7 +116,7 @@ def test_the_teens_face_gives_its_vertices_even_room():
 
 
 def test_parts_of_one_chart_keep_apart_by_more_than_a_texel():
-    layout, uv = laid_out(merged())
+    layout, uv = layout_and_charts(merged_recipe())
     segment, names = layout.segment, layout.segment_names
     assert names == ("face", "cranium", "neck", "ears", "lids_inner", "inside", "teeth_upper", "teeth_lower")
     for index in range(3, 6):
