@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
-from data_recipes.recipe_paths import character_names, recipe_file
+from data_recipes.recipe_paths import character_names, recipe_file, split_character
 from replicate.engine.exceptions import InputError
 from replicate.engine.schema import LONGEST, Checked, naming, number, read_table, shown
 from replicate.engine.user_files import is_file, read_toml, shown_path
@@ -175,10 +175,10 @@ class Config(Checked):
 
     def __post_init__(self):
         super().__post_init__()
-        recipe = recipe_file(self.character)
-        if not is_file(recipe) and not self.character.endswith(".toml"):
+        recipe, (name, _) = recipe_file(self.character), split_character(self.character)
+        if not is_file(recipe) and not name.endswith(".toml"):
             raise InputError(
-                f"character {shown(self.character)} has no recipe: allowed are {', '.join(character_names())}, "
+                f"character {shown(name)} has no recipe: allowed are {', '.join(character_names())}, "
                 "or the path of a .toml recipe"
             )
         if not re.fullmatch(r"[\w.-]+", recipe.stem) or len(os.fsencode(recipe.stem)) > LONGEST:

@@ -75,7 +75,7 @@ def with_value(text: str, table: str, key: str, value: str) -> str:
     if not body.search(text):
         return f"{text}\n[{table}]\n{key} = {value}\n"
     without = re.compile(rf"^{key} = (?:\[\n(?:  .*\n)*\]|[^\n]*)\n", re.MULTILINE)
-    return body.sub(lambda found: f"[{table}]\n{key} = {value}\n" + without.sub("", found[1].split("\n", 1)[1]), text)
+    return body.sub(lambda match: f"[{table}]\n{key} = {value}\n" + without.sub("", match[1].split("\n", 1)[1]), text)
 
 
 def toml_mutations(text: str, kind: type, generator: np.random.Generator, count: int) -> Iterator[tuple[str, bytes]]:
@@ -95,34 +95,34 @@ def toml_mutations(text: str, kind: type, generator: np.random.Generator, count:
         yield f"unknown table {word}", f"{text}\n[{word}]\na = 1\n".encode()
     for index in range(count // 8):
         cut = int(generator.integers(1, len(text)))
-        broken = text[:cut] + ("[", '"""', "= =", "\\x")[index % 4] + text[cut:].replace("\n", "\n]\n", 1)
-        yield f"broken at {cut}", broken.encode()
+        faulty_text = text[:cut] + ("[", '"""', "= =", "\\x")[index % 4] + text[cut:].replace("\n", "\n]\n", 1)
+        yield f"broken at {cut}", faulty_text.encode()
 
 
 def special_files(folder: Path, ending: str) -> dict[str, Path]:
     """Return, by what it is, paths with an ending that are no regular file that can be read."""
     folder.mkdir()
-    found = {
+    paths = {
         "a missing file": folder / f"missing{ending}",
         "a long name": folder / f"{'n' * 300}{ending}",
         "a long path": Path("/" + "n/" * 5_000 + f"n{ending}"),
         "a NUL": Path(f"a\0b{ending}"),
     }
     for name in ("folder", "pipe", "device", "endless", "loop", "socket"):
-        found[name] = folder / f"{name}{ending}"
-    found["folder"].mkdir()
-    os.mkfifo(found["pipe"])
-    found["device"].symlink_to("/dev/null")
-    found["endless"].symlink_to("/dev/zero")
-    found["loop"].symlink_to(found["loop"])
+        paths[name] = folder / f"{name}{ending}"
+    paths["folder"].mkdir()
+    os.mkfifo(paths["pipe"])
+    paths["device"].symlink_to("/dev/null")
+    paths["endless"].symlink_to("/dev/zero")
+    paths["loop"].symlink_to(paths["loop"])
     here = os.getcwd()
     os.chdir(folder)  # a socket's address has at most 107 bytes
     try:
         with socket.socket(socket.AF_UNIX) as listener:
-            listener.bind(found["socket"].name)
+            listener.bind(paths["socket"].name)
     finally:
         os.chdir(here)
-    return found
+    return paths
 
 
 def clip_mutations(generator: np.random.Generator) -> Iterator[tuple[str, bytes]]:
@@ -175,8 +175,8 @@ def command_lines() -> Iterator[tuple[str, list[str]]]:
 def recipes(seed: int) -> list[tuple[str, bytes]]:
     """Return bad recipes."""
     generator = np.random.default_rng(seed)
-    given = list(toml_mutations(TINY, Recipe, generator, 120))
-    given += [
+    cases = list(toml_mutations(TINY, Recipe, generator, 120))
+    cases += [
         ("empty", b""),
         ("another count of vertices", TINY.replace("vertices = 918", "vertices = 917").encode()),
         ("a name of thousands of letters", TINY.replace('"tiny"', '"' + "t" * 5_000 + '"').encode()),
@@ -187,22 +187,22 @@ def recipes(seed: int) -> list[tuple[str, bytes]]:
         ("limits of no control", TINY.encode() + b'\n[limits]\nfull = ["wings"]\n'),
         ("no controls", (re.sub(r"(?s)\[controls\].*", "[controls]\n", TINY) + NO_CONTROLS).encode()),
     ]
-    return given
+    return cases
 
 
 def configurations(seed: int) -> list[tuple[str, bytes]]:
     """Return bad configurations."""
-    given = list(toml_mutations(CONFIG, Config, np.random.default_rng(seed), 80))
+    cases = list(toml_mutations(CONFIG, Config, np.random.default_rng(seed), 80))
     zeros = [
         (at.table, at.key) for at in numeric_keys(Config) if at.key in ("steps", "batch", "bins", "count", "hidden")
     ]
     for table, key in zeros:
         value = "[0]" if key == "hidden" else "0"
-        given.append((f"{table}.{key} is zero", with_value(CONFIG, table, key, value).encode()))
-    given += [
+        cases.append((f"{table}.{key} is zero", with_value(CONFIG, table, key, value).encode()))
+    cases += [
         (f"{table}.{key} has zeros too many", with_value(CONFIG, table, key, "70000000").encode())
         for table, key in zeros
         if key == "steps"
     ]
-    given.append(("factors of zero, so that no pose is moved", b"[samples]\nlow = 0.0\nhigh = 0.0\n"))
-    return given
+    cases.append(("factors of zero, so that no pose is moved", b"[samples]\nlow = 0.0\nhigh = 0.0\n"))
+    return cases

@@ -34,9 +34,9 @@ METHOD = Method("mine", "Mean pose", stages, load, note="The mean pose.", mark="
 """
 
 
-def fresh(cached: Callable) -> Callable:
+def fresh(function: Callable) -> Callable:
     """Return a cached function that forgets what it found of files brought along."""
-    return lambda *given: (cached.__wrapped__ if "brought_" in str(given) else cached)(*given)
+    return lambda *arguments: (function.__wrapped__ if "brought_" in str(arguments) else function)(*arguments)
 
 
 @pytest.fixture
@@ -44,13 +44,13 @@ def bring(tmp_path, monkeypatch) -> Iterator[Callable[..., Path]]:
     """Return a function that writes a file of methods and returns it; (old, new) pairs change its `SOURCE`."""
     monkeypatch.setenv(VARIABLE, "")
     monkeypatch.setattr(sys, "path", list(sys.path))
-    written: set[str] = set()
+    names: set[str] = set()
 
     for name in ("_module_file", "_outline", "_digest"):  # of what changes within a test nothing is remembered
         monkeypatch.setattr(code_hash, name, fresh(getattr(code_hash, name)))
 
     def forget() -> None:
-        for name in written:
+        for name in names:
             sys.modules.pop(name, None)
         importlib.invalidate_caches()
 
@@ -61,7 +61,7 @@ def bring(tmp_path, monkeypatch) -> Iterator[Callable[..., Path]]:
         file = tmp_path / "brought" / f"{name}.py"
         file.parent.mkdir(exist_ok=True)
         file.write_text(text, encoding="utf-8")
-        written.add(name)
+        names.add(name)
         forget()
         return file
 

@@ -5,7 +5,7 @@ from replicate.report.results import Row, read_results
 
 METHODS = ("coarse", "refined", "dense", "lbs16", "lbs24", "lbs32", "driven", "floor", "floor_refined", "attachment",
            "neutral")  # fmt: skip
-PUBLISHED = read_results(PAPER / "table2.csv")
+PAPER_ROWS = read_results(PAPER / "table2.csv")
 CURVE = ((100.0, 3.5, 1.25, 4.5), (200.0, 1.0, 1 / 3, 2.0))
 
 

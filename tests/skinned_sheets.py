@@ -47,7 +47,7 @@ def grid_faces(side):
     return np.concatenate([lower, upper]).astype(np.int32)
 
 
-def wrinkled(side=16, poses=30, bones=5):
+def wrinkled_sheet(side=16, poses=30, bones=5):
     """A skinned sheet with folds that no bone can make."""
     truth, rng = known_skin(sheet(side), bones=bones)
     fold = np.sin(truth.neutral[:, 0] / 4)[:, None] * np.array([0, 0, 1.0])

@@ -120,14 +120,14 @@ def expressions(obj):
         "mouthPucker": _bump(v, 0, -3.5, 2.0) * (0, 0, 0.9),
     }
     height = np.clip((v[:, 1] - 5) / 5, 0, 1)
-    raised = np.where(v[:, 1] > 4, 1 - height, np.clip((v[:, 1] - 2) / 2, 0, 1))[:, None]
+    lift = np.where(v[:, 1] > 4, 1 - height, np.clip((v[:, 1] - 2) / 2, 0, 1))[:, None]
     above_lids = np.clip(v[:, 1:2] - 3.1, 0, 1.2)
     for letter, sign in side.items():
         half = 1 / (1 + np.exp(-sign * v[:, :1]))
         shapes |= {
-            f"browInnerUp_{letter}": raised * half * np.exp(-((v[:, :1] / 3) ** 2)) * (0, 0.9, 0),
-            f"browOuterUp_{letter}": raised * half * (1 - np.exp(-((v[:, :1] / 3) ** 2))) * (0, 0.8, 0),
-            f"browDown_{letter}": raised * half * (-0.2 * sign, -0.5, 0),
+            f"browInnerUp_{letter}": lift * half * np.exp(-((v[:, :1] / 3) ** 2)) * (0, 0.9, 0),
+            f"browOuterUp_{letter}": lift * half * (1 - np.exp(-((v[:, :1] / 3) ** 2))) * (0, 0.8, 0),
+            f"browDown_{letter}": lift * half * (-0.2 * sign, -0.5, 0),
             f"eyeBlink_{letter}": np.minimum(1, 1.5 * _bump(v, 3.15 * sign, 3.7, 1.3)) * above_lids * (0, -0.9, 0),
             f"eyeSquint_{letter}": _bump(v, 3.15 * sign, 2.9, 0.8) * (0, 0.3, 0),
             f"eyeLookUp_{letter}": _bump(v, 3.15 * sign, 4.2, 0.8) * (0, 0.3, 0),

@@ -36,14 +36,14 @@ def public_functions(body, of_a_class=False):
             yield node, of_a_class and "staticmethod" not in map(ast.unparse, node.decorator_list)
 
 
-def unannotated(code):
+def missing_annotations(code):
     """Return "function: parameter" for each parameter, or "return", that has no annotation."""
     missing = []
     for function, method in public_functions(ast.parse(code).body):
         arguments = function.args
-        named = [*arguments.posonlyargs, *arguments.args][method:] + arguments.kwonlyargs
+        parameters = [*arguments.posonlyargs, *arguments.args][method:] + arguments.kwonlyargs
         rest = [argument for argument in (arguments.vararg, arguments.kwarg) if argument]
-        missing += [f"{function.name}: {a.arg}" for a in (*named, *rest) if a.annotation is None]
+        missing += [f"{function.name}: {a.arg}" for a in (*parameters, *rest) if a.annotation is None]
         if function.returns is None and function.name != "__init__":
             missing.append(f"{function.name}: return")
     return missing
@@ -51,7 +51,7 @@ def unannotated(code):
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_public_functions_are_annotated(path):
-    assert unannotated(path.read_text(encoding="utf-8")) == []
+    assert missing_annotations(path.read_text(encoding="utf-8")) == []
 
 
 def test_what_lacks_an_annotation_is_noticed():
@@ -64,4 +64,4 @@ class Box:
     @staticmethod
     def load(path) -> "Box": ...
 """
-    assert unannotated(code) == ["open_: a", "open_: rest", "open_: return", "__init__: size", "load: path"]
+    assert missing_annotations(code) == ["open_: a", "open_: rest", "open_: return", "__init__: size", "load: path"]

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from refusal import refused
+from refusal import refusal
 from toy_stages import faulty_graph
 
 import replicate.targets
@@ -32,7 +32,7 @@ def recipes(tmp_path, monkeypatch):
 
 @pytest.fixture
 def toy(monkeypatch):
-    """The module of a target "toy", which lies beside the suite's own; its PUBLISHED notes what it would publish."""
+    """The module of a target "toy", which lies beside the suite's own; its PUBLICATIONS notes what it would publish."""
     monkeypatch.setattr(replicate.targets, "__path__", [*replicate.targets.__path__, str(TOYS)])
     registry.targets.cache_clear()
     yield sys.modules[registry.targets()["toy"].run.__module__]
@@ -42,7 +42,7 @@ def toy(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "named"),
+    ("arguments", "parts"),
     [
         (["--jobs", "0"], ["jobs is 0", "at least 1"]),
         (["--seed=-1"], ["seed is '-1'", "a whole number from 0"]),
@@ -54,41 +54,41 @@ def toy(monkeypatch):
         (["--colour", "red"], ["--colour"]),
     ],
 )
-def test_a_bad_option_is_refused_with_what_is_allowed(capsys, toy, recipes, cache, arguments, named):
-    sentence = refused(capsys, "toy", *arguments)
-    assert all(part in sentence for part in named), sentence
-    assert not cache.exists() and not toy.PUBLISHED, "something was written"
+def test_a_bad_option_is_refused_with_what_is_allowed(capsys, toy, recipes, cache, arguments, parts):
+    sentence = refusal(capsys, "toy", *arguments)
+    assert all(part in sentence for part in parts), sentence
+    assert not cache.exists() and not toy.PUBLICATIONS, "something was written"
 
 
 def test_an_unknown_target_is_refused_with_those_there_are(capsys):
-    sentence = refused(capsys, "table9")
+    sentence = refusal(capsys, "table9")
     assert "table9" in sentence and "table2" in sentence
 
 
 def test_a_target_makes_the_stages_of_every_character_and_publishes_once(capfd, cache, recipes, toy):
     assert cli.main(["toy", "--profile", "quick", "--characters", "teen,dragon", "woman", "--seed", "4", "2,4"]) == 0
-    (made,) = toy.PUBLISHED
-    wanted = [(character, seed) for character in ("teen", "dragon", "woman") for seed in (4, 2)]
-    assert [(one.config.character, one.config.seed) for one in made] == wanted
-    assert {one.config.profile for one in made} == {"quick"}
-    assert [one.stage.name for one in made] == ["summed"] * 6
-    facts = read_manifest(artefact_folder(made[0].stage.identifier))["run"]
+    (results,) = toy.PUBLICATIONS
+    expected = [(character, seed) for character in ("teen", "dragon", "woman") for seed in (4, 2)]
+    assert [(one.config.character, one.config.seed) for one in results] == expected
+    assert {one.config.profile for one in results} == {"quick"}
+    assert [one.stage.name for one in results] == ["summed"] * 6
+    facts = read_manifest(artefact_folder(results[0].stage.identifier))["run"]
     assert facts["seeds"] == [2, 4] and facts["command"].startswith("python -m replicate toy ")
     assert "made 12 of 12 artefacts" in capfd.readouterr().out
 
 
 def test_a_recipe_named_twice_is_run_once(capfd, cache, recipes, toy):
-    named = ["teen", str(recipe_paths.RECIPES / "teen.toml"), "dragon", "teen"]
-    assert cli.main(["toy", "--profile", "quick", "--characters", *named]) == 0
-    (made,) = toy.PUBLISHED
-    assert [one.config.character for one in made] == ["teen", "dragon"]
+    characters = ["teen", str(recipe_paths.RECIPES / "teen.toml"), "dragon", "teen"]
+    assert cli.main(["toy", "--profile", "quick", "--characters", *characters]) == 0
+    (results,) = toy.PUBLICATIONS
+    assert [one.config.character for one in results] == ["teen", "dragon"]
 
 
 def test_two_recipes_of_one_name_are_refused_with_both_files(capsys, cache, recipes, toy, tmp_path):
     mine = tmp_path / "mine" / "teen.toml"
     mine.parent.mkdir()
     mine.write_text("")
-    sentence = refused(capsys, "toy", "--characters", f"teen,{mine}")
+    sentence = refusal(capsys, "toy", "--characters", f"teen,{mine}")
     assert (
         str(recipe_paths.RECIPES / "teen.toml") in sentence
         and str(mine) in sentence
@@ -98,32 +98,32 @@ def test_two_recipes_of_one_name_are_refused_with_both_files(capsys, cache, reci
 
 
 def test_what_make_hands_to_every_target_is_left_out_where_a_target_lacks_it(capfd, cache, recipes, toy):
-    given = ["--profile", "quick", "--latex", "--pose", "joy", "--tolerance", "0.1", "--seed", "3"]
-    assert cli.main(["toy", "--from-make", *given]) == 0
-    (made,) = toy.PUBLISHED
-    assert [(one.config.character, one.config.profile, one.config.seed) for one in made] == [("teen", "quick", 3)]
-    facts = read_manifest(artefact_folder(made[0].stage.identifier))["run"]
+    options = ["--profile", "quick", "--latex", "--pose", "joy", "--tolerance", "0.1", "--seed", "3"]
+    assert cli.main(["toy", "--from-make", *options]) == 0
+    (results,) = toy.PUBLICATIONS
+    assert [(one.config.character, one.config.profile, one.config.seed) for one in results] == [("teen", "quick", 3)]
+    facts = read_manifest(artefact_folder(results[0].stage.identifier))["run"]
     assert facts["command"] == "python -m replicate toy --profile quick --seed 3"
 
 
 @pytest.mark.parametrize("option", [["--latex"], ["--pose", "joy"]])
 def test_who_types_an_option_that_a_target_lacks_is_told(capsys, cache, recipes, toy, option):
-    assert option[0] in refused(capsys, "toy", *option)
+    assert option[0] in refusal(capsys, "toy", *option)
 
 
 def test_make_leaves_no_misspelt_option_out_of_a_typed_command(capsys, cache, recipes, toy):
-    assert "seed is 'one'" in refused(capsys, "toy", "--from-make", "--seed", "one", "--latex")
+    assert "seed is 'one'" in refusal(capsys, "toy", "--from-make", "--seed", "one", "--latex")
 
 
 def test_the_tour_is_executed_once_for_each_character(capfd, monkeypatch, tmp_path):
-    executed = []
+    calls = []
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path / "runs"))
-    monkeypatch.setattr("replicate.artefacts.built_rig.rig_of", lambda character: executed.append(character))
-    monkeypatch.setattr("replicate.report.notebooks.execute", lambda *given: executed.append(given))
+    monkeypatch.setattr("replicate.artefacts.built_rig.rig_of", lambda character: calls.append(character))
+    monkeypatch.setattr("replicate.report.notebooks.execute", lambda *call: calls.append(call))
     mine = tmp_path / "mine.toml"
     assert cli.main(["tour", "--characters", "teen", str(mine)]) == 0
     source, folder = paths.ROOT / "notebooks" / "rig_tour.ipynb", tmp_path / "runs" / "tour"
-    assert executed == [
+    assert calls == [
         "teen",
         (source, folder / "rig_tour_teen.ipynb", {"CHARACTER": "teen"}),
         str(mine),
@@ -141,9 +141,9 @@ def test_a_target_again_has_nothing_to_do(capfd, cache, recipes, toy):
 def test_a_failing_stage_is_one_sentence_and_exit_code_1(capfd, cache, recipes, toy, monkeypatch):
     monkeypatch.setattr(toy, "stages", lambda plan: faulty_graph("error"))
     assert cli.main(["toy"]) == 1
-    said = capfd.readouterr().err
-    assert "stage faulty failed" in said and "Traceback" not in said
-    assert not toy.PUBLISHED, "a run that failed was published"
+    errors = capfd.readouterr().err
+    assert "stage faulty failed" in errors and "Traceback" not in errors
+    assert not toy.PUBLICATIONS, "a run that failed was published"
 
 
 def test_status_knows_what_is_there_from_what_is_not(capfd, cache, toy):
@@ -200,6 +200,6 @@ def test_compare_prints_text_or_latex(capsys, monkeypatch, tmp_path):
 
 def test_help_lists_every_target():
     program = [sys.executable, "-m", "replicate", "--help"]
-    said = subprocess.run(program, cwd=paths.ROOT, capture_output=True, text=True, check=True).stdout
-    listed = [line.split()[0] for line in said.splitlines() if line.startswith("    ") and not line[4].isspace()]
-    assert said.startswith("usage:") and "REPLICATE_CACHE" in said and listed == list(registry.targets())
+    text = subprocess.run(program, cwd=paths.ROOT, capture_output=True, text=True, check=True).stdout
+    names = [line.split()[0] for line in text.splitlines() if line.startswith("    ") and not line[4].isspace()]
+    assert text.startswith("usage:") and "REPLICATE_CACHE" in text and names == list(registry.targets())

@@ -53,7 +53,7 @@ def test_a_file_overrides_a_profile_and_values_override_both(tmp_path, recipe):
 
 
 @pytest.mark.parametrize(
-    ("text", "named"),
+    ("text", "parts"),
     [
         ("colour = 1", ["unknown key colour", "samples"]),
         ("[coarse]\nmapsize = 32", ["unknown key coarse.mapsize", "map_size"]),
@@ -78,12 +78,12 @@ def test_a_file_overrides_a_profile_and_values_override_both(tmp_path, recipe):
         ("[coarse\n", ["not a readable TOML file"]),
     ],
 )
-def test_a_bad_override_is_one_sentence_naming_file_key_value_and_what_is_allowed(tmp_path, recipe, text, named):
-    with pytest.raises(InputError) as told:
+def test_a_bad_override_is_one_sentence_naming_file_key_value_and_what_is_allowed(tmp_path, recipe, text, parts):
+    with pytest.raises(InputError) as error:
         overriding(tmp_path, recipe, text)
-    sentence = str(told.value)
+    sentence = str(error.value)
     assert sentence.startswith(str(tmp_path / "mine.toml"))
-    assert all(part in sentence for part in named), sentence
+    assert all(part in sentence for part in parts), sentence
     assert "\n" not in sentence
 
 
@@ -110,9 +110,9 @@ def test_an_unknown_character_lists_those_there_are(tmp_path, monkeypatch):
 def test_a_recipe_whose_name_suits_no_folder_is_refused_in_one_sentence(tmp_path, name):
     file = tmp_path / f"{name}.toml"
     file.write_text("")
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as error:
         resolve(str(file))
-    sentence = str(told.value)
+    sentence = str(error.value)
     assert str(file) in sentence and repr(name) in sentence and "letters, digits, _, . and -" in sentence
     assert "\n" not in sentence
 

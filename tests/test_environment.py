@@ -23,7 +23,7 @@ MODULE_NAMES = {
 TEXT = {"", ".cff", ".csv", ".ipynb", ".json", ".lock", ".md", ".py", ".toml", ".yml"}
 
 
-def locked():
+def locked_versions():
     lines = (ROOT / "requirements.lock").read_text().splitlines()
     return dict(line.split("==") for line in lines if not line.startswith("#"))
 
@@ -32,7 +32,7 @@ def direct():
     return tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
 
 
-def tracked():
+def text_files():
     """Return the project's text files: what git tracks, or in an unpacked archive what is there."""
     if (ROOT / ".git").exists() and shutil.which("git"):
         command = ["git", "-C", str(ROOT), "ls-files", "-z"]
@@ -54,22 +54,22 @@ def make(*arguments, folder=ROOT, **variables):
 
 
 def test_every_locked_version_is_exact_and_from_no_particular_place():
-    for package, version in locked().items():
+    for package, version in locked_versions().items():
         assert re.fullmatch(r"[A-Za-z0-9._-]+", package) and re.fullmatch(r"[0-9][0-9a-z.]*", version), package
         assert not package.lower().startswith(("nvidia", "cuda", "triton")), package
 
 
 def test_every_direct_dependency_is_locked():
-    names = {package.lower() for package in locked()}
+    names = {package.lower() for package in locked_versions()}
     assert set(direct()) <= names and direct() == sorted(direct())
 
 
 def test_conda_installs_the_locked_versions():
     lines = (ROOT / "environment.yml").read_text().splitlines()
-    pinned = dict(line.split("- ")[1].split("==") for line in lines if "==" in line)
-    assert set(pinned) == set(direct())
-    versions = {package.lower(): version for package, version in locked().items()}
-    assert pinned == {package: versions[package] for package in direct()}
+    pins = dict(line.split("- ")[1].split("==") for line in lines if "==" in line)
+    assert set(pins) == set(direct())
+    versions = {package.lower(): version for package, version in locked_versions().items()}
+    assert pins == {package: versions[package] for package in direct()}
 
 
 def test_make_looks_for_every_direct_dependency_in_an_active_environment():
@@ -91,11 +91,11 @@ def bare_checkout(folder):
 def test_make_alone_prints_every_target_and_does_nothing(tmp_path):
     bare_checkout(tmp_path)
     before = sorted(tmp_path.rglob("*"))
-    done = make(folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    process = make(folder=tmp_path)
+    assert process.returncode == 0, process.stderr
     for name, about, _ in target_table().body:
-        listed = re.escape(f"{name.strip('`').removeprefix('make ')}")
-        assert re.search(rf"^  {listed} +{re.escape(about)}$", done.stdout, re.MULTILINE), f"{name} has no help"
+        target = re.escape(f"{name.strip('`').removeprefix('make ')}")
+        assert re.search(rf"^  {target} +{re.escape(about)}$", process.stdout, re.MULTILINE), f"{name} has no help"
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -105,17 +105,17 @@ def test_an_old_python_is_refused_in_one_sentence(tmp_path):
     old = tmp_path / "python3.9"
     old.write_text('#!/bin/sh\n[ "$1" = --version ] && echo "Python 3.9.1" && exit\nexit 1\n')
     old.chmod(0o755)
-    told = make("environment", f"PYTHON={old}", folder=tmp_path)
-    sentence = told.stderr.splitlines()[0]
-    assert told.returncode != 0 and not (tmp_path / ".venv").exists()
+    process = make("environment", f"PYTHON={old}", folder=tmp_path)
+    sentence = process.stderr.splitlines()[0]
+    assert process.returncode != 0 and not (tmp_path / ".venv").exists()
     assert sentence.startswith("Python 3.11 or newer is needed") and "3.9.1" in sentence and "PYTHON=" in sentence
 
 
 def test_variables_reach_the_command_line(tmp_path):
     bare_checkout(tmp_path)
     values = {"PROFILE": "quick", "CHARACTERS": "teen woman", "SEED": "3", "JOBS": "1", "DEVICE": "cpu"}
-    said = make("-n", "table2", *(f"{name}={value}" for name, value in values.items()), folder=tmp_path).stdout
-    words = shlex.split(said)
+    output = make("-n", "table2", *(f"{name}={value}" for name, value in values.items()), folder=tmp_path).stdout
+    words = shlex.split(output)
     for name, value in values.items():
         assert words[words.index(f"--{name.lower()}") + 1] == value
     assert "--config" not in words and "--split" not in words
@@ -132,7 +132,7 @@ def test_table1_and_figures_show_every_recipe_of_the_papers_four_unless_some_are
     assert targets()["table2"].characters() == ("teen",)
 
 
-@pytest.mark.parametrize("path", tracked(), ids=lambda path: str(path.relative_to(ROOT)))
+@pytest.mark.parametrize("path", text_files(), ids=lambda path: str(path.relative_to(ROOT)))
 def test_tracked_files_keep_the_house_rules(path):
     text = re.sub(r'"image/png": "[^"]*"', "", path.read_text(encoding="utf-8"))  # base64 spells anything in the end
     pieces = ("TO" + "DO", "FIX" + "ME", "import pick" + "le", "allow_pick" + "le=True", "torch.lo" + "ad(")

@@ -26,19 +26,19 @@ def imports(path, only_at_the_top=False):
     tree = ast.parse(path.read_text(encoding="utf-8"))
     package = module_name(path).split(".")[: None if path.name == "__init__.py" else -1]
     inside = {id(n) for f in ast.walk(tree) if isinstance(f, (ast.FunctionDef, ast.Lambda)) for n in ast.walk(f)}
-    found = set()
+    modules = set()
     for node in ast.walk(tree):
         if only_at_the_top and id(node) in inside:
             continue
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            modules |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             base = package[: len(package) - node.level + 1] if node.level else []
             base = ".".join([*base, *([node.module] if node.module else [])])
             submodules = {f"{base}.{alias.name}" for alias in node.names} & MODULES.keys()
             whole = {base} if len(submodules) < len(node.names) else set()
-            found |= submodules | whole
-    return found
+            modules |= submodules | whole
+    return modules
 
 
 def room(module):
@@ -48,10 +48,10 @@ def room(module):
 
 def floors(graph):
     """Return each node's floor: one above the highest that it needs. Raises CycleError for a circle."""
-    found = {}
+    heights = {}
     for node in TopologicalSorter(graph).static_order():
-        found[node] = 1 + max((found[needed] for needed in graph.get(node, ())), default=-1)
-    return found
+        heights[node] = 1 + max((heights[dependency] for dependency in graph.get(node, ())), default=-1)
+    return heights
 
 
 def graph_of(name):
@@ -64,10 +64,10 @@ def graph_of(name):
 
 
 def test_rooms_form_no_circle_and_each_has_a_floor():
-    found = floors(graph_of(room))
-    assert found["replicate.engine"] == 0
+    floor_of = floors(graph_of(room))
+    assert floor_of["replicate.engine"] == 0
     upwards = ("engine", "geometry", "approximation", "artefacts", "methods", "report", "targets", "__main__")
-    heights = [found[f"replicate.{name}"] for name in upwards]
+    heights = [floor_of[f"replicate.{name}"] for name in upwards]
     assert heights == sorted(heights) and len(set(heights)) == len(heights)
 
 
@@ -82,12 +82,12 @@ def test_a_circle_is_noticed():
 
 def test_recipes_know_nothing_of_the_approximation_and_it_sees_the_contract_and_the_catalogue_alone():
     for module, path in MODULES.items():
-        for imported in imports(path):
-            if module.startswith("data_recipes") and imported.startswith("replicate"):
-                assert room(imported) in ("replicate.engine", "replicate.geometry"), f"{module} imports {imported}"
-            if module.startswith("replicate") and imported.startswith("data_recipes"):
-                allowed = ("data_recipes.rig", "data_recipes.catalogue", "data_recipes.recipe_paths")
-                assert imported in allowed, f"{module} imports {imported}"
+        for dependency in imports(path):
+            if module.startswith("data_recipes") and dependency.startswith("replicate"):
+                assert room(dependency) in ("replicate.engine", "replicate.geometry"), f"{module} imports {dependency}"
+            if module.startswith("replicate") and dependency.startswith("data_recipes"):
+                interface = ("data_recipes.rig", "data_recipes.catalogue", "data_recipes.recipe_paths")
+                assert dependency in interface, f"{module} imports {dependency}"
 
 
 def test_the_engine_knows_nothing_of_faces():
@@ -104,8 +104,8 @@ def test_file_names_occur_once():
 
 def test_only_what_draws_loads_what_draws():
     for path in SOURCES:
-        loaded = {name.split(".")[0] for name in imports(path, only_at_the_top=True)}
-        assert not loaded & DISPLAY_ONLY, f"{module_name(path)} loads {loaded & DISPLAY_ONLY} when it is imported"
+        packages = {name.split(".")[0] for name in imports(path, only_at_the_top=True)}
+        assert not packages & DISPLAY_ONLY, f"{module_name(path)} loads {packages & DISPLAY_ONLY} when it is imported"
 
 
 def test_everything_works_without_pyvista_and_trimesh_until_it_draws():
@@ -117,8 +117,8 @@ for name in {sorted(DISPLAY_ONLY)}:
 for name in {modules}:
     importlib.import_module(name)
 """
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr
 
 
 def test_the_command_line_loads_nothing_heavy_to_see_that_nothing_is_to_be_done():
@@ -128,5 +128,5 @@ def test_the_command_line_loads_nothing_heavy_to_see_that_nothing_is_to_be_done(
         "from replicate.targets.target_registry import targets\nfrom replicate.methods.method_registry import methods\n"
         f"targets(), methods()\nprint(sorted({heavy} & set(sys.modules)))"
     )
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert process.stdout.strip() == "[]"

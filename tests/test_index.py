@@ -9,7 +9,7 @@ import replicate
 from replicate.engine.paths import ROOT
 
 LINE = re.compile(r"^(Fig\. \d+|Eq\. \d+|§[\d.]+|Table \d)  +\S.*?  +(\S+)$", re.MULTILINE)
-ENTRIES = [(found[1], found[2]) for found in LINE.finditer(replicate.__doc__)]
+ENTRIES = [(match[1], match[2]) for match in LINE.finditer(replicate.__doc__)]
 NAMES = {"Fig.": r"Fig(?:\.|ure|s) ?(?:\d+ and )?", "Table": "Table ", "Eq.": "Eq\\. (?:\\d+ and )?", "§": "§"}
 
 
@@ -21,11 +21,11 @@ def docstrings(file):
 
 
 def test_the_index_has_the_equations_tables_and_figures_that_the_suite_has():
-    named = {name for name, _ in ENTRIES}
-    assert {"Eq. 1", "Eq. 2", "Eq. 3", "Eq. 4", "Eq. 5", "Eq. 11", "Table 1", "Table 2"} <= named
+    names = {name for name, _ in ENTRIES}
+    assert {"Eq. 1", "Eq. 2", "Eq. 3", "Eq. 4", "Eq. 5", "Eq. 11", "Table 1", "Table 2"} <= names
     targets = {path.name for path in (ROOT / "replicate/targets").iterdir() if re.match(r"(table|figure)\d", path.name)}
-    pointed = {path.split("/")[1] for _, path in ENTRIES if path.startswith("targets/")}
-    assert targets == pointed
+    folders = {path.split("/")[1] for _, path in ENTRIES if path.startswith("targets/")}
+    assert targets == folders
 
 
 @pytest.mark.parametrize(("name", "path"), ENTRIES, ids=[f"{name} {path}" for name, path in ENTRIES])

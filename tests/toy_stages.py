@@ -36,17 +36,17 @@ def numbers(context) -> None:
         with open(os.environ["TOY_BUILDS"], "a") as stream:
             stream.write(f"{context.name} {context.config.seed}\n")
     checkpoint = context.scratch / "steps.json"
-    done = json.loads(checkpoint.read_text()) if checkpoint.exists() else []
-    with context.progress(context.config.steps, "counting", len(done)) as bar:
-        for step in range(len(done), context.config.steps):
+    values = json.loads(checkpoint.read_text()) if checkpoint.exists() else []
+    with context.progress(context.config.steps, "counting", len(values)) as bar:
+        for step in range(len(values), context.config.steps):
             time.sleep(context.config.pause_s)
-            done.append(float(context.rng(f"step {step}").normal()))
+            values.append(float(context.rng(f"step {step}").normal()))
             beside = checkpoint.with_suffix(".new")
-            beside.write_text(json.dumps(done))
+            beside.write_text(json.dumps(values))
             os.replace(beside, checkpoint)
             bar.update()
-    (context.out / "numbers.json").write_text(json.dumps(done))
-    context.note(count=len(done))
+    (context.out / "numbers.json").write_text(json.dumps(values))
+    context.note(count=len(values))
 
 
 def total(context) -> None:

@@ -1,13 +1,14 @@
 """Reading a recipe: from a character's name or a TOML file to checked dataclasses, once."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 from data_recipes.recipe.character import Recipe
 from data_recipes.recipe.facekit import FaceKitRecipe, check_parts
 from data_recipes.recipe.rules import check_rules
-from data_recipes.recipe_paths import character_names, recipe_file
+from data_recipes.recipe.sections import Layouts
+from data_recipes.recipe_paths import character_names, recipe_file, split_character
 from replicate.engine.exceptions import InputError
 from replicate.engine.schema import naming, read_table, shown
 from replicate.engine.user_files import is_file, read_toml
@@ -23,21 +24,39 @@ def load_recipe(name_or_path: str | Path) -> Recipe | FaceKitRecipe:
     Raises InputError, naming file and key, for a file that can't be read, broken TOML, an unknown or missing key, or a
     value that is not allowed.
     """
-    path = recipe_file(str(name_or_path))
-    if not is_file(path) and not str(name_or_path).endswith(".toml"):
+    name, variants = split_character(str(name_or_path))
+    path = recipe_file(name)
+    if not is_file(path) and not name.endswith(".toml"):
         choices = f"{', '.join(character_names())}, or the path of a .toml recipe"
-        raise InputError(f"character {shown(str(name_or_path))} has no recipe: allowed are {choices}")
+        raise InputError(f"character {shown(name)} has no recipe: allowed are {choices}")
     table = read_toml(path)
     with naming(str(path)):
         kind, check = (FaceKitRecipe, check_parts) if "model" in table else (Recipe, check_rules)
         recipe = read_table(kind, table, file=path.name)
+        for variant in variants:
+            recipe = _vary(recipe, variant)
         check(recipe)
     return replace(recipe, clip_files=tuple(str(path.parent / name) for name in recipe.clip_files))
 
 
+def _vary(recipe: Recipe | FaceKitRecipe, variant: str) -> Recipe | FaceKitRecipe:
+    """Return the variant of a recipe that an @ names. Raises InputError for one that it doesn't have."""
+    choices = tuple(field.name for field in fields(Layouts)) if isinstance(recipe, Recipe) else ()
+    if variant not in choices:
+        allowed = f"{', '.join(choices)}, a layout of its charts" if choices else "nothing, since it has no variants"
+        raise InputError(f"what follows @ is {shown(variant)}: allowed is {allowed}")
+    return replace(recipe, layout=variant)
+
+
 def without_place(recipe: Recipe | FaceKitRecipe) -> Recipe | FaceKitRecipe:
-    """Return a recipe as the key of what is built from it has it: its clips by name, wherever they and it lie."""
-    return replace(recipe, clip_files=tuple(Path(name).stem for name in recipe.clip_files))
+    """Return a recipe as the key of what is built from it has it.
+
+    Its clips are there by name, wherever they and it lie, and of its layouts the one that counts.
+    """
+    recipe = replace(recipe, clip_files=tuple(Path(name).stem for name in recipe.clip_files))
+    if isinstance(recipe, Recipe):
+        recipe = replace(recipe, layouts=Layouts(**{recipe.layout: recipe.charts}))
+    return recipe
 
 
 def with_clips(recipe: Recipe | FaceKitRecipe, files: Sequence[Path]) -> Recipe | FaceKitRecipe:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from data_recipes.recipe_paths import recipe_file
+from data_recipes.recipe_paths import character_label
 from replicate.config import Config
 from replicate.engine.stage import Stage
 
@@ -38,7 +38,7 @@ class Plan:
 
     def __init__(self, config: Config):
         self.config = config
-        self.character = recipe_file(config.character).stem
+        self.character = character_label(config.character)
         self._stages: dict[str, Stage] = {}
 
     def stage(

@@ -121,7 +121,7 @@ def measure(config: Config, count: int) -> list[Row]:
     poses = unique_poses(samples.test_params)
     poses = poses[np.linspace(0, len(poses) - 1, min(count, len(poses))).astype(int)]
     poses_and_truth = (mesh, samples.test_params[poses], samples.test_offsets[poses])
-    character, rows = recipe_paths.recipe_file(config.character).stem, []
+    character, rows = recipe_paths.character_label(config.character), []
     errors_by: dict[Callable, object] = {}  # what a fault leaves alone is evaluated once
     for name, predictors in faulty.items():
         missing = {method: predict for method, predict in predictors.items() if predict not in errors_by}

@@ -125,3 +125,16 @@ def save_figure(
     path.write_bytes(png(figure, words, largest_bytes, dither))
     text = json.dumps({"alt": words.alt, "caption": words.caption}, indent=1, ensure_ascii=False)
     path.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
+
+
+def has_figure(path: Path) -> bool:
+    """Return whether a figure that `save_figure` wrote is there, with its words, and neither file is damaged."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as picture:
+            picture.verify()  # the checksums of the file's parts
+        words = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+    except (OSError, SyntaxError, ValueError):  # so Pillow says that a checksum is not right
+        return False
+    return isinstance(words, dict) and set(words) == {"alt", "caption"}

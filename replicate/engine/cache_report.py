@@ -16,7 +16,7 @@ from replicate.engine.paths import ROOT, cache_folder
 from replicate.engine.stage import Stage, in_order
 from replicate.engine.store import MANIFEST, MARKER, artefact_folder, find_damage, lock, read_manifest
 
-_IDENTIFIER = r"([\w.-]+-[0-9a-f]{16})"  # as `Stage.identifier` makes them
+_IDENTIFIER = r"([\w.@-]+-[0-9a-f]{16})"  # as `Stage.identifier` makes them
 _WORK_NAMES = {"partial": f"{_IDENTIFIER}@.+", "scratch": _IDENTIFIER, "logs": rf"{_IDENTIFIER}\.log"}
 _LONGEST_LIST = 10  # items that a sentence names before it counts the others
 

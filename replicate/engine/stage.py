@@ -38,7 +38,7 @@ class Stage:
     threads: int = 1
 
     def __post_init__(self):
-        if not re.fullmatch(r"[\w.-]+", self.title):
+        if not re.fullmatch(r"[\w.@-]+", self.title):
             raise ValueError(f"stage {self.title!r}: names and labels name folders; use letters, digits, _, . and -")
 
     @property

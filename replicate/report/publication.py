@@ -48,7 +48,7 @@ def by_character(results: Sequence[CharacterResult]) -> dict[str, list[Character
     """Return the results by character: a list over its seeds."""
     groups: dict[str, list[CharacterResult]] = {}
     for one in results:
-        groups.setdefault(recipe_paths.recipe_file(one.config.character).stem, []).append(one)
+        groups.setdefault(recipe_paths.character_label(one.config.character), []).append(one)
     return groups
 
 

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from data_recipes.recipe_paths import OUTSIDE, character_names, recipe_file
+from data_recipes.recipe_paths import OUTSIDE, character_label, character_names, recipe_file
 from replicate.config import LARGEST_SEED, PROFILES, Config, resolve
 from replicate.engine import paths
 from replicate.engine.cluster_config import is_elsewhere
@@ -80,14 +80,14 @@ def configurations(options: argparse.Namespace) -> list[Config]:
 
 
 def characters(options: argparse.Namespace) -> list[str]:
-    """Return the characters that are named, each recipe once; results are kept by the stem of its file."""
+    """Return the characters that are named, each recipe once; results are kept by its label."""
     recipes: dict[str, tuple[Path, str]] = {}
     for character in words(options.characters):
-        file = recipe_file(character)
-        first, _ = recipes.setdefault(file.stem, (file, character))
+        file, label = recipe_file(character), character_label(character)
+        first, _ = recipes.setdefault(label, (file, character))
         if first != file:
             both = f"{paths.display_path(first)} and {paths.display_path(file)}"
-            raise InputError(f"{both} would both be {file.stem!r} in the results: rename one of them")
+            raise InputError(f"{both} would both be {label!r} in the results: rename one of them")
     if not recipes:
         raise InputError(f"no character is named: allowed are {', '.join(character_names())}")
     return [character for _, character in recipes.values()]

@@ -20,8 +20,7 @@ def run(options: argparse.Namespace) -> None:
     folder = results_folder("tour")
     for character in characters(options):
         rig_of(character)  # here its progress is seen, and a bad recipe gets one sentence
-        recipe = recipe_paths.recipe_file(character)
-        file = folder / f"rig_tour_{recipe.stem}.ipynb"
-        name = str(recipe) if character.endswith(".toml") else character  # the notebook runs in another folder
+        file = folder / f"rig_tour_{recipe_paths.character_label(character)}.ipynb"
+        name = recipe_paths.absolute(character)  # the notebook runs in another folder
         execute(NOTEBOOKS / "rig_tour.ipynb", file, {"CHARACTER": name})
         print(f"written to {paths.display_path(file)}")

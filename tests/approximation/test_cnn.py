@@ -16,13 +16,13 @@ UV = np.random.default_rng(1).uniform(0, 1, (40, 2)).astype(np.float32)
 
 
 def network(map_size=32, inputs=7) -> cnn.MapNetwork:
-    made = cnn.MapNetwork(inputs, UV, map_size, 16, (256, 512), 0.2)
+    map_network = cnn.MapNetwork(inputs, UV, map_size, 16, (256, 512), 0.2)
     generator = torch.Generator().manual_seed(0)
-    model.initialise(nn.ModuleList([made]), 0.2, generator)
-    for layer in made.modules():
+    model.initialise(nn.ModuleList([map_network]), 0.2, generator)
+    for layer in map_network.modules():
         if isinstance(layer, nn.Linear | nn.Conv2d):
             layer.bias.data.normal_(0, 0.1, generator=generator)
-    return made
+    return map_network
 
 
 def test_the_weights_are_those_that_table_1_implies():
@@ -34,20 +34,20 @@ def test_the_weights_are_those_that_table_1_implies():
 
 @pytest.mark.parametrize("map_size", [32, 64])
 def test_the_networks_equal_the_figure_in_value_and_gradient(map_size):
-    made = network(map_size)
+    map_network = network(map_size)
     params = torch.randn(9, 7, generator=torch.Generator().manual_seed(2))
     grid = bilinear(UV, map_size)
     upstream = torch.randn(9, 40, 3, generator=torch.Generator().manual_seed(3))
     results = []
     for run in (
-        lambda p: sample(made.maps(p), torch.from_numpy(grid.pixels), torch.from_numpy(grid.weights)),
-        made.forward,
+        lambda p: sample(map_network.maps(p), torch.from_numpy(grid.pixels), torch.from_numpy(grid.weights)),
+        map_network.forward,
     ):
-        made.zero_grad()
+        map_network.zero_grad()
         p = params.clone().requires_grad_()
         out = run(p)
         out.backward(upstream)
-        results.append([out.detach(), p.grad] + [weight.grad.clone() for weight in made.parameters()])
+        results.append([out.detach(), p.grad] + [weight.grad.clone() for weight in map_network.parameters()])
     for clear, fast in zip(*results, strict=True):
         scale = clear.abs().max()
         assert scale > 1e-3
@@ -56,40 +56,40 @@ def test_the_networks_equal_the_figure_in_value_and_gradient(map_size):
 
 def test_nearest_upsampling_is_four_copies_of_each_pixel():
     """The figure's upsampling, which both forms rely on, on an image that can be checked by hand."""
-    made = cnn.MapNetwork(1, UV, 16, 1, (64,), 0.2)
+    map_network = cnn.MapNetwork(1, UV, 16, 1, (64,), 0.2)
     with torch.no_grad():
-        for weight in made.parameters():
+        for weight in map_network.parameters():
             weight.zero_()
-        for layer in (*made.upsampled, made.last):
+        for layer in (*map_network.upsampled, map_network.last):
             layer.weight[0, 0, 1, 1] = 1  # passes its image on
-        made.dense[0].bias.copy_(torch.arange(1.0, 65))
-        made.output.weight[:] = 1
+        map_network.dense[0].bias.copy_(torch.arange(1.0, 65))
+        map_network.output.weight[:] = 1
     image = torch.arange(1.0, 65).view(8, 8)
-    wanted = image.repeat_interleave(2, 0).repeat_interleave(2, 1)
-    torch.testing.assert_close(made.maps(torch.zeros(1, 1))[0, :, :, 2].detach(), wanted)
+    expected = image.repeat_interleave(2, 0).repeat_interleave(2, 1)
+    torch.testing.assert_close(map_network.maps(torch.zeros(1, 1))[0, :, :, 2].detach(), expected)
 
 
 def test_the_first_maps_are_eight_by_eight_with_channels_last():
-    made = network()
-    start = made._start(torch.zeros(1, 7))
-    hidden = functional.leaky_relu(made.dense[0](torch.zeros(1, 7)), 0.2)
-    torch.testing.assert_close(start[0], made.dense[1](hidden)[0].view(8, 8, 8))
+    map_network = network()
+    start = map_network._start(torch.zeros(1, 7))
+    hidden = functional.leaky_relu(map_network.dense[0](torch.zeros(1, 7)), 0.2)
+    torch.testing.assert_close(start[0], map_network.dense[1](hidden)[0].view(8, 8, 8))
 
 
 def test_other_widths_than_the_papers_take_the_clear_way():
-    made = cnn.MapNetwork(7, UV, 16, 12, (32, 128), 0.2)
+    map_network = cnn.MapNetwork(7, UV, 16, 12, (32, 128), 0.2)
     grid, params = bilinear(UV, 16), torch.randn(2, 7)
-    wanted = sample(made.maps(params), torch.from_numpy(grid.pixels), torch.from_numpy(grid.weights))
-    torch.testing.assert_close(made(params), wanted)
+    expected = sample(map_network.maps(params), torch.from_numpy(grid.pixels), torch.from_numpy(grid.weights))
+    torch.testing.assert_close(map_network(params), expected)
 
 
 def test_two_forward_passes_before_their_gradients_do_not_disturb_each_other():
-    made = network()
+    map_network = network()
     first, second = torch.randn(2, 3, 7, generator=torch.Generator().manual_seed(5))
-    alone = torch.autograd.grad(made(first).sum(), made.parameters())
-    out = made(first).sum()
-    made(second).sum().backward()
-    for one, other in zip(alone, torch.autograd.grad(out, made.parameters()), strict=True):
+    alone = torch.autograd.grad(map_network(first).sum(), map_network.parameters())
+    out = map_network(first).sum()
+    map_network(second).sum().backward()
+    for one, other in zip(alone, torch.autograd.grad(out, map_network.parameters()), strict=True):
         assert torch.equal(one, other)
 
 

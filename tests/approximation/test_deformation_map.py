@@ -21,17 +21,17 @@ def affine_map(size):
 def test_an_affine_map_is_read_exactly_everywhere(size):
     uv = np.concatenate([PLACES, CORNERS])
     grid = bilinear(uv, size)
-    got = sample(affine_map(size), torch.from_numpy(grid.pixels), torch.from_numpy(grid.weights))[0]
-    wanted = np.stack([2 * uv[:, 0] - 3 * uv[:, 1] + 1, uv[:, 1], uv[:, 0]], axis=1)
-    np.testing.assert_allclose(got, wanted, atol=1e-6)
+    values = sample(affine_map(size), torch.from_numpy(grid.pixels), torch.from_numpy(grid.weights))[0]
+    expected = np.stack([2 * uv[:, 0] - 3 * uv[:, 1] + 1, uv[:, 1], uv[:, 0]], axis=1)
+    np.testing.assert_allclose(values, expected, atol=1e-6)
 
 
 def test_a_vertex_between_four_pixels_reads_their_weighted_mean():
     grid = bilinear(np.array([[0.25 / 7, 1.5 / 7]], np.float32), 8)  # column 0.25, row 1.5
     pixels = torch.zeros(1, 8, 8, 1)
     pixels[0, 1, 0], pixels[0, 1, 1], pixels[0, 2, 0], pixels[0, 2, 1] = 1, 10, 100, 1000
-    got = sample(pixels, torch.from_numpy(grid.pixels), torch.from_numpy(grid.weights))
-    assert got.item() == pytest.approx(0.375 * 1 + 0.125 * 10 + 0.375 * 100 + 0.125 * 1000)
+    sample_value = sample(pixels, torch.from_numpy(grid.pixels), torch.from_numpy(grid.weights))
+    assert sample_value.item() == pytest.approx(0.375 * 1 + 0.125 * 10 + 0.375 * 100 + 0.125 * 1000)
 
 
 def test_polyharmonic_interpolation_passes_through_affine_data_and_averages_coincident_vertices():

@@ -10,13 +10,13 @@ from replicate.config import DenseConfig, TrainingConfig
 
 
 def test_the_network_is_two_hidden_layers_and_a_linear_output():
-    made = dense.DenseNetwork(5, 4, (8, 6), 0.2)
+    network = dense.DenseNetwork(5, 4, (8, 6), 0.2)
     p = torch.randn(3, 5, generator=torch.Generator().manual_seed(0))
-    (a, b), c = made.hidden, made.output
+    (a, b), c = network.hidden, network.output
     assert [tuple(layer.weight.shape) for layer in (a, b, c)] == [(8, 5), (6, 8), (12, 6)]
     x = functional.leaky_relu(p @ a.weight.T + a.bias, 0.2)
     x = functional.leaky_relu(x @ b.weight.T + b.bias, 0.2)
-    torch.testing.assert_close(made(p), (x @ c.weight.T + c.bias).view(3, 4, 3))
+    torch.testing.assert_close(network(p), (x @ c.weight.T + c.bias).view(3, 4, 3))
 
 
 def test_training_learns_and_a_saved_model_predicts_the_same(tmp_path):

@@ -50,13 +50,13 @@ def test_the_neutral_row_is_the_mean_motion_and_the_truth_has_no_error(grid, pos
         "neutral": lambda p, v: np.broadcast_to(grid.neutral, v.shape),
         "floor": lambda p, v: v,
     }
-    found = evaluate(grid, params, offsets, methods, batch=3)
-    rows = error_rows("teen", found, "quick", "run")
-    kept = np.delete(np.arange(11), 7)
-    motion = np.linalg.norm(offsets[kept], axis=-1)
+    errors = evaluate(grid, params, offsets, methods, batch=3)
+    rows = error_rows("teen", errors, "quick", "run")
+    others = np.delete(np.arange(11), 7)
+    motion = np.linalg.norm(offsets[others], axis=-1)
     angle = normal_error(
         np.broadcast_to(grid.neutral, (10, 36, 3)),
-        grid.neutral + offsets[kept],
+        grid.neutral + offsets[others],
         grid.faces,
     )
     assert find(rows, "table2", "teen", "neutral", "vertex_error_mean").value == pytest.approx(motion.mean(), rel=1e-5)
@@ -64,8 +64,8 @@ def test_the_neutral_row_is_the_mean_motion_and_the_truth_has_no_error(grid, pos
     assert find(rows, "table2", "teen", "neutral", "normal_error_mean").value == pytest.approx(angle.mean(), rel=1e-5)
     assert find(rows, "table2", "teen", "floor", "vertex_error_max").value == 0
     assert find(rows, "table2", "teen", "neutral", "vertex_error_mean").poses == 10
-    np.testing.assert_allclose(found["neutral"].pose_mm, motion.mean(1), rtol=1e-5)
-    np.testing.assert_allclose(found["neutral"].pose_deg, angle.mean(1), rtol=1e-5)
+    np.testing.assert_allclose(errors["neutral"].pose_mm, motion.mean(1), rtol=1e-5)
+    np.testing.assert_allclose(errors["neutral"].pose_deg, angle.mean(1), rtol=1e-5)
 
 
 def test_the_batch_size_does_not_change_a_number(grid, poses):
@@ -101,41 +101,41 @@ def test_an_error_is_seen_in_its_own_segment_only(grid, poses):
 def test_a_collapsed_face_is_left_out_and_reported(grid, poses):
     params, offsets = poses
 
-    def collapsed(p, truth):
+    def collapse(p, truth):
         flat = truth.copy()
         flat[:, grid.faces[0, 1]] = flat[:, grid.faces[0, 0]]
         return flat
 
-    found = evaluate(grid, params, offsets, {"dense": collapsed})
-    rows = error_rows("teen", found, "quick", "r")
+    errors = evaluate(grid, params, offsets, {"dense": collapse})
+    rows = error_rows("teen", errors, "quick", "r")
     touching = (grid.faces == grid.faces[0, 0]).any(1) & (grid.faces == grid.faces[0, 1]).any(1)
     assert find(rows, "table2", "teen", "dense", "normal_faces_left_out").value == 10 * touching.sum()
-    assert np.isfinite(found["dense"].pose_deg).all()
+    assert np.isfinite(errors["dense"].pose_deg).all()
 
 
 def test_a_predictor_gets_the_params_of_its_poses(grid, poses):
     params, _ = poses
     offsets = np.repeat(params[:, None, :3], 36, axis=1)
-    found = evaluate(
+    errors = evaluate(
         grid,
         params,
         offsets,
         {"exact": lambda p, v: grid.neutral + p[:, None, :3]},
         batch=4,
     )
-    assert found["exact"].pose_mm.max() < 1e-5
+    assert errors["exact"].pose_mm.max() < 1e-5
     assert vertex_error(grid.neutral + offsets, grid.neutral).mean() > 0.5
 
 
 def test_texels_per_vertex_count_each_map_and_the_method_as_a_whole():
-    found = {metric: (unit, value) for metric, unit, value in texels({"face": (32, 4096), "ear": (32, 512)})}
-    assert found["texels_per_vertex[face]"] == ("ratio", 0.25) and found["texels_per_vertex[ear]"] == ("ratio", 2)
-    assert found["texels_per_vertex"] == ("ratio", pytest.approx(2048 / 4608))
+    ratios = {metric: (unit, value) for metric, unit, value in texels({"face": (32, 4096), "ear": (32, 512)})}
+    assert ratios["texels_per_vertex[face]"] == ("ratio", 0.25) and ratios["texels_per_vertex[ear]"] == ("ratio", 2)
+    assert ratios["texels_per_vertex"] == ("ratio", pytest.approx(2048 / 4608))
 
 
 def test_errors_come_back_from_disk_with_the_same_rows(grid, poses, tmp_path):
-    found = evaluate(grid, *poses, {"dense": lambda p, v: v + p[:, None, :3]}, rigid=[2])
-    found["dense"].save(tmp_path / "errors.npz")
+    errors = evaluate(grid, *poses, {"dense": lambda p, v: v + p[:, None, :3]}, rigid=[2])
+    errors["dense"].save(tmp_path / "errors.npz")
     back = {"dense": load_errors(tmp_path / "errors.npz")}
-    assert error_rows("teen", back, "quick", "r") == error_rows("teen", found, "quick", "r")
-    np.testing.assert_array_equal(back["dense"].pose_deg, found["dense"].pose_deg)
+    assert error_rows("teen", back, "quick", "r") == error_rows("teen", errors, "quick", "r")
+    np.testing.assert_array_equal(back["dense"].pose_deg, errors["dense"].pose_deg)

@@ -45,10 +45,10 @@ def test_the_compiled_loss_equals_its_twin_in_value_and_gradient(batch):
     value = FacialLoss(mesh.neutral, mesh.faces, 5.0, *counts)(fast, target)
     value.backward()
     clear = offsets.clone().requires_grad_()
-    wanted = reference_loss(neutral + clear, neutral + target, faces, 5.0, *counts)
-    wanted.backward()
-    assert wanted.item() > 0.1
-    assert value.item() == pytest.approx(wanted.item(), rel=1e-5)
+    expected = reference_loss(neutral + clear, neutral + target, faces, 5.0, *counts)
+    expected.backward()
+    assert expected.item() > 0.1
+    assert value.item() == pytest.approx(expected.item(), rel=1e-5)
     scale = clear.grad.abs().max()
     assert scale > 0
     torch.testing.assert_close(fast.grad / scale, clear.grad / scale, atol=1e-5, rtol=0)

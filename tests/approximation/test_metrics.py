@@ -76,11 +76,11 @@ def test_statistics_in_chunks_equal_those_of_all_values_at_once():
     for start in range(0, 50, 7):
         tally_add(tally, errors[start : start + 7], group)
     for g, values in [(None, errors), *((g, errors[:, group == g]) for g in range(3))]:
-        found = summary(tally, g)
-        assert found.mean == pytest.approx(values.mean(dtype=float), rel=1e-9)
-        assert found.max == values.max()
-        assert found.p95 == pytest.approx(np.percentile(values, 95), rel=4e-3)
-        assert found.count == values.size
+        statistics = summary(tally, g)
+        assert statistics.mean == pytest.approx(values.mean(dtype=float), rel=1e-9)
+        assert statistics.max == values.max()
+        assert statistics.p95 == pytest.approx(np.percentile(values, 95), rel=4e-3)
+        assert statistics.count == values.size
 
 
 def test_a_perfect_prediction_has_zero_error_throughout():

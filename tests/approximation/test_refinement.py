@@ -97,8 +97,8 @@ def test_refinement_lowers_both_errors_and_moves_only_its_vertices(face, tmp_pat
     refined, after = refinement.train_refined(mesh, coarse, squares, samples, config, tmp_path / "refined", progress, 0)
     assert after[-1]["mm"] < before[-1]["mm"] and after[-1]["degrees"] < before[-1]["degrees"]
     params = samples.validation_params
-    changed = np.flatnonzero(np.abs(refined.offsets(params) - coarse.offsets(params)).max((0, 2)))
-    np.testing.assert_array_equal(changed, np.sort(np.concatenate([segment.vertices for segment in squares])))
+    vertices = np.flatnonzero(np.abs(refined.offsets(params) - coarse.offsets(params)).max((0, 2)))
+    np.testing.assert_array_equal(vertices, np.sort(np.concatenate([segment.vertices for segment in squares])))
     cnn.save(refined.residual, tmp_path, config)
-    loaded = refinement.load_refined(tmp_path, coarse)
-    np.testing.assert_array_equal(loaded.offsets(params), refined.offsets(params))
+    copy = refinement.load_refined(tmp_path, coarse)
+    np.testing.assert_array_equal(copy.offsets(params), refined.offsets(params))

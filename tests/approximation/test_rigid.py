@@ -100,24 +100,24 @@ def moving_poses(mesh, count=30, seed=4):
     """The lower-left 4 × 4 of the skin turns with the tooth; the rest bends, and so does the third segment."""
     rng = np.random.default_rng(seed)
     poses = np.repeat(mesh.neutral[None].astype(np.float64), count, 0)
-    carried = (mesh.neutral[:, :2] <= 15).all(1) & (mesh.segment == 0)
-    with_tooth = carried | (mesh.segment == 1)
+    carriers = (mesh.neutral[:, :2] <= 15).all(1) & (mesh.segment == 0)
+    with_tooth = carriers | (mesh.segment == 1)
     for pose in poses:
         turn = rotation_about(rng.normal(size=3), rng.normal() * 0.3)
         pose[with_tooth] = pose[with_tooth] @ turn + rng.normal(size=3) * 4
         bend = ~with_tooth
         pose[bend] += rng.normal(size=(bend.sum(), 3))
-    return poses.astype(np.float32), carried
+    return poses.astype(np.float32), carriers
 
 
 def test_only_the_segment_that_moves_rigidly_is_found_and_its_carriers_are_those_that_move_with_it():
     mesh = grid_mesh()
-    poses, carried = moving_poses(mesh)
-    found = find_attachments(mesh, poses)
-    assert found.segment.tolist() == [1]
-    assert found.vertex.shape == (1, 10) and carried[found.vertex].all()
-    assert len(set(found.vertex[0])) == 10
-    assert found.error_mm.max() < 1e-4 and found.rigid_error_mm.max() < 1e-4
+    poses, carriers = moving_poses(mesh)
+    attachments = find_attachments(mesh, poses)
+    assert attachments.segment.tolist() == [1]
+    assert attachments.vertex.shape == (1, 10) and carriers[attachments.vertex].all()
+    assert len(set(attachments.vertex[0])) == 10
+    assert attachments.error_mm.max() < 1e-4 and attachments.rigid_error_mm.max() < 1e-4
 
 
 def test_how_badly_a_vertex_follows_is_the_root_of_equation_4():
@@ -145,10 +145,10 @@ def test_the_threshold_is_a_length_and_does_not_depend_on_how_many_vertices_a_se
 def test_attach_places_a_rigid_segment_from_its_carriers_alone():
     mesh = grid_mesh()
     poses, _ = moving_poses(mesh)
-    found = find_attachments(mesh, poses[:20])
+    attachments = find_attachments(mesh, poses[:20])
     predicted = poses[20:].copy()
     predicted[:, mesh.segment == 1] = np.nan
-    placed = attach(mesh, found, predicted)
+    placed = attach(mesh, attachments, predicted)
     assert placed.dtype == np.float32
     np.testing.assert_allclose(placed, poses[20:], atol=1e-3)
     np.testing.assert_array_equal(placed[:, mesh.segment != 1], predicted[:, mesh.segment != 1])
@@ -159,12 +159,12 @@ def test_attach_places_a_rigid_segment_from_its_carriers_alone():
 def test_noise_on_the_carriers_moves_a_placement_as_their_spread_says():
     mesh = grid_mesh()
     poses, _ = moving_poses(mesh, count=400)
-    found = find_attachments(mesh, poses[:30])
+    attachments = find_attachments(mesh, poses[:30])
     noise = 0.1
     rng = np.random.default_rng(6)
-    placed = attach(mesh, found, poses + (rng.normal(size=poses.shape) * noise).astype(np.float32))
+    placed = attach(mesh, attachments, poses + (rng.normal(size=poses.shape) * noise).astype(np.float32))
     # small rotations by least squares: covariance noise²/c · inertia⁻¹ about the carriers' centre, plus the mean's
-    rest = mesh.neutral[found.vertex[0]].astype(float)
+    rest = mesh.neutral[attachments.vertex[0]].astype(float)
     centred = rest - rest.mean(0)
     inertia = np.eye(3) * (centred**2).sum() - centred.T @ centred
     lever = mesh.neutral[mesh.segment == 1] - rest.mean(0)
@@ -172,7 +172,7 @@ def test_noise_on_the_carriers_moves_a_placement_as_their_spread_says():
     expected = [np.trace(np.eye(3) / 10 + skew(r) @ spread @ skew(r).T) for r in lever]
     observed = ((placed - poses)[:, mesh.segment == 1] ** 2).sum(-1).mean()
     assert observed == pytest.approx(noise**2 * np.mean(expected), rel=0.15)
-    assert found.spread_mm[0, 2] < 1e-5 < found.spread_mm[0, 1]
+    assert attachments.spread_mm[0, 2] < 1e-5 < attachments.spread_mm[0, 1]
 
 
 def skew(v):
@@ -182,9 +182,9 @@ def skew(v):
 def test_a_mesh_without_rigid_segments_gives_no_attachments_and_attach_changes_nothing():
     mesh = grid_mesh()
     poses = mesh.neutral + np.random.default_rng(7).normal(size=(5, len(mesh.neutral), 3)).astype(np.float32)
-    found = find_attachments(mesh, poses)
-    assert found.vertex.shape == (0, 10)
-    np.testing.assert_array_equal(attach(mesh, found, poses), poses)
+    attachments = find_attachments(mesh, poses)
+    assert attachments.vertex.shape == (0, 10)
+    np.testing.assert_array_equal(attach(mesh, attachments, poses), poses)
 
 
 def test_too_few_deformable_vertices_are_an_input_error():
@@ -196,7 +196,7 @@ def test_too_few_deformable_vertices_are_an_input_error():
 
 def test_attachments_come_back_from_disk_as_they_were(tmp_path):
     mesh = grid_mesh()
-    found = find_attachments(mesh, moving_poses(mesh)[0])
-    found.save(tmp_path / "rigid.npz")
+    attachments = find_attachments(mesh, moving_poses(mesh)[0])
+    attachments.save(tmp_path / "rigid.npz")
     for name, array in vars(Attachments.load(tmp_path / "rigid.npz")).items():
-        np.testing.assert_array_equal(array, getattr(found, name))
+        np.testing.assert_array_equal(array, getattr(attachments, name))

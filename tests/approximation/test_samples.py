@@ -53,9 +53,9 @@ def clips(count=6, frames=50):
     return tuple(SimpleNamespace(values=rng.uniform(-1, 1, (frames, 4)).astype(np.float32)) for _ in range(count))
 
 
-def config(**changed):
+def config(**changes):
     values = {"count": 600, "split": "frames", "held_out": 0.1, "validation": 20, "low": 0.25, "high": 3.0, "bins": 16}
-    return SamplesConfig(**({"uniform_test": 50} | values | changed))
+    return SamplesConfig(**({"uniform_test": 50} | values | changes))
 
 
 def rng(stream):
@@ -115,8 +115,8 @@ def test_validation_poses_are_frames_that_neither_training_nor_test_holds(tmp_pa
 def test_a_split_by_clips_keeps_clips_whole(tmp_path):
     rig = Waves(clips())
     test = {pose.tobytes() for pose in write(tmp_path, rig, config(split="clips", held_out=0.2)).test_params}
-    held = [clip for clip in rig.clips if clip.values[0].tobytes() in test]
-    assert len(held) == 1 and {pose.tobytes() for pose in held[0].values} == test
+    test_clips = [clip for clip in rig.clips if clip.values[0].tobytes() in test]
+    assert len(test_clips) == 1 and {pose.tobytes() for pose in test_clips[0].values} == test
 
 
 def test_a_rig_without_clips_is_sampled_uniformly(tmp_path):
@@ -139,10 +139,10 @@ def test_every_rig_call_has_one_shape(tmp_path):
 
 def test_draws_are_balanced_and_a_function_of_the_step(tmp_path):
     data = write(tmp_path)
-    drawn = np.concatenate([data.draw_for_step(1, "coarse", step, 8) for step in range(4_000)])
-    share = np.bincount(data.bins[drawn], minlength=16) / len(drawn)
-    filled = np.bincount(data.bins, minlength=16) > 0
-    assert np.allclose(share[filled], 1 / filled.sum(), atol=0.01)
+    rows = np.concatenate([data.draw_for_step(1, "coarse", step, 8) for step in range(4_000)])
+    share = np.bincount(data.bins[rows], minlength=16) / len(rows)
+    nonempty = np.bincount(data.bins, minlength=16) > 0
+    assert np.allclose(share[nonempty], 1 / nonempty.sum(), atol=0.01)
     again = data.draw_for_step(1, "coarse", 77, 8)
     assert np.array_equal(again, data.draw_for_step(1, "coarse", 77, 8))
     others = [data.draw_for_step(2, "coarse", 77, 8), data.draw_for_step(1, "dense", 77, 8)]
@@ -164,7 +164,7 @@ def test_a_missing_file_is_named(tmp_path):
         SampleSet.open(tmp_path / "out")
 
 
-class Killed(Exception):
+class Kill(Exception):
     pass
 
 
@@ -175,10 +175,10 @@ def stop_after(tmp_path, calls, settings):
     class Mortal(Waves):
         def __call__(self, params):
             if len(rig.calls) == calls:
-                raise Killed
+                raise Kill
             return rig(params)
 
-    with pytest.raises(Killed):
+    with pytest.raises(Kill):
         write(tmp_path, Mortal(clips()), settings)
 
 
@@ -196,10 +196,10 @@ def test_a_flipped_bit_in_a_stopped_sets_scratch_changes_no_byte(tmp_path, capfd
     stop_after(tmp_path, len(undisturbed.calls) - 1, settings)  # all but the last of the test poses
     flip_a_bit(tmp_path / "scratch" / name, place)
     write(tmp_path, settings=settings)
-    told = capfd.readouterr().err
+    errors = capfd.readouterr().err
     assert contents(tmp_path / "out") == contents(whole / "out")
-    unused = name == "test_offsets.npy" and place > 0  # rows that are evaluated after that anyway
-    assert told.count("\n") == (0 if unused else 1) and (unused or str(tmp_path / "scratch") in told)
+    harmless = name == "test_offsets.npy" and place > 0  # rows that are evaluated after that anyway
+    assert errors.count("\n") == (0 if harmless else 1) and (harmless or str(tmp_path / "scratch") in errors)
 
 
 def test_only_what_follows_the_damage_is_evaluated_again(tmp_path, capfd):
@@ -238,7 +238,7 @@ def test_other_poses_start_afresh_in_the_same_scratch(tmp_path):
     assert contents(tmp_path / "out") == before
 
 
-def chunks_done(state_file):
+def chunk_count(state_file):
     return read_sealed(state_file, lambda stream: len(json.load(stream)["sums"]["training"]))
 
 
@@ -255,20 +255,20 @@ def test_a_kill_at_any_moment_changes_no_byte(tmp_path, chunks):
         test_samples.Waves.__call__ = slow
         test_samples.write(pathlib.Path(sys.argv[1]), settings=test_samples.config(count=2_000))
     """)
-    tests, killed, whole = Path(__file__).parent, tmp_path / "killed", tmp_path / "whole"
-    killed.mkdir()
+    tests, folder, whole = Path(__file__).parent, tmp_path / "killed", tmp_path / "whole"
+    folder.mkdir()
     whole.mkdir()
-    process = subprocess.Popen([sys.executable, "-c", script, *map(str, (killed, tests, tests.parent, ROOT))])
-    wanted = killed / "scratch" / ("state.sealed" if chunks else "test_offsets.npy")
-    while not (wanted.exists() and (not chunks or chunks_done(wanted) >= chunks)):
+    process = subprocess.Popen([sys.executable, "-c", script, *map(str, (folder, tests, tests.parent, ROOT))])
+    scratch_file = folder / "scratch" / ("state.sealed" if chunks else "test_offsets.npy")
+    while not (scratch_file.exists() and (not chunks or chunk_count(scratch_file) >= chunks)):
         assert process.poll() is None
         time.sleep(0.002)
     process.send_signal(signal.SIGKILL)
     process.wait()
     rig = Waves(clips())
-    write(killed, rig, config(count=2_000))
+    write(folder, rig, config(count=2_000))
     undisturbed = Waves(clips())
     write(whole, undisturbed, config(count=2_000))
-    assert contents(killed / "out") == contents(whole / "out")
-    saved = len(undisturbed.calls) - len(rig.calls)
-    assert saved >= chunks * samples.CHUNK // samples.BATCH  # it went on rather than starting again
+    assert contents(folder / "out") == contents(whole / "out")
+    savings = len(undisturbed.calls) - len(rig.calls)
+    assert savings >= chunks * samples.CHUNK // samples.BATCH  # it went on rather than starting again

@@ -61,28 +61,28 @@ def test_no_clips_is_an_input_error():
 
 def test_augmentation_multiplies_raw_values_by_uniform_factors():
     poses = np.array([[1.0, -2.0, 0.0]], dtype=np.float32)
-    drawn = sampling.augment(poses, 40_000, np.random.default_rng(0))
-    factors = drawn[:, :2] / poses[0, :2]
+    samples = sampling.augment(poses, 40_000, np.random.default_rng(0))
+    factors = samples[:, :2] / poses[0, :2]
     assert factors.min() >= 0.25 and factors.max() <= 3.0
     assert abs(factors.mean() - 1.625) < 0.01
     assert abs(factors.std() - 2.75 / np.sqrt(12)) < 0.01
     assert abs(np.corrcoef(factors.T)[0, 1]) < 0.02  # a factor a parameter, not one a pose
-    assert not drawn[:, 2].any()
+    assert not samples[:, 2].any()
 
 
 def test_augmentation_draws_every_pose_about_equally_often():
     poses = np.arange(1, 11, dtype=np.float32)[:, None] * np.array([[1e4, 1.0]], dtype=np.float32)
-    drawn = sampling.augment(poses, 20_000, np.random.default_rng(1), low=1.0, high=1.0 + 1e-6)
-    counts = np.bincount(np.rint(drawn[:, 1]).astype(int), minlength=11)[1:]
+    samples = sampling.augment(poses, 20_000, np.random.default_rng(1), low=1.0, high=1.0 + 1e-6)
+    counts = np.bincount(np.rint(samples[:, 1]).astype(int), minlength=11)[1:]
     assert counts.min() > 1_800 and counts.max() < 2_200
 
 
 def test_uniform_samples_fill_the_ranges_and_stay_inside():
     lower, upper = np.array([-1.0, 0.0, 2.0]), np.array([1.0, 5.0, 2.5])
-    drawn = sampling.sample_uniform(lower, upper, 5_000, np.random.default_rng(0))
-    assert (drawn >= lower).all() and (drawn <= upper).all()
-    assert np.allclose(drawn.mean(axis=0), (lower + upper) / 2, atol=0.1)
-    assert np.allclose(np.ptp(drawn, axis=0), upper - lower, rtol=0.01)
+    samples = sampling.sample_uniform(lower, upper, 5_000, np.random.default_rng(0))
+    assert (samples >= lower).all() and (samples <= upper).all()
+    assert np.allclose(samples.mean(axis=0), (lower + upper) / 2, atol=0.1)
+    assert np.allclose(np.ptp(samples, axis=0), upper - lower, rtol=0.01)
 
 
 def test_bins_are_equal_intervals_of_the_first_principal_component():
@@ -100,19 +100,19 @@ def test_still_landmarks_share_one_bin():
 
 def test_balanced_draws_are_uniform_over_bins_and_within_them():
     bins = np.array([3] * 900 + [7] * 90 + [15] * 10, dtype=np.int16)
-    drawn = sampling.draw_from_index(*sampling.bin_index(bins), 30_000, np.random.default_rng(0))
-    share = np.bincount(bins[drawn], minlength=16) / 30_000
+    indices = sampling.draw_from_index(*sampling.bin_index(bins), 30_000, np.random.default_rng(0))
+    share = np.bincount(bins[indices], minlength=16) / 30_000
     assert np.allclose(share[[3, 7, 15]], 1 / 3, atol=0.02)
-    rare = np.bincount(drawn, minlength=1000)[990:]
+    rare = np.bincount(indices, minlength=1000)[990:]
     assert rare.min() > 850 and rare.max() < 1_150
 
 
 def test_held_out_poses_occur_once_and_leave_the_training_part():
-    single, repeated = np.arange(120, dtype=np.float32)[:, None], np.full((40, 1), -1, dtype=np.float32)
-    poses = np.concatenate([single, repeated])[np.random.default_rng(7).permutation(160)]
-    rest, held = sampling.hold_out(poses, 8, np.random.default_rng(1))
-    assert len(held) == 8 and held.min() >= 0
-    assert rows(rest) | rows(held) == rows(poses) and not rows(rest) & rows(held)
+    single, duplicates = np.arange(120, dtype=np.float32)[:, None], np.full((40, 1), -1, dtype=np.float32)
+    poses = np.concatenate([single, duplicates])[np.random.default_rng(7).permutation(160)]
+    rest, holdout = sampling.hold_out(poses, 8, np.random.default_rng(1))
+    assert len(holdout) == 8 and holdout.min() >= 0
+    assert rows(rest) | rows(holdout) == rows(poses) and not rows(rest) & rows(holdout)
     assert len(sampling.hold_out(poses, 1_000, np.random.default_rng(1))[1]) == 12  # a tenth of the single ones
 
 

@@ -28,7 +28,7 @@ def test_one_cycle_warms_up_and_comes_down_as_a_cosine():
     assert rates[-1] == pytest.approx(2e-3 * (1 - math.cos(math.pi / 950)) / 2)
 
 
-class Killed(Exception):
+class Kill(Exception):
     pass
 
 
@@ -41,7 +41,7 @@ def run(scratch, kill_at=None):
 
     def draw_or_die(self, seed, stream, step, batch):
         if step == kill_at:
-            raise Killed
+            raise Kill
         return draw(self, seed, stream, step, batch)
 
     mortal = type("Mortal", (type(samples),), {"draw_for_step": draw_or_die})(**vars(samples))
@@ -53,7 +53,7 @@ def test_a_run_killed_twice_ends_with_the_same_bits(tmp_path, monkeypatch):
     undisturbed, log = run(tmp_path / "a")
     monkeypatch.setattr(training, "CHECKPOINT_S", 0.0)  # a checkpoint after every step
     for kill_at in (11, 23):
-        with pytest.raises(Killed):
+        with pytest.raises(Kill):
             run(tmp_path / "b", kill_at)
     resumed, resumed_log = run(tmp_path / "b")
     assert resumed.keys() == undisturbed.keys()
@@ -66,14 +66,14 @@ def test_a_run_killed_twice_ends_with_the_same_bits(tmp_path, monkeypatch):
 def test_a_checkpoint_with_one_flipped_bit_is_named_and_trained_over(tmp_path, monkeypatch, capfd, place):
     undisturbed, log = run(tmp_path / "a")
     monkeypatch.setattr(training, "CHECKPOINT_S", 0.0)
-    with pytest.raises(Killed):
+    with pytest.raises(Kill):
         run(tmp_path / "b", kill_at=11)
     checkpoint = tmp_path / "b" / "checkpoint.sealed"
     flip_a_bit(checkpoint, place)
     capfd.readouterr()
     again, again_log = run(tmp_path / "b")
-    told = capfd.readouterr().err
-    assert str(checkpoint) in told and "damaged" in told and told.count("\n") == 1
+    errors = capfd.readouterr().err
+    assert str(checkpoint) in errors and "damaged" in errors and errors.count("\n") == 1
     assert all(torch.equal(again[name], value) for name, value in undisturbed.items()) and again_log == log
 
 
@@ -88,7 +88,7 @@ def test_half_a_checkpoint_is_trained_over(tmp_path):
 
 def test_a_resumed_run_does_not_start_again(tmp_path):
     run(tmp_path)
-    with pytest.raises(Killed):
+    with pytest.raises(Kill):
         run(tmp_path / "fresh", kill_at=0)
     run(tmp_path, kill_at=0)  # finished: no step is drawn again
 

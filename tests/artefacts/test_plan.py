@@ -19,19 +19,19 @@ def plan(**overrides) -> Plan:
     return Plan(resolve("tiny", "quick", overrides))
 
 
-def keys(chosen, **overrides) -> dict[str, str]:
+def keys(selection, **overrides) -> dict[str, str]:
     """Return the keys of Table 2's stages for some methods, by their titles."""
-    return {stage.title: stage.key for stage in in_order(targets()["table2"].stages(plan(**overrides), chosen))}
+    return {stage.title: stage.key for stage in in_order(targets()["table2"].stages(plan(**overrides), selection))}
 
 
-def changed(before: dict[str, str], after: dict[str, str]) -> set[str]:
+def differences(before: dict[str, str], after: dict[str, str]) -> set[str]:
     assert set(before) == set(after)
     return {title for title in before if before[title] != after[title]}
 
 
 def test_a_stage_is_put_together_once_whoever_asks_for_it():
-    one, chosen = plan(), choose(["coarse", "refined", "pca", "lbs32", "driven"])
-    stages = [stage for target in targets().values() if target.stages for stage in target.stages(one, chosen)]
+    one, selection = plan(), choose(["coarse", "refined", "pca", "lbs32", "driven"])
+    stages = [stage for target in targets().values() if target.stages for stage in target.stages(one, selection)]
     by_title = {}
     for stage in in_order(stages):
         assert by_title.setdefault(stage.title, stage) is stage, "two stages of one name"
@@ -62,11 +62,11 @@ def test_labels_notes_and_colours_of_the_projects_methods_change_no_key():
 def test_a_methods_own_numbers_change_the_stages_that_read_them_and_what_follows():
     before = keys(choose(["coarse", "dense", "neutral"]))
     after = keys(choose(["coarse", "dense", "neutral"]), dense={"hidden": [8, 8]})
-    assert changed(before, after) == {"dense-tiny", "errors_dense-tiny", "table2-tiny"}
+    assert differences(before, after) == {"dense-tiny", "errors_dense-tiny", "table2-tiny"}
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "wanted"),
+    ("old", "new", "expected"),
     [
         ('"Mean pose"', '"Average pose"', set()),
         ("The mean pose.", "The pose in the middle.", set()),
@@ -77,7 +77,7 @@ def test_a_methods_own_numbers_change_the_stages_that_read_them_and_what_follows
         ("np.arange(2)", "np.arange(3)", {"mine-tiny", "errors_mine-tiny", "table2-tiny"}),
     ],
 )
-def test_only_what_a_method_computes_changes_its_keys(bring, old, new, wanted):  # noqa: F811
+def test_only_what_a_method_computes_changes_its_keys(bring, old, new, expected):  # noqa: F811
     before = keys(choose([str(bring()), "neutral"]))
     after = keys(choose([str(bring((old, new))), "neutral"]))
-    assert changed(before, after) == wanted
+    assert differences(before, after) == expected

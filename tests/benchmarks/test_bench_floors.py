@@ -21,8 +21,8 @@ def test_a_floor_that_holds_nothing_misses_all_of_the_motion_where_it_is():
     mesh, inside = two_squares(), np.arange(8) >= 4
     offsets = np.zeros((30, 8, 3), np.float32)  # more than a batch
     offsets[:, 5:7, 2] = 1.0  # the second square turns by 45 degrees about its edge x = 5
-    found = floors.floor_errors(mesh, np.zeros_like, offsets, inside)
-    assert found[""] == pytest.approx((2 / 8, 22.5)) and found["refined"] == pytest.approx((2 / 4, 45.0))
+    errors = floors.floor_errors(mesh, np.zeros_like, offsets, inside)
+    assert errors[""] == pytest.approx((2 / 8, 22.5)) and errors["refined"] == pytest.approx((2 / 4, 45.0))
     exact = floors.floor_errors(mesh, lambda o: o, offsets, inside)
     assert exact[""] == exact["refined"] == (0, 0)
 

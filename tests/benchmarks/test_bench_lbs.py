@@ -16,8 +16,8 @@ def test_a_fit_ends_when_its_last_iterations_gain_next_to_nothing():
     course, iteration = bench.Course([], []), 0
     while course.go_on(iteration, float(iteration), 1.0 + 0.9**iteration):
         iteration += 1
-    gained = 1 - course.rmse[-1] / course.rmse[-1 - bench.WINDOW]
-    assert bench.LEAST < iteration < bench.MOST and 0 < gained < bench.LEAST_GAIN
+    gain = 1 - course.rmse[-1] / course.rmse[-1 - bench.WINDOW]
+    assert bench.LEAST < iteration < bench.MOST and 0 < gain < bench.LEAST_GAIN
     assert course.time_to(1.5) == 7 and course.time_to(0.9) == float("inf")
 
 
@@ -34,8 +34,8 @@ def test_links_make_one_part_of_several():
         box.apply_translation((14.0 * k, k**2, 0))
     whole = trimesh.util.concatenate(boxes)
     pairs = dem_bones.links(np.asarray(whole.vertices), np.asarray(whole.faces))
-    joined = {frozenset((int(a) // 8, int(b) // 8)) for a, b in pairs}
-    assert joined == {frozenset((k, k + 1)) for k in range(3)}, "each part to its nearest"
+    links = {frozenset((int(a) // 8, int(b) // 8)) for a, b in pairs}
+    assert links == {frozenset((k, k + 1)) for k in range(3)}, "each part to its nearest"
     one = trimesh.creation.box((10, 10, 10))
     assert len(dem_bones.links(np.asarray(one.vertices), np.asarray(one.faces))) == 0
 
@@ -94,9 +94,9 @@ def test_our_clusters_move_as_the_peer_wants_its_bones():
     neutral, poses, _ = wave()
     blocks = dem_bones.cluster_motions(neutral, poses, 4).reshape(len(poses), 4, 4, 4)
     points = np.concatenate([neutral, np.ones((len(neutral), 1))], 1)
-    carried = np.einsum("fibj,nj->fbni", blocks, points)
-    np.testing.assert_allclose(carried[..., 3], 1)
-    error = np.linalg.norm(carried[..., :3] - poses[:, None], axis=-1)
+    positions = np.einsum("fibj,nj->fbni", blocks, points)
+    np.testing.assert_allclose(positions[..., 3], 1)
+    error = np.linalg.norm(positions[..., :3] - poses[:, None], axis=-1)
     one = np.linalg.norm(poses - neutral, axis=-1)
     assert np.sqrt((error.min(1) ** 2).mean()) < 0.2 * np.sqrt((one**2).mean()), "a vertex has a bone that carries it"
 
@@ -111,10 +111,12 @@ def test_ours_is_fitted_as_the_library_fits():
     skin = bench.fit_ours(neutral, poses, faces, 3, 0, course)
     same = fit(neutral, poses, 3, stream_rng(0, "lbs", "sketch"), iterations=6, faces=faces)
     np.testing.assert_array_equal(skin.dense_weights(), same.dense_weights())
-    found = bench.held_out(skin, poses, faces)
+    errors = bench.held_out(skin, poses, faces)
     motion = np.sqrt(((poses - neutral) ** 2).sum(-1).mean())
-    assert 0 < found["rmse"] <= course.rmse[-1] + 0.005 * motion, "refitted bones are about as good as those of the fit"
-    assert found["mean"] <= found["rmse"] <= found["max"]
+    assert 0 < errors["rmse"] <= course.rmse[-1] + 0.005 * motion, (
+        "refitted bones are about as good as those of the fit"
+    )
+    assert errors["mean"] <= errors["rmse"] <= errors["max"]
 
 
 def test_the_training_error_is_that_of_the_skinned_poses():
@@ -133,14 +135,14 @@ def test_the_training_error_is_that_of_the_skinned_poses():
     assert bench.training_rmse(data, state) == pytest.approx(exact, rel=1e-4)
 
 
-def found(rmse: float, course: list[float]) -> dict:
+def fit_facts(rmse: float, course: list[float]) -> dict:
     errors = {"rmse": rmse, "mean": rmse / 2, "normal": 2.0, "max": 9.0}
     return errors | {"seconds": [float(k) for k in range(len(course))], "rmse_course": course, "peak_mb": 100.0}
 
 
-def kept(file: Path, method: str, seed: int, rmse: float, course: list[float], **more: float) -> list[Row]:
+def append_fit(file: Path, method: str, seed: int, rmse: float, course: list[float], **more: float) -> list[Row]:
     """Put a fit of teen's 16 bones into the file; Dem Bones came to 1 mm. Return all rows."""
-    facts = found(rmse, course) | more
+    facts = fit_facts(rmse, course) | more
     bench._keep(file, bench.rows_of("teen", method, 16, seed, "rig-1", facts, 1.0, 9))
     return read_results(file)
 
@@ -154,21 +156,21 @@ def both(tmp_path) -> Path:
     """A file with a fit of ours and one of the peer for each of two seeds."""
     file = tmp_path / "bench_lbs.csv"
     for seed, ours in ((0, 0.9), (1, 0.8)):
-        kept(file, "dem_bones", seed, 1.0, [3.0, 2.0, 1.0])
-        kept(file, "ssdr", seed, ours, [3.0, 1.0, 0.5])
+        append_fit(file, "dem_bones", seed, 1.0, [3.0, 2.0, 1.0])
+        append_fit(file, "ssdr", seed, ours, [3.0, 1.0, 0.5])
     return file
 
 
 def test_what_a_file_lacks_is_fitted_the_peer_first(tmp_path):
     file, options = tmp_path / "bench_lbs.csv", argparse.Namespace(bones=[16], methods=["ssdr", "dem_bones"])
     assert bench._missing(file, "teen", "rig-1", 0, options) == [(16, "dem_bones"), (16, "ssdr")]
-    kept(file, "dem_bones", 0, 1.0, [3.0, 2.0, 1.0])
+    append_fit(file, "dem_bones", 0, 1.0, [3.0, 2.0, 1.0])
     assert bench._missing(file, "teen", "rig-1", 0, options) == [(16, "ssdr")]
     assert bench._peer_error(file, "teen", "rig-1", 16, 0) == 1 and bench._peer_error(file, "teen", "rig-2", 16, 0) == 0
-    kept(file, "ssdr", 0, 0.9, [3.0, 1.0, 0.5])
+    append_fit(file, "ssdr", 0, 0.9, [3.0, 1.0, 0.5])
     assert bench._missing(file, "teen", "rig-1", 0, options) == []
     assert bench._missing(file, "teen", "rig-2", 0, options), "another rig's numbers don't count"
-    bench._keep(file, bench.rows_of("teen", "ssdr", 16, 0, "rig-2", found(0.5, [1.0]), 0.0, 9))
+    bench._keep(file, bench.rows_of("teen", "ssdr", 16, 0, "rig-2", fit_facts(0.5, [1.0]), 0.0, 9))
     assert {row.run for row in read_results(file)} == {"rig-2"}
 
 
@@ -180,19 +182,19 @@ def test_the_time_to_equal_error_ends_where_the_peers_error_is_reached(both):
 
 def test_a_line_has_means_over_seeds_and_ratios_have_the_spread_of_theirs(both):
     rows = read_results(both)
-    shown = lines(rows)
-    assert list(shown) == ["ours, 16 bones", "Dem Bones, 16 bones", "ours / Dem Bones, 16 bones"]
-    assert shown["ours / Dem Bones, 16 bones"][0] == "0.85 ± 0.07" and shown["ours, 16 bones"][0] == "0.85"
+    table = lines(rows)
+    assert list(table) == ["ours, 16 bones", "Dem Bones, 16 bones", "ours / Dem Bones, 16 bones"]
+    assert table["ours / Dem Bones, 16 bones"][0] == "0.85 ± 0.07" and table["ours, 16 bones"][0] == "0.85"
     (note,) = bench.lbs_table(rows, "teen").notes
     assert "means over 2 seeds" in note and "brackets" not in note and "own start" not in note
 
 
 def test_a_line_of_fewer_seeds_and_a_number_of_fewer_than_its_line_say_so(both):
-    rows = kept(both, "dem_bones_default", 1, 2.0, [3.0, 2.0])
+    rows = append_fit(both, "dem_bones_default", 1, 2.0, [3.0, 2.0])
     assert "Dem Bones, as it comes, 16 bones (1 of 2 seeds)" in lines(rows) and "Dem Bones, 16 bones" in lines(rows)
     assert "brackets" not in bench.lbs_table(rows, "teen").notes[0]
-    kept(both, "ssdr_sparse", 0, 1.0, [3.0, 1.0])
-    rows = kept(both, "ssdr_sparse", 1, 1.0, [3.0, 2.0])
+    append_fit(both, "ssdr_sparse", 0, 1.0, [3.0, 1.0])
+    rows = append_fit(both, "ssdr_sparse", 1, 1.0, [3.0, 2.0])
     sparse = lines(rows)["ours, sparse from the start, 16 bones"]
     assert "1.0 (1)" in sparse, "only one seed came to Dem Bones' error"
     assert "brackets" in bench.lbs_table(rows, "teen").notes[0]
@@ -201,7 +203,7 @@ def test_a_line_of_fewer_seeds_and_a_number_of_fewer_than_its_line_say_so(both):
 
 
 def test_a_peer_that_got_our_clusters_is_told(both):
-    rows = kept(both, "dem_bones", 0, 1.0, [3.0, 2.0, 1.0], bones_of_own_start=3)
+    rows = append_fit(both, "dem_bones", 0, 1.0, [3.0, 2.0, 1.0], bones_of_own_start=3)
     assert "(3 of 16)" in bench.lbs_table(rows, "teen").notes[0]
 
 

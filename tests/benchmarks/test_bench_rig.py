@@ -22,28 +22,28 @@ class Doubling(PlainRig):
 
 
 @pytest.fixture(scope="module")
-def found():
+def measurement():
     return bench(Doubling(), np.ones((BATCH, 3), np.float32), 3)
 
 
-def test_a_row_holds_the_number_of_poses_and_ratios_are_those_of_the_times(found):
-    listed = {(row.method, row.metric): row for row in rows("teen", found)}
+def test_a_row_holds_the_number_of_poses_and_ratios_are_those_of_the_times(measurement):
+    by_metric = {(row.method, row.metric): row for row in rows("teen", measurement)}
     for way, poses in {"batched": 32, "single": 4, "nodes": 4, "nodes_batched": 32}.items():
-        assert listed[way, "time_per_pose"].poses == poses
-    assert listed["single/batched", "time_ratio"].poses == 4
-    single, batched = (listed[way, "time_per_pose"].value for way in ("single", "batched"))
-    assert listed["single/batched", "time_ratio"].value == pytest.approx(single / batched)
-    assert listed["batched", "time_for_50000_poses"].value == pytest.approx(50_000 * batched)
-    difference = listed["nodes", "largest_difference"]
+        assert by_metric[way, "time_per_pose"].poses == poses
+    assert by_metric["single/batched", "time_ratio"].poses == 4
+    single, batched = (by_metric[way, "time_per_pose"].value for way in ("single", "batched"))
+    assert by_metric["single/batched", "time_ratio"].value == pytest.approx(single / batched)
+    assert by_metric["batched", "time_for_50000_poses"].value == pytest.approx(50_000 * batched)
+    difference = by_metric["nodes", "largest_difference"]
     assert (difference.value, difference.poses) == (0.5, 1)
 
 
-def test_the_shares_of_the_nodes_are_those_of_their_times(found):
-    listed = {(row.method, row.metric): row for row in rows("teen", found)}
+def test_the_shares_of_the_nodes_are_those_of_their_times(measurement):
+    by_metric = {(row.method, row.metric): row for row in rows("teen", measurement)}
     for way in ("nodes", "nodes_batched"):
-        assert sum(shares(found, way).values()) == pytest.approx(1)
-        first, second = (listed[way, f"time_per_pose[{name}]"].value for name in ("first", "second"))
-        assert listed[way, "time_share[second]"].value == pytest.approx(second / (first + second))
+        assert sum(shares(measurement, way).values()) == pytest.approx(1)
+        first, second = (by_metric[way, f"time_per_pose[{name}]"].value for name in ("first", "second"))
+        assert by_metric[way, "time_share[second]"].value == pytest.approx(second / (first + second))
         assert second > first
 
 
@@ -62,8 +62,8 @@ def test_each_node_gets_the_time_that_it_took():
     assert seconds["slow"] >= 0.1 and seconds["slow"] > seconds["quick"]
 
 
-def test_the_printed_tables_have_every_character_and_every_node(found):
-    speeds, nodes = tables([*rows("teen", found), *rows("woman", found)], 3)
+def test_the_printed_tables_have_every_character_and_every_node(measurement):
+    speeds, nodes = tables([*rows("teen", measurement), *rows("woman", measurement)], 3)
     assert [line[0] for line in speeds.body] == ["teen", "woman"]
     assert [line[0] for line in nodes.body] == ["second", "first"]
     assert all(len(line) == len(nodes.headers[1]) == 1 + 2 * 4 for line in nodes.body)

@@ -23,6 +23,6 @@ def lift(p):
 
 
 def foreign(**changes) -> FunctionRig:
-    given = {"name": "box", "mesh": MESH, "controls": CONTROLS, "landmarks": np.array([0, 3]), "function": lift,
-             "control_points": np.array([1]), "control_point_regions": ("all",), "clips": None}  # fmt: skip
-    return FunctionRig(**(given | changes))
+    arguments = {"name": "box", "mesh": MESH, "controls": CONTROLS, "landmarks": np.array([0, 3]), "function": lift,
+                 "control_points": np.array([1]), "control_point_regions": ("all",), "clips": None}  # fmt: skip
+    return FunctionRig(**(arguments | changes))

@@ -28,8 +28,8 @@ def test_a_recipe_is_read_without_jax_and_scipy():
         "import sys; from data_recipes.catalogue import character_parts; character_parts('tiny');"
         "print({'jax', 'scipy', 'torch'} & set(sys.modules))"
     )
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"
+    process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert process.stdout.strip() == "set()"
 
 
 def test_a_rig_with_words_of_its_own_has_the_neutral_expression_alone():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rig_poses import augmented, flipped_share, skin_faces
+from rig_poses import augmented_poses, flipped_share, skin_faces
 
 from data_recipes.catalogue import build_rig
 from replicate.geometry.normals import face_normals
@@ -19,7 +19,7 @@ def rig(request):
 def poses_of(rig, count, seed):
     """Return what training sees: augmented animation, or uniform draws where a rig has none."""
     if rig.clips:
-        return augmented(rig, count, seed)
+        return augmented_poses(rig, count, seed)
     return np.random.default_rng(seed).uniform(rig.lower, rig.upper, (count, len(rig.controls)))
 
 
@@ -50,12 +50,12 @@ def test_the_default_pose_is_the_neutral(rig):
 def test_every_control_moves_something_at_one_of_several_poses(rig):
     m = len(rig.controls)
     moved = np.zeros(m)
-    acted = [  # what parts the lips, turns the eyes, and compresses each region that wrinkles
+    base_controls = [  # what parts the lips, turns the eyes, and compresses each region that wrinkles
         ("smile", "squint", "look", "jaw_open"),
         ("brow_inner", "chin_raise"),
         ("nose_wrinkle", "brow_down", "cheek_raise", "squint"),
     ]
-    bases = [0.9 * np.array([c.name.startswith(parts) for c in rig.controls]) for parts in acted]
+    bases = [0.9 * np.array([c.name.startswith(parts) for c in rig.controls]) for parts in base_controls]
     for base in (*bases, poses_of(rig, 1, seed=5)[0].clip(rig.lower, rig.upper)):
         step = np.where(base < 0.5 * (rig.lower + rig.upper), 0.4, -0.4)
         moved = np.maximum(moved, np.abs(rig(base[None] + np.eye(m) * step) - rig(base)[None]).max(axis=(1, 2)))

@@ -61,10 +61,10 @@ def test_a_smaller_rig_takes_the_first_controls_of_each_group():
 
 def test_a_reach_draws_the_limits_in_and_leaves_those_named_full():
     controls = make_controls({"face": 12, "jaw": 2})
-    limited = {c.name: c for c in limit_controls(controls, 0.5, ["blink_*"])}
-    assert (limited["smile_left"].lower, limited["smile_left"].upper) == (0.0, 0.5)
-    assert (limited["jaw_sideways"].lower, limited["jaw_sideways"].upper) == (-0.5, 0.5)
-    assert limited["blink_left"].upper == limited["blink_right"].upper == 1
+    by_name = {c.name: c for c in limit_controls(controls, 0.5, ["blink_*"])}
+    assert (by_name["smile_left"].lower, by_name["smile_left"].upper) == (0.0, 0.5)
+    assert (by_name["jaw_sideways"].lower, by_name["jaw_sideways"].upper) == (-0.5, 0.5)
+    assert by_name["blink_left"].upper == by_name["blink_right"].upper == 1
     assert limit_controls(controls, 1.0, []) == controls
     with pytest.raises(InputError, match=r"toon\.toml: limits\.full names 'wink_left'"):
         limit_controls(controls, 0.5, ["wink_*"], "toon.toml")
@@ -82,9 +82,9 @@ def test_a_reach_draws_the_limits_in_and_leaves_those_named_full():
     ],
 )
 def test_bad_counts_are_named(counts, part):
-    with pytest.raises(InputError, match=re.escape(part)) as caught:
+    with pytest.raises(InputError, match=re.escape(part)) as error:
         make_controls(counts, "teen.toml")
-    assert str(caught.value).startswith("teen.toml")
+    assert str(error.value).startswith("teen.toml")
 
 
 @pytest.mark.parametrize(
@@ -97,6 +97,6 @@ def test_bad_counts_are_named(counts, part):
     ],
 )
 def test_a_control_with_an_empty_range_or_no_number_is_refused(numbers, part):
-    with pytest.raises(InputError, match=part) as caught:
+    with pytest.raises(InputError, match=part) as error:
         Control("jaw_open", *numbers, "jaw")
-    assert "'jaw_open'" in str(caught.value)
+    assert "'jaw_open'" in str(error.value)

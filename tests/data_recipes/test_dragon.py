@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rig_poses import augmented, flipped_share, skin_faces
+from rig_poses import augmented_poses, flipped_share, skin_faces
 from scipy.spatial import cKDTree
 
 from data_recipes.acting.motion import pose
@@ -16,15 +16,15 @@ def dragon():
 
 @pytest.fixture(scope="module")
 def poses(dragon):
-    return dragon(augmented(dragon, 300, seed=1))
+    return dragon(augmented_poses(dragon, 300, seed=1))
 
 
 def part(rig, start):
-    wanted = [i for i, name in enumerate(rig.mesh.segment_names) if name.startswith(start)]
-    return np.isin(rig.mesh.segment, wanted)
+    segments = [i for i, name in enumerate(rig.mesh.segment_names) if name.startswith(start)]
+    return np.isin(rig.mesh.segment, segments)
 
 
-def acted(rig, **amounts):
+def pose_of(rig, **amounts):
     columns = {control.name: i for i, control in enumerate(rig.controls)}
     return pose(columns, {name.replace("_both", "_*"): amount for name, amount in amounts.items()})
 
@@ -61,15 +61,15 @@ def test_lips_cover_his_teeth_at_rest_and_a_snarl_bares_them(dragon):
     upper = rest[part(dragon, "tooth_upper")]
     assert upper[:, 2].max() < rest[marks["lip_upper_mid"], 2] - 3
     assert upper[:, 1].min() < rest[marks["lip_lower_mid"], 1] - 2  # they reach down behind the lower lip
-    snarl = dragon(acted(dragon, snarl_both=1.0))
-    lifted = (snarl - rest)[:, 1]
-    assert lifted[part(dragon, "face")].max() > 7
-    assert np.abs(lifted[part(dragon, "tooth")]).max() < 1e-3
+    snarl = dragon(pose_of(dragon, snarl_both=1.0))
+    lift = (snarl - rest)[:, 1]
+    assert lift[part(dragon, "face")].max() > 7
+    assert np.abs(lift[part(dragon, "tooth")]).max() < 1e-3
 
 
 def test_a_blink_closes_lids_that_look_aside(dragon):
     marks = dict(zip(dragon.landmark_names, dragon.landmarks.tolist(), strict=True))
-    closed = dragon(acted(dragon, blink_both=1.0))
+    closed = dragon(pose_of(dragon, blink_both=1.0))
     for side in ("left", "right"):
         upper, lower = (marks[f"lid_{which}_{side}"] for which in ("upper", "lower"))
         assert np.linalg.norm(dragon.mesh.neutral[upper] - dragon.mesh.neutral[lower]) > 15
@@ -81,11 +81,11 @@ def test_frills_turn_by_their_own_controls_and_go_with_the_jaw(dragon):
     for name in ("crown", "temple", "cheek", "jaw"):
         mine = part(dragon, f"frill_{name}_left")
         for action in ("raise", "spread"):
-            far = np.linalg.norm(dragon(acted(dragon, **{f"frill_{name}_{action}_left": 1.0})) - rest, axis=1)
+            far = np.linalg.norm(dragon(pose_of(dragon, **{f"frill_{name}_{action}_left": 1.0})) - rest, axis=1)
             assert far[mine].max() > 8
             assert far[~mine].max() < 1e-3
-    opened = dragon(acted(dragon, jaw_open=1.0)) - rest
-    moved = np.linalg.norm(opened[part(dragon, "frill_jaw_left")], axis=1)
+    opening = dragon(pose_of(dragon, jaw_open=1.0)) - rest
+    moved = np.linalg.norm(opening[part(dragon, "frill_jaw_left")], axis=1)
     assert moved.max() - moved.min() < 1e-3
 
 
@@ -96,7 +96,7 @@ def test_each_of_his_own_controls_moves_something_by_a_millimetre(dragon):
 
 
 def test_left_and_right_are_images_of_each_other(dragon):
-    left, right = (dragon(acted(dragon, **{f"snarl_{s}": 0.8, f"ear_fold_{s}": 0.7})) for s in ("left", "right"))
+    left, right = (dragon(pose_of(dragon, **{f"snarl_{s}": 0.8, f"ear_fold_{s}": 0.7})) for s in ("left", "right"))
     flip = np.array([-1, 1, 1])
     assert cKDTree(right).query(left * flip)[0].max() < 2e-2
     assert cKDTree(left).query(left * flip)[0].max() > 2

@@ -78,11 +78,11 @@ def test_lids_that_stay_open_or_are_never_open_are_no_lids(tiny, monkeypatch):
     ):
         check_face(tiny, RECIPE)
 
-    def shut(x):
+    def close(x):
         x[mark(tiny, "lid_upper_left"), 1] = x[mark(tiny, "lid_lower_left"), 1]
 
     with pytest.raises(InputError, match=r"eyes gives no face: the left lids are 0\.0 mm apart at rest"):
-        check_face(with_neutral(tiny, shut), RECIPE)
+        check_face(with_neutral(tiny, close), RECIPE)
 
 
 def test_landmarks_are_different_vertices_one_above_the_other(tiny):

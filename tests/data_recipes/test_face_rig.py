@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rig_poses import augmented, strained
+from rig_poses import augmented_poses, strained_pose
 
 from replicate.engine.exceptions import InputError
 
@@ -12,7 +12,7 @@ def test_the_default_pose_is_the_neutral(tiny):
 
 
 def test_a_batch_gives_what_single_poses_give(tiny):
-    p = augmented(tiny, 37)
+    p = augmented_poses(tiny, 37)
     batch = tiny(p)
     assert batch.shape == (37, *tiny.mesh.neutral.shape)
     assert batch.dtype == np.float32
@@ -21,13 +21,13 @@ def test_a_batch_gives_what_single_poses_give(tiny):
 
 
 def test_the_nodes_one_by_one_give_the_compiled_rig(tiny):
-    p = augmented(tiny, 5)
+    p = augmented_poses(tiny, 5)
     np.testing.assert_allclose(tiny.run_nodes(p), tiny(p), atol=2e-3)
     assert len({node.name for node in tiny.nodes}) == len(tiny.nodes) >= 10
 
 
 def test_a_node_that_is_switched_off_moves_nothing_and_those_after_it_see_it_at_rest(tiny):
-    p = strained(tiny)
+    p = strained_pose(tiny)
     jaw = next(k for k, node in enumerate(tiny.nodes) if node.name == "jaw")
     without = {name: np.asarray(state["x"]) for name, state in tiny.node_steps(p, skip=("jaw",))}
     before = tiny.nodes[jaw - 1].name
@@ -42,7 +42,7 @@ def test_a_node_that_is_switched_off_moves_nothing_and_those_after_it_see_it_at_
 
 
 def test_without_the_limits_a_control_of_three_is_three(tiny):
-    p = 3 * strained(tiny)
+    p = 3 * strained_pose(tiny)
     states = [dict(tiny.node_steps(p, skip=skip)) for skip in ((), ("limit",))]
     limited, free = (np.asarray(state["limit"]["u"]) for state in states)
     np.testing.assert_allclose(free, p)

@@ -34,6 +34,8 @@ coarse_rows = [11, 17]
 coarse_from = 11
 """
 
+SEGMENTS = "layouts.fine.segments"
+
 
 def key_of(path):
     """Return what a key has of a recipe."""
@@ -90,27 +92,39 @@ def test_a_key_left_out_keeps_its_default_and_a_given_one_counts(tmp_path):
         ("[mouth]\nbag_rings = [[0, 1]]", "mouth.bag_rings is [[0, 1]]: allowed is rows of 3 numbers"),
         ("[controls]\nface = 58", "controls.face is 58: allowed is a whole number from 0 to 57"),
         (
-            "[layouts.fine.segments]\nears = 'ear_left'",
-            "layouts.fine.segments is {'ears': 'ear_left'}: allowed is a table of lists of the parts",
+            f"[{SEGMENTS}]\nears = 'ear_left'",
+            f"{SEGMENTS} is {{'ears': 'ear_left'}}: allowed is a table of lists of the parts",
         ),
-        ("[layouts.fine.segments]\nears = ['ear_left', 'nose']", "allowed is a table of lists of the parts face, cranium"),
-        ("[layouts.fine.segments]\nears = ['ear_left']", "layouts.fine.segments.ears is ['ear_left']: allowed is two or more parts"),
         (
-            "[layouts.fine.segments]\nneck = ['ear_left', 'ear_right']",
-            "layouts.fine.segments.neck is 'neck': allowed is a name that no other",
+            f"[{SEGMENTS}]\nears = ['ear_left', 'nose']",
+            "allowed is a table of lists of the parts face, cranium",
         ),
-        ("[layouts.fine.segments]\na = ['neck', 'neck']", "layouts.fine.segments.a is 'neck' again: allowed is each part once"),
-        ("[layouts.fine.segments]\na = ['neck', 'face']", "layouts.fine.segments.a is the part 'face': allowed is any other"),
+        (
+            f"[{SEGMENTS}]\nears = ['ear_left']",
+            f"{SEGMENTS}.ears is ['ear_left']: allowed is two or more parts",
+        ),
+        (
+            f"[{SEGMENTS}]\nneck = ['ear_left', 'ear_right']",
+            f"{SEGMENTS}.neck is 'neck': allowed is a name that no other",
+        ),
+        (
+            f"[{SEGMENTS}]\na = ['neck', 'neck']",
+            f"{SEGMENTS}.a is 'neck' again: allowed is each part once",
+        ),
+        (
+            f"[{SEGMENTS}]\na = ['neck', 'face']",
+            f"{SEGMENTS}.a is the part 'face': allowed is any other",
+        ),
         ("[acting]\nholds = 2", "acting.holds is 2: allowed is a number from 0 to 1"),
     ],
 )
 def test_a_section_that_does_not_fit_is_refused_in_one_sentence(tmp_path, text, sentence):
     path = write(tmp_path, text)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError) as error:
         load_recipe(path)
-    assert sentence in str(caught.value)
-    assert "someone.toml" in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert sentence in str(error.value)
+    assert "someone.toml" in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -177,7 +191,9 @@ def test_a_recipes_key_follows_what_it_says_and_not_how_it_is_written(tmp_path):
 
 def test_the_order_of_segments_is_part_of_a_recipes_key(tmp_path):
     pairs = ['ears = ["ear_left", "ear_right"]', 'gums = ["gum_upper", "gum_lower"]']
-    keys = [key_of(write(tmp_path, "[layouts.fine.segments]\n" + "\n".join(lines))) for lines in (pairs, pairs[::-1])]
+    keys = [
+        key_of(write(tmp_path, "[layouts.one_face.segments]\n" + "\n".join(lines))) for lines in (pairs, pairs[::-1])
+    ]
     assert json.dumps(keys[0], sort_keys=True) != json.dumps(keys[1], sort_keys=True)
 
 
@@ -192,3 +208,19 @@ def test_a_frill_has_all_of_its_numbers_or_none(tmp_path):
     assert load_recipe(write(tmp_path, "[frills]\njaw = []")).frills.jaw == ()
     with pytest.raises(InputError, match=r"frills\.jaw is \[1, 2\]: allowed is 12 numbers from -300 to 300"):
         load_recipe(write(tmp_path, "[frills]\njaw = [1, 2]"))
+
+
+def test_a_variant_is_a_layout_of_the_recipes_charts_and_no_other_word(tmp_path):
+    file = str(write(tmp_path))
+    assert load_recipe(f"{file}@fine").charts.face_bands == 4 and load_recipe(f"{file}@one_face").charts.face_bands == 1
+    for word in ("fien", "", "fine@"):
+        with pytest.raises(
+            InputError, match=r"what follows @ is .*: allowed is one_face, fine, a layout of its charts"
+        ):
+            load_recipe(f"{file}@{word}")
+
+
+def test_a_layout_that_does_not_count_is_no_part_of_a_recipes_key(tmp_path):
+    plain = key_of(write(tmp_path))
+    assert key_of(write(tmp_path, "[layouts.fine]\nface_bands = 3")) == plain
+    assert key_of(write(tmp_path, "[layouts.one_face]\nface_bands = 3")) != plain

@@ -14,9 +14,9 @@ from replicate.geometry.alignment import align
 
 def test_a_recipes_clips_are_its_acting(tiny):
     recipe = load_recipe("tiny")
-    played = act(tiny.controls, recipe.acting)
-    assert [clip.name for clip in tiny.clips] == [name for name, _ in played]
-    np.testing.assert_array_equal(tiny.clips[3].values, played[3][1])
+    clips = act(tiny.controls, recipe.acting)
+    assert [clip.name for clip in tiny.clips] == [name for name, _ in clips]
+    np.testing.assert_array_equal(tiny.clips[3].values, clips[3][1])
 
 
 def test_a_recipe_can_bring_its_own_clips_in_place_of_acting(tmp_path):
@@ -63,13 +63,13 @@ def test_a_recipe_that_gives_no_mesh_is_named_once(tmp_path, monkeypatch):
     recipe = tmp_path / "mine.toml"
     recipe.write_text(text, encoding="utf-8")
 
-    def flattened(recipe):
+    def flatten(recipe):
         head = build_head(recipe)
         head.faces[5] = head.faces[5, 0]
         return head
 
     with monkeypatch.context() as patch:
-        patch.setattr("data_recipes.recipe_rig.build_head", flattened)
+        patch.setattr("data_recipes.recipe_rig.build_head", flatten)
         with pytest.raises(InputError, match=r"^mine\.toml: mesh: faces\[5\] .* is degenerate"):
             build_rig(recipe)
     recipe.write_text(text.replace("vertices = 918", "vertices = 917"), encoding="utf-8")

@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 from box import foreign
-from rig_poses import augmented
+from rig_poses import augmented_poses
 
 from data_recipes.catalogue import load_rig, save_rig
 from replicate.engine.exceptions import InputError
@@ -19,7 +19,7 @@ def test_a_saved_rig_comes_back_the_same_and_without_its_geometry(tiny, tmp_path
     start = time.process_time()
     again = load_rig(tmp_path / "tiny")
     assert time.process_time() - start < 3
-    p = augmented(tiny, 3)
+    p = augmented_poses(tiny, 3)
     np.testing.assert_array_equal(again(p), tiny(p))
     assert again.controls == tiny.controls
     assert again.control_point_regions == tiny.control_point_regions
@@ -43,7 +43,7 @@ FIRST = {
 @pytest.mark.parametrize("first", FIRST)
 def test_a_loaded_rig_may_be_asked_for_anything_first(tiny, tmp_path, first):
     save_rig(tiny, tmp_path)
-    again, p = load_rig(tmp_path), augmented(tiny, 1)[0].astype(np.float32)
+    again, p = load_rig(tmp_path), augmented_poses(tiny, 1)[0].astype(np.float32)
     FIRST[first](again, p)
     np.testing.assert_array_equal(again(p), tiny(p))
     np.testing.assert_array_equal(again.jacobian(p, [1]), tiny.jacobian(p, [1]))

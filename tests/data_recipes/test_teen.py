@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from rig_poses import augmented, flipped_share, skin_faces, strained
+from rig_poses import augmented_poses, flipped_share, skin_faces, strained_pose
 
 from data_recipes.catalogue import build_rig, expression_poses
 from data_recipes.rig import Rig
@@ -31,7 +31,7 @@ def test_the_teen_has_258_controls_12510_vertices_and_26_teeth(teen):
 
 
 def test_no_node_can_be_left_out_unnoticed(teen):
-    p = strained(teen)
+    p = strained_pose(teen)
     whole = teen(p)
     np.testing.assert_allclose(teen.run_nodes(p), whole, atol=2e-3)
     for node in (node for node in teen.nodes if node.name != "riders"):  # he has no frills; the dragon's are tested
@@ -41,9 +41,9 @@ def test_no_node_can_be_left_out_unnoticed(teen):
 def test_every_teen_control_moves_something_at_one_of_several_poses(teen):
     m = len(teen.controls)
     moved = np.zeros(m)
-    acted = [("smile", "squint"), ("brow_inner", "nose_wrinkle", "chin_raise")]  # what wrinkles most regions
-    bases = [0.9 * np.array([c.name.startswith(parts) for c in teen.controls]) for parts in acted]
-    mixed = augmented(teen, 2, seed=5).clip(teen.lower, teen.upper)
+    base_controls = [("smile", "squint"), ("brow_inner", "nose_wrinkle", "chin_raise")]  # what wrinkles most regions
+    bases = [0.9 * np.array([c.name.startswith(parts) for c in teen.controls]) for parts in base_controls]
+    mixed = augmented_poses(teen, 2, seed=5).clip(teen.lower, teen.upper)
     bases += list(mixed + 0.3 * (mixed == 0) * teen.upper)
     for base in bases:
         step = np.where(base < 0.5 * (teen.lower + teen.upper), 0.4, -0.4)
@@ -54,7 +54,7 @@ def test_every_teen_control_moves_something_at_one_of_several_poses(teen):
 
 
 def test_augmented_poses_are_faces_and_not_explosions(teen):
-    vertices = teen(augmented(teen, 1_000, seed=1))
+    vertices = teen(augmented_poses(teen, 1_000, seed=1))
     assert np.isfinite(vertices).all()
     centre = teen.mesh.neutral.mean(axis=0)
     size = np.linalg.norm(teen.mesh.neutral - centre, axis=1).max()
@@ -74,7 +74,7 @@ def test_random_controls_far_beyond_their_limits_stay_finite_and_near(teen):
 
 
 def test_every_tooth_is_rigid_to_a_micrometre_also_under_squash(teen):
-    p = augmented(teen, 12, seed=4)
+    p = augmented_poses(teen, 12, seed=4)
     p[:, [c.name in ("squash", "squash_lower", "jaw_open", "twist") for c in teen.controls]] = 1.0
     vertices = teen(p).astype(np.float64)
     for i, name in enumerate(teen.mesh.segment_names):
@@ -128,8 +128,8 @@ def test_a_mouth_that_should_bare_the_upper_teeth_does(teen, name):
     )
     front = np.flatnonzero(teeth & (np.abs(teen.mesh.neutral[:, 0]) < 9))
     rest, posed = teen.mesh.neutral, teen(still_headed(teen, expression_poses(teen)[name]))
-    bared = lambda v: v[marks["lip_upper_mid"], 1] - v[front, 1].min()  # noqa: E731
-    assert bared(posed) > 4
+    bare_height = lambda v: v[marks["lip_upper_mid"], 1] - v[front, 1].min()  # noqa: E731
+    assert bare_height(posed) > 4
     assert rest[marks["lip_lower_mid"], 1] > rest[front, 1].min() + 1  # at rest the lower lip hides them
     assert posed[marks["lip_lower_mid"], 1] < posed[front, 1].min() + 1
 
@@ -162,7 +162,7 @@ def test_the_upper_lid_rests_on_the_iris_and_bares_white_in_surprise_and_fear_al
 
 def test_wrinkles_sleep_at_rest_and_no_pose_of_a_batch_costs_15_ms_of_processor_time(teen):
     assert np.abs(teen(np.zeros((2, 258)))[1] - teen.mesh.neutral).max() < 1e-4
-    p = augmented(teen, 64, seed=6)
+    p = augmented_poses(teen, 64, seed=6)
     teen(p)
     cost = []
     for _ in range(3):

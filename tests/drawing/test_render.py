@@ -41,8 +41,8 @@ def sphere(radius=30.0, rings=24):
 
 def test_a_square_covers_the_pixels_that_it_should(renderer):
     image = render([Surface(SQUARE, QUAD, (10, 200, 30), lit=False)], VIEW, 80, 80, renderer=renderer)
-    covered = (image != 255).any(-1)
-    assert covered[21:59, 21:59].all() and covered.sum() == pytest.approx(1600, abs=90)
+    coverage = (image != 255).any(-1)
+    assert coverage[21:59, 21:59].all() and coverage.sum() == pytest.approx(1600, abs=90)
     assert (image[40, 40] == (10, 200, 30)).all()
 
 
@@ -129,14 +129,14 @@ def test_without_opengl_a_figure_still_comes_out_and_says_what_to_install(monkey
 
 
 @pytest.mark.parametrize(
-    "display, given, chosen", [("", "", "vtkEGLRenderWindow"), (":0", "", None), ("", "mine", "mine")]
+    "display, setting, expected", [("", "", "vtkEGLRenderWindow"), (":0", "", None), ("", "mine", "mine")]
 )
-def test_egl_is_chosen_without_a_display_and_the_variable_is_never_empty(monkeypatch, display, given, chosen):
+def test_egl_is_chosen_without_a_display_and_the_variable_is_never_empty(monkeypatch, display, setting, expected):
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv("DISPLAY", display)
-    monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", given)
+    monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", setting)
     module._choose_window()
-    assert module.os.environ.get("VTK_DEFAULT_OPENGL_WINDOW") == chosen
+    assert module.os.environ.get("VTK_DEFAULT_OPENGL_WINDOW") == expected
 
 
 def test_figures_are_imported_without_pyvista_trimesh_or_matplotlib():
@@ -147,5 +147,5 @@ def test_figures_are_imported_without_pyvista_trimesh_or_matplotlib():
         "import replicate.targets.table2.curves_chart, replicate.targets.table2.error_chart\n"
         "import replicate.report.pose_record, replicate.report.comparison\n"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT)
-    assert done.returncode == 0, done.stderr
+    process = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT)
+    assert process.returncode == 0, process.stderr

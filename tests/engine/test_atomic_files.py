@@ -40,26 +40,26 @@ def test_two_writers_of_one_file_do_not_meet(tmp_path):
 
 def test_the_longest_name_can_be_written_and_a_longer_one_is_named(tmp_path):
     write_text(tmp_path / ("a" * 255), "long")
-    with pytest.raises(OSError, match="a" * 256) as told:
+    with pytest.raises(OSError, match="a" * 256) as error:
         write_text(tmp_path / ("a" * 256), "too long")
-    assert told.value.errno == errno.ENAMETOOLONG
+    assert error.value.errno == errno.ENAMETOOLONG
 
 
 @pytest.mark.parametrize(
     "error", [OSError(errno.ENOSPC, "No space left on device"), OSError("9 requested and 4 written")]
 )
 def test_a_full_disk_names_the_folder_of_the_file(tmp_path, error):
-    with pytest.raises(OSError, match="No space left") as told, replacing(tmp_path / "results.csv"):
+    with pytest.raises(OSError, match="No space left") as failure, replacing(tmp_path / "results.csv"):
         raise error
-    assert told.value.filename == str(tmp_path / "results.csv")
-    sentence = shortage(told.value)
+    assert failure.value.filename == str(tmp_path / "results.csv")
+    sentence = shortage(failure.value)
     assert sentence.startswith("the disk is full") and f"free at {tmp_path})" in sentence
 
 
 def test_errors_of_other_files_stay_as_they_are(tmp_path):
-    with pytest.raises(FileNotFoundError) as told:
+    with pytest.raises(FileNotFoundError) as error:
         copy_file(tmp_path / "nowhere", tmp_path / "a")
-    assert told.value.filename == str(tmp_path / "nowhere")
+    assert error.value.filename == str(tmp_path / "nowhere")
 
 
 @pytest.mark.parametrize("variable", ["REPLICATE_CACHE", "REPLICATE_RESULTS", "TMPDIR"])

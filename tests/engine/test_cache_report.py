@@ -30,7 +30,7 @@ def whole_cache(tmp_path_factory):
 
 
 @pytest.fixture
-def made(cache, whole_cache):
+def folders(cache, whole_cache):
     """The toy graph's folders, by title, in a cache of the test's own."""
     shutil.copytree(whole_cache, cache)
     return {stage.title: cache / stage.identifier for stage in in_order(toy_graph())}
@@ -61,16 +61,16 @@ def foreign(cache: Path) -> list[Path]:
 
 
 @pytest.mark.parametrize("all_of_it", [False, True])
-def test_what_the_suite_did_not_make_stays(cache, made, capfd, all_of_it):
+def test_what_the_suite_did_not_make_stays(cache, folders, capfd, all_of_it):
     theirs = foreign(cache)
     clean(all_of_it)
     assert all(file.is_file() for file in theirs) and len(theirs) >= 8
-    told = capfd.readouterr().err
-    assert all(str(cache / name) in told for name in ("thesis", "scratch/theirs", "logs/app", OTHER))
-    assert all(folder.exists() != all_of_it for folder in made.values())
+    errors = capfd.readouterr().err
+    assert all(str(cache / name) in errors for name in ("thesis", "scratch/theirs", "logs/app", OTHER))
+    assert all(folder.exists() != all_of_it for folder in folders.values())
 
 
-def test_a_folder_that_was_never_a_cache_is_left_alone(cache, made, capfd):
+def test_a_folder_that_was_never_a_cache_is_left_alone(cache, folders, capfd):
     theirs = foreign(cache)
     (cache / store.MARKER).unlink()
     before = everything(cache)
@@ -79,14 +79,14 @@ def test_a_folder_that_was_never_a_cache_is_left_alone(cache, made, capfd):
     assert everything(cache) == before and theirs
 
 
-def test_a_cache_from_before_the_marker_is_cleaned_if_it_holds_nothing_else(cache, made):
+def test_a_cache_from_before_the_marker_is_cleaned_if_it_holds_nothing_else(cache, folders):
     (cache / store.MARKER).unlink()
-    assert clean(True)[0] >= len(made)
+    assert clean(True)[0] >= len(folders)
     assert inventory() == []
 
 
 @pytest.mark.parametrize("place", ["scratch", "."])
-def test_links_are_neither_removed_nor_followed(cache, made, capfd, tmp_path, place):
+def test_links_are_neither_removed_nor_followed(cache, folders, capfd, tmp_path, place):
     target = tmp_path / "photographs"
     target.mkdir()
     (target / "one.png").write_text("mine")
@@ -97,7 +97,7 @@ def test_links_are_neither_removed_nor_followed(cache, made, capfd, tmp_path, pl
     assert inventory() == []
 
 
-def test_a_link_inside_an_unfinished_folder_is_not_followed(cache, made, tmp_path):
+def test_a_link_inside_an_unfinished_folder_is_not_followed(cache, folders, tmp_path):
     (tmp_path / "mine").write_text("mine")
     scratch = cache / "scratch" / OTHER
     scratch.mkdir()
@@ -107,8 +107,8 @@ def test_a_link_inside_an_unfinished_folder_is_not_followed(cache, made, tmp_pat
 
 
 @pytest.mark.parametrize("harm", ["missing", "damaged", "no manifest"])
-def test_a_missing_or_damaged_input_is_no_reason_to_remove_what_was_made_from_it(cache, made, harm):
-    first = made["first"]
+def test_a_missing_or_damaged_input_is_no_reason_to_remove_what_was_made_from_it(cache, folders, harm):
+    first = folders["first"]
     if harm == "missing":
         shutil.rmtree(first)
     elif harm == "damaged":
@@ -116,37 +116,37 @@ def test_a_missing_or_damaged_input_is_no_reason_to_remove_what_was_made_from_it
     else:
         (first / "manifest.json").unlink()
     clean()
-    assert all(folder.is_dir() for title, folder in made.items() if title != "first")
-    assert (made["last"] / "numbers.json").is_file()
+    assert all(folder.is_dir() for title, folder in folders.items() if title != "first")
+    assert (folders["last"] / "numbers.json").is_file()
 
 
-def test_what_was_made_from_changed_sources_goes_with_all_that_was_made_from_it(cache, made, monkeypatch):
+def test_what_was_made_from_changed_sources_goes_with_all_that_was_made_from_it(cache, folders, monkeypatch):
     digest = cache_report.sources_digest
-    changed = store.read_manifest(made["middle-1"])["function"]
+    name = store.read_manifest(folders["middle-1"])["function"]
     monkeypatch.setattr(
         cache_report, "sources_digest", lambda function: "changed" if "total" in function else digest(function)
     )
-    assert changed == "toy_stages:numbers"
+    assert name == "toy_stages:numbers"
     clean()
-    assert [title for title, folder in made.items() if not folder.exists()] == ["last"]
+    assert [title for title, folder in folders.items() if not folder.exists()] == ["last"]
 
 
-def test_a_function_from_outside_the_project_that_is_out_of_sight_is_not_stale(cache, made, monkeypatch):
-    def gone(function: str) -> str:
+def test_a_function_from_outside_the_project_that_is_out_of_sight_is_not_stale(cache, folders, monkeypatch):
+    def no_digest(function: str) -> str:
         raise ValueError(f"{function}: there is no module")
 
-    monkeypatch.setattr(cache_report, "sources_digest", gone)
+    monkeypatch.setattr(cache_report, "sources_digest", no_digest)
     clean()
-    assert all(folder.is_dir() for folder in made.values())
+    assert all(folder.is_dir() for folder in folders.values())
 
 
-def test_a_damaged_artefact_that_was_set_aside_goes(cache, made, capfd):
-    file = made["first"] / "numbers.json"
+def test_a_damaged_artefact_that_was_set_aside_goes(cache, folders, capfd):
+    file = folders["first"] / "numbers.json"
     file.write_text("[]")
-    assert store.load(made["first"].name) is None
-    assert (cache / f"damaged-{made['first'].name}").is_dir()
+    assert store.load(folders["first"].name) is None
+    assert (cache / f"damaged-{folders['first'].name}").is_dir()
     clean()
-    assert not (cache / f"damaged-{made['first'].name}").exists()
+    assert not (cache / f"damaged-{folders['first'].name}").exists()
 
 
 HOLD = """
@@ -159,7 +159,7 @@ with lock(sys.argv[1]):
 
 
 @pytest.mark.parametrize("all_of_it", [False, True])
-def test_what_a_stage_is_working_on_stays_and_artefacts_while_it_does(cache, made, capfd, all_of_it):
+def test_what_a_stage_is_working_on_stays_and_artefacts_while_it_does(cache, folders, capfd, all_of_it):
     busy, idle = (cache / "scratch" / f"{name}-0123456789abcdef" for name in ("busy", "idle"))
     busy.mkdir()
     idle.mkdir()
@@ -168,13 +168,13 @@ def test_what_a_stage_is_working_on_stays_and_artefacts_while_it_does(cache, mad
         assert holder.stdout.readline() == b"held\n"
         clean(all_of_it)
         assert busy.is_dir() and not idle.exists()
-        assert all(folder.is_dir() for folder in made.values())
+        assert all(folder.is_dir() for folder in folders.values())
     finally:
         holder.kill()
         holder.communicate()
-    told = capfd.readouterr().err
-    assert str(busy) in told and "in use by a run" in told
-    assert ("a run goes on in this cache" in told) == all_of_it
+    errors = capfd.readouterr().err
+    assert str(busy) in errors and "in use by a run" in errors
+    assert ("a run goes on in this cache" in errors) == all_of_it
 
 
 def test_cleaning_again_and_again_beside_a_run_changes_nothing_of_it(cache, tmp_path, capfd):
@@ -198,29 +198,29 @@ def test_cleaning_again_and_again_beside_a_run_changes_nothing_of_it(cache, tmp_
             assert one == other
 
 
-def test_the_lock_of_a_killed_run_does_not_keep_the_cache_from_being_cleaned(cache, made):
+def test_the_lock_of_a_killed_run_does_not_keep_the_cache_from_being_cleaned(cache, folders):
     (cache / "locks" / "run@elsewhere-1.lock").write_text("")
-    assert clean(True)[0] >= len(made) and inventory() == []
+    assert clean(True)[0] >= len(folders) and inventory() == []
     assert not (cache / "locks" / "run@elsewhere-1.lock").exists()
 
 
-def test_what_cannot_be_removed_is_named(cache, made, capfd, monkeypatch):
+def test_what_cannot_be_removed_is_named(cache, folders, capfd, monkeypatch):
     def refuse(folder):
         raise PermissionError(13, "Permission denied", str(folder))
 
     monkeypatch.setattr(cache_report.shutil, "rmtree", refuse)
     (cache / "scratch" / OTHER).mkdir()
     clean()
-    told = capfd.readouterr().err
-    assert f"{cache / 'scratch' / OTHER} (it can't be removed: Permission denied)" in told
+    errors = capfd.readouterr().err
+    assert f"{cache / 'scratch' / OTHER} (it can't be removed: Permission denied)" in errors
 
 
-def test_a_long_list_of_what_stays_is_counted(cache, made, capfd):
+def test_a_long_list_of_what_stays_is_counted(cache, folders, capfd):
     for number in range(30):
         (cache / "scratch" / f"theirs{number}").mkdir()
     clean()
-    told = capfd.readouterr().err
-    assert told.count("\n") == 1 and "and 20 more" in told
+    errors = capfd.readouterr().err
+    assert errors.count("\n") == 1 and "and 20 more" in errors
 
 
 def test_a_run_of_one_stage_leaves_a_cache_that_says_what_it_is(cache):

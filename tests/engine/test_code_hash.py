@@ -43,13 +43,13 @@ def digest(tmp_path, monkeypatch):
         for name, text in {**PROGRAM, **changes}.items():
             (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
             (tmp_path / name).write_text(text)
-        for cached in (sources._module_file, sources._outline, sources._digest):
-            cached.cache_clear()
+        for function in (sources._module_file, sources._outline, sources._digest):
+            function.cache_clear()
         return sources.sources_digest("toys.stage:body")
 
     yield write
-    for cached in (sources._module_file, sources._outline, sources._digest):
-        cached.cache_clear()
+    for function in (sources._module_file, sources._outline, sources._digest):
+        function.cache_clear()
 
 
 @pytest.mark.parametrize(
@@ -111,5 +111,5 @@ def test_looking_at_sources_imports_none_of_them():
         "sources_digest('replicate.approximation.samples:write_samples');"
         "print([m for m in ('jax', 'torch', 'scipy', 'data_recipes') if m in sys.modules])"
     )
-    told = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert told.stdout.strip() == "[]"
+    process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert process.stdout.strip() == "[]"

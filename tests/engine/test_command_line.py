@@ -103,7 +103,7 @@ def start(tmp_path):
     return start
 
 
-def ended(process: subprocess.Popen) -> tuple[int, str, str]:
+def outcome(process: subprocess.Popen) -> tuple[int, str, str]:
     """Return exit code, output and errors."""
     out, errors = process.communicate(timeout=60)
     return process.returncode, out.decode(errors="replace"), errors.decode(errors="replace")
@@ -121,45 +121,45 @@ def ended(process: subprocess.Popen) -> tuple[int, str, str]:
     ],
 )
 def test_what_a_command_raises_or_returns_is_a_sentence_and_a_code(start, function, code, sentence):
-    assert ended(start(f"commands:{function}"))[::2] == (code, sentence)
+    assert outcome(start(f"commands:{function}"))[::2] == (code, sentence)
 
 
 def test_an_error_that_nobody_has_foreseen_keeps_its_traceback(start):
-    code, _, errors = ended(start("commands:pipe"))
+    code, _, errors = outcome(start("commands:pipe"))
     assert code == 1 and "BrokenPipeError" in errors, "it is not our output that nobody reads"
 
 
 def test_output_that_nobody_reads_to_its_end_is_no_error(start):
-    code, out, errors = ended(start("commands:lines", "{} | head -1"))
+    code, out, errors = outcome(start("commands:lines", "{} | head -1"))
     assert (code, out, errors) == (141, "0\n", "")
 
 
 @pytest.mark.parametrize("function", ["late", "lines"])
 def test_output_that_nobody_reads_at_all_is_no_error(start, function):
-    assert ended(start(f"commands:{function}", "{} | true")) == (141, "", "")
+    assert outcome(start(f"commands:{function}", "{} | true")) == (141, "", "")
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
 @pytest.mark.parametrize("function", ["fine", "names", "progress"])
 def test_characters_that_the_output_lacks_are_replaced(start, encoding, function):
-    code, _, errors = ended(start(f"commands:{function}", PYTHONIOENCODING=encoding))
+    code, _, errors = outcome(start(f"commands:{function}", PYTHONIOENCODING=encoding))
     assert code == 0 and "Traceback" not in errors
 
 
-@pytest.mark.parametrize("closed", ["2>&-", ">&-", "<&-", ">&- 2>&- <&-"])
-def test_a_command_works_with_its_streams_closed(start, tmp_path, closed):
-    assert ended(start("commands:progress", "{} " + closed))[0] == 0
+@pytest.mark.parametrize("redirection", ["2>&-", ">&-", "<&-", ">&- 2>&- <&-"])
+def test_a_command_works_with_its_streams_closed(start, tmp_path, redirection):
+    assert outcome(start("commands:progress", "{} " + redirection))[0] == 0
     assert (tmp_path / "result").read_text() == "written"
 
 
 def test_a_full_output_is_a_sentence(start):
-    code, _, errors = ended(start("commands:fine", "{} > /dev/full"))
+    code, _, errors = outcome(start("commands:fine", "{} > /dev/full"))
     assert code == 1 and errors.startswith("the disk is full") and errors.count("\n") == 1
 
 
 @pytest.mark.parametrize("function", ["large", "arrays"])
 def test_a_limit_on_files_is_a_sentence_with_the_folder(start, tmp_path, function):
-    code, _, errors = ended(start(f"commands:{function}", limit=100 << 10))
+    code, _, errors = outcome(start(f"commands:{function}", limit=100 << 10))
     assert code == 1 and errors.count("\n") == 1 and str(tmp_path) in errors and "100 KB with `ulimit -f`" in errors
     assert not (tmp_path / "result").exists() and not list(tmp_path.glob(".new-*"))
 
@@ -169,7 +169,7 @@ def test_an_interruption_is_a_sentence_also_while_modules_are_imported(start, fu
     process = start(function, "exec {}")
     assert process.stdout.readline().decode().strip() == word
     process.send_signal(signal.SIGINT)
-    code, _, errors = ended(process)
+    code, _, errors = outcome(process)
     assert (code, errors) == (130, command_line.INTERRUPTION + "\n")
 
 
@@ -185,8 +185,8 @@ def test_an_interruption_that_the_shell_ignores_stays_ignored(start):
 
 def test_the_door_loads_next_to_nothing():
     ask = "import sys, replicate.engine.command_line; print(len(sys.modules), 'numpy' in sys.modules)"
-    told = subprocess.run([sys.executable, "-c", ask], cwd=ROOT, capture_output=True, text=True, check=True)
-    count, heavy = told.stdout.split()
+    process = subprocess.run([sys.executable, "-c", ask], cwd=ROOT, capture_output=True, text=True, check=True)
+    count, heavy = process.stdout.split()
     assert int(count) < 120 and heavy == "False"
 
 

@@ -159,10 +159,16 @@ def test_a_run_that_is_ended_frees_the_workers_of_a_running_cluster_for_the_next
     assert contents(cache, toy_graph(*GRAPH)) == undisturbed
 
 
+def most_clients_of_a_task():
+    """Return a function that counts, in the scheduler, how many clients want the same task."""
+    return lambda dask_scheduler: max((len(task.who_wants) for task in dask_scheduler.tasks.values()), default=0)
+
+
 def test_a_run_that_ends_leaves_a_stage_to_the_run_that_shares_it(cache, running, undisturbed):
     first, second = (start(cache, 0.3, 20, 1, running[0]) for _ in range(2))
+    with distributed.Client(running[0], set_as_default=False) as client:
+        wait_for(lambda: client.run_on_scheduler(most_clients_of_a_task()) == 2, "stage that both runs want")
     stage = wait_for(lambda: processes_of(cache, STAGE), "stage")
-    time.sleep(2)  # both have handed over their graphs
     first.terminate()
     first.communicate(timeout=15)
     assert not gone(stage)

@@ -9,7 +9,7 @@ from replicate.engine.exceptions import InputError
 
 def test_auto_takes_the_gpu_that_there_is(monkeypatch):
     monkeypatch.setattr(device, "_obstacle", lambda: "")
-    assert [choose_device(wanted) for wanted in ("auto", "cuda", "cpu")] == ["cuda", "cuda", "cpu"]
+    assert [choose_device(setting) for setting in ("auto", "cuda", "cpu")] == ["cuda", "cuda", "cpu"]
 
 
 def test_without_a_gpu_auto_is_the_cpu_and_cuda_is_refused_with_the_reason(monkeypatch):

@@ -27,21 +27,21 @@ def clock(monkeypatch):
 
 def test_a_stage_of_under_two_seconds_says_nothing(clock):
     screen = Screen(terminal=False)
-    shown = StageDisplay("coarse", 0, screen)
+    stage_display = StageDisplay("coarse", 0, screen)
     for _ in range(10):
         clock[0] += 0.19
-        shown.progress("training", 5, 10)
-    shown.end("made")
+        stage_display.progress("training", 5, 10)
+    stage_display.end("made")
     assert screen.getvalue() == ""
 
 
 def test_lines_come_at_most_every_half_minute_with_the_time_that_is_left(clock):
     screen = Screen(terminal=False)
-    shown = StageDisplay("coarse", 0, screen)
+    stage_display = StageDisplay("coarse", 0, screen)
     for second in range(100):
         clock[0] += 1
-        shown.progress("training", second, 1000)
-    shown.end("made")
+        stage_display.progress("training", second, 1000)
+    stage_display.end("made")
     lines = screen.getvalue().splitlines()
     assert lines[0] == "coarse: started" and lines[-1] == "coarse: made in 100 s"
     assert len(lines) == 2 + 3
@@ -50,20 +50,20 @@ def test_lines_come_at_most_every_half_minute_with_the_time_that_is_left(clock):
 
 def test_what_a_resumed_stage_had_done_before_does_not_flatter_its_time_left(clock):
     screen = Screen(terminal=False)
-    shown = StageDisplay("coarse", 0, screen)
+    stage_display = StageDisplay("coarse", 0, screen)
     for second in range(40):
         clock[0] += 1
-        shown.progress("training", 900 + second, 1000)
+        stage_display.progress("training", 900 + second, 1000)
     assert "training 931 of 1,000, about 69 s left" in screen.getvalue()
 
 
 def test_a_terminal_gets_a_bar_with_the_stages_name(monkeypatch):
     monkeypatch.setattr(display, "DELAY_S", 0.0)
     screen = Screen(terminal=True)
-    shown = StageDisplay("coarse", 0, screen)
-    shown.progress("training", 1, 10)
-    shown._bar.refresh()
-    shown.end("made")
+    stage_display = StageDisplay("coarse", 0, screen)
+    stage_display.progress("training", 1, 10)
+    stage_display._bar.refresh()
+    stage_display.end("made")
     assert "coarse: training" in screen.getvalue() and "/10" in screen.getvalue()
     assert "coarse: made in 0 s" in screen.getvalue()
 

@@ -35,22 +35,22 @@ def project(folder: Path, number: int) -> Path:
     return folder
 
 
-def ask(folder: Path, kept: Path) -> str:
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(kept), "PYTHONPATH": "", "PYTHONDONTWRITEBYTECODE": "1"}
-    told = subprocess.run(
+def ask(folder: Path, cache: Path) -> str:
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": "", "PYTHONDONTWRITEBYTECODE": "1"}
+    process = subprocess.run(
         [sys.executable, "-c", ANSWER], cwd=folder, env=environment, capture_output=True, text=True, check=True
     )
-    return told.stdout.strip()
+    return process.stdout.strip()
 
 
 def test_a_kernel_is_compiled_anew_when_a_module_has_changed_that_it_takes_a_number_from(tmp_path):
-    kept, folder = tmp_path / "kept", project(tmp_path / "project", 41)
+    cache, folder = tmp_path / "kept", project(tmp_path / "project", 41)
     times = (folder / "replicate" / "geometry" / "kernel.py").stat()
-    assert ask(folder, kept) == "41"
+    assert ask(folder, cache) == "41"
     project(folder, 42)
     os.utime(folder / "replicate" / "geometry" / "kernel.py", ns=(times.st_atime_ns, times.st_mtime_ns))
-    assert ask(folder, kept) == "42"
-    assert len(list(kept.glob("kernels-*"))) == 2 and list(kept.rglob("*.nbc")), "nothing was kept"
+    assert ask(folder, cache) == "42"
+    assert len(list(cache.glob("kernels-*"))) == 2 and list(cache.rglob("*.nbc")), "nothing was kept"
 
 
 def test_processes_of_one_state_share_a_folder_whoever_starts_them(tmp_path):

@@ -11,24 +11,24 @@ def test_without_a_terminal_nothing_is_drawn(capfd):
 
 
 def test_a_worker_reports_where_it_began_and_where_it_ended():
-    heard = []
-    report_to(lambda *report: heard.append(report))
+    reports = []
+    report_to(lambda *report: reports.append(report))
     try:
         with progress(100, "training", initial=40) as bar:
             for _ in range(60):
                 bar.update()
     finally:
         report_to(None)
-    assert heard[0] == ("training", 40, 100) and heard[-1] == ("training", 100, 100)
+    assert reports[0] == ("training", 40, 100) and reports[-1] == ("training", 100, 100)
 
 
 def test_reports_are_no_flood():
-    heard = []
-    report_to(lambda *report: heard.append(report))
+    reports = []
+    report_to(lambda *report: reports.append(report))
     try:
         with progress(100_000, "training") as bar:
             for _ in range(100_000):
                 bar.update()
     finally:
         report_to(None)
-    assert len(heard) < 100 and module._reporter is None
+    assert len(reports) < 100 and module._reporter is None

@@ -67,8 +67,8 @@ def test_provenance_does_not_load_torch():
         "import sys; from replicate.engine.provenance import provenance; facts = provenance([], 'quick', [0], 1);"
         "print(facts['gpu'], 'torch' in sys.modules)"
     )
-    told = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert told.stdout.split() == ["None", "False"]
+    process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert process.stdout.split() == ["None", "False"]
 
 
 def test_stage_facts_name_every_stage_with_its_time(cache):
@@ -111,8 +111,8 @@ def test_one_stage_of_a_changed_tree_makes_all_unclean(mixed):
     graph = mixed({**NEW, "clean": False}, NEW)
     top, facts = graph_git(graph), stage_facts(graph)
     assert top == {**NEW, "clean": False}
-    told = {title: fact.get("git", top)["clean"] for title, fact in facts.items()}
-    assert told.pop("first") is False and all(told.values()), "each stage's own flag can be read from the facts"
+    flags = {title: fact.get("git", top)["clean"] for title, fact in facts.items()}
+    assert flags.pop("first") is False and all(flags.values()), "each stage's own flag can be read from the facts"
 
 
 def test_a_stage_from_outside_a_checkout_is_not_clean(mixed):
@@ -128,24 +128,24 @@ def test_a_graph_from_outside_a_checkout_has_no_commit(mixed):
 
 
 def test_a_rig_built_outside_a_graph_says_what_it_was_made_from(monkeypatch, tmp_path):
-    noted, folders = {}, []
+    record, folders = {}, []
 
     def run(stages, facts):
-        noted.update(facts)
+        record.update(facts)
         return {stage.title: tmp_path / stage.identifier for stage in stages}
 
     monkeypatch.setattr("replicate.engine.scheduler.run", run)
     monkeypatch.setattr("data_recipes.catalogue.load_rig", lambda folder: folders.append(folder) or PlainRig())
     assert isinstance(built_rig.rig_of("tiny"), PlainRig)
     assert [folder.parent.name for folder in folders] == [built_rig.rig_identifier("tiny")]
-    assert noted["git"] == git_state() and noted["command"].startswith("python ")
+    assert record["git"] == git_state() and record["command"].startswith("python ")
 
 
 def test_a_process_does_not_count_the_memory_of_the_one_that_started_it():
-    held = np.ones(40_000_000)
+    block = np.ones(40_000_000)
     ask = "from replicate.engine.provenance import peak_memory_mb; print(peak_memory_mb())"
     child = subprocess.run([sys.executable, "-c", ask], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert peak_memory_mb() > held.nbytes / 2**20 > 300 > float(child.stdout) > 5
+    assert peak_memory_mb() > block.nbytes / 2**20 > 300 > float(child.stdout) > 5
 
 
 ELSEWHERE = {"processor": "another", "instruction_set": "x86_64 avx2", "packages": {"numpy": "2.0", "torch": "2.1"}}
@@ -167,8 +167,8 @@ def test_a_stage_made_with_other_packages_or_on_another_processor_says_so(cache)
 def test_stages_made_here_say_nothing_of_it(cache):
     graph = toy_graph()
     run(graph, facts=provenance([], "quick", [0], 1))
-    told = stage_facts(graph)
-    assert not any({"packages", "processor", "instruction_set", "python"} & set(fact) for fact in told.values())
+    facts = stage_facts(graph)
+    assert not any({"packages", "processor", "instruction_set", "python"} & set(fact) for fact in facts.values())
     worker = read_manifest(artefact_folder(graph[0].identifier))["surroundings"]
     assert worker == surroundings() and worker["packages"]["numpy"]
 

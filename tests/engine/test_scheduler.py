@@ -19,15 +19,15 @@ from replicate.engine.scheduler import run
 from replicate.engine.stage import Stage
 
 
-def children_after(process, wanted, seconds=10.0):
+def children_after(process, count, seconds=10.0):
     """Return the children of a process once there are enough of them."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline and process.poll() is None:
         children = psutil.Process(process.pid).children(recursive=True)
-        if len(children) >= wanted:
+        if len(children) >= count:
             return children
         time.sleep(0.02)
-    raise AssertionError(f"fewer than {wanted} workers within {seconds} s")
+    raise AssertionError(f"fewer than {count} workers within {seconds} s")
 
 
 def test_the_number_of_workers_does_not_change_the_results(cache, monkeypatch, tmp_path, capfd):
@@ -44,10 +44,10 @@ def test_the_number_of_workers_does_not_change_the_results(cache, monkeypatch, t
 def test_a_second_run_does_nothing_and_says_so(cache, capfd):
     run(toy_graph())
     capfd.readouterr()
-    started = time.monotonic()
+    beginning = time.monotonic()
     run(toy_graph())
     assert capfd.readouterr().out == "nothing to do: 5 artefacts up to date\n"
-    assert time.monotonic() - started < 5
+    assert time.monotonic() - beginning < 5
 
 
 def test_a_graph_killed_at_ten_random_moments_ends_with_the_same_numbers(cache, tmp_path):
@@ -85,21 +85,21 @@ def test_a_flipped_byte_is_named_and_only_that_artefact_is_made_again(cache, cap
     file.write_bytes(before.replace(b".", b",", 1))
     capfd.readouterr()
     run(toy_graph())
-    told = capfd.readouterr()
-    assert "made 1 of 5 artefacts" in told.out
-    assert str(folders["middle-1"]) in told.err and "numbers.json" in told.err
+    streams = capfd.readouterr()
+    assert "made 1 of 5 artefacts" in streams.out
+    assert str(folders["middle-1"]) in streams.err and "numbers.json" in streams.err
     assert file.read_bytes() == before
 
 
 def test_two_processes_at_once_make_each_artefact_once(cache, tmp_path):
     builds = tmp_path / "builds.txt"
     both = [start(cache, 0.15, 6, 2, TOY_BUILDS=str(builds)) for _ in range(2)]
-    told = [process.communicate(timeout=60) for process in both]
-    assert [process.returncode for process in both] == [0, 0], told
-    assert told[0][0].splitlines()[-1] == told[1][0].splitlines()[-1]
-    made = builds.read_text().splitlines()
-    assert sorted(made) == sorted(set(made)) and len(made) == 4
-    assert any("being made by another process" in errors for _, errors in told)
+    outputs = [process.communicate(timeout=60) for process in both]
+    assert [process.returncode for process in both] == [0, 0], outputs
+    assert outputs[0][0].splitlines()[-1] == outputs[1][0].splitlines()[-1]
+    lines = builds.read_text().splitlines()
+    assert sorted(lines) == sorted(set(lines)) and len(lines) == 4
+    assert any("being made by another process" in errors for _, errors in outputs)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
@@ -107,14 +107,14 @@ def test_a_signal_ends_the_run_and_its_workers_at_once_and_says_so(cache, number
     process = start(cache, 1.0, 20, 2)
     children = children_after(process, 1)
     process.send_signal(number)
-    said = process.communicate(timeout=10)[1]
+    errors = process.communicate(timeout=10)[1]
     _, alive = psutil.wait_procs(children, timeout=5)
     assert not alive
     if number == signal.SIGINT:  # the command line has a line and an exit code for it
-        assert "KeyboardInterrupt" in said and process.returncode == -signal.SIGINT
+        assert "KeyboardInterrupt" in errors and process.returncode == -signal.SIGINT
     else:
         name = signal.Signals(number).name
-        assert said == f"ended by {name}: what is finished is kept, and the same command goes on from there\n"
+        assert errors == f"ended by {name}: what is finished is kept, and the same command goes on from there\n"
         assert process.returncode == 128 + number
 
 
@@ -122,8 +122,8 @@ def test_under_nohup_a_run_outlives_its_terminal(cache):
     process = launch(["nohup", sys.executable, TOYS, "0.3", "4", "2"], cache)
     children_after(process, 1)
     process.send_signal(signal.SIGHUP)
-    out, said = process.communicate(timeout=60)
-    assert process.returncode == 0 and "made 5 of 5 artefacts" in out, said
+    out, errors = process.communicate(timeout=60)
+    assert process.returncode == 0 and "made 5 of 5 artefacts" in out, errors
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
@@ -150,19 +150,19 @@ def test_a_stage_is_not_made_from_sources_that_were_edited_after_the_start(cache
 
 
 def test_a_killed_worker_ends_the_run_with_a_sentence(cache):
-    started = time.monotonic()
-    with pytest.raises(RunError, match=r"stage faulty was killed by SIGKILL.*its log is .*faulty-.*\.log") as told:
+    beginning = time.monotonic()
+    with pytest.raises(RunError, match=r"stage faulty was killed by SIGKILL.*its log is .*faulty-.*\.log") as error:
         run(faulty_graph("kill"), workers=2)
-    assert "\n" not in str(told.value)
-    assert time.monotonic() - started < 30, "the other stage, of a minute, was not ended"
+    assert "\n" not in str(error.value)
+    assert time.monotonic() - beginning < 30, "the other stage, of a minute, was not ended"
     assert not psutil.Process().children(recursive=True)
     assert not list((cache / "partial").glob("*")), "what the killed stage had written takes up room"
 
 
 def test_a_failed_stage_leaves_its_traceback_in_the_log_it_names(cache):
-    with pytest.raises(RunError, match=r"stage faulty failed \(RuntimeError: the fault that was asked for\)") as told:
+    with pytest.raises(RunError, match=r"stage faulty failed \(RuntimeError: the fault that was asked for\)") as error:
         run(faulty_graph("error"), workers=2)
-    log = Path(str(told.value).rpartition("its log is ")[2])
+    log = Path(str(error.value).rpartition("its log is ")[2])
     assert "Traceback" in log.read_text()
     assert not list(cache.glob("faulty-*"))
 
@@ -184,10 +184,10 @@ def test_a_worker_has_one_thread_unless_the_stage_asks_for_more(cache):
     more = Stage("all", "toy_stages:environment", ToyConfig(), threads=0)
     folders = run([one, more], workers=3)
     for title, threads in (("one", "1"), ("all", "3")):
-        seen = json.loads((folders[title] / "environment.json").read_text())
+        variables = json.loads((folders[title] / "environment.json").read_text())
         pools = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "NPROC")
-        assert {seen[pool] for pool in pools} == {threads}
-        assert seen["OMP_WAIT_POLICY"] == "passive"
+        assert {variables[pool] for pool in pools} == {threads}
+        assert variables["OMP_WAIT_POLICY"] == "passive"
 
 
 def test_a_run_on_this_machine_loads_no_dask(cache):
@@ -195,8 +195,8 @@ def test_a_run_on_this_machine_loads_no_dask(cache):
         "import sys, toy_stages, replicate.__main__; toy_stages.run_toys(0, 1, 1); "
         "print(*sorted({'dask', 'distributed', 'dask_jobqueue'} & {name.partition('.')[0] for name in sys.modules}))"
     )
-    out, said = launch([sys.executable, "-c", program], cache).communicate(timeout=60)
-    assert out.splitlines()[-1] == "", said
+    out, errors = launch([sys.executable, "-c", program], cache).communicate(timeout=60)
+    assert out.splitlines()[-1] == "", errors
 
 
 def test_without_a_terminal_a_long_stage_has_a_line_at_its_start_and_end_and_a_short_one_has_none(cache, capfd):

@@ -47,8 +47,8 @@ def slurm_toml(tmp_path):
 def test_jobs_write_what_a_local_run_writes(cache, slurm, slurm_toml, tmp_path):
     assert start(tmp_path / "local", 0.1, 5, 2).wait(60) == 0
     process = start(cache, 0.1, 5, 1, slurm_toml, **slurm)
-    out, said = process.communicate(timeout=120)
-    assert process.returncode == 0 and "made 5 of 5 artefacts" in out, said
+    out, errors = process.communicate(timeout=120)
+    assert process.returncode == 0 and "made 5 of 5 artefacts" in out, errors
     assert contents(cache, toy_graph(0.1, 5)) == contents(tmp_path / "local", toy_graph(0.1, 5))
     assert any((cache / "slurm").iterdir()), "the jobs' own output is kept"
 
@@ -61,8 +61,8 @@ def test_a_job_that_slurm_ends_is_submitted_again_and_its_stage_goes_on(cache, s
     [job] = jobs(slurm)
     subprocess.run(["scancel", job], env={**os.environ, **slurm}, check=True)
     wait_for(lambda: set(jobs(slurm)) - {job}, "other job", 90)
-    out, said = process.communicate(timeout=120)
-    assert process.returncode == 0 and "made 5 of 5 artefacts" in out, said
+    out, errors = process.communicate(timeout=120)
+    assert process.returncode == 0 and "made 5 of 5 artefacts" in out, errors
 
 
 def test_the_jobs_of_a_client_that_is_killed_end_by_themselves(cache, slurm, slurm_toml):
@@ -75,11 +75,11 @@ def test_the_jobs_of_a_client_that_is_killed_end_by_themselves(cache, slurm, slu
 
 def test_jobs_that_slurm_refuses_are_a_sentence(cache, slurm, slurm_toml):
     slurm_toml.write_text(FILE + 'partition = "nowhere"\n')
-    said = start(cache, 0, 1, 1, slurm_toml, **slurm).communicate(timeout=60)[1].splitlines()[-1]
-    assert "InputError: CLUSTER: Slurm refuses the jobs (" in said and "partition" in said
+    sentence = start(cache, 0, 1, 1, slurm_toml, **slurm).communicate(timeout=60)[1].splitlines()[-1]
+    assert "InputError: CLUSTER: Slurm refuses the jobs (" in sentence and "partition" in sentence
 
 
 def test_an_interface_that_is_none_is_a_sentence(cache, slurm, slurm_toml):
     slurm_toml.write_text(FILE.replace('"lo"', '"none7"'))
-    said = start(cache, 0, 1, 1, slurm_toml, **slurm).communicate(timeout=60)[1].splitlines()[-1]
-    assert "InputError: CLUSTER: " in said and "none7" in said
+    sentence = start(cache, 0, 1, 1, slurm_toml, **slurm).communicate(timeout=60)[1].splitlines()[-1]
+    assert "InputError: CLUSTER: " in sentence and "none7" in sentence

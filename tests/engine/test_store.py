@@ -55,9 +55,9 @@ def test_a_flipped_byte_is_named_set_aside_and_mended(cache, capsys, name):
     folder = store.make(NAME, build)
     flip_a_byte(folder / name)
     assert store.load(NAME) is None
-    said = capsys.readouterr().err
-    damaged = "manifest.json" if name.startswith("manifest") else name.split("/")[-1]
-    assert str(folder) in said and damaged in said and said.count("\n") == 1
+    errors = capsys.readouterr().err
+    file = "manifest.json" if name.startswith("manifest") else name.split("/")[-1]
+    assert str(folder) in errors and file in errors and errors.count("\n") == 1
     assert (cache / f"damaged-{NAME}").is_dir()
     assert not store.find_damage(store.make(NAME, build))
 
@@ -110,11 +110,11 @@ def test_a_failed_build_leaves_its_scratch_and_nothing_else(cache):
 
 
 def test_what_a_killed_build_left_is_not_in_the_next_one(cache):
-    left = cache / "partial" / f"{NAME}@{platform.node()}-1"
-    left.mkdir(parents=True)
-    (left / "left-over").write_text("from before")
+    remnant = cache / "partial" / f"{NAME}@{platform.node()}-1"
+    remnant.mkdir(parents=True)
+    (remnant / "left-over").write_text("from before")
     assert not (store.make(NAME, build) / "left-over").exists()
-    assert not left.exists(), "it takes up room"
+    assert not remnant.exists(), "it takes up room"
 
 
 @pytest.mark.parametrize(
@@ -126,9 +126,9 @@ def test_a_full_disk_is_one_sentence(cache, error):
         (out / "half.bin").write_bytes(b"half")
         raise error
 
-    with pytest.raises(RunError, match="disk is full") as told:
+    with pytest.raises(RunError, match="disk is full") as failure:
         store.make(NAME, fail)
-    assert "\n" not in str(told.value) and str(cache) in str(told.value)
+    assert "\n" not in str(failure.value) and str(cache) in str(failure.value)
     assert not (cache / NAME).exists() and not any((cache / "partial").iterdir())
 
 
@@ -186,6 +186,6 @@ def test_a_full_disk_elsewhere_is_named_by_its_own_folder(cache, tmp_path):
     def fail(out, scratch):
         raise OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "elsewhere" / "file"))
 
-    with pytest.raises(RunError, match="disk is full") as told:
+    with pytest.raises(RunError, match="disk is full") as error:
         store.make(NAME, fail)
-    assert str(tmp_path / "elsewhere") in str(told.value) and str(cache) not in str(told.value)
+    assert str(tmp_path / "elsewhere") in str(error.value) and str(cache) not in str(error.value)

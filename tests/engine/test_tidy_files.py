@@ -20,7 +20,7 @@ COLUMNS = (
     Column("poses", "whole number", optional=True),
 )
 HEADER = "name,unit,error,loss,poses\n"
-COMMITTED = sorted(RESULTS.glob("*/*.csv"))
+TABLES = sorted(RESULTS.glob("*/*.csv"))
 
 
 def read(path) -> pandas.DataFrame:
@@ -49,7 +49,7 @@ def test_numbers_of_all_sizes_are_read_back_to_the_last_bit(tmp_path):
     assert read_csv(tmp_path / "t.csv", COLUMNS[2:3], (), "")["error"].tolist() == numbers
 
 
-@pytest.mark.parametrize("path", COMMITTED, ids=lambda path: f"{path.parent.name}/{path.name}")
+@pytest.mark.parametrize("path", TABLES, ids=lambda path: f"{path.parent.name}/{path.name}")
 def test_a_committed_file_is_written_again_byte_for_byte(tmp_path, path):
     with open(path, encoding="utf-8", newline="") as file:
         header, *lines = csv.reader(file)
@@ -101,18 +101,18 @@ def _likely_column(name: str, cells: list[str]) -> Column:
 def test_what_may_not_stand_there_is_named_with_its_line(tmp_path, text, sentence):
     path = tmp_path / "t.csv"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=sentence) as caught:
+    with pytest.raises(InputError, match=sentence) as error:
         read(path)
-    assert str(caught.value).startswith(str(path)) and len(str(caught.value)) < len(str(path)) + 250
+    assert str(error.value).startswith(str(path)) and len(str(error.value)) < len(str(path)) + 250
 
 
 def test_a_cell_without_end_is_not_repeated_whole(tmp_path):
     path = tmp_path / "t.csv"
     for text in (HEADER + f"a,mm,{'9' * 5000}x,,\n", "x" * 100_000):
         path.write_text(text)
-        with pytest.raises(InputError) as caught:
+        with pytest.raises(InputError) as error:
             read(path)
-        assert len(str(caught.value)) < len(str(path)) + 400
+        assert len(str(error.value)) < len(str(path)) + 400
 
 
 def test_a_file_that_is_missing_or_cannot_be_read_is_named(tmp_path):

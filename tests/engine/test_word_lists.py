@@ -7,7 +7,7 @@ from replicate.engine.word_lists import words
 
 
 @pytest.mark.parametrize(
-    ("text", "wanted"),
+    ("text", "expected"),
     [
         ("teen,dragon woman", ["teen", "dragon", "woman"]),
         (["teen, dragon", "woman"], ["teen", "dragon", "woman"]),
@@ -19,8 +19,8 @@ from replicate.engine.word_lists import words
         ("a\n\tb", ["a", "b"]),
     ],
 )
-def test_words_stand_between_commas_or_spaces(text, wanted):
-    assert words(text) == wanted
+def test_words_stand_between_commas_or_spaces(text, expected):
+    assert words(text) == expected
 
 
 @pytest.mark.parametrize("text", ['"my face.toml teen', "it's", ["'a", "b"]])

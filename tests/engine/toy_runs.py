@@ -54,14 +54,14 @@ def gone(processes: list[psutil.Process]) -> bool:
 
 def processes_of(folder: Path, program: str = "") -> list[psutil.Process]:
     """Return the processes whose environment or command names a folder, and whose command names a program."""
-    chosen = []
+    processes = []
     for process in psutil.process_iter():
         with contextlib.suppress(psutil.Error):
             command = " ".join(process.cmdline())
-            named = str(folder) in command or any(str(folder) in value for value in process.environ().values())
-            if named and program in command and process.status() != psutil.STATUS_ZOMBIE:
-                chosen.append(process)
-    return chosen
+            matches = str(folder) in command or any(str(folder) in value for value in process.environ().values())
+            if matches and program in command and process.status() != psutil.STATUS_ZOMBIE:
+                processes.append(process)
+    return processes
 
 
 def dask_workers_at_work(folder: Path) -> list[psutil.Process]:

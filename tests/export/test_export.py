@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from refusal import refused
+from refusal import refusal
 
 from data_recipes.catalogue import build_rig, expression_poses
 from data_recipes.controls import Control
@@ -54,10 +54,10 @@ class Glb:
         dtype = np.dtype(DTYPES[accessor["componentType"]])
         assert first % dtype.itemsize == 0
         assert accessor["count"] * columns * dtype.itemsize <= view["byteLength"]
-        found = np.frombuffer(self.binary, dtype, accessor["count"] * columns, first).reshape(-1, columns)
-        np.testing.assert_allclose(found.min(0), accessor["min"], rtol=1e-6)
-        np.testing.assert_allclose(found.max(0), accessor["max"], rtol=1e-6)
-        return found
+        values = np.frombuffer(self.binary, dtype, accessor["count"] * columns, first).reshape(-1, columns)
+        np.testing.assert_allclose(values.min(0), accessor["min"], rtol=1e-6)
+        np.testing.assert_allclose(values.max(0), accessor["max"], rtol=1e-6)
+        return values
 
     def play(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Return a node's vertices (t, n, 3) in mm and its unit normals in every frame of the animation."""
@@ -122,11 +122,11 @@ def test_an_obj_opened_again_is_the_pose_in_millimetres_with_a_material_a_part(t
     params = expression_poses(rig)["joy"]
     vertices, segment = rig(params), rig.mesh.face_segment
     scene = trimesh.load_scene(file, split_objects=True, process=False)
-    found = np.concatenate([mesh.triangles for mesh in scene.geometry.values()])
+    triangles = np.concatenate([mesh.triangles for mesh in scene.geometry.values()])
     props = rig.pose_props(params)
-    wanted = np.concatenate([vertices[rig.mesh.faces], *(places[faces] for _, places, faces, _ in props)])
-    assert len(found) == len(wanted)
-    np.testing.assert_allclose(found.mean(0), wanted.mean(0), atol=1e-3)
+    expected = np.concatenate([vertices[rig.mesh.faces], *(places[faces] for _, places, faces, _ in props)])
+    assert len(triangles) == len(expected)
+    np.testing.assert_allclose(triangles.mean(0), expected.mean(0), atol=1e-3)
     teeth = scene.geometry["tiny_tooth_tiny_tooth"]  # object and material
     is_tooth = np.array([name.startswith("tooth") for name in rig.mesh.segment_names])[segment]
     np.testing.assert_allclose(teeth.triangles, vertices[rig.mesh.faces[is_tooth]], atol=1e-4)
@@ -146,21 +146,21 @@ def test_an_animated_glb_plays_every_frame_within_the_stated_distance(tmp_path):
     poses = rig.clips[15].values[::6]
     short = replace(rig, clips=(Clip("speech", poses),))
     _, words = export(short, Request(clip="0", to=str(file), tolerance_mm=0.02))
-    opened = Glb(file)
-    trimesh.exchange.gltf.validate(opened.tree)
-    found, normals = opened.play("tiny")
-    wanted = rig(poses)
-    off = np.linalg.norm(found - wanted, axis=-1)
+    glb = Glb(file)
+    trimesh.exchange.gltf.validate(glb.tree)
+    vertices, normals = glb.play("tiny")
+    expected = rig(poses)
+    off = np.linalg.norm(vertices - expected, axis=-1)
     assert off.max() < 0.0202
     assert words.startswith(f"{len(poses)} frames at 24 a second") and "0.020 mm off" in words
-    assert np.linalg.norm(wanted - wanted[0], axis=-1).max() > 5
-    turned = angles_deg(normals, vertex_normals(wanted, rig.mesh.faces))
+    assert np.linalg.norm(expected - expected[0], axis=-1).max() > 5
+    turned = angles_deg(normals, vertex_normals(expected, rig.mesh.faces))
     assert turned.mean() < 0.1 and angles_deg(normals, normals[:1]).mean() > 1
-    count = len(opened.tree["meshes"][0]["weights"])
+    count = len(glb.tree["meshes"][0]["weights"])
     assert 3 < count < len(poses)
     for name in ("eye_pupil_left", "brow_right"):
         posed = np.array([{n: v[np.unique(f)] for n, v, f, _ in rig.pose_props(p)}[name] for p in poses])
-        assert np.linalg.norm(opened.play(name)[0] - posed, axis=-1).max() < 0.0202
+        assert np.linalg.norm(glb.play(name)[0] - posed, axis=-1).max() < 0.0202
     scene = trimesh.load_scene(file)
     np.testing.assert_allclose(1000 * scene.geometry["tiny"].vertices, rig.mesh.neutral, atol=1e-3)
 
@@ -171,11 +171,11 @@ def test_a_basis_keeps_its_promise_and_a_looser_one_is_smaller():
     offsets = (smooth + 0.05 * generator.normal(size=(40, 30, 3))).astype(np.float32)
     sizes = []
     for tolerance in (0.4, 0.1, 0.01):
-        found = low_rank(offsets, tolerance)
-        off = np.linalg.norm(np.einsum("tk,knc->tnc", found.weights, found.shapes) - offsets, axis=-1)
-        assert off.max() == pytest.approx(found.error_mm, rel=1e-3, abs=1e-5) and off.max() <= tolerance
-        assert np.abs(found.weights).max() <= 1 + 1e-6
-        sizes.append(len(found.shapes))
+        basis = low_rank(offsets, tolerance)
+        off = np.linalg.norm(np.einsum("tk,knc->tnc", basis.weights, basis.shapes) - offsets, axis=-1)
+        assert off.max() == pytest.approx(basis.error_mm, rel=1e-3, abs=1e-5) and off.max() <= tolerance
+        assert np.abs(basis.weights).max() <= 1 + 1e-6
+        sizes.append(len(basis.shapes))
     assert 5 <= sizes[0] < sizes[1] < sizes[2] <= 40
     still = low_rank(np.full((7, 3, 3), 1e-4, np.float32), 0.01)
     assert still.weights.shape == (7, 0) and still.shapes.shape == (0, 3, 3)
@@ -220,7 +220,7 @@ def test_a_file_of_parameters_is_a_pose_or_a_clip(tmp_path):
 
 def test_poses_and_clips_go_by_their_names_and_clips_by_their_numbers_too():
     rig = foreign((Clip("nod", np.zeros((2, 1))), Clip("12", np.ones((3, 1)))))
-    assert [requested_poses(rig, Request(clip=wanted))[0] for wanted in ("nod", "0", "00", "1", "12")] == [
+    assert [requested_poses(rig, Request(clip=clip))[0] for clip in ("nod", "0", "00", "1", "12")] == [
         "nod", "nod", "nod", "12", "12",
     ]  # fmt: skip
     assert requested_poses(rig, Request())[0] == "neutral"
@@ -247,7 +247,7 @@ def test_poses_and_clips_go_by_their_names_and_clips_by_their_numbers_too():
     ],
 )
 def test_what_can_not_be_is_refused_before_a_rig_is_built(capsys, cache, arguments, part):
-    assert part in refused(capsys, "export", *arguments)
+    assert part in refusal(capsys, "export", *arguments)
     assert not cache.exists()
 
 
@@ -259,8 +259,8 @@ def test_the_command_writes_where_results_go(capsys, monkeypatch, tmp_path):
     assert len(Glb(tmp_path / "export" / "box_neutral.glb").tree["meshes"]) == 1
 
 
-@pytest.mark.parametrize("code, raised", [(errno.ENOSPC, OSError), (errno.EACCES, InputError)])
-def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(monkeypatch, tmp_path, code, raised):
+@pytest.mark.parametrize("code, error", [(errno.ENOSPC, OSError), (errno.EACCES, InputError)])
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(monkeypatch, tmp_path, code, error):
     file = tmp_path / "face.glb"
     file.write_bytes(b"old")
 
@@ -270,7 +270,7 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(monkeypatch, tm
         raise OSError(code, "no", str(self))
 
     monkeypatch.setattr(Path, "write_bytes", half)
-    with pytest.raises(raised):
+    with pytest.raises(error):
         write_whole(file, b"a new one")
     assert file.read_bytes() == b"old" and os.listdir(tmp_path) == ["face.glb"]
 

@@ -49,9 +49,9 @@ def test_the_most_folded_pose_is_not_the_most_moved_one():
     ripple = np.zeros_like(mesh.neutral)
     ripple[:, 2] = np.sin(x * 2) * 0.4
     offsets = np.stack([0 * x[:, None] + np.float32([200, 0, 0]), turned - mesh.neutral, ripple, ripple * 0.5])
-    shown = np.ones(len(mesh.faces), bool)
-    assert most_folded(mesh, np.arange(4), offsets, shown, batch=3) == 2
-    assert most_folded(mesh, np.array([0, 3]), offsets, shown) == 3, "a pose that is not looked at is not chosen"
+    visible = np.ones(len(mesh.faces), bool)
+    assert most_folded(mesh, np.arange(4), offsets, visible, batch=3) == 2
+    assert most_folded(mesh, np.array([0, 3]), offsets, visible) == 3, "a pose that is not looked at is not chosen"
 
 
 def test_folds_that_the_neutral_has_do_not_count():

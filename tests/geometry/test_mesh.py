@@ -76,9 +76,9 @@ def test_a_face_belongs_to_the_segment_of_two_of_its_vertices():
 
 
 def with_value(array, index, value):
-    changed = array.astype(array.dtype, copy=True)
-    changed[index] = value
-    return changed
+    copy = array.astype(array.dtype, copy=True)
+    copy[index] = value
+    return copy
 
 
 @pytest.mark.parametrize(
@@ -117,9 +117,9 @@ def with_value(array, index, value):
     ],
 )
 def test_a_bad_mesh_is_refused_with_one_sentence(changes, sentence):
-    with pytest.raises(InputError, match=sentence) as caught:
+    with pytest.raises(InputError, match=sentence) as error:
         tetrahedron(**changes)
-    assert str(caught.value).endswith(".") and "\n" not in str(caught.value)
+    assert str(error.value).endswith(".") and "\n" not in str(error.value)
 
 
 def test_a_mesh_comes_back_from_disk_as_it_was(tmp_path):

@@ -10,13 +10,13 @@ from replicate.artefacts.plan import Numbers
 from replicate.methods import linear
 
 
-def fitted(folder, samples=None):
+def fit_linear(folder, samples=None):
     inputs = write_artefacts(folder, samples)
     return run_stage(linear.fit, inputs, "linear", Numbers(linear.own("quick"), 0), folder)
 
 
 def test_a_linear_rig_is_matched_to_the_quantisation_of_its_samples(tmp_path):
-    inputs, notes = fitted(tmp_path, straight_samples())
+    inputs, notes = fit_linear(tmp_path, straight_samples())
     samples, mesh = drawn_samples.load(inputs), small_mesh()
     predicted = linear.load(inputs, None)(np.asarray(samples.test_params))
     moved = mesh.segment < 2
@@ -26,12 +26,12 @@ def test_a_linear_rig_is_matched_to_the_quantisation_of_its_samples(tmp_path):
 
 
 def test_the_strength_is_the_best_on_the_validation_poses(tmp_path):
-    inputs, notes = fitted(tmp_path)
+    inputs, notes = fit_linear(tmp_path)
     samples, mesh = drawn_samples.load(inputs), built_rig.load_mesh(inputs)
     predict = linear.load(inputs, None)
-    lost = np.square(predict(np.asarray(samples.validation_params)) - mesh.neutral - samples.validation_offsets)
+    loss = np.square(predict(np.asarray(samples.validation_params)) - mesh.neutral - samples.validation_offsets)
     still = np.square(samples.validation_offsets)
-    assert 0 < lost[:, mesh.segment < 2].sum() < 0.2 * still[:, mesh.segment < 2].sum()
+    assert 0 < loss[:, mesh.segment < 2].sum() < 0.2 * still[:, mesh.segment < 2].sum()
     assert notes["strength"] in linear.own("quick").strengths
     segments = rigid_segments.load_coarse_segments(inputs, mesh)
     weights = sum(3 * len(s.vertices) * (len(s.parameters) + 1) for s in segments)

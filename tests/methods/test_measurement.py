@@ -21,11 +21,11 @@ BLIND = MeasurementNumbers("toy", reference(toy_methods.blind), "", 2.0, False, 
 
 @pytest.fixture
 def inputs(tmp_path):
-    found = write_artefacts(tmp_path)
-    found["wrinkled"] = tmp_path / "wrinkled"
-    found["wrinkled"].mkdir()
-    (found["wrinkled"] / "pose.json").write_text(json.dumps({"pose": 3}))
-    return found
+    artefacts = write_artefacts(tmp_path)
+    artefacts["wrinkled"] = tmp_path / "wrinkled"
+    artefacts["wrinkled"].mkdir()
+    (artefacts["wrinkled"] / "pose.json").write_text(json.dumps({"pose": 3}))
+    return artefacts
 
 
 def test_a_method_that_is_no_oracle_is_never_handed_the_truth(inputs):
@@ -48,7 +48,7 @@ def test_the_stage_of_a_registered_method_knows_whether_it_is_an_oracle_and_atta
     stage = measurement.stage(Plan(resolve("tiny", "quick")), method)
     assert (stage.config.oracle, stage.config.rigid_step) == (method.oracle, method.rigid_step)
     assert stage.function.split(", ")[:2] == [reference(measurement.measure), reference(method.load)]
-    assert {"rig", "samples", "wrinkled", "rigid"} <= {needed.name for needed in stage.inputs}
+    assert {"rig", "samples", "wrinkled", "rigid"} <= {source.name for source in stage.inputs}
 
 
 def test_rigid_segments_are_placed_by_their_attachments_where_the_method_wants_it(inputs):
@@ -73,9 +73,9 @@ def test_errors_pose_numbers_size_and_curve_are_kept(inputs, tmp_path):
     (own / "log.csv").write_text("step,loss,mm,degrees\n100,3.5,1.25,4.5\n")
     inputs["toy"] = own
     numbers = replace(BLIND, facts=reference(toy_methods.facts), test_poses=5)
-    done, _ = run_stage(measurement.measure, inputs, "errors_toy", numbers, tmp_path)
-    folder, samples, mesh = done["errors_toy"], drawn_samples.load(inputs), small_mesh()
-    assert measurement.error_folders(done | {"errors_toy-small": folder}) == {"toy": folder}
+    folders, _ = run_stage(measurement.measure, inputs, "errors_toy", numbers, tmp_path)
+    folder, samples, mesh = folders["errors_toy"], drawn_samples.load(inputs), small_mesh()
+    assert measurement.error_folders(folders | {"errors_toy-small": folder}) == {"toy": folder}
     errors = measurement.load_errors(folder)
     assert len(errors.pose_mm) == 5
     moved = mesh.neutral + 2 * samples.test_params[3, 0] * np.float32([1, 0, 0])
@@ -89,8 +89,10 @@ def test_errors_pose_numbers_size_and_curve_are_kept(inputs, tmp_path):
 
 
 def test_fewer_poses_are_some_of_the_more(inputs, tmp_path):
-    kept = []
+    subsets = []
     for count in (4, 9):
-        done, _ = run_stage(measurement.measure, inputs, f"errors_{count}", replace(BLIND, test_poses=count), tmp_path)
-        kept.append(set(measurement.load_errors(done[f"errors_{count}"]).pose_mm.tolist()))
-    assert kept[0] < kept[1] and len(kept[1]) == 9
+        folders, _ = run_stage(
+            measurement.measure, inputs, f"errors_{count}", replace(BLIND, test_poses=count), tmp_path
+        )
+        subsets.append(set(measurement.load_errors(folders[f"errors_{count}"]).pose_mm.tolist()))
+    assert subsets[0] < subsets[1] and len(subsets[1]) == 9

@@ -64,7 +64,7 @@ def test_a_file_from_outside_joins_the_others_and_other_processes_find_it(bring)
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ((("METHOD = ", "OTHER = "),), "has no METHOD; README shows"),
         ((('Method("mine"', 'Method("coarse"'),), "has a method 'coarse' of its own; give yours another name"),
@@ -77,18 +77,18 @@ def test_a_file_from_outside_joins_the_others_and_other_processes_find_it(bring)
         ((("def load", "def load("),), "can't be imported .SyntaxError"),
     ],
 )
-def test_a_file_that_holds_no_usable_method_is_refused(bring, changes, said):  # noqa: F811
+def test_a_file_that_holds_no_usable_method_is_refused(bring, changes, message):  # noqa: F811
     file = bring(*changes, name="brought_bad")
-    with pytest.raises(InputError, match=f"brought_bad.py: .*{said}"):
+    with pytest.raises(InputError, match=f"brought_bad.py: .*{message}"):
         choose([str(file)])
     assert os.environ[VARIABLE] == "", "it is not handed to other processes"
 
 
 @pytest.mark.parametrize(
-    ("name", "said"), [("brought mine", "can't name a module; allowed are letters"), ("json", "another module json")]
+    ("name", "message"), [("brought mine", "can't name a module; allowed are letters"), ("json", "another module json")]
 )
-def test_a_file_is_named_as_no_other_module_is(bring, name, said):  # noqa: F811
-    with pytest.raises(InputError, match=said):
+def test_a_file_is_named_as_no_other_module_is(bring, name, message):  # noqa: F811
+    with pytest.raises(InputError, match=message):
         choose([str(bring(name=name))])
 
 

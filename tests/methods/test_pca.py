@@ -34,7 +34,9 @@ def test_components_are_as_long_as_their_standard_deviations(tmp_path):
     basis, mean = pca.components(samples, vertices, SECTION, 0)
     offsets = samples.vertices_subset(np.arange(len(samples)), vertices).reshape(len(samples), -1)
     coefficients = (offsets - mean) @ np.linalg.pinv(basis.astype(float))
-    np.testing.assert_allclose(coefficients.std(0)[:10], 1, rtol=0.02)
+    np.testing.assert_allclose(
+        coefficients.std(0)[:8], 1, rtol=0.02
+    )  # the others are rounding: the offsets have rank 8
 
 
 def test_more_components_than_the_samples_have_are_not_asked_for(tmp_path):

@@ -17,9 +17,9 @@ def notebook(folder, *cells):
 
 def test_a_killed_kernel_is_a_sentence_and_leaves_nothing(tmp_path):
     source = notebook(tmp_path, "import os, signal", "os.kill(os.getpid(), signal.SIGKILL)")
-    with pytest.raises(RunError, match=r"source\.ipynb: its kernel was killed") as told:
+    with pytest.raises(RunError, match=r"source\.ipynb: its kernel was killed") as error:
         execute(source, tmp_path / "out.ipynb", {"WORD": "b"})
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(error.value)
     assert [file.name for file in tmp_path.iterdir()] == ["source.ipynb"]
 
 

@@ -28,8 +28,8 @@ TABLE2 = notebooks.NOTEBOOKS / "table2.ipynb"
 
 
 def cells(path: Path, kind: str) -> list[dict]:
-    found = [cell for cell in json.loads(path.read_text())["cells"] if cell["cell_type"] == kind]
-    return [cell | {"source": "".join(cell["source"])} for cell in found]
+    raw_cells = [cell for cell in json.loads(path.read_text())["cells"] if cell["cell_type"] == kind]
+    return [cell | {"source": "".join(cell["source"])} for cell in raw_cells]
 
 
 @pytest.fixture
@@ -79,15 +79,15 @@ def test_a_notebook_begins_with_parameters_and_provenance_and_is_thin(path):
 
 def test_table2s_notebook_shows_the_results_of_a_folder(folder, monkeypatch):
     monkeypatch.setattr(render, "working_renderer", lambda: "software")
-    shown = run_cells(TABLE2, monkeypatch)
-    titles = [table.title for table in shown if hasattr(table, "title")]
+    outputs = run_cells(TABLE2, monkeypatch)
+    titles = [table.title for table in outputs if hasattr(table, "title")]
     assert titles == [
         "Table 2: teen beside the paper's Hiccup",
         "Table 2 as ratios: teen beside Hiccup",
         "Trainings that differ in one thing",
         "Table 2 by segment: teen, mean errors",
     ]
-    captions = " ".join(words.caption for words in shown if hasattr(words, "caption"))
+    captions = " ".join(words.caption for words in outputs if hasattr(words, "caption"))
     assert "Test pose 5 of teen" in captions and captions.count("Fig.") == 3
 
 
@@ -101,15 +101,15 @@ def in_manifest(folder: Path, target: str, characters: dict[str, dict]) -> None:
 
 def run_cells(path: Path, monkeypatch) -> list:
     """Run a notebook's code on the results of "quick" and return what it shows: tables, texts, files, words."""
-    shown = []
+    outputs = []
     for name in ("show_table", "show_text", "show_picture"):
-        monkeypatch.setattr(notebooks, name, shown.append)
-    monkeypatch.setattr(notebooks, "show", lambda figure, words: shown.append(words))
+        monkeypatch.setattr(notebooks, name, outputs.append)
+    monkeypatch.setattr(notebooks, "show", lambda figure, words: outputs.append(words))
     first, *others = (cell["source"] for cell in cells(path, "code"))
     names = {}
     for source in (with_parameters(first, {"RESULTS": "quick"}), *others):
         exec(source, names)
-    return shown
+    return outputs
 
 
 def test_table1s_notebook_shows_the_table_and_the_claim(folder, monkeypatch):
@@ -148,14 +148,14 @@ def test_a_notebook_without_its_results_names_the_target_that_makes_them(folder,
 
 def test_where_a_cell_finds_no_results_the_command_line_says_one_sentence(empty, capsys):
     assert main(["table1", "quick"]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "`make table1`" in said and not list(empty.iterdir())
+    errors = capsys.readouterr().err
+    assert errors.count("\n") == 1 and "`make table1`" in errors and not list(empty.iterdir())
 
 
 def test_a_notebook_is_stale_when_its_own_results_change_and_not_when_others_do(folder, monkeypatch):
     write_results(folder / "table1.csv", table1_rows())
     in_manifest(folder, "table1", {"teen": {"run": "r"}})
-    monkeypatch.setattr(notebooks, "execute", lambda source, out, given, stamp: out.write_text(stamp))
+    monkeypatch.setattr(notebooks, "execute", lambda source, out, parameters, stamp: out.write_text(stamp))
     notebooks.run_notebook("table1", "quick")
     in_manifest(folder, "figure07", {"teen": {"run": "r"}})
     (folder / "figure07_teen.csv").write_text("another's")
@@ -201,8 +201,8 @@ def test_the_manifest_is_told_in_words(folder, monkeypatch):
 
 def test_balance_is_told_of_the_characters_whose_manifest_has_it(folder, monkeypatch):
     assert balance_text("quick") == "", "this manifest has no characters"
-    counted = {"samples-teen": {"notes": {"samples_per_bin": [1, 3, 0, 96]}}}
-    each = {"teen": {"stages": counted}, "tiny": {"stages": {"samples-tiny": {"wall_s": 1}}}, "woman": {}}
+    stages = {"samples-teen": {"notes": {"samples_per_bin": [1, 3, 0, 96]}}}
+    each = {"teen": {"stages": stages}, "tiny": {"stages": {"samples-tiny": {"wall_s": 1}}}, "woman": {}}
     (folder / "manifest.json").write_text(json.dumps({"characters": each}))
     assert balance_text("quick") == f"teen: {draws_text([1, 3, 0, 96])}"
 
@@ -232,12 +232,12 @@ def test_a_notebook_is_executed_to_the_same_bytes_each_time(tmp_path, capsys):
     for name in ("a.ipynb", "b.ipynb"):
         execute(tmp_path / "source.ipynb", tmp_path / name, {"WORD": "b"})
     assert (tmp_path / "a.ipynb").read_bytes() == (tmp_path / "b.ipynb").read_bytes()
-    done = json.loads((tmp_path / "a.ipynb").read_text())
-    streams = [output for output in done["cells"][2]["outputs"] if output["output_type"] == "stream"]
+    page = json.loads((tmp_path / "a.ipynb").read_text())
+    streams = [output for output in page["cells"][2]["outputs"] if output["output_type"] == "stream"]
     assert ["".join(output["text"]) for output in streams] == ["b\n3\n"]
-    assert done["cells"][3]["outputs"] == [], "a widget shows nothing without a kernel"
-    assert "".join(done["cells"][2]["outputs"][-1]["data"]["text/plain"]) == "'bb'"
-    assert "execution" not in done["cells"][2]["metadata"] and "version" not in done["metadata"]["language_info"]
+    assert page["cells"][3]["outputs"] == [], "a widget shows nothing without a kernel"
+    assert "".join(page["cells"][2]["outputs"][-1]["data"]["text/plain"]) == "'bb'"
+    assert "execution" not in page["cells"][2]["metadata"] and "version" not in page["metadata"]["language_info"]
     assert "2" in capsys.readouterr().err
 
 

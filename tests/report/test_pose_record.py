@@ -26,8 +26,8 @@ def test_a_record_comes_back_from_disk_to_a_micrometre(tmp_path):
     props = [("eye", TENT, TENT_FACES, (250.0, 250.0, 245.0)), ("brow", TENT, TENT_FACES, (0.2, 0.0, 1.0))]
     props.append(("iris", TENT, TENT_FACES, np.arange(TENT.size, dtype=np.uint8).reshape(TENT.shape)))
     truth = neutral + offsets
-    shown = {"truth": truth, "coarse": truth + np.float32(0.25), "neutral": neutral}
-    record = PoseRecord("teen", 1, neutral, faces, shown, tuple(props))
+    pose_vertices = {"truth": truth, "coarse": truth + np.float32(0.25), "neutral": neutral}
+    record = PoseRecord("teen", 1, neutral, faces, pose_vertices, tuple(props))
     save_pose(tmp_path / "pose.npz", record)
     back = load_pose(tmp_path / "pose.npz")
     assert (back.character, back.pose, list(back.vertices)) == ("teen", 1, ["truth", "coarse", "neutral"])

@@ -109,20 +109,20 @@ def drawing(place, monkeypatch):
     """Small figures and an unexecuted notebook instead of the true ones; returns what was drawn and executed."""
     from matplotlib.figure import Figure
 
-    done = []
+    names = []
 
     def figures(results, character, limit_deg):
         for name in table2_figures.table2_figure_names(character):
-            done.append(name)
+            names.append(name)
             yield name, Figure((0.1, 0.1)), Words("alt", "caption")
 
     def execute(source, out, parameters, stamp):
-        done.append(out.name)
+        names.append(out.name)
         out.write_text(stamp)
 
     monkeypatch.setattr(table2_figures, "table2_figures", figures)
     monkeypatch.setattr(notebooks, "execute", execute)
-    return done
+    return names
 
 
 ALL = [*table2_figures.table2_figure_names("teen"), "table2.ipynb"]
@@ -138,19 +138,29 @@ def test_figures_and_notebook_are_made_once(place, drawing):
     assert drawing == ALL * 2
 
 
-@pytest.mark.parametrize("gone", ["figure09_teen.png", "table2_teen_curves.json"])
-def test_a_figure_that_is_gone_is_drawn_again(place, drawing, gone):
+@pytest.mark.parametrize("name", ["figure09_teen.png", "table2_teen_curves.json"])
+def test_a_figure_that_is_gone_is_drawn_again(place, drawing, name):
     publishing.publish([result("teen")])
-    (place / gone).unlink()
+    (place / name).unlink()
     drawing.clear()
     publishing.publish([result("teen")])
-    assert (place / gone).is_file() and drawing == ALL[:-1], "the notebook need not be executed for it"
+    assert (place / name).is_file() and drawing == ALL[:-1], "the notebook need not be executed for it"
+
+
+@pytest.mark.parametrize("name", ["figure09_teen.png", "table2_teen_curves.json"])
+def test_a_figure_that_is_damaged_is_drawn_again(place, drawing, name):
+    publishing.publish([result("teen")])
+    sound = (place / name).read_bytes()
+    middle = len(sound) // 2
+    (place / name).write_bytes(sound[:middle] + bytes([sound[middle] ^ 0xFF]) + sound[middle + 1 :])
+    publishing.publish([result("teen")])
+    assert (place / name).read_bytes() == sound
 
 
 def test_figures_that_a_killed_process_left_old_are_drawn_again(drawing, monkeypatch):
     publishing.publish([result("teen")])
-    with monkeypatch.context() as killed:
-        killed.setattr("replicate.drawing.panels.save_figure", lambda *given: 1 / 0)
+    with monkeypatch.context() as patch:
+        patch.setattr("replicate.drawing.panels.save_figure", lambda *arguments: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             publishing.publish([result("teen", run="another")])
     drawing.clear()
@@ -182,5 +192,5 @@ def test_what_is_published_says_how_the_poses_were_split(place, capsys):
     assert "\nsplit by clips\n" in capsys.readouterr().out
     facts = json.loads((place / "manifest.json").read_text())["characters"]
     assert {name: own["split"] for name, own in facts.items()} == {"teen": "frames", "tiny": "clips"}
-    told = notebooks.provenance_text("quick")
-    assert "split by frames" in told and "split by clips" in told
+    text = notebooks.provenance_text("quick")
+    assert "split by frames" in text and "split by clips" in text

@@ -26,10 +26,10 @@ def folders(tmp_path, monkeypatch):
     monkeypatch.setattr(paths, "REFERENCE", tmp_path / "reference")
     for name in ("README", "DATA_CARD", "REPRODUCING"):
         monkeypatch.setattr(reference, name, tmp_path / f"{name}.md")
-        marked = [f"<!-- {table}, by make reference -->\nold\n<!-- end of {table} -->\n" for table in TABLES]
-        (tmp_path / f"{name}.md").write_text("before\n" + "".join(marked) + "after\n")
-    executed = []
-    monkeypatch.setattr(notebooks, "run_notebook", lambda name, results: executed.append(name) or tmp_path / name)
+        sections = [f"<!-- {table}, by make reference -->\nold\n<!-- end of {table} -->\n" for table in TABLES]
+        (tmp_path / f"{name}.md").write_text("before\n" + "".join(sections) + "after\n")
+    notebook_names = []
+    monkeypatch.setattr(notebooks, "run_notebook", lambda name, results: notebook_names.append(name) or tmp_path / name)
     run, bench = tmp_path / "runs" / "laptop", tmp_path / "runs" / "bench"
     run.mkdir(parents=True)
     bench.mkdir()
@@ -39,45 +39,45 @@ def folders(tmp_path, monkeypatch):
     manifest.write_entries(run, "table2", {"teen": CLEAN})
     write_results(bench / "bench_floors.csv", [row("teen", "bench_floors", 1.0)])
     manifest.write_entries(bench, "bench_floors", {"teen": CLEAN})
-    return run, bench, tmp_path / "reference", executed
+    return run, bench, tmp_path / "reference", notebook_names
 
 
 def test_results_benchmarks_manifest_and_readme_are_written(folders):
-    run, _, committed, executed = folders
-    committed.mkdir()
-    write_results(committed / "bench_floors.csv", [row(who, "bench_floors", 2.0) for who in ("teen", "woman")])
+    run, _, reference_folder, notebook_names = folders
+    reference_folder.mkdir()
+    write_results(reference_folder / "bench_floors.csv", [row(who, "bench_floors", 2.0) for who in ("teen", "woman")])
     reference.publish_reference("laptop")
-    assert (committed / "table2.csv").read_bytes() == (run / "table2.csv").read_bytes()
-    assert (committed / "figure10_teen.png").is_file() and not (committed / "table2.ipynb").exists()
-    values = {row.character: row.value for row in read_results(committed / "bench_floors.csv")}
+    assert (reference_folder / "table2.csv").read_bytes() == (run / "table2.csv").read_bytes()
+    assert (reference_folder / "figure10_teen.png").is_file() and not (reference_folder / "table2.ipynb").exists()
+    values = {row.character: row.value for row in read_results(reference_folder / "bench_floors.csv")}
     assert values == {"teen": 1.0, "woman": 2.0}, "the other character's stays"
-    assert manifest.targets(committed) == ["table2", "bench_floors"]
-    assert executed == ["rig_tour", "table2"]
+    assert manifest.targets(reference_folder) == ["table2", "bench_floors"]
+    assert notebook_names == ["rig_tour", "table2"]
     text = reference.README.read_text()
     assert text.startswith("before\n") and text.endswith("after\n") and text.count("old") == len(TABLES) - 1
     assert "| Coarse | 0.50 |" in text
 
 
 def test_benchmarks_alone_are_put_beside_committed_results(folders):
-    run, _, committed, _ = folders
+    run, _, reference_folder, _ = folders
     (run / manifest.NAME).unlink()
-    committed.mkdir()
-    write_results(committed / "table2.csv", [row("teen", value=0.7)])
+    reference_folder.mkdir()
+    write_results(reference_folder / "table2.csv", [row("teen", value=0.7)])
     reference.publish_reference("laptop")
-    assert read_results(committed / "table2.csv")[0].value == 0.7, "no manifest tells of the profile's"
-    assert not (committed / "figure10_teen.png").exists()
-    assert read_results(committed / "bench_floors.csv")[0].value == 1.0
-    assert manifest.targets(committed) == ["bench_floors"]
+    assert read_results(reference_folder / "table2.csv")[0].value == 0.7, "no manifest tells of the profile's"
+    assert not (reference_folder / "figure10_teen.png").exists()
+    assert read_results(reference_folder / "bench_floors.csv")[0].value == 1.0
+    assert manifest.targets(reference_folder) == ["bench_floors"]
 
 
 @pytest.mark.parametrize("where", ["table2", "bench_floors"])
 def test_a_tree_with_changes_is_refused_and_nothing_is_written(folders, where):
-    run, bench, committed, _ = folders
-    changed = {**CLEAN, "git": {"commit": "c" * 40, "clean": False}}
-    manifest.write_entries(run if where == "table2" else bench, where, {"teen": changed})
+    run, bench, reference_folder, _ = folders
+    entry = {**CLEAN, "git": {"commit": "c" * 40, "clean": False}}
+    manifest.write_entries(run if where == "table2" else bench, where, {"teen": entry})
     with pytest.raises(InputError, match=f"{where} of teen .* made from a tree with changes"):
         reference.publish_reference("laptop")
-    assert not committed.exists()
+    assert not reference_folder.exists()
 
 
 def test_without_results_the_target_that_makes_them_is_named(folders):

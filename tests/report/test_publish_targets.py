@@ -18,19 +18,19 @@ from replicate.targets import table1
 
 
 @pytest.fixture
-def executed(place, monkeypatch):
+def notebook_names(place, monkeypatch):
     """Unexecuted notebooks; returns the names of those that would have been."""
-    done = []
+    names = []
 
     def execute(source, out, parameters, stamp):
-        done.append(out.name)
+        names.append(out.name)
         out.write_text(stamp)
 
     monkeypatch.setattr(notebooks, "execute", execute)
-    return done
+    return names
 
 
-def counted(character: str, seed: int = 0, run: str = "r", small: float = 8.0) -> CharacterResult:
+def size_result(character: str, seed: int = 0, run: str = "r", small: float = 8.0) -> CharacterResult:
     """Return a character whose artefact holds made-up sizes for Table 1."""
 
     def build(out, scratch):
@@ -42,20 +42,20 @@ def counted(character: str, seed: int = 0, run: str = "r", small: float = 8.0) -
     return CharacterResult(resolve(character, "quick", seed=seed), stage)
 
 
-def test_table_1_is_published_character_by_character_with_the_claim(place, executed, capsys):
-    table1.publish([counted("teen")])
-    table1.publish([counted("tiny", small=4.0)])
+def test_table_1_is_published_character_by_character_with_the_claim(place, notebook_names, capsys):
+    table1.publish([size_result("teen")])
+    table1.publish([size_result("tiny", small=4.0)])
     assert {row.character for row in read_results(place / "table1.csv")} == {"teen", "tiny"}
-    assert executed == ["table1.ipynb"] * 2
-    told = capsys.readouterr().out
-    assert "holds on teen and fails on tiny" in told and "Table 1" in told
+    assert notebook_names == ["table1.ipynb"] * 2
+    output = capsys.readouterr().out
+    assert "holds on teen and fails on tiny" in output and "Table 1" in output
     before = {path.name: path.read_bytes() for path in place.iterdir()}
-    table1.publish([counted("tiny", small=4.0)])
-    assert {path.name: path.read_bytes() for path in place.iterdir()} == before and len(executed) == 2
+    table1.publish([size_result("tiny", small=4.0)])
+    assert {path.name: path.read_bytes() for path in place.iterdir()} == before and len(notebook_names) == 2
 
 
-def test_table_1_shows_the_mean_over_its_seeds(place, executed):
-    table1.publish([counted("teen", 0, "r", 7.0), counted("teen", 1, "s", 9.0)])
+def test_table_1_shows_the_mean_over_its_seeds(place, notebook_names):
+    table1.publish([size_result("teen", 0, "r", 7.0), size_result("teen", 1, "s", 9.0)])
     row = next(
         row for row in read_results(place / "table1.csv") if row.metric == "model_size" and row.method == "refined"
     )
@@ -63,15 +63,15 @@ def test_table_1_shows_the_mean_over_its_seeds(place, executed):
     assert manifest.entries(place, "table1")["teen"]["run"] == row.run
 
 
-def test_rows_of_table_1_that_the_manifest_does_not_know_are_left_out(place, executed):
-    table1.publish([counted("teen")])
+def test_rows_of_table_1_that_the_manifest_does_not_know_are_left_out(place, notebook_names):
+    table1.publish([size_result("teen")])
     rows = read_results(place / "table1.csv")
     write_results(place / "table1.csv", [replace(row, run="killed before the manifest was written") for row in rows])
-    table1.publish([counted("tiny")])
+    table1.publish([size_result("tiny")])
     assert {row.character for row in read_results(place / "table1.csv")} == {"tiny"}
 
 
-def drawn(character: str, run: str = "r", clips: bool = True) -> CharacterResult:
+def figure_result(character: str, run: str = "r", clips: bool = True) -> CharacterResult:
     """Return a character whose artefact holds its Figure 5, with or without strips of clips."""
 
     def build(out, scratch):
@@ -85,43 +85,44 @@ def drawn(character: str, run: str = "r", clips: bool = True) -> CharacterResult
     return CharacterResult(resolve(character, "quick"), stage)
 
 
-def test_a_figure_is_copied_with_its_words_and_numbers_and_others_stay(place, executed, capsys):
-    publish_pictures("figure05", [drawn("teen")])
-    publish_pictures("figure05", [drawn("tiny", clips=False)])
+def test_a_figure_is_copied_with_its_words_and_numbers_and_others_stay(place, notebook_names, capsys):
+    publish_pictures("figure05", [figure_result("teen")])
+    publish_pictures("figure05", [figure_result("tiny", clips=False)])
     assert (place / "figure05_teen_clips.csv").read_text() == "r of figure05_teen_clips"
-    found = manifest.entries(place, "figure05")
-    assert found["teen"]["files"] == sorted(path.name for path in place.glob("figure05_teen*"))
-    assert found["tiny"]["files"] == [f"figure05_tiny.{ending}" for ending in ("csv", "json", "png")]
+    entries = manifest.entries(place, "figure05")
+    assert entries["teen"]["files"] == sorted(path.name for path in place.glob("figure05_teen*"))
+    assert entries["tiny"]["files"] == [f"figure05_tiny.{ending}" for ending in ("csv", "json", "png")]
     assert (
-        executed == ["figure05.ipynb"] * 2 and "figure05_teen.png, figure05_teen_clips.png" in capsys.readouterr().out
+        notebook_names == ["figure05.ipynb"] * 2
+        and "figure05_teen.png, figure05_teen_clips.png" in capsys.readouterr().out
     )
 
 
-def test_a_picture_that_a_character_no_longer_has_is_removed_and_one_that_is_gone_is_forgotten(place, executed):
-    publish_pictures("figure05", [drawn("teen")])
-    publish_pictures("figure05", [drawn("teen", "s", clips=False)])
+def test_a_picture_that_a_character_no_longer_has_is_removed_and_one_that_is_gone_is_forgotten(place, notebook_names):
+    publish_pictures("figure05", [figure_result("teen")])
+    publish_pictures("figure05", [figure_result("teen", "s", clips=False)])
     assert not list(place.glob("*_clips*")) and (place / "figure05_teen.png").read_text() == "s of figure05_teen"
     (place / "figure05_teen.csv").unlink()
-    publish_pictures("figure05", [drawn("tiny")])
+    publish_pictures("figure05", [figure_result("tiny")])
     assert set(manifest.entries(place, "figure05")) == {"tiny"}
 
 
-def test_what_the_manifest_tells_of_one_target_stays_when_another_is_published(place, executed):
+def test_what_the_manifest_tells_of_one_target_stays_when_another_is_published(place, notebook_names):
     publish_numbers(result("teen"))
     top = json.loads((place / "manifest.json").read_text())
-    table1.publish([counted("tiny")])
-    publish_pictures("figure05", [drawn("teen")])
-    told = json.loads((place / "manifest.json").read_text())
-    assert set(told.pop("targets")) == {"figure05", "table1"} and told == top
+    table1.publish([size_result("tiny")])
+    publish_pictures("figure05", [figure_result("teen")])
+    record = json.loads((place / "manifest.json").read_text())
+    assert set(record.pop("targets")) == {"figure05", "table1"} and record == top
     publish_numbers(result("teen"), result("tiny"))
     assert set(json.loads((place / "manifest.json").read_text())["targets"]) == {"figure05", "table1"}
     assert set(manifest.entries(place, "table1")) == {"tiny"} and "tiny" in manifest.entries(place, "table2")
 
 
 @pytest.mark.parametrize("text", ["", "7", "[]", '{"targets": 7}', '{"targets": {"table1": []}}', "[7, \xff"])
-def test_a_damaged_manifest_counts_as_none_for_every_target(place, executed, text):
-    table1.publish([counted("teen")])
+def test_a_damaged_manifest_counts_as_none_for_every_target(place, notebook_names, text):
+    table1.publish([size_result("teen")])
     (place / "manifest.json").write_text(text)
-    table1.publish([counted("tiny")])
+    table1.publish([size_result("tiny")])
     assert set(manifest.entries(place, "table1")) == {"tiny"}
     assert {row.character for row in read_results(place / "table1.csv")} == {"tiny"}

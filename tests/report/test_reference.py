@@ -20,7 +20,7 @@ CHARACTER = "teen"
 LATER = ("linear", "pca")  # methods that are younger than the committed run
 
 
-def committed(name: str, target: str = "make table2") -> Path:
+def reference_file(name: str, target: str = "make table2") -> Path:
     """Return a file of the reference results; where it is missing the target that makes it is named."""
     file = paths.REFERENCE / name
     assert file.is_file(), f"{file} is missing: `{target}` makes it in results/runs, and `make reference` puts it there"
@@ -29,7 +29,7 @@ def committed(name: str, target: str = "make table2") -> Path:
 
 @pytest.fixture(scope="module")
 def rows():
-    return read_results(committed("table2.csv"))
+    return read_results(reference_file("table2.csv"))
 
 
 def value_of(rows, method: str, metric: str) -> float:
@@ -39,8 +39,8 @@ def value_of(rows, method: str, metric: str) -> float:
 
 
 def ratio(rows, band: dict) -> float:
-    found = value_of(rows, *band["value"])
-    return found / value_of(rows, *band["over"]) if "over" in band else found
+    value = value_of(rows, *band["value"])
+    return value / value_of(rows, *band["over"]) if "over" in band else value
 
 
 @pytest.mark.parametrize("band", BANDS, ids=[band["name"] for band in BANDS])
@@ -50,12 +50,12 @@ def test_the_reference_lies_in_its_band(rows, band):
 
 @pytest.mark.parametrize("band", BANDS, ids=[band["name"] for band in BANDS])
 def test_a_band_holds_the_sound_run_and_goes_red_under_its_fault(band):
-    measured = read_results(committed("bench_faults.csv", "make bench-faults"))
+    benchmark_rows = read_results(reference_file("bench_faults.csv", "make bench-faults"))
 
     def under(fault: str) -> float:
-        found = [row for row in measured if row.table.endswith(f"@{fault}")]
-        assert found, f"bench_faults.csv has no fault {fault!r}"
-        return ratio([replace(row, table=row.table.partition("@")[0]) for row in found], band)
+        fault_rows = [row for row in benchmark_rows if row.table.endswith(f"@{fault}")]
+        assert fault_rows, f"bench_faults.csv has no fault {fault!r}"
+        return ratio([replace(row, table=row.table.partition("@")[0]) for row in fault_rows], band)
 
     assert band["low"] <= under("sound") <= band["high"]
     assert not band["low"] <= under(band["fault"]) <= band["high"]
@@ -69,7 +69,7 @@ def test_every_method_is_there(rows):
 
 
 def test_the_manifest_names_the_run_and_a_clean_tree(rows):
-    manifest = json.loads(committed("manifest.json").read_text())
+    manifest = json.loads(reference_file("manifest.json").read_text())
     assert manifest["git"]["clean"] and len(manifest["git"]["commit"]) == 40
     assert {row.run for row in rows} == {facts["run"] for facts in manifest["characters"].values()}
     assert {row.profile for row in rows} == {"laptop"}
@@ -79,7 +79,7 @@ def test_the_manifest_names_the_run_and_a_clean_tree(rows):
 def test_a_text_shows_the_reference_and_nothing_else(name):
     file, make_table = tables_in_texts()[name]
     text = file.read_text()
-    assert with_table(text, name, make_table(read_results(committed(f"{name}.csv")))) == text
+    assert with_table(text, name, make_table(read_results(reference_file(f"{name}.csv")))) == text
 
 
 def test_the_notebook_was_executed_on_the_reference(rows):
@@ -87,9 +87,9 @@ def test_the_notebook_was_executed_on_the_reference(rows):
     assert len(text) < 1_000_000
     outputs = [output for cell in json.loads(text)["cells"] for output in cell.get("outputs", ())]
     assert outputs and not any(output["output_type"] == "error" for output in outputs)
-    shown = ["".join(output["data"].get("text/markdown", "")) for output in outputs if "data" in output]
+    texts = ["".join(output["data"].get("text/markdown", "")) for output in outputs if "data" in output]
     paper = read_results(paths.PAPER / "table2.csv")
-    assert any(unbroken(as_markdown(table2(rows, paper, CHARACTER))).strip() in text for text in shown)
+    assert any(unbroken(as_markdown(table2(rows, paper, CHARACTER))).strip() in text for text in texts)
 
 
 def test_reproducing_lists_the_targets_that_there_are():

@@ -13,18 +13,23 @@ ROW = Row("table2", "teen", "coarse", "vertex_error_mean", "mm", 0.1 + 0.2, None
 PAPER = ROOT / "results" / "paper"
 
 
-def changed(**values) -> Row:
+def row_with(**values) -> Row:
     return dataclasses.replace(ROW, **values)
 
 
 def test_a_table_is_read_back_to_the_last_bit(tmp_path):
-    rows = [ROW, changed(method="dense", value=1 / 3, sd=2e-17, seeds=None, poses=None, run='odd, "quoted" run')]
+    rows = [ROW, row_with(method="dense", value=1 / 3, sd=2e-17, seeds=None, poses=None, run='odd, "quoted" run')]
     write_results(tmp_path / "t.csv", rows)
     assert read_results(tmp_path / "t.csv") == rows
 
 
 def test_the_order_of_rows_does_not_change_the_file(tmp_path):
-    rows = [ROW, changed(method="dense"), changed(character="dragon"), changed(metric="normal_error_mean", unit="deg")]
+    rows = [
+        ROW,
+        row_with(method="dense"),
+        row_with(character="dragon"),
+        row_with(metric="normal_error_mean", unit="deg"),
+    ]
     write_results(tmp_path / "a.csv", rows)
     write_results(tmp_path / "b.csv", reversed(rows))
     text = (tmp_path / "a.csv").read_bytes()
@@ -34,7 +39,7 @@ def test_the_order_of_rows_does_not_change_the_file(tmp_path):
 
 
 def test_the_bytes_of_a_file_are_these(tmp_path):
-    odd = changed(method="a b", metric="m[16, refined]", value=1e-7, sd=2.0, seeds=3, poses=None, run='"odd", é')
+    odd = row_with(method="a b", metric="m[16, refined]", value=1e-7, sd=2.0, seeds=3, poses=None, run='"odd", é')
     write_results(tmp_path / "t.csv", [ROW, odd])
     assert (tmp_path / "t.csv").read_bytes().decode() == (
         "table,character,method,metric,unit,value,sd,seeds,poses,profile,run\n"
@@ -57,11 +62,11 @@ def test_a_committed_table_is_written_again_byte_for_byte(tmp_path, file):
 @pytest.mark.parametrize(
     "rows, sentence",
     [
-        ([changed(value=float("nan"))], "value is 'nan', where only a finite number"),
-        ([changed(sd=float("inf"))], "sd is 'inf', where only a finite number"),
-        ([changed(unit="furlong")], "unit is 'furlong', where only mm, deg, ms, MB, count, ratio are allowed"),
-        ([changed(method="")], "method is ''"),
-        ([ROW, changed(value=2.0)], "a second row for"),
+        ([row_with(value=float("nan"))], "value is 'nan', where only a finite number"),
+        ([row_with(sd=float("inf"))], "sd is 'inf', where only a finite number"),
+        ([row_with(unit="furlong")], "unit is 'furlong', where only mm, deg, ms, MB, count, ratio are allowed"),
+        ([row_with(method="")], "method is ''"),
+        ([ROW, row_with(value=2.0)], "a second row for"),
     ],
 )
 def test_a_bad_row_is_not_written(tmp_path, rows, sentence):
@@ -88,9 +93,9 @@ def test_a_bad_row_is_not_written(tmp_path, rows, sentence):
 def test_a_file_that_is_no_such_table_is_named_with_its_line(tmp_path, text, sentence):
     path = tmp_path / "table2.csv"
     path.write_text(text)
-    with pytest.raises(InputError, match=sentence) as caught:
+    with pytest.raises(InputError, match=sentence) as error:
         read_results(path)
-    assert str(caught.value).startswith(str(path))
+    assert str(error.value).startswith(str(path))
 
 
 def test_a_missing_or_binary_file_is_named(tmp_path):
@@ -127,8 +132,8 @@ def test_the_papers_headline_speed_ups_follow_from_table_3():
 
 
 def test_seeds_become_one_row_of_their_mean_and_standard_deviation():
-    runs = [[changed(value=value, run=run, poses=poses)] for value, run, poses in ((1.0, "a", 60), (3.0, "b", 50))]
-    runs[0].append(changed(method="refined", metric="normal_error_mean[face_4]", value=5.0))
+    runs = [[row_with(value=value, run=run, poses=poses)] for value, run, poses in ((1.0, "a", 60), (3.0, "b", 50))]
+    runs[0].append(row_with(method="refined", metric="normal_error_mean[face_4]", value=5.0))
     mean, alone = over_seeds(runs)
     assert (mean.value, mean.seeds, mean.poses) == (2.0, 2, 50) and mean.sd == pytest.approx(2**0.5)
     assert (alone.value, alone.sd, alone.seeds) == (5.0, None, 1)

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from sample_rows import METHODS, PUBLISHED, cells_after, table2_rows
+from sample_rows import METHODS, PAPER_ROWS, cells_after, table2_rows
 
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import PAPER
@@ -16,18 +16,18 @@ from replicate.targets.table2.ratio_tables import table2_ratios, table2_segments
 
 
 def test_a_line_shows_ours_and_then_the_papers():
-    text = as_text(table2(table2_rows(), PUBLISHED, "teen"))
+    text = as_text(table2(table2_rows(), PAPER_ROWS, "teen"))
     assert cells_after(text, "Refined") == ["0.22", "0.88", "4.40", "0.27", "2.40", "9.60", "48.00", "0.9"]
     assert cells_after(text, "LBS: 16 bones †")[3] == "0.49" and cells_after(text, "LBS: 16 bones †")[7] == "2.0"
 
 
 def test_rows_that_the_paper_lacks_have_no_number_of_the_papers():
-    text = as_text(table2(table2_rows(), PUBLISHED, "teen"))
+    text = as_text(table2(table2_rows(), PAPER_ROWS, "teen"))
     assert cells_after(text, "Neutral pose §")[3] == "–"
 
 
 def test_every_oracle_is_marked_and_explained_wherever_it_is_printed():
-    for table in (table2(table2_rows(), PUBLISHED, "teen"), table2_overview(table2_rows(), PUBLISHED)):
+    for table in (table2(table2_rows(), PAPER_ROWS, "teen"), table2_overview(table2_rows(), PAPER_ROWS)):
         for text in (as_text(table), as_markdown(table)):
             assert "LBS: 32 bones †" in text and "† An oracle" in text
             assert "Floor, refined maps ‡" in text and "‡ An oracle" in text
@@ -35,7 +35,7 @@ def test_every_oracle_is_marked_and_explained_wherever_it_is_printed():
 
 
 def test_columns_line_up():
-    lines = as_text(table2(table2_rows(), PUBLISHED, "teen")).splitlines()
+    lines = as_text(table2(table2_rows(), PAPER_ROWS, "teen")).splitlines()
     rules = [k for k, text in enumerate(lines) if text.startswith("─")]
     assert len({len(text) for text in lines[rules[0] + 1 : rules[1]]}) <= 2  # the texel column is empty at the end
     for column in ("mean", "max"):  # narrower and wider than its numbers
@@ -44,49 +44,51 @@ def test_columns_line_up():
 
 
 def test_a_method_measured_on_fewer_poses_says_so():
-    assert "Floor, coarse maps ‡: on 100 of teen's poses only." in as_text(table2(table2_rows(), PUBLISHED, "teen"))
+    assert "Floor, coarse maps ‡: on 100 of teen's poses only." in as_text(table2(table2_rows(), PAPER_ROWS, "teen"))
 
 
 def test_faces_left_out_of_eq_11_are_mentioned_only_if_there_are_any():
     none = [Row("table2", "teen", "dense", "normal_faces_left_out", "count", 0.0, None, 1, 1234, "quick", "r")]
     some = [Row("table2", "teen", "dense", "normal_faces_left_out", "count", 7.0, None, 1, 1234, "quick", "r")]
-    assert "Eq. 11 leaves out" not in as_text(table2(table2_rows() + none, PUBLISHED, "teen"))
-    assert "Eq. 11 leaves out faces" in as_text(table2(table2_rows() + some, PUBLISHED, "teen"))
+    assert "Eq. 11 leaves out" not in as_text(table2(table2_rows() + none, PAPER_ROWS, "teen"))
+    assert "Eq. 11 leaves out faces" in as_text(table2(table2_rows() + some, PAPER_ROWS, "teen"))
 
 
 def test_a_character_that_stands_for_nobody_still_gets_its_table():
-    text = as_text(table2(table2_rows(("mine",)), PUBLISHED, "mine"))
+    text = as_text(table2(table2_rows(("mine",)), PAPER_ROWS, "mine"))
     assert cells_after(text, "Coarse")[:3] == ["0.11", "0.44", "2.20"]
 
 
 def test_missing_methods_leave_no_row():
-    text = as_text(table2(table2_rows(methods=("coarse", "dense")), PUBLISHED, "teen"))
+    text = as_text(table2(table2_rows(methods=("coarse", "dense")), PAPER_ROWS, "teen"))
     assert "Refined" not in text and "oracle" not in text
 
 
 def test_markdown_rows_have_as_many_cells_as_the_header():
-    rows = [text for text in as_markdown(table2(table2_rows(), PUBLISHED, "teen")).splitlines() if text.startswith("|")]
+    rows = [
+        text for text in as_markdown(table2(table2_rows(), PAPER_ROWS, "teen")).splitlines() if text.startswith("|")
+    ]
     assert len({text.count("|") for text in rows}) == 1 and len(rows) == 2 + len(METHODS)
 
 
 def test_latex_rows_have_as_many_columns_as_the_tabular():
-    text = as_latex(table2_overview(table2_rows(("teen", "toon")), PUBLISHED))
+    text = as_latex(table2_overview(table2_rows(("teen", "toon")), PAPER_ROWS))
     assert r"\begin{tabular}{lrrrr}" in text
     assert r"Coarse & 0.11 & 0.36 & 0.11 & 1.00 \\" in text
 
 
 @pytest.mark.parametrize(
-    "value, unit, shown", [(0.0234, "mm", "0.023"), (0.2349, "mm", "0.23"), (0.0999, "mm", "0.10"), (None, "mm", "–"),
+    "value, unit, text", [(0.0234, "mm", "0.023"), (0.2349, "mm", "0.23"), (0.0999, "mm", "0.10"), (None, "mm", "–"),
                            (12510.0, "count", "12,510"), (1.25, "deg", "1.25")]
 )  # fmt: skip
-def test_values_are_rounded_where_they_are_shown(value, unit, shown):
-    assert round_off(value, unit) == shown
+def test_values_are_rounded_where_they_are_shown(value, unit, text):
+    assert round_off(value, unit) == text
 
 
 def test_a_doubtful_number_of_the_papers_carries_its_question_mark():
     rows = read_results(PAPER / "table3.csv")
-    shown = {paper_value(row) for row in rows if row.character == "Hiccup" and row.method == "coarse"}
-    assert shown == {"2.9", "6.4", "5.8?", "6.9?"}
+    values = {paper_value(row) for row in rows if row.character == "Hiccup" and row.method == "coarse"}
+    assert values == {"2.9", "6.4", "5.8?", "6.9?"}
 
 
 def test_compare_puts_paper_reference_and_yours_side_by_side():
@@ -94,7 +96,7 @@ def test_compare_puts_paper_reference_and_yours_side_by_side():
     yours = [
         Row(*r.key, r.unit, r.value * 2, None, 1, 10, "laptop", "s") for r in table2_rows(methods=("coarse", "neutral"))
     ]
-    text = as_text(compare(PUBLISHED, reference, yours, "table2"))
+    text = as_text(compare(PAPER_ROWS, reference, yours, "table2"))
     assert cells_after(text, "teen, Coarse, vertex_error_mean [mm]") == ["0.36", "0.11", "0.22", "2.000"]
     assert cells_after(text, "teen, Neutral pose §, normal_error_mean [deg]") == ["–", "–", "4.80", "–"]
     assert "reference (quick)" in text and "yours (laptop)" in text and "p95" not in text
@@ -112,13 +114,13 @@ def test_compare_shows_yours_where_there_is_no_reference_yet(tmp_path):
 
 
 def test_ratios_are_those_of_the_means_beside_the_papers_own():
-    text = as_text(table2_ratios(table2_rows(), PUBLISHED, "teen"))
+    text = as_text(table2_ratios(table2_rows(), PAPER_ROWS, "teen"))
     assert cells_after(text, "Refined / Coarse, normal angle") == ["2.00", "0.56"]  # 0.9° / 1.6° in the paper
     assert cells_after(text, "Coarse / Floor, coarse maps ‡, normal angle") == ["0.12", "–"]
 
 
 def test_a_ratio_to_a_method_that_was_not_run_is_not_shown():
-    assert "Dense" not in as_text(table2_ratios(table2_rows(methods=("coarse", "refined")), PUBLISHED, "teen"))
+    assert "Dense" not in as_text(table2_ratios(table2_rows(methods=("coarse", "refined")), PAPER_ROWS, "teen"))
 
 
 def test_segments_have_a_line_each_and_a_column_for_each_method():
@@ -136,8 +138,8 @@ def test_segments_have_a_line_each_and_a_column_for_each_method():
 
 
 def test_other_numbers_of_bones_stand_among_those_of_lbs():
-    found = ["neutral", "lbs32", "lbs4", "dense", "lbs16", "coarse"]
-    assert in_order(found) == ["coarse", "dense", "lbs4", "lbs16", "lbs32", "neutral"]
+    names = ["neutral", "lbs32", "lbs4", "dense", "lbs16", "coarse"]
+    assert in_order(names) == ["coarse", "dense", "lbs4", "lbs16", "lbs32", "neutral"]
     assert [method_named(name).title for name in ("lbs4", "lbs16", "odd")] == [
         "LBS: 4 bones †",
         "LBS: 16 bones †",
@@ -146,12 +148,12 @@ def test_other_numbers_of_bones_stand_among_those_of_lbs():
 
 
 @pytest.mark.parametrize(
-    ("value", "unit", "sd", "shown"),
+    ("value", "unit", "sd", "text"),
     [(2.04, "deg", 0.031, "2.04 ± 0.03"), (0.344, "mm", 0.0031, "0.34 ± 0.003"), (3.0, "count", 0.0, "3 ± 0"),
      (0.000004, "mm", 0.000001, "0.000 ± 0.000"), (0.14, "deg", 0.00002, "0.14 ± 0.00")],
 )  # fmt: skip
-def test_a_spread_is_shown_to_its_first_digit(value, unit, sd, shown):
-    assert round_off(value, unit, sd) == shown
+def test_a_spread_is_shown_to_its_first_digit(value, unit, sd, text):
+    assert round_off(value, unit, sd) == text
 
 
 def test_no_line_of_an_unbroken_text_ends_within_a_number_or_before_a_mark():

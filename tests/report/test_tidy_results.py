@@ -87,5 +87,5 @@ def test_a_number_that_two_files_have_is_refused(runs):
 def test_importing_the_project_loads_nothing_heavy():
     program = """import sys, replicate, replicate.report.results
 print({"pandas", "torch", "jax", "matplotlib"} & set(sys.modules))"""
-    shown = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert shown.stdout.strip() == "set()"
+    process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert process.stdout.strip() == "set()"

@@ -62,9 +62,9 @@ def test_closed_lids_hide_the_eye_and_half_closed_ones_show_their_share():
     rig = Eyed()
     eyes = find_eyes(rig)
     closed = np.ones(2, np.float32)
-    found = measure_lids(rig, eyes, closed, rig(closed))
-    assert set(found) == {"left", "right"}
-    assert all(lid.shows == 0 and lid.sticks_out_mm == 0 for lid in found.values())
+    lids = measure_lids(rig, eyes, closed, rig(closed))
+    assert set(lids) == {"left", "right"}
+    assert all(lid.shows == 0 and lid.sticks_out_mm == 0 for lid in lids.values())
     assert measure_lids(rig, eyes, rig.default, rig(rig.default)) == {}, "open eyes are not looked at"
     ajar = measure_lids(rig, eyes, closed, rig(closed - 1 / 3))
     assert all(lid.shows == pytest.approx(1 / 3, abs=0.08) for lid in ajar.values())
@@ -82,8 +82,8 @@ def test_what_stands_before_an_eye_hides_it_though_it_is_no_lid():
 def test_an_eyeball_that_pops_out_of_its_lids_sticks_out_by_so_much():
     rig = Eyed(out_mm=2.0)
     closed = np.ones(2, np.float32)
-    found = measure_lids(rig, find_eyes(rig), closed, rig(closed))
-    assert found["left"].sticks_out_mm == pytest.approx(2 - (LID - RADIUS), abs=0.1) and found["left"].shows > 0.5
+    lids = measure_lids(rig, find_eyes(rig), closed, rig(closed))
+    assert lids["left"].sticks_out_mm == pytest.approx(2 - (LID - RADIUS), abs=0.1) and lids["left"].shows > 0.5
 
 
 class OpenSheet(PlainRig):

@@ -214,10 +214,10 @@ def test_the_benchmark_writes_a_set_a_kind_of_pose_and_keeps_other_characters(ca
     clip = Clip("tug", np.float32([[0, 0], [0, 0], [0.2, 0], [1, 0]] + [[0.3 + k / 100, 0.1] for k in range(30)]))
     monkeypatch.setattr(bench_poses, "rig_of", lambda name: folding((clip,)) if name == "a" else folding())
     monkeypatch.setattr(bench_poses, "UNIFORM_MOUTHS", 8)
-    monkeypatch.setattr("replicate.rig_health.worst_poses.render", lambda *given: np.zeros((270, 250, 3), np.uint8))
+    monkeypatch.setattr("replicate.rig_health.worst_poses.render", lambda *arguments: np.zeros((270, 250, 3), np.uint8))
     assert bench_poses.main(["--characters", "a", "--count", "40"]) == 0
-    told = capsys.readouterr().out
-    assert "worst flips" in told and "tug 3" in told and "pull +1.00" in told
+    output = capsys.readouterr().out
+    assert "worst flips" in output and "tug 3" in output and "pull +1.00" in output
     rows = {(row.method, row.metric): row for row in read_results(tmp_path / "bench" / "bench_poses.csv")}
     assert {kind for kind, _ in rows} == {"augmented", "clips", "controls"}
     assert rows["clips", "flipped_triangles_mean"].poses == 33, "the same frame counts once"
@@ -234,8 +234,8 @@ def test_the_picture_of_the_worst_poses_marks_what_is_broken():
     rig = folding()
     names, params = each_alone(rig)
     health = measure(rig, params, Skin(rig.mesh))
-    measured = [bench_poses.PoseSet("controls", names, health)]
-    figure, words = worst_poses(rig, measured, 60, 60, "software")
+    pose_sets = [bench_poses.PoseSet("controls", names, health)]
+    figure, words = worst_poses(rig, pose_sets, 60, 60, "software")
     pictures = [image.get_array() for axes in figure.axes for image in axes.get_images()]
     assert "1 with most flipped" in words.alt and "0 with teeth furthest" in words.alt
     reddest = max((np.asarray(picture, int) - FLIP_COLOUR).__abs__().sum(-1).min() for picture in pictures[:1])

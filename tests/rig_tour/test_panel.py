@@ -32,8 +32,8 @@ def panel(tiny):
 def test_a_slider_changes_the_picture_and_reset_restores_it(panel):
     first = panel.picture.copy()
     panel.sliders["jaw_open"].value = 0.8
-    opened = panel.picture.copy()
-    assert (opened != first).any(-1).mean() > 0.01
+    picture = panel.picture.copy()
+    assert (picture != first).any(-1).mean() > 0.01
     assert panel.params[list(panel.sliders).index("jaw_open")] == np.float32(0.8)
     panel.reset.click()
     np.testing.assert_array_equal(panel.picture, first)
@@ -41,12 +41,12 @@ def test_a_slider_changes_the_picture_and_reset_restores_it(panel):
 
 
 def test_an_expression_sets_the_sliders_and_draws_once(panel, monkeypatch):
-    drawn = []
+    draws = []
     monkeypatch.setattr(
-        panel, "_view", type("Counted", (), {"draw": lambda self, *a: drawn.append(1) or panel.picture})()
+        panel, "_view", type("Counted", (), {"draw": lambda self, *a: draws.append(1) or panel.picture})()
     )
     panel.expression.value = "joy"
-    assert len(drawn) == 1
+    assert len(draws) == 1
     smile = panel.sliders["smile_left"].value
     assert smile > 0.5 and panel.params[list(panel.sliders).index("smile_left")] == pytest.approx(smile)
     with pytest.raises(InputError, match="no expression 'glee'; allowed are neutral, joy"):
@@ -56,8 +56,8 @@ def test_an_expression_sets_the_sliders_and_draws_once(panel, monkeypatch):
 def test_a_region_lists_its_own_controls(panel):
     for region in panel.region.options:
         panel.region.value = region
-        listed = [slider.description for slider in panel._box.children]
-        assert listed == [c.name for c in panel.rig.controls if c.region == region] and listed
+        names = [slider.description for slider in panel._box.children]
+        assert names == [c.name for c in panel.rig.controls if c.region == region] and names
 
 
 def test_wrinkles_can_be_switched_off_and_on_again(panel):
@@ -65,11 +65,11 @@ def test_wrinkles_can_be_switched_off_and_on_again(panel):
         for side in ("left", "right"):
             panel.sliders[name.replace("*", side)].value = amount
     panel.camera.value = "forehead"
-    folded = panel.picture.copy()
+    picture = panel.picture.copy()
     panel.wrinkles.value = False
-    assert (panel.picture != folded).any()
+    assert (panel.picture != picture).any()
     panel.wrinkles.value = True
-    np.testing.assert_array_equal(panel.picture, folded)
+    np.testing.assert_array_equal(panel.picture, picture)
 
 
 def test_a_still_of_the_panel_shows_its_picture_and_its_sliders(panel):
@@ -77,11 +77,11 @@ def test_a_still_of_the_panel_shows_its_picture_and_its_sliders(panel):
     panel.region.value = "mouth"
     figure, words = still(panel)
     np.testing.assert_array_equal(figure.axes[0].images[0].get_array(), panel.picture)
-    shown = {
+    values = {
         text.get_text(): bar.get_width()
         for text, bar in zip(figure.axes[1].get_yticklabels(), figure.axes[1].patches, strict=True)
     }
-    assert shown["smile_left"] == pytest.approx(panel.sliders["smile_left"].value)
+    assert values["smile_left"] == pytest.approx(panel.sliders["smile_left"].value)
     assert "joy" in words.alt and "mouth" in words.caption
 
 
@@ -105,9 +105,9 @@ def test_a_live_view_shows_moved_points_as_a_new_one_does():
 def test_every_node_has_an_exhibit_and_the_sheet_says_how_far_it_moves(tiny):
     nodes = [node.name for node in tiny.nodes if node.name != "riders"]  # only creatures have frills
     assert [exhibit.node for exhibit in EXHIBITS] == nodes
-    shown = [exhibit for exhibit in EXHIBITS if exhibit.node in ("jaw", "wrinkles")]
-    figure, words = layer_sheet(tiny, shown, **SMALL)
-    params = pose_params(tiny, shown[0].amounts)[None]
+    exhibits = [exhibit for exhibit in EXHIBITS if exhibit.node in ("jaw", "wrinkles")]
+    figure, words = layer_sheet(tiny, exhibits, **SMALL)
+    params = pose_params(tiny, exhibits[0].amounts)[None]
     far = np.linalg.norm(tiny.run_nodes(params) - tiny.run_nodes(params, skip=("jaw",)), axis=-1).max()
     assert f"4 jaw {far:.1f} mm" in words.caption
     pictures = [axes.images[0].get_array() for axes in figure.axes if axes.images]
@@ -136,11 +136,11 @@ def test_scales_hold_what_they_show():
 
 def test_strain_is_painted_where_regions_are_and_rest_is_white(tiny):
     rest, raised = strain(tiny, tiny.default), strain(tiny, pose_params(tiny, BROWS_UP))
-    known = ~np.isnan(rest)
-    assert 0.02 < known.mean() < 0.9 and np.abs(rest[known]).max() < 1e-3
+    in_region = ~np.isnan(rest)
+    assert 0.02 < in_region.mean() < 0.9 and np.abs(rest[in_region]).max() < 1e-3
     assert np.nanmax(raised) > 0.03
     colours = strain_colours(raised, 0.2).astype(int)
-    assert (colours[~known] == NO_REGION).all()
+    assert (colours[~in_region] == NO_REGION).all()
     red = colours[:, 0] - colours[:, 2]
     assert red[np.nanargmax(raised)] > 20
 
@@ -155,8 +155,8 @@ def test_a_derivative_is_that_of_finite_differences_and_of_a_known_control(tiny)
     _, words = derivative_sheet(tiny, "jaw_open", {"neutral": tiny.default}, **SMALL)
     column = [control.name for control in tiny.controls].index("jaw_open")
     far = np.linalg.norm(central(tiny, tiny.default, column), axis=1).max()
-    told = float(re.search(r"per unit: neutral ([0-9.]+);? ?", words.caption).group(1).rstrip("."))
-    assert told == pytest.approx(far, abs=0.1) and far > 20
+    distance = float(re.search(r"per unit: neutral ([0-9.]+);? ?", words.caption).group(1).rstrip("."))
+    assert distance == pytest.approx(far, abs=0.1) and far > 20
     with pytest.raises(InputError, match="no control 'jaw'; allowed are"):
         derivative_sheet(tiny, "jaw", {"neutral": tiny.default}, **SMALL)
 

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.colors import hsv_to_rgb
 from PIL import Image
 from plain_rig import PlainRig
-from sample_rows import CURVE, PUBLISHED, table2_rows
+from sample_rows import CURVE, PAPER_ROWS, table2_rows
 from scipy.ndimage import gaussian_filter
 
 from replicate.drawing.characters import expression_sheet, segment_colours
@@ -115,25 +115,25 @@ def test_mixtures_of_many_hues_show_no_bands_where_palette_colours_are_mixed(tmp
     hue, light = np.meshgrid(np.linspace(0, 1, 300), np.linspace(0.3, 1, 300))
     smooth = np.uint8(255 * hsv_to_rgb(np.stack([hue, 0 * hue + 0.8, light], -1)))
     figure = panel_grid([[smooth]], ["hues"])
-    shown = {}
+    pictures = {}
     for dither in (False, True):
         save_figure(figure, tmp_path / "f.png", Words("hues", "hues"), dither=dither)
         image = Image.open(tmp_path / "f.png")
         assert image.mode == "P"
-        shown[dither] = np.asarray(image.convert("RGB"), float)
+        pictures[dither] = np.asarray(image.convert("RGB"), float)
     figure.savefig(tmp_path / "exact.png", dpi=DPI)
     exact = np.asarray(Image.open(tmp_path / "exact.png").convert("RGB"), float)
-    banding = {d: np.abs(gaussian_filter(shown[d] - exact, (3, 3, 0))).mean() for d in shown}
+    banding = {d: np.abs(gaussian_filter(pictures[d] - exact, (3, 3, 0))).mean() for d in pictures}
     assert banding[True] < 0.5 * banding[False]
 
 
 def test_the_same_figure_gives_the_same_bytes(tmp_path, record):
     for name in ("a.png", "b.png"):
-        save_figure(*_saved(record, tmp_path / name))
+        save_figure(*_figure_arguments(record, tmp_path / name))
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
-def _saved(record, path):
+def _figure_arguments(record, path):
     figure, words = figure10(record, width=60, height=60, renderer="software")
     return figure, path, words
 
@@ -170,7 +170,7 @@ def test_training_curves_draw_each_network_and_the_floors():
 
 
 def test_the_chart_of_table_2_shows_ours_and_the_papers():
-    figure, words = table2_chart(table2_rows(), PUBLISHED, "teen")
+    figure, words = table2_chart(table2_rows(), PAPER_ROWS, "teen")
     points = {(round(line.get_xdata()[0], 2), line.get_ydata()[0]) for line in figure.axes[0].lines}
     assert (0.11, 0) in points and (0.36, 0) in points  # coarse: ours, Hiccup's
     assert len(figure.axes[0].lines) == 9 + 6  # ours, the driven skin among them, and the paper's

@@ -22,7 +22,7 @@ BONES = (2, 4, 8)
 
 
 @pytest.fixture(scope="module")
-def fitted():
+def fit_set():
     mesh = small_mesh()
     rng = np.random.default_rng(4)
     training, test = (
@@ -34,8 +34,8 @@ def fitted():
     return mesh, fits, training, test
 
 
-def test_a_vertex_of_one_bone_has_its_colour_and_others_mix(fitted):
-    mesh, fits, _, _ = fitted
+def test_a_vertex_of_one_bone_has_its_colour_and_others_mix(fit_set):
+    mesh, fits, _, _ = fit_set
     skin = fits[4]
     alone, mixed = np.eye(4)[[0, 1, 2, 3]], np.array([[0.5, 0.5, 0, 0]])
     weights = np.concatenate([alone, mixed]).astype(np.float32)
@@ -49,8 +49,8 @@ def test_a_vertex_of_one_bone_has_its_colour_and_others_mix(fitted):
     assert tuple(ends[0]) == PALE and tuple(ends[1]) == DEEP
 
 
-def test_lines_are_errors_of_refitted_skins_and_floors_lie_below(fitted):
-    mesh, fits, _, test = fitted
+def test_lines_are_errors_of_refitted_skins_and_floors_lie_below(fit_set):
+    mesh, fits, _, test = fit_set
     lines = measured_lines(mesh, fits, test)
     assert [line[0] for line in lines] == sorted(BONES) and {line[1] for line in lines} == {24}
     bones, _, rmse, mean, _, floor, _ = lines[0]
@@ -59,8 +59,8 @@ def test_lines_are_errors_of_refitted_skins_and_floors_lie_below(fitted):
         np.sqrt((distance**2).mean()), rel=1e-4
     )
     offsets = (test - mesh.neutral).transpose(0, 2, 1).reshape(72, -1).astype(float)
-    left = np.linalg.svd(offsets, compute_uv=False)[4 * bones :]
-    assert floor == pytest.approx(np.sqrt((left**2).sum() / (24 * len(mesh.neutral))), rel=1e-3)
+    remainder = np.linalg.svd(offsets, compute_uv=False)[4 * bones :]
+    assert floor == pytest.approx(np.sqrt((remainder**2).sum() / (24 * len(mesh.neutral))), rel=1e-3)
     assert all(line[5] < line[2] for line in lines)
 
 
@@ -74,8 +74,8 @@ class MeshAlone(PlainRig):
         return self.mesh.neutral
 
 
-def test_all_pictures_are_saved_with_their_words_and_numbers(fitted, tmp_path):
-    mesh, fits, training, test = fitted
+def test_all_pictures_are_saved_with_their_words_and_numbers(fit_set, tmp_path):
+    mesh, fits, training, test = fit_set
     rig = MeshAlone(mesh)
     save_all(rig, fits, training, test, test[3], tmp_path / "lbs_small")
     names = [f"lbs_small_{name}" for name in ("1_weights", "2_bones", "3_curve", "4_wrinkles")]

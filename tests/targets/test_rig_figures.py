@@ -74,11 +74,11 @@ def rig(monkeypatch):
 
 
 def parts(*extents: tuple[int, int]) -> list[Segment]:
-    found = []
+    segments = []
     for k, (start, stop) in enumerate(extents):
         uv = np.zeros((stop - start, 2), np.float32)
-        found.append(Segment(f"face_{k + 1}", np.arange(start, stop, dtype=np.int32), uv, np.int32([0, 2])))
-    return found
+        segments.append(Segment(f"face_{k + 1}", np.arange(start, stop, dtype=np.int32), uv, np.int32([0, 2])))
+    return segments
 
 
 def test_every_deforming_segment_has_a_colour_of_its_own_and_rigid_neighbours_differ(rig):
@@ -102,8 +102,8 @@ def test_figure_7_is_saved_with_its_words_and_numbers(rig, tmp_path):
     words = json.loads((tmp_path / "figure07_plate.json").read_text())
     assert image.text["Description"] == words["alt"]
     assert "2 that deform" in words["caption"] and "2 that move rigidly" in words["caption"]
-    seen = np.array(image.convert("RGB")).reshape(-1, 3).astype(int)
-    yellow, violet = (((seen[:, 0] > 120) & (seen[:, 2] < 60)).sum(), ((seen[:, 2] - seen[:, 1]) > 40).sum())
+    pixels = np.array(image.convert("RGB")).reshape(-1, 3).astype(int)
+    yellow, violet = (((pixels[:, 0] > 120) & (pixels[:, 2] < 60)).sum(), ((pixels[:, 2] - pixels[:, 1]) > 40).sum())
     assert yellow > 1000 and violet > 500
     text = as_text(segments_table(tmp_path / "figure07_plate.csv", "plate"))
     assert "2 rigid segments together" in text and "tooth_1" not in text
@@ -126,14 +126,14 @@ def test_figure_8_colours_faces_that_touch_a_segment_and_leaves_the_rest_grey(ri
 def test_the_lines_of_figure_8_add_up_to_the_mesh_and_to_all_of_the_error(rig, tmp_path):
     errors = np.zeros(81)
     errors[:18], errors[27:36], errors[40] = 4.0, 1.0, 19.0
-    chosen = parts((0, 18), (27, 36))
-    lines = [dict(zip(figure08.HEADER, line, strict=True)) for line in segment_lines(rig.mesh, chosen, errors)]
+    segments = parts((0, 18), (27, 36))
+    lines = [dict(zip(figure08.HEADER, line, strict=True)) for line in segment_lines(rig.mesh, segments, errors)]
     assert [line["segment"] for line in lines] == ["face_1", "face_2", "unused"]
     assert sum(line["vertices"] for line in lines) == 81 and lines[0]["chart"] == "face"
     assert [line["error_share"] for line in lines] == pytest.approx([0.72, 0.09, 0.19])
     assert [line["map_error_mm"] for line in lines] == pytest.approx([2.0, 1.0, (19 / 54) ** 0.5])
     assert (lines[0]["u_low"], lines[0]["u_high"], lines[0]["v_low"], lines[0]["v_high"]) == (0.0, 1.0, 0.0, 0.125)
-    save_refinement_figure(rig, chosen, errors, tmp_path / "figure08_plate")
+    save_refinement_figure(rig, segments, errors, tmp_path / "figure08_plate")
     text = as_text(refinement_table(tmp_path / "figure08_plate.csv", "plate"))
     assert "0.00–0.12" in text and "72%" in text and "–" in text.splitlines()[-1]
     assert "face 1 72%, face 2 9%" in json.loads((tmp_path / "figure08_plate.json").read_text())["caption"]
@@ -143,8 +143,8 @@ def test_figure_5_is_saved_with_every_control_that_a_pose_uses(rig, tmp_path):
     params = np.float32([[4, 0, 0], [0, -1, 2], [1, 0.5, -6], [0, 0, 1]])
     save_poses(rig, params, np.array([3, 5, 8, 9]), tmp_path / "figure05_plate")
     lines = read_lines(tmp_path / "figure05_plate.csv", figure05.POSES_HEADER)
-    given = [(line["pose"], line["sample"], line["control"], float(line["value"])) for line in lines]
-    assert given == [
+    rows = [(line["pose"], line["sample"], line["control"], float(line["value"])) for line in lines]
+    assert rows == [
         ("1", "3", "jaw_open", 4.0), ("2", "5", "brow", -1.0), ("2", "5", "nod", 2.0), ("3", "8", "jaw_open", 1.0),
         ("3", "8", "brow", 0.5), ("3", "8", "nod", -6.0), ("4", "9", "nod", 1.0),
     ]  # fmt: skip

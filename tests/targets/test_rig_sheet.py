@@ -82,9 +82,9 @@ def test_sheets_and_line_up_are_written_small_and_with_their_words(rig, tmp_path
     monkeypatch.setattr(
         "replicate.targets.rigs.character_sheets.expression_poses", lambda rig: {"neutral": rig.default}
     )
-    written = [*draw_sheets(rig, tmp_path, "software"), draw_line_up([rig], tmp_path, "software")]
-    assert [file.name for file in written] == ["plate_sheet.png", "plate_expressions.png", "characters.png"]
-    for file in written:
+    files = [*draw_sheets(rig, tmp_path, "software"), draw_line_up([rig], tmp_path, "software")]
+    assert [file.name for file in files] == ["plate_sheet.png", "plate_expressions.png", "characters.png"]
+    for file in files:
         assert Image.open(file).mode == "P" and file.stat().st_size < 300_000
         assert "plate" in file.with_suffix(".json").read_text()
 

@@ -38,13 +38,13 @@ SMALL = MapShape(map_size=16, channels=2, hidden=(3, 128))
 
 def segments(counts: list[tuple[int, int]]) -> list[Segment]:
     """Return segments of (vertices, parameters) each, one behind the other."""
-    generator, found, start = np.random.default_rng(0), [], 0
+    generator, parts, start = np.random.default_rng(0), [], 0
     for k, (vertices, parameters) in enumerate(counts):
         where = np.arange(start, start + vertices, dtype=np.int32)
         uv = generator.random((vertices, 2), dtype=np.float32)
-        found.append(Segment(f"part_{k}", where, uv, np.arange(parameters, dtype=np.int32)))
+        parts.append(Segment(f"part_{k}", where, uv, np.arange(parameters, dtype=np.int32)))
         start += vertices
-    return found
+    return parts
 
 
 def saved_weights(model: SegmentedModel, folder, save, config) -> int:
@@ -69,9 +69,9 @@ def test_a_saved_cnn_is_as_large_as_counted(tmp_path, config):
     parts = segments([(5, 3), (40, 11)])
     facts = cnn.shape_facts(config)
     model = SegmentedModel([cnn.make_network(s, facts) for s in parts], parts, np.ones(11), [1.0, 1.0], 45)
-    counted = sum(cnn_weights(len(part.parameters), config) for part in parts)
-    assert saved_weights(model, tmp_path, cnn.save, config) == counted
-    assert model.size_mb() == pytest.approx(megabytes(counted), rel=1e-12)
+    count = sum(cnn_weights(len(part.parameters), config) for part in parts)
+    assert saved_weights(model, tmp_path, cnn.save, config) == count
+    assert model.size_mb() == pytest.approx(megabytes(count), rel=1e-12)
 
 
 @pytest.mark.parametrize("hidden", [*WIDTHS.values(), (7,)])
@@ -95,9 +95,9 @@ def test_the_vertices_that_a_dense_size_implies_are_those_it_was_made_of():
     [("Hiccup", 7.75, 11.45), ("Valka", 6.66, 9.91), ("Toothless", 12.71, 19.44), ("Ray", 4.99, 5.90)],
 )
 def test_the_papers_counts_bracket_its_cnn_sizes(character, least, most):
-    found = bracket(THEIRS, character)
-    assert [round(size, 2) for size in found] == [least, most]
-    assert found[0] < find(THEIRS, "table1", character, "refined", "model_size").value < found[1]
+    sizes = bracket(THEIRS, character)
+    assert [round(size, 2) for size in sizes] == [least, most]
+    assert sizes[0] < find(THEIRS, "table1", character, "refined", "model_size").value < sizes[1]
 
 
 def test_the_papers_dense_size_for_ray_does_not_fit_the_widths_of_the_text():
@@ -148,9 +148,9 @@ def test_a_characters_rows_are_counts_of_what_the_stages_found_and_sizes_of_what
 
 def test_a_size_lies_between_that_of_nets_which_see_nothing_and_all():
     coarse, refined = segments([(9, 3), (20, 8)]), segments([(4, 5)])
-    found = sizes_mb(8, coarse, refined, *SHAPES)
+    sizes = sizes_mb(8, coarse, refined, *SHAPES)
     for method in ("coarse", "refined", *WIDTHS):
-        least, size, most = (found[method, f"model_size{end}"][1] for end in ("_least", "", "_most"))
+        least, size, most = (sizes[method, f"model_size{end}"][1] for end in ("_least", "", "_most"))
         assert least < size < most
     everything = sizes_mb(8, segments([(9, 8), (20, 8)]), segments([(4, 8)]), *SHAPES)
     assert everything["refined", "model_size"] == everything["refined", "model_size_most"]
@@ -182,14 +182,14 @@ def test_several_seeds_show_their_spread_where_there_is_one():
 
 @pytest.mark.parametrize("large, word", [(15.9, "fails on teen"), (16.0, "holds on teen"), (40.1, "fails on teen")])
 def test_claim_c6_is_judged_by_the_ratio_alone(large, word):
-    said = size_claim(table1_rows(large=large), THEIRS)
-    assert word in said and f"{large / 8:.1f} (teen)" in said and f"{large / 4:.1f} (teen)" in said
-    assert "3.0 (Hiccup), 3.7 (Valka), 2.4 (Toothless) and 4.8 (Ray)" in said
+    claim = size_claim(table1_rows(large=large), THEIRS)
+    assert word in claim and f"{large / 8:.1f} (teen)" in claim and f"{large / 4:.1f} (teen)" in claim
+    assert "3.0 (Hiccup), 3.7 (Valka), 2.4 (Toothless) and 4.8 (Ray)" in claim
 
 
 def test_claim_c6_names_those_it_holds_on_and_those_it_does_not_and_is_not_tested_without_sizes():
-    said = size_claim([*table1_rows(), *table1_rows("toon", large=80.0)], THEIRS)
-    assert "holds on teen and fails on toon" in said
+    claim = size_claim([*table1_rows(), *table1_rows("toon", large=80.0)], THEIRS)
+    assert "holds on teen and fails on toon" in claim
     assert "not tested" in size_claim([], THEIRS) and size_ratio([], "teen") is None
 
 

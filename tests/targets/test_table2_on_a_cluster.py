@@ -10,18 +10,13 @@ from toy_runs import dask_workers_at_work, processes_of, survivors, wait_for
 
 from replicate.engine.paths import ROOT
 
-METHODS = ("coarse", "lbs", "linear", "neutral")
+METHODS = ("coarse", "linear", "neutral")
 FEW = """
 [samples]
 count = 300
 validation = 16
 [coarse.training]
 steps = 60
-[lbs]
-samples = 60
-bones = [4]
-relaxed = 3
-iterations = 4
 [rigid]
 poses = 20
 [evaluation]

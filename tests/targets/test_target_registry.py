@@ -23,15 +23,15 @@ def make(*words: str) -> str:
     if shutil.which("make") is None:
         pytest.skip("needs make")
     clean = ["env", *(f"-u{option.upper()}" for option in OPTIONS), "-uMAKEFLAGS", "-uCLUSTER", "-uMAKELEVEL"]
-    done = subprocess.run([*clean, "make", *words], cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    process = subprocess.run([*clean, "make", *words], cwd=ROOT, capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr
+    return process.stdout
 
 
 def handed_on(*words: str) -> list[str]:
     """Return the words after the program's name that `make -n` would call."""
-    called = make("-n", *words).replace("\\\n", " ")
-    (line,) = (line for line in called.splitlines() if " -m replicate" in line)
+    output = make("-n", *words).replace("\\\n", " ")
+    (line,) = (line for line in output.splitlines() if " -m replicate" in line)
     return shlex.split(line.partition(" -m ")[2])
 
 
@@ -40,10 +40,10 @@ def test_a_target_says_what_it_makes_and_where_and_takes_known_options(capsys, t
     assert target.about and target.writes and '"' not in target.about and len(target.about) < 110
     assert len(set(target.options)) == len(target.options) and set(target.options) <= set(OPTIONS)
     assert cli.main([target.name, "--help"]) == 0
-    said = capsys.readouterr().out
-    assert said.startswith("usage:") and "REPLICATE_CACHE" in said
-    assert " ".join(target.about.split())[1:] in " ".join(said.split())
-    assert set(re.findall(r"^  --([a-z-]+)", said, re.MULTILINE)) == {*target.options}
+    text = capsys.readouterr().out
+    assert text.startswith("usage:") and "REPLICATE_CACHE" in text
+    assert " ".join(target.about.split())[1:] in " ".join(text.split())
+    assert set(re.findall(r"^  --([a-z-]+)", text, re.MULTILINE)) == {*target.options}
 
 
 def test_tables_come_first_and_compare_knows_them():
@@ -71,31 +71,31 @@ def test_a_targets_graph_ends_with_the_stage_of_its_name_and_trains_no_more_than
 
 
 def test_make_help_lists_the_registrys_targets_and_the_benchmarks():
-    said = make("help")
-    listed = dict(re.findall(r"^  ([a-z0-9-]+) +(\S.*)", said, re.MULTILINE))
+    text = make("help")
+    descriptions = dict(re.findall(r"^  ([a-z0-9-]+) +(\S.*)", text, re.MULTILINE))
     benchmarks = {
         file.stem.replace("_", "-"): re.search(r'^ABOUT = "(.*)"$', file.read_text("utf-8"), re.MULTILINE)[1]
         for file in (ROOT / "replicate" / "benchmarks").glob("bench_*.py")
     }
-    own = {name: listed.pop(name) for name in ("help", "environment", "test", "lint", "clean-all")}
+    own = {name: descriptions.pop(name) for name in ("help", "environment", "test", "lint", "clean-all")}
     assert all(own.values()) and len(benchmarks) >= 6
-    assert listed == {name: target.about for name, target in targets().items()} | benchmarks
+    assert descriptions == {name: target.about for name, target in targets().items()} | benchmarks
 
 
 def test_make_hands_the_variables_that_are_set_to_a_target():
-    given = handed_on("table2", "PROFILE=quick", "SEED=0 1", "LATEX=1")
-    assert given == ["replicate", "table2", "--from-make", "--profile", "quick", "--seed", "0 1", "--latex"]
+    arguments = handed_on("table2", "PROFILE=quick", "SEED=0 1", "LATEX=1")
+    assert arguments == ["replicate", "table2", "--from-make", "--profile", "quick", "--seed", "0 1", "--latex"]
     assert handed_on("rigs") == ["replicate", "rigs", "--from-make", "--profile", "laptop"]
     assert handed_on("clean-all")[:3] == ["replicate", "clean", "--all"]
 
 
 @pytest.mark.parametrize("value", ['"my face.toml" teen', "'my face.toml',teen", "it's $$ and `this`"])
 def test_make_hands_on_quotes_as_they_stand(value):
-    given = handed_on("table2", f"CHARACTERS={value}")
-    assert given[given.index("--characters") + 1] == value.replace("$$", "$")
+    arguments = handed_on("table2", f"CHARACTERS={value}")
+    assert arguments[arguments.index("--characters") + 1] == value.replace("$$", "$")
 
 
 def test_make_hands_a_benchmark_its_characters():
-    given = handed_on("bench-poses", "CHARACTERS=teen tiny", "POSE=joy")
-    assert given[:2] == ["replicate.benchmarks.bench_poses", "--from-make"] and "teen tiny" in given
-    assert "--pose" not in given
+    arguments = handed_on("bench-poses", "CHARACTERS=teen tiny", "POSE=joy")
+    assert arguments[:2] == ["replicate.benchmarks.bench_poses", "--from-make"] and "teen tiny" in arguments
+    assert "--pose" not in arguments

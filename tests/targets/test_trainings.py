@@ -7,19 +7,19 @@ from replicate.report.results import Row
 
 
 def test_every_method_is_tried_at_the_same_rates_and_schedule():
-    tried = {method: [v for v in training.variants(700) if v.method == method] for method in training.SECTIONS}
+    by_method = {method: [v for v in training.variants(700) if v.method == method] for method in training.SECTIONS}
     rates = {}
     for method, section in training.SECTIONS.items():
-        schedules = [getattr(resolve("tiny", "laptop", v.overrides), section).training for v in tried[method]]
+        schedules = [getattr(resolve("tiny", "laptop", v.overrides), section).training for v in by_method[method]]
         rates[method] = [schedule.peak_rate for schedule in schedules if schedule.steps == 700]
     assert rates["coarse"] == rates["refined"] == rates["dense"] == list(training.RATES)
-    assert [len(variants) - len(training.RATES) for variants in tried.values()] == [2, 2, 0]
+    assert [len(variants) - len(training.RATES) for variants in by_method.values()] == [2, 2, 0]
 
 
 def test_uniform_draws_are_one_bin_and_the_profile_is_left_alone():
-    changed = {v.change: resolve("tiny", "laptop", v.overrides) for v in training.variants(700) if v.method == "coarse"}
-    assert changed["as the profile"] == resolve("tiny", "laptop")
-    assert changed["uniform draws"] == resolve("tiny", "laptop", {"samples": {"bins": 1}})
+    configs = {v.change: resolve("tiny", "laptop", v.overrides) for v in training.variants(700) if v.method == "coarse"}
+    assert configs["as the profile"] == resolve("tiny", "laptop")
+    assert configs["uniform draws"] == resolve("tiny", "laptop", {"samples": {"bins": 1}})
 
 
 def test_a_training_is_one_line_of_the_table():

@@ -15,16 +15,16 @@ from replicate.targets.running import make
 ABOUT = "two toy stages a character"
 WRITES = "nothing but the cache"
 OPTIONS = OF_A_RUN
-PUBLISHED: list[list[CharacterResult]] = []
+PUBLICATIONS: list[list[CharacterResult]] = []
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
     """Return the stages of one character: random numbers, and their sum."""
     config = ToyConfig(seed=plan.config.seed)
-    counted = Stage("counted", "toy_stages:numbers", config, label=plan.character)
-    return [Stage("summed", "toy_stages:total", config, (counted,), label=plan.character)]
+    first = Stage("counted", "toy_stages:numbers", config, label=plan.character)
+    return [Stage("summed", "toy_stages:total", config, (first,), label=plan.character)]
 
 
 def run(options: argparse.Namespace) -> None:
     """Make the stages, and note what another target would publish."""
-    PUBLISHED.append(make(options, stages))
+    PUBLICATIONS.append(make(options, stages))

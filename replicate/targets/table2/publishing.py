@@ -82,12 +82,12 @@ def _draw(folder: Path, profile: str, limit_deg: float) -> None:
 
     The notebook comes last: only when it stands, with its stamp, are the figures of these results complete.
     """
-    from replicate.drawing.panels import save_figure
+    from replicate.drawing.panels import has_figure, save_figure
     from replicate.targets.table2.table2_figures import open_table2, table2_figure_names, table2_figures
 
     results = open_table2(folder)
     names = [name for character in results.characters for name in table2_figure_names(character)]
-    complete = all((folder / f"{name}{ending}").is_file() for name in names for ending in (".png", ".json"))
+    complete = all(has_figure(folder / f"{name}.png") for name in names)
     if complete and is_current("table2", profile, HEATMAP_DEG=limit_deg):
         return
     for character in results.characters:

@@ -29,8 +29,8 @@ def two_bones() -> lbs.Skin:
 
 def test_turns_are_rotations_of_row_vectors_small_ones_too():
     turns = np.random.default_rng(0).normal(size=(40, 3)) * np.logspace(-9, 0.4, 40)[:, None]
-    found = rotation_less_identity(torch.from_numpy(turns)).numpy() + np.eye(3)
-    np.testing.assert_allclose(found, Rotation.from_rotvec(turns).as_matrix().transpose(0, 2, 1), atol=1e-9)
+    matrices = rotation_less_identity(torch.from_numpy(turns)).numpy() + np.eye(3)
+    np.testing.assert_allclose(matrices, Rotation.from_rotvec(turns).as_matrix().transpose(0, 2, 1), atol=1e-9)
 
 
 def test_at_rest_the_derivative_is_finite():

@@ -11,7 +11,7 @@ def turns(rng, *shape, angle=0.4):
     return nearest_rotation(np.eye(3) + angle * rng.normal(size=(*shape, 3, 3)))
 
 
-def skinned(frames=6, bones=4, n=60, seed=0):
+def skinning_problem(frames=6, bones=4, n=60, seed=0):
     """Known motions, smooth weights and the displacements that they make."""
     rng = np.random.default_rng(seed)
     points = np.concatenate([rng.normal(size=(n, 3)), np.ones((n, 1))], 1)
@@ -45,7 +45,7 @@ def test_the_rotation_of_a_matrix_is_that_of_its_singular_vectors_and_never_a_re
 
 
 def test_a_sweep_and_its_twin_move_the_bones_alike():
-    motion, z, displacement = skinned()
+    motion, z, displacement = skinning_problem()
     uu, vu = normal_equations(z, displacement + 0.05 * np.random.default_rng(2).normal(size=displacement.shape))
     fast = sweep(motion * 0, uu, vu, 3)
     clear = motion * 0
@@ -56,7 +56,7 @@ def test_a_sweep_and_its_twin_move_the_bones_alike():
 
 
 def test_sweeps_lower_the_error_each_time_and_stop_at_the_motions_that_made_the_mesh():
-    motion, z, displacement = skinned()
+    motion, z, displacement = skinning_problem()
     uu, vu = normal_equations(z, displacement)
     guess = motion * 0
     errors = []
@@ -68,7 +68,7 @@ def test_sweeps_lower_the_error_each_time_and_stop_at_the_motions_that_made_the_
 
 
 def test_a_bone_without_weight_stays_and_disturbs_nothing():
-    _, z, displacement = skinned()
+    _, z, displacement = skinning_problem()
     padded = np.concatenate([z, np.zeros((len(z), 4))], 1)
     uu, vu = normal_equations(padded, displacement)
     begin = np.zeros((6, 3, 5, 4))
@@ -88,7 +88,7 @@ def test_a_bone_of_one_vertex_translates_and_keeps_its_rotation():
 
 
 def test_projection_returns_rotations_and_leaves_them_as_they_are():
-    motion, _, _ = skinned()
+    motion, _, _ = skinning_problem()
     np.testing.assert_allclose(project(motion), motion, atol=1e-10)
     stretched = project(motion * 1.7)
     linear = stretched[..., :3].transpose(0, 2, 3, 1) + np.eye(3)

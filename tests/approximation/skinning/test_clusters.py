@@ -31,9 +31,9 @@ def test_errors_are_those_of_the_moved_points():
     neutral, poses = parts()
     data = compress(neutral, poses, np.random.default_rng(0))
     _, motion = cluster(data, 3)
-    made = np.einsum("fkbp,np->nbfk", motion, data.points).reshape(len(neutral), 3, -1)
-    wanted = data.basis @ data.coefficients
-    expected = ((made - wanted.T[:, None]) ** 2).sum(-1)
+    predicted = np.einsum("fkbp,np->nbfk", motion, data.points).reshape(len(neutral), 3, -1)
+    target = data.basis @ data.coefficients
+    expected = ((predicted - target.T[:, None]) ** 2).sum(-1)
     np.testing.assert_allclose(cluster_errors(data, motion), expected, rtol=1e-6, atol=1e-9)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from skinned_sheets import grid_faces, sheet, wrinkled
+from skinned_sheets import grid_faces, sheet, wrinkled_sheet
 
 from replicate.approximation.skinning.alternation import Problem, dense, improve_weights, step
 from replicate.approximation.skinning.compression import compress
@@ -16,12 +16,12 @@ def edges_of(faces):
 
 
 def test_the_metric_is_squared_distance_plus_squared_tilt_of_every_edge():
-    neutral, _, faces = wrinkled()
+    neutral, _, faces = wrinkled_sheet()
     rest = neutral.astype(float)
     residual = np.random.default_rng(0).normal(size=rest.shape)
-    squared = {e: ((rest[e[0]] - rest[e[1]]) ** 2).sum() for e in edges_of(faces)}
-    h2 = np.median(list(squared.values()))
-    tilt = sum(((residual[a] - residual[b]) ** 2).sum() * h2 / (q + h2 / 16) for (a, b), q in squared.items())
+    squared_lengths = {e: ((rest[e[0]] - rest[e[1]]) ** 2).sum() for e in edges_of(faces)}
+    h2 = np.median(list(squared_lengths.values()))
+    tilt = sum(((residual[a] - residual[b]) ** 2).sum() * h2 / (q + h2 / 16) for (a, b), q in squared_lengths.items())
     for coherence in (0.0, 0.3):
         matrix = edge_metric(rest, faces, coherence).matrix
         energy = float((residual * (matrix @ residual)).sum())
@@ -29,7 +29,7 @@ def test_the_metric_is_squared_distance_plus_squared_tilt_of_every_edge():
 
 
 def test_no_two_vertices_of_a_colour_share_an_edge_and_every_vertex_has_one():
-    neutral, _, faces = wrinkled()
+    neutral, _, faces = wrinkled_sheet()
     metric = edge_metric(neutral.astype(float), faces, 0.1)
     assert sorted(np.concatenate(metric.colours)) == list(range(len(neutral)))
     of = np.empty(len(neutral), int)
@@ -58,15 +58,15 @@ def test_diffusion_keeps_sums_and_spreads_along_edges_only():
 
 @pytest.mark.parametrize("coherence", [0.0, 0.1, 2.0])
 def test_both_steps_lower_the_energy_of_the_metric(coherence):
-    neutral, poses, faces = wrinkled()
+    neutral, poses, faces = wrinkled_sheet()
     data = compress(neutral, poses, np.random.default_rng(0))
     metric = edge_metric(data.points[:, :3], faces, coherence)
     problem = Problem(data, metric)
 
     def energy(motion, index, weights):
-        made = np.einsum("fkbp,np,nb->fkn", motion, data.points, dense(index, weights, 4))
-        left = made.reshape(-1, len(neutral)) - data.basis @ data.coefficients
-        return float(np.sum(left.T * (metric.matrix @ left.T)))
+        predicted = np.einsum("fkbp,np,nb->fkn", motion, data.points, dense(index, weights, 4))
+        residual = predicted.reshape(-1, len(neutral)) - data.basis @ data.coefficients
+        return float(np.sum(residual.T * (metric.matrix @ residual.T)))
 
     state = start(problem, 4, 3)
     before = energy(state.motion, state.bone_index, state.weights)
@@ -83,7 +83,7 @@ def test_both_steps_lower_the_energy_of_the_metric(coherence):
 
 
 def test_coherence_trades_distance_for_less_tilt():
-    neutral, poses, faces = wrinkled()
+    neutral, poses, faces = wrinkled_sheet()
     data = compress(neutral, poses, np.random.default_rng(0))
     plain, coherent = (edge_metric(data.points[:, :3], faces, c) for c in (0.0, 1.0))
     state = start(
@@ -94,17 +94,17 @@ def test_coherence_trades_distance_for_less_tilt():
         index, weights = state.bone_index, state.weights
         for _ in range(30):
             index, weights, _ = improve_weights(Problem(data, metric), state.motion, index, weights, False)
-        made = np.einsum("fkbp,np,nb->fkn", state.motion, data.points, dense(index, weights, 4))
-        left = (made.reshape(-1, len(neutral)) - data.basis @ data.coefficients).T
-        distance = np.sum(left**2)
-        parts.append((distance, np.sum(left * (coherent.matrix @ left)) - distance))
+        predicted = np.einsum("fkbp,np,nb->fkn", state.motion, data.points, dense(index, weights, 4))
+        residual = (predicted.reshape(-1, len(neutral)) - data.basis @ data.coefficients).T
+        distance = np.sum(residual**2)
+        parts.append((distance, np.sum(residual * (coherent.matrix @ residual)) - distance))
     assert parts[0][0] < parts[1][0]
     assert parts[1][1] < 0.995 * parts[0][1]
     assert sum(parts[1]) < sum(parts[0])
 
 
 def test_the_order_of_faces_does_not_matter():
-    neutral, poses, faces = wrinkled()
+    neutral, poses, faces = wrinkled_sheet()
     rng = np.random.default_rng(0)
     vertex = rng.permutation(len(neutral))
     back = np.argsort(vertex).astype(np.int32)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from skinned_sheets import wrinkled
+from skinned_sheets import wrinkled_sheet
 
 from replicate.approximation.skinning.alternation import dense
 from replicate.approximation.skinning.compression import compress
@@ -14,7 +14,7 @@ BONES, INFLUENCES = 6, 2
 
 @pytest.fixture(scope="module")
 def course():
-    neutral, poses, faces = wrinkled()
+    neutral, poses, faces = wrinkled_sheet()
     return alternation(compress(neutral, poses, np.random.default_rng(0)), faces, 0.1, INFLUENCES, 8)
 
 
@@ -52,7 +52,7 @@ def test_without_relaxation_supports_are_sparse_from_the_start(course):
 
 
 def test_a_relaxed_start_ends_with_smaller_errors():
-    neutral, poses, faces = wrinkled(bones=8)
+    neutral, poses, faces = wrinkled_sheet(bones=8)
     errors = []
     for relaxed in (0, 40):
         skin = fit(neutral, poses, 6, np.random.default_rng(0), 3, 30, faces=faces, relaxed=relaxed)
@@ -62,7 +62,7 @@ def test_a_relaxed_start_ends_with_smaller_errors():
 
 
 def test_as_many_influences_as_bones_and_one_bone_are_fitted_too():
-    neutral, poses, faces = wrinkled(side=6)
+    neutral, poses, faces = wrinkled_sheet(side=6)
     for bones, influences in ((1, 8), (3, 8), (3, 3), (3, 1)):
         skin = fit(neutral, poses, bones, np.random.default_rng(0), influences, 3, faces=faces, relaxed=3)
         assert skin.weights.shape[1] == influences and np.isfinite(skin.weights).all()

@@ -99,9 +99,9 @@ def test_one_bone_is_the_rigid_alignment():
     poses = moved(truth, rng)
     skin = fit(truth.neutral, poses, 1, np.random.default_rng(0), iterations=5)
     rotation, translation = refit(skin, poses, sweeps=2000)
-    wanted = align(truth.neutral, poses)
-    np.testing.assert_allclose(rotation[:, 0], wanted[0], atol=1e-6)
-    np.testing.assert_allclose(translation[:, 0], wanted[1], atol=1e-4)
+    expected = align(truth.neutral, poses)
+    np.testing.assert_allclose(rotation[:, 0], expected[0], atol=1e-6)
+    np.testing.assert_allclose(translation[:, 0], expected[1], atol=1e-4)
 
 
 def test_as_many_bones_as_vertices_reproduce_any_poses():
@@ -142,7 +142,7 @@ def test_a_flat_mesh_keeps_proper_rotations():
     assert proper(rotation) and convex(skin)
 
 
-class Stopped(Exception):
+class Stop(Exception):
     pass
 
 
@@ -150,10 +150,10 @@ class StopAfter:
     """A progress bar that ends the fit after some iterations, as a kill would."""
 
     def __init__(self, count):
-        self.count, self.begun = count, None
+        self.count, self.beginning = count, None
 
     def __call__(self, total, label, initial=0):
-        self.begun = initial
+        self.beginning = initial
         return self
 
     def __enter__(self):
@@ -165,7 +165,7 @@ class StopAfter:
     def update(self, k):
         self.count -= k
         if self.count == 0:
-            raise Stopped
+            raise Stop
 
 
 def test_a_fit_stopped_anywhere_goes_on_and_ends_with_the_same_bits(tmp_path, monkeypatch):
@@ -173,11 +173,11 @@ def test_a_fit_stopped_anywhere_goes_on_and_ends_with_the_same_bits(tmp_path, mo
     neutral, poses = noisy_problem()
     whole = fit(neutral, poses, 5, np.random.default_rng(2), iterations=20)
     for stop in (1, 7, 12):
-        with pytest.raises(Stopped):
+        with pytest.raises(Stop):
             fit(neutral, poses, 5, np.random.default_rng(2), iterations=20, scratch=tmp_path, progress=StopAfter(stop))
     bar = StopAfter(-1)
     again = fit(neutral, poses, 5, np.random.default_rng(9), iterations=20, scratch=tmp_path, progress=bar)
-    assert bar.begun == 1 + 7 + 12 == 20
+    assert bar.beginning == 1 + 7 + 12 == 20
     np.testing.assert_array_equal(again.weights, whole.weights)
     np.testing.assert_array_equal(again.bone_index, whole.bone_index)
 
@@ -201,12 +201,12 @@ def test_a_flipped_bit_in_a_stopped_fits_scratch_is_named_and_changes_no_bit(tmp
     monkeypatch.setattr(ssdr_checkpoints, "SECONDS", 0.0)
     neutral, poses = noisy_problem()
     whole = fit(neutral, poses, 5, np.random.default_rng(2), iterations=12)
-    with pytest.raises(Stopped):
+    with pytest.raises(Stop):
         fit(neutral, poses, 5, np.random.default_rng(2), iterations=12, scratch=tmp_path, progress=StopAfter(5))
     flip_a_bit(tmp_path / name, place)
     again = fit(neutral, poses, 5, np.random.default_rng(2), iterations=12, scratch=tmp_path)
-    told = capfd.readouterr().err
-    assert str(tmp_path / name) in told and told.count("\n") == 1
+    errors = capfd.readouterr().err
+    assert str(tmp_path / name) in errors and errors.count("\n") == 1
     np.testing.assert_array_equal(again.weights, whole.weights)
     np.testing.assert_array_equal(again.bone_index, whole.bone_index)
 

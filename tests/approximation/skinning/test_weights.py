@@ -41,10 +41,10 @@ def spread(index, weights, bones):
 def kernel(motion, points, x, alone, influences, rounds, seed=1):
     bones = alone.shape[2]
     index, weights = start(len(points), influences, bones, np.random.default_rng(seed))
-    carried = np.einsum("nrb,nr->nb", alone, x)
+    correlation = np.einsum("nrb,nr->nb", alone, x)
     table = gram_table(motion.T @ motion)
-    solved = solve_weights(monomials(points), table, carried, (x**2).sum(1), index, weights, rounds)
-    return solved, spread(index, weights, bones), carried, table
+    solution = solve_weights(monomials(points), table, correlation, (x**2).sum(1), index, weights, rounds)
+    return solution, spread(index, weights, bones), correlation, table
 
 
 def test_the_table_of_monomials_gives_the_gram_matrix_of_the_residuals():
@@ -66,7 +66,7 @@ def test_the_reported_error_is_what_the_weights_leave_over():
 def test_with_room_for_every_bone_the_weights_are_the_best_of_all_supports():
     motion, points, x, alone = problem(n=25, bones=5)
     (index, weights, _), *_ = kernel(motion, points, x, alone, 5, 50)
-    found = spread(index, weights, 5)
+    dense_weights = spread(index, weights, 5)
     for i in range(len(points)):
         residual = alone[i] - x[i][:, None]
         gram = residual.T @ residual
@@ -76,17 +76,17 @@ def test_with_room_for_every_bone_the_weights_are_the_best_of_all_supports():
                 y = np.linalg.solve(gram[np.ix_(support, support)], np.ones(size))
                 if (y / y.sum() >= 0).all():
                     best = min(best, 1 / y.sum())
-        assert found[i] @ gram @ found[i] <= best * (1 + 1e-5)
+        assert dense_weights[i] @ gram @ dense_weights[i] <= best * (1 + 1e-5)
 
 
 def test_the_kernel_and_its_twin_find_the_same_weights():
     motion, points, x, alone = problem(n=200, bones=12)
-    (index, weights, _), begin, carried, table = kernel(motion, points, x, alone, 4, 6)
+    (index, weights, _), begin, correlation, table = kernel(motion, points, x, alone, 4, 6)
     fast = spread(index, weights, 12)
     clear = np.stack(
         [
             solve_reference(residual_gram(table, m, c, s), w, 4)
-            for m, c, s, w in zip(monomials(points), carried, (x**2).sum(1), begin, strict=True)
+            for m, c, s, w in zip(monomials(points), correlation, (x**2).sum(1), begin, strict=True)
         ]
     )
     np.testing.assert_allclose(fast, clear, atol=1e-7)

@@ -10,20 +10,20 @@ from replicate.engine.exceptions import InputError
 CONTROLS = make_controls({"face": 4, "head": 1})  # brow_inner_up_*, brow_outer_up_*, squash
 
 
-def written(tmp_path, content):
+def clip_file(tmp_path, content):
     path = tmp_path / "shot.csv"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     return path
 
 
 def test_named_controls_are_read_and_the_others_rest(tmp_path):
-    poses = read_clip(written(tmp_path, "squash, brow_inner_up_left\n-1,0.25\n0.5,1\n\n"), CONTROLS)
+    poses = read_clip(clip_file(tmp_path, "squash, brow_inner_up_left\n-1,0.25\n0.5,1\n\n"), CONTROLS)
     assert poses.dtype == np.float32
     assert poses.tolist() == [[0.25, 0, 0, 0, -1], [1, 0, 0, 0, 0.5]]
 
 
 @pytest.mark.parametrize(
-    "content,said",
+    "content,message",
     [
         ("squash,jaw_open\n0,0\n", "'jaw_open' in the header is no control"),
         ("squash,squash\n0,0\n", "names 'squash' 2 times"),
@@ -38,11 +38,11 @@ def test_named_controls_are_read_and_the_others_rest(tmp_path):
         ('squash\n"0\n', "found no CSV text"),
     ],
 )
-def test_each_fault_gets_a_sentence_with_file_and_place(tmp_path, content, said):
-    path = written(tmp_path, content)
-    with pytest.raises(InputError, match=said) as caught:
+def test_each_fault_gets_a_sentence_with_file_and_place(tmp_path, content, message):
+    path = clip_file(tmp_path, content)
+    with pytest.raises(InputError, match=message) as error:
         read_clip(path, CONTROLS)
-    assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
+    assert str(error.value).startswith(str(path)) and "\n" not in str(error.value)
 
 
 def test_a_missing_file_is_named(tmp_path):
@@ -52,6 +52,6 @@ def test_a_missing_file_is_named(tmp_path):
 
 def test_a_clip_has_so_many_frames_and_no_more(tmp_path):
     rows = "squash\n" + "0\n" * MOST_FRAMES
-    assert read_clip(written(tmp_path, rows), CONTROLS).shape == (MOST_FRAMES, len(CONTROLS))
+    assert read_clip(clip_file(tmp_path, rows), CONTROLS).shape == (MOST_FRAMES, len(CONTROLS))
     with pytest.raises(InputError, match="line 20002 is one frame too many: allowed are 20,000 at most"):
-        read_clip(written(tmp_path, rows + "0\n" * 1_000_000), CONTROLS)
+        read_clip(clip_file(tmp_path, rows + "0\n" * 1_000_000), CONTROLS)

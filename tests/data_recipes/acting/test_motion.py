@@ -41,9 +41,9 @@ def test_lag_delays_a_control_by_whole_frames():
 
 def test_a_blink_closes_fully_faster_than_it_opens():
     profile = motion.blink_profile(30, [5.0])
-    shut = np.flatnonzero(profile > 0.99)
+    frames = np.flatnonzero(profile > 0.99)
     assert profile.max() == 1 and profile.min() == 0
-    assert shut[0] - 5 < 13 - shut[-1]
+    assert frames[0] - 5 < 13 - frames[-1]
     assert not profile[:6].any() and not profile[13:].any()
 
 

@@ -9,9 +9,9 @@ COLUMNS = {c.name: i for i, c in enumerate(c for group in control_groups().value
 
 
 def test_families_hold_every_fine_control():
-    held = {name for members in family_columns(COLUMNS).values() for name in members}
+    names = {name for members in family_columns(COLUMNS).values() for name in members}
     fine = {c.name for group in ("lids", "lips", "handles", "wrinkles") for c in control_groups()[group]}
-    assert fine <= held
+    assert fine <= names
 
 
 def test_a_rig_without_a_family_has_no_such_family():

@@ -70,8 +70,8 @@ def test_holds_make_poses_recur(frames):
     assert (act_frames(holds=0.0)[1:] == act_frames(holds=0.0)[:-1]).all(axis=1).mean() < still / 2
 
 
-def act_frames(**changed):
-    return np.concatenate([values for _, values in act(TEEN, Acting(clips=12, **changed))])
+def act_frames(**changes):
+    return np.concatenate([values for _, values in act(TEEN, Acting(clips=12, **changes))])
 
 
 def test_nothing_jumps(clips):
@@ -95,16 +95,16 @@ def test_smiles_bring_cheeks_and_eyes_along(frames):
 
 
 def test_lids_do_not_open_wide_while_they_blink(frames):
-    shut, wide = frames[:, columns_of("blink_left")[0]], frames[:, columns_of("eye_wide_left")[0]]
-    assert (shut > 0.97).sum() > 50
-    assert np.quantile(wide[shut > 0.97], 0.9) < 0.5
+    blink, wide = frames[:, columns_of("blink_left")[0]], frames[:, columns_of("eye_wide_left")[0]]
+    assert (blink > 0.97).sum() > 50
+    assert np.quantile(wide[blink > 0.97], 0.9) < 0.5
 
 
 def test_faces_are_uneven_as_far_as_the_character_is():
     left, right = columns_of("smile_left")[0], columns_of("smile_right")[0]
 
-    def unevenness(**changed):
-        poses = act_frames(**changed)
+    def unevenness(**changes):
+        poses = act_frames(**changes)
         return np.abs(poses[:, left] - poses[:, right]).mean()
 
     assert unevenness(asymmetry=0.6) > 1.2 * unevenness(asymmetry=0.0)

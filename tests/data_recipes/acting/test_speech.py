@@ -25,8 +25,8 @@ def test_every_invented_word_can_be_said(seed):
 
 
 def test_all_visemes_but_rest_can_be_spelled():
-    spelled = {shape for shapes in speech.GRAPHEMES.values() for shape in shapes.split()}
-    assert spelled == set(VISEMES) - {"rest"}
+    visemes = {shape for shapes in speech.GRAPHEMES.values() for shape in shapes.split()}
+    assert visemes == set(VISEMES) - {"rest"}
 
 
 def test_tempo_shortens_a_schedule():

@@ -32,9 +32,9 @@ def test_a_bump_is_one_at_its_landmark_and_ends_at_its_radius(sculptor):
 def test_sliding_keeps_the_distance_from_the_skull(sculptor):
     offset = 8.0 * sculptor.bump("forehead", 60.0)[:, None] * sculptor.up
     before = sculptor.head.sdf(sculptor.x)
-    kept = sculptor.head.sdf(sculptor.x + sculptor.on_skull(offset)) - before
-    slipped = sculptor.head.sdf(sculptor.x + offset) - before
-    assert np.abs(kept).max() < 0.1 < np.abs(slipped).max()
+    drift = sculptor.head.sdf(sculptor.x + sculptor.on_skull(offset)) - before
+    free_drift = sculptor.head.sdf(sculptor.x + offset) - before
+    assert np.abs(drift).max() < 0.1 < np.abs(free_drift).max()
 
 
 def test_wrapped_coordinates_come_back(sculptor):

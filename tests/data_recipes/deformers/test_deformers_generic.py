@@ -64,13 +64,13 @@ def test_skin_that_slides_over_a_sphere_stays_on_it():
 
 def test_handles_interpolate_their_displacements_and_leave_the_far_alone():
     points = np.concatenate([RNG.uniform(0, 50, (60, 3)), [[300.0, 0, 0]]])
-    chosen = np.array([3, 9, 27])
+    vertices = np.array([3, 9, 27])
     constants = handles.prepare(
-        points, chosen, 40.0, np.ones(61), np.array([[0, 1, 2], [3, 4, 5], [6, 7, 8]]), np.full((3, 3), 5.0)
+        points, vertices, 40.0, np.ones(61), np.array([[0, 1, 2], [3, 4, 5], [6, 7, 8]]), np.full((3, 3), 5.0)
     )
     p = RNG.uniform(-1, 1, (2, 9)).astype(np.float32)
     moved = handles.move(constants, jnp.asarray(p))
-    np.testing.assert_allclose(moved[:, :, chosen].transpose(0, 2, 1), 5 * p.reshape(2, 3, 3), atol=1e-4)
+    np.testing.assert_allclose(moved[:, :, vertices].transpose(0, 2, 1), 5 * p.reshape(2, 3, 3), atol=1e-4)
     np.testing.assert_array_equal(moved[:, :, -1], 0)
 
 
@@ -79,8 +79,8 @@ def test_turning_by_a_rotation_vector_agrees_with_the_matrix_exponential():
 
     r, v = RNG.normal(size=(2, 3)) * np.array([[0.4], [10]])
     skew = np.array([[0, -r[2], r[1]], [r[2], 0, -r[0]], [-r[1], r[0], 0]])
-    found = jaw.turn(jnp.asarray(v)[None, :, None], jnp.asarray(r)[None, :, None])[0, :, 0]
-    np.testing.assert_allclose(found, expm(skew) @ v, atol=1e-4)
+    vectors = jaw.turn(jnp.asarray(v)[None, :, None], jnp.asarray(r)[None, :, None])[0, :, 0]
+    np.testing.assert_allclose(vectors, expm(skew) @ v, atol=1e-4)
 
 
 def test_the_jaw_moves_its_vertices_rigidly_and_half_weights_turn_half_way():
@@ -115,9 +115,9 @@ def test_delta_mush_keeps_a_rigidly_moved_rest_pose_and_evens_out_a_spike():
 SHAPE = head_shape.prepare(-115.0, 0.0, -64.0, np.array([0, -88.0, 70]), np.array([40, -30.0, 60]), 0.0)
 
 
-def shape_values(**given: float) -> head_shape.ShapeValues:
+def shape_values(**amounts: float) -> head_shape.ShapeValues:
     names = head_shape.ShapeValues.__dataclass_fields__
-    return head_shape.ShapeValues(**{name: jnp.full((1, 1), given.get(name, 0.0)) for name in names})
+    return head_shape.ShapeValues(**{name: jnp.full((1, 1), amounts.get(name, 0.0)) for name in names})
 
 
 def test_the_head_shape_is_the_identity_at_zero_and_squash_keeps_volume():

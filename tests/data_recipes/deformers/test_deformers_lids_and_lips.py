@@ -23,8 +23,8 @@ def test_raising_on_the_ball_changes_the_elevation_alone():
 
 
 def test_closing_is_linear_at_first_and_exactly_shut_from_a_full_blink_on():
-    shut = np.asarray(lids.closing(jnp.array([[0.0], [0.2], [0.97], [1.3]])))[:, 0]
-    np.testing.assert_allclose(shut, [0, 0.228, 1, 1], atol=1e-3)
+    closure = np.asarray(lids.closing(jnp.array([[0.0], [0.2], [0.97], [1.3]])))[:, 0]
+    np.testing.assert_allclose(closure, [0, 0.228, 1, 1], atol=1e-3)
 
 
 def eye(k: int = 16) -> tuple[np.ndarray, lids.LidPatch]:
@@ -56,8 +56,8 @@ def test_a_blink_brings_the_rims_together_and_keeps_every_lid_vertex_off_the_eye
     constants = lids.prepare(x, patch, np.eye(3), np.zeros(3), 20.0, 0)
     rest = jnp.asarray(x.T[None], jnp.float32)
     np.testing.assert_allclose(lids.close_lids(constants, rest, jnp.zeros((1, 1))), rest, atol=1e-5)
-    shut = np.asarray(lids.close_lids(constants, rest, jnp.ones((1, 1))))[0].T
-    np.testing.assert_allclose(shut[:16], shut[32:48], atol=0.1)
+    closed = np.asarray(lids.close_lids(constants, rest, jnp.ones((1, 1))))[0].T
+    np.testing.assert_allclose(closed[:16], closed[32:48], atol=0.1)
     pressed = lids.close_lids(constants, rest * 0.8, jnp.ones((1, 1)))
     assert np.linalg.norm(np.asarray(pressed)[0], axis=0).min() > 20.2
 
@@ -99,11 +99,11 @@ def test_lips_together_closes_a_parted_mouth_and_sticky_corners_hold_only_the_co
     x = jnp.asarray(parted.reshape(-1, 3).T[None], jnp.float32)
     gap = lambda y, column: float(y[0, 1, column] - y[0, 1, 24 - column])  # noqa: E731
     free = lips.close_lips(constants, x, jnp.zeros((1, 3)))
-    shut = lips.close_lips(constants, x, jnp.array([[1.0, 0, 0]]))
+    closed = lips.close_lips(constants, x, jnp.array([[1.0, 0, 0]]))
     sticky = lips.close_lips(constants, x, jnp.array([[0.0, 0.4, 0.4]]))
     assert gap(x, 6) > 11
     assert gap(free, 6) > 11
-    assert gap(shut, 6) < 0.5
+    assert gap(closed, 6) < 0.5
     assert gap(sticky, 6) > 8
     assert gap(sticky, 1) < 0.5 * gap(x, 1)
 

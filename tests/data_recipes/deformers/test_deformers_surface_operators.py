@@ -22,8 +22,8 @@ def test_hat_gradients_reproduce_a_linear_function():
     vertices, faces = plane()
     slope = np.array([0.7, -1.3, 0.0])
     gradients, area = face_gradients(vertices, faces)
-    found = np.einsum("fkd,fk->fd", gradients, (vertices @ slope)[faces])
-    np.testing.assert_allclose(found, np.tile(slope, (len(faces), 1)), atol=1e-12)
+    slopes = np.einsum("fkd,fk->fd", gradients, (vertices @ slope)[faces])
+    np.testing.assert_allclose(slopes, np.tile(slope, (len(faces), 1)), atol=1e-12)
     np.testing.assert_allclose(area.sum(), 20.0)
     np.testing.assert_allclose(vertex_areas(vertices, faces).sum(), 20.0)
 
@@ -71,10 +71,10 @@ def test_smoothing_keeps_constants_and_what_is_held():
     np.testing.assert_allclose(smooth_values(np.full(30, 2.0), graph, 4), 2.0)
     values = np.zeros(30)
     values[12] = 1
-    kept = np.zeros(30, bool)
-    kept[12] = True
+    anchors = np.zeros(30, bool)
+    anchors[12] = True
     assert smooth_values(values, graph, 4)[12] < 1
-    assert smooth_values(values, graph, 4, kept)[12] == 1
+    assert smooth_values(values, graph, 4, anchors)[12] == 1
 
 
 def test_submesh_renumbers_the_faces_inside():

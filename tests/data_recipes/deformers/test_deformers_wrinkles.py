@@ -88,14 +88,14 @@ def test_the_states_of_the_regions_hold_what_the_layer_adds():
     ]  # fmt: skip
     constants = wrinkles.prepare(parts[::-1], vertices, faces)
     x, u = compressed(vertices, 0.15), jnp.zeros((1, 1))
-    found = wrinkles.region_states(constants, x, u)
+    states = wrinkles.region_states(constants, x, u)
     total = np.zeros(len(vertices))
-    for half, (name, state) in zip(halves, found.items(), strict=True):
+    for half, (name, state) in zip(halves, states.items(), strict=True):
         np.testing.assert_array_equal(state.vertices, half, err_msg=name)
         assert abs(np.median(state.compression) - 0.15) < 1e-5  # but for corners that lie in no face of the patch
         assert abs(np.median(state.excess) - (0.15 - 0.012)) < 5e-3
         total[half] += state.height_mm
-    added = np.asarray(wrinkles.wrinkle(constants, x, u) - x)[0]
-    np.testing.assert_allclose(np.linalg.norm(added, axis=0), np.abs(total), atol=1e-4)
+    displacement = np.asarray(wrinkles.wrinkle(constants, x, u) - x)[0]
+    np.testing.assert_allclose(np.linalg.norm(displacement, axis=0), np.abs(total), atol=1e-4)
     assert total.max() > 0.1
     assert wrinkles.region_states({}, x, u) == {}

@@ -77,8 +77,8 @@ def test_the_face_does_not_fold_over_itself(name):
     h = head(name)
     inside = np.concatenate([h.grids[f"nostril_{s}"][:2].ravel() for s in ("left", "right")])
     lips = h.grids["mouth"][0]
-    kept = (h.segment[h.faces] == 0).all(1) & ~np.isin(h.faces, np.concatenate([inside, lips])).any(1)
-    faces, n = h.faces[kept], normals(h.vertices, h.faces[kept])
+    mask = (h.segment[h.faces] == 0).all(1) & ~np.isin(h.faces, np.concatenate([inside, lips])).any(1)
+    faces, n = h.faces[mask], normals(h.vertices, h.faces[mask])
     owner = {}
     for i, face in enumerate(faces.tolist()):
         for a, b in zip(face, face[1:] + face[:1], strict=True):

@@ -15,8 +15,8 @@ def head():
     return heads.head("tiny")
 
 
-def painted(head, **wanted):
-    recipe = replace(head.recipe, props=replace(head.recipe.props, **wanted))
+def paint_with(head, **changes):
+    recipe = replace(head.recipe, props=replace(head.recipe.props, **changes))
     return paint(recipe, build_layout(recipe), head.vertices).astype(int)
 
 
@@ -26,13 +26,13 @@ def test_paint_covers_every_vertex_and_is_as_symmetric_as_the_head(head):
 
 
 def test_without_anything_on_it_skin_has_its_own_colour_alone(head):
-    plain = painted(head, lip=0.0, blush=0.0, lid=0.0)
+    plain = paint_with(head, lip=0.0, blush=0.0, lid=0.0)
     skin = np.isin(head.part, [head.part_names.index(name) for name in ("cranium", "neck", "ear_left")])
     assert (plain[skin] == np.rint(255 * np.array(head.recipe.props.skin_colour))).all()
 
 
 def test_lips_differ_from_the_skin_around_them_and_blend_on_their_border(head):
-    colours = painted(head, lip=1.0, lip_colour=(0.8, 0.1, 0.2), blush=0.0)
+    colours = paint_with(head, lip=1.0, lip_colour=(0.8, 0.1, 0.2), blush=0.0)
     rings, t = head.grids["mouth"], head.recipe.template
     lip, border, skin = (colours[rings[i]] for i in (0, t.lip_rings, t.lip_rings + 1))
     np.testing.assert_allclose(lip, np.broadcast_to([204, 26, 51], lip.shape), atol=1)
@@ -41,7 +41,7 @@ def test_lips_differ_from_the_skin_around_them_and_blend_on_their_border(head):
 
 
 def test_blush_reddens_cheeks_ears_and_the_tip_of_the_nose_alone(head):
-    redder = np.diff(painted(head, blush=1.0)[:, :2] - painted(head, blush=0.0)[:, :2], axis=1)[:, 0]
+    redder = np.diff(paint_with(head, blush=1.0)[:, :2] - paint_with(head, blush=0.0)[:, :2], axis=1)[:, 0]
     assert redder[head.landmarks["nose_tip"]] < -15 and redder[head.grids["ear_cap_left"]].max() < -15
     cheek = np.linalg.norm(head.vertices - head.vertices[head.landmarks["cheek_left"]], axis=1).argsort()[:5]
     assert redder[cheek].min() < -15
@@ -60,9 +60,9 @@ def test_lids_nostrils_and_the_inside_of_the_mouth_are_darker_than_skin(head):
 
 
 def test_a_dark_back_and_a_light_throat_leave_the_cheeks_as_they_are(head):
-    plain = painted(head)
-    dark = painted(head, back=1.0, back_colour=(0.0, 0.0, 0.0))
-    light = painted(head, throat=1.0, throat_colour=(1.0, 1.0, 1.0))
+    plain = paint_with(head)
+    dark = paint_with(head, back=1.0, back_colour=(0.0, 0.0, 0.0))
+    light = paint_with(head, throat=1.0, throat_colour=(1.0, 1.0, 1.0))
     crown, chin = head.grids["crown"], head.landmarks["chin"]
     assert dark[crown].max() < 40 and (light[crown] == plain[crown]).all()
     assert light[chin].sum() > plain[chin].sum() + 50 and (dark[chin] == plain[chin]).all()

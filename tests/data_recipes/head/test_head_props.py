@@ -18,9 +18,9 @@ ZONES = ("white", "limbus", "iris", "pupil")
 EYES = {f"eye_{zone}_{side}" for zone in ZONES for side in ("left", "right")}
 
 
-def props_with(head, **wanted):
+def props_with(head, **changes):
     """Return the props by name of the tiny head with another `[props]`."""
-    recipe = replace(head.recipe, props=replace(head.recipe.props, **wanted))
+    recipe = replace(head.recipe, props=replace(head.recipe.props, **changes))
     return {prop.name: prop for prop in build_props(recipe, build_layout(recipe), head.vertices)}
 
 

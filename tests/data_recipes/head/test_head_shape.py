@@ -18,8 +18,8 @@ def test_a_sphere_by_ellipsoid_and_by_cone_is_the_true_distance():
 
 
 def test_a_cone_of_one_radius_is_a_capsule():
-    found = cone(np.array([[5.0, 3, 0], [0, 14, 0], [0, -7, 0]]), (0, 0, 0), (0, 10, 0), 2, 2)
-    assert np.allclose(found, [3, 2, 5])
+    distances = cone(np.array([[5.0, 3, 0], [0, 14, 0], [0, -7, 0]]), (0, 0, 0), (0, 10, 0), 2, 2)
+    assert np.allclose(distances, [3, 2, 5])
 
 
 def test_smooth_minimum_is_the_minimum_far_from_the_seam_and_below_it_near():
@@ -61,5 +61,5 @@ def test_frames_are_rotations_and_the_left_eye_turns_outwards():
 
 def test_head_offers_its_skull_as_a_distance():
     teen = head("teen")
-    found = teen.sdf(np.array([[0.0, 40, 0], [0, 40, 300]]))
-    assert found[0] < -20 and found[1] > 100
+    distances = teen.sdf(np.array([[0.0, 40, 0], [0, 40, 300]]))
+    assert distances[0] < -20 and distances[1] > 100

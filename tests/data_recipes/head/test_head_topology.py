@@ -74,8 +74,8 @@ def test_each_edge_has_at_most_two_cells_which_face_the_same_way(name, cells):
 def test_open_edges_are_where_they_belong(name):
     h = head(name)
     edges = directed_edges(h.quads)
-    known = set(map(tuple, edges.tolist()))
-    loose = {a for a, b in known if (b, a) not in known}
+    edge_set = set(map(tuple, edges.tolist()))
+    loose = {a for a, b in edge_set if (b, a) not in edge_set}
     expected = set(h.grids["body"][0].tolist()) | set(h.grids["tongue"][0].tolist())
     for side in ("left", "right"):
         expected |= set(h.grids[f"lid_inner_{side}"][-1].tolist())
@@ -103,8 +103,8 @@ def test_mirror_is_an_involution_that_keeps_faces_and_swaps_sides(name):
     assert (h.mirror[h.mirror] == np.arange(len(h.mirror))).all()
     there = {tuple(sorted(face)) for face in h.faces.tolist()}
     assert all(tuple(sorted(face)) in there for face in h.mirror[h.faces].tolist())
-    swapped = h.part_names[h.part[h.mirror[h.grids["ear_left"][0, 0]]]]
-    assert swapped == "ear_right"
+    opposite = h.part_names[h.part[h.mirror[h.grids["ear_left"][0, 0]]]]
+    assert opposite == "ear_right"
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -133,8 +133,8 @@ def test_ring_mirror_pairs_the_two_sides_of_a_block():
     for shape, corner in (((3, 5), False), ((2, 5), True)):
         block = np.arange(np.prod(shape)).reshape(shape)
         ring = block_ring(block)
-        flipped = dict(zip(block.ravel().tolist(), block[:, ::-1].ravel().tolist(), strict=True))
-        assert [flipped[i] for i in ring.tolist()] == ring[ring_mirror(len(ring), corner)].tolist()
+        opposite = dict(zip(block.ravel().tolist(), block[:, ::-1].ravel().tolist(), strict=True))
+        assert [opposite[i] for i in ring.tolist()] == ring[ring_mirror(len(ring), corner)].tolist()
 
 
 def test_grid_and_ring_cells_run_anticlockwise():

@@ -25,7 +25,7 @@ def test_an_obj_keeps_its_vertices_and_cuts_many_corners_into_fans(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "found"),
+    ("text", "message"),
     [
         ("v 0 0 0\nvt 0 0\nf 1/1 1/1 2/1\n", "line 3 is 'f 1/1 1/1 2/1'"),
         ("v 0 0 0\nvt 0 0\nf 1 1 1\n", "line 3 is 'f 1 1 1'"),
@@ -38,12 +38,12 @@ def test_an_obj_keeps_its_vertices_and_cuts_many_corners_into_fans(tmp_path):
         ("v 0 0 0\nvt 0 0\nf" + " 1/1" * 200_000 + "\n", "where a face of 3 to 64 different corners"),
     ],
 )
-def test_a_broken_obj_is_named_with_what_was_found(tmp_path, text, found):
+def test_a_broken_obj_is_named_with_what_was_found(tmp_path, text, message):
     file = tmp_path / "a.obj"
     file.write_text(text)
-    with pytest.raises(InputError, match=r"a\.obj") as caught:
+    with pytest.raises(InputError, match=r"a\.obj") as error:
         facekit_files.read_obj(file)
-    assert found in str(caught.value)
+    assert message in str(error.value)
 
 
 def test_quads_are_cut_along_the_shorter_diagonal_or_through_a_corner():
@@ -111,17 +111,17 @@ def test_a_folder_that_is_no_such_model_gets_one_sentence(kit, folder, tmp_path,
     shutil.copytree(folder, tmp_path / "kit")
     _break(fault)(tmp_path / "kit" / "FaceXModel")
     monkeypatch.setenv("ICT_FACEKIT", str(tmp_path / "kit"))
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError) as error:
         build_rig(kit)
-    assert all(word in str(caught.value) for word in words), str(caught.value)
+    assert all(word in str(error.value) for word in words), str(error.value)
 
 
-@pytest.mark.parametrize("named", ["", "/nonexistent"])
-def test_without_the_folder_the_command_ends_with_2_and_says_where_to_get_it(named, monkeypatch, capsys, cache):
-    monkeypatch.setenv("ICT_FACEKIT", named)
+@pytest.mark.parametrize("location", ["", "/nonexistent"])
+def test_without_the_folder_the_command_ends_with_2_and_says_where_to_get_it(location, monkeypatch, capsys, cache):
+    monkeypatch.setenv("ICT_FACEKIT", location)
     assert main(["table2", "--profile", "quick", "--characters", "ict"]) == 2
-    said = capsys.readouterr().err
-    assert "ICT-FaceKit by USC ICT on GitHub" in said and "ICT_FACEKIT=" in said and said.count("\n") == 1
+    errors = capsys.readouterr().err
+    assert "ICT-FaceKit by USC ICT on GitHub" in errors and "ICT_FACEKIT=" in errors and errors.count("\n") == 1
     assert not cache.exists() or not list(cache.iterdir())
 
 
@@ -143,6 +143,6 @@ def test_a_bad_recipe_gets_one_sentence(kit, tmp_path, old, new, sentence):
     text = kit.read_text()
     assert old in text
     (tmp_path / "mask.toml").write_text(text.replace(old, new))
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError) as error:
         build_rig(tmp_path / "mask.toml")
-    assert "mask.toml: " in str(caught.value) and sentence in str(caught.value)
+    assert "mask.toml: " in str(error.value) and sentence in str(error.value)

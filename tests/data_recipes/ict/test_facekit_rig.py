@@ -23,7 +23,7 @@ from replicate.config import Config
 TAU_MM = 0.3  # the paper's threshold of Eq. 3
 
 
-def unfolded(rig):
+def without_folds(rig):
     """The rig's function without its wrinkles."""
     constants = rig.face.constants | {"wrinkles": {"surface": rig.face.constants["wrinkles"]["surface"]}}
     return lambda params: np.asarray(face_function(replace(rig.face, constants=constants))(params))
@@ -38,18 +38,18 @@ def test_the_default_pose_is_the_neutral_without_a_fold(mask):
 
 
 def test_jaw_open_turns_about_its_pivot_and_gives_the_models_shape_in_full(mask, kit):
-    read = load_recipe(kit)
-    kept = facekit_rig.place_model(facekit_files.read_model(read.vertices), read)
-    shift = kept.vertices[0] - facekit_files.read_model(read.vertices).vertices[0]
+    recipe = load_recipe(kit)
+    model = facekit_rig.place_model(facekit_files.read_model(recipe.vertices), recipe)
+    shift = model.vertices[0] - facekit_files.read_model(recipe.vertices).vertices[0]
     lower = mask.mesh.segment == mask.mesh.segment_names.index("tooth_lower_01")
     np.testing.assert_allclose(mask.face.constants["jaw"]["pivot"], 10 * PIVOT + shift, atol=0.05)
     turn = mask.face.constants["jaw_turn"][[c.name for c in mask.controls].index("jawOpen")]
     np.testing.assert_allclose(turn, [ANGLE, 0, 0], atol=1e-4)
     for name in jaw_fit.JAW_CONTROLS:
-        wanted = kept.offsets[name][: len(mask.mesh.neutral)]
-        found = unfolded(mask)(pose_of(mask, **{name: 1.0})[None])[0] - mask.mesh.neutral
-        assert np.abs(found - wanted).max() < 0.25  # where weights and shape disagree a hundredth is bent away
-        np.testing.assert_allclose(found[lower], wanted[lower], atol=2e-3)
+        expected = model.offsets[name][: len(mask.mesh.neutral)]
+        offsets = without_folds(mask)(pose_of(mask, **{name: 1.0})[None])[0] - mask.mesh.neutral
+        assert np.abs(offsets - expected).max() < 0.25  # where weights and shape disagree a hundredth is bent away
+        np.testing.assert_allclose(offsets[lower], expected[lower], atol=2e-3)
     half = moved(mask, jawOpen=0.5)[lower]
     chord = 0.5 * moved(mask, jawOpen=1.0)[lower]
     assert np.linalg.norm(half - chord, axis=1).min() > 0.5  # along an arc, not a chord
@@ -57,8 +57,8 @@ def test_jaw_open_turns_about_its_pivot_and_gives_the_models_shape_in_full(mask,
 
 def test_the_teeth_and_only_they_are_found_rigid_over_poses(mask):
     vertices = mask(exaggerated_poses(mask, 60))
-    found = find_attachments(mask.mesh, vertices, TAU_MM, 10)
-    rigid = {mask.mesh.segment_names[k] for k in found.segment}
+    attachments = find_attachments(mask.mesh, vertices, TAU_MM, 10)
+    rigid = {mask.mesh.segment_names[k] for k in attachments.segment}
     assert {"tooth_upper_01", "tooth_lower_01"} <= rigid
     assert not rigid & {"face", "mouth"}
     assert segment_errors(mask.mesh, vertices)[:, 6:].max() < 1e-3
@@ -84,7 +84,7 @@ def test_nodes_in_a_row_give_what_the_function_gives(mask):
 
 
 def test_raised_brows_fold_the_forehead_and_nothing_else_does(mask):
-    smooth = unfolded(mask)
+    smooth = without_folds(mask)
     for amounts, least, most in (({"browInnerUp": 1.0, "browOuterUp": 1.0}, 0.4, 3.0), ({"jawOpen": 1.0}, 0.0, 0.05)):
         pose = pose_of(mask, **amounts)
         folds = mask(pose) - smooth(pose[None])[0]
@@ -108,8 +108,8 @@ def test_lips_close_over_an_open_jaw_only_and_a_shut_eye_squints_no_more(mask):
     assert np.abs(moved(mask, mouthClose=1.0)).max() < 1e-4
     both, alone = moved(mask, mouthClose=1.0, jawOpen=1.0), moved(mask, jawOpen=1.0)
     assert np.abs(both - alone).max() > 5
-    shut = moved(mask, eyeBlink_L=1.0)
-    assert np.abs(moved(mask, eyeBlink_L=1.0, eyeSquint_L=1.0) - shut).max() < 0.05
+    blink = moved(mask, eyeBlink_L=1.0)
+    assert np.abs(moved(mask, eyeBlink_L=1.0, eyeSquint_L=1.0) - blink).max() < 0.05
 
 
 def test_our_acting_plays_in_the_models_names(mask):
@@ -122,8 +122,8 @@ def test_our_acting_plays_in_the_models_names(mask):
         arkit_names.our_pose({n: i for i, n in enumerate(columns)}, {"smile_left": 0.5})[columns.index("mouthSmile_L")]
         == 0.5
     )
-    told = arkit_names.in_their_words(["look_x_right"], ["eyeLookIn_R", "eyeLookOut_R"], np.array([[0.3], [-0.4]]))
-    np.testing.assert_allclose(told, [[0.3, 0], [0, 0.4]])
+    values = arkit_names.in_their_words(["look_x_right"], ["eyeLookIn_R", "eyeLookOut_R"], np.array([[0.3], [-0.4]]))
+    np.testing.assert_allclose(values, [[0.3, 0], [0, 0.4]])
     joy = expression_poses(mask)["joy"]
     assert joy[columns.index("mouthSmile_L")] == pytest.approx(EXPRESSIONS["joy"]["smile_*"])
 
@@ -151,6 +151,6 @@ def test_the_rigs_key_follows_the_folders_contents_not_its_place(kit, folder, tm
     copy = tmp_path / "elsewhere"
     shutil.copytree(folder, copy)
     assert key(copy) == key(folder) == key(copy / "FaceXModel")
-    changed = copy / "FaceXModel" / "jawLeft.obj"
-    changed.write_text(changed.read_text() + "# touched\n")
+    file = copy / "FaceXModel" / "jawLeft.obj"
+    file.write_text(file.read_text() + "# touched\n")
     assert key(copy) != key(folder)
