@@ -38,7 +38,7 @@ def layout_and_charts(recipe):
     return SimpleNamespace(**fields, segment=segment, segment_names=names), uv
 
 
-@pytest.fixture(scope="module", params=(*NAMES, "merged"))
+@pytest.fixture(scope="module", params=[*(f"{name}@{layout}" for name in NAMES for layout in LAYOUTS), "merged"])
 def chart(request):
     return layout_and_charts(merged_recipe() if request.param == "merged" else load_recipe(request.param))
 
@@ -102,7 +102,7 @@ def test_the_face_stands_upright_with_its_left_to_the_right(chart):
 
 
 def test_lips_and_lids_lie_apart():
-    layout, uv = layout_and_charts(load_recipe("teen"))
+    layout, uv = layout_and_charts(load_recipe("teen@one_face"))
     for name, least in (("mouth", 0.8), ("eye_left", 1.2)):
         rim = layout.grids[name][0]
         k = len(rim)
@@ -112,7 +112,7 @@ def test_lips_and_lids_lie_apart():
 
 
 def test_the_teens_face_gives_its_vertices_even_room():
-    layout, uv = layout_and_charts(load_recipe("teen"))
+    layout, uv = layout_and_charts(load_recipe("teen@one_face"))
     areas = signed_areas(uv[triangles(layout, 0)])
     # Tutte's map with fixed weights, a chart without our rounds, has 20 here.
     assert np.quantile(areas, 0.95) / np.quantile(areas, 0.05) < 7
@@ -137,8 +137,8 @@ def test_parts_of_one_chart_keep_apart_by_more_than_a_texel():
 
 
 def test_bands_of_the_face_hold_equally_many_vertices_and_lie_one_above_the_other():
-    layout, uv = laid_out(load_recipe("teen@fine"))
-    whole, face_uv = laid_out(load_recipe("teen@one_face"))
+    layout, uv = layout_and_charts(load_recipe("teen@fine"))
+    whole, face_uv = layout_and_charts(load_recipe("teen@one_face"))
     face = np.flatnonzero(whole.segment == 0)
     bands = [face[layout.segment[face] == k] for k in range(4)]
     assert layout.segment_names[:4] == ("face_1", "face_2", "face_3", "face_4")
