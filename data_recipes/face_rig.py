@@ -118,8 +118,10 @@ class FaceRig(FunctionRig):
         return np.asarray(node_chain.finish(state))
 
     def wrinkle_states(self, params: Float[Values, " m"]) -> dict[str, wrinkles.RegionState]:
-        """Return each wrinkle region's vertices, compression c̃, excess c₊ and height_mm, (s,), in the pose (m,)."""
+        """Return each wrinkle region's vertices, compression c̃, excess c₊ and height_mm, (s,), in the pose (m,); none without them."""
         names = [node.name for node in self.nodes]
+        if "wrinkles" not in names:
+            return {}
         before = names[names.index("wrinkles") - 1]
         *_, (_, state) = self.node_steps(np.asarray(params, np.float32)[None], upto=before)
         return wrinkles.region_states(self.face.on_device["wrinkles"], state["x"], state["u"])

@@ -10,9 +10,8 @@ import numpy as np
 
 from data_recipes.acting.clip_file import read_clip
 from data_recipes.acting.procedural_acting import act
-from data_recipes.deformers.face_build import build_constants
-from data_recipes.deformers.face_chain import FACE
 from data_recipes.deformers.face_points import control_points
+from data_recipes.deformers.ladder import build_step
 from data_recipes.deformers.posed_props import rest_props
 from data_recipes.deformers.sculpting import Sculptor
 from data_recipes.early_checks import recipe_controls
@@ -44,7 +43,8 @@ def build_recipe_rig(recipe: Recipe) -> FaceRig:
             segment_names=head.segment_names,
         )
         points, regions = control_points(Sculptor(head))
-        face = FaceParts(build_constants(head, controls), rest_props(head), head.paint, FACE)
+        chain, constants = build_step(head, controls, recipe.step)
+        face = FaceParts(constants, rest_props(head), head.paint, chain)
     rig = FaceRig(
         name=recipe.name,
         mesh=mesh,

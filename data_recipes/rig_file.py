@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from data_recipes.controls import Control
-from data_recipes.deformers.face_chain import FACE
+from data_recipes.deformers.face_chain import LADDER
 from data_recipes.deformers.posed_props import RestProp
 from data_recipes.face_rig import FaceParts, FaceRig
 from data_recipes.ict.facekit_chain import FACEKIT
@@ -22,7 +22,7 @@ from replicate.geometry.mesh import Mesh
 DESCRIPTION, ARRAYS = "rig.json", "rig.npz"
 FORMAT = 3
 MESH = ("neutral", "faces", "uv", "segment")
-CHAINS = {chain.name: chain for chain in (FACE, FACEKIT)}
+CHAINS = {chain.name: chain for chain in (*LADDER.values(), FACEKIT)}
 PROP = ("colours", "vertices", "faces", "index", "weight")
 
 

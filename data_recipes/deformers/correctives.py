@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from data_recipes.controls import SIDES
 from data_recipes.deformers.face_fields import tongue_reach
 from data_recipes.deformers.lip_motions import Curve, Motion, arch
 from data_recipes.deformers.mouth_fields import lip_change
@@ -62,6 +63,13 @@ CORRECTIVES = (
     (("upper_lip_raise_*", "chin_raise"), _less_lift),
     (("frown_*", "chin_raise"), _less_frown),
 )
+
+
+def corrective_drivers(columns: dict[str, int]) -> list[tuple[int, ...]]:
+    """Return, for each corrective on each side, the columns of the controls that drive it, where the rig has them."""
+    names = [[driver.replace("*", side) for driver in drivers] for drivers, _ in CORRECTIVES for side in SIDES]
+    names.append(["tongue_out", "jaw_open"])
+    return [tuple(columns[name] for name in group) for group in names if all(name in columns for name in group)]
 
 
 def add_correctives(s: Sculptor, columns: dict[str, int], fields: PoseFields) -> None:

@@ -42,8 +42,11 @@ HANDLE_TRAVEL_MM = (5.0, 5.0, 4.0)
 LIP_RING_REACH = 0.9  # of the mouth's rings, how many a closing seam moves
 
 
-def build_constants(head: Head, controls: tuple[Control, ...]) -> dict[str, Any]:
-    """Return the constants of every layer for a head and its controls (see `face.NODES`)."""
+def build_constants(head: Head, controls: tuple[Control, ...], wave: float = 1.0) -> dict[str, Any]:
+    """Return the constants of every layer for a head and its controls (see `face.NODES`).
+
+    wave: of the usual wave length, the share that wrinkles have.
+    """
     s = Sculptor(head)
     columns, m = control_index(controls), len(controls)
     numbers = np.array([[c.lower, c.upper, c.default] for c in controls], np.float64)
@@ -62,7 +65,7 @@ def build_constants(head: Head, controls: tuple[Control, ...]) -> dict[str, Any]
         "lips": _lips(s, columns, m),
         "gaze_controls": selection(_columns(GAZE, columns, m), m),
         "flesh": flesh.prepare(s.x, head.faces, s.graph, _flesh_weight(s)),
-        "wrinkles": wrinkles.prepare(build_regions(s, columns, m), s.x, head.faces),
+        "wrinkles": wrinkles.prepare(build_regions(s, columns, m, wave), s.x, head.faces),
         "riders": riders.prepare(
             s.x,
             [head.grids[name] for name in frill_parts(head.recipe)],

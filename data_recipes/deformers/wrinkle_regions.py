@@ -21,11 +21,14 @@ def ridges(phase: Float[np.ndarray, "*s"]) -> Float[np.ndarray, "*s"]:
     return (np.abs(np.cos(np.pi * phase)) ** 0.8 - 0.66) / 0.5
 
 
-def build_regions(s: Sculptor, columns: dict[str, int], m: int) -> list[Region]:
-    """Return the face's wrinkle regions; a gain control that the rig lacks stays at its natural value (column m)."""
-    parts = [_forehead(s), _glabella(s), _chin(s)]
+def build_regions(s: Sculptor, columns: dict[str, int], m: int, wave: float = 1.0) -> list[Region]:
+    """Return the face's wrinkle regions; a gain control that the rig lacks stays at its natural value (column m).
+
+    wave: of the usual wave length, the share that folds in rows have; single folds stay as they are.
+    """
+    parts = [_forehead(s, wave), _glabella(s), _chin(s, wave)]
     for side in ("left", "right"):
-        parts += [_bridge(s, side), _crow(s, side), _nasolabial(s, side), _under_eye(s, side)]
+        parts += [_bridge(s, side, wave), _crow(s, side, wave), _nasolabial(s, side), _under_eye(s, side, wave)]
     regions = []
     for name, vertices, fibre, wavelength, pattern, controls in parts:
         local, _ = submesh(s.head.faces, vertices, s.n)
@@ -61,7 +64,7 @@ def _sides(x: np.ndarray, softness: float = 10.0) -> tuple[np.ndarray, np.ndarra
     return left, 1 - left
 
 
-def _forehead(s: Sculptor) -> Parts:
+def _forehead(s: Sculptor, wave: float) -> Parts:
     """Ridges along the rows from the brows to the hair line."""
     head, t = s.head, s.head.recipe.template
     body = head.grids["body"]
@@ -75,7 +78,7 @@ def _forehead(s: Sculptor) -> Parts:
     r, c = row[keep], np.abs(column[keep] - reach)
     rows = last - first
     # Slightly arched folds: towards the temples they dip by half a row.
-    phase = r / ROWS_PER_FOLD + 0.5
+    phase = r / (wave * ROWS_PER_FOLD) + 0.5
     window = smoothstep(r, 0.06 * rows, 0.2 * rows) * smoothstep(r, 0.97 * rows, 0.78 * rows)
     window = window * smoothstep(c, reach, 0.62 * reach)
     spacing = np.linalg.norm(np.diff(s.x[body[first : last + 1, 0]], axis=0), axis=1).mean()
@@ -87,7 +90,7 @@ def _forehead(s: Sculptor) -> Parts:
         "wrinkle_forehead_right": right * (1 - middle),
         "wrinkle_forehead_middle": middle,
     }
-    return "forehead", vertices, s.up, ROWS_PER_FOLD * spacing, 0.8 * window * ridges(phase), gain
+    return "forehead", vertices, s.up, wave * ROWS_PER_FOLD * spacing, 0.8 * window * ridges(phase), gain
 
 
 def _glabella(s: Sculptor) -> Parts:
@@ -105,7 +108,7 @@ def _glabella(s: Sculptor) -> Parts:
     return "glabella", vertices, s.out, 9.0, window * p, {"wrinkle_glabella": np.ones(len(vertices))}
 
 
-def _bridge(s: Sculptor, side: str) -> Parts:
+def _bridge(s: Sculptor, side: str, wave: float) -> Parts:
     """Oblique folds on one flank of the nose's bridge."""
     sign = 1.0 if side == "left" else -1.0
     y1, y0 = s.point("glabella")[1] - 10, s.point("nose_wing_left")[1] + 12
@@ -115,7 +118,7 @@ def _bridge(s: Sculptor, side: str) -> Parts:
         s, (x > -0.5) & (x < 1.05 * wide) & (y > y0 - 4) & (y < y1 + 4) & (s.x[:, 2] > 0.6 * s.point("glabella")[2])
     )
     x, y = x[vertices], y[vertices]
-    wavelength = 5.4
+    wavelength = wave * 5.4
     phase = (y - y0 + 0.55 * x) / (wavelength * np.hypot(1, 0.55))
     window = smoothstep(y, y0 - 3, y0 + 5) * smoothstep(y, y1 + 3, y1 - 5) * smoothstep(x, 1.0 * wide, 0.55 * wide)
     window = window * smoothstep(x, 0.0, 2.5)
@@ -130,7 +133,7 @@ def _bridge(s: Sculptor, side: str) -> Parts:
     )
 
 
-def _crow(s: Sculptor, side: str) -> Parts:
+def _crow(s: Sculptor, side: str, wave: float) -> Parts:
     """A fan of folds, 19° apart, from the outer corner of the eye."""
     sign = 1.0 if side == "left" else -1.0
     corner = s.point(f"eye_outer_{side}")
@@ -143,7 +146,7 @@ def _crow(s: Sculptor, side: str) -> Parts:
     a, b, distance = a[vertices], b[vertices], distance[vertices]
     angle = np.degrees(np.arctan2(b, a + 3.0))
     window = smoothstep(distance, 6, 12) * smoothstep(distance, 34, 20) * smoothstep(np.abs(angle + 4), 62, 38)
-    wavelength = 6.0
+    wavelength = wave * 6.0
     radial = (a + 3.0)[:, None] * out + b[:, None] * np.array([0, 1.0, 0])
     fibre = np.zeros_like(s.x)
     fibre[vertices] = np.cross(s.normals[vertices], radial)
@@ -152,7 +155,7 @@ def _crow(s: Sculptor, side: str) -> Parts:
         vertices,
         fibre,
         wavelength,
-        window * ridges(angle / 19 + 0.5),
+        window * ridges(angle / (wave * 19) + 0.5),
         {f"wrinkle_crow_{side}": np.ones(len(vertices))},
     )
 
@@ -192,7 +195,7 @@ def _nasolabial(s: Sculptor, side: str) -> Parts:
     )
 
 
-def _chin(s: Sculptor) -> Parts:
+def _chin(s: Sculptor, wave: float) -> Parts:
     """Dimples: a product of sines."""
     chin = s.point("chin")
     away = s.x - chin
@@ -200,14 +203,18 @@ def _chin(s: Sculptor) -> Parts:
         s, (np.linalg.norm(away, axis=1) < 25) & (s.x[:, 2] > 20) & (s.x[:, 1] < s.point("lip_lower_bottom")[1] - 2)
     )
     x, y = away[vertices, 0], away[vertices, 1]
-    wavelength = 7.0
-    p = 1.2 * np.sin(2 * np.pi * (x + 0.3 * y) / 14.0 + 0.7) * np.sin(2 * np.pi * (y - 0.25 * x) / 12.5)
+    wavelength = wave * 7.0
+    p = (
+        1.2
+        * np.sin(2 * np.pi * (x + 0.3 * y) / (wave * 14.0) + 0.7)
+        * np.sin(2 * np.pi * (y - 0.25 * x) / (wave * 12.5))
+    )
     window = smoothstep(np.hypot(x, y - 4), 22, 12)
     left, right = _sides(x, 5.0)
     return "chin", vertices, s.up, wavelength, window * p, {"wrinkle_chin_left": left, "wrinkle_chin_right": right}
 
 
-def _under_eye(s: Sculptor, side: str) -> Parts:
+def _under_eye(s: Sculptor, side: str, wave: float) -> Parts:
     """Two folds along the lower lid."""
     rings = s.head.grids[f"eye_{side}"]
     lid, u = s.head.ring_parameter["eye_side"], s.head.ring_parameter["eye_u"]
@@ -216,7 +223,7 @@ def _under_eye(s: Sculptor, side: str) -> Parts:
     place = np.broadcast_to(u[lid < 0], grid.shape).ravel()
     vertices = grid.ravel()
     count = len(rings) - 1
-    wavelength = 4.6
+    wavelength = wave * 4.6
     window = smoothstep(ring, 0.15 * count, 0.35 * count) * smoothstep(ring, 1.0 * count, 0.75 * count)
     window = window * smoothstep(np.abs(place), 0.95, 0.55)
     fibre = smooth_values(s.up, s.graph, 2)
@@ -225,6 +232,6 @@ def _under_eye(s: Sculptor, side: str) -> Parts:
         vertices,
         fibre,
         wavelength,
-        0.8 * window * ridges(ring / 4.0 + 0.5),
+        0.8 * window * ridges(ring / (wave * 4.0) + 0.5),
         {f"wrinkle_under_eye_{side}": np.ones(len(vertices))},
     )

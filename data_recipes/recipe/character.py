@@ -32,7 +32,7 @@ class Recipe(Checked):
     vertices: the exact count that the built head must have. clip_files: animation of one's own as CSV (see
     `clip_file`), beside the invented acting or, with acting.clips = 0, instead of it; in the file their paths are
     relative to its folder. A recipe with neither has no animation, and its poses are drawn uniformly. layout: which of
-    the layouts counts.
+    the layouts counts. step: how many of the deformers the rig has, 5 for the whole face (see `deformers.face_chain`).
     """
 
     name: str = identifier()
@@ -40,6 +40,7 @@ class Recipe(Checked):
     file: str = "<memory>"
     clip_files: tuple[str, ...] = names(what="paths of CSV files")
     layout: Literal["one_face", "fine"] = "one_face"
+    step: int = number(5, 1, 6)
     layouts: Layouts = Layouts()
     skull: Skull = Skull()
     nose: Nose = Nose()

@@ -13,6 +13,9 @@ from replicate.engine.exceptions import InputError
 from replicate.engine.schema import naming, read_table, shown
 from replicate.engine.user_files import is_file, read_toml
 
+UNIFORM, UNIFORM_REACH = "uniform", 0.5  # all controls at once, each within a share of its limits, must still be a face
+STEPS = tuple("123456")
+
 __all__ = ["Recipe", "load_recipe", "with_clips", "without_place"]
 
 
@@ -41,11 +44,19 @@ def load_recipe(name_or_path: str | Path) -> Recipe | FaceKitRecipe:
 
 def _vary(recipe: Recipe | FaceKitRecipe, variant: str) -> Recipe | FaceKitRecipe:
     """Return the variant of a recipe that an @ names. Raises InputError for one that it doesn't have."""
-    choices = tuple(field.name for field in fields(Layouts)) if isinstance(recipe, Recipe) else ()
-    if variant not in choices:
-        allowed = f"{', '.join(choices)}, a layout of its charts" if choices else "nothing, since it has no variants"
-        raise InputError(f"what follows @ is {shown(variant)}: allowed is {allowed}")
-    return replace(recipe, layout=variant)
+    if not isinstance(recipe, Recipe):
+        raise InputError(f"what follows @ is {shown(variant)}: this model has no variants")
+    layouts = tuple(field.name for field in fields(Layouts))
+    if variant in layouts:
+        return replace(recipe, layout=variant)
+    if variant == UNIFORM:
+        limits = replace(recipe.limits, reach=min(recipe.limits.reach, UNIFORM_REACH))
+        return replace(recipe, clip_files=(), acting=replace(recipe.acting, clips=0), limits=limits)
+    if variant not in STEPS:
+        steps = f"{STEPS[0]} to {STEPS[-1]}, a step of the ladder"
+        choices = f"{', '.join(layouts)}, a layout of its charts; {steps}; or {UNIFORM}, for poses drawn uniformly"
+        raise InputError(f"what follows @ is {shown(variant)}: allowed are {choices}")
+    return replace(recipe, step=int(variant))
 
 
 def without_place(recipe: Recipe | FaceKitRecipe) -> Recipe | FaceKitRecipe:

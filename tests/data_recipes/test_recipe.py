@@ -215,7 +215,7 @@ def test_a_variant_is_a_layout_of_the_recipes_charts_and_no_other_word(tmp_path)
     assert load_recipe(f"{file}@fine").charts.face_bands == 4 and load_recipe(f"{file}@one_face").charts.face_bands == 1
     for word in ("fien", "", "fine@"):
         with pytest.raises(
-            InputError, match=r"what follows @ is .*: allowed is one_face, fine, a layout of its charts"
+            InputError, match=r"what follows @ is .*: allowed are one_face, fine, a layout of its charts; 1 to 6, a "
         ):
             load_recipe(f"{file}@{word}")
 
