@@ -118,7 +118,10 @@ class FaceRig(FunctionRig):
         return np.asarray(node_chain.finish(state))
 
     def wrinkle_states(self, params: Float[Values, " m"]) -> dict[str, wrinkles.RegionState]:
-        """Return each wrinkle region's vertices, compression c̃, excess c₊ and height_mm, (s,), in the pose (m,); none without them."""
+        """Return each wrinkle region's vertices, compression c̃, excess c₊ and height_mm, (s,), in the pose (m,).
+
+        A rig without wrinkles has none.
+        """
         names = [node.name for node in self.nodes]
         if "wrinkles" not in names:
             return {}
