@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import cKDTree
 
 from replicate.drawing.colours import colour_in_bytes
 from replicate.drawing.scene import MATT, SILKY, WET, WHITE, Camera, Finish, Surface, axes
@@ -14,6 +15,7 @@ FINISHES = {"eye": WET, "hair": SILKY, "horn": SILKY}
 # lies before the eyeball, as shares of the radius.
 CATCHLIGHT = np.array([-0.20, 0.14, 0.97])
 CATCHLIGHT_SIZE, CATCHLIGHT_LIFT = 0.115, 0.012
+NEAREST = 4  # vertices of the skin that a vertex of a prop goes with
 
 
 def finish_of(name: str) -> Finish:
@@ -38,6 +40,26 @@ def prop_surfaces(props: Iterable[Sequence], camera: Camera | None = None) -> li
     if camera is not None:
         surfaces += [_catchlight(np.concatenate(parts), camera) for parts in eyes.values()]
     return surfaces
+
+
+def carry_props(
+    props: Iterable[Sequence], truth: Float[np.ndarray, "n 3"], vertices: Float[np.ndarray, "n 3"]
+) -> list[tuple]:
+    """Return props that go with the skin from where it truly is to where a method has it; eyeballs stay.
+
+    So brows lie on every method's skin as they do on the true one, and no error of the skin buries them. props: as
+    `prop_surfaces` takes them, where the skin is `truth`.
+    """
+    tree, step = cKDTree(truth), np.asarray(vertices, np.float64) - truth
+    moved = []
+    for name, places, faces, colour in props:
+        if not name.startswith("eye"):
+            distance, index = tree.query(places, k=NEAREST)
+            weight = 1 / (distance + 0.5) ** 2
+            weight /= weight.sum(1, keepdims=True)
+            places = np.float32(places + (weight[..., None] * step[index]).sum(1))
+        moved.append((name, places, faces, colour))
+    return moved
 
 
 def _catchlight(eyeball: Float[np.ndarray, "k 3"], camera: Camera) -> Surface:

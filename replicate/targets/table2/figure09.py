@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from replicate.drawing.panels import Words, panel_grid
-from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
-from replicate.drawing.scene import Surface, camera_for
+from replicate.drawing.scene import camera_for
 from replicate.report.pose_record import TRUTH, PoseRecord
+from replicate.targets.table2.clay_surfaces import clay_surfaces
 from replicate.targets.table2.panel_titles import panel_title, plain_name
 
 if TYPE_CHECKING:
@@ -26,11 +26,7 @@ def figure09(
     """Return (figure, words): the record's pose from the forehead camera, one panel for each of `methods`."""
     view = camera_for("forehead", record.neutral)
     columns = [method for method in methods if method in record.vertices]
-    props = prop_surfaces(record.props)
-    panels = [
-        render([Surface(record.vertices[method], record.faces), *props], view, width, height, renderer=renderer)
-        for method in columns
-    ]
+    panels = [render(clay_surfaces(record, method), view, width, height, renderer=renderer) for method in columns]
     titles = [panel_title(method) for method in columns]
     names = ", ".join(plain_name(method) for method in columns)
     return panel_grid([panels], titles), Words(

@@ -8,11 +8,11 @@ import numpy as np
 from replicate.approximation.metrics import normal_error
 from replicate.drawing.heatmap import colour_bar, normal_heat
 from replicate.drawing.panels import Words, panel_grid
-from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
-from replicate.drawing.scene import Surface, camera_for
+from replicate.drawing.scene import camera_for
 from replicate.methods.method_registry import in_order, method_named
 from replicate.report.pose_record import TRUTH, PoseRecord
+from replicate.targets.table2.clay_surfaces import clay_surfaces
 from replicate.targets.table2.panel_titles import panel_title, plain_name
 
 if TYPE_CHECKING:
@@ -30,10 +30,9 @@ def figure10(
     """Return (figure, words). limit_deg: the upper end of the colours, the same for every panel."""
     view = camera_for(camera, record.neutral)
     columns = [TRUTH, *(m for m in in_order(set(record.vertices) - {TRUTH}) if method_named(m).in_figures)]
-    props = prop_surfaces(record.props)
     truth = record.vertices[TRUTH]
     draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
-    clay = [draw([Surface(record.vertices[method], record.faces), *props]) for method in columns]
+    clay = [draw(clay_surfaces(record, method)) for method in columns]
     heat = [draw([normal_heat(record.vertices[method], truth, record.faces, limit_deg)]) for method in columns]
     figure = panel_grid(
         [clay, heat],
