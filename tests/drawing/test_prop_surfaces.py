@@ -14,7 +14,7 @@ def test_a_brow_goes_with_the_skin_below_it_and_an_eyeball_stays():
     away = skin + np.float32([0, 0, 3])
     props = [("brow_left", BROW, FACES, (0, 0, 0)), ("eye_white_left", BROW, FACES, (255, 255, 255))]
     brow, eye = carry_props(props, skin, away)
-    np.testing.assert_allclose(brow[1], BROW + (0, 0, 3), atol=1e-5)
+    np.testing.assert_allclose(brow[1], BROW + np.float32([0, 0, 3]), atol=1e-5)
     assert eye[1] is BROW and brow[0] == "brow_left" and brow[3] == (0, 0, 0)
 
 
