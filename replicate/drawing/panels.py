@@ -102,7 +102,11 @@ def png(
 def _with_palette(picture, colours: int, dither: bool):
     from PIL import Image
 
-    palette = picture.quantize(colours - 1, method=Image.Quantize.MEDIANCUT, kmeans=2)
+    # Counted by pixels, a legend's patch or an eye would get the mean of its neighbours' colours: small areas count more.
+    pixels = np.asarray(picture).reshape(-1, 3)
+    hues, counts = np.unique(pixels, axis=0, return_counts=True)
+    sample = Image.fromarray(np.repeat(hues, np.ceil(np.sqrt(counts)).astype(int), axis=0)[None])
+    palette = sample.quantize(colours - 1, method=Image.Quantize.MEDIANCUT, kmeans=2)
     dithering = Image.Dither.FLOYDSTEINBERG if dither else Image.Dither.NONE
     indices = np.array(picture.quantize(palette=palette, dither=dithering))
     indices[(np.asarray(picture) == 255).all(-1)] = colours - 1  # paper is white, not the mean of the near-whites
