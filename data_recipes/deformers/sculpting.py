@@ -44,10 +44,6 @@ class Path:
     def __add__(self, other: Path) -> Path:
         return Path(*(getattr(self, f) + getattr(other, f) for f in ("half", "full", "half_bulge", "full_bulge")))
 
-    def scaled(self, factor: float) -> Path:
-        """Return the same action, `factor` times as strong."""
-        return Path(factor * self.half, factor * self.full, factor * self.half_bulge, factor * self.full_bulge)
-
     def mirrored(self, mirror: Int[np.ndarray, " n"]) -> Path:
         """Return the same action on the other side."""
         return Path(
