@@ -19,13 +19,13 @@ NUMBERS = """
 [samples]
 count = 600
 [coarse.training]
-steps = 120
+steps = 250
 [refinement]
 poses = 60
 [refinement.training]
 steps = 60
 [dense.training]
-steps = 120
+steps = 250
 [driven.training]
 steps = 60
 [pca]
@@ -145,7 +145,7 @@ def test_kill_9_at_ten_random_moments_changes_no_digit(short, tmp_path):
     while kills < 10:
         process = start(folder, SHORT)
         try:
-            process.communicate(timeout=moments.uniform(0.5, 7.0))
+            process.communicate(timeout=moments.uniform(0.5, 5.0))
         except subprocess.TimeoutExpired:
             os.kill(process.pid, signal.SIGKILL)
             process.communicate()
