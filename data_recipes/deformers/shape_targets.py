@@ -2,8 +2,8 @@
 
 Step 1 adds, for every control, its value times the offset at its full value, as an artist exports a delta for each
 control. Step 2 lets vertices move along parabolas, with a target half-way as well, and adds a combination target for
-every pair of actions that has a corrective (Lewis et al. 2014, "Practice and Theory of Blendshape Facial Models", §3.1 to §3.3).
-Teeth stay rigid in both: each takes the rotation and translation that fit its moved vertices best, as a rivet does.
+every pair of actions that has a corrective (Lewis et al. 2014, "Practice and Theory of Blendshape Facial Models", §3.1
+to §3.3). Teeth stay rigid in both: each takes the rotation and translation that fit its moved vertices best.
 """
 
 from __future__ import annotations

@@ -102,7 +102,7 @@ def png(
 def _with_palette(picture, colours: int, dither: bool):
     from PIL import Image
 
-    # Counted by pixels, a legend's patch or an eye would get the mean of its neighbours' colours: small areas count more.
+    # Counted by pixels, a legend's patch or an eye would get the mean of its neighbours' colours: small areas gain.
     pixels = np.asarray(picture).reshape(-1, 3)
     hues, counts = np.unique(pixels, axis=0, return_counts=True)
     sample = Image.fromarray(np.repeat(hues, np.ceil(np.sqrt(counts)).astype(int), axis=0)[None])
