@@ -73,7 +73,7 @@ def steps_within(rig: Rig, pose: Float[np.ndarray, " m"], steps: Float[np.ndarra
 
 
 def draw_pairs(
-    groups: Sequence[Int[np.ndarray, " j"]], count: int, generator: np.random.Generator
+    groups: Sequence[Int[np.ndarray, " _"]], count: int, generator: np.random.Generator
 ) -> Int[np.ndarray, "q 2"]:
     """Return up to `count` different pairs (i < j) of controls that are in one group, drawn at random.
 

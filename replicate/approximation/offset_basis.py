@@ -48,7 +48,7 @@ def principal_components(offsets: Float32[np.ndarray, "b n 3"], most: int) -> Of
     values, vectors = np.linalg.eigh(gram)
     values, vectors = values[::-1], vectors[:, ::-1]
     count = max(1, int((values[:most] > SMALLEST * values[0]).sum()))
-    lengths = np.sqrt(np.maximum(values[:count], np.finfo(np.float64).tiny))
+    lengths = np.sqrt(np.where(values[:count] > 0, values[:count], 1))
     shapes = (vectors[:, :count] / lengths).astype(np.float32).T @ flat
     shapes = np.ascontiguousarray(np.linalg.qr(shapes.T)[0].T)  # the last ones are orthogonal up to rounding only
     freedom = max(1, len(flat) - 1)

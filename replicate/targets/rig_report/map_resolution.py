@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from replicate.artefacts import built_rig, control_influence, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
@@ -34,10 +36,11 @@ def make(context: StageContext) -> None:
     with context.progress(len(section.sizes) * len(poses), "rig report, maps") as bar:
         for size in section.sizes:
             floor = Floor(segments, size)
-            project = {
-                size: lambda p, v, floor=floor: attach(mesh, attachments, mesh.neutral + floor(v - mesh.neutral))
-            }
-            evaluate(mesh, *truth, project, rigid, progress=bar)[size].save(context.out / f"{size}.npz")
+
+            def held(params: np.ndarray, vertices: np.ndarray, floor: Floor = floor) -> np.ndarray:
+                return attach(mesh, attachments, mesh.neutral + floor(vertices - mesh.neutral))
+
+            evaluate(mesh, *truth, {"maps": held}, rigid, progress=bar)["maps"].save(context.out / f"{size}.npz")
 
 
 def load(inputs: Mapping[str, Path]) -> "dict[int, replicate.approximation.evaluation.Errors]":

@@ -5,8 +5,8 @@ from collections.abc import Callable
 LABELS = {
     "neutral": "neutral pose",
     "linear": "p",
-    "squares": "p, |p|, p²",
-    "products": "p, |p|, p², products",
+    "squares": "p, abs(p), p²",
+    "products": "p, abs(p), p², products",
     "basis": "the basis alone",
 }
 
