@@ -39,11 +39,12 @@ RUN := .venv/bin/python
 ENVIRONMENT := .venv/installed
 endif
 
-# What says what it is ABOUT in its first lines is a target; benchmarks are called bench-<module>.
+# What says what it is ABOUT in its first lines is a target, called as its module with - for _; benchmarks are called
+# bench-<module>.
 FOUND := $(shell grep -ls '^ABOUT = ' replicate/targets/*.py replicate/targets/*/__init__.py)
 ABOUT := $(foreach kind,table figure,$(filter replicate/targets/$(kind)%,$(FOUND)))
 ABOUT += $(filter-out $(ABOUT),$(FOUND))
-TARGETS := $(patsubst %.py,%,$(notdir $(subst /__init__.py,.py,$(ABOUT))))
+TARGETS := $(subst _,-,$(patsubst %.py,%,$(notdir $(subst /__init__.py,.py,$(ABOUT)))))
 BENCHMARKS := $(patsubst replicate/benchmarks/bench_%.py,bench-%,$(shell grep -ls "^ABOUT = " replicate/benchmarks/bench_*.py))
 
 # The variables that are set, as options; what a target doesn't take, it leaves out.
@@ -60,7 +61,7 @@ help: ## print this help
 	@echo "usage: make <target> [VARIABLE=value ...]"
 	@echo
 	@awk '/^ABOUT = / { name = FILENAME; sub(/\/__init__\.py$$|\.py$$/, "", name); \
-	  bench = name ~ /benchmarks/ ? "bench-" : ""; sub(/.*\/(bench_)?/, "", name); sub(/^ABOUT = "/, ""); sub(/"$$/, ""); \
+	  bench = name ~ /benchmarks/ ? "bench-" : ""; sub(/.*\/(bench_)?/, "", name); gsub(/_/, "-", name); sub(/^ABOUT = "/, ""); sub(/"$$/, ""); \
 	  printf "  %-14s %s\n", bench name, $$0 }' $(ABOUT) $(BENCHMARKS:bench-%=replicate/benchmarks/bench_%.py)
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  %-14s %s\n", $$1, $$2 }' Makefile
 	@echo

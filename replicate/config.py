@@ -157,6 +157,42 @@ class EvaluationConfig(Checked):
 
 
 @dataclass(frozen=True)
+class ReportFitsConfig(Checked):
+    """The regressions of `make rig-report`, and the basis whose coefficients they predict (not in the paper)."""
+
+    samples: int = number(10_000, 2, 30_000)  # most training samples: their products fill 0.8 GB, a factor as much more
+    basis_samples: int = number(2_000, 2, 20_000)  # training samples that the components are of
+    components: int = number(512, 1, 20_000)  # most of them: those of a face beyond hold micrometres
+    strengths: tuple[float, ...] = number((1e-7, 1e-6, 1e-5), 1e-15, 1e6)  # λ of the penalty
+    poses: int = number(100, 1, 1_000_000)  # test poses that components are counted on
+
+
+@dataclass(frozen=True)
+class ReportPairsConfig(Checked):
+    """The pairs of controls that `make rig-report` tries (not in the paper)."""
+
+    count: int = number(2_000, 1, 1_000_000)
+    poses: int = number(3, 0, 1_000)  # test poses that they are tried from, beside the default one
+
+
+@dataclass(frozen=True)
+class ReportMapsConfig(Checked):
+    """The deformation maps that `make rig-report` projects poses onto (not in the paper)."""
+
+    sizes: tuple[int, ...] = number((8, 16, 32, 64, 128), 2, 1024)  # widths in pixels
+    poses: int = number(100, 1, 1_000_000)  # test poses
+
+
+@dataclass(frozen=True)
+class RigReportConfig(Checked):
+    """How `make rig-report` measures how hard a rig is to approximate (not in the paper)."""
+
+    fits: ReportFitsConfig = ReportFitsConfig()
+    pairs: ReportPairsConfig = ReportPairsConfig()
+    maps: ReportMapsConfig = ReportMapsConfig()
+
+
+@dataclass(frozen=True)
 class Config(Checked):
     """A run for one character."""
 
@@ -172,6 +208,7 @@ class Config(Checked):
     lbs: LbsConfig = LbsConfig()
     driven: DrivenConfig = DrivenConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
+    rig_report: RigReportConfig = RigReportConfig()
 
     def __post_init__(self):
         super().__post_init__()
@@ -204,6 +241,7 @@ PROFILES: dict[str, dict] = {
         "lbs": {"samples": 200, "relaxed": 10, "iterations": 15, "refit_sweeps": 40},
         "driven": _one_cycle(400),
         "evaluation": {"test_poses": 200, "floor_poses": 50},
+        "rig_report": {"pairs": {"count": 500}, "maps": {"poses": 50}},
     },
     "laptop": {
         "samples": {"count": 10_000, "uniform_test": 1_000},

@@ -37,6 +37,19 @@ def table1_rows(character: str = "teen", small: float = 8.0, large: float = 24.0
     return [Row("table1", character, *key, float(value), None, 1, None, "quick", "r") for key, value in values.items()]
 
 
+def rig_report_rows(character: str = "teen") -> list[Row]:
+    """Return errors of fits, a count of components of two that were asked for, a share of pairs, and two map sizes."""
+    values = {("maps", f"normal_error_mean[{size}]", "deg"): 64 / size for size in (16, 32)}
+    for k, method in enumerate(("basis", "products", "squares", "linear", "neutral")):
+        for statistic in ("mean", "p95", "max"):
+            values[method, f"vertex_error_{statistic}", "mm"] = 0.2 * k
+            values[method, f"normal_error_{statistic}", "deg"] = 0.7 * k
+    values["basis", "components", "count"] = 512
+    values["basis", "components[0.5 degrees]", "count"] = 154
+    values["pairs", "interacting_share", "ratio"] = 0.25
+    return [Row("rig_report", character, *key, float(v), None, 1, 99, "quick", "r") for key, v in values.items()]
+
+
 def cells_after(text: str, start: str) -> list[str]:
     """Return the cells of a printed table's line that begins with some words."""
     return next(row for row in text.splitlines() if row.startswith(start))[len(start) :].split()

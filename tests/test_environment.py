@@ -127,7 +127,7 @@ def test_table1_and_figures_show_every_recipe_of_the_papers_four_unless_some_are
     for name in ("toon", "tiny", "teen"):
         (tmp_path / f"{name}.toml").write_text("")
     monkeypatch.setattr(recipe_paths, "RECIPES", tmp_path)
-    for name in ("table1", "figure05", "figure07", "figure08", "rigs"):
+    for name in ("table1", "figure05", "figure07", "figure08", "rig-report", "rigs"):
         assert targets()[name].characters() == ("teen", "toon")
     assert targets()["table2"].characters() == ("teen",)
 

@@ -51,6 +51,11 @@ def targets(folder: Path) -> list[str]:
     return [*([TOP] if top.get("characters") else []), *others]
 
 
+def command_of(target: str) -> str:
+    """Return what `make` calls the target whose files and entries are named so: rig-report writes rig_report.csv."""
+    return target.replace("_", "-")
+
+
 def section(folder: Path, target: str) -> dict:
     """Return what a folder's manifest records of one target: what all characters share, and each one's own facts.
 
@@ -58,7 +63,7 @@ def section(folder: Path, target: str) -> dict:
     somewhere else than in that folder.
     """
     file = folder / NAME
-    missing = f"{file}: there is no such manifest; `make {target}` writes it with the results."
+    missing = f"{file}: there is no such manifest; `make {command_of(target)}` writes it with the results."
     try:
         manifest = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -72,7 +77,8 @@ def section(folder: Path, target: str) -> dict:
     try:
         own = dict(manifest["targets"][target])
     except (KeyError, TypeError, ValueError):
-        raise InputError(f"{file}: it has no entry for {target}; `make {target}` writes it with the results.") from None
+        how = f"`make {command_of(target)}` writes it with the results"
+        raise InputError(f"{file}: it has no entry for {target}; {how}.") from None
     _check_files(file, target, own)
     return own
 

@@ -21,7 +21,7 @@ from replicate.engine.folders import short_temporary_folder
 from replicate.engine.paths import REFERENCE, ROOT, display_path, run_folder
 from replicate.engine.provenance import as_lines
 from replicate.report.cast import order_of
-from replicate.report.manifest import section
+from replicate.report.manifest import command_of, section
 from replicate.report.results import Row, read_results
 from replicate.report.tables import Table, as_markdown, unbroken
 
@@ -46,8 +46,14 @@ def open_table(name: str, target: str) -> list[Row]:
     """Read the rows of another table, "table1", from `results_folder`. Raises InputError where there is none."""
     file = folder_of(name) / f"{target}.csv"
     if not file.is_file():
-        raise InputError(f"{file}: there is no such results file; `make {target}` writes it.")
+        raise InputError(f"{file}: there is no such results file; `make {command_of(target)}` writes it.")
     return read_results(file)
+
+
+def rows_if_there(name: str, file: str) -> list[Row]:
+    """Read the rows of another file, "rig_report.csv", from `results_folder`; none where it isn't there."""
+    path = folder_of(name) / file
+    return read_results(path) if path.is_file() else []
 
 
 def figure_files(name: str, target: str) -> dict[str, list[Path]]:
@@ -61,7 +67,7 @@ def figure_files(name: str, target: str) -> dict[str, list[Path]]:
         pictures[character] = [folder / file for file in facts.get("files", ()) if file.endswith(".png")]
         missing = [file for file in pictures[character] if not file.is_file()]
         if missing:
-            raise InputError(f"{missing[0]}: there is no such picture; `make {target}` draws it.")
+            raise InputError(f"{missing[0]}: there is no such picture; `make {command_of(target)}` draws it.")
     return dict(sorted(pictures.items(), key=lambda item: order_of(item[0])))
 
 
@@ -239,7 +245,7 @@ def is_current(name: str, results: str, **parameters: object) -> bool:
 def _stamp(source: Path, folder: Path, parameters: dict) -> str:
     """Return a hash of what a notebook's outputs depend on: its cells, the code that they reach, and what they read.
 
-    Results are those of the notebook's name in the folder, and the committed ones that its cells name. What the
+    Results are those of the notebook's name in the folder, and what its cells name, there or committed. What the
     manifest says of it counts as one of them: the notebook says where its numbers come from.
     """
     cells = json.loads(source.read_text(encoding="utf-8"))["cells"]
@@ -251,7 +257,7 @@ def _stamp(source: Path, folder: Path, parameters: dict) -> str:
     texts = ["".join(cell["source"]) for cell in cells]
     digest = hashlib.sha256(json.dumps([texts, parameters, facts, code_digest(code)]).encode())
     files = {path for kind in ("csv", "json", "npz", "png") for path in folder.glob(f"{source.stem}*.{kind}")}
-    files |= {REFERENCE / name for name in re.findall(r"[\w]+\.csv", code)}
+    files |= {place / name for place in (REFERENCE, folder) for name in re.findall(r"[\w]+\.csv", code)}
     for path in sorted(file for file in files if file.is_file()):
         digest.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()

@@ -12,7 +12,8 @@ PACKAGE = "replicate.targets"
 
 @dataclass(frozen=True)
 class Target:
-    """A target of `make`, which is a command of `python -m replicate` too; the module of its name holds all of it.
+    """A target of `make`, which is a command of `python -m replicate` too; the module of its name, with _ for -, holds
+    all of it.
 
     about: what it makes, for lists. writes: where. options: those of `options.OPTIONS` that it takes. characters: those
     that it takes if none is named. run: does it. stages: (plan, methods) → its graph for one character, its result
@@ -41,8 +42,9 @@ def targets() -> dict[str, Target]:
     for _, name, _ in pkgutil.iter_modules(importlib.import_module(PACKAGE).__path__):
         module = importlib.import_module(f"{PACKAGE}.{name}")
         if hasattr(module, "ABOUT"):
-            registry[name] = Target(
-                name,
+            command = name.replace("_", "-")
+            registry[command] = Target(
+                command,
                 module.ABOUT,
                 module.WRITES,
                 module.OPTIONS,

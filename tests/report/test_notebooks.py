@@ -3,10 +3,11 @@
 import ast
 import json
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
-from sample_rows import CURVE, table1_rows, table2_rows
+from sample_rows import CURVE, cells_after, rig_report_rows, table1_rows, table2_rows
 
 from replicate.benchmarks.training_table import balance_text, draws_text
 from replicate.drawing import render
@@ -16,10 +17,12 @@ from replicate.report import notebooks
 from replicate.report.notebooks import execute, main, provenance_text, with_parameters
 from replicate.report.pose_record import PoseRecord, save_pose
 from replicate.report.results import Row, write_results
+from replicate.report.tables import as_text
 from replicate.report.training_curves import write_curves
 from replicate.targets.figure05.training_poses import POSES_HEADER
 from replicate.targets.figure07.mesh_segments import HEADER as SEGMENTS_HEADER
 from replicate.targets.figure08.refinement_segments import HEADER as REFINEMENT_HEADER
+from replicate.targets.rig_report.control_pairs import write_pairs
 from replicate.targets.table2.character_part import pose_file
 from replicate.targets.table2.table2_figures import open_table2, table2_figure_names, table2_figures
 
@@ -140,9 +143,30 @@ def test_a_figures_notebook_shows_the_pictures_that_the_manifest_names(folder, m
         notebooks.figure_files("quick", target)
 
 
-@pytest.mark.parametrize("target", ["table1", "figure05", "figure07", "figure08"])
+def test_the_rig_reports_notebook_shows_tables_pictures_and_pairs(folder, monkeypatch):
+    write_results(folder / "rig_report.csv", rig_report_rows())
+    (folder / "rig_report_teen.png").write_bytes(b"a picture")
+    write_pairs(folder / "rig_report_teen_pairs.csv", [("jaw", "smile", "face", "default", 1.5, 9.0, 3.0)])
+    in_manifest(folder, "rig_report", {"teen": {"run": "r", "files": ["rig_report_teen.png"]}})
+    monkeypatch.setattr("pandas.DataFrame.plot", MagicMock())
+    table, picture, errors, pairs = run_cells(notebooks.NOTEBOOKS / "rig_report.ipynb", monkeypatch)
+    text = as_text(table)
+    assert cells_after(text, "a mean normal error of 0.5°") == ["154"] and cells_after(text, "of 0.25°") == [">", "512"]
+    assert picture.name == "rig_report_teen.png" and "teen" in errors.title
+    assert pairs.body == (("jaw × smile", "face", "default", "1.50", "9.00", "3.00"),)
+
+
+def test_table2s_notebook_shows_simple_fits_beside_where_there_are_some(folder, monkeypatch):
+    monkeypatch.setattr(render, "working_renderer", lambda: "software")
+    write_results(folder / "rig_report.csv", rig_report_rows())
+    tables = [table for table in run_cells(TABLE2, monkeypatch) if hasattr(table, "title")]
+    (table,) = (table for table in tables if "simple fits" in table.title)
+    assert table.body[-1] == ("PCA basis of these regressions", "0.000", "0.00")
+
+
+@pytest.mark.parametrize("target", ["table1", "figure05", "figure07", "figure08", "rig_report"])
 def test_a_notebook_without_its_results_names_the_target_that_makes_them(folder, monkeypatch, target):
-    with pytest.raises(InputError, match=f"`make {target}`"):
+    with pytest.raises(InputError, match=f"`make {target.replace('_', '-')}`"):
         run_cells(notebooks.NOTEBOOKS / f"{target}.ipynb", monkeypatch)
 
 

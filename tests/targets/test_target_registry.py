@@ -15,7 +15,7 @@ from replicate.targets.options import OPTIONS
 from replicate.targets.target_registry import targets
 
 ALL = list(targets().values())
-DRAW_ALL = ("table1", "figure05", "figure07", "figure08", "rigs")
+DRAW_ALL = ("table1", "figure05", "figure07", "figure08", "rig-report", "rigs")
 
 
 def make(*words: str) -> str:
@@ -65,7 +65,7 @@ def test_a_targets_graph_ends_with_the_stage_of_its_name_and_trains_no_more_than
     from replicate.engine.stage import in_order
 
     graph = in_order(target.stages(Plan(resolve("tiny", "quick")), choose(["coarse", "lbs16"])))
-    assert graph[-1].title == f"{target.name}-tiny"
+    assert graph[-1].title == f"{target.name.replace('-', '_')}-tiny"
     trained = {stage.name for stage in graph} & {"coarse", "refined", "dense", "linear", "pca", "driven"}
     assert trained == ({"coarse"} if target.name == "table2" else set())
 
@@ -86,6 +86,7 @@ def test_make_hands_the_variables_that_are_set_to_a_target():
     arguments = handed_on("table2", "PROFILE=quick", "SEED=0 1", "LATEX=1")
     assert arguments == ["replicate", "table2", "--from-make", "--profile", "quick", "--seed", "0 1", "--latex"]
     assert handed_on("rigs") == ["replicate", "rigs", "--from-make", "--profile", "laptop"]
+    assert handed_on("rig-report") == ["replicate", "rig-report", "--from-make", "--profile", "laptop"]
     assert handed_on("clean-all")[:3] == ["replicate", "clean", "--all"]
 
 
