@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -104,6 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.bench_methods", description=about)
     parser.add_argument("--profile", default="laptop", help="whose trainings are timed (default: laptop)")
     parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
+    parser.add_argument("--config", help="a TOML file with numbers of your own, as for table2")
     parser.add_argument("--methods", nargs="+", default=["all"], help="as for table2 (default: all)")
     parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"poses that each is timed on (default: {ROUNDS})")
     options, command_line = parse(parser, arguments)
@@ -114,9 +116,9 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     check_at_least(1, rounds=options.rounds)
     words = split_names(" ".join(options.methods))
     choose(words)
-    rows = []
+    rows, file = [], Path(options.config) if options.config else None
     for character in split_names(options.characters):
-        config = resolve(character, options.profile, sections=sections(options.profile))
+        config = resolve(character, options.profile, file=file, sections=sections(options.profile))
         rows += measure(config, words, options.rounds)
     for character in dict.fromkeys(row.character for row in rows):
         print(as_text(methods_table(rows, character)))

@@ -34,6 +34,7 @@ def runs(tmp_path_factory, example):
     mine = f'"{folder / "nearest.py"}"'
     table = ["replicate", "table2", "--profile", "quick", "--characters", "tiny", "--config", str(folder / "few.toml")]
     times = ["replicate.benchmarks.bench_methods", "--profile", "quick", "--characters", "tiny", "--rounds", "2"]
+    times += ["--config", str(folder / "few.toml")]
     for command in ([*table, "--numbers-only", "--methods", "neutral", mine], [*times, "--methods", mine]):
         done = subprocess.run(
             [sys.executable, "-m", *command], env=environment, cwd=ROOT, capture_output=True, text=True

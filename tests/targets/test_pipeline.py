@@ -43,7 +43,7 @@ refit_sweeps = 20
 test_poses = 60
 floor_poses = 60
 """
-SHORT = ("--numbers-only", "--methods", "coarse", "lbs16", "linear", "neutral")  # what is disturbed: a part of the rows
+SHORT = ("--numbers-only", "--methods", "coarse", "linear", "neutral")  # what is disturbed: a part of the rows
 
 
 def start(folder: Path, extra: tuple[str, ...] = ()) -> subprocess.Popen:
@@ -162,7 +162,7 @@ def test_a_flipped_byte_in_any_artefact_is_named_and_remade(short):
     written = table(short)
     stages = json.loads((short / "results" / "quick" / "manifest.json").read_text())["characters"]["tiny"]["stages"]
     artefacts = [short / "cache" / f"{title}-{stage['key']}" for title, stage in stages.items()]
-    assert len(artefacts) > 10
+    assert len(artefacts) >= 10
     place = random.Random(5)
     for artefact in artefacts:
         files = sorted(path for path in artefact.rglob("*") if path.is_file() and path.stat().st_size)

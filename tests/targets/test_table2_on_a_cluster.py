@@ -10,13 +10,11 @@ from toy_runs import dask_workers_at_work, processes_of, survivors, wait_for
 
 from replicate.engine.paths import ROOT
 
-METHODS = ("coarse", "linear", "neutral")
+METHODS = ("linear", "neutral")
 FEW = """
 [samples]
 count = 300
 validation = 16
-[coarse.training]
-steps = 60
 [rigid]
 poses = 20
 [evaluation]
