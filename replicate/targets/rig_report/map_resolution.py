@@ -37,10 +37,10 @@ def make(context: StageContext) -> None:
         for size in section.sizes:
             floor = Floor(segments, size)
 
-            def held(params: np.ndarray, vertices: np.ndarray, floor: Floor = floor) -> np.ndarray:
+            def on_maps(params: np.ndarray, vertices: np.ndarray, floor: Floor = floor) -> np.ndarray:
                 return attach(mesh, attachments, mesh.neutral + floor(vertices - mesh.neutral))
 
-            evaluate(mesh, *truth, {"maps": held}, rigid, progress=bar)["maps"].save(context.out / f"{size}.npz")
+            evaluate(mesh, *truth, {"maps": on_maps}, rigid, progress=bar)["maps"].save(context.out / f"{size}.npz")
 
 
 def load(inputs: Mapping[str, Path]) -> "dict[int, replicate.approximation.evaluation.Errors]":

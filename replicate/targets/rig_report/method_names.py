@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 LABELS = {
     "neutral": "neutral pose",
-    "linear": "p",
+    "linear": "p, a straight line",
     "squares": "p, abs(p), p²",
     "products": "p, abs(p), p², products",
     "basis": "the basis alone",

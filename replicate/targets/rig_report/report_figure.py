@@ -87,9 +87,11 @@ def _draw_errors(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
 
 
 def _draw_components(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
+    from matplotlib.ticker import LogLocator
+
     left = np.maximum(1 - np.cumsum(numbers.spectrum), 1e-9)
     axes.plot(np.arange(1, len(left) + 1), left, color=LINE)
-    axes.set(xscale="log", yscale="log", xlabel="principal components", xlim=(0.9, 3 * len(left)))
+    axes.set(xscale="log", yscale="log", xlabel="principal components", xlim=(0.9, 6 * len(left)))
     axes.set_ylabel("variance left", color=LINE)
     for share in ("99", "99.9", "99.99"):
         count = numbers.value("basis", f"components[{share} % of variance]")
@@ -104,10 +106,14 @@ def _draw_components(axes: "matplotlib.axes.Axes", numbers: Measurements) -> Non
     degrees.set_ylabel("mean normal error, degrees", color=SECOND)
     for limit in ("0.5", "0.25"):
         count = numbers.value("basis", f"components[{limit} degrees]")
-        if count is not None:
-            degrees.plot(count, float(limit), "o", color=SECOND)
-            degrees.annotate(f"{limit}°: {count:.0f}", (count, float(limit)), (5, 4), textcoords="offset points",
-                             fontsize=8, color=SECOND)  # fmt: skip
+        text, place, shift, fill = f"{limit}°: {count or 0:.0f}", (count, float(limit)), (5, 4), "full"
+        if count is None:
+            text, place, shift, fill = f"{limit}°: > {len(left)}", numbers.curve[-1], (-64, -2), "none"
+        degrees.plot(*place, "o", color=SECOND, fillstyle=fill)
+        degrees.annotate(text, place, shift, textcoords="offset points", fontsize=8, color=SECOND)
+    degrees.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    degrees.yaxis.set_major_formatter("{x:g}")
+    degrees.yaxis.set_minor_formatter("")
     degrees.spines[["top"]].set_visible(False)
     axes.set_title("How many shapes it takes", fontsize=10)
 
@@ -126,9 +132,9 @@ def _draw_controls(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
 
 def _draw_face(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes", mesh: Mesh, numbers, renderer) -> None:
     corners = numbers.ratio[mesh.faces]
-    known = np.isfinite(corners).any(1)
+    finite = np.isfinite(corners).any(1)
     ratio = np.full(len(corners), np.nan)
-    ratio[known] = np.nanmean(corners[known], axis=1)
+    ratio[finite] = np.nanmean(corners[finite], axis=1)
     surface = Surface(mesh.neutral, mesh.faces, error_colours(ratio, RATIO_LIMIT), lit=False, smooth=False)
     axes.imshow(render([surface], camera_for("front", mesh.neutral), *FACE, renderer=renderer), interpolation="none")
     axes.set_axis_off()
@@ -167,7 +173,7 @@ def _draw_maps(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     axes.set_xticks(sizes, [f"{size}²" for size in sizes])
     axes.set(xlabel="texels of a segment's map", ylabel="mean normal error, degrees", ylim=(SMALLEST_DEG, None))
     handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    axes.legend(handles.values(), handles, frameon=False, fontsize=8)
+    axes.legend(handles.values(), handles, edgecolor="white", fontsize=8, loc="lower left")
     axes.set_title("What maps of a size can hold", fontsize=10)
     tidy(axes)
 

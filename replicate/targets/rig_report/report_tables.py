@@ -101,7 +101,7 @@ def report_card(rows: Sequence[Row]) -> Table:
             _percent(_value(rows, character, "pairs", "interacting_share")),
             _percent(_value(rows, character, "pairs", "mixed_over_single")),
         ))  # fmt: skip
-    header = ("", "neutral pose, °", "p, °", "with products, °", "components for 99.9 %", "for 0.25°",
+    header = ("", "neutral pose, °", "straight line, °", "with products, °", "components for 99.9 %", "for 0.25°",
               "controls a vertex", "pairs > 0.1 mm", "mixed / single")  # fmt: skip
     return Table("How hard the rigs are", (header,), tuple(body))
 
