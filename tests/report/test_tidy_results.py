@@ -39,10 +39,11 @@ def test_a_run_is_one_table_of_all_its_numbers(runs):
 
 def test_the_committed_results_hold_every_number_of_their_files():
     table = replicate.results()
-    files = [REFERENCE / f"{name}.csv" for name in ("table1", "table2")] + sorted(REFERENCE.glob("bench_*.csv"))
+    files = [REFERENCE / f"{name}.csv" for name in ("table1", "table2", "rig_report")]
+    files += sorted(REFERENCE.glob("bench_*.csv"))
     rows = [row for file in files for row in read_results(file)]
     assert len(table) == len(rows) and table["value"].sum() == pytest.approx(sum(row.value for row in rows))
-    assert {"table1", "table2", "table2_segments", "bench_lbs"} < set(table["table"])
+    assert {"table1", "table2", "table2_segments", "rig_report", "bench_lbs"} < set(table["table"])
     errors = table.query("table == 'table2' and metric == 'normal_error_mean' and character == 'teen'")
     by_method = errors.set_index("method")["value"]
     assert by_method["refined"] < by_method["coarse"] < by_method["neutral"]

@@ -18,6 +18,7 @@ from replicate.engine.exceptions import InputError
 from replicate.report import manifest
 from replicate.report.results import Row, read_results
 from replicate.report.tables import Table, as_markdown
+from replicate.targets.rig_report.report_tables import report_card
 from replicate.targets.table2.error_table import table2_overview
 from replicate.targets.target_table import target_table
 
@@ -74,6 +75,7 @@ def tables_in_texts() -> dict[str, tuple[Path, Callable[[list[Row]], Table]]]:
         "table2": (README, lambda rows: table2_overview(rows, paper)),
         "bench_poses": (DATA_CARD, health_card),
         "bench_rig": (REPRODUCING, speed_card),
+        "rig_report": (DATA_CARD, report_card),
     }
 
 
