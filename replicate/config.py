@@ -31,9 +31,7 @@ class SamplesConfig(Checked):
     bins: int = number(16, 1, 10_000)
     split: Literal["frames", "clips"] = "frames"
     held_out: float = number(0.1, 0.001, 0.9)  # share of the animation that makes the test poses
-    validation: int = number(
-        64, 1, 100_000
-    )  # training poses kept from training, to follow it and choose schedules by (D6)
+    validation: int = number(64, 1, 100_000)  # training poses held out, to follow it and choose schedules by (D6)
     uniform_test: int = number(5_000, 1, 1_000_000)  # test poses of a rig without clips
 
     def __post_init__(self):
