@@ -98,8 +98,8 @@ def test_counts_of_components_rise_with_what_is_asked_and_say_when_all_are_too_f
     variances = np.array([6.0, 3.0, 0.9, 0.09])
     counts = [components_of_variance(variances, 10.0, share) for share in (0.5, 0.9, 0.95, 0.999, 0.9999)]
     assert counts == [1, 2, 3, 4, None]
-    asked = [components_within(lambda count: 1 / count, 40, limit) for limit in (1.0, 0.5, 0.03, 0.02)]
-    assert asked == [1, 2, 34, None]
+    counts = [components_within(lambda count: 1 / count, 40, limit) for limit in (1.0, 0.5, 0.03, 0.02)]
+    assert counts == [1, 2, 34, None]
 
 
 def test_errors_of_the_fits_are_those_computed_by_hand(tmp_path):
