@@ -28,6 +28,7 @@ class KillCancelled(WorkerPlugin):
     """Kills the process of a task that nobody wants any more: Dask itself would wait for its end."""
 
     name = "replicate-kill-cancelled"
+    idempotent = True  # a second run on a scheduler would tear this one down, and kill what the first one runs
 
     def transition(self, key: object, start: str, finish: str, **kwargs: Any) -> None:
         """Follow a task from one of Dask's states to the next."""

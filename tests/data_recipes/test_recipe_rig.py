@@ -39,7 +39,7 @@ def test_a_recipe_can_bring_its_own_clips_in_place_of_acting(tmp_path):
 def test_a_recipe_without_clips_with_strips_for_teeth_and_shared_charts_is_a_rig(tmp_path):
     text = (RECIPES / "tiny.toml").read_text(encoding="utf-8").replace("[teeth]", '[teeth]\nstyle = "strip"')
     text = text.replace("vertices = 918", "vertices = 930")
-    text += '\n[acting]\nclips = 0\n[segments]\nears = ["ear_left", "ear_right"]\n'
+    text += '\n[acting]\nclips = 0\n[layouts.one_face.segments]\nears = ["ear_left", "ear_right"]\n'
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     rig = build_rig(tmp_path / "mine.toml")
     assert rig.clips is None

@@ -14,7 +14,7 @@ from replicate.engine.exceptions import InputError
 
 def test_a_saved_rig_comes_back_the_same_and_without_its_geometry(tiny, tmp_path, monkeypatch):
     save_rig(tiny, tmp_path / "tiny")
-    for builder in ("recipe_rig.build_head", "recipe_rig.build_constants"):
+    for builder in ("recipe_rig.build_head", "recipe_rig.build_step"):
         monkeypatch.setattr(f"data_recipes.{builder}", lambda *_: pytest.fail("built again"))
     start = time.process_time()
     again = load_rig(tmp_path / "tiny")
@@ -54,7 +54,7 @@ def test_a_rig_of_a_chain_that_there_is_not_is_refused(tiny, tmp_path):
     save_rig(tiny, tmp_path)
     about = json.loads((tmp_path / "rig.json").read_text())
     (tmp_path / "rig.json").write_text(json.dumps(about | {"chain": "puppet"}))
-    with pytest.raises(InputError, match="its chain is 'puppet', of face, ict"):
+    with pytest.raises(InputError, match="its chain is 'puppet', of face.*, ict"):
         load_rig(tmp_path)
 
 

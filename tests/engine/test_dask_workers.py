@@ -15,7 +15,7 @@ from toy_stages import toy_graph
 from replicate.engine.dask_clusters import local_workers
 
 STAGE = "replicate.engine.worker"
-GRAPH = (0.15, 10)  # seconds of a step, and steps: long enough to be killed on the way
+GRAPH = (0.22, 10)  # seconds of a step, and steps: more than the two seconds after which a stage speaks
 
 
 @pytest.fixture(autouse=True)
@@ -140,7 +140,9 @@ def running(tmp_path_factory):
 def test_two_runs_on_one_scheduler_share_what_they_share(cache, running, undisturbed):
     address, builds = running
     builds.unlink(missing_ok=True)
-    both = [start(cache, *GRAPH, 1, address) for _ in range(2)]
+    both = [start(cache, *GRAPH, 1, address)]
+    wait_for(lambda: processes_of(cache, STAGE), "stage")  # which the second run must not disturb
+    both.append(start(cache, *GRAPH, 1, address))
     said = [finish(process) for process in both]
     assert contents(cache, toy_graph(*GRAPH)) == undisturbed
     assert all("made 5 of 5 artefacts" in out for out, _ in said)
