@@ -54,7 +54,7 @@ def test_a_rig_of_a_chain_that_there_is_not_is_refused(tiny, tmp_path):
     save_rig(tiny, tmp_path)
     about = json.loads((tmp_path / "rig.json").read_text())
     (tmp_path / "rig.json").write_text(json.dumps(about | {"chain": "puppet"}))
-    with pytest.raises(InputError, match="its chain is 'puppet', of face.*, ict"):
+    with pytest.raises(InputError, match=r"its chain is 'puppet', of face.*, ict"):
         load_rig(tmp_path)
 
 
