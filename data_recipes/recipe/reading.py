@@ -14,6 +14,7 @@ from replicate.engine.schema import naming, read_table, shown
 from replicate.engine.user_files import is_file, read_toml
 
 UNIFORM, UNIFORM_REACH = "uniform", 0.5  # all controls at once, each within a share of its limits, must still be a face
+UNIFORM_FULL = ("blink_*",)  # lids close, and nothing else reaches its limit
 STEPS = tuple("123456")
 
 __all__ = ["Recipe", "load_recipe", "with_clips", "without_place"]
@@ -50,7 +51,9 @@ def _vary(recipe: Recipe | FaceKitRecipe, variant: str) -> Recipe | FaceKitRecip
     if variant in layouts:
         return replace(recipe, layout=variant)
     if variant == UNIFORM:
-        limits = replace(recipe.limits, reach=min(recipe.limits.reach, UNIFORM_REACH))
+        if not recipe.acting.clips and not recipe.clip_files:
+            return recipe  # its poses are drawn uniformly anyway
+        limits = replace(recipe.limits, reach=UNIFORM_REACH, full=UNIFORM_FULL)
         return replace(recipe, clip_files=(), acting=replace(recipe.acting, clips=0), limits=limits)
     if variant not in STEPS:
         steps = f"{STEPS[0]} to {STEPS[-1]}, a step of the ladder"
