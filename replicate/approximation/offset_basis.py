@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Float32, Float64
+from sklearn.decomposition import PCA
+from threadpoolctl import threadpool_limits
 
-COLUMNS = 4096  # of the offsets at a time, as float64
 SMALLEST = 1e-12  # of the largest variance: below it a component is rounding
 
 
@@ -33,26 +34,15 @@ class OffsetBasis:
 
 
 def principal_components(offsets: Float32[np.ndarray, "b n 3"], most: int) -> OffsetBasis:
-    """Return up to `most` principal components of some offsets, as scikit-learn's PCA has them, signs aside.
-
-    There are fewer poses than coordinates, so the eigenvectors of the poses' b × b products tell them: a tenth of the
-    time of a singular value decomposition. Poses all alike have one component, of no variance.
-    """
+    """Return up to `most` principal components of some offsets; poses all alike have one, of no variance."""
     flat = offsets.reshape(len(offsets), -1)
-    mean = flat.mean(0, dtype=np.float64).astype(np.float32)
-    flat = flat - mean
-    gram = np.zeros((len(flat), len(flat)))
-    for start in range(0, flat.shape[1], COLUMNS):
-        part = flat[:, start : start + COLUMNS].astype(np.float64)
-        gram += part @ part.T
-    values, vectors = np.linalg.eigh(gram)
-    values, vectors = values[::-1], vectors[:, ::-1]
-    count = max(1, int((values[:most] > SMALLEST * values[0]).sum()))
-    lengths = np.sqrt(np.where(values[:count] > 0, values[:count], 1))
-    shapes = (vectors[:, :count] / lengths).astype(np.float32).T @ flat
-    shapes = np.ascontiguousarray(np.linalg.qr(shapes.T)[0].T)  # the last ones are orthogonal up to rounding only
-    freedom = max(1, len(flat) - 1)
-    return OffsetBasis(shapes, mean, np.maximum(values[:count], 0) / freedom, float(np.trace(gram)) / freedom)
+    with threadpool_limits(1):
+        pca = PCA(min(most, *flat.shape), svd_solver="full").fit(flat)
+    variances = pca.explained_variance_.astype(np.float64)
+    count = max(1, int((variances > SMALLEST * variances[0]).sum()))
+    total = float(flat.var(axis=0, ddof=1, dtype=np.float64).sum())
+    shapes = np.ascontiguousarray(pca.components_[:count], np.float32)
+    return OffsetBasis(shapes, pca.mean_.astype(np.float32), variances[:count], total)
 
 
 def components_of_variance(variances: Float64[np.ndarray, " c"], total: float, share: float) -> int | None:

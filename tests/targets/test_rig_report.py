@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 from sample_rows import table2_rows
-from sklearn.decomposition import PCA
 from sklearn.linear_model import Ridge
 from small_artefacts import run_stage, write_artefacts
 from small_face import M, pose_offsets, small_influence, small_mesh, small_samples
@@ -83,13 +82,17 @@ def test_a_fit_finds_what_its_features_can_say_and_the_strength_is_chosen_on_fre
     assert errors["squares"][1] < 1e-5 < 0.1 < errors["squares"][0] and (errors["linear"] > 0.1).all()
 
 
-def test_components_are_those_of_scikit_learn():
+def test_components_are_the_singular_vectors_of_what_is_left_of_the_mean():
     offsets = RNG.normal(size=(20, 30, 3)).astype(np.float32) * np.linspace(3, 0.1, 30)[:, None].astype(np.float32)
-    basis, other = principal_components(offsets, 12), PCA(12, svd_solver="full").fit(offsets.reshape(20, -1))
-    np.testing.assert_allclose(basis.variances / basis.total, other.explained_variance_ratio_, rtol=1e-4)
-    np.testing.assert_allclose(basis.shapes @ basis.shapes.T, np.eye(12), atol=1e-5)
-    nearest = other.inverse_transform(other.transform(offsets.reshape(20, -1))).reshape(offsets.shape)
-    np.testing.assert_allclose(basis.restore(basis.project(offsets)), nearest, atol=1e-4)
+    flat = offsets.reshape(20, -1).astype(np.float64)
+    _, lengths, rows = np.linalg.svd(flat - flat.mean(0), full_matrices=False)
+    basis = principal_components(offsets, 12)
+    np.testing.assert_allclose(basis.mean, flat.mean(0), atol=1e-5)
+    np.testing.assert_allclose(basis.variances, lengths[:12] ** 2 / 19, rtol=1e-4)
+    np.testing.assert_allclose(basis.total, (lengths**2).sum() / 19, rtol=1e-4)
+    np.testing.assert_allclose(np.abs((basis.shapes * rows[:12]).sum(1)), 1, atol=1e-4)
+    nearest = flat.mean(0) + (flat - flat.mean(0)) @ rows[:12].T @ rows[:12]
+    np.testing.assert_allclose(basis.restore(basis.project(offsets)).reshape(20, -1), nearest, atol=1e-4)
     assert len(principal_components(offsets, 50).variances) == 19, "twenty poses differ in nineteen ways"
     assert len(principal_components(0 * offsets, 5).variances) == 1
 
