@@ -1,15 +1,21 @@
-"""Combination correctives: offsets that correct the sum of two actions where both are on (layer 1)."""
+"""Combination correctives: offsets that correct the sum of two or three actions where all of them are on (layer 1).
+
+Actions of a face don't add up: muscles share the same skin (Tian, Kanade and Cohn 2001, "Recognizing Action Units for
+Facial Expression Analysis", call such combinations nonadditive and name brow raiser and brow lowerer), and a
+production face has a combination shape for each such meeting (Lewis et al. 2014, "Practice and Theory of Blendshape
+Facial Models", §3).
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from data_recipes.controls import SIDES
-from data_recipes.deformers.face_fields import tongue_reach
+from data_recipes.deformers.face_fields import fade, tongue_reach
 from data_recipes.deformers.lip_motions import Curve, Motion, arch
 from data_recipes.deformers.mouth_fields import lip_change
 from data_recipes.deformers.pose_curves import PoseFields
-from data_recipes.deformers.sculpting import Sculptor, smoothstep
+from data_recipes.deformers.sculpting import FLIP, Path, Sculptor, smoothstep
 
 # (drivers, what both seam and border do in Δa, Δb, Δr as functions of u and side); "*" stands for one side.
 # An open jaw stretches the lips' corners: a laugh is rounder than a smile plus an open mouth, an "oh" narrower than
@@ -53,6 +59,26 @@ def _smug(u: Curve, side: Curve) -> Motion:
     return 2.5 * np.sign(u) * np.abs(u), -6.5 * np.abs(u) ** 2.2 + 1.0 * arch(u), 0 * u
 
 
+def _half_raise(u: Curve, side: Curve) -> Motion:
+    # Wrinkling the nose lifts the upper lip too, by the same muscle.
+    return 0 * u, -2.6 * (side > 0) * arch(u, 2.6), 0.6 * (side > 0) * arch(u, 2.6)
+
+
+def _tight(u: Curve, side: Curve) -> Motion:
+    # An open mouth drawn wide: the lips are taut, thin and close to the teeth.
+    return -3.0 * np.sign(u) * np.abs(u) ** 1.4, -1.5 * side * arch(u), -1.8 * arch(u)
+
+
+def _unpress(u: Curve, side: Curve) -> Motion:
+    # Lips that are apart have nothing to press against.
+    return 0 * u, 1.7 * side * arch(u, 4), 0.8 * arch(u, 4)
+
+
+def _deep_frown(u: Curve, side: Curve) -> Motion:
+    # With the jaw open the corners are drawn down less far, and out.
+    return 1.5 * np.sign(u) * np.abs(u) ** 2, 2.5 * np.abs(u) ** 2, 0 * u
+
+
 CORRECTIVES = (
     (("smile_*", "jaw_open"), _laugh),
     (("pucker_*", "jaw_open"), _oh),
@@ -62,28 +88,76 @@ CORRECTIVES = (
     (("smile_*", "pucker_*"), _smug),
     (("upper_lip_raise_*", "chin_raise"), _less_lift),
     (("frown_*", "chin_raise"), _less_frown),
+    (("nose_wrinkle_*", "upper_lip_raise_*"), _half_raise),
+    (("mouth_stretch_*", "jaw_open"), _tight),
+    (("lip_press_*", "jaw_open"), _unpress),
+    (("frown_*", "jaw_open"), _deep_frown),
+    (("smile_*", "upper_lip_raise_*", "jaw_open"), _half_raise),
 )
 
 
+SKIN_DRIVERS = (
+    ("brow_inner_up_*", "brow_down_*"),
+    ("brow_outer_up_*", "brow_down_*"),
+    ("nose_wrinkle_*", "brow_down_*"),
+    ("smile_*", "cheek_raise_*"),
+    ("cheek_puff_*", "jaw_open"),
+)
+
+
+def _skin_correctives(s: Sculptor) -> tuple[Path, ...]:
+    """Return the correctives of brows, nose and cheeks, of the left side, in the order of their drivers."""
+    inner, middle, outer = (s.bump(f"brow_{part}_left", 30.0) for part in ("inner", "mid", "outer"))
+    lids, left = fade(s, "eye"), smoothstep(s.x[:, 0], -6.0, 8.0)
+    cheek = s.bump("cheek_left", 34.0) * fade(s, "mouth") * lids
+    puff = s.bump("cheek_left", 40.0) * fade(s, "mouth") * left
+    root = s.bump("glabella", 24.0) * left
+    return (
+        # Raised and lowered at once, the brow's inner end goes up and inwards and its middle sinks: grief.
+        s.slide(
+            (inner * lids * left)[:, None] * (-2.4 * s.out + 3.0 * s.up) - 2.0 * (middle * lids)[:, None] * s.up,
+            1.2 * inner * left,
+        ),
+        # The outer half goes up against the frown: a kinked brow.
+        s.slide((2.6 * outer - 2.0 * inner * left)[:, None] * lids[:, None] * s.up),
+        # Both push the same skin over the root of the nose.
+        s.slide(2.0 * (root * lids)[:, None] * s.up, 1.3 * root),
+        # Both lift the same cheek: it goes up less far than the sum, and out.
+        s.slide(-2.0 * cheek[:, None] * s.up, 1.8 * cheek),
+        # An open mouth holds no air.
+        s.straight(np.zeros_like(s.x), -4.0 * puff),
+    )
+
+
 def corrective_drivers(columns: dict[str, int]) -> list[tuple[int, ...]]:
-    """Return, for each corrective on each side, the columns of the controls that drive it, where the rig has them."""
-    names = [[driver.replace("*", side) for driver in drivers] for drivers, _ in CORRECTIVES for side in SIDES]
+    """Return, for each corrective on each side, the columns of the controls that drive it, where the rig has them.
+
+    Those with fewer drivers come first.
+    """
+    groups = [drivers for drivers, _ in CORRECTIVES] + list(SKIN_DRIVERS)
+    names = [[driver.replace("*", side) for driver in drivers] for drivers in groups for side in SIDES]
     names.append(["tongue_out", "jaw_open"])
-    return [tuple(columns[name] for name in group) for group in names if all(name in columns for name in group)]
+    found = [tuple(columns[name] for name in group) for group in names if all(name in columns for name in group)]
+    return sorted(found, key=len)
 
 
-def add_correctives(s: Sculptor, columns: dict[str, int], fields: PoseFields) -> None:
-    """Add every corrective whose drivers the rig has."""
+def add_correctives(s: Sculptor, columns: dict[str, int], offsets: PoseFields, bulges: PoseFields) -> None:
+    """Add every corrective whose drivers the rig has, both sides: to the offsets, and to the bulges along normals."""
+
+    def add(fields: PoseFields, drivers: tuple[str, ...], vectors: np.ndarray) -> None:
+        mirrored = (vectors * FLIP)[s.head.mirror]
+        for side, own in zip(SIDES, (vectors, mirrored), strict=True):
+            names = [driver.replace("*", side) for driver in drivers]
+            if all(name in columns for name in names):
+                fields.add(tuple(columns[name] for name in names), own)
+
     u, side = s.head.ring_parameter["mouth_u"], s.head.ring_parameter["mouth_side"]
     window = smoothstep(u, -0.45, 0.45)
     for drivers, motion in CORRECTIVES:
-        if drivers[0].replace("*", "left") not in columns:
-            continue
         change = tuple(part * window for part in motion(u, side))
-        offset = s.along_surface(lip_change(s, change, change))
-        for name, vectors in (("left", offset), ("right", (offset * np.array([-1.0, 1, 1]))[s.head.mirror])):
-            names = [driver.replace("*", name) for driver in drivers]
-            if all(driver in columns for driver in names):
-                fields.add(tuple(columns[driver] for driver in names), vectors)
+        add(offsets, drivers, s.along_surface(lip_change(s, change, change)))
+    for drivers, path in zip(SKIN_DRIVERS, _skin_correctives(s), strict=True):
+        add(offsets, drivers, path.full)
+        add(bulges, drivers, path.full_bulge[:, None] * s.normals)
     if "tongue_out" in columns and "jaw_open" in columns:
-        fields.add((columns["tongue_out"], columns["jaw_open"]), tongue_reach(s))
+        offsets.add((columns["tongue_out"], columns["jaw_open"]), tongue_reach(s))

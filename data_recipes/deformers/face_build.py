@@ -131,7 +131,7 @@ def _pose_fields(s: Sculptor, columns: dict[str, int], m: int) -> tuple[dict[str
     for name in columns:
         if name.startswith("lip_") and name[-2:] in ("_x", "_y", "_z"):
             add(name, mouth_fields.sculpt_point(s, name))
-    add_correctives(s, columns, offsets)
+    add_correctives(s, columns, offsets, bulges)
     return offsets.constants(m), bulges.constants(m)
 
 

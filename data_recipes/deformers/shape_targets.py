@@ -2,8 +2,9 @@
 
 Step 1 adds, for every control, its value times the offset at its full value, as an artist exports a delta for each
 control. Step 2 lets vertices move along parabolas, with a target half-way as well, and adds a combination target for
-every pair of actions that has a corrective (Lewis et al. 2014, "Practice and Theory of Blendshape Facial Models", §3.1
-to §3.3). Teeth stay rigid in both: each takes the rotation and translation that fit its moved vertices best.
+every pair or triple of actions that has a corrective (Lewis et al. 2014, "Practice and Theory of Blendshape Facial
+Models", §3.1 to §3.3). Teeth stay rigid in both: each takes the rotation and translation that fit its moved vertices
+best.
 """
 
 from __future__ import annotations
@@ -44,10 +45,13 @@ def sample_targets(
             fields.add((i,), 0.5 * (full[i] - other[i]))
             fields.add((i, i), 0.5 * (full[i] + other[i]))
     if curved:
-        pairs = corrective_drivers(columns)
-        both = offsets(np.stack([every[list(pair)].sum(0) for pair in pairs])) if pairs else ()
-        for pair, together in zip(pairs, both, strict=True):
-            fields.add(pair, together - full[list(pair)].sum(0))
+        groups = corrective_drivers(columns)
+        together = offsets(np.stack([every[list(group)].sum(0) for group in groups])) if groups else ()
+        added: dict[tuple[int, ...], np.ndarray] = {}
+        for group, whole in zip(groups, together, strict=True):  # pairs come before triples
+            pairs = [offset for pair, offset in added.items() if set(pair) < set(group)]
+            added[group] = whole - full[list(group)].sum(0) - sum(pairs)
+            fields.add(group, added[group])
     return fields.constants(m)
 
 

@@ -1,24 +1,40 @@
-"""Where a face wrinkles, and how: forehead, glabella, nose bridge, crow's feet, nasolabial folds, chin, under the eyes.
+"""Where a face wrinkles, and how: forehead, brows, nose, crow's feet, cheeks, lips, chin, under the eyes.
 
-Each region has a fibre direction (compression along it raises the folds), a wavelength λ and a pattern p. Patterns are
-round ridges with sharp valleys, (|cos πφ|^0.8 − 0.66)/0.5 with φ in wavelengths, faded out at the region's border.
+Each region has a fibre direction (compression along it raises the folds), a wave length λ and a pattern p. Patterns are
+round ridges with sharp valleys, (|cos πφ|^0.8 − 0.66)/0.5 with φ in wave lengths, uneven as `fold_patterns` says, and
+faded out at the region's border.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from jaxtyping import Float
+from dataclasses import dataclass
 
+import numpy as np
+
+from data_recipes.deformers.fold_patterns import FoldRow, random_field, stream, uneven
 from data_recipes.deformers.sculpting import Sculptor, smoothstep
 from data_recipes.deformers.surface_operators import smooth_values, submesh
-from data_recipes.deformers.wrinkles import SMALLEST_THRESHOLD, Region
+from data_recipes.deformers.wrinkles import Region
 
-ROWS_PER_FOLD = 4  # on the forehead valleys land on edge loops
+ROWS_PER_FOLD = 5.0
+COLUMNS_PER_LIP_LINE = 4.0
 
 
-def ridges(phase: Float[np.ndarray, "*s"]) -> Float[np.ndarray, "*s"]:
-    """Return round ridges at whole phases and sharp valleys half-way between them."""
-    return (np.abs(np.cos(np.pi * phase)) ** 0.8 - 0.66) / 0.5
+@dataclass(frozen=True)
+class Patch:
+    """A region before its vertices without a face are left out.
+
+    vertices: (s,) mesh indices; fibre: (n, 3); wavelength_mm, pattern and threshold: (s,) or one for all; gains: (s,)
+    weights of the named gain controls.
+    """
+
+    name: str
+    vertices: np.ndarray
+    fibre: np.ndarray
+    wavelength_mm: np.ndarray | float
+    pattern: np.ndarray
+    threshold: np.ndarray | float
+    gains: dict[str, np.ndarray]
 
 
 def build_regions(s: Sculptor, columns: dict[str, int], m: int, wave: float = 1.0) -> list[Region]:
@@ -26,33 +42,43 @@ def build_regions(s: Sculptor, columns: dict[str, int], m: int, wave: float = 1.
 
     wave: of the usual wave length, the share that folds in rows have; single folds stay as they are.
     """
-    parts = [_forehead(s, wave), _glabella(s), _chin(s, wave)]
+    patches = [_forehead(s, wave), _glabella(s), _chin(s, wave), _lip_lines(s, wave)]
     for side in ("left", "right"):
-        parts += [_bridge(s, side, wave), _crow(s, side, wave), _nasolabial(s, side), _under_eye(s, side, wave)]
+        patches += [_bridge(s, side, wave), _crow(s, side, wave), _nasolabial(s, side), _under_eye(s, side, wave)]
     regions = []
-    for name, vertices, fibre, wavelength, pattern, controls in parts:
-        local, _ = submesh(s.head.faces, vertices, s.n)
+    for patch in patches:
+        local, _ = submesh(s.head.faces, patch.vertices, s.n)
         used = np.unique(local)
         if len(used) < 6:
             continue  # the tiny template has no room for this region
-        names = list(controls)
-        total = sum(controls.values())
+        names = list(patch.gains)
+        total = sum(patch.gains.values())
+        each = np.ones(len(patch.vertices))
         regions.append(
             Region(
-                name=name,
-                vertices=vertices[used].astype(np.int32),
-                fibre=s.tangent(fibre)[vertices[used]],
-                wavelength_mm=wavelength,
-                pattern=pattern[used],
-                threshold=SMALLEST_THRESHOLD,
+                name=patch.name,
+                vertices=patch.vertices[used].astype(np.int32),
+                fibre=s.tangent(patch.fibre)[patch.vertices[used]],
+                wavelength_mm=(patch.wavelength_mm * each)[used],
+                pattern=patch.pattern[used],
+                threshold=(patch.threshold * each)[used],
                 gain_columns=np.array([columns.get(control, m) for control in names], np.int32),
-                gain_weights=np.stack([controls[c][used] / total[used] for c in names]).astype(np.float32),
+                gain_weights=np.stack([patch.gains[c][used] / total[used] for c in names]).astype(np.float32),
             )
         )
     return regions
 
 
-Parts = tuple[str, np.ndarray, np.ndarray, float, np.ndarray, dict[str, np.ndarray]]
+def _row(s: Sculptor, name: str, phase: np.ndarray, along_mm: np.ndarray, wavelength_mm: float) -> FoldRow:
+    """Return a region's row of folds, as uneven as the recipe says."""
+    wrinkles = s.head.recipe.wrinkles
+    return uneven(phase, along_mm, wavelength_mm, wrinkles, stream(wrinkles.seed, name))
+
+
+def _depth(s: Sculptor, name: str, places: np.ndarray) -> np.ndarray:
+    """Return how deep single folds are at places (s, d) in units of the correlation length: 1 on average."""
+    wrinkles = s.head.recipe.wrinkles
+    return np.clip(1 + 0.3 * wrinkles.unevenness * random_field(stream(wrinkles.seed, name), places)[0], 0.4, 1.4)
 
 
 def _inside(s: Sculptor, mask: np.ndarray) -> np.ndarray:
@@ -64,7 +90,7 @@ def _sides(x: np.ndarray, softness: float = 10.0) -> tuple[np.ndarray, np.ndarra
     return left, 1 - left
 
 
-def _forehead(s: Sculptor, wave: float) -> Parts:
+def _forehead(s: Sculptor, wave: float) -> Patch:
     """Ridges along the rows from the brows to the hair line."""
     head, t = s.head, s.head.recipe.template
     body = head.grids["body"]
@@ -77,12 +103,12 @@ def _forehead(s: Sculptor, wave: float) -> Parts:
     vertices = grid[keep]
     r, c = row[keep], np.abs(column[keep] - reach)
     rows = last - first
-    # Slightly arched folds: towards the temples they dip by half a row.
-    phase = r / (wave * ROWS_PER_FOLD) + 0.5
     window = smoothstep(r, 0.06 * rows, 0.2 * rows) * smoothstep(r, 0.97 * rows, 0.78 * rows)
     window = window * smoothstep(c, reach, 0.62 * reach)
     spacing = np.linalg.norm(np.diff(s.x[body[first : last + 1, 0]], axis=0), axis=1).mean()
     x = s.x[vertices, 0]
+    wavelength = wave * ROWS_PER_FOLD * spacing
+    folds = _row(s, "forehead", r / (wave * ROWS_PER_FOLD) + 0.5, x, wavelength)
     middle = np.exp(-((x / 16.0) ** 2))
     left, right = _sides(x)
     gain = {
@@ -90,10 +116,11 @@ def _forehead(s: Sculptor, wave: float) -> Parts:
         "wrinkle_forehead_right": right * (1 - middle),
         "wrinkle_forehead_middle": middle,
     }
-    return "forehead", vertices, s.up, wave * ROWS_PER_FOLD * spacing, 0.8 * window * ridges(phase), gain
+    pattern = 0.7 * folds.pattern(window)
+    return Patch("forehead", vertices, s.up, folds.wavelength_mm, pattern, folds.threshold, gain)
 
 
-def _glabella(s: Sculptor) -> Parts:
+def _glabella(s: Sculptor) -> Patch:
     """Two upright grooves between the brows."""
     y0, top = s.point("glabella")[1], s.point("brow_inner_left")[1]
     inner = s.point("brow_inner_left")[0]
@@ -105,10 +132,12 @@ def _glabella(s: Sculptor) -> Parts:
     window = (
         smoothstep(np.abs(x), 1.3 * inner, 0.7 * inner) * smoothstep(y, y0 - 14, y0 - 2) * smoothstep(y, top + 14, top)
     )
-    return "glabella", vertices, s.out, 9.0, window * p, {"wrinkle_glabella": np.ones(len(vertices))}
+    p = p * _depth(s, "glabella", np.stack([x / groove, y / 30.0], axis=1))
+    gains = {"wrinkle_glabella": np.ones(len(vertices))}
+    return Patch("glabella", vertices, s.out, 9.0, window * p, s.head.recipe.wrinkles.tension, gains)
 
 
-def _bridge(s: Sculptor, side: str, wave: float) -> Parts:
+def _bridge(s: Sculptor, side: str, wave: float) -> Patch:
     """Oblique folds on one flank of the nose's bridge."""
     sign = 1.0 if side == "left" else -1.0
     y1, y0 = s.point("glabella")[1] - 10, s.point("nose_wing_left")[1] + 12
@@ -123,17 +152,12 @@ def _bridge(s: Sculptor, side: str, wave: float) -> Parts:
     window = smoothstep(y, y0 - 3, y0 + 5) * smoothstep(y, y1 + 3, y1 - 5) * smoothstep(x, 1.0 * wide, 0.55 * wide)
     window = window * smoothstep(x, 0.0, 2.5)
     fibre = s.up + 0.55 * sign * s.out
-    return (
-        f"nose_{side}",
-        vertices,
-        fibre,
-        wavelength,
-        window * ridges(phase),
-        {f"wrinkle_nose_{side}": np.ones(len(vertices))},
-    )
+    folds = _row(s, f"nose_{side}", phase, x - 0.55 * y, wavelength)
+    gains = {f"wrinkle_nose_{side}": np.ones(len(vertices))}
+    return Patch(f"nose_{side}", vertices, fibre, folds.wavelength_mm, folds.pattern(window), folds.threshold, gains)
 
 
-def _crow(s: Sculptor, side: str, wave: float) -> Parts:
+def _crow(s: Sculptor, side: str, wave: float) -> Patch:
     """A fan of folds, 19° apart, from the outer corner of the eye."""
     sign = 1.0 if side == "left" else -1.0
     corner = s.point(f"eye_outer_{side}")
@@ -150,18 +174,16 @@ def _crow(s: Sculptor, side: str, wave: float) -> Parts:
     radial = (a + 3.0)[:, None] * out + b[:, None] * np.array([0, 1.0, 0])
     fibre = np.zeros_like(s.x)
     fibre[vertices] = np.cross(s.normals[vertices], radial)
-    return (
-        f"crow_{side}",
-        vertices,
-        fibre,
-        wavelength,
-        window * ridges(angle / (wave * 19) + 0.5),
-        {f"wrinkle_crow_{side}": np.ones(len(vertices))},
-    )
+    folds = _row(s, f"crow_{side}", angle / (wave * 19) + 0.5, distance, wavelength)
+    gains = {f"wrinkle_crow_{side}": np.ones(len(vertices))}
+    return Patch(f"crow_{side}", vertices, fibre, folds.wavelength_mm, folds.pattern(window), folds.threshold, gains)
 
 
-def _nasolabial(s: Sculptor, side: str) -> Parts:
-    """One fold from the nose's wing to beside the mouth's corner: a crease with the cheek's roll beyond it."""
+def _nasolabial(s: Sculptor, side: str) -> Patch:
+    """A fold from the nose's wing to beside the mouth's corner, with the cheek's roll beyond it, and one outside.
+
+    The outer one appears later, when a wide smile pushes the cheek against the first.
+    """
     sign = 1.0 if side == "left" else -1.0
     wing, corner = s.point(f"nose_wing_{side}"), s.point(f"mouth_corner_{side}")
     start = wing + np.array([2.5 * sign, 4.0, -6.0])
@@ -179,24 +201,23 @@ def _nasolabial(s: Sculptor, side: str) -> Parts:
     distance = ((s.x - curve[place]) * across).sum(axis=1)
     mouth = s.head.grids["mouth"][: s.head.recipe.template.lip_rings + 1]
     off_lips = ~np.isin(np.arange(s.n), mouth)
-    near = (along.min(axis=1) < 17) & (sign * s.x[:, 0] > 8) & (s.x[:, 2] > 20) & off_lips
+    near = (along.min(axis=1) < 26) & (distance > -17) & (sign * s.x[:, 0] > 8) & (s.x[:, 2] > 20) & off_lips
     vertices = _inside(s, near)
     d, place = distance[vertices], place[vertices] / 59
     # A groove of two edges' width on this mesh: a narrower one would be drawn as stairs.
     p = -1.6 * np.exp(-((d / 3.8) ** 2)) + 1.2 * np.exp(-(((d - 7.5) / 5.0) ** 2))
     window = smoothstep(place, 0.0, 0.12) * smoothstep(place, 0.95, 0.6) * smoothstep(np.abs(d), 16, 11)
-    return (
-        f"nasolabial_{side}",
-        vertices,
-        across,
-        11.0,
-        window * p,
-        {f"wrinkle_nasolabial_{side}": np.ones(len(vertices))},
-    )
+    p = p * window * _depth(s, f"nasolabial_{side}", np.stack([place / 0.4], axis=1))
+    outside = 0.6 * np.exp(-(((d - 20.5) / 4.2) ** 2)) - 0.9 * np.exp(-(((d - 15.0) / 3.8) ** 2))
+    p = p + outside * smoothstep(place, 0.3, 0.5) * smoothstep(place, 0.95, 0.8) * smoothstep(d, 25, 22)
+    tension = s.head.recipe.wrinkles.tension
+    threshold = tension + 0.06 * smoothstep(d, 9, 13)
+    gains = {f"wrinkle_nasolabial_{side}": np.ones(len(vertices))}
+    return Patch(f"nasolabial_{side}", vertices, across, 11.0, p, threshold, gains)
 
 
-def _chin(s: Sculptor, wave: float) -> Parts:
-    """Dimples: a product of sines."""
+def _chin(s: Sculptor, wave: float) -> Patch:
+    """Dimples of no order, as on an orange's peel."""
     chin = s.point("chin")
     away = s.x - chin
     vertices = _inside(
@@ -204,17 +225,41 @@ def _chin(s: Sculptor, wave: float) -> Parts:
     )
     x, y = away[vertices, 0], away[vertices, 1]
     wavelength = wave * 7.0
-    p = (
-        1.2
-        * np.sin(2 * np.pi * (x + 0.3 * y) / (wave * 14.0) + 0.7)
-        * np.sin(2 * np.pi * (y - 0.25 * x) / (wave * 12.5))
-    )
+    seed = s.head.recipe.wrinkles.seed
+    angle = np.pi * (np.arange(7) + stream(seed, "chin").uniform(-0.4, 0.4, 7)) / 7
+    wave_number = np.pi / wavelength * np.stack([np.cos(angle), np.sin(angle)])
+    phases = stream(seed, "chin's phases").uniform(0, 2 * np.pi, 7)
+    p = 0.35 * np.cos(np.stack([x, y], axis=1) @ wave_number + phases).sum(axis=1)
     window = smoothstep(np.hypot(x, y - 4), 22, 12)
     left, right = _sides(x, 5.0)
-    return "chin", vertices, s.up, wavelength, window * p, {"wrinkle_chin_left": left, "wrinkle_chin_right": right}
+    gains = {"wrinkle_chin_left": left, "wrinkle_chin_right": right}
+    return Patch("chin", vertices, s.up, wavelength, window * p, s.head.recipe.wrinkles.tension, gains)
 
 
-def _under_eye(s: Sculptor, side: str, wave: float) -> Parts:
+def _lip_lines(s: Sculptor, wave: float) -> Patch:
+    """Lines from the lips outwards, which a pucker raises in the skin around the mouth."""
+    rings, t = s.head.grids["mouth"], s.head.recipe.template
+    grid = rings[t.lip_rings + 1 : -1]
+    column = np.indices(grid.shape)[1].ravel()
+    u = np.abs(np.broadcast_to(s.head.ring_parameter["mouth_u"], grid.shape))
+    vertices = grid.ravel()
+    step = np.linalg.norm(s.x[grid] - s.x[np.roll(grid, 1, axis=1)], axis=2)
+    wavelength = wave * COLUMNS_PER_LIP_LINE * float(step.mean())
+    outwards = np.linalg.norm(s.x[grid] - s.x[rings[t.lip_rings]], axis=2).ravel()
+    phase = column / (wave * COLUMNS_PER_LIP_LINE)
+    folds = _row(s, "lips", phase, outwards, wavelength)
+    side = np.broadcast_to(s.head.ring_parameter["mouth_side"], grid.shape).ravel()
+    reach = np.where(side > 0, 13.0, 8.0)  # below the lower lip is the chin's own region
+    window = smoothstep(outwards, 0.0, 3.0) * smoothstep(outwards / reach, 1.0, 0.45) * smoothstep(u.ravel(), 0.9, 0.6)
+    fibre = np.zeros_like(s.x)
+    fibre[vertices] = (s.x[np.roll(grid, -1, axis=1)] - s.x[np.roll(grid, 1, axis=1)]).reshape(-1, 3)
+    fibre /= np.maximum(np.linalg.norm(fibre, axis=1, keepdims=True), 1e-9)
+    pattern = 0.4 * folds.pattern(window)
+    gains = {"wrinkle_lips": np.ones(len(vertices))}
+    return Patch("lips", vertices, fibre, folds.wavelength_mm, pattern, folds.threshold, gains)
+
+
+def _under_eye(s: Sculptor, side: str, wave: float) -> Patch:
     """Two folds along the lower lid."""
     rings = s.head.grids[f"eye_{side}"]
     lid, u = s.head.ring_parameter["eye_side"], s.head.ring_parameter["eye_u"]
@@ -227,11 +272,7 @@ def _under_eye(s: Sculptor, side: str, wave: float) -> Parts:
     window = smoothstep(ring, 0.15 * count, 0.35 * count) * smoothstep(ring, 1.0 * count, 0.75 * count)
     window = window * smoothstep(np.abs(place), 0.95, 0.55)
     fibre = smooth_values(s.up, s.graph, 2)
-    return (
-        f"under_eye_{side}",
-        vertices,
-        fibre,
-        wavelength,
-        0.8 * window * ridges(ring / (wave * 4.0) + 0.5),
-        {f"wrinkle_under_eye_{side}": np.ones(len(vertices))},
-    )
+    folds = _row(s, f"under_eye_{side}", ring / (wave * 4.0) + 0.5, s.x[vertices, 0], wavelength)
+    pattern = 0.8 * folds.pattern(window)
+    gains = {f"wrinkle_under_eye_{side}": np.ones(len(vertices))}
+    return Patch(f"under_eye_{side}", vertices, fibre, folds.wavelength_mm, pattern, folds.threshold, gains)

@@ -29,16 +29,16 @@ class Region:
     """A patch of skin that folds one way.
 
     vertices: (s,) mesh indices; fibre: (s, 3) direction across the folds, which compression along raises them;
-    wavelength_mm λ; pattern p: (s,) dimensionless height, window included; threshold ε; gain: the weight of each
-    gain control (g, s) and its column of p (g,) — a vertex's gain is the weighted sum of its controls' gains.
+    wavelength_mm λ and threshold ε: (s,); pattern p: (s,) dimensionless height, window included; gain: the weight of
+    each gain control (g, s) and its column of p (g,) — a vertex's gain is the weighted sum of its controls' gains.
     """
 
     name: str
     vertices: np.ndarray
     fibre: np.ndarray
-    wavelength_mm: float
+    wavelength_mm: np.ndarray
     pattern: np.ndarray
-    threshold: float
+    threshold: np.ndarray
     gain_columns: np.ndarray
     gain_weights: np.ndarray
 
@@ -72,7 +72,7 @@ def prepare_region(
         "diffuse": diffuse.T.astype(np.float32),
         # The pattern and λ/π ride inside the bending operator: h = √c₊ · gain @ raise.
         "raise": (raise_ * (region.wavelength_mm / np.pi * region.pattern)).T.astype(np.float32),
-        "threshold": np.asarray(max(region.threshold, SMALLEST_THRESHOLD), np.float32),
+        "threshold": np.maximum(region.threshold, SMALLEST_THRESHOLD).astype(np.float32),
         "gain_columns": region.gain_columns.astype(np.int32),
         "gain_weights": region.gain_weights.astype(np.float32),
     }
@@ -87,7 +87,7 @@ def compression(constants: Constants, x: Float[Values, "b 3 n"]) -> Float[Values
     return (1 - stretch) @ constants["diffuse"]
 
 
-def excess(shortening: Float[Values, "b s"], threshold: Float[Values, ""]) -> Float[Values, "b s"]:
+def excess(shortening: Float[Values, "b s"], threshold: Float[Values, " s"]) -> Float[Values, "b s"]:
     """Return c₊, the compression beyond the threshold: exactly 0 at rest."""
     y = shortening - threshold
     return jnp.maximum(0.0, 0.5 * (y + jnp.sqrt(y * y + 2e-4)) - 0.004)
@@ -175,11 +175,11 @@ def region_vertices(constants: Mapping[str, Constants]) -> dict[str, Int[np.ndar
 class RegionState:
     """What a region does in a pose, (s,) each: compression c̃, its excess c₊ (1 is the whole length), height h in mm.
 
-    vertices: mesh indices; threshold: ε.
+    vertices: mesh indices; threshold: ε of each.
     """
 
     vertices: np.ndarray
-    threshold: float
+    threshold: np.ndarray
     compression: np.ndarray
     excess: np.ndarray
     height_mm: np.ndarray
@@ -194,7 +194,7 @@ def region_states(
         own = constants[name]
         c = compression(own, x)
         parts = (c, excess(c, own["threshold"]), heights(own, x, u))
-        states[name] = RegionState(vertices, float(own["threshold"]), *(np.asarray(part)[0] for part in parts))
+        states[name] = RegionState(vertices, np.asarray(own["threshold"]), *(np.asarray(part)[0] for part in parts))
     return states
 
 

@@ -119,7 +119,7 @@ def build_constants(model: FaceKit, segments: Segments, marks: np.ndarray, recip
         turn[columns[name]], slide[columns[name]] = rotation, shift
     face = np.zeros(n, bool)
     face[segments.members("face")] = True
-    regions = build_regions(x, segments.faces, segments.polygons, face, x[marks], recipe.folds, m)
+    regions = build_regions(x, segments.faces, segments.polygons, face, x[marks], recipe.folds, recipe.wrinkles, m)
     return {
         "neutral": np.ascontiguousarray(x.T, np.float32),
         "limits": control_limits(columns, recipe.reach),

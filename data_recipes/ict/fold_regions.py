@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from data_recipes.deformers.fold_patterns import stream, uneven
 from data_recipes.deformers.sculpting import smoothstep
 from data_recipes.deformers.surface_operators import submesh, vertex_normals
-from data_recipes.deformers.wrinkle_regions import ridges
-from data_recipes.deformers.wrinkles import SMALLEST_THRESHOLD, Region
+from data_recipes.deformers.wrinkles import Region
 from data_recipes.recipe.facekit import Folds
+from data_recipes.recipe.sections import Wrinkles
 
 UP, OUT = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 # Multi-PIE's numbers. The model's left is +x, the picture's right.
@@ -39,7 +40,16 @@ class Skin:
     marks: np.ndarray
 
 
-Parts = tuple[str, np.ndarray, np.ndarray, float, np.ndarray]  # name, vertices, fibre (s, 3), wavelength, pattern
+@dataclass(frozen=True)
+class Patch:
+    """A region before vertices without a face are left out; wavelength_mm, pattern, threshold: (s,) or one for all."""
+
+    name: str
+    vertices: np.ndarray
+    fibre: np.ndarray  # (s, 3)
+    wavelength_mm: np.ndarray | float
+    pattern: np.ndarray
+    threshold: np.ndarray | float
 
 
 def build_regions(
@@ -49,21 +59,33 @@ def build_regions(
     face: Bool[np.ndarray, " n"],
     marks: Float[np.ndarray, "68 3"],
     folds: Folds,
+    wrinkles: Wrinkles,
     m: int,
 ) -> list[Region]:
     """Return the wrinkle regions. face: (n,) bool, the skin that may fold. marks: (68, 3). m: the rig's controls."""
     skin = Skin(x, vertex_normals(x, faces), faces, polygons, face, marks)
-    parts = [(folds.forehead, _forehead(skin, folds.rows)), (folds.glabella, _glabella(skin))]
+    patches = [(folds.forehead, _forehead(skin, folds.rows, wrinkles)), (folds.glabella, _glabella(skin, wrinkles))]
     for side in ("left", "right"):
-        parts += [(folds.crow, _crow(skin, side)), (folds.nasolabial, _nasolabial(skin, side))]
+        patches.append((folds.crow, _crow(skin, side, wrinkles)))
+        patches.append((folds.nasolabial, _nasolabial(skin, side, wrinkles)))
     regions = []
-    for gain, (name, vertices, fibre, wavelength, pattern) in parts:
-        used = np.unique(submesh(faces, vertices, len(x))[0])
+    for gain, patch in patches:
+        used = np.unique(submesh(faces, patch.vertices, len(x))[0])
         if len(used) < FEWEST or gain == 0:
             continue
-        natural = np.array([m], np.int32), np.ones((1, len(used)), np.float32)  # no control: always at its gain
-        numbers = (gain * pattern[used], SMALLEST_THRESHOLD, *natural)
-        regions.append(Region(name, vertices[used].astype(np.int32), fibre[used], wavelength, *numbers))
+        each = np.ones(len(patch.vertices))
+        regions.append(
+            Region(
+                name=patch.name,
+                vertices=patch.vertices[used].astype(np.int32),
+                fibre=patch.fibre[used],
+                wavelength_mm=(patch.wavelength_mm * each)[used],
+                pattern=gain * patch.pattern[used],
+                threshold=(patch.threshold * each)[used],
+                gain_columns=np.array([m], np.int32),  # no control: always at its gain
+                gain_weights=np.ones((1, len(used)), np.float32),
+            )
+        )
     return regions
 
 
@@ -95,8 +117,8 @@ def walk_rows(polygons: Int[np.ndarray, "q 4"], seeds: list[int], inside: np.nda
     return row
 
 
-def _forehead(s: Skin, rows_per_fold: int) -> Parts:
-    """Ridges along the mesh's rows from the brows upwards, their valleys on edge loops."""
+def _forehead(s: Skin, rows_per_fold: int, wrinkles: Wrinkles) -> Patch:
+    """Ridges along the mesh's rows from the brows upwards."""
     brow = 0.5 * (s.marks[BROW_INNER["left"]] + s.marks[BROW_INNER["right"]])
     height = FOREHEAD * (brow[1] - s.marks[SUBNASALE, 1])
     reach = 1.05 * s.marks[BROW_OUTER["left"], 0]
@@ -110,11 +132,13 @@ def _forehead(s: Skin, rows_per_fold: int) -> Parts:
     spacing = np.linalg.norm(np.diff(s.x[seeds], axis=0), axis=1).mean() if len(seeds) > 1 else 1.0
     window = smoothstep(number, 0.02 * count, 0.16 * count) * smoothstep(number, 1.0 * count, 0.75 * count)
     window = window * smoothstep(np.abs(s.x[vertices, 0]), reach, 0.6 * reach)
-    pattern = 0.8 * window * ridges(number / rows_per_fold + 0.5)
-    return "forehead", vertices, np.tile(UP, (len(vertices), 1)), rows_per_fold * spacing, pattern
+    phase, along = number / rows_per_fold + 0.5, s.x[vertices, 0]
+    row = uneven(phase, along, rows_per_fold * spacing, wrinkles, stream(wrinkles.seed, "forehead"))
+    fibre = np.tile(UP, (len(vertices), 1))
+    return Patch("forehead", vertices, fibre, row.wavelength_mm, 0.8 * row.pattern(window), row.threshold)
 
 
-def _glabella(s: Skin) -> Parts:
+def _glabella(s: Skin, wrinkles: Wrinkles) -> Patch:
     """Two upright grooves between the brows."""
     inner, top = s.marks[BROW_INNER["left"], :2]
     low = 0.5 * (s.marks[NASION, 1] + top)
@@ -125,10 +149,10 @@ def _glabella(s: Skin) -> Parts:
     groove = 0.5 * inner
     pattern = 0.5 - 2.0 * np.exp(-(((x - groove) / (0.4 * groove)) ** 2))
     window = smoothstep(x, 1.45 * inner, 0.8 * inner) * smoothstep(y, low - 11, low) * smoothstep(y, top + 14, top)
-    return "glabella", vertices, np.tile(OUT, (len(vertices), 1)), 9.0, window * pattern
+    return Patch("glabella", vertices, np.tile(OUT, (len(vertices), 1)), 9.0, window * pattern, wrinkles.tension)
 
 
-def _crow(s: Skin, side: str) -> Parts:
+def _crow(s: Skin, side: str, wrinkles: Wrinkles) -> Patch:
     """A fan of folds, 19° apart, from the outer corner of the eye."""
     sign = 1.0 if side == "left" else -1.0
     away = s.x - s.marks[EYE_OUTER[side]]
@@ -141,10 +165,11 @@ def _crow(s: Skin, side: str) -> Parts:
     radial = (a + 3.0)[:, None] * out + b[:, None] * UP
     fibre = np.cross(s.normals[vertices], radial)
     fibre /= np.maximum(np.linalg.norm(fibre, axis=1, keepdims=True), 1e-9)
-    return f"crow_{side}", vertices, fibre, 6.0, window * ridges(angle / 19 + 0.5)
+    row = uneven(angle / 19 + 0.5, distance, 6.0, wrinkles, stream(wrinkles.seed, f"crow_{side}"))
+    return Patch(f"crow_{side}", vertices, fibre, row.wavelength_mm, row.pattern(window), row.threshold)
 
 
-def _nasolabial(s: Skin, side: str) -> Parts:
+def _nasolabial(s: Skin, side: str, wrinkles: Wrinkles) -> Patch:
     """One fold from the nose's wing to beside the mouth's corner: a crease with the cheek's roll beyond it."""
     sign = 1.0 if side == "left" else -1.0
     start = s.marks[NOSE_SIDE[side]] + np.array([8.0 * sign, 7.0, -4.0])
@@ -164,4 +189,4 @@ def _nasolabial(s: Skin, side: str) -> Parts:
     place = place[vertices] / 59
     pattern = -1.9 * np.exp(-((d / 3.2) ** 2)) + 1.3 * np.exp(-(((d - 7.5) / 4.8) ** 2))
     window = smoothstep(place, 0.0, 0.12) * smoothstep(place, 1.0, 0.65) * smoothstep(np.abs(d), 17, 12)
-    return f"nasolabial_{side}", vertices, across[vertices], 11.0, window * pattern
+    return Patch(f"nasolabial_{side}", vertices, across[vertices], 11.0, window * pattern, wrinkles.tension)

@@ -18,6 +18,7 @@ from data_recipes.recipe.sections import (
     Teeth,
     Template,
     Tongue,
+    Wrinkles,
 )
 from data_recipes.recipe.skull import Nose, Skull
 from replicate.engine.schema import Checked, identifier, names, number
@@ -54,6 +55,7 @@ class Recipe(Checked):
     props: Props = Props()
     controls: Controls = Controls()
     limits: Limits = Limits()
+    wrinkles: Wrinkles = Wrinkles()
     acting: Acting = Acting()
 
     @property

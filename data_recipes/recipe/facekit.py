@@ -6,6 +6,7 @@ from typing import Literal
 
 from data_recipes.acting.procedural_acting import Acting
 from data_recipes.recipe.character import VERTICES_MOST
+from data_recipes.recipe.sections import Wrinkles
 from replicate.engine.exceptions import InputError
 from replicate.engine.schema import Checked, identifier, names, number, span
 
@@ -62,6 +63,7 @@ class FaceKitRecipe(Checked):
     clip_files: tuple[str, ...] = names(what="paths of CSV files")
     reach: Reach = Reach()
     folds: Folds = Folds()
+    wrinkles: Wrinkles = Wrinkles()
     acting: Acting = Acting()
 
 

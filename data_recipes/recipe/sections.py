@@ -256,6 +256,19 @@ class Limits(Checked):
 
 
 @dataclass(frozen=True)
+class Wrinkles(Checked):
+    """How the skin folds.
+
+    unevenness: how far folds differ in spacing, depth and length, and branch; 0 gives even rows. tension: how far skin
+    is stretched at rest, as a share of its length; shortened by less it does not fold. seed: of what is random.
+    """
+
+    unevenness: float = share(1.0)
+    tension: float = number(0.02, 0.012, 0.2)
+    seed: int = number(0, 0, 1_000_000)
+
+
+@dataclass(frozen=True)
 class ChartLayout(Checked):
     """How the head is cut into segments, each with a chart of its own.
 

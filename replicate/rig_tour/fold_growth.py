@@ -105,7 +105,7 @@ def fold_chart(
     growth.legend(lines, [line.get_label() for line in lines], fontsize=7, loc="upper left", frameon=False)
     c, over = (100 * np.concatenate([getattr(s, part) for s in states]) for part in ("compression", "excess"))
     soft.scatter(c, over, s=1.5, color="#0072B2", linewidths=0)
-    soft.axvline(100 * last.threshold, color="black", linewidth=0.6, linestyle=":")
+    soft.axvline(100 * last.threshold.min(), color="black", linewidth=0.6, linestyle=":")
     soft.set_xlim(left=-5)
     soft.set_xlabel("compression c̃, %")
     soft.set_ylabel("excess c₊, %")
@@ -124,8 +124,8 @@ def fold_chart(
         f"Three charts of the {region} of {rig.name} while controls rise: growth at one vertex, the soft threshold, "
         f"and the profile of the folds, from {under:.2f} to {top:.2f} mm.",
         f"The {region} of {rig.name} as its controls rise from 0 to the pose. Left: the vertex that moves most. "
-        f"Middle: nothing folds below ε = {100 * last.threshold:.1f} % (dotted). Right: the folds in section, from "
-        f"{under:.2f} to {top:.2f} mm in the end.",
+        f"Middle: nothing folds below {100 * last.threshold.min():.1f} % (dotted), the shallowest not below "
+        f"{100 * last.threshold.max():.1f} %. Right: the folds in section, from {under:.2f} to {top:.2f} mm in the end.",
     )
 
 

@@ -9,7 +9,7 @@ from data_recipes.deformers.face_points import control_points, handle_vertices
 from data_recipes.deformers.lid_fields import build_patch, ring_shares
 from data_recipes.deformers.lip_motions import ACTIONS
 from data_recipes.deformers.sculpting import FLIP, Sculptor
-from data_recipes.deformers.wrinkle_regions import build_regions, ridges
+from data_recipes.deformers.wrinkle_regions import build_regions
 from data_recipes.head.neutral_head import build_head
 from data_recipes.recipe.reading import load_recipe
 from replicate.engine.exceptions import InputError
@@ -78,14 +78,6 @@ def test_the_brow_field_is_one_at_the_brows_and_nothing_below_the_eyes(sculptor)
     field = brow_fields.brow_row_field(sculptor)
     assert field[sculptor.head.landmarks["brow_mid_left"]] > 0.45
     assert np.abs(field[sculptor.x[:, 1] < sculptor.point("nose_tip")[1]]).max() < 0.02
-
-
-def test_ridges_are_round_on_whole_phases_and_sharp_between():
-    phase = np.linspace(0, 1, 1001)
-    p = ridges(phase)
-    assert p.argmin() == 500
-    np.testing.assert_allclose(p[0], 0.68)
-    assert abs(p[505] - p[500]) > 10 * abs(p[5] - p[0])
 
 
 def test_wrinkle_regions_fade_out_and_their_gains_add_up_to_one(sculptor):

@@ -15,9 +15,9 @@ def region(vertices: np.ndarray, wavelength: float = 6.0) -> wrinkles.Region:
         name="patch",
         vertices=np.arange(n),
         fibre=np.tile([0.0, 1.0, 0.0], (n, 1)),
-        wavelength_mm=wavelength,
+        wavelength_mm=np.full(n, wavelength),
         pattern=np.ones(n),
-        threshold=0.012,
+        threshold=np.full(n, 0.012),
         gain_columns=np.array([0]),
         gain_weights=np.ones((1, n)),
     )
@@ -66,7 +66,8 @@ def test_where_regions_overlap_heights_add_up():
     vertices, faces = plane(12, 12)
     one = region(vertices)
     other = wrinkles.Region(**{**vars(one), "name": "other", "vertices": np.arange(60), "fibre": one.fibre[:60],
-                               "pattern": np.zeros(60), "gain_weights": np.ones((1, 60))})  # fmt: skip
+                               "pattern": np.zeros(60), "wavelength_mm": np.full(60, 6.0),
+                               "threshold": np.full(60, 0.012), "gain_weights": np.ones((1, 60))})  # fmt: skip
     x = compressed(vertices, 0.15)
     alone = wrinkles.wrinkle(wrinkles.prepare([one], vertices, faces), x, jnp.zeros((1, 1)))
     both = wrinkles.wrinkle(wrinkles.prepare([one, other], vertices, faces), x, jnp.zeros((1, 1)))
@@ -82,6 +83,7 @@ def test_the_states_of_the_regions_hold_what_the_layer_adds():
     parts = [
         dataclasses.replace(
             whole, name=name, vertices=half, fibre=whole.fibre[half], pattern=whole.pattern[half] * scale,
+            wavelength_mm=whole.wavelength_mm[half], threshold=whole.threshold[half],
             gain_weights=whole.gain_weights[:, half],
         )
         for name, half, scale in zip(("left", "right"), halves, (1.0, 0.5), strict=True)
