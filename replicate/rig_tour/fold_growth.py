@@ -125,7 +125,7 @@ def fold_chart(
         f"and the profile of the folds, from {under:.2f} to {top:.2f} mm.",
         f"The {region} of {rig.name} as its controls rise from 0 to the pose. Left: the vertex that moves most. "
         f"Middle: nothing folds below {100 * last.threshold.min():.1f} % (dotted), the shallowest not below "
-        f"{100 * last.threshold.max():.1f} %. Right: the folds in section, from {under:.2f} to {top:.2f} mm in the end.",
+        f"{100 * last.threshold.max():.1f} %. Right: their section, from {under:.2f} to {top:.2f} mm in the end.",
     )
 
 
