@@ -24,13 +24,19 @@ from replicate.geometry.mesh import Mesh
 
 UNCOVERED_COST = 0.25  # squared distance, in widths of a chart, of a vertex whose chart has no cluster: half a width
 STARTS = 4  # k-means runs, of which the best counts
+GAP_NOISE = 0.02  # by which a gap differs from run to run of k-means
 
 
 @dataclass(frozen=True)
 class Elbow:
-    """What decides the number of clusters: inertia[k − 1] is that of k clusters; `clusters` lies at the knee."""
+    """What decides the number of clusters: inertia[k − 1] is that of k clusters, even[k − 1] that of an even error.
+
+    Both are shares of what no cluster at all would cost. clusters: where the gap between their logarithms first stops
+    to grow.
+    """
 
     inertia: tuple[float, ...]
+    even: tuple[float, ...]
     clusters: int
 
 
@@ -60,9 +66,10 @@ def select(
     """Return the refinement segments (§3.3), and the elbow that decides the number of clusters.
 
     k-means of each chart's texture coordinates weighted by e_i; the vertices in a square of side `square` about
-    their nearest centroid form a segment, whose coordinates are stretched to fill its map. A cluster belongs to one
-    chart, since charts are separate planes: k clusters go to where they lower the summed inertia most, and a vertex in
-    a chart without one costs UNCOVERED_COST. At most `clusters_max` clusters are tried.
+    their nearest centroid form a segment, whose coordinates are stretched to fill its map. Nearness is measured as the
+    squares are, by the larger of both coordinates, so that every vertex in a square belongs to a segment. A cluster
+    belongs to one chart, since charts are separate planes: k clusters go to where they lower the summed inertia most,
+    and a vertex in a chart without one costs UNCOVERED_COST. At most `clusters_max` clusters are tried.
     """
     weights = [errors[segment.vertices] for segment in segments]
     centroids, knee = clusters([segment.uv for segment in segments], weights, clusters_max, seed)
@@ -70,9 +77,8 @@ def select(
     for segment, centres in zip(segments, centroids, strict=True):
         if len(centres) == 0:
             continue
-        apart = np.abs(segment.uv[:, None] - centres)  # (k, c, 2)
-        nearest = (apart**2).sum(2).argmin(1)
-        inside = apart[np.arange(len(apart)), nearest].max(1) <= square / 2
+        apart = np.abs(segment.uv[:, None] - centres).max(2)  # (k, c)
+        nearest, inside = apart.argmin(1), apart.min(1) <= square / 2
         for c in range(len(centres)):
             members = inside & (nearest == c)
             if members.sum() >= 3:
@@ -95,24 +101,34 @@ def clusters(
     charts: Sequence[np.ndarray], weights: Sequence[np.ndarray], most: int, seed: int
 ) -> tuple[list[Float64[np.ndarray, "c 2"]], Elbow]:
     """Return each chart's centroids (c may be 0) for the number of clusters at the elbow of 1 to `most`."""
+    fits, dealt, inertia = _deal(charts, weights, most, seed)
+    if not inertia:
+        raise InputError("refinement: the maps hold every vertex exactly, so that there is nothing to refine.")
+    _, _, even = _deal(charts, [np.ones(len(weight)) for weight in weights], len(inertia), seed)
+    count = elbow(inertia, even)
+    centroids = [fit[d - 1][1] if d else np.zeros((0, 2)) for fit, d in zip(fits, dealt[count - 1], strict=True)]
+    return centroids, Elbow(tuple(inertia), tuple(even), count)
+
+
+def _deal(
+    charts: Sequence[np.ndarray], weights: Sequence[np.ndarray], most: int, seed: int
+) -> tuple[list[list[tuple[float, np.ndarray]]], list[tuple[int, ...]], list[float]]:
+    """Return each chart's fits, how 1, 2, … clusters are dealt to the charts, and what is then left of the cost."""
     fits = [_chart_fits(uv, weight, most, seed) for uv, weight in zip(charts, weights, strict=True)]
     costs = [
         [UNCOVERED_COST * float(w.sum())] + [cost for cost, _ in fit] for w, fit in zip(weights, fits, strict=True)
     ]
-    dealt = [0] * len(charts)
+    whole = sum(cost[0] for cost in costs)
+    counts = [0] * len(charts)
     inertia, history = [], []
     for _ in range(most):
-        gains = [cost[d] - cost[d + 1] if d + 1 < len(cost) else -np.inf for cost, d in zip(costs, dealt, strict=True)]
+        gains = [cost[d] - cost[d + 1] if d + 1 < len(cost) else -np.inf for cost, d in zip(costs, counts, strict=True)]
         if max(gains) == -np.inf:  # every chart has as many clusters as places with an error
             break
-        dealt[int(np.argmax(gains))] += 1
-        history.append(tuple(dealt))
-        inertia.append(sum(cost[d] for cost, d in zip(costs, dealt, strict=True)))
-    if not inertia:
-        raise InputError("refinement: the maps hold every vertex exactly, so that there is nothing to refine.")
-    count = elbow(inertia)
-    centroids = [fit[d - 1][1] if d else np.zeros((0, 2)) for fit, d in zip(fits, history[count - 1], strict=True)]
-    return centroids, Elbow(tuple(inertia), count)
+        counts[int(np.argmax(gains))] += 1
+        history.append(tuple(counts))
+        inertia.append(sum(cost[d] for cost, d in zip(costs, counts, strict=True)) / whole)
+    return fits, history, inertia
 
 
 def _chart_fits(uv: np.ndarray, weight: np.ndarray, most: int, seed: int) -> list[tuple[float, np.ndarray]]:
@@ -126,11 +142,17 @@ def _chart_fits(uv: np.ndarray, weight: np.ndarray, most: int, seed: int) -> lis
     return fits
 
 
-def elbow(inertia: Sequence[float]) -> int:
-    """Return the number of clusters, from 1, at the knee of an inertia curve: farthest below the chord of its ends."""
-    curve = np.asarray(inertia, np.float64)
-    chord = np.linspace(curve[0], curve[-1], len(curve))
-    return int(np.argmax(chord - curve)) + 1
+def elbow(inertia: Sequence[float], even: Sequence[float]) -> int:
+    """Return the number of clusters, from 1, at the elbow of an inertia curve: where its gap to `even` stops to grow.
+
+    The gap is log(even) − log(inertia), where `even` is the curve of an error that is the same everywhere (Tibshirani,
+    Walther and Hastie 2001, "Estimating the number of clusters in a data set via the gap statistic"). Unlike the place
+    farthest below the chord of the curve's ends it doesn't depend on where the curve is cut off. See DEVIATIONS, D11.
+    """
+    least = np.finfo(np.float64).tiny
+    gap = np.log(np.maximum(even, least)) - np.log(np.maximum(inertia, least))
+    falls = np.append(gap[1:] <= gap[:-1] + GAP_NOISE, True)
+    return int(np.argmax(falls)) + 1
 
 
 class RefinedModel:

@@ -50,7 +50,7 @@ def make(context: StageContext) -> None:
     save_segments(squares, context.out / FILE)
     np.save(context.out / ERROR_FILE, errors)
     sizes = {square.name: len(square.vertices) for square in squares}
-    context.note(segments=sizes, clusters=elbow.clusters, inertia=list(elbow.inertia))
+    context.note(segments=sizes, clusters=elbow.clusters, inertia=list(elbow.inertia), even=list(elbow.even))
 
 
 def load(inputs: Mapping[str, Path]) -> "tuple[replicate.approximation.segments.Segment, ...]":

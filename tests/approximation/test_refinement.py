@@ -35,8 +35,22 @@ def test_an_affine_deformation_has_no_map_error(face):
     assert refinement.map_error(segments, affine, 8).max() < 1e-12
 
 
-def test_the_elbow_of_a_bent_line_is_its_bend():
-    assert refinement.elbow([100, 60, 20, 18, 16, 14, 12, 10]) == 3
+def test_the_elbow_is_where_the_curve_stops_to_fall_faster_than_that_of_an_even_error():
+    inertia, even = [0.9, 0.5, 0.12, 0.10, 0.085, 0.075, 0.067], [0.8, 0.6, 0.45, 0.36, 0.29, 0.24, 0.2]
+    assert refinement.elbow(inertia, even) == 3
+    for most in (3, 4, 5, 6):  # wherever the curves are cut off
+        assert refinement.elbow(inertia[:most], even[:most]) == 3
+    assert refinement.elbow([0.5, 0.0], [0.7, 0.5]) == 2  # nothing is left
+
+
+@pytest.mark.parametrize("most", (5, 8, 12))
+def test_an_even_error_has_no_elbow_beyond_one_cluster_and_spots_have_theirs_for_any_limit(most):
+    uv = np.random.default_rng(0).uniform(0, 1, (1500, 2))
+    _, even = refinement.clusters([uv], [np.full(1500, 0.3)], most, seed=0)
+    assert even.clusters == 1
+    np.testing.assert_allclose(even.inertia, even.even)
+    _, spots = refinement.clusters([uv], [three_spots(uv)[0]], most, seed=0)
+    assert spots.clusters == 3
 
 
 def three_spots(uv):
@@ -62,6 +76,9 @@ def test_segments_are_disjoint_squares_that_fill_their_maps(face):
     vertices = np.concatenate([segment.vertices for segment in squares])
     assert len(squares) >= 2 and len(set(vertices)) == len(vertices)
     assert (mesh.segment[vertices] == 0).all()
+    centres, _ = refinement.clusters([mesh.uv[segments[0].vertices]], [errors[segments[0].vertices]], 10, 0)
+    apart = np.abs(mesh.uv[segments[0].vertices][:, None] - centres[0]).max(2).min(1)
+    np.testing.assert_array_equal(np.sort(vertices), segments[0].vertices[apart <= 0.125])  # all that lie in a square
     for segment in squares:
         assert np.ptp(mesh.uv[segment.vertices], axis=0).max() <= 0.25 + 1e-6
         np.testing.assert_allclose([segment.uv.min(0), segment.uv.max(0)], [[0, 0], [1, 1]])
