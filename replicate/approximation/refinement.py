@@ -75,16 +75,7 @@ def select(
     centroids, knee = clusters([segment.uv for segment in segments], weights, clusters_max, seed)
     squares = []
     for segment, centres in zip(segments, centroids, strict=True):
-        if len(centres) == 0:
-            continue
-        apart = np.abs(segment.uv[:, None] - centres).max(2)  # (k, c)
-        nearest, inside = apart.argmin(1), apart.min(1) <= square / 2
-        for c in range(len(centres)):
-            members = inside & (nearest == c)
-            if members.sum() >= 3:
-                name = f"{segment.name}_{c + 1}"
-                vertices, uv = segment.vertices[members], _stretch(segment.uv[members])
-                squares.append(make_segment(name, vertices, uv, influence))
+        squares += square_segments(segment, centres, influence, square)
     if not squares:
         raise InputError(
             f"refinement.square is {square}: no square of that size holds three vertices; choose a larger one."
@@ -92,25 +83,42 @@ def select(
     return tuple(squares), knee
 
 
-def _stretch(uv: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 2"]:
-    low, high = uv.min(0), uv.max(0)
-    return (uv - low) / np.where(high > low, high - low, 1)
+def square_segments(
+    segment: Segment, centres: Float[np.ndarray, "c 2"], influence: Bool[np.ndarray, "n m"], square: float
+) -> list[Segment]:
+    """Return the segments of a chart's squares: the vertices in each, their coordinates stretched to fill its map.
+
+    A vertex in several squares belongs to that of its nearest centroid, by the larger of both coordinates; a square
+    with fewer than three vertices is none.
+    """
+    if len(centres) == 0:
+        return []
+    apart = np.abs(segment.uv[:, None] - centres).max(2)  # (k, c)
+    owner = np.where(apart.min(1) <= square / 2, apart.argmin(1), -1)
+    squares = []
+    for c in range(len(centres)):
+        uv, vertices = segment.uv[owner == c], segment.vertices[owner == c]
+        if len(uv) >= 3:
+            low, size = uv.min(0), np.ptp(uv, axis=0)
+            stretched = (uv - low) / np.where(size > 0, size, 1)
+            squares.append(make_segment(f"{segment.name}_{c + 1}", vertices, stretched, influence))
+    return squares
 
 
 def clusters(
     charts: Sequence[np.ndarray], weights: Sequence[np.ndarray], most: int, seed: int
 ) -> tuple[list[Float64[np.ndarray, "c 2"]], Elbow]:
     """Return each chart's centroids (c may be 0) for the number of clusters at the elbow of 1 to `most`."""
-    fits, dealt, inertia = _deal(charts, weights, most, seed)
+    fits, dealt, inertia = deal(charts, weights, most, seed)
     if not inertia:
         raise InputError("refinement: the maps hold every vertex exactly, so that there is nothing to refine.")
-    _, _, even = _deal(charts, [np.ones(len(weight)) for weight in weights], len(inertia), seed)
+    _, _, even = deal(charts, [np.ones(len(weight)) for weight in weights], len(inertia), seed)
     count = elbow(inertia, even)
     centroids = [fit[d - 1][1] if d else np.zeros((0, 2)) for fit, d in zip(fits, dealt[count - 1], strict=True)]
     return centroids, Elbow(tuple(inertia), tuple(even), count)
 
 
-def _deal(
+def deal(
     charts: Sequence[np.ndarray], weights: Sequence[np.ndarray], most: int, seed: int
 ) -> tuple[list[list[tuple[float, np.ndarray]]], list[tuple[int, ...]], list[float]]:
     """Return each chart's fits, how 1, 2, … clusters are dealt to the charts, and what is then left of the cost."""

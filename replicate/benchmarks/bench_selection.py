@@ -1,0 +1,158 @@
+"""What readings of §3.3 select: how many squares, what of the wrinkles they cover, and the refined maps' floor.
+
+`make bench-selection` holds four choices against each other that the section leaves open: the error is that of offsets
+or of positions; clusters belong to one chart each, or all charts lie in one plane; their number is where the gap to an
+even error stops to grow, or lies farthest below the chord of a curve of 10 or 20 numbers, or explains nine tenths.
+No network is involved.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+
+from replicate.approximation import refinement
+from replicate.approximation.evaluation import unique_poses
+from replicate.approximation.segments import Segment
+from replicate.artefacts import built_rig, control_influence, drawn_samples, refinement_squares, rigid_segments
+from replicate.artefacts.plan import Plan
+from replicate.benchmarks.bench_floors import BATCH, floor_errors
+from replicate.benchmarks.common import parse, publish, split_names
+from replicate.config import Config, resolve
+from replicate.engine.command_line import guard
+from replicate.engine.progress import progress
+from replicate.engine.provenance import core_count, provenance
+from replicate.engine.scheduler import run
+from replicate.engine.stage import in_order
+from replicate.engine.store import artefact_folder
+from replicate.report.results import Row, find
+from replicate.report.tables import Table, as_text, round_off
+
+ABOUT = "what readings of §3.3 select to be refined, what of the wrinkles that covers, and its floor"
+WRITES = "results/runs/bench/bench_selection.csv"
+TABLE = "bench_selection"
+QUANTITIES = ("offsets", "positions")
+PLANES = {"charts": "a cluster in one chart", "plane": "all charts in one plane"}
+RULES = {"gap": "gap", "chord10": "chord to 10", "chord20": "chord to 20", "explained": "90 % explained"}
+MOST = 20
+EXPLAINED = 0.9
+POSES = 3 * BATCH  # test poses of the floors
+METRICS = {
+    "clusters": ("count", "clusters"),
+    "squares": ("count", "squares"),
+    "wrinkles_covered": ("ratio", "wrinkles covered"),
+    "error_covered": ("ratio", "Eq. 2 covered"),
+    "normal_error_mean": ("deg", "floor, degrees"),
+}
+
+
+def chord(inertia: Sequence[float]) -> int:
+    """Return the number of clusters, from 1, that lies farthest below the chord of an inertia curve's ends."""
+    curve = np.asarray(inertia, np.float64)
+    return int(np.argmax(np.linspace(curve[0], curve[-1], len(curve)) - curve)) + 1
+
+
+def count(rule: str, inertia: Sequence[float], even: Sequence[float]) -> int:
+    """Return the number of clusters that a rule of RULES takes; the curves are shares of what no cluster costs."""
+    if rule == "gap":
+        return refinement.elbow(inertia, even)
+    if rule == "explained":
+        enough = np.flatnonzero(1 - np.asarray(inertia) >= EXPLAINED)
+        return int(enough[0]) + 1 if len(enough) else len(inertia)
+    return chord(inertia[: int(rule.removeprefix("chord"))])
+
+
+def centroids(
+    segments: Sequence[Segment], errors: Float[np.ndarray, " n"], plane: str, seed: int = 0
+) -> dict[str, tuple[int, list[Float[np.ndarray, "c 2"]]]]:
+    """Return, for each rule, the number of clusters and every segment's centroids; in one plane all have the same."""
+    charts, weights = [segment.uv for segment in segments], [errors[segment.vertices] for segment in segments]
+    if plane == "plane":
+        charts, weights = [np.concatenate(charts)], [np.concatenate(weights)]
+    fits, dealt, inertia = refinement.deal(charts, weights, MOST, seed)
+    _, _, even = refinement.deal(charts, [np.ones(len(weight)) for weight in weights], len(inertia), seed)
+    selected = {}
+    for rule in RULES:
+        k = count(rule, inertia, even)
+        centres = [fit[d - 1][1] if d else np.zeros((0, 2)) for fit, d in zip(fits, dealt[k - 1], strict=True)]
+        selected[rule] = k, centres * len(segments) if plane == "plane" else centres
+    return selected
+
+
+def readings(config: Config) -> list[Row]:
+    """Make what is needed of a character, nothing trained, and return what each reading selects."""
+    from replicate.approximation.deformation_map import Floor
+
+    selection = refinement_squares.stage(Plan(config))
+    run([selection], facts=provenance(["make", "bench-selection"], config.profile, [0], core_count()))
+    inputs = {stage.name: artefact_folder(stage.identifier) for stage in in_order([selection])}
+    mesh, samples, rig = built_rig.load_mesh(inputs), drawn_samples.load(inputs), built_rig.load(inputs)
+    segments, influence = rigid_segments.load_coarse_segments(inputs, mesh), control_influence.load(inputs)
+    wrinkled = np.unique(np.concatenate([state.vertices for state in rig.wrinkle_states(rig.default).values()]))
+    poses = samples.draw(np.random.default_rng(0), min(config.refinement.poses, len(samples)))
+    offsets = samples.offsets(poses)
+    test = unique_poses(np.asarray(samples.test_params))
+    test = samples.test_offsets[test[:: max(1, len(test) // POSES)][:POSES]]
+    rows = []
+    with progress(len(QUANTITIES) * len(PLANES) * len(RULES), f"{selection.label}, readings") as bar:
+        for quantity in QUANTITIES:
+            seen = offsets if quantity == "offsets" else offsets + mesh.neutral
+            errors = refinement.map_error(segments, seen, config.coarse.map_size)
+            for plane in PLANES:
+                for rule, (k, centres) in centroids(segments, errors, plane).items():
+                    squares = []
+                    for segment, own in zip(segments, centres, strict=True):
+                        squares += refinement.square_segments(segment, own, influence, config.refinement.square)
+                    covered = np.zeros(len(mesh.neutral), bool)
+                    for square in squares:
+                        covered[square.vertices] = True
+                    floor = Floor(segments, config.coarse.map_size, tuple(squares), config.refinement.map_size)
+                    degrees = floor_errors(mesh, floor, test, covered)[""][1]
+                    values = (k, len(squares), covered[wrinkled].mean(), errors[covered].sum() / errors.sum(), degrees)
+                    for (metric, (unit, _)), value in zip(METRICS.items(), values, strict=True):
+                        facts = (unit, float(value), None, 1, len(test), config.profile, "bench-selection")
+                        rows.append(Row(TABLE, selection.label, f"{quantity}_{plane}_{rule}", metric, *facts))
+                    bar.update(1)
+    return rows
+
+
+def selection_table(rows: Sequence[Row], character: str) -> Table:
+    """Return one character's readings, a reading a line."""
+    body: list[tuple[str, ...] | None] = []
+    for quantity in QUANTITIES:
+        for plane, words in PLANES.items():
+            body += [None] if body else []
+            for rule, name in RULES.items():
+                cells = [f"{quantity}, {words}, {name}"]
+                for metric, (unit, _) in METRICS.items():
+                    row = find(rows, TABLE, character, f"{quantity}_{plane}_{rule}", metric)
+                    cells.append(round_off(row.value, unit) if row else "–")
+                body.append(tuple(cells))
+    header = ("error of, clusters, their number", *(title for _, title in METRICS.values()))
+    notes = (
+        "Floor: least-squares maps of the true offsets of test poses, the refinement's on top of the coarse ones.",
+    )
+    return Table(f"Readings of §3.3: {character}", (header,), tuple(body), notes)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the benchmark from the command line; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.bench_selection", description=__doc__)
+    parser.add_argument("--profile", default="laptop", help="whose samples (default: laptop)")
+    parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
+    options, command_line = parse(parser, arguments)
+    return guard(partial(_run, options, command_line))
+
+
+def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
+    rows = [row for name in split_names(options.characters) for row in readings(resolve(name, options.profile))]
+    characters = dict.fromkeys(row.character for row in rows)
+    print("\n\n".join(as_text(selection_table(rows, name)) for name in characters))
+    publish("bench_selection", rows, command_line)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
