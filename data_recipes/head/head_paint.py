@@ -39,14 +39,11 @@ NOSTRIL = np.array([0.20, 0.08, 0.07])
 def paint(recipe: Recipe, layout: Layout, x: Float[np.ndarray, "n 3"]) -> UInt8[np.ndarray, "n 3"]:
     """Return every vertex's colour; `x` are the head's vertices in its neutral pose, mm."""
     props = recipe.props
-    colour = np.tile(np.array(props.skin_colour), (len(x), 1))
+    colour = bare_skin(recipe, x)
 
     def over(weight, tint) -> None:
-        w = np.clip(weight, 0, 1)[:, None]
-        colour[:] = colour + w * (np.asarray(tint) - colour)
+        colour[:] = _blend(colour, weight, tint)
 
-    over(props.back * _back(recipe, x), props.back_colour)
-    over(props.throat * _throat(recipe, x), props.throat_colour)
     over(props.blush * _blush(recipe, layout, x), props.blush_colour)
     over(props.lid * _lids(recipe, layout, x), props.lid_colour)
     over(_nostrils(recipe, layout), NOSTRIL * (0.4 + 0.6 * np.array(props.skin_colour)))
@@ -54,6 +51,18 @@ def paint(recipe: Recipe, layout: Layout, x: Float[np.ndarray, "n 3"]) -> UInt8[
     over(lips, props.lip_colour)
     _inside(recipe, layout, colour, lips)
     return np.rint(255 * np.clip(colour, 0, 1)).astype(np.uint8)
+
+
+def bare_skin(recipe: Recipe, x: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Return the skin's colour, from 0 to 1, at any place: with back and throat, but with nothing on it."""
+    props = recipe.props
+    colour = np.tile(np.array(props.skin_colour), (len(x), 1))
+    colour = _blend(colour, props.back * _back(recipe, x), props.back_colour)
+    return _blend(colour, props.throat * _throat(recipe, x), props.throat_colour)
+
+
+def _blend(colour: np.ndarray, weight: np.ndarray, tint) -> np.ndarray:
+    return colour + np.clip(weight, 0, 1)[:, None] * (np.asarray(tint) - colour)
 
 
 def _near(x: np.ndarray, place, radius: float) -> np.ndarray:

@@ -41,7 +41,7 @@ def normals(prop):
 
 def test_a_head_has_eyes_brows_lashes_and_hair_in_pairs(props):
     parts = ("eye_white", "eye_limbus", "eye_iris", "eye_pupil", "brow", "lashes")
-    assert set(props) == {f"{part}_{side}" for part in parts for side in ("left", "right")} | {"hair"}
+    assert set(props) == {f"{part}_{side}" for part in parts for side in ("left", "right")} | {"hair", "bust"}
     for part in parts:
         left, right = props[f"{part}_left"], props[f"{part}_right"]
         np.testing.assert_array_equal(left.vertices * (-1, 1, 1), right.vertices)
@@ -101,7 +101,7 @@ def test_hair_covers_the_crown_and_leaves_face_and_ears_free(head, props):
 
 
 def test_props_can_be_left_out(head):
-    assert set(props_with(head, hair="none", brows="none", lashes="none")) == EYES
+    assert set(props_with(head, hair="none", brows="none", lashes="none", bust="none")) == EYES
 
 
 def test_a_slit_pupil_is_narrow():
@@ -186,3 +186,27 @@ def test_horns_stand_in_pairs_and_a_crest_outside_the_skull_and_point_backwards(
         assert ((normals(prop) * (prop.vertices[prop.faces].mean(1) - nearest)).sum(1) > 0).mean() > 0.95, name
     longer = props_with(head, hair="none", horns="crown", horn_length=2.0)["horn_left_3"].vertices
     assert np.ptp(longer, axis=0).max() > 1.6 * np.ptp(horns["horn_left_3"].vertices, axis=0).max()
+
+
+def test_a_shirt_hides_where_the_neck_ends_and_widens_to_shoulders(head, props):
+    end, shirt = head.vertices[head.grids["body"][0]], props["bust"].vertices
+    middle = (end.min(0) + end.max(0)) / 2
+    radius, turn = np.hypot(*(end - middle)[:, [0, 2]].T), np.arctan2(*(end - middle)[:, [0, 2]].T)
+    reach, around = np.hypot(*(shirt - middle)[:, [0, 2]].T), np.arctan2(*(shirt - middle)[:, [0, 2]].T)
+    for r, angle in zip(radius, turn, strict=True):
+        beside = np.abs(np.angle(np.exp(1j * (around - angle)))) < 0.1
+        collar = beside & (reach > r) & (reach < r + 6)
+        assert shirt[collar, 1].max() > middle[1] + 2
+    assert np.ptp(shirt[:, 0]) > 2.5 * np.ptp(end[:, 0]) and shirt[:, 1].min() < middle[1] - 80
+
+
+def test_a_creatures_neck_goes_on_in_its_colours(head):
+    neck = props_with(head, bust="neck", back=1.0, throat=1.0)["bust"]
+    end = head.vertices[head.grids["body"][0]]
+    top = neck.vertices[neck.vertices[:, 1] > end[:, 1].max() - 1]
+    nearest = np.linalg.norm(top[:, None] - end, axis=-1).min(1)
+    assert len(top) > 20 and nearest.max() < 25
+    lowest = neck.vertices[neck.vertices[:, 1] < neck.vertices[:, 1].min() + 1]
+    assert np.ptp(lowest[:, 0]) > 1.5 * np.ptp(end[:, 0])
+    front, behind = neck.colours[neck.vertices[:, 2].argmax()], neck.colours[neck.vertices[:, 2].argmin()]
+    assert front.sum() > behind.sum() + 0.3
