@@ -20,7 +20,7 @@ from data_recipes.head.scalp import RAYS, Scalp, build_scalp, head_centre
 from data_recipes.recipe.reading import Recipe
 
 COLUMNS, ROWS = 217, 40
-FRINGE_MM = 2.2  # how far a fringe stands off the forehead, which wrinkles under it
+FRINGE_MM = 2.2  # how far locks stand off the forehead, which rises and wrinkles under them
 SEED = 5  # of the locks' irregularities, the same for every head
 
 
@@ -67,12 +67,12 @@ STYLES = {
         ),
         3.0,
         (
-            Layer(58, 0.32, 0.02, 5.0, 0.6),
+            Layer(64, 0.32, 0.0, 5.4, 0.6),
             Layer(52, 0.52, 0.16, 5.5, 1.2),
             Layer(42, 0.76, 0.36, 6.0, 2.0),
             Layer(26, 0.98, 0.58, 6.0, 2.6),
         ),
-        fringe=0.03, part_deg=-48.0, sweep_deg=26.0, fade=0.16,
+        fringe=0.03, part_deg=-48.0, sweep_deg=26.0, fade=0.10,
     ),
     "bob": Style(
         (
@@ -104,7 +104,9 @@ def hair(recipe: Recipe, x: Float[np.ndarray, "n 3"]) -> Prop:
         around = np.mod(paths.turn + np.pi, 2 * np.pi) - np.pi
         below = np.interp(around, scalp.turn, low)
         share = (paths.ray - below) / (RAYS - 1 - below)
-        base = gaussian_filter1d(_thickness(style, np.degrees(np.abs(around)), share), 1.5, axis=1, mode="nearest")
+        base = _thickness(style, np.degrees(np.abs(around)), share)
+        above_face = smooth_step(np.abs(around), 1.3, 0.9) * smooth_step(share, 0.25, 0.05)
+        base = gaussian_filter1d(np.maximum(base, FRINGE_MM * above_face), 1.5, axis=1, mode="nearest")
         parts += ribbons(scalp, paths, base, recipe.props.hair_colour, scale, blunt, generator)
     return join("hair", "hair" if style.falls else "skin", parts)
 
@@ -115,7 +117,7 @@ def _thickness(style: Style, side, share) -> np.ndarray:
     edge = 0.05 + 0.25 * hangs
     thick = style.thick * (edge + (1 - edge) * smooth_step(share / (0.45 - 0.2 * hangs), 0.0, 1.0))
     thick = thick * (1 + 0.6 * hangs * np.exp(-(((share - 0.62) / 0.16) ** 2)))  # over the temples it stands out
-    return np.where(share < 0, FRINGE_MM * smooth_step(-share, 0.0, 0.05), thick)
+    return np.where(share < 0, 0.0, thick + smooth_step(share, 0.0, 0.07))
 
 
 def _hangs(style: Style, side) -> np.ndarray:

@@ -63,9 +63,8 @@ def neighbours(mesh: Mesh) -> Bool[np.ndarray, "s s"]:
         near[corner[:, one], corner[:, other]] = near[corner[:, other], corner[:, one]] = True
     for k, part in enumerate(parts):
         for j in range(k):
-            near[k, j] = near[j, k] = near[k, j] or bool(
-                (trees[j].query(part, distance_upper_bound=reach)[0] < reach).any()
-            )
+            close = (trees[j].query(part, distance_upper_bound=reach)[0] < reach).any()
+            near[k, j] = near[j, k] = near[k, j] or close
     return near
 
 
