@@ -35,7 +35,7 @@ def place(shape: Shape, layout: Layout) -> Float[np.ndarray, "n 3"]:
     k = grids["mouth"].shape[1]
     seam, border = mouth.lip_pins(shape, k)
     rim = eyes.rim_pins(recipe, grids["eye_left"].shape[1])
-    nostril = nostrils.nostril_rings(shape, grids["nostril_left"].shape[1], max(t.nostril_rings - 1, 1))
+    nostril = nostrils.nostril_rings(shape, grids["nostril_left"].shape[1], nostrils.nostril_rim(recipe) + 1)
     base = ears.base_pins(shape, grids["ear_left"].shape[1])
     bottom = grids["body"][0]
     tips = mouth.corner_pins(shape)

@@ -1,4 +1,4 @@
-"""Brows, for display only: strips of hair over the brow ridge, neutral at rest. Left one; the right mirrors it.
+"""Brows, for display only: hairs on a soft shade over the brow ridge, neutral at rest. Left one; the right mirrors it.
 
 Both ends lie at one height, or a face at rest looks sad or cross; the arch peaks at two thirds of the way outwards.
 """
@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_recipes.head.prop_mesh import Prop, on_skin, sheet, smooth_step
+from data_recipes.head.locks import Paths, ribbons
+from data_recipes.head.prop_mesh import Prop, join, on_skin, sheet, smooth_step
+from data_recipes.head.scalp import Scalp
 from data_recipes.head.shape import lidded_distance
 from data_recipes.recipe.reading import Recipe
 
 # Half height (mm), how far the arch rises (share of the ridge's radius), how far it stands out (mm).
 STYLES = {"natural": (2.9, 0.52, 1.0), "thin": (1.6, 0.66, 0.7), "thick": (4.4, 0.42, 1.5)}
 COLUMNS, ROWS = 41, 11
+SEED = 6  # of the hairs' irregularities
 
 
 def brow(recipe: Recipe) -> Prop:
@@ -38,12 +41,28 @@ def brow(recipe: Recipe) -> Prop:
     straight[:, 0] = origin[:, 0] / np.repeat(line[None, :, 2], ROWS, 0).ravel()
     straight /= np.linalg.norm(straight, axis=1, keepdims=True)
     p, normal = on_skin(lambda q: lidded_distance(recipe, q), origin, straight)
-    hairs = np.cos(1.3 * np.arange(COLUMNS) + 2.2 * across[:, None])  # combed up and outwards
     ends = smooth_step(t, 0.0, 0.10) * smooth_step(t, 1.0, 0.94)
-    height = stands * (1 - across[:, None] ** 2) ** 0.8 * (0.55 + 0.45 * half / half.max()) * (1 + 0.12 * hairs)
-    height = height * (0.15 + 0.85 * ends) - 0.25
+    height = stands * (1 - across[:, None] ** 2) ** 0.8 * (0.55 + 0.45 * half / half.max())
+    height = 0.45 * height * (0.15 + 0.85 * ends) - 0.1
     grid = (p + height.reshape(-1, 1) * normal).reshape(ROWS, COLUMNS, 3)
-    colour = 0.66 * np.array(recipe.props.hair_colour) * (1 + 0.10 * hairs)[..., None]
-    skin = 0.86 * np.array(recipe.props.skin_colour)
-    soft = np.maximum(smooth_step(np.abs(across), 0.72, 1.05)[:, None], 0.75 * smooth_step(t, 0.12, 0.0))[..., None]
-    return sheet("brow_left", "skin", colour + 0.6 * soft * (skin - colour), grid)
+    colour, skin = 0.66 * np.array(recipe.props.hair_colour), np.array(recipe.props.skin_colour)
+    soft = np.maximum(smooth_step(np.abs(across), 0.40, 1.0)[:, None], smooth_step(t, 0.14, 0.0))[..., None]
+    shade = sheet("brow_left", "skin", colour + (0.15 + 0.85 * soft) * (skin - colour), grid)
+    ridge = Scalp(t, p.reshape(grid.shape), normal.reshape(grid.shape))
+    return join("brow_left", "skin", [shade, *_hairs(ridge, half_mm, colour)])
+
+
+def _hairs(ridge: Scalp, half_mm: float, colour: np.ndarray) -> list[Prop]:
+    """Return hairs from a brow's lower edge: upright near the nose, then combed outwards, crossing those from above."""
+    generator, parts, s = np.random.default_rng(SEED), [], np.linspace(0, 1, 8)
+    for count, first, last, lift_mm in ((48, -0.90, 0.45, 0.15), (40, 0.80, -0.05, 0.3)):
+        start = np.linspace(0.0, 0.93, count) + generator.uniform(-0.015, 0.015, count)
+        lean = 0.04 + 0.14 * smooth_step(start, 0.0, 0.35) + generator.uniform(-0.015, 0.015, count)
+        lean = np.minimum(lean, 1.0 - start)
+        begin, end = (place + generator.uniform(-0.15, 0.15, count) for place in (first, last))
+        turn = start[:, None] + lean[:, None] * s
+        across = np.clip(begin[:, None] + (end - begin)[:, None] * s**0.8, -1, 1)
+        wide = (0.20 + 0.11 * half_mm) * generator.uniform(0.8, 1.2, count)
+        paths = Paths(turn, (across + 1) / 2 * (ROWS - 1), wide, np.full(count, lift_mm))
+        parts += ribbons(ridge, paths, 0.3 + 0 * turn, tuple(colour), 1.0, 2.0, generator, 5)
+    return parts

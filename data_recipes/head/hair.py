@@ -1,7 +1,8 @@
-"""Hair, for display only: a sheet of locks over the skull, from its hair line up to the crown.
+"""Hair, for display only: a thin sheet from the hair line up to the crown, and locks that lie on it.
 
-A style is a hair line and how the hair lies. Where the hair line runs below the widest part of the head, the hair hangs
-from there and does not follow jaw and neck.
+A style is a hair line and how the hair lies. The sheet thins out at its edge and takes on the colour of the skin there,
+so that the hair grows out of the head instead of sitting on it. Where the hair line runs below the widest part of the
+head, the hair hangs from there and does not follow jaw and neck.
 """
 
 from __future__ import annotations
@@ -13,14 +14,14 @@ from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
-from data_recipes.head.prop_mesh import FLIP, Prop, on_skin, sheet, smooth_step
-from data_recipes.head.shape import skull_distance
+from data_recipes.head.locks import Layer, combed, falling, ribbons
+from data_recipes.head.prop_mesh import Prop, join, sheet, smooth_step
+from data_recipes.head.scalp import RAYS, Scalp, build_scalp, head_centre
 from data_recipes.recipe.reading import Recipe
 
-COLUMNS, ROWS, RAYS = 217, 40, 56
-LOWEST_DEG = -62.0  # of the rays that find the skull, from the level of the temples
-LOWEST_MM = -116.0  # of falling hair, on a cranium 74 mm high
-HANG, RISE, ASIDE = 0.08, 0.38, 0.42  # falling hair draws in by at most this share of the way down, up and around
+COLUMNS, ROWS = 217, 40
+FRINGE_MM = 2.2  # how far locks stand off the forehead, which rises and wrinkles under them
+SEED = 5  # of the locks' irregularities, the same for every head
 
 
 @dataclass(frozen=True)
@@ -28,81 +29,129 @@ class Style:
     """How hair is cut.
 
     line: height (mm, on a cranium 74 mm high) by angle around the head from the front. Angles from 80 to 120 are those
-    of a head whose ears lie at 88°, and move with the ears. thick: over the crown, mm. locks: how many, and how deep,
-    mm. fringe: how far their tips hang below the line, mm. falls: whether the hair hangs over the ears.
+    of a head whose ears lie at 88°, and move with the ears. thick: the sheet over the crown, mm. layers: of locks, from
+    the hair line upwards. fringe: how far the front ones hang below the line, a share of the way to the crown.
+    part_deg, sweep_deg: where they part, and how far they are swept aside. fade: over which share of the way up the
+    sheet gains its colour, if it does not fall. falls: whether the hair hangs over the ears.
     """
 
     line: tuple[tuple[float, float], ...]
     thick: float
-    locks: tuple[int, float]
+    layers: tuple[Layer, ...] = ()
     fringe: float = 0.0
+    part_deg: float = 0.0
+    sweep_deg: float = 0.0
+    fade: float = 0.06
     falls: bool = False
 
 
 STYLES = {
     "cap": Style(
         (
-            (0, 66), (16, 65), (32, 60), (45, 53), (55, 42), (62, 28), (68, 14), (74, 4), (78, 2), (82, 8), (88, 13),
+            (0, 68), (16, 67), (32, 62), (45, 54), (55, 43), (62, 29), (68, 14), (74, 4), (78, 2), (82, 8), (88, 13),
             (96, 12), (104, -4), (112, -20), (124, -34), (150, -45), (180, -47),
-        ), 8.0, (30, 1.0), 4.5,
+        ),
+        5.0,
+        (
+            Layer(44, 0.40, -0.02, 7.5, 1.2),
+            Layer(38, 0.66, 0.10, 8.0, 2.2),
+            Layer(30, 0.88, 0.32, 8.0, 3.2),
+            Layer(20, 0.99, 0.58, 7.0, 3.6),
+        ),
+        fringe=0.16, part_deg=-32.0, sweep_deg=30.0,
     ),
     "short": Style(
         (
             (0, 74), (14, 73), (30, 69), (42, 66), (52, 54), (60, 36), (66, 16), (72, 4), (78, 2), (82, 8), (88, 15),
             (96, 14), (104, 0), (112, -14), (124, -24), (150, -31), (180, -33),
-        ), 4.0, (44, 0.6), 0.8,
+        ),
+        3.0,
+        (
+            Layer(64, 0.32, 0.0, 5.4, 0.6),
+            Layer(52, 0.52, 0.16, 5.5, 1.2),
+            Layer(42, 0.76, 0.36, 6.0, 2.0),
+            Layer(26, 0.98, 0.58, 6.0, 2.6),
+        ),
+        fringe=0.03, part_deg=-48.0, sweep_deg=26.0, fade=0.10,
     ),
     "bob": Style(
         (
             (0, 79), (8, 77), (20, 73), (36, 66), (48, 57), (54, 48), (56, 38), (57.5, 0), (59, -70), (61, -96),
             (90, -100), (140, -102), (180, -102),
-        ), 8.0, (26, 1.6), 0.0, True,
+        ),
+        8.5, part_deg=-12.0, falls=True,
     ),
 }  # fmt: skip
 
 
 def hair(recipe: Recipe, x: Float[np.ndarray, "n 3"]) -> Prop:
     """Return the hair; `x` are the head's vertices, ears included."""
-    style, s = STYLES[recipe.props.hair], recipe.skull
-    scale, centre = s.cranium_radii[1] / 74.0, np.array(s.cranium) + np.array([0.0, -14.0, 2.0])
-    turn = _columns(style)
-    side = np.degrees(np.abs(turn))
+    style, generator = STYLES[recipe.props.hair], np.random.default_rng(SEED)
+    scale, centre = recipe.skull.cranium_radii[1] / 74.0, head_centre(recipe)
+    scalp = build_scalp(recipe, _half_columns(style), style.falls, x)
+    side = np.degrees(np.abs(scalp.turn))
     line = PchipInterpolator(*_line(style, recipe, centre).T)(side) * scale
-    count, depth = style.locks
-    front = 1 - smooth_step(side, 50, 66)
-    uneven = 0.62 + 0.38 * np.sin(3.4 * turn + 0.9)  # no two tips of a fringe hang alike
-    line = line - style.fringe * scale * front * uneven * np.abs(np.cos(0.42 * count * turn + 0.5 * np.sin(4 * turn)))
-    p, normal = (_both_sides(half) for half in _scalp(recipe, style, turn[COLUMNS // 2 :], centre, x))
-    low = _meet(p, line)
-    share = np.concatenate([[0.0, 0.0], np.linspace(0.0, 1.0, ROWS - 2) ** 1.15])
-    grid, outwards = _resample(p, low, share), _resample(normal, low, share)
-    outwards /= np.maximum(np.linalg.norm(outwards, axis=-1, keepdims=True), 1e-9)
-    share = share[:, None]
-    sweep = count * turn + 2.6 * np.sin(2 * turn + 0.6) * share + 1.1 * np.sin(5 * turn + 0.4) + 0.6 * np.sin(11 * turn)
-    lock = np.abs(np.cos(0.5 * sweep)) ** 0.7  # round backs, sharp partings
-    fine = np.cos(3.7 * sweep + 4 * share)
-    thick = style.thick * (0.22 + 0.78 * np.minimum(share / 0.22, 1) ** 0.65)
-    thick = thick + (depth * lock + 0.2 * depth * fine) * np.minimum(share / 0.04, 1) * (1 - share) ** 0.6
-    if style.falls:  # a parting in the middle, in front of the crown
-        part = np.exp(-((side / 7.0) ** 2)) * (1 - smooth_step(share, 0.9, 1.0))
-        thick = thick * (1 - 0.75 * part)
-    thick[0] = -6.0 if style.falls else -1.0  # the edge is turned in, so that it looks thick
-    grid = grid + scale * thick[..., None] * outwards
-    base = np.array(recipe.props.hair_colour)
-    light = 0.86 + 0.16 * lock + 0.06 * fine + 0.10 * np.cos(7 * turn + 1.0) * np.sin(np.pi * share)
-    light = light + 0.22 * np.exp(-(((share - 0.56 - 0.05 * np.cos(9 * turn)) / 0.10) ** 2))  # a ring of gloss
-    light = light * (0.84 + 0.16 * smooth_step(share, 0.0, 0.12))
-    light[0] *= 0.7
-    return sheet("hair", "hair" if style.falls else "skin", base * light[..., None], grid)
+    if not style.falls:  # no two strands begin at one height
+        line = line + scale * gaussian_filter1d(generator.normal(0, 2.2, len(line)), 1.6, mode="wrap")
+    low = scalp.ray_at(line)
+    if style.falls:
+        layers, blunt = falling(scalp, low, style.part_deg, generator), 7.0
+    else:
+        numbers = (style.fringe, style.part_deg, style.sweep_deg, generator)
+        layers, blunt = [combed(layer, scalp, low, *numbers) for layer in style.layers], 2.4
+    parts = [_sheet(style, recipe, scalp, low, scale, generator)]
+    for paths in layers:
+        around = np.mod(paths.turn + np.pi, 2 * np.pi) - np.pi
+        below = np.interp(around, scalp.turn, low)
+        share = (paths.ray - below) / (RAYS - 1 - below)
+        base = _thickness(style, np.degrees(np.abs(around)), share)
+        above_face = smooth_step(np.abs(around), 1.3, 0.9) * smooth_step(share, 0.25, 0.05)
+        base = gaussian_filter1d(np.maximum(base, FRINGE_MM * above_face), 1.5, axis=1, mode="nearest")
+        parts += ribbons(scalp, paths, base, recipe.props.hair_colour, scale, blunt, generator)
+    return join("hair", "hair" if style.falls else "skin", parts)
 
 
-def _columns(style: Style) -> Float[np.ndarray, " columns"]:
-    """Return the columns' angles, from the back over the right, the front and the left, dense where the line falls."""
+def _thickness(style: Style, side, share) -> np.ndarray:
+    """Return how thick the sheet is, mm, by the angle from the front (deg) and the share of the way to the crown."""
+    hangs = _hangs(style, side)
+    edge = 0.05 + 0.25 * hangs
+    thick = style.thick * (edge + (1 - edge) * smooth_step(share / (0.45 - 0.2 * hangs), 0.0, 1.0))
+    thick = thick * (1 + 0.6 * hangs * np.exp(-(((share - 0.62) / 0.16) ** 2)))  # over the temples it stands out
+    return np.where(share < 0, 0.0, thick + smooth_step(share, 0.0, 0.07))
+
+
+def _hangs(style: Style, side) -> np.ndarray:
+    """Return 1 where the edge hangs free, 0 where hair grows out of the skin, by the angle from the front (deg)."""
+    return smooth_step(side, 51, 56) if style.falls else 0 * side
+
+
+def _sheet(style: Style, recipe: Recipe, scalp: Scalp, low, scale: float, generator: np.random.Generator) -> Prop:
+    """Return the sheet under the locks: fine strands from the hair line to the crown."""
+    turn, side = scalp.turn, np.degrees(np.abs(scalp.turn))
+    share = np.concatenate([[-0.02], np.linspace(0.0, 1.0, ROWS - 1) ** 1.1])[:, None]
+    grid, outwards = scalp.at(turn + 0 * share, low + (RAYS - 1 - low) * share)
+    hangs = _hangs(style, side)
+    strand = gaussian_filter1d(generator.normal(0, 1.0, len(turn)), 0.8, mode="wrap")
+    thick = _thickness(style, side, share) + 0.25 * strand * np.sin(np.pi * share)
+    if style.falls:  # the parting, in front of the crown
+        part = np.exp(-(((np.degrees(turn) - style.part_deg) / 5.0) ** 2))
+        thick = thick * (1 - 0.5 * part * (1 - smooth_step(share, 0.9, 1.0)))
+    thick[0] = -0.4 - 4.6 * hangs  # the edge is turned in
+    light = 0.82 + 0.09 * strand + 0.16 * np.exp(-(((share - 0.56) / 0.10) ** 2))
+    colour = np.array(recipe.props.hair_colour) * light[..., None]
+    ragged = 0.5 * style.fade * (generator.uniform(size=len(turn)) - 0.3)
+    grown = 1.0 if style.falls else smooth_step(share + 0.01 - ragged, 0.0, style.fade)[..., None]
+    skin = np.array(recipe.props.skin_colour)
+    colour = skin + (0.15 + 0.85 * grown) * (colour - skin)
+    return sheet("hair", "skin", colour, grid + scale * thick[..., None] * outwards)
+
+
+def _half_columns(style: Style) -> Float[np.ndarray, " half"]:
+    """Return the columns' angles from the front over the left to the back, dense where the line falls."""
     fine = np.linspace(0, 180, 2001)
     density = 1 + (5 * np.exp(-(((fine - 58) / 5) ** 2)) if style.falls else 0.8 * np.exp(-(((fine - 82) / 14) ** 2)))
     length = np.concatenate([[0], np.cumsum((density[1:] + density[:-1]) / 2)])
-    half = np.radians(np.interp(np.linspace(0, length[-1], COLUMNS // 2 + 1), length, fine))
-    return np.concatenate([-half[:0:-1], half])
+    return np.radians(np.interp(np.linspace(0, length[-1], COLUMNS // 2 + 1), length, fine))
 
 
 def _line(style: Style, recipe: Recipe, centre: np.ndarray) -> Float[np.ndarray, "knots 2"]:
@@ -117,86 +166,3 @@ def _line(style: Style, recipe: Recipe, centre: np.ndarray) -> Float[np.ndarray,
     line[near] += (aside, top)
     line[:, 0] = np.maximum.accumulate(line[:, 0] + 1e-3 * np.arange(len(line)))
     return line[line[:, 0] <= 180.1]
-
-
-def _both_sides(left: Float[np.ndarray, "rays half 3"]) -> Float[np.ndarray, "rays columns 3"]:
-    """Return the right half's columns, mirrored, before the left ones; the first of these lies in the middle."""
-    return np.concatenate([left[:, :0:-1] * FLIP, left], 1)
-
-
-def _scalp(recipe: Recipe, style: Style, turn, centre, x) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the left half of the hair lies and its normals, (rays, columns, 3), from below up to the crown."""
-    pitch = np.radians(np.linspace(LOWEST_DEG, 90, RAYS))[:, None]
-    scale = recipe.skull.cranium_radii[1] / 74.0
-    towards = np.stack([np.cos(pitch) * np.sin(turn), np.sin(pitch) + 0 * turn, np.cos(pitch) * np.cos(turn)], -1)
-    origin = centre + 0 * towards
-    if style.falls:  # below the temples the rays are level, to meet the neck as well
-        level = np.minimum(pitch / np.radians(-LOWEST_DEG), 0)
-        origin[..., 1] += np.abs(level) * (LOWEST_MM * scale - centre[1])
-        aside = np.stack([np.sin(turn), 0 * turn, np.cos(turn)], -1)
-        towards = np.where((pitch < 0)[..., None], aside, towards)
-    hits = on_skin(lambda q: skull_distance(recipe, q), origin.reshape(-1, 3), towards.reshape(-1, 3))
-    p, normal = (values.reshape(towards.shape) for values in hits)
-    if not style.falls:
-        return p, normal
-    reach = np.hypot(p[..., 0], p[..., 2] - centre[2])
-    tent = _drape(np.maximum(reach, _ears_reach(p, turn, centre, x)), p[..., 1], turn)
-    reach = reach + smooth_step(pitch, np.radians(62), np.radians(15)) * (tent - reach)
-    reach = reach - 6.0 * scale * smooth_step(p[..., 1], 0.65 * LOWEST_MM * scale, 0.9 * LOWEST_MM * scale)
-    p = np.stack([reach * aside[:, 0], p[..., 1], centre[2] + reach * aside[:, 2]], -1)
-    hangs = smooth_step(pitch, np.radians(25), np.radians(-5))[..., None]
-    return p, normal + hangs * (aside - normal)
-
-
-def _drape(reach: np.ndarray, height: np.ndarray, turn: np.ndarray) -> Float[np.ndarray, "rays columns"]:
-    """Drape hair over a shape and return how far out it lies: a tent over an ear, hanging below it."""
-    step = np.diff(turn)
-    for _ in range(2):
-        for j in range(1, len(turn)):
-            reach[:, j] = np.maximum(reach[:, j], reach[:, j - 1] * (1 - ASIDE * step[j - 1]))
-        for j in range(len(turn) - 2, -1, -1):
-            reach[:, j] = np.maximum(reach[:, j], reach[:, j + 1] * (1 - ASIDE * step[j]))
-        for i in range(1, len(reach)):
-            reach[i] = np.maximum(reach[i], reach[i - 1] - RISE * (height[i] - height[i - 1]).clip(0))
-        for i in range(len(reach) - 2, -1, -1):
-            reach[i] = np.maximum(reach[i], reach[i + 1] - HANG * (height[i + 1] - height[i]).clip(0))
-    smooth = gaussian_filter1d(gaussian_filter1d(reach, 2.5, axis=1, mode="nearest"), 1.5, axis=0, mode="nearest")
-    return np.maximum(smooth, reach - 1.0)
-
-
-def _ears_reach(p, turn, centre, x) -> Float[np.ndarray, "rays columns"]:
-    """Return how far from the axis the head's own vertices reach near each point: ears do, beyond the skull."""
-    own = x - (0.0, 0.0, centre[2])
-    far = np.hypot(own[:, 0], own[:, 2])
-    angle = np.arctan2(own[:, 0], own[:, 2])
-    reach = np.zeros(p.shape[:2])
-    wide = np.flatnonzero((np.abs(np.sin(angle)) > 0.7) & (own[:, 1] > p[0, :, 1].min()))
-    for column, t in enumerate(turn):
-        if np.abs(np.sin(t)) < 0.7:
-            continue
-        close = wide[np.abs(np.angle(np.exp(1j * (angle[wide] - t)))) < np.radians(5)]
-        for i, height in enumerate(p[:, column, 1]):
-            near = close[np.abs(own[close, 1] - height) < 5]
-            if len(near):
-                reach[i, column] = far[near].max()
-    return reach
-
-
-def _meet(p: Float[np.ndarray, "rays columns 3"], line: Float[np.ndarray, " columns"]) -> Float[np.ndarray, " columns"]:
-    """Return at which ray, in fractions, each column crosses the hair line for the last time on the way up."""
-    place = np.empty(len(line))
-    for column, height in enumerate(line):
-        y = p[:, column, 1]
-        below = np.flatnonzero(y[:-1] <= height)
-        i = below[-1] if len(below) else 0
-        place[column] = i + np.clip((height - y[i]) / max(y[i + 1] - y[i], 1e-6), 0, 1)
-    return place
-
-
-def _resample(values: Float[np.ndarray, "rays columns 3"], low, share) -> Float[np.ndarray, "rows columns 3"]:
-    """Return values at shares of the way from the hair line (0) to the crown (1)."""
-    place = low + (len(values) - 1 - low) * share[:, None]
-    i = np.minimum(place.astype(int), len(values) - 2)
-    f = (place - i)[..., None]
-    column = np.arange(values.shape[1])
-    return values[i, column] * (1 - f) + values[i + 1, column] * f

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from data_recipes.head.mouth import ring_parameter
+from data_recipes.head.nostrils import nostril_rim
 from data_recipes.head.prop_mesh import smooth_step
 from data_recipes.head.shape import lid_angles
 from data_recipes.head.topology import (
@@ -38,21 +39,30 @@ NOSTRIL = np.array([0.20, 0.08, 0.07])
 def paint(recipe: Recipe, layout: Layout, x: Float[np.ndarray, "n 3"]) -> UInt8[np.ndarray, "n 3"]:
     """Return every vertex's colour; `x` are the head's vertices in its neutral pose, mm."""
     props = recipe.props
-    colour = np.tile(np.array(props.skin_colour), (len(x), 1))
+    colour = bare_skin(recipe, x)
 
     def over(weight, tint) -> None:
-        w = np.clip(weight, 0, 1)[:, None]
-        colour[:] = colour + w * (np.asarray(tint) - colour)
+        colour[:] = _blend(colour, weight, tint)
 
-    over(props.back * _back(recipe, x), props.back_colour)
-    over(props.throat * _throat(recipe, x), props.throat_colour)
     over(props.blush * _blush(recipe, layout, x), props.blush_colour)
     over(props.lid * _lids(recipe, layout, x), props.lid_colour)
-    over(_nostrils(layout), NOSTRIL * (0.4 + 0.6 * np.array(props.skin_colour)))
+    over(_nostrils(recipe, layout), NOSTRIL * (0.4 + 0.6 * np.array(props.skin_colour)))
     lips = props.lip * _lips(recipe, layout)
     over(lips, props.lip_colour)
     _inside(recipe, layout, colour, lips)
     return np.rint(255 * np.clip(colour, 0, 1)).astype(np.uint8)
+
+
+def bare_skin(recipe: Recipe, x: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Return the skin's colour, from 0 to 1, at any place: with back and throat, but with nothing on it."""
+    props = recipe.props
+    colour = np.tile(np.array(props.skin_colour), (len(x), 1))
+    colour = _blend(colour, props.back * _back(recipe, x), props.back_colour)
+    return _blend(colour, props.throat * _throat(recipe, x), props.throat_colour)
+
+
+def _blend(colour: np.ndarray, weight: np.ndarray, tint) -> np.ndarray:
+    return colour + np.clip(weight, 0, 1)[:, None] * (np.asarray(tint) - colour)
 
 
 def _near(x: np.ndarray, place, radius: float) -> np.ndarray:
@@ -112,12 +122,14 @@ def _lips(recipe: Recipe, layout: Layout) -> np.ndarray:
     return weight
 
 
-def _nostrils(layout: Layout) -> np.ndarray:
+def _nostrils(recipe: Recipe, layout: Layout) -> np.ndarray:
+    """Return how dark a nostril is: all of it inside, a little on its rim, nothing beyond, or it would look sooty."""
     weight = np.zeros(len(layout.part))
+    rim = nostril_rim(recipe)
     for side in ("left", "right"):
         rings = layout.grids[f"nostril_{side}"]
-        for ring, share in zip(rings[:-1], np.linspace(1.0, 0.25, max(len(rings) - 1, 1)), strict=True):
-            weight[ring] = share
+        weight[rings[:rim]] = 1.0
+        weight[rings[rim]] = 0.35 if rim else 1.0
         cap = layout.grids[f"nostril_cap_{side}"]
         weight[np.setdiff1d(cap, rings)] = 1.0
     return weight

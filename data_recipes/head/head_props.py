@@ -1,4 +1,4 @@
-"""Display-only things: eyeballs, brows, lashes, hair and horns.
+"""Display-only things: eyeballs, brows, lashes, hair, horns and a bust.
 
 They ride along in pictures and are no part of the approximated mesh.
 """
@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from data_recipes.head.brows import brow
+from data_recipes.head.bust import bust
 from data_recipes.head.eyeballs import eyeball, lashes
 from data_recipes.head.hair import hair
 from data_recipes.head.horns import horns
@@ -31,4 +32,6 @@ def build_props(recipe: Recipe, layout: Layout, x: Float[np.ndarray, "n 3"]) -> 
         props.append(hair(recipe, x))
     if styles.horns != "none":
         props += horns(recipe)
+    if styles.bust != "none":
+        props.append(bust(recipe))
     return tuple(props)

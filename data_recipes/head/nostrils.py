@@ -7,6 +7,12 @@ from jaxtyping import Float
 
 from data_recipes.head.sdf import distance_and_gradient, project, raycast
 from data_recipes.head.shape import Shape, skin_distance
+from data_recipes.recipe.reading import Recipe
+
+
+def nostril_rim(recipe: Recipe) -> int:
+    """Return which of a nostril's rings, from the inside, is its rim."""
+    return max(recipe.template.nostril_rings - 1, 1) - 1
 
 
 def _frame(shape: Shape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -15,7 +21,7 @@ def _frame(shape: Shape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     along, tip = n.nostril_place[0], n.nostril_place[1]
     x, z = along * n.wing[0], tip * n.tip[2] + (1 - tip) * n.columella[2] + n.nostril_place[2]
     facing = np.array(n.nostril_facing) / np.linalg.norm(n.nostril_facing)
-    before = np.array([[x, n.columella[1] - n.columella_radii[1], z]]) + 12.0 * facing
+    before = np.array([[x, n.columella[1] - n.columella_radii[1], z]]) + 3.0 * facing
     centre = raycast(lambda p: skin_distance(shape, p), before - 60.0 * facing, facing[None], 60.0)
     normal = distance_and_gradient(lambda p: skin_distance(shape, p), centre, 1.0)[1][0]
     normal /= np.linalg.norm(normal)
@@ -37,5 +43,5 @@ def nostril_rings(shape: Shape, k: int, rings: int) -> Float[np.ndarray, "rings 
     out = [rim]
     for i in range(1, rings):
         share = i / (rings - 1)
-        out.append(rim + (centre - rim) * (0.2 + 0.25 * share) + inwards * deep * share**0.8)
+        out.append(rim + (centre - rim) * (0.3 + 0.2 * share) + inwards * deep * share**0.8)
     return np.stack(out[::-1])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,6 +45,18 @@ def sheet(
     area = np.linalg.norm(np.cross(p[faces[:, 1]] - p[faces[:, 0]], p[faces[:, 2]] - p[faces[:, 0]]), axis=1)
     rgb = np.broadcast_to(np.asarray(colours, float), grid.shape).reshape(-1, 3)
     return Prop(name, follow, np.clip(rgb, 0, 1), p, faces[area > 1e-9])
+
+
+def join(name: str, follow: str, parts: Sequence[Prop]) -> Prop:
+    """Make one prop of several."""
+    first = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+    return Prop(
+        name,
+        follow,
+        np.concatenate([part.colours for part in parts]),
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.faces + np.int32(k) for part, k in zip(parts, first, strict=True)]),
+    )
 
 
 def mirror_prop(prop: Prop) -> Prop:

@@ -212,9 +212,11 @@ class Props(Checked):
     brows: Literal["natural", "thin", "thick", "none"] = "natural"
     lashes: Literal["short", "long", "none"] = "short"
     horns: Literal["crown", "none"] = "none"
+    bust: Literal["shirt", "neck", "none"] = "shirt"
     horn_length: float = number(1.0, 0.1, 3.0)
     horn_colour: Triple = colour(0.16, 0.17, 0.20)
     hair_colour: Triple = colour(0.50, 0.28, 0.14)
+    shirt_colour: Triple = colour(0.44, 0.48, 0.52)
     skin_colour: Triple = colour(0.90, 0.71, 0.59)
     lip_colour: Triple = colour(0.80, 0.45, 0.42)
     lip: float = share(0.75)

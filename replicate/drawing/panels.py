@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 DPI = 100
 GAP, TITLE, SIDE, BAR, MARGIN = 6, 26, 26, 74, 8  # pixels
 LARGEST_BYTES = 300_000
+FLAT_PIXELS = 40  # a colour all around so many of its pixels is one that was given, not one that shading made
 
 
 @dataclass(frozen=True)
@@ -104,18 +105,37 @@ def _with_palette(picture, colours: int, dither: bool):
 
     # Counted by pixels, a legend's patch or an eye would get the mean of its neighbours' colours: small areas gain.
     pixels = np.asarray(picture).reshape(-1, 3)
-    hues, counts = np.unique(pixels, axis=0, return_counts=True)
+    hues, place, counts = np.unique(pixels, axis=0, return_inverse=True, return_counts=True)
+    place = place.reshape(picture.height, picture.width)
+    flat = _flat_hues(place, len(hues))[: colours // 2]
+    room = colours - len(flat)
     sample = Image.fromarray(np.repeat(hues, np.ceil(np.sqrt(counts)).astype(int), axis=0)[None])
-    palette = sample.quantize(colours - 1, method=Image.Quantize.MEDIANCUT, kmeans=2)
+    palette = sample.quantize(room, method=Image.Quantize.MEDIANCUT, kmeans=2)
     dithering = Image.Dither.FLOYDSTEINBERG if dither else Image.Dither.NONE
     indices = np.array(picture.quantize(palette=palette, dither=dithering))
-    indices[(np.asarray(picture) == 255).all(-1)] = colours - 1  # paper is white, not the mean of the near-whites
+    own = np.full(len(hues), -1)
+    own[flat] = np.arange(room, colours)
+    exact = own[place]
+    indices = np.where(exact >= 0, exact, indices).astype(np.uint8)
     table = np.full((colours, 3), 255, np.uint8)
-    own = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)[: colours - 1]
-    table[: len(own)] = own
+    means = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)[:room]
+    table[: len(means)] = means
+    table[room:] = hues[flat]
     image = Image.fromarray(indices)
     image.putpalette(table.ravel().tolist())
     return image
+
+
+def _flat_hues(place: np.ndarray, count: int) -> np.ndarray:
+    """Return the hues, of so many, that fill areas without shading, the largest first: paper, a legend's squares.
+
+    place: (h, w), each pixel's hue. A colour that was given, not made by light, has to stay what it is.
+    """
+    middle = place[1:-1, 1:-1]
+    around = (place[:-2, 1:-1], place[2:, 1:-1], place[1:-1, :-2], place[1:-1, 2:])
+    inner = np.bincount(middle[np.logical_and.reduce([middle == other for other in around])], minlength=count)
+    order = np.argsort(-inner, kind="stable")
+    return order[inner[order] >= FLAT_PIXELS]
 
 
 def save_figure(

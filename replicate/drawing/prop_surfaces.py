@@ -14,7 +14,8 @@ FINISHES = {"eye": WET, "hair": SILKY, "horn": SILKY}
 # Where a window would be mirrored in an eyeball, in the camera's axes (right, up, to the eye); its size and how far it
 # lies before the eyeball, as shares of the radius.
 CATCHLIGHT = np.array([-0.20, 0.14, 0.97])
-CATCHLIGHT_SIZE, CATCHLIGHT_LIFT = 0.115, 0.012
+CATCHLIGHT_SIZE, CATCHLIGHT_LIFT = 0.085, 0.012
+BUST = "bust"  # the prop that a head stands on; it leaves the picture at the lower edge
 NEAREST = 4  # vertices of the skin that a vertex of a prop goes with
 
 
@@ -34,7 +35,7 @@ def prop_surfaces(props: Iterable[Sequence], camera: Camera | None = None) -> li
         paint = (
             {"paint": np.asarray(colour, np.uint8)} if np.ndim(colour) == 2 else {"colours": colour_in_bytes(colour)}
         )
-        surfaces.append(Surface(vertices, faces, finish=finish_of(name), **paint))
+        surfaces.append(Surface(vertices, faces, finish=finish_of(name), framed=name != BUST, **paint))
         if name.startswith("eye_"):
             eyes.setdefault(name.rsplit("_", 1)[-1], []).append(vertices)
     if camera is not None:

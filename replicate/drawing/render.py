@@ -112,7 +112,7 @@ def _pyvista(surfaces, camera: Camera, width: int, height: int, background, ligh
     plotter, _ = plotter_of(surfaces, camera, width, height, background, lighting)
     try:
         if all(surface.lit for surface in surfaces):  # shades would falsify a heatmap's colours
-            plotter.enable_ssao(radius=SHADE_MM, bias=0.5, kernel_size=64, blur=True)
+            plotter.enable_ssao(radius=SHADE_MM, bias=lighting.shade_from_mm, kernel_size=64, blur=True)
         return np.asarray(plotter.screenshot(return_img=True))[..., :3]
     finally:
         plotter.close()

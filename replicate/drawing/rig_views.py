@@ -18,10 +18,11 @@ from replicate.engine.tidy_files import Column, read_csv, write_csv
 if TYPE_CHECKING:
     import matplotlib.figure
 
-# Colours that are distinct to many readers, most different first, after Kelly (1965): his list less white, black, grey.
+# Colours that are distinct to many readers, most different first, after Kelly (1965): his list less white, black, grey,
+# and with turquoise and magenta for his two further yellows, which shading makes one with the first.
 DISTINCT = (
     (243, 195, 0), (135, 86, 146), (243, 132, 0), (161, 202, 241), (190, 0, 50), (194, 178, 128), (0, 136, 86),
-    (230, 143, 172), (0, 103, 165), (249, 147, 121), (96, 78, 151), (246, 166, 0), (179, 68, 108), (220, 211, 0),
+    (230, 143, 172), (0, 103, 165), (249, 147, 121), (96, 78, 151), (0, 160, 176), (179, 68, 108), (240, 60, 190),
     (136, 45, 23), (141, 182, 0), (101, 69, 34), (226, 88, 34), (43, 61, 38),
 )  # fmt: skip
 UNUSED_COLOUR = (205, 205, 205)

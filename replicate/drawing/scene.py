@@ -33,6 +33,7 @@ class Surface:
     vertices: (n, 3) mm. faces: (f, 3). colours: one RGB triple 0–255, or (f, 3) uint8, one for each face.
     lit: False draws the colours as they are (heatmaps: shading would falsify them). smooth: interpolate normals.
     paint: (n, 3) uint8, a colour for each vertex in place of `colours`; faces blend those of their corners.
+    framed: whether `frame_surfaces` makes room for it.
     """
 
     vertices: np.ndarray
@@ -42,6 +43,7 @@ class Surface:
     smooth: bool = True
     paint: np.ndarray | None = None
     finish: Finish = MATT
+    framed: bool = True
 
 
 @dataclass(frozen=True)
@@ -87,10 +89,15 @@ class Light:
 
 @dataclass(frozen=True)
 class Lighting:
-    """All lights of a scene, and how bright a surface is that none of them reaches."""
+    """All lights of a scene, and how bright a surface is that none of them reaches.
+
+    shade_from_mm: how deep a hollow must be to lie in the shade of what is around it; below that, folds of a few
+    triangles would look like dirt.
+    """
 
     lights: tuple[Light, ...]
     ambient: float
+    shade_from_mm: float = 0.5
 
 
 # For clay. The key light is high and to the left, so that both upright and level wrinkles throw a shade.
@@ -103,11 +110,12 @@ PORTRAIT = Lighting(
     (
         Light((-0.48, 0.54, 0.80), 0.65, (1.0, 0.97, 0.92)),
         Light((0.75, 0.10, 0.75), 0.38, (1.0, 0.91, 0.86)),
-        Light((0.0, -0.70, 0.65), 0.20, (1.0, 0.86, 0.80)),
+        Light((0.0, -0.70, 0.65), 0.30, (1.0, 0.84, 0.76)),
         Light((0.80, 0.55, -0.45), 0.40, (0.90, 0.95, 1.0)),
         Light((-0.90, 0.35, -0.45), 0.25, (0.90, 0.95, 1.0)),
     ),
     0.25,
+    1.0,
 )
 
 
@@ -145,7 +153,7 @@ def frame_surfaces(camera: Camera, surfaces: Sequence[Surface], aspect: float, m
 
     margin: the share of the height that stays free on each side.
     """
-    points = np.concatenate([np.asarray(surface.vertices, float) for surface in surfaces])
+    points = np.concatenate([np.asarray(surface.vertices, float) for surface in surfaces if surface.framed])
     for _ in range(3):  # perspective changes a little as the focus moves
         pixels, _ = project(points, camera, 1, 1)
         low, high = pixels.min(0), pixels.max(0)

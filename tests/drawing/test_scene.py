@@ -7,10 +7,12 @@ from replicate.drawing.scene import (
     CAMERAS,
     HEAD_WIDTH_MM,
     Camera,
+    Surface,
     axes,
     camera_for,
     faces_in_view,
     forehead_faces,
+    frame_surfaces,
     project,
 )
 
@@ -49,6 +51,15 @@ def test_a_head_twice_as_large_looks_the_same():
 def test_shoulders_do_not_change_a_camera():
     bust = np.concatenate([HEAD, np.float32([[-150, -180, 0], [150, -180, 0]])])
     assert camera_for("front", bust) == camera_for("front", HEAD)
+
+
+def test_a_camera_makes_no_room_for_what_may_leave_the_picture():
+    faces = np.int32([[0, 1, 1]])
+    head, camera = Surface(HEAD, faces), camera_for("front", HEAD)
+    assert frame_surfaces(camera, [head, Surface(3 * HEAD, faces, framed=False)], 1) == frame_surfaces(
+        camera, [head], 1
+    )
+    assert frame_surfaces(camera, [head, Surface(3 * HEAD, faces)], 1) != frame_surfaces(camera, [head], 1)
 
 
 def test_only_faces_in_the_frame_and_turned_to_the_camera_are_in_view():

@@ -111,6 +111,19 @@ def test_a_figure_that_would_be_too_large_gets_fewer_colours(tmp_path):
     assert 30_000 < (tmp_path / "f.png").stat().st_size < size
 
 
+def test_a_legends_colours_are_exact_beside_a_picture_of_many_hues(tmp_path):
+    generator = np.random.default_rng(0)
+    squares = generator.integers(0, 256, (24, 3), np.uint8)
+    x, y = np.meshgrid(np.linspace(0, 255, 300), np.linspace(0, 255, 300))
+    picture = np.uint8((np.stack([x, y, 255 - x], -1) + generator.normal(size=(300, 300, 1)) * 8).clip(0, 255))
+    for k, square in enumerate(squares):
+        picture[12 * k : 12 * k + 11, 5:16] = square
+    save_figure(panel_grid([[picture]], ["hues"]), tmp_path / "f.png", Words("hues", "hues"))
+    image = Image.open(tmp_path / "f.png")
+    drawn = np.asarray(image.convert("RGB")).reshape(-1, 3)
+    assert image.mode == "P" and all((drawn == square).all(-1).sum() >= 121 for square in squares)
+
+
 def test_mixtures_of_many_hues_show_no_bands_where_palette_colours_are_mixed(tmp_path):
     hue, light = np.meshgrid(np.linspace(0, 1, 300), np.linspace(0.3, 1, 300))
     smooth = np.uint8(255 * hsv_to_rgb(np.stack([hue, 0 * hue + 0.8, light], -1)))

@@ -5,9 +5,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
+from scipy.spatial import cKDTree
 
 from data_recipes.rig import Rig
+from replicate.drawing.colours import perceived
 from replicate.drawing.panels import Words, save_figure
 from replicate.drawing.rig_views import DISTINCT, coloured_views, hexadecimal, read_lines, write_lines
 from replicate.geometry.mesh import Mesh
@@ -18,18 +20,52 @@ if TYPE_CHECKING:
 
 # Light ones for teeth and other rigid parts, in turn, so that neighbours differ.
 RIGID = ((255, 255, 255), (140, 195, 255), (255, 200, 130), (165, 225, 150))
+NEAR = 0.05
+NOT_NEAR = 1.7  # by how much less alike the colours count of two segments that are not neighbours
 HEADER = ("segment", "kind", "vertices", "faces", "colour")
 
 
 def segment_palette(mesh: Mesh, rigid: Collection[int]) -> list[tuple[int, int, int]]:
-    """Return each segment's colour, in the order of `mesh.segment_names`."""
-    counts = {True: 0, False: 0}
-    colours = []
+    """Return each segment's colour, in the order of `mesh.segment_names`.
+
+    One that deforms gets, of the colours left, that which looks least like any given so far; to those of its neighbours
+    it must be farther still.
+    """
+    colours: list[tuple[int, int, int]] = []
+    left: list[tuple[int, int, int]] = []
+    turns = 0
+    near = neighbours(mesh)
     for k in range(len(mesh.segment_names)):
-        among = RIGID if k in rigid else DISTINCT
-        colours.append(among[counts[k in rigid] % len(among)])
-        counts[k in rigid] += 1
+        if k in rigid:
+            colours.append(RIGID[turns % len(RIGID)])
+            turns += 1
+            continue
+        left = left or list(DISTINCT)
+        others = [j for j in range(k) if j not in rigid]
+        if others:
+            apart = perceived(left)[:, None] - perceived([colours[j] for j in others])
+            strange = np.where(near[k, others], 1.0, NOT_NEAR)
+            best = (np.linalg.norm(apart, axis=-1) * strange).min(1).argmax()
+        else:
+            best = 0
+        colours.append(left.pop(int(best)))
     return colours
+
+
+def neighbours(mesh: Mesh) -> Bool[np.ndarray, "s s"]:
+    """Return which segments touch each other or nearly do, by the share `NEAR` of the head's size."""
+    reach = NEAR * float(np.ptp(mesh.neutral, axis=0).max())
+    parts = [mesh.neutral[mesh.segment == k] for k in range(len(mesh.segment_names))]
+    trees = [cKDTree(part) for part in parts]
+    near = np.eye(len(parts), dtype=bool)
+    corner = mesh.segment[mesh.faces]
+    for one, other in ((0, 1), (1, 2), (2, 0)):
+        near[corner[:, one], corner[:, other]] = near[corner[:, other], corner[:, one]] = True
+    for k, part in enumerate(parts):
+        for j in range(k):
+            close = (trees[j].query(part, distance_upper_bound=reach)[0] < reach).any()
+            near[k, j] = near[j, k] = near[k, j] or close
+    return near
 
 
 def shown_segment(mesh: Mesh) -> Int[np.ndarray, " f"]:

@@ -6,6 +6,7 @@ import heads
 import numpy as np
 import pytest
 
+from data_recipes.head import hair
 from data_recipes.head.brows import COLUMNS, ROWS
 from data_recipes.head.head_props import build_props
 from data_recipes.head.horns import COLUMNS as HORN_COLUMNS
@@ -22,6 +23,11 @@ def props_with(head, **changes):
     """Return the props by name of the tiny head with another `[props]`."""
     recipe = replace(head.recipe, props=replace(head.recipe.props, **changes))
     return {prop.name: prop for prop in build_props(recipe, build_layout(recipe), head.vertices)}
+
+
+def brow_shade(brow):
+    """Return the sheet under a brow's hairs, (rows, columns, 3) from below."""
+    return brow.vertices[: ROWS * COLUMNS].reshape(ROWS, COLUMNS, 3)
 
 
 @pytest.fixture
@@ -41,7 +47,7 @@ def normals(prop):
 
 def test_a_head_has_eyes_brows_lashes_and_hair_in_pairs(props):
     parts = ("eye_white", "eye_limbus", "eye_iris", "eye_pupil", "brow", "lashes")
-    assert set(props) == {f"{part}_{side}" for part in parts for side in ("left", "right")} | {"hair"}
+    assert set(props) == {f"{part}_{side}" for part in parts for side in ("left", "right")} | {"hair", "bust"}
     for part in parts:
         left, right = props[f"{part}_left"], props[f"{part}_right"]
         np.testing.assert_array_equal(left.vertices * (-1, 1, 1), right.vertices)
@@ -84,24 +90,34 @@ def test_right_hand_parts_are_turned_over_with_their_mirror_image(props):
 def test_brows_lie_on_the_skin_between_eye_and_hair(head, props):
     brow, eye = props["brow_left"].vertices, head.eyes["left"]
     distance = lidded_distance(head.recipe, brow)
-    assert -0.6 < distance.min() and 0.8 < distance.max() < 2.0
+    assert -0.6 < distance.min() and 0.4 < distance.max() < 2.0
     assert brow[:, 1].min() > eye.centre[1] + 0.6 * eye.radius
     assert brow[:, 1].max() < props["hair"].vertices[np.abs(props["hair"].vertices[:, 0]) < 60, 1].max()
 
 
 def test_hair_covers_the_crown_and_leaves_face_and_ears_free(head, props):
-    hair = props["hair"].vertices
-    distance = skull_distance(head.recipe, hair)
-    rim = distance < 0
-    assert rim.sum() >= 200 and distance[~rim].min() > 0.5 and distance.max() < 12
+    locks = props["hair"].vertices
+    distance = skull_distance(head.recipe, locks)
+    assert -1.5 < distance.min() and 8 < distance.max() < 14
     crown = head.vertices[head.grids["crown"]]
-    assert hair[:, 1].max() > crown[..., 1].max() + 2
-    front = hair[(np.abs(hair[:, 0]) < 30) & (hair[:, 2] > 0)]
-    assert front[:, 1].min() > head.vertices[head.landmarks["forehead"], 1] - 5
+    assert locks[:, 1].max() > crown[..., 1].max() + 2
+    front = locks[(np.abs(locks[:, 0]) < 30) & (locks[:, 2] > 0)]
+    assert front[:, 1].min() > props["brow_left"].vertices[:, 1].max() + 5
+
+
+def test_hair_grows_out_of_the_skin_thin_and_in_its_colour_at_the_hair_line(head, props):
+    count = hair.ROWS * hair.COLUMNS
+    sheet = props["hair"].vertices[:count].reshape(hair.ROWS, hair.COLUMNS, 3)
+    colours = props["hair"].colours[:count].reshape(sheet.shape)
+    height = skull_distance(head.recipe, sheet.reshape(-1, 3)).reshape(sheet.shape[:2])
+    assert -1 < height[0].max() < 0.5 and height[hair.ROWS // 2].min() > 2
+    styles = head.recipe.props
+    off = [np.abs(colours - np.array(colour)).max(-1) for colour in (styles.skin_colour, styles.hair_colour)]
+    assert (off[0][0] < off[1][0]).all() and (off[1][hair.ROWS // 2] < off[0][hair.ROWS // 2]).all()
 
 
 def test_props_can_be_left_out(head):
-    assert set(props_with(head, hair="none", brows="none", lashes="none")) == EYES
+    assert set(props_with(head, hair="none", brows="none", lashes="none", bust="none")) == EYES
 
 
 def test_a_slit_pupil_is_narrow():
@@ -130,7 +146,8 @@ def test_irises_have_a_dark_rim_and_eyes_lie_in_the_shade_of_the_upper_lid(props
 @pytest.mark.parametrize("style", ["natural", "thin", "thick"])
 def test_brows_at_rest_say_nothing(head, style):
     """Head and tail lie at one height, the arch is low: neither sad nor cross."""
-    grid = props_with(head, brows=style, hair="none")["brow_left"].vertices.reshape(ROWS, COLUMNS, 3)
+    brow = props_with(head, brows=style, hair="none")["brow_left"]
+    grid = brow_shade(brow)
     middle = grid[ROWS // 2, :, 1]
     assert abs(middle[2] - middle[-3]) < 3 and 0.5 < middle.max() - middle[[2, -3]].max() < 4.5
     assert 0.35 < middle.argmax() / COLUMNS < 0.75
@@ -140,7 +157,7 @@ def test_brows_at_rest_say_nothing(head, style):
 
 def test_thick_brows_are_thicker_than_natural_ones_and_these_than_thin_ones(head):
     high = [
-        np.ptp(props_with(head, brows=style)["brow_left"].vertices.reshape(ROWS, COLUMNS, 3)[..., 1], axis=0).max()
+        np.ptp(brow_shade(props_with(head, brows=style)["brow_left"])[..., 1], axis=0).max()
         for style in ("thick", "natural", "thin")
     ]
     assert high[0] > 1.2 * high[1] > 1.5 * high[2]
@@ -157,15 +174,15 @@ def test_short_hair_leaves_more_of_the_forehead_and_lies_closer(head, props):
 
 
 def test_a_bob_falls_to_the_jaw_over_the_ears_and_leaves_the_face_free(head):
-    hair = props_with(head, hair="bob")["hair"]
-    assert hair.follow == "hair"
-    p = hair.vertices
+    bob = props_with(head, hair="bob")["hair"]
+    assert bob.follow == "hair"
+    p = bob.vertices
     mouth = head.recipe.mouth.y
     assert p[:, 1].min() < mouth - 20
     behind = p[(p[:, 2] < -30)]
     assert np.ptp(behind[:, 1]) > 120
     face = (np.abs(p[:, 0]) < 45) & (p[:, 2] > 20)
-    assert p[face, 1].min() > head.vertices[head.landmarks["forehead"], 1]
+    assert p[face, 1].min() > brow_shade(props_with(head)["brow_left"])[..., 1].max() + 5
     ears = head.vertices[np.isin(head.part, [head.part_names.index("ear_left")])]
     beside = p[(p[:, 0] > 0) & (np.abs(p[:, 1] - ears[:, 1].mean()) < 20) & (np.abs(p[:, 2] - ears[:, 2].mean()) < 15)]
     assert beside[:, 0].max() > ears[:, 0].max()
@@ -186,3 +203,27 @@ def test_horns_stand_in_pairs_and_a_crest_outside_the_skull_and_point_backwards(
         assert ((normals(prop) * (prop.vertices[prop.faces].mean(1) - nearest)).sum(1) > 0).mean() > 0.95, name
     longer = props_with(head, hair="none", horns="crown", horn_length=2.0)["horn_left_3"].vertices
     assert np.ptp(longer, axis=0).max() > 1.6 * np.ptp(horns["horn_left_3"].vertices, axis=0).max()
+
+
+def test_a_shirt_hides_where_the_neck_ends_and_widens_to_shoulders(head, props):
+    end, shirt = head.vertices[head.grids["body"][0]], props["bust"].vertices
+    middle = (end.min(0) + end.max(0)) / 2
+    radius, turn = np.hypot(*(end - middle)[:, [0, 2]].T), np.arctan2(*(end - middle)[:, [0, 2]].T)
+    reach, around = np.hypot(*(shirt - middle)[:, [0, 2]].T), np.arctan2(*(shirt - middle)[:, [0, 2]].T)
+    for r, angle in zip(radius, turn, strict=True):
+        beside = np.abs(np.angle(np.exp(1j * (around - angle)))) < 0.1
+        collar = beside & (reach > r) & (reach < r + 6)
+        assert shirt[collar, 1].max() > middle[1] + 2
+    assert np.ptp(shirt[:, 0]) > 2.5 * np.ptp(end[:, 0]) and shirt[:, 1].min() < middle[1] - 80
+
+
+def test_a_creatures_neck_goes_on_in_its_colours(head):
+    neck = props_with(head, bust="neck", back=1.0, throat=1.0)["bust"]
+    end = head.vertices[head.grids["body"][0]]
+    top = neck.vertices[neck.vertices[:, 1] > end[:, 1].max() - 1]
+    nearest = np.linalg.norm(top[:, None] - end, axis=-1).min(1)
+    assert len(top) > 20 and nearest.max() < 25
+    lowest = neck.vertices[neck.vertices[:, 1] < neck.vertices[:, 1].min() + 1]
+    assert np.ptp(lowest[:, 0]) > 1.5 * np.ptp(end[:, 0])
+    front, behind = neck.colours[neck.vertices[:, 2].argmax()], neck.colours[neck.vertices[:, 2].argmin()]
+    assert front.sum() > behind.sum() + 0.3

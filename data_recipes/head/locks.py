@@ -1,0 +1,153 @@
+"""Locks of hair, for display only: ribbons with round backs that lie on the scalp, layer over layer.
+
+A lock's edges sink into what it lies on, hair or skin, so that no gap shows under it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import gaussian_filter1d
+
+from data_recipes.head.prop_mesh import Prop, sheet, smooth_step
+from data_recipes.head.scalp import RAYS, Scalp
+
+POINTS = 18  # along a lock
+EDGE_MM = 0.8  # how deep at most a lock's edges lie under what it lies on
+ROUND = 0.34  # how high a lock's back is, as a share of its half width
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A row of locks around the head, which lie over those of the layers before it.
+
+    count: how many. root, tip: where they begin and end, as shares of the way from the hair line (0) to the crown (1).
+    half_mm: half their width. lift_mm: how far they stand off the sheet that they lie on.
+    """
+
+    count: int
+    root: float
+    tip: float
+    half_mm: float
+    lift_mm: float
+
+
+@dataclass(frozen=True)
+class Paths:
+    """Where locks run on a scalp, from root to tip: `turn` (rad) and `ray`; half their width and lift, mm."""
+
+    turn: Float[np.ndarray, "locks points"]
+    ray: Float[np.ndarray, "locks points"]
+    half_mm: Float[np.ndarray, " locks"]
+    lift_mm: Float[np.ndarray, " locks"]
+
+
+def combed(
+    layer: Layer,
+    scalp: Scalp,
+    low: Float[np.ndarray, " columns"],
+    fringe: float,
+    part_deg: float,
+    sweep_deg: float,
+    generator: np.random.Generator,
+) -> Paths:
+    """Return a layer of locks that run from the crown to the hair line.
+
+    low: the hair line's ray by column. fringe: how far the front ones hang below the line, a share of the way up.
+    part_deg, sweep_deg: from which angle the front ones part, and how far they are swept aside.
+    """
+    count = layer.count
+    t = np.linspace(0, 1, POINTS)
+    start = 2 * np.pi * (np.arange(count) + generator.uniform(-0.35, 0.35, count)) / count - np.pi
+    front = ((1 + np.cos(start)) / 2) ** 2
+    part = np.radians(part_deg)
+    sweep = np.radians(sweep_deg) * np.tanh((start - part) / 0.35) * front + generator.normal(0, 0.05, count)
+    turn = start[:, None] + sweep[:, None] * t**1.4
+    turn = turn + 0.035 * np.sin(4.5 * t + generator.uniform(0, 2 * np.pi, (count, 1))) * t
+    root = layer.root + generator.uniform(-0.06, 0.06, count)
+    tip = layer.tip + generator.uniform(-0.05, 0.05, count) * (1 - front)
+    tip = tip - fringe * front * generator.uniform(0.15, 1.0, count) * (layer.tip < 0.1)
+    share = np.minimum(root[:, None] + (tip - root)[:, None] * t, 0.995)
+    below = np.interp(np.mod(turn + np.pi, 2 * np.pi) - np.pi, scalp.turn, low)
+    ray = below + (RAYS - 1 - below) * share
+    wide = layer.half_mm * generator.uniform(0.8, 1.25, count)
+    return Paths(turn, ray, wide, layer.lift_mm * generator.uniform(0.8, 1.2, count))
+
+
+def falling(
+    scalp: Scalp, low: Float[np.ndarray, " columns"], part_deg: float, generator: np.random.Generator
+) -> list[Paths]:
+    """Return two layers of locks that fall to the hair line: at the back from the crown, in front from a parting."""
+    t = np.linspace(0, 1, POINTS)
+
+    def fall(turn, first, last, half_mm, lift_mm, fringe=0.0):
+        below = np.interp(np.mod(turn + np.pi, 2 * np.pi) - np.pi, scalp.turn, low)
+        lowest = below - 0.5 - 0.5 * t**6 - fringe * np.sin(np.pi * np.minimum(2 * t, 1))
+        ray = first[:, None] + (last - first)[:, None] * t**1.25
+        ray = gaussian_filter1d(np.maximum(ray, lowest), 1.8, axis=1, mode="nearest")
+        count = len(turn)
+        return Paths(turn, ray, half_mm * generator.uniform(0.85, 1.2, count), np.full(count, lift_mm))
+
+    count = 34
+    back = np.radians(np.linspace(66, 294, count) + generator.uniform(-2, 2, count))
+    end = np.interp(np.mod(back + np.pi, 2 * np.pi) - np.pi, scalp.turn, low) + generator.uniform(-0.9, 0.2, count)
+    wave = 0.03 * np.sin(5 * t + generator.uniform(0, 2 * np.pi, (count, 1)))
+    layers = [fall(back[:, None] + wave, np.full(count, RAYS - 2.0), end, 10.0, 1.2)]
+    count = 15
+    for side in (-1, 1):
+        place = np.linspace(1, 0, count)  # from the crown to the forehead, which lies on top
+        part = np.interp(np.radians(part_deg), scalp.turn, low)
+        first = part - 0.6 + place * (RAYS - 3.0 - part)
+        aside = np.radians(59.5 + 52 * place + generator.uniform(-1, 1, count))
+        end = np.interp(side * aside, scalp.turn, low) + generator.uniform(-0.9, 0.2, count)
+        root = np.radians(part_deg - 2.0 * side)  # they cross, so that no gap shows
+        turn = root + (side * aside - root)[:, None] * np.tanh(2.6 * t) / np.tanh(2.6)
+        fringe = 3.5 * smooth_step(place, 0.45, 0.0)[:, None]  # the foremost ones lie on the forehead
+        layers.append(fall(turn, first, end, 9.5, 2.0, fringe))
+    return layers
+
+
+def ribbons(
+    scalp: Scalp,
+    paths: Paths,
+    base_mm: Float[np.ndarray, "locks points"],
+    colour: tuple[float, float, float],
+    scale: float,
+    blunt: float,
+    generator: np.random.Generator,
+    across_count: int = 7,
+) -> list[Prop]:
+    """Return a prop for each lock.
+
+    base_mm: how thick the hair is that they lie on. scale: of lengths. blunt: 2 for locks that end in a point, more
+    for broader ends. across_count: points across a lock.
+    """
+    t, a = np.linspace(0, 1, paths.turn.shape[1]), np.linspace(-1, 1, across_count)
+    p, normal = scalp.at(paths.turn, paths.ray)
+    up = -np.gradient(p, axis=1)
+    across = np.cross(up, normal)
+    across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
+    taper = (0.30 + 0.70 * smooth_step(t, 0, 0.35)) * (1 - t**blunt) ** 0.75 + 0.03
+    half = scale * paths.half_mm[:, None] * taper
+    lift = paths.lift_mm[:, None] * smooth_step(t, 0, 0.3) * (1 - 0.8 * smooth_step(t, 0.55, 1))
+    edge = np.minimum(EDGE_MM, 0.6 * half)
+    back = edge + scale * lift + ROUND * half
+    back = back * smooth_step(t, -0.05, 0.2)
+    height = scale * base_mm - edge
+    arch = 1 - np.abs(a) ** 2.3
+    grid = (
+        p[:, :, None]
+        + (half[..., None] * a)[..., None] * across[:, :, None]
+        + (height[..., None] + back[..., None] * arch)[..., None] * normal[:, :, None]
+    )
+    count = len(p)
+    tone, phase = generator.uniform(0.86, 1.12, (count, 1, 1)), generator.uniform(0, 2 * np.pi, (count, 1, 1))
+    strands = 0.09 * np.cos(3.1 * np.pi * a + phase + 1.5 * t[:, None]) + 0.04 * np.cos(9 * a - phase)
+    light = tone * (0.80 + 0.20 * smooth_step(t, 0, 0.3) + 0.10 * smooth_step(t, 0.5, 1.0))[:, None] + strands
+    gloss = 0.20 * np.exp(-(((paths.ray / (RAYS - 1) - 0.80) / 0.07) ** 2))
+    light = (light + gloss[..., None]) * (1 - 0.30 * np.abs(a) ** 3)
+    warm = 1 + generator.uniform(-0.06, 0.06, (count, 1, 1, 1)) * np.array([0.3, 1.0, 1.6])
+    rgb = np.asarray(colour) * warm * light[..., None]
+    return [sheet("lock", "skin", rgb[k, ::-1], grid[k, ::-1]) for k in range(count)]
