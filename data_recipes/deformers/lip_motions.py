@@ -102,7 +102,7 @@ def _depress_border(u: Curve, side: Curve) -> Motion:
 
 
 def _stretch_seam(u: Curve, side: Curve) -> Motion:
-    return 10.0 * np.sign(u) * corner(u, 1.3), -3.2 * corner(u, 2) - 0.4, -4.0 * corner(u, 1.8) - 1.0
+    return 11.0 * np.sign(u) * corner(u, 1.3), -4.2 * corner(u, 2) - 0.4, -4.4 * corner(u, 1.8) - 1.0
 
 
 def _stretch_border(u: Curve, side: Curve) -> Motion:
