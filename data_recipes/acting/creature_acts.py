@@ -100,6 +100,7 @@ CREATURE: dict[str, dict[str, float]] = {
         "frown_*": 0.6,
         "chin_raise": 0.0,
         "lip_roll_lower": 0.0,
+        "mouth_up_down": 0.0,  # or his lower lip would come up through the tongue
         "jaw_open": 0.4,
         "tongue_out": 1.0,
         "tongue_curl": -1.0,

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from data_recipes.deformers.sculpting import Path, Sculptor, smoothstep
 
 RAISE_MM = 12.5
-LOWER_MM = 9.5
+LOWER_MM = 11.0
 
 
 def brow_row_field(s: Sculptor) -> Float[np.ndarray, " n"]:

@@ -39,6 +39,8 @@ from data_recipes.head.neutral_head import Head
 
 HANDLE_RADIUS_MM = 44.0
 HANDLE_TRAVEL_MM = (5.0, 5.0, 4.0)
+LEAST_HEADROOM_MM = 4.0
+BESIDE_NOSE = 2.0  # headroom of the lip that a millimetre away from the nose gives it
 LIP_RING_REACH = 0.9  # of the mouth's rings, how many a closing seam moves
 
 
@@ -218,7 +220,20 @@ def _lips(s: Sculptor, columns: dict[str, int], m: int) -> dict[str, np.ndarray]
     t = np.linspace(0, 1, len(mouth))[:-1] / LIP_RING_REACH
     shares = np.concatenate([1 - smoothstep(t, 0.0, 1.0), np.array(mouth_fields.BAG_SHARES[:inner])])
     names = ("lips_together", "sticky_left", "sticky_right")
-    return lips.prepare(s.x, rings, shares, _columns(names, columns, m), m)
+    return lips.prepare(s.x, rings, shares, _columns(names, columns, m), m, _headroom(s))
+
+
+def _headroom(s: Sculptor) -> Float[np.ndarray, " k"]:
+    """Return how far each column of the mouth can rise, in mm, until the lip's red is under the nostrils.
+
+    Beside the nose there is more room the further out.
+    """
+    mouth = s.head.grids["mouth"]
+    nose = s.x[np.concatenate([s.head.grids[f"nostril_{side}"].ravel() for side in ("left", "right")])]
+    border = s.x[mouth[s.head.recipe.template.lip_rings], 1]
+    middle = mouth.shape[1] // 4
+    beside = np.maximum(np.abs(s.x[mouth[0], 0]) - np.abs(nose[:, 0]).max(), 0.0)
+    return max(nose[:, 1].min() - border[middle], LEAST_HEADROOM_MM) + BESIDE_NOSE * beside
 
 
 def _wall(s: Sculptor, upper: bool) -> dict[str, np.ndarray]:
@@ -227,4 +242,5 @@ def _wall(s: Sculptor, upper: bool) -> dict[str, np.ndarray]:
     mouth, bag = head.grids["mouth"], head.grids["mouth_bag"]
     vertices = np.concatenate([mouth.ravel(), bag[: max(len(bag) * 2 // 3, 1)].ravel()])
     points = s.x[rows.ravel()]
-    return lips.prepare_wall(s.x, vertices, points, float(points[:, 2].min()), upper, head.jaw_pivot)
+    clearance = lips.LIP_CLEARANCE_MM * max(1.0, head.recipe.mouth.half_width / 24.0)
+    return lips.prepare_wall(s.x, vertices, points, float(points[:, 2].min()), upper, head.jaw_pivot, clearance)

@@ -32,9 +32,13 @@ def cheeks(s: Sculptor) -> dict[str, Path]:
     crease, beyond = s.bump(np.array(fold), 10.0) * lips, s.bump(np.array(roll), 17.0) * lips * lids
     gather = -0.3 * (s.bump(beside, 32.0) * (s.x[:, 1] - s.x[beside, 1]))[:, None] * s.up
     return {
-        "cheek_raise_*": s.slide(apple[:, None] * (6.5 * s.up + 1.5 * s.out) + 0.5 * gather, 4.6 * apple),
+        "cheek_raise_*": s.slide(apple[:, None] * (7.5 * s.up + 1.5 * s.out) + 0.5 * gather, 5.6 * apple),
         "cheek_puff_*": s.straight(np.zeros_like(s.x), 10.0 * puff + 1.5 * upper_lip * lips),
-        "smile_*": s.slide(apple[:, None] * (2.6 * s.up + 0.6 * s.out) + 0.3 * gather, 4.2 * apple - 0.6 * dent),
+        # The lifted cheek rolls over the corner's way: it stands out beside a fold from the nose's wing down.
+        "smile_*": s.slide(
+            apple[:, None] * (3.2 * s.up + 0.6 * s.out) + 0.3 * gather,
+            4.6 * apple + 1.6 * beyond - 1.6 * crease - 0.6 * dent,
+        ),
         "squint_*": s.slide(gather),
         "dimple_*": s.straight(np.zeros_like(s.x), -2.4 * dent),
         "nasolabial_deepen_*": s.slide(beyond[:, None] * (2.4 * s.up - 1.0 * s.out), 2.4 * beyond - 2.8 * crease),
@@ -50,13 +54,16 @@ def nose(s: Sculptor) -> dict[str, Path]:
     bridge = s.bump(bridge_point, 26.0) * side * lids
     lips = fade(s, "mouth")
     flank = s.bump(s.nearest(s.point("nose_wing_left") + np.array([7.0, 8, -6])), 24.0) * lids * lips
+    # Where the wing meets the cheek, the raised lip and wing fold the skin.
+    crease = s.bump(s.nearest(s.point("nose_wing_left") + np.array([5.0, 3.0, -5])), 11.0) * lips
     tip = s.bump("nose_tip", 30.0) * lips
     up = s.up
     return {
         "nose_wrinkle_*": s.slide(
-            6.5 * (0.8 * wing * lips + 0.7 * flank)[:, None] * up + 4.0 * bridge[:, None] * up, 1.6 * flank
+            8.0 * (0.8 * wing * lips + 0.7 * flank)[:, None] * up + 5.0 * bridge[:, None] * up,
+            3.0 * flank + 1.0 * bridge - 2.2 * crease,
         )
-        + s.slide(-3.0 * (s.bump("brow_inner_left", 26.0) * side * lids)[:, None] * up),
+        + s.slide(-5.0 * (s.bump("brow_inner_left", 26.0) * side * lids)[:, None] * up),
         "nostril_flare_*": s.straight(np.array([3.2, 0.8, 0.2]) * (s.bump("nose_wing_left", 17.0) * side)[:, None]),
         "nose_up_down": s.straight(np.array([0, 3.6, 0.6]) * tip[:, None]),
         "nose_sideways": s.straight(np.array([4.0, 0, 0]) * tip[:, None]),

@@ -25,6 +25,9 @@ ROUND = 0.94  # the last of a lip moves with its corner, which is drawn out roun
 class LipAction:
     """How an action moves the lips at full strength, and which part of (Δa, Δb, Δr) it has done half-way.
 
+    grows: whether a wider mouth moves further; aside, lips have no more slack than a person's.
+    both_ways: whether its control runs both ways, so that what it draws in it also draws out.
+    with_cheek: whether the cheek moves as much as the lips, and takes the mouth's lining along.
     bending_mm2: of the skin around, as `Sculptor.extend` takes it. Where a lip turns about itself the skin is slack, or
     it would go on turning down to the chin.
     """
@@ -33,6 +36,9 @@ class LipAction:
     border: Callable[[Curve, Curve], Motion]
     half: tuple[float, float, float] = (0.5, 0.5, 0.5)
     sided: bool = True
+    grows: bool = True
+    both_ways: bool = False
+    with_cheek: bool = False
     bending_mm2: float = EXTENSION_MM2
 
 
@@ -102,7 +108,7 @@ def _depress_border(u: Curve, side: Curve) -> Motion:
 
 
 def _stretch_seam(u: Curve, side: Curve) -> Motion:
-    return 10.0 * np.sign(u) * corner(u, 1.3), -3.2 * corner(u, 2) - 0.4, -4.0 * corner(u, 1.8) - 1.0
+    return 11.0 * np.sign(u) * corner(u, 1.3), -4.2 * corner(u, 2) - 0.4, -4.4 * corner(u, 1.8) - 1.0
 
 
 def _stretch_border(u: Curve, side: Curve) -> Motion:
@@ -159,7 +165,7 @@ def _up(u: Curve, side: Curve) -> Motion:
 
 
 ACTIONS = {
-    "smile_*": LipAction(_smile_seam, _smile_border, (0.60, 0.40, 0.5)),
+    "smile_*": LipAction(_smile_seam, _smile_border, (0.60, 0.40, 0.5), with_cheek=True),
     "frown_*": LipAction(_frown, _frown, (0.35, 0.55, 0.5)),
     "pucker_*": LipAction(_pucker_seam, _pucker_border, (0.52, 0.5, 0.42)),
     "funnel_*": LipAction(_funnel_seam, _funnel_border, (0.5, 0.42, 0.55)),
@@ -169,10 +175,12 @@ ACTIONS = {
     "dimple_*": LipAction(_dimple, _dimple, (0.6, 0.5, 0.35)),
     "lip_press_*": LipAction(_press_seam, _press_border),
     "chin_raise": LipAction(_chin_seam, _chin_border, (0.5, 0.45, 0.6), sided=False),
-    "lip_roll_upper": LipAction(_roll_seam(1), _roll_border(1), (0.5, 0.55, 0.46), sided=False, bending_mm2=SLACK_MM2),
-    "lip_roll_lower": LipAction(
-        _roll_seam(-1), _roll_border(-1), (0.5, 0.55, 0.46), sided=False, bending_mm2=SLACK_MM2
+    "lip_roll_upper": LipAction(
+        _roll_seam(1), _roll_border(1), (0.5, 0.55, 0.46), sided=False, both_ways=True, bending_mm2=SLACK_MM2
     ),
-    "mouth_sideways": LipAction(_sideways, _sideways, sided=False),
+    "lip_roll_lower": LipAction(
+        _roll_seam(-1), _roll_border(-1), (0.5, 0.55, 0.46), sided=False, both_ways=True, bending_mm2=SLACK_MM2
+    ),
+    "mouth_sideways": LipAction(_sideways, _sideways, sided=False, grows=False),
     "mouth_up_down": LipAction(_up, _up, sided=False),
 }

@@ -11,14 +11,16 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from data_recipes.deformers.jaw import JawMotion, turn_with_jaw, undo_jaw
-from data_recipes.deformers.planes import Constants, place_of, selection, spread
+from data_recipes.deformers.planes import Constants, Values, place_of, selection, spread
 from data_recipes.deformers.saturation import hinge
 
 STICK_MM = 2.2  # gap at which resting corners let go
 STICK_REACH_MM = 16.0  # and at which a full sticky control does
+EASE = 0.6  # the share of its way up to the nose that the upper lip goes freely
 UPPER_SHARE = 0.35  # of a closing gap that the upper lip bridges; the lower lip does the rest
 WALL_DEGREE = 6
-LIP_CLEARANCE_MM = 1.0
+BEYOND_END = 0.3  # how far the wall of a row of teeth goes on past its end: a difference of cosines
+LIP_CLEARANCE_MM = 2.0
 
 
 def prepare(
@@ -27,11 +29,13 @@ def prepare(
     shares: Float[np.ndarray, " r"],
     columns: Int[np.ndarray, " 3"],
     m: int,
+    headroom_mm: Float[np.ndarray, " k"],
 ) -> dict[str, np.ndarray]:
     """Return the constants of the seam's closing.
 
     rings: vertex indices, ring 0 the seam, first column the left corner, then over the upper lip; shares: of each ring
-    in the seam's motion; columns: of p, for "lips_together", "sticky_left", "sticky_right"; m: the number of controls.
+    in the seam's motion; columns: of p, for "lips_together", "sticky_left", "sticky_right"; m: the number of controls;
+    headroom_mm: by how much each column of the upper lip can rise before it is under the nose.
     """
     k = rings.shape[1]
     half = k // 2
@@ -50,6 +54,8 @@ def prepare(
     return {
         "upper": rings[0, upper].astype(np.int32),
         "lower": rings[0, k - upper].astype(np.int32),
+        "rest_y": neutral[rings[0, upper], 1].astype(np.float32),
+        "headroom": headroom_mm[upper].astype(np.float32),
         "rest_gap": (neutral[rings[0, upper]] - neutral[rings[0, k - upper]]).T.astype(np.float32),
         "to_upper": (corner @ blur.T).astype(np.float32),
         "to_lower": (mirrored @ blur.T).astype(np.float32),
@@ -61,10 +67,16 @@ def prepare(
 
 
 def close_lips(constants: Constants, x: Float[Array, "b 3 n"], u: Float[Array, "b m"]) -> Float[Array, "b 3 n"]:
-    """Return positions with corners stuck together, lips pressed shut by their control, and no lip inside the other."""
+    """Return positions with corners stuck together, lips pressed shut by their control, and no lip inside the other.
+
+    Nor does the upper lip rise into the nose, however many actions raise it.
+    """
     value = u @ constants["controls"]
     together, sticky_left, sticky_right = (value[:, i : i + 1] for i in range(3))
-    gap = x[:, :, constants["upper"]] - x[:, :, constants["lower"]] - constants["rest_gap"][None]
+    upper = x[:, :, constants["upper"]]
+    too_high = stop_below(upper[:, 1] - constants["rest_y"], constants["headroom"])
+    sinking = jnp.stack([jnp.zeros_like(too_high), -too_high, jnp.zeros_like(too_high)], axis=1)
+    gap = upper + sinking - x[:, :, constants["lower"]] - constants["rest_gap"][None]
     size = jnp.sqrt((gap * gap).sum(axis=1) + 1e-8)
     left = constants["left"]
     sticky = jnp.maximum(sticky_left * left + sticky_right * (1 - left), 0.0)
@@ -75,11 +87,17 @@ def close_lips(constants: Constants, x: Float[Array, "b 3 n"], u: Float[Array, "
     overlap = hinge(-(gap[:, 1] * (1 - pull)), 0.05)
     part = jnp.stack([jnp.zeros_like(overlap), overlap, jnp.zeros_like(overlap)], axis=1)
     down = pull[:, None] * gap
-    to_upper = -UPPER_SHARE * down + 0.5 * part
+    to_upper = sinking - UPPER_SHARE * down + 0.5 * part
     to_lower = (1 - UPPER_SHARE) * down - 0.5 * part
     seam = to_upper @ constants["to_upper"] + to_lower @ constants["to_lower"]  # (b, 3, k)
     rings = seam[:, :, None] * constants["shares"][:, None]
     return x + spread(rings.reshape(len(x), 3, -1), constants["place"])
+
+
+def stop_below(rise_mm: Float[Array, "b c"], headroom_mm: Float[Values, " c"]) -> Float[Array, "b c"]:
+    """Return how far a rise must be taken back: nothing up to `EASE` of the headroom, all beyond it at last."""
+    free = EASE * headroom_mm
+    return hinge(rise_mm - free, 2 * (headroom_mm - free))
 
 
 def fit_wall(teeth: Float[np.ndarray, "t 3"], axis_z: float) -> Float[np.ndarray, " d"]:
@@ -103,25 +121,35 @@ def prepare_wall(
     axis_z: float,
     upper: bool,
     pivot: Float[np.ndarray, " 3"],
+    clearance_mm: float = LIP_CLEARANCE_MM,
 ) -> dict[str, np.ndarray]:
-    """Return the constants of one row of teeth as an obstacle to the lip and cheek `vertices`."""
+    """Return the constants of one row of teeth as an obstacle to the lip and cheek `vertices`.
+
+    clearance_mm: how near thick flesh comes to the teeth; thin flesh comes nearer.
+    """
     wall = fit_wall(teeth, axis_z)
+    widest = np.abs(teeth[:, 0]).argmax()
+    cos_end = np.cos(np.arctan2(np.abs(teeth[widest, 0]), teeth[widest, 2] - axis_z))
     x = neutral[vertices]
     radius = np.hypot(x[:, 0], x[:, 2] - axis_z)
-    free = radius - np.polynomial.polynomial.polyval((x[:, 2] - axis_z) / np.maximum(radius, 1e-6), wall)
+    cosine = np.maximum((x[:, 2] - axis_z) / np.maximum(radius, 1e-6), cos_end)
+    free = radius - np.polynomial.polynomial.polyval(cosine, wall)
     near = free > -1.5
     vertices, free = vertices[near], free[near]
-    widest = np.abs(teeth[:, 0]).max()
     return {
         "support": vertices.astype(np.int32),
         "place": place_of(vertices, len(neutral)),
         "wall": np.pad(wall, (0, WALL_DEGREE + 1 - len(wall))).astype(np.float32),
-        "clearance": np.minimum(LIP_CLEARANCE_MM, free).astype(np.float32),
+        # What lies further out at rest stays further out where all is pressed: no lining comes through its lip.
+        "clearance": np.where(free > 0, clearance_mm * free / (np.maximum(free, 0) + clearance_mm), free).astype(
+            np.float32
+        ),
         "axis_z": np.asarray(axis_z, np.float32),
-        # Beyond the last tooth, and above the gum or below the floor of the mouth, there is nothing to roll over.
+        # Beyond the teeth's edge there is nothing to roll over. Beyond the last tooth the wall goes on as a circle, and
+        # fades out: a corner that is drawn far back would cut behind the row, and its end stick out.
         "edge_y": np.asarray(teeth[:, 1].min() if upper else teeth[:, 1].max(), np.float32),
         "side": np.asarray(1.0 if upper else -1.0, np.float32),
-        "cos_end": np.asarray(np.cos(np.arctan2(widest, teeth[np.abs(teeth[:, 0]).argmax(), 2] - axis_z)), np.float32),
+        "cos_end": np.asarray(cos_end, np.float32),
         "pivot": np.asarray(pivot, np.float32),
     }
 
@@ -135,13 +163,14 @@ def roll_over_teeth(constants: Constants, x: Float[Array, "b 3 n"], motion: JawM
     z = q[:, 2] - constants["axis_z"]
     radius = jnp.sqrt(q[:, 0] ** 2 + z**2 + 1e-6)
     cosine = z / radius
+    beside = jnp.maximum(cosine, constants["cos_end"])
     wall = constants["wall"][-1] * jnp.ones_like(cosine)
     for coefficient in constants["wall"][-2::-1]:
-        wall = wall * cosine + coefficient
+        wall = wall * beside + coefficient
     depth = wall + constants["clearance"] - radius
-    # Full beside the teeth, none 3 mm past their edge or end.
+    # Full beside the teeth, none 3 mm past their edge or well past their end.
     past_edge = jnp.clip((constants["side"] * (q[:, 1] - constants["edge_y"]) + 3.0) / 3.0, 0.0, 1.0)
-    past_end = jnp.clip((cosine - constants["cos_end"]) / 0.12, 0.0, 1.0)
+    past_end = jnp.clip((cosine - constants["cos_end"]) / BEYOND_END + 1.0, 0.0, 1.0)
     push = hinge(depth, 0.3) * past_edge * past_end
     out = jnp.stack([q[:, 0] / radius, jnp.zeros_like(z), cosine], axis=1) * push[:, None]
     return x + spread(turn_with_jaw(out, still), constants["place"])

@@ -37,7 +37,7 @@ def saturate(limit: Constants, params: Float[Values, "b m"]) -> Float[Values, "b
     return x * (1 + ratio**SHARPNESS) ** (-1 / SHARPNESS)
 
 
-def hinge(x: Float[Values, "*s"], width: float) -> Float[Values, "*s"]:
+def hinge(x: Float[Values, "*s"], width: float | Values) -> Float[Values, "*s"]:
     """Return max(x, 0) with a quadratic start over `width`: exactly 0 below 0, x − width/2 beyond `width`, C¹."""
     y = jax.nn.relu(x)
     return jnp.where(y < width, y * y / (2 * width), y - width / 2)

@@ -13,6 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float, Int
 from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.spatial import cKDTree
 
 from data_recipes.deformers.handles import wendland
 from data_recipes.deformers.surface_operators import (
@@ -29,6 +30,8 @@ from data_recipes.head.neutral_head import Head
 
 FLIP = np.array([-1.0, 1.0, 1.0])
 SKIN = ("face", "cranium", "neck", "ear_left", "ear_right", "lid_inner_left", "lid_inner_right", "mouth_bag")
+LINING_MM = (26.0, 10.0)  # from the skin to the mouth's lining: too far to go with it, and near enough
+BESIDE_LIPS = (0.25, 0.6)  # places along the lips from which on the cheek covers the lining, and does fully
 EXTENSION_MM2 = 400.0  # bending against stretching when a curve's motion is carried into the skin around it
 
 
@@ -112,6 +115,17 @@ class Sculptor:
         """Return which vertices (n,) belong to the named parts of the head."""
         indices = [i for i, name in enumerate(self.head.part_names) if name in names]
         return np.isin(self.head.part, indices)
+
+    @cached_property
+    def over_lining(self) -> tuple[Int[np.ndarray, "q k 4"], Float[np.ndarray, "q k"]]:
+        """The outer skin nearest to each vertex of the mouth bag's rings, and how far it covers it: 1 near, 0 far.
+
+        In front, where lips roll, it covers nothing: there the lining is the lips' own.
+        """
+        skin = np.flatnonzero(self.is_outer)
+        distance, near = cKDTree(self.x[skin]).query(self.x[self.head.grids["mouth_bag"]], 4)
+        beside = smoothstep(np.abs(self.head.ring_parameter["mouth_u"]), *BESIDE_LIPS)
+        return skin[near], beside * smoothstep(distance.mean(axis=-1), *LINING_MM)
 
     def point(self, name: str) -> Float[np.ndarray, " 3"]:
         """Return a landmark's position."""

@@ -108,3 +108,16 @@ def test_his_shots_use_every_control_and_his_anger_is_a_snarl(dragon):
     columns = {control.name: i for i, control in enumerate(dragon.controls)}
     assert expression_poses(dragon)["anger"][columns["snarl_left"]] > 0.5
     assert sum("dialogue" in clip.name for clip in dragon.clips) == len(dragon.clips) // 10
+
+
+def test_however_he_laughs_his_nostrils_stay_above_his_upper_lip(dragon):
+    marks = dict(zip(dragon.landmark_names, dragon.landmarks.tolist(), strict=True))
+    posed = dragon(pose_of(dragon, smile_both=2.5, upper_lip_raise_both=1.2, nose_up_down=1.9, jaw_open=1.1))
+    rise = (posed - dragon.mesh.neutral)[marks["lip_upper_mid"], 1]
+    assert 8 < rise < 16
+
+
+def test_his_lips_shift_aside_by_no_more_than_a_persons_do(dragon):
+    marks = dict(zip(dragon.landmark_names, dragon.landmarks.tolist(), strict=True))
+    aside = (dragon(pose_of(dragon, mouth_sideways=1.0)) - dragon.mesh.neutral)[marks["lip_lower_mid"], 0]
+    assert 5 < aside < 15  # 13 mm where his snout is broadest; growing with his mouth it would be 29

@@ -170,3 +170,33 @@ def test_wrinkles_sleep_at_rest_and_no_pose_of_a_batch_costs_15_ms_of_processor_
         teen(p)
         cost.append((time.process_time() - start) / len(p) * 1e3)
     assert min(cost) < 15  # processor time counts both cores, and no other process
+
+
+def test_mouths_of_shout_yawn_fear_and_joy_have_shapes_of_their_own(teen):
+    marks = dict(zip(teen.landmark_names, teen.landmarks.tolist(), strict=True))
+
+    def shape(name):
+        """Height over width of the open mouth, and how far its corners lie above the middle of the lips, mm."""
+        posed = teen(still_headed(teen, expression_poses(teen)[name]))
+        left, right, top, low = (
+            posed[marks[m]] for m in ("mouth_corner_left", "mouth_corner_right", "lip_upper_mid", "lip_lower_mid")
+        )
+        return (top[1] - low[1]) / np.linalg.norm(left - right), left[1] - (top[1] + low[1]) / 2
+
+    tall = {name: shape(name)[0] for name in ("shout", "yawn", "surprise", "fear", "joy")}
+    assert tall["yawn"] > 1.0 > 0.8 > tall["shout"] > tall["fear"] + 0.2, tall
+    up = {name: shape(name)[1] for name in ("joy", "fear", "disgust")}
+    assert up["joy"] > 5 and up["fear"] < -4 and up["disgust"] < -5, up
+
+
+def test_a_wrinkled_nose_and_a_smile_are_more_than_lips(teen):
+    columns = {c.name: i for i, c in enumerate(teen.controls)}
+    marks = dict(zip(teen.landmark_names, teen.landmarks.tolist(), strict=True))
+
+    def moved_mm(stem, landmark):
+        p = teen.default.copy()
+        p[[columns[f"{stem}_left"], columns[f"{stem}_right"]]] = 1
+        return teen(p)[marks[landmark]] - teen.mesh.neutral[marks[landmark]]
+
+    assert moved_mm("nose_wrinkle", "nose_wing_left")[1] > 5
+    assert np.linalg.norm(moved_mm("smile", "cheek_left")) > 4.3

@@ -68,6 +68,13 @@ def test_a_lip_that_rolls_in_takes_the_other_along(name, which):
     assert which * (mine[1] - other[1]) < 0  # and the other one closes up
 
 
+def test_a_lip_rolled_out_leaves_the_lining_deep_in_the_mouth_where_it_is(sculptor):
+    path = mouth_fields.sculpt(sculptor, mouth_fields.ACTIONS["lip_roll_lower"])
+    seam, bag = sculptor.head.grids["mouth"][0], sculptor.head.grids["mouth_bag"]
+    assert np.linalg.norm(path.full[seam], axis=1).max() > 3
+    assert np.linalg.norm(path.full[bag[-1]], axis=1).max() < 1.5
+
+
 def test_both_sides_of_a_lip_action_add_up_to_a_symmetric_mouth(sculptor):
     path = mouth_fields.sculpt(sculptor, mouth_fields.ACTIONS["pucker_*"])
     both = path + path.mirrored(sculptor.head.mirror)
