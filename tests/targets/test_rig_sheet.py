@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 from plain_rig import PlainRig
 
@@ -68,6 +69,16 @@ def test_panels_of_a_sheet_do_not_overlap_however_many_charts_there_are(rig):
             one.x0 < o.x1 - 1e-9 and o.x0 < one.x1 - 1e-9 and one.y0 < o.y1 - 1e-9 and o.y0 < one.y1 - 1e-9
             for o in boxes[:k]
         )
+
+
+def test_titles_are_no_wider_than_what_they_stand_over(rig):
+    names = tuple(f"gums_and_tongue_{k:02d}" for k in range(19))
+    rig.mesh = SimpleNamespace(**vars(rig.mesh) | {"segment_names": names})
+    figure, _ = rig_sheet(rig, 310, 340, renderer="software")
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    for axes, title in zip(figure.axes, figure.texts, strict=True):
+        box, words = axes.get_window_extent(renderer), title.get_window_extent(renderer)
+        assert box.x0 - 3 <= words.x0 and words.x1 <= box.x1 + 3, title.get_text()
 
 
 def test_a_line_up_shows_every_rig_twice_in_its_paint(rig):

@@ -34,6 +34,7 @@ def rig_sheet(
     rig: any that keeps the Rig contract.
     """
     from matplotlib.figure import Figure
+    from matplotlib.textpath import TextPath
 
     pictures, names = _pictures(rig, width, height, renderer), chart_names(rig)
     total_width = 2 * MARGIN + len(pictures) * (width + GAP) - GAP
@@ -46,9 +47,9 @@ def rig_sheet(
     def place(x, y, w, h, title):  # pixels from the upper left corner
         axes = figure.add_axes((x / total_width, 1 - (y + h) / total_height, w / total_width, h / total_height))
         axes.set_axis_off()
-        size = 10 if len(title) * 6.5 < w else 6.5 * w / (len(title) * 4.4)
+        size = min(10, 10 * w / (TextPath((0, 0), title, size=10).get_extents().width * DPI / 72))
         figure.text((x + w / 2) / total_width, 1 - (y - TITLE / 2) / total_height, title, ha="center", va="center",
-                    fontsize=min(10, size))  # fmt: skip
+                    fontsize=size)  # fmt: skip
         return axes
 
     for column, (title, picture) in enumerate(pictures.items()):
