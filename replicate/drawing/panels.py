@@ -104,7 +104,8 @@ def _with_palette(picture, colours: int, dither: bool):
 
     # Counted by pixels, a legend's patch or an eye would get the mean of its neighbours' colours: small areas gain.
     pixels = np.asarray(picture).reshape(-1, 3)
-    hues, counts = np.unique(pixels, axis=0, return_counts=True)
+    numbers, counts = np.unique(pixels @ np.int32([1 << 16, 1 << 8, 1]), return_counts=True)  # faster than rows
+    hues = np.stack([numbers >> 16, numbers >> 8, numbers], axis=1).astype(np.uint8)
     sample = Image.fromarray(np.repeat(hues, np.ceil(np.sqrt(counts)).astype(int), axis=0)[None])
     palette = sample.quantize(colours - 1, method=Image.Quantize.MEDIANCUT, kmeans=2)
     dithering = Image.Dither.FLOYDSTEINBERG if dither else Image.Dither.NONE
