@@ -38,7 +38,7 @@ class FaceParts:
         """The constants where JAX computes: handed over as numpy arrays they would be copied at every call."""
         # The first call may be within a trace (of a Jacobian, say), whose arrays mean nothing when it has ended.
         with jax.ensure_compile_time_eval():
-            return jax.tree.map(jnp.asarray, self.constants)
+            return jax.device_put(self.constants)
 
 
 def face_function(parts: FaceParts) -> Callable:

@@ -14,13 +14,14 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # all processes of the tests share 
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     os.environ["NUMBA_CACHE_DIR"] = os.path.join(folder, "numba")
     os.environ["JAX_COMPILATION_CACHE_DIR"] = os.path.join(folder, "jax")
-    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.3"
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "0"
 
 for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
     if signal.getsignal(number) is signal.SIG_IGN:  # as under nohup: processes that tests start would ignore it too
         signal.signal(number, handler)
 
+import psutil
 import pytest
 from jaxtyping import install_import_hook
 
@@ -29,7 +30,24 @@ import replicate.engine.cluster_config  # noqa: F401, likewise
 
 _hook = install_import_hook(["replicate", "data_recipes"], "typechecker.check")
 
-LONG = ("test_pipeline.py", "test_teen.py", "test_characters.py", "test_dragon.py", "test_figures.py")
+LONG = (
+    "test_pipeline.py",
+    "test_table2_on_a_cluster.py",
+    "test_dask_workers.py",
+    "test_characters.py",
+    "test_teen.py",
+    "test_ladder.py",
+    "test_dragon.py",
+    "test_figures.py",
+)
+
+
+@pytest.hookimpl(optionalhook=True)  # as without xdist
+def pytest_xdist_auto_num_workers(config):
+    """Use a process more than there are processors: tests that wait for schedulers and signals leave these idle."""
+    if "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ:
+        return None  # xdist reads it itself
+    return 1 + (psutil.cpu_count(logical=config.option.numprocesses == "logical") or 1)
 
 
 def pytest_collection_modifyitems(items):

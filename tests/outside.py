@@ -46,7 +46,8 @@ def bring(tmp_path, monkeypatch) -> Iterator[Callable[..., Path]]:
     monkeypatch.setattr(sys, "path", list(sys.path))
     names: set[str] = set()
 
-    for name in ("_module_file", "_outline", "_digest"):  # of what changes within a test nothing is remembered
+    # Of what changes within a test nothing is remembered.
+    for name in ("_module_file", "_outline", "_closure", "_digest"):
         monkeypatch.setattr(code_hash, name, fresh(getattr(code_hash, name)))
 
     def forget() -> None:

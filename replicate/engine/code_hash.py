@@ -33,6 +33,21 @@ def sources_digest(functions: str) -> str:
     (`is_machinery`). Definitions and modules that are looked up by a computed name are not seen. Raises ValueError when
     there is no such function.
     """
+    return _digest(_definitions(functions))
+
+
+def source_texts(functions: str) -> dict[str, str]:
+    """Return a hash of each module's text, comments and all, that `sources_digest` of some functions reads."""
+    return {module: _outline(_module_file(module), module).text for module in _closure(_definitions(functions))}
+
+
+def are_unchanged(texts: dict[str, str]) -> bool:
+    """Return whether modules have the texts that `source_texts` found: if so, `sources_digest` is what it was then."""
+    files = {module: _module_file(module) for module in texts}
+    return all(file is not None and _hash(file.read_bytes()) == texts[module] for module, file in files.items())
+
+
+def _definitions(functions: str) -> tuple[tuple[str, str], ...]:
     definitions = []
     for function in functions.split(","):
         module, _, name = function.strip().partition(":")
@@ -42,7 +57,7 @@ def sources_digest(functions: str) -> str:
         if name not in _outline(file, module).bindings:
             raise ValueError(f"{function.strip()}: {file} has no function {name}")
         definitions.append((module, name))
-    return _digest(tuple(definitions))
+    return tuple(definitions)
 
 
 def code_digest(code: str) -> str:
@@ -58,7 +73,21 @@ def code_digest(code: str) -> str:
 @functools.cache
 def _digest(definitions: tuple[tuple[str, str], ...]) -> str:
     """Return the hash of all that some definitions, (module, name) each, reach."""
-    closure: dict[str, set[int]] = {}  # by module, the places of its statements
+    dumps = []
+    for module, places in sorted(_closure(definitions).items()):
+        statements = _outline(_module_file(module), module).statements
+        dumps += [(module, statements[place].dump) for place in sorted(places) if not statements[place].is_import]
+    return _hash(repr(dumps).encode())
+
+
+def _hash(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+@functools.cache
+def _closure(definitions: tuple[tuple[str, str], ...]) -> dict[str, set[int]]:
+    """Return all that some definitions, (module, name) each, reach: by module, the places of its statements."""
+    closure: dict[str, set[int]] = {}
     pending, visits = list(definitions), set()
     while pending:
         module, name = pending.pop()
@@ -81,11 +110,7 @@ def _digest(definitions: tuple[tuple[str, str], ...]) -> str:
             closure[module].add(place)
             pending += [(module, other) for other in outline.statements[place].names if other in outline.definitions]
             pending += _imports_of(outline, place)
-    dumps = []
-    for module, places in sorted(closure.items()):
-        statements = _outline(_module_file(module), module).statements
-        dumps += [(module, statements[place].dump) for place in sorted(places) if not statements[place].is_import]
-    return hashlib.sha256(repr(dumps).encode()).hexdigest()
+    return closure
 
 
 @dataclass(frozen=True)
@@ -108,9 +133,10 @@ class _Statement:
 class _Outline:
     """A module's statements, which of them bind a name, which bind none (loose), and the modules that it imports.
 
-    definitions: the names that are bound by other statements than imports.
+    definitions: the names that are bound by other statements than imports. text: a hash of the file's bytes.
     """
 
+    text: str
     statements: tuple[_Statement, ...]
     bindings: dict[str, tuple[int, ...]]
     definitions: frozenset[str]
@@ -169,11 +195,9 @@ def _module_file(module: str) -> Path | None:
 
 @functools.cache
 def _outline(file: Path, module: str) -> _Outline:
-    tree = ast.parse(file.read_text(encoding="utf-8"), str(file))
-    for node in ast.walk(tree):
-        has_docstring = isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef))
-        if has_docstring and ast.get_docstring(node, clean=False) is not None:
-            node.body = node.body[1:]
+    text = file.read_bytes()
+    tree = ast.parse(text, str(file))
+    _drop_docstring(tree)
     package = file.name == "__init__.py"
     bindings: dict[str, list[int]] = {}
     loose, statements = [], []
@@ -195,22 +219,32 @@ def _outline(file: Path, module: str) -> _Outline:
     definitions = {
         name for name, numbers in places.items() if not all(statements[place].is_import for place in numbers)
     }
-    return _Outline(tuple(statements), places, frozenset(definitions), tuple(loose), frozenset(imports))
+    return _Outline(_hash(text), tuple(statements), places, frozenset(definitions), tuple(loose), frozenset(imports))
+
+
+def _drop_docstring(node: ast.AST) -> None:
+    if ast.get_docstring(node, clean=False) is not None:
+        node.body = node.body[1:]
 
 
 def _statement(node: ast.stmt, module: str, package: bool) -> _Statement:
-    imports = tuple(entry for inner in ast.walk(node) for entry in _import_entries(inner, module, package))
+    """Return what hashing needs of a statement, whose docstrings are dropped; its nodes are walked over once."""
+    imports, names, roots = [], [], {}
+    for inner in ast.walk(node):
+        if isinstance(inner, ast.Name):
+            names.append(inner)
+        elif isinstance(inner, ast.Attribute):
+            if isinstance(inner.value, ast.Name):
+                roots[id(inner.value)] = (inner.value.id, inner.attr)
+        elif isinstance(inner, (ast.Import, ast.ImportFrom)):
+            imports += _import_entries(inner, module, package)
+        elif isinstance(inner, (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
+            _drop_docstring(inner)
     if isinstance(node, (ast.Import, ast.ImportFrom)):
-        return _Statement(True, "", frozenset(), frozenset(), frozenset(), imports)
-    roots = {
-        id(inner.value): (inner.value.id, inner.attr)
-        for inner in ast.walk(node)
-        if isinstance(inner, ast.Attribute) and isinstance(inner.value, ast.Name)
-    }
-    used = [inner for inner in ast.walk(node) if isinstance(inner, ast.Name)]
-    bare = {name.id for name in used if id(name) not in roots}
-    names = frozenset(name.id for name in used)
-    return _Statement(False, ast.dump(node), names, frozenset(roots.values()), frozenset(bare), imports)
+        return _Statement(True, "", frozenset(), frozenset(), frozenset(), tuple(imports))
+    bare = frozenset(name.id for name in names if id(name) not in roots)
+    used = frozenset(name.id for name in names)
+    return _Statement(False, ast.dump(node), used, frozenset(roots.values()), bare, tuple(imports))
 
 
 def _import_entries(node: ast.AST, module: str, package: bool) -> list[tuple[str, str, str]]:

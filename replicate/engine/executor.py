@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from replicate.engine import store
-from replicate.engine.code_hash import project_roots, sources_digest
+from replicate.engine.code_hash import project_roots, source_texts, sources_digest
 from replicate.engine.paths import ROOT
 from replicate.engine.schema import to_json
 from replicate.engine.stage import Stage, input_names
@@ -47,6 +47,7 @@ class Task:
             "key": stage.key,
             "function": stage.function,
             "sources": sources_digest(stage.function),
+            "texts": source_texts(stage.function),
             "config": to_json(stage.config),
             "inputs": {name: other.identifier for name, other in input_names(stage.inputs).items()},
             "files": [str(Path(file).absolute()) for file in stage.files],

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import rigs
 from plain_rig import PlainRig
 
-from data_recipes.catalogue import build_rig
 from replicate.approximation.influence import THRESHOLD_MM, farthest_first, influence, influence_poses
 from replicate.approximation.sampling import augment, sample_uniform, split_frames
 
@@ -64,7 +64,7 @@ def test_farthest_first_spreads():
 
 
 def test_no_influence_is_missed_on_other_poses_of_a_face():
-    rig = build_rig("tiny")
+    rig = rigs.rig("tiny")
     animation, test = split_frames([clip.values for clip in rig.clips], np.random.default_rng(0))
     moves = influence(rig, influence_poses(rig, animation, np.random.default_rng(1)))
     inputs = np.stack([moves[rig.mesh.segment == k].any(axis=0) for k in range(len(rig.mesh.segment_names))])

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rigs
 
-from data_recipes.catalogue import build_rig
 from data_recipes.face_check import check_face
 from data_recipes.recipe.reading import load_recipe
 from replicate.engine.exceptions import InputError
@@ -15,7 +15,7 @@ RECIPE = load_recipe("tiny")
 
 @pytest.fixture(scope="module")
 def tiny():
-    return build_rig("tiny")
+    return rigs.rig("tiny")
 
 
 def with_neutral(rig, change):

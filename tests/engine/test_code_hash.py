@@ -32,6 +32,7 @@ def other(context):
     "toys/inside.py": "VALUE = 1\n",
     "toys/unrelated.py": "VALUE = 1\n",
 }
+CACHED = (sources._module_file, sources._outline, sources._closure, sources._digest)
 
 
 @pytest.fixture
@@ -43,12 +44,12 @@ def digest(tmp_path, monkeypatch):
         for name, text in {**PROGRAM, **changes}.items():
             (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
             (tmp_path / name).write_text(text)
-        for function in (sources._module_file, sources._outline, sources._digest):
+        for function in CACHED:
             function.cache_clear()
         return sources.sources_digest("toys.stage:body")
 
     yield write
-    for function in (sources._module_file, sources._outline, sources._digest):
+    for function in CACHED:
         function.cache_clear()
 
 
@@ -86,11 +87,29 @@ def test_a_change_that_cannot_matter_is_not_seen(digest, name, old, new):
     assert digest({name: PROGRAM[name].replace(old, new)}) == digest({})
 
 
+def test_unchanged_texts_are_those_of_every_module_that_the_digest_reads_byte_for_byte(digest):
+    digest({})
+    texts = sources.source_texts("toys.stage:body")
+    read = [name for name in PROGRAM if "unrelated" not in name]
+    assert len(texts) == len(read) and sources.are_unchanged(texts)
+    for name in PROGRAM:
+        digest({name: PROGRAM[name] + "# more"})
+        assert sources.are_unchanged(texts) == (name not in read)
+    sources._module_file("toys.direct").unlink()
+    sources._module_file.cache_clear()
+    assert not sources.are_unchanged(texts)
+
+
+def test_texts_are_those_that_were_read_for_the_digest_whatever_a_file_says_by_now(digest):
+    digest({})
+    sources._module_file("toys.inside").write_text("VALUE = 2")
+    assert not sources.are_unchanged(sources.source_texts("toys.stage:body"))
+
+
 def test_the_machinery_around_a_stage_does_not_count(digest, monkeypatch):
     inside = {"toys/inside.py": "from replicate.engine.store import make\nVALUE = 1\n"}
     without = digest(inside)
     monkeypatch.setattr(sources, "is_machinery", lambda module: False)
-    sources._digest.cache_clear()
     assert digest(inside) != without
 
 

@@ -4,15 +4,15 @@ import errno
 import json
 import os
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rigs
 import trimesh
 from refusal import refusal
 
-from data_recipes.catalogue import build_rig, expression_poses
+from data_recipes.catalogue import expression_poses
 from data_recipes.controls import Control
 from data_recipes.function_rig import FunctionRig
 from data_recipes.rig import Clip
@@ -30,9 +30,8 @@ DTYPES = {5121: "<u1", 5125: "<u4", 5126: "<f4"}
 COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
-@cache
 def tiny() -> FunctionRig:
-    return build_rig("tiny")
+    return rigs.rig("tiny")
 
 
 class Glb:

@@ -5,9 +5,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+import rigs
 import trimesh
 
-from data_recipes.catalogue import build_rig
 from data_recipes.controls import Control
 from data_recipes.function_rig import FunctionRig
 from data_recipes.rig import Clip
@@ -21,9 +21,8 @@ from replicate.rig_health.skin_folds import Skin
 from replicate.rig_health.worst_poses import FLIP_COLOUR, worst_poses
 
 
-@cache
 def tiny() -> FunctionRig:
-    return build_rig("tiny")
+    return rigs.rig("tiny")
 
 
 @cache

@@ -4,8 +4,8 @@ import re
 
 import numpy as np
 import pytest
+import rigs
 
-from data_recipes.catalogue import build_rig
 from replicate.drawing.render import working_renderer
 from replicate.drawing.scene import Camera, Surface
 from replicate.engine.exceptions import InputError
@@ -21,7 +21,7 @@ SMALL = {"width": 60, "height": 66, "renderer": "software"}
 
 @pytest.fixture(scope="module")
 def tiny():
-    return build_rig("tiny")
+    return rigs.rig("tiny")
 
 
 @pytest.fixture

@@ -18,12 +18,17 @@ from replicate.report.results import find, read_results
 NUMBERS = """
 [samples]
 count = 600
+validation = 8
+[coarse]
+map_size = 16
 [coarse.training]
 steps = 250
+peak_rate = 0.01
 [refinement]
+map_size = 32
 poses = 60
 [refinement.training]
-steps = 60
+steps = 40
 [dense.training]
 steps = 250
 [driven.training]
@@ -37,7 +42,7 @@ steps = 60
 poses = 40
 [lbs]
 samples = 60
-iterations = 6
+iterations = 15
 refit_sweeps = 20
 [evaluation]
 test_poses = 60
