@@ -77,11 +77,12 @@ def uneven(
     density = np.clip(1 + share * SPACING * slope[:, 0], 0.6, 1.6)
     moved = phase + share * SPACING * ACROSS_FOLDS * change
     depth, _ = random_field(generator, places)
+    depth -= depth.mean() if len(depth) else 0.0  # a small region must not be flat as a whole
     amplitude = np.clip(1 + share * DEPTH * depth, SHALLOWEST, DEEPEST)
     if share > 0 and len(phase):
         low, high = np.quantile(phase, (0.15, 0.85))
         first, last = np.quantile(along_mm, (0.15, 0.85))
-        for number in range(int((high - low) / FOLDS_PER_BRANCH + 0.5)):
+        for number in range(int((high - low) / FOLDS_PER_BRANCH + 0.3)):
             across = phase - generator.uniform(low, high)
             along = (along_mm - generator.uniform(first, last)) / wavelength_mm
             moved = moved + (-1) ** number * np.arctan2(along, across) / (2 * np.pi)

@@ -273,6 +273,6 @@ def _under_eye(s: Sculptor, side: str, wave: float) -> Patch:
     window = window * smoothstep(np.abs(place), 0.95, 0.55)
     fibre = smooth_values(s.up, s.graph, 2)
     folds = _row(s, f"under_eye_{side}", ring / (wave * 4.0) + 0.5, s.x[vertices, 0], wavelength)
-    pattern = 0.8 * folds.pattern(window)
+    pattern = 1.2 * folds.pattern(window)
     gains = {f"wrinkle_under_eye_{side}": np.ones(len(vertices))}
     return Patch(f"under_eye_{side}", vertices, fibre, folds.wavelength_mm, pattern, folds.threshold, gains)

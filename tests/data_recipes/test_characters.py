@@ -53,7 +53,7 @@ def test_every_control_moves_something_at_one_of_several_poses(rig):
     base_controls = [  # what parts the lips, turns the eyes, and compresses each region that wrinkles
         ("smile", "squint", "look", "jaw_open"),
         ("brow_inner", "chin_raise"),
-        ("nose_wrinkle", "brow_down", "cheek_raise", "squint"),
+        ("nose_wrinkle", "brow_down", "brow_squeeze", "cheek_raise", "squint"),
     ]
     bases = [0.9 * np.array([c.name.startswith(parts) for c in rig.controls]) for parts in base_controls]
     for base in (*bases, poses_of(rig, 1, seed=5)[0].clip(rig.lower, rig.upper)):

@@ -95,8 +95,9 @@ def test_each_of_his_own_controls_moves_something_by_a_millimetre(dragon):
     assert (moved > 1).all(), [dragon.controls[own[i]].name for i in np.flatnonzero(moved <= 1)]
 
 
-def test_left_and_right_are_images_of_each_other(dragon):
-    left, right = (dragon(pose_of(dragon, **{f"snarl_{s}": 0.8, f"ear_fold_{s}": 0.7})) for s in ("left", "right"))
+def test_left_and_right_are_images_of_each_other_but_for_the_folds(dragon):
+    poses = [pose_of(dragon, **{f"snarl_{s}": 0.8, f"ear_fold_{s}": 0.7}) for s in ("left", "right")]
+    left, right = (np.asarray(dragon.run_nodes(p[None], skip=["wrinkles"]))[0] for p in poses)
     flip = np.array([-1, 1, 1])
     assert cKDTree(right).query(left * flip)[0].max() < 2e-2
     assert cKDTree(left).query(left * flip)[0].max() > 2

@@ -25,7 +25,8 @@ def test_landmarks_stand_in_order_up_the_face(head):
     assert np.all(np.diff(heights) > 0)
     for name in order:
         assert head.vertices[head.landmarks[name], 0] == 0
-    assert head.landmarks["nose_tip"] == np.flatnonzero(head.segment == 0)[head.vertices[head.segment == 0, 2].argmax()]
+    face = np.flatnonzero(head.part == head.part_names.index("face"))
+    assert head.landmarks["nose_tip"] == face[head.vertices[face, 2].argmax()]
 
 
 def test_paired_landmarks_mirror_and_the_left_ones_lie_to_the_left(head):

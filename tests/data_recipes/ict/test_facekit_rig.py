@@ -67,7 +67,7 @@ def test_the_teeth_and_only_they_are_found_rigid_over_poses(mask):
 
 def test_the_jacobian_is_that_of_central_differences(mask):
     pose = np.float32(0.35) + 0.3 * np.random.default_rng(3).random(len(mask.controls), dtype=np.float32)
-    exact, step = mask.jacobian(pose), 2e-3
+    exact, step = mask.jacobian(pose), 4e-4  # a fold's height begins as a root: what is near its onset bends most
     for column in range(len(mask.controls)):
         aside = np.zeros_like(pose)
         aside[column] = step
