@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -152,7 +153,8 @@ def test_an_animated_glb_plays_every_frame_within_the_stated_distance(tmp_path):
     expected = rig(poses)
     off = np.linalg.norm(vertices - expected, axis=-1)
     assert off.max() < 0.0202
-    assert words.startswith(f"{len(poses)} frames at 24 a second") and "0.020 mm off" in words
+    said = float(re.search(r"no vertex more than ([\d.]+) mm off", words).group(1))
+    assert words.startswith(f"{len(poses)} frames at 24 a second") and off.max() - 6e-4 < said <= 0.02
     assert np.linalg.norm(expected - expected[0], axis=-1).max() > 5
     turned = angles_deg(normals, vertex_normals(expected, rig.mesh.faces))
     assert turned.mean() < 0.1 and angles_deg(normals, normals[:1]).mean() > 1
