@@ -1,10 +1,12 @@
 """Runs stages on this machine: worker processes of one thread each, as many side by side as there are cores."""
 
 import selectors
+import sys
 from collections.abc import Sequence
 
 from replicate.engine.executor import Task
-from replicate.engine.worker_process import WorkerProcess
+from replicate.engine.worker_nursery import Nursery
+from replicate.engine.worker_process import Process, WorkerProcess, spawn, worker_environment
 
 
 class LocalWorkers:
@@ -16,6 +18,8 @@ class LocalWorkers:
         self._undone: set[str] = set()
         self._running: dict[str, tuple[WorkerProcess, int]] = {}  # and its threads, by identifier
         self._selector = selectors.DefaultSelector()
+        self._nursery: Nursery | None = None
+        self._libraries: set[str] = set()  # that stages of this run have needed
 
     def submit(self, tasks: Sequence[Task]) -> None:
         """Take the whole graph."""
@@ -27,7 +31,7 @@ class LocalWorkers:
         messages: list[tuple[str, dict]] = []
         for task in self._startable():
             threads = task.threads(self._cores)
-            worker = WorkerProcess(task.orders(threads))
+            worker = WorkerProcess(task.orders(threads), self._start)
             self._running[task.identifier] = worker, threads
             self._selector.register(worker, selectors.EVENT_READ, task.identifier)
             self._pending.remove(task)
@@ -36,6 +40,7 @@ class LocalWorkers:
             descriptor, identifier = ready.fd, ready.data
             for message in self._running[identifier][0].listen():
                 messages.append((identifier, message))
+                self._libraries.update(message.pop("libraries", ()))
                 if message["event"] in ("done", "failed"):
                     self._selector.unregister(descriptor)
                     del self._running[identifier]
@@ -49,6 +54,17 @@ class LocalWorkers:
             worker.end()
         self._running.clear()
         self._selector.close()
+        if self._nursery is not None:
+            self._nursery.close()
+
+    def _start(self, orders: dict) -> Process:
+        """Start a worker: where it is safe, as a fork of a process that has its libraries."""
+        worker = None
+        if sys.platform == "linux" and orders["threads"] == 1:
+            if self._nursery is None:
+                self._nursery = Nursery(worker_environment(orders))
+            worker = self._nursery.start(self._libraries)
+        return worker or spawn(orders)
 
     def _startable(self) -> list[Task]:
         """Return the tasks to start now, in their order: inputs done, and threads to spare."""

@@ -24,6 +24,10 @@ from replicate.engine.provenance import gpu, peak_memory_mb, surroundings
 from replicate.engine.schema import from_json
 from replicate.engine.stage import StageContext, stage_function
 
+LIBRARIES = (  # that take long to import, and start no thread by it where there is to be only one
+    "numpy", "scipy.sparse.linalg", "scipy.interpolate", "scipy.spatial", "jax", "numba", "torch", "sklearn.cluster",
+    "sklearn.decomposition", "pandas", "matplotlib.figure",
+)  # fmt: skip
 _PR_SET_PDEATHSIG = 1
 
 
@@ -57,7 +61,7 @@ def main() -> None:
             lambda out, scratch: calls.append(1) or _build(orders, out, scratch),
             lambda: answer("waiting"),
         )
-        answer("done", made=bool(calls))
+        answer("done", made=bool(calls), libraries=[name for name in LIBRARIES if name in sys.modules])
     except (InputError, RunError) as error:
         answer("failed", kind=type(error).__name__, message=str(error))
     except Exception as error:

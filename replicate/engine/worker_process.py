@@ -5,31 +5,54 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import IO, Protocol, runtime_checkable
 
 from replicate.engine import store
 from replicate.engine.paths import ROOT
 
 
-class WorkerProcess:
-    """A running `python -m replicate.engine.worker`; it ends when this object's process does.
+@runtime_checkable
+class Process(Protocol):
+    """What is needed of a worker's process: the part of `subprocess.Popen` that is used here."""
 
-    orders: as `Task.orders` returns them.
+    pid: int
+    stdin: IO[bytes]
+    stdout: IO[bytes]
+
+    @property
+    def returncode(self) -> int | None:
+        """The exit code once it is known."""
+
+    def wait(self) -> int:
+        """Return the exit code when the process has ended."""
+
+
+def spawn(orders: dict) -> Process:
+    """Start a worker as a new Python."""
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "replicate.engine.worker"],  # -P: the folder it stands in holds no modules
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=worker_environment(orders),
+        start_new_session=True,  # Ctrl-C reaches the scheduler alone, which then ends the workers
+    )
+
+
+class WorkerProcess:
+    """A running `replicate.engine.worker`; it ends when this object's process does.
+
+    orders: as `Task.orders` returns them. start: starts the process.
     """
 
-    def __init__(self, orders: dict):
+    def __init__(self, orders: dict, start: Callable[[dict], Process] = spawn):
         self.identifier = orders["identifier"]
         self._cache = Path(orders["cache"])
         self._unread = b""
         self._outcome: dict | None = None
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "replicate.engine.worker"],  # -P: the folder it stands in holds no modules
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env=_environment(orders),
-            start_new_session=True,  # Ctrl-C reaches the scheduler alone, which then ends the workers
-        )
+        self._process = start(orders)
         with suppress(BrokenPipeError):  # it has died already: `listen` tells
             self._process.stdin.write(json.dumps(orders).encode() + b"\n")
             self._process.stdin.flush()  # and stays open: its end tells the worker that we are gone
@@ -83,7 +106,7 @@ def thread_limits(threads: int) -> dict[str, str]:
     return {f"{library}_NUM_THREADS": str(threads) for library in libraries} | waiting
 
 
-def _environment(orders: dict) -> dict[str, str]:
+def worker_environment(orders: dict) -> dict[str, str]:
     """Return a worker's environment: every library's thread pool bounded before it is loaded."""
     threads = orders["threads"]
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen={'true' if threads > 1 else 'false'}"
