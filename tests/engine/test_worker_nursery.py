@@ -1,0 +1,82 @@
+"""Workers that are forks: they find libraries loaded, die with their nursery, and are not forked beside a thread."""
+
+import json
+import os
+import sys
+import threading
+import time
+
+import psutil
+import pytest
+from toy_stages import ToyConfig
+
+from replicate.engine.exceptions import RunError
+from replicate.engine.scheduler import run
+from replicate.engine.stage import Stage
+from replicate.engine.worker_nursery import Nursery
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers are forks on Linux alone")
+
+STAGES = """
+import json, os, sys, time
+
+def first(context):
+    import numba
+    (context.out / "facts.json").write_text(json.dumps({"pid": os.getpid()}))
+
+def second(context):
+    facts = {"pid": os.getpid(), "loaded": "numba" in sys.modules, "torch": "torch" in sys.modules,
+             "group": os.getpgid(0)}
+    (context.out / "facts.json").write_text(json.dumps(facts))
+
+def sleep(context):
+    time.sleep(60)
+"""
+
+
+@pytest.fixture
+def stages(tmp_path, monkeypatch):
+    (tmp_path / "forked.py").write_text(STAGES)
+    monkeypatch.syspath_prepend(tmp_path)
+    first = Stage("first", "forked:first", ToyConfig())
+    return first, Stage("second", "forked:second", ToyConfig(), (first,)), Stage("sleep", "forked:sleep", ToyConfig())
+
+
+def test_a_stage_finds_loaded_what_an_earlier_one_has_imported_and_is_a_process_of_its_own(cache, stages):
+    second = stages[1]
+    folders = run([second])
+    one, two = (json.loads((folders[title] / "facts.json").read_text()) for title in ("first", "second"))
+    assert two["loaded"] and not two["torch"]
+    assert len({one["pid"], two["pid"], os.getpid()}) == 3 and two["group"] == two["pid"]
+    assert not psutil.Process().children(recursive=True)
+
+
+def test_a_killed_nursery_ends_the_run_with_a_sentence(cache, stages):
+    def kill():
+        while True:
+            for child in psutil.Process().children():
+                if child.children():
+                    child.kill()
+                    return
+            time.sleep(0.02)
+
+    threading.Thread(target=kill, daemon=True).start()
+    with pytest.raises(RunError, match="stage sleep was killed by SIGKILL"):
+        run([stages[2]])
+    assert not psutil.Process().children(recursive=True)
+
+
+def test_beside_a_thread_nothing_is_forked_nor_by_a_nursery_that_is_gone(tmp_path):
+    (tmp_path / "starts_a_thread.py").write_text(
+        "import threading, time\nthreading.Thread(target=time.sleep, args=(60,)).start()"
+    )
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    nursery = Nursery({**os.environ, "PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"})
+    worker = nursery.start(["no_such_library"])
+    assert worker is not None
+    worker.stdin.close()  # who asked is gone: it ends
+    assert worker.wait() == worker.returncode == 0
+    assert nursery.start(["starts_a_thread"]) is None
+    psutil.Process().children()[0].kill()
+    assert nursery.start([]) is None
+    nursery.close()
