@@ -86,7 +86,7 @@ $(BENCHMARKS): bench-%: $(ENVIRONMENT)
 	  $(call option,PROFILE) $(call option,CHARACTERS) $(if $(filter methods,$*),$(call option,METHODS))
 
 test: $(ENVIRONMENT) ## run all tests
-	@exec $(RUN) -m pytest -n logical --maxprocesses 4 --dist loadgroup --no-loadscope-reorder
+	@exec $(RUN) -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 lint: $(ENVIRONMENT) ## check the style of the sources
 	$(RUN) -m ruff check .

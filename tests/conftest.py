@@ -50,31 +50,10 @@ def pytest_xdist_auto_num_workers(config):
     return 1 + (psutil.cpu_count(logical=config.option.numprocesses == "logical") or 1)
 
 
-# Files that run in one process, one after the other, and share the heads or the smallest rig that it builds.
-TOGETHER = {
-    "heads": ("head/",),
-    "tiny": (
-        "test_ladder.py", "test_face_rig.py", "test_export.py", "test_panel.py", "test_rig_file.py",
-        "test_recipe_rig.py", "test_function_rig.py", "test_face_check.py", "test_pose_health.py",
-        "test_influence.py", "deformers/",
-    ),
-}  # fmt: skip
-
-
-@pytest.hookimpl(tryfirst=True)  # xdist reads the groups
-def pytest_collection_modifyitems(config, items):
+def pytest_collection_modifyitems(items):
     """Begin with the longest files, so that no process is left with one of them when the others are done."""
     places = {name: place for place, name in enumerate(LONG)}
-    first = {}
-    for item in items:
-        path = item.path.as_posix()
-        groups = (group for group, files in TOGETHER.items() if any(f"/{file}" in path for file in files))
-        item.group = next(groups, path)
-        if config.pluginmanager.hasplugin("xdist"):
-            item.add_marker(pytest.mark.xdist_group(item.group))
-        place = places.get(item.path.name, len(LONG))
-        first[item.group] = min(place, first.get(item.group, place))
-    items.sort(key=lambda item: (first[item.group], item.group))
+    items.sort(key=lambda item: places.get(item.path.name, len(LONG)))
 
 
 @pytest.fixture
