@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from replicate.drawing.scene import STUDIO, WHITE, Camera, Lighting, Surface, axes
+from replicate.drawing.shared_pictures import drawn_once
 from replicate.drawing.software_rasteriser import rasterise
 from replicate.geometry.normals import vertex_normals
 
@@ -37,10 +38,15 @@ def render(
     lighting: of the surfaces that are lit.
     renderer: None takes pyvista where it works (probed once a process), else the software rasteriser.
     """
-    draw = {"pyvista": _pyvista, "software": rasterise}[renderer or working_renderer()]
-    large = draw(surfaces, camera, SUPERSAMPLING * width, SUPERSAMPLING * height, background, lighting)
-    blocks = large.reshape(height, SUPERSAMPLING, width, SUPERSAMPLING, 3)
-    return np.rint(blocks.mean((1, 3))).astype(np.uint8)
+    renderer = renderer or working_renderer()
+    draw = {"pyvista": _pyvista, "software": rasterise}[renderer]
+
+    def picture() -> UInt8[np.ndarray, "h w 3"]:
+        large = draw(surfaces, camera, SUPERSAMPLING * width, SUPERSAMPLING * height, background, lighting)
+        blocks = large.reshape(height, SUPERSAMPLING, width, SUPERSAMPLING, 3)
+        return np.rint(blocks.mean((1, 3))).astype(np.uint8)
+
+    return drawn_once(picture, surfaces, camera, width, height, background, renderer, lighting)
 
 
 @functools.cache

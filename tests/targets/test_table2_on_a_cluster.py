@@ -10,7 +10,7 @@ from toy_runs import dask_workers_at_work, processes_of, survivors, wait_for
 
 from replicate.engine.paths import ROOT
 
-METHODS = ("linear", "neutral")
+METHODS = ("linear",)
 FEW = """
 [samples]
 count = 300

@@ -83,6 +83,7 @@ def _draw(folder: Path, profile: str, limit_deg: float) -> None:
     The notebook comes last: only when it stands, with its stamp, are the figures of these results complete.
     """
     from replicate.drawing.panels import has_figure, save_figure
+    from replicate.drawing.shared_pictures import shared_pictures
     from replicate.targets.table2.table2_figures import open_table2, table2_figure_names, table2_figures
 
     results = open_table2(folder)
@@ -90,7 +91,8 @@ def _draw(folder: Path, profile: str, limit_deg: float) -> None:
     complete = all(has_figure(folder / f"{name}.png") for name in names)
     if complete and is_current("table2", profile, HEATMAP_DEG=limit_deg):
         return
-    for character in results.characters:
-        for name, figure, words in table2_figures(results, character, limit_deg):
-            save_figure(figure, folder / f"{name}.png", words)
-    run_notebook("table2", profile, HEATMAP_DEG=limit_deg)
+    with shared_pictures():  # the notebook shows the same renderings
+        for character in results.characters:
+            for name, figure, words in table2_figures(results, character, limit_deg):
+                save_figure(figure, folder / f"{name}.png", words)
+        run_notebook("table2", profile, HEATMAP_DEG=limit_deg)
