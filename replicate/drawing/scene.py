@@ -108,9 +108,9 @@ STUDIO = Lighting(
 # has passed through it does, light from the floor, and a cool rim from behind that parts the head from the paper.
 PORTRAIT = Lighting(
     (
-        Light((-0.48, 0.54, 0.80), 0.65, (1.0, 0.97, 0.92)),
+        Light((-0.48, 0.45, 0.80), 0.60, (1.0, 0.97, 0.92)),
         Light((0.75, 0.10, 0.75), 0.38, (1.0, 0.91, 0.86)),
-        Light((0.0, -0.70, 0.65), 0.30, (1.0, 0.84, 0.76)),
+        Light((0.0, -0.70, 0.65), 0.42, (1.0, 0.84, 0.76)),
         Light((0.80, 0.55, -0.45), 0.40, (0.90, 0.95, 1.0)),
         Light((-0.90, 0.35, -0.45), 0.25, (0.90, 0.95, 1.0)),
     ),
