@@ -32,6 +32,7 @@ FLIP = np.array([-1.0, 1.0, 1.0])
 SKIN = ("face", "cranium", "neck", "ear_left", "ear_right", "lid_inner_left", "lid_inner_right", "mouth_bag")
 LINING_MM = (26.0, 10.0)  # from the skin to the mouth's lining: too far to go with it, and near enough
 BESIDE_LIPS = (0.25, 0.6)  # places along the lips from which on the cheek covers the lining, and does fully
+STEEPEST = 1.5  # rise of the relief, out from the face, over the way along it that skin goes with
 EXTENSION_MM2 = 400.0  # bending against stretching when a curve's motion is carried into the skin around it
 
 
@@ -242,7 +243,10 @@ class Sculptor:
         active = np.flatnonzero(np.abs(change).max(axis=1) > 1e-3)
         at = self.wrapped[active]
         to = at + change[active]
-        to[:, 2] += self.relief_at(to[:, 0], to[:, 1]) - self.relief_at(at[:, 0], at[:, 1])
+        rise = self.relief_at(to[:, 0], to[:, 1]) - self.relief_at(at[:, 0], at[:, 1])
+        # Under a chin the relief is a cliff: up along it skin would be thrown out to the snout's end.
+        steepest = STEEPEST * np.hypot(change[active, 0], change[active, 1])
+        to[:, 2] += np.clip(rise, -steepest, steepest)
         result = np.zeros_like(self.x)
         result[active] = self.unwrap(to) - self.x[active]
         return result

@@ -122,3 +122,12 @@ def test_his_lips_shift_aside_by_no_more_than_a_persons_do(dragon):
     marks = dict(zip(dragon.landmark_names, dragon.landmarks.tolist(), strict=True))
     aside = (dragon(pose_of(dragon, mouth_sideways=1.0)) - dragon.mesh.neutral)[marks["lip_lower_mid"], 0]
     assert 5 < aside < 15  # 13 mm where his snout is broadest; growing with his mouth it would be 29
+
+
+def test_pressed_lips_over_a_raised_chin_stay_behind_the_snout(dragon):
+    p = dragon.default.copy()
+    for k, control in enumerate(dragon.controls):
+        if control.name.startswith(("lip_press", "lip_roll_lower", "chin_raise")):
+            p[k] = 0.6
+    ahead = dragon(p)[:, 2].max() - dragon.mesh.neutral[:, 2].max()
+    assert ahead < 10.0
