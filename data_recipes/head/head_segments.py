@@ -35,7 +35,7 @@ def build_segments(
         members = {one: part == part_names.index(one) for one in parts}
         if parts == (FACE,) and charts.face_bands > 1:
             face = np.flatnonzero(members[FACE])
-            band, uv[face] = cut_into_bands(uv[face], charts.face_bands)
+            band, uv[face] = cut_into_bands(uv[face], charts.face_bands, charts.evenness)
             segment[face] = len(names) + band
             names += [f"{name}_{k + 1}" for k in range(charts.face_bands)]
             continue
@@ -45,10 +45,13 @@ def build_segments(
     return segment, tuple(names), uv
 
 
-def cut_into_bands(uv: Float[np.ndarray, "n 2"], bands: int) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 2"]]:
+def cut_into_bands(
+    uv: Float[np.ndarray, "n 2"], bands: int, evenness: float = 0.0
+) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 2"]]:
     """Cut a chart across v into bands of equally many vertices, from below; return each vertex's band and new chart.
 
     A band fills its chart in both directions, so that all of its texels count; the left and the right stay mirrored.
+    evenness: how far its vertices are spread evenly along each axis (0 to 1).
     """
     height = np.round(uv[:, 1], 9)  # what mirrors each other falls into one band
     edges = np.quantile(height, np.arange(1, bands) / bands, method="closest_observation")
@@ -59,7 +62,24 @@ def cut_into_bands(uv: Float[np.ndarray, "n 2"], bands: int) -> tuple[Int[np.nda
         reach = max(high[0] - 0.5, 0.5 - low[0])
         stretched[band == k, 0] = 0.5 + (own[:, 0] - 0.5) * 0.5 / reach
         stretched[band == k, 1] = (own[:, 1] - low[1]) / (high[1] - low[1])
+        filled = stretched[band == k]
+        ranks = np.stack([_ranks(filled[:, 0], mirrored=True), _ranks(filled[:, 1])], axis=1)
+        stretched[band == k] = (1 - evenness) * filled + evenness * ranks
     return band, stretched
+
+
+def _ranks(places: Float[np.ndarray, " n"], mirrored: bool = False) -> Float[np.ndarray, " n"]:
+    """Return where places would lie between the lowest and the highest if all were spread evenly, in their order.
+
+    mirrored: about the middle of [0, 1], as the places are.
+    """
+    places = np.round(places, 9)  # what lies level stays level
+    values, index, counts = np.unique(places, return_inverse=True, return_counts=True)
+    rank = np.cumsum(counts) - counts / 2
+    rank = (rank - rank[0]) / (rank[-1] - rank[0])
+    if mirrored:
+        rank = (rank + 1 - np.interp(1 - values, values, rank)) / 2
+    return (values[0] + (values[-1] - values[0]) * rank)[index]
 
 
 def _stack(members: dict[str, np.ndarray], uv: Float[np.ndarray, "n 2"]) -> None:

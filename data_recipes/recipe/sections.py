@@ -275,11 +275,13 @@ class ChartLayout(Checked):
     """How the head is cut into segments, each with a chart of its own.
 
     segments: which parts share a segment, by the segment's name; every other part is a segment. face_bands: how many
-    segments the face is cut into, from the chin upwards, each with the same number of vertices.
+    segments the face is cut into, from the chin upwards, each with the same number of vertices. evenness: how evenly a
+    band's vertices are spread over its chart, along both axes; 0 leaves them where the whole face's chart has them.
     """
 
     segments: dict[str, tuple[str, ...]] = groups({"lids_inner": ("lid_inner_left", "lid_inner_right")}, PARTS, "parts")
     face_bands: int = number(1, 1, 16)
+    evenness: float = share(0.0)
 
 
 @dataclass(frozen=True)

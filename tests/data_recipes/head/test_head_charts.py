@@ -148,3 +148,17 @@ def test_bands_of_the_face_hold_equally_many_vertices_and_lie_one_above_the_othe
     for band in bands:
         np.testing.assert_allclose(uv[band].min(0), 0, atol=1e-9)
         np.testing.assert_allclose(uv[band].max(0), 1, atol=1e-9)
+
+
+def test_evenness_spreads_the_rows_of_a_band_and_leaves_it_full_and_mirrored():
+    toon = load_recipe("toon@fine")
+    assert toon.charts.evenness > 0
+
+    def unevenness(evenness):
+        charts = replace(toon.layouts, fine=replace(toon.charts, evenness=evenness))
+        layout, uv = layout_and_charts(replace(toon, layouts=charts))
+        lips = np.sort(uv[layout.segment == layout.segment_names.index("face_1"), 1])
+        np.testing.assert_allclose([lips[0], lips[-1]], [0, 1], atol=1e-9)
+        return np.abs(lips - np.linspace(0, 1, len(lips))).max()
+
+    assert unevenness(1.0) < unevenness(toon.charts.evenness) < 0.9 * unevenness(0.0)
