@@ -31,6 +31,8 @@ FACING = 0.3  # cosine above which skin faces the ray's way
 NEIGHBOURS = 24  # of a vertex, over which its direction is the mean
 LOLLS = "tongue"
 KINDS = {"tooth": "teeth", "teeth": "teeth", "gum": "gums", "tongue": "tongue"}  # by a segment's beginning
+TOGETHER = ("mouth", "gums_and", "tongue_and")  # beginnings of segments that may hold both gums and the tongue
+GUM_MM = 5.0  # from a vertex of a gum to the nearest tooth, in the median; a tongue's are further away
 
 
 @dataclass(frozen=True)
@@ -60,11 +62,16 @@ def find_mouth(mesh: Mesh) -> Mouth | None:
     ends = mesh.faces.ravel(), np.roll(mesh.faces, 1, axis=1).ravel()
     _, piece = connected_components(sparse.coo_matrix((np.ones(len(ends[0])), ends), (n, n)), directed=False)
     outer = np.bincount(piece).argmax()
+    x, scale = mesh.neutral.astype(float), float(np.ptp(mesh.neutral[:, 0])) / HEAD_WIDTH_MM
+    is_tooth = np.array([KINDS.get(name[:5]) == "teeth" for name in mesh.segment_names])[mesh.segment]
     kinds, kind = [], np.full(n, -1)
     for index in np.unique(piece[piece != outer]):
         members = piece == index
         name = mesh.segment_names[np.bincount(mesh.segment[members]).argmax()]
         label = next((label for start, label in KINDS.items() if name.startswith(start)), None)
+        if name.startswith(TOGETHER) and is_tooth.any():
+            away, _ = cKDTree(x[is_tooth]).query(x[members])
+            label = "gums" if np.median(away) < GUM_MM * scale else "tongue"
         if label is None:  # frills, say
             continue
         if label not in kinds:
@@ -73,8 +80,6 @@ def find_mouth(mesh: Mesh) -> Mouth | None:
     if "teeth" not in kinds:
         return None
     points = np.flatnonzero(kind >= 0)
-    scale = float(np.ptp(mesh.neutral[:, 0])) / HEAD_WIDTH_MM
-    x = mesh.neutral.astype(float)
     faces = mesh.faces[(piece[mesh.faces] == outer).all(1)]
     near, _ = cKDTree(x[points]).query(x[faces].mean(1))
     bag = np.array([name.startswith("mouth") for name in mesh.segment_names])[mesh.segment]

@@ -5,7 +5,10 @@ import pytest
 from rig_poses import augmented_poses, flipped_share, skin_faces
 
 from data_recipes.catalogue import build_rig
+from data_recipes.head.neutral_head import build_head
+from data_recipes.recipe.reading import load_recipe
 from replicate.geometry.normals import face_normals
+from replicate.geometry.rays import ray_hits
 
 # Vertices, controls, deformable segments and rigid ones, as in Table 1.
 COUNTS = {"woman": (12828, 265, 7, 24), "toon": (4922, 99, 6, 2)}
@@ -98,3 +101,21 @@ def test_a_full_brow_raise_turns_the_womans_forehead_by_five_degrees(rig):
     with_folds, without = (np.asarray(face_normals(rig(q), faces)) for q in (p, smooth))
     turned = np.degrees(np.arccos(np.clip((with_folds * without).sum(axis=1), -1, 1)))
     assert turned.mean() > 5
+
+
+@pytest.mark.parametrize("rig", ["toon"], indirect=True)
+def test_no_lining_comes_through_the_toons_upper_lip(rig):
+    grids = build_head(load_recipe("toon")).grids
+    mouth, bag = grids["mouth"], grids["mouth_bag"]
+    upper = np.arange(mouth.shape[1] // 8, 3 * mouth.shape[1] // 8 + 1)  # the columns between the corners
+    lining = bag[1:4, upper].ravel()
+    lip = np.isin(rig.mesh.faces, np.concatenate([mouth.ravel(), bag[0]])).all(axis=1)
+    through = []
+    for x in rig(poses_of(rig, 192, seed=3)).astype(float):
+        above_seam = x[lining, 1] > np.tile(x[mouth[0, upper], 1], 3) + 0.5
+        ahead, behind = (
+            np.isfinite(ray_hits(x[lining], np.tile([0.0, 0.0, far], (len(lining), 1)), x[rig.mesh.faces[lip]])[0])
+            for far in (30.0, -15.0)
+        )
+        through.append((above_seam & behind & ~ahead).any())
+    assert np.mean(through) < 0.01

@@ -239,3 +239,17 @@ def test_the_picture_of_the_worst_poses_marks_what_is_broken():
     assert "1 with most flipped" in words.alt and "0 with teeth furthest" in words.alt
     reddest = max((np.asarray(picture, int) - FLIP_COLOUR).__abs__().sum(-1).min() for picture in pictures[:1])
     assert reddest < 300
+
+
+@pytest.mark.parametrize("name", ["mouth_inside", "gums_and_tongue"])
+def test_gums_and_tongue_are_told_apart_where_they_share_a_segment(name):
+    mesh, alone = tiny().mesh, tiny_mouth()
+    merged = [name if own.startswith(("gum", "tongue")) else own for own in mesh.segment_names]
+    names = tuple(dict.fromkeys(merged))
+    segment = np.array([names.index(own) for own in merged], np.int32)[mesh.segment]
+    together = find_mouth(replace(mesh, segment=segment, segment_names=names))
+    kinds = [
+        {point: mouth.kinds[k] for point, k in zip(mouth.points, mouth.kind, strict=True)}
+        for mouth in (alone, together)
+    ]
+    assert kinds[0] == kinds[1]
