@@ -13,7 +13,7 @@ from replicate.targets.table2.panel_titles import panel_title, plain_name
 if TYPE_CHECKING:
     import matplotlib.figure
 
-COLUMNS = (TRUTH, "refined", "coarse", "lbs32")
+COLUMNS = (TRUTH, "floor_refined", "refined", "coarse", "lbs32")
 
 
 def figure09(
