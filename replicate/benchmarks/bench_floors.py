@@ -2,7 +2,8 @@
 
 `make bench-floors` fits maps to the true offsets of test poses by least squares (`deformation_map.Floor`), no network
 involved: coarse maps of 16 to 128 pixels a side, and refinement maps of the same sizes on top of the profile's coarse
-ones. The refined regions are the triangles whose corners all lie in refinement segments.
+ones; rigid segments are placed as §3.4 does. The refined regions are the triangles whose corners all lie in refinement
+segments.
 """
 
 import argparse
@@ -65,13 +66,14 @@ def floor_errors(
 def floors(config: Config) -> list[Row]:
     """Make what is needed of a character, nothing trained, and return its floors at all sizes."""
     from replicate.approximation.deformation_map import Floor
+    from replicate.approximation.rigid import attach
 
     selection = refinement_squares.stage(Plan(config))
     run([selection], facts=provenance(["make", "bench-floors"], config.profile, [0], core_count()))
     inputs = {stage.name: artefact_folder(stage.identifier) for stage in in_order([selection])}
     mesh, samples = built_rig.load_mesh(inputs), drawn_samples.load(inputs)
     segments, squares = rigid_segments.load_coarse_segments(inputs, mesh), refinement_squares.load(inputs)
-    inside = np.zeros(len(mesh.neutral), bool)
+    attachments, inside = rigid_segments.load(inputs), np.zeros(len(mesh.neutral), bool)
     for square in squares:
         inside[square.vertices] = True
     poses = unique_poses(np.asarray(samples.test_params))
@@ -82,7 +84,15 @@ def floors(config: Config) -> list[Row]:
             for size in SIZES:
                 coarse = size if level == "coarse" else config.coarse.map_size
                 floor = Floor(segments, coarse, squares if level == "refinement" else (), size)
-                for region, errors in floor_errors(mesh, floor, offsets, inside).items():
+                maps = segments if level == "coarse" else squares
+                texels = size**2 * len(maps) / max(sum(len(one.vertices) for one in maps), 1)
+                facts = ("ratio", texels, None, 1, len(poses), config.profile, "bench-floors")
+                rows.append(Row(TABLE, selection.label, level, f"texels_per_vertex[{size}]", *facts))
+
+                def placed(true, floor=floor):
+                    return attach(mesh, attachments, mesh.neutral + floor(true)) - mesh.neutral
+
+                for region, errors in floor_errors(mesh, placed, offsets, inside).items():
                     suffix = f"[{size}, {region}]" if region else f"[{size}]"
                     for kind, unit, value in zip(("vertex", "normal"), ("mm", "deg"), errors, strict=True):
                         facts = (unit, value, None, 1, len(poses), config.profile, "bench-floors")
@@ -98,7 +108,8 @@ def floors_table(rows: Sequence[Row], character: str) -> Table:
         body += [None] if body else []
         before: dict[str, float] = {}
         for size in SIZES:
-            cells = [f"{words}, {size}×{size}"]
+            texels = find(rows, TABLE, character, level, f"texels_per_vertex[{size}]")
+            cells = [f"{words}, {size}×{size}", round_off(texels.value, "ratio") if texels else "–"]
             for region in REGIONS:
                 suffix = f"[{size}, {region}]" if region else f"[{size}]"
                 for kind, unit in (("vertex", "mm"), ("normal", "deg")):
@@ -113,9 +124,13 @@ def floors_table(rows: Sequence[Row], character: str) -> Table:
             body.append(tuple(cells))
     header = [
         "",
+        "texels per vertex",
         *(f"{what}{region}" for region in ("", ", refined") for what in ("mm", "× half", "degrees", "× half")),
     ]
-    notes = ("Least-squares maps of the true offsets of test poses. × half: over the floor at half the resolution.",)
+    notes = (
+        "Least-squares maps of the true offsets of test poses; rigid segments are placed as §3.4 does. × half: over the "
+        "floor at half the resolution.",
+    )
     return Table(f"Projection floors: {character}", (tuple(header),), tuple(body), notes)
 
 

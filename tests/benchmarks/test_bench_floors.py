@@ -36,9 +36,9 @@ def test_the_table_sets_each_resolution_against_half_of_it():
     rows = [row("coarse", "16", 3.0), row("coarse", "32", 1.5), row("refinement", "32, refined", 1.0)]
     table = floors.floors_table([*rows, row("refinement", "64, refined", 0.4)], "teen")
     lines = {line[0]: line[1:] for line in table.body if line}
-    assert lines["coarse maps, 32×32"][2:4] == ("1.50", "0.50")
-    assert lines["coarse maps, 16×16"][2:4] == ("3.00", "–")
-    assert lines["refinement maps on coarse ones, 64×64"][6:8] == ("0.40", "0.40")
+    assert lines["coarse maps, 32×32"][3:5] == ("1.50", "0.50")
+    assert lines["coarse maps, 16×16"][3:5] == ("3.00", "–")
+    assert lines["refinement maps on coarse ones, 64×64"][7:9] == ("0.40", "0.40")
 
 
 def test_a_character_that_there_is_not_is_named(capsys):
