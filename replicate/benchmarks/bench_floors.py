@@ -128,8 +128,8 @@ def floors_table(rows: Sequence[Row], character: str) -> Table:
         *(f"{what}{region}" for region in ("", ", refined") for what in ("mm", "× half", "degrees", "× half")),
     ]
     notes = (
-        "Least-squares maps of the true offsets of test poses; rigid segments are placed as §3.4 does. × half: over the "
-        "floor at half the resolution.",
+        "Least-squares maps of the true offsets of test poses; rigid segments are placed as §3.4 does. × half: "
+        "over the floor at half the resolution.",
     )
     return Table(f"Projection floors: {character}", (tuple(header),), tuple(body), notes)
 
