@@ -110,10 +110,11 @@ def to_come_out(mesh: Mesh, vertices: np.ndarray) -> float:
     corners = mesh.neutral[mesh.faces[skin]].astype(float)
     least = np.inf
     for point in mesh.neutral[vertices].astype(float):
-        direction = np.tile([0.0, 0, 60.0], (len(corners), 1))
-        each = [ray_hits(point[None], direction[:1], corner[None])[0][0] for corner in corners]
-        hits = np.array(each)[np.isfinite(each)]
-        least = min(least, 60 * hits.max()) if len(hits) else least
+        ahead = np.array([[0.0, 0, 60.0]])
+        share = ray_hits(point[None] + ahead, -ahead, corners)[0][
+            0
+        ]  # looked at from outside the last skin is the first
+        least = min(least, 60 * (1 - share)) if np.isfinite(share) else least
     return least
 
 
