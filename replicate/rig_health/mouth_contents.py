@@ -31,7 +31,6 @@ FACING = 0.3  # cosine above which skin faces the ray's way
 NEIGHBOURS = 24  # of a vertex, over which its direction is the mean
 LOLLS = "tongue"
 KINDS = {"tooth": "teeth", "teeth": "teeth", "gum": "gums", "tongue": "tongue"}  # by a segment's beginning
-TOGETHER = ("mouth", "gums_and", "tongue_and")  # beginnings of segments that may hold both gums and the tongue
 GUM_MM = 5.0  # from a vertex of a gum to the nearest tooth, in the median; a tongue's are further away
 
 
@@ -69,7 +68,7 @@ def find_mouth(mesh: Mesh) -> Mouth | None:
         members = piece == index
         name = mesh.segment_names[np.bincount(mesh.segment[members]).argmax()]
         label = next((label for start, label in KINDS.items() if name.startswith(start)), None)
-        if name.startswith(TOGETHER) and is_tooth.any():
+        if is_tooth.any() and (name.startswith("mouth") or ("gum" in name and "tongue" in name)):  # both may be in it
             away, _ = cKDTree(x[is_tooth]).query(x[members])
             label = "gums" if np.median(away) < GUM_MM * scale else "tongue"
         if label is None:  # frills, say

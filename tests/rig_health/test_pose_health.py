@@ -242,7 +242,7 @@ def test_the_picture_of_the_worst_poses_marks_what_is_broken():
     assert reddest < 300
 
 
-@pytest.mark.parametrize("name", ["mouth_inside", "gums_and_tongue"])
+@pytest.mark.parametrize("name", ["mouth_inside", "gums_and_tongue", "gums_tongue"])
 def test_gums_and_tongue_are_told_apart_where_they_share_a_segment(name):
     mesh, alone = tiny().mesh, tiny_mouth()
     merged = [name if own.startswith(("gum", "tongue")) else own for own in mesh.segment_names]
