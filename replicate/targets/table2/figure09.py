@@ -32,5 +32,6 @@ def figure09(
     return panel_grid([panels], titles), Words(
         f"Clay renders of one forehead, close up, from left to right: {names}.",
         f"Forehead wrinkles of {record.character} in test pose {record.pose} (after Fig. 9 of the paper): {names}. "
-        "† An oracle: bones refitted to the true mesh of this pose.",
+        "† An oracle: bones refitted to the true mesh of this pose. "
+        "‡ An oracle: the true mesh projected onto the refined maps by least squares.",
     )
