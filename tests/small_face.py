@@ -59,7 +59,7 @@ def small_influence(mesh: Mesh) -> np.ndarray:
 class SmallSamples(SampleSet):
     """Samples that are not quantised, and drawn without balance."""
 
-    def draw_for_step(self, seed, stream, step, batch):
+    def draw_for_step(self, seed, stream, step, batch, draws="balanced"):
         return np.random.default_rng([seed, zlib.crc32(stream.encode()), step]).integers(len(self.params), size=batch)
 
 

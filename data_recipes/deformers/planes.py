@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -28,6 +29,43 @@ def selection(columns: Int[np.ndarray, " k"], m: int) -> Float[np.ndarray, "m k"
     return (np.arange(m)[:, None] == np.asarray(columns)[None]).astype(np.float32)
 
 
+def pick(rows: Float[Values, "*s"], index: Int[Values, " k"]) -> Float[Array, "*k"]:
+    """Return some rows. The indices are ours, so nothing checks them: that would double the operations to compile."""
+    return jnp.asarray(rows).at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
+
+
+def rows_at(x: Float[Values, "b 3 n"], support: Int[Values, " s"]) -> Float[Array, "s 3 b"]:
+    """Return some vertices' positions as rows, with the poses side by side: rows are ten times as fast to gather.
+
+    The loop over x, y and z keeps the compiler from fusing this with what comes before, which would then be computed
+    in the order of the rows, across its planes.
+    """
+    planes, support = jnp.asarray(x), jnp.asarray(support)
+
+    def turn(k, rows):
+        plane = jax.lax.dynamic_index_in_dim(planes, k, axis=1, keepdims=False).T
+        return jax.lax.dynamic_update_slice(rows, pick(plane, support)[:, None], (0, k, 0))
+
+    return jax.lax.fori_loop(0, 3, turn, jnp.zeros((len(support), 3, len(planes)), planes.dtype))
+
+
+def add_rows(x: Float[Values, "b 3 n"], rows: Float[Array, "s 3 b"], place: Int[Values, " n"]) -> Float[Array, "b 3 n"]:
+    """Return positions with the support's rows added; place: from `place_of`. For its loops see `rows_at`."""
+    planes, place = jnp.asarray(x), jnp.asarray(place)
+
+    def turn(k, turned):
+        plane = jax.lax.dynamic_index_in_dim(rows, k, axis=1, keepdims=False).T[:, None]
+        return jax.lax.dynamic_update_slice(turned, plane, (0, k, 0))
+
+    def add(k, total):
+        plane = jax.lax.dynamic_index_in_dim(total, k, axis=1)
+        moved = spread(jax.lax.dynamic_index_in_dim(turned, k, axis=1), place)
+        return jax.lax.dynamic_update_slice(total, plane + moved, (0, k, 0))
+
+    turned = jax.lax.fori_loop(0, 3, turn, jnp.zeros(rows.shape[::-1], rows.dtype))
+    return jax.lax.fori_loop(0, 3, add, planes)
+
+
 def spread(values: Float[Values, "*b s"], place: Int[Values, " n"]) -> Float[Values, "*b n"]:
     """Return values on all n vertices: those of the support at their vertices, 0 elsewhere.
 
@@ -45,18 +83,8 @@ def sine_cosine(angle: Float[Values, "*s"]) -> tuple[Array, Array]:
     return sine, cosine
 
 
-def dot(a: Float[Values, "b 3 s"], b: Float[Values, "*b 3 s"]) -> Float[Values, "b s"]:
-    """Return the scalar products of two fields of vectors."""
-    return (a * b).sum(axis=-2)
-
-
 def cross(a: Float[Values, "*b 3 s"], b: Float[Values, "*b 3 s"]) -> Float[Values, "*b 3 s"]:
     """Return the cross products of two fields of vectors."""
     ax, ay, az = a[..., 0, :], a[..., 1, :], a[..., 2, :]
     bx, by, bz = b[..., 0, :], b[..., 1, :], b[..., 2, :]
     return jnp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-2)
-
-
-def unit(a: Float[Values, "*b 3 s"]) -> Float[Values, "*b 3 s"]:
-    """Return the vectors at length 1; shorter than 1e-6 they shrink to 0 smoothly."""
-    return a / jnp.sqrt((a * a).sum(axis=-2, keepdims=True) + 1e-12)

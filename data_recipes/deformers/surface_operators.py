@@ -80,6 +80,22 @@ def padded_neighbours(graph: sp.csr_matrix, width: int) -> tuple[Int[np.ndarray,
     return index.astype(np.int32), weight.astype(np.float32)
 
 
+def padded_rows(matrix: sp.csr_matrix) -> dict[str, np.ndarray]:
+    """Return a sparse matrix (n, s) as "slots" and "weights", (w, n) each.
+
+    Row i is Σ_k weights[k, i] · value[slots[k, i]]; rows are padded with weight 0 to the width w of the fullest one.
+    """
+    matrix = sp.csr_matrix(matrix)
+    matrix.eliminate_zeros()
+    count = np.diff(matrix.indptr)
+    slots = np.zeros((count.max(initial=1), len(count)), np.int32)
+    weights = np.zeros(slots.shape, np.float32)
+    row = np.repeat(np.arange(len(count)), count)
+    place = np.arange(len(row)) - matrix.indptr[row]
+    slots[place, row], weights[place, row] = matrix.indices, matrix.data
+    return {"slots": slots, "weights": weights}
+
+
 def geodesic(
     vertices: Float[np.ndarray, "n 3"], graph: sp.csr_matrix, sources: Int[np.ndarray, " k"], limit_mm: float = np.inf
 ) -> Float[np.ndarray, " n"]:

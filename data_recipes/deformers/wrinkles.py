@@ -3,25 +3,39 @@
 Per region: stretch |G X| along the resting fibre direction d₀; compression c = 1 − area average of stretch; implicit
 diffusion (M + 30 K) c̃ = M c; c₊ = max(0, ½[(c̃ − ε) + √((c̃ − ε)² + 2e-4)] − 0.004); buckling amplitude
 A = (λ/π)·gain·√c₊; bending solve (M + 0.10 K + 0.06 K M⁻¹K) h = M A p with the region's pattern p; X += h n.
-Diffusion and averaging, and the bending solve, are dense matrices on the region, inverted once.
+Both solves are linear, and inverted once: the diffusion as a dense matrix a region; the bending, whose inverse falls
+to nothing within a few edges, as a sparse one. Inside, positions are rows of one vertex each (see `planes.rows_at`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+import scipy.sparse as sp
+from jaxtyping import Array, Float, Int
 
-from data_recipes.deformers.planes import Constants, Values, cross, spread, unit
-from data_recipes.deformers.surface_operators import face_gradients, stiffness, submesh, vertex_areas
+from data_recipes.deformers.planes import Values, add_rows, pick, place_of, rows_at
+from data_recipes.deformers.surface_operators import (
+    face_gradients,
+    padded_rows,
+    stiffness,
+    submesh,
+    vertex_areas,
+)
 
 DIFFUSION_MM2 = 30.0
 MEMBRANE_MM2 = 0.10
 BENDING_MM4 = 0.06
 SMALLEST_THRESHOLD = 0.012  # ε below this would leave wrinkles at rest
+NEGLIGIBLE = 1e-6  # entries of the bending's inverse below this share of its largest are left out
+
+# Of the whole layer; a tree of arrays: see `prepare`.
+WrinkleConstants = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -43,10 +57,25 @@ class Region:
     gain_weights: np.ndarray
 
 
-def prepare_region(
+@dataclass(frozen=True)
+class RegionOperators:
+    """What a region's geometry gives, with f faces.
+
+    corners: (f, 3) mesh indices; directional: (f, 3), the stretch vector is Σ coefficient · corner; average: (s, f),
+    from faces to vertices by area; diffuse: (s, s); raise_: (s, s), from √c₊·gain to heights in mm.
+    """
+
+    corners: np.ndarray
+    directional: np.ndarray
+    average: sp.csr_matrix
+    diffuse: np.ndarray
+    raise_: np.ndarray
+
+
+def region_operators(
     region: Region, neutral: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]
-) -> dict[str, np.ndarray]:
-    """Return a region's constants: its faces with G (3 coefficients each), the two operators, λ/π·p, ε and gains."""
+) -> RegionOperators:
+    """Return a region's faces with G along its fibres, and its operators; λ/π·p is part of the bending's."""
     local, _ = submesh(faces, region.vertices, len(neutral))
     x = neutral[region.vertices].astype(np.float64)
     gradients, area = face_gradients(x, local)
@@ -55,120 +84,130 @@ def prepare_region(
     fibre = region.fibre[local].mean(axis=1)
     fibre -= normal * (fibre * normal).sum(axis=1, keepdims=True)
     fibre /= np.maximum(np.linalg.norm(fibre, axis=1, keepdims=True), 1e-9)
-    directional = (gradients * fibre[:, None]).sum(axis=2)  # (f, 3): stretch vector = Σ coefficient · corner
-
-    s = len(x)
     mass = vertex_areas(x, local)
     k = stiffness(x, local).toarray()
-    average = np.zeros((s, len(local)))
-    np.add.at(average, (local.ravel(), np.repeat(np.arange(len(local)), 3)), np.repeat(area / 3, 3))
-    average /= mass[:, None]
-    diffuse = np.linalg.solve(np.diag(mass) + DIFFUSION_MM2 * k, mass[:, None] * average)
+    entries = (np.repeat(area / 3, 3), (local.ravel(), np.repeat(np.arange(len(local)), 3)))
+    average = sp.diags(1 / mass) @ sp.csr_matrix(entries, shape=(len(x), len(local)))
     bending = np.diag(mass) + MEMBRANE_MM2 * k + BENDING_MM4 * k @ (k / mass[:, None])
-    raise_ = np.linalg.solve(bending, np.diag(mass))
+    return RegionOperators(
+        corners=region.vertices[local],
+        directional=(gradients * fibre[:, None]).sum(axis=2),
+        average=average.tocsr(),
+        diffuse=np.linalg.solve(np.diag(mass) + DIFFUSION_MM2 * k, np.diag(mass)),
+        raise_=np.linalg.solve(bending, np.diag(mass)) * (region.wavelength_mm / np.pi * region.pattern),
+    )
+
+
+def prepare(regions: list[Region], neutral: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> dict[str, Any]:
+    """Return the layer's constants; the regions' vertices stand one region after the other, s in all.
+
+    used (q,): the mesh's vertices that the layer reads, in whose numbering `corners` are; vertices (s,): mesh indices.
+    strain: faces of all regions, with the sum that takes them to vertices. diffuse: a matrix by region. threshold (s,).
+    gain_columns (g,), gain_weights (s, g). raise: the sum from √c₊·gain to heights on the v vertices of the union.
+    normals: faces around the union, and each vertex's slots of them; place (n,): see planes.place_of.
+    """
+    if not regions:
+        return {"threshold": np.zeros(0, np.float32)}
+    n = len(neutral)
+    regions = sorted(regions, key=lambda region: region.name)  # the order in which compiled functions see dictionaries
+    operators = [region_operators(region, neutral, faces) for region in regions]
+    vertices = np.concatenate([region.vertices for region in regions])
+    union = np.unique(vertices)
+    around = faces[np.isin(faces, union).any(axis=1)]
+    used = np.unique(around)
+    number = place_of(used, n)
+    raise_ = sp.block_diag([_without_negligible(each.raise_) for each in operators])
+    gather = sp.csr_matrix((np.ones(len(vertices)), (place_of(union, n)[vertices], np.arange(len(vertices)))))
+    incident = sp.csr_matrix(
+        (np.ones(around.size), (place_of(union, n)[around].ravel(), np.repeat(np.arange(len(around)), 3))),
+        shape=(len(union) + 1, len(around)),
+    )[: len(union)]
     return {
-        "corners": region.vertices[local].T.astype(np.int32),
-        "directional": directional.T.astype(np.float32),
-        "diffuse": diffuse.T.astype(np.float32),
-        # The pattern and λ/π ride inside the bending operator: h = √c₊ · gain @ raise.
-        "raise": (raise_ * (region.wavelength_mm / np.pi * region.pattern)).T.astype(np.float32),
-        "threshold": np.maximum(region.threshold, SMALLEST_THRESHOLD).astype(np.float32),
-        "gain_columns": region.gain_columns.astype(np.int32),
-        "gain_weights": region.gain_weights.astype(np.float32),
+        "used": used.astype(np.int32),
+        "vertices": vertices.astype(np.int32),
+        "strain": {
+            "corners": number[np.concatenate([each.corners for each in operators])].T.astype(np.int32),
+            "directional": np.concatenate([each.directional for each in operators]).T.astype(np.float32),
+        }
+        | padded_rows(sp.block_diag([each.average for each in operators]).tocsr()),
+        "diffuse": {
+            region.name: each.diffuse.astype(np.float32) for region, each in zip(regions, operators, strict=True)
+        },
+        "threshold": np.maximum(np.concatenate([region.threshold for region in regions]), SMALLEST_THRESHOLD).astype(
+            np.float32
+        ),
+        "gain_columns": np.concatenate([region.gain_columns for region in regions]).astype(np.int32),
+        "gain_weights": sp.block_diag([region.gain_weights.T for region in regions]).toarray().astype(np.float32),
+        "raise": padded_rows((gather @ raise_).tocsr()),
+        "normals": {"corners": number[around].T.astype(np.int32)} | padded_rows(incident),
+        "place": place_of(union, n),
     }
 
 
-def compression(constants: Constants, x: Float[Values, "b 3 n"]) -> Float[Values, "b s"]:
-    """Return the diffused compression c̃ of a region's vertices; 0.1 means a tenth shorter."""
-    i, j, k = constants["corners"]
-    gi, gj, gk = constants["directional"]
-    along = x[:, :, i] * gi + x[:, :, j] * gj + x[:, :, k] * gk  # (b, 3, f)
-    stretch = jnp.sqrt((along * along).sum(axis=1) + 1e-12)
-    return (1 - stretch) @ constants["diffuse"]
+def _without_negligible(operator: Float[np.ndarray, "s s"]) -> sp.csr_matrix:
+    size = np.abs(operator)
+    return sp.csr_matrix(np.where(size > NEGLIGIBLE * size.max(), operator, 0.0))
 
 
-def excess(shortening: Float[Values, "b s"], threshold: Float[Values, " s"]) -> Float[Values, "b s"]:
+def sum_rows(constants: Mapping[str, Values], values: Float[Array, "*s"]) -> Float[Array, "*n"]:
+    """Return weighted sums of rows: constants from `surface_operators.padded_rows`. One slot after the other."""
+    slots, weights = jnp.asarray(constants["slots"]), jnp.asarray(constants["weights"])
+    shape = (slots.shape[1], *values.shape[1:])
+    weights = weights.reshape(*weights.shape, *(1 for _ in shape[1:]))
+    return jax.lax.fori_loop(
+        0, len(slots), lambda k, total: total + pick(values, slots[k]) * weights[k], jnp.zeros(shape, values.dtype)
+    )
+
+
+def compression(constants: WrinkleConstants, rows: Float[Array, "q 3 b"]) -> Float[Array, "s b"]:
+    """Return the diffused compression c̃ of the regions' vertices; 0.1 means a tenth shorter."""
+    strain = constants["strain"]
+    corners, directional = strain["corners"], jnp.asarray(strain["directional"])[:, :, None, None]
+    along = sum(pick(rows, corners[k]) * directional[k] for k in range(3))  # (f, 3, b)
+    short = sum_rows(strain, 1 - jnp.sqrt((along * along).sum(axis=1) + 1e-12))
+    matrices = [constants["diffuse"][name] for name in sorted(constants["diffuse"])]
+    parts = jnp.split(short, np.cumsum([len(matrix) for matrix in matrices])[:-1])
+    return jnp.concatenate([matrix @ part for matrix, part in zip(matrices, parts, strict=True)])
+
+
+def excess(shortening: Float[Array, "s b"], threshold: Float[Values, " s"]) -> Float[Array, "s b"]:
     """Return c₊, the compression beyond the threshold: exactly 0 at rest."""
-    y = shortening - threshold
+    y = shortening - jnp.asarray(threshold)[:, None]
     return jnp.maximum(0.0, 0.5 * (y + jnp.sqrt(y * y + 2e-4)) - 0.004)
 
 
-def gains(u: Float[Values, "b m"], columns: Int[Values, " g"]) -> Float[Values, "b g"]:
+def gains(u: Float[Values, "b m"], columns: Int[Values, " g"]) -> Float[Array, "b g"]:
     """Return the gain of each control: 0 at −1, 1 at 0, 2 at 1, and never below 0; a missing control gives 1."""
     padded = jnp.concatenate([u, jnp.zeros_like(u[:, :1])], axis=1)
     return jnp.maximum(0.0, 1.0 + padded[:, columns])
 
 
-def heights(constants: Constants, x: Float[Values, "b 3 n"], u: Float[Values, "b m"]) -> Float[Values, "b s"]:
-    """Return the height h (mm) of a region's wrinkles at positions x and controls u."""
-    c = excess(compression(constants, x), constants["threshold"])
-    folds = c > 0
-    root = jnp.where(folds, jnp.sqrt(jnp.where(folds, c, 1.0)), 0.0)
-    gain = gains(u, constants["gain_columns"]) @ constants["gain_weights"]
-    return (root * gain) @ constants["raise"]
+def amplitudes(
+    constants: WrinkleConstants, beyond: Float[Array, "s b"], u: Float[Values, "b m"]
+) -> Float[Array, "s b"]:
+    """Return √c₊·gain of the regions' vertices, of their c₊ and the controls u."""
+    folds = beyond > 0
+    root = jnp.where(folds, jnp.sqrt(jnp.where(folds, beyond, 1.0)), 0.0)
+    return root * (jnp.asarray(constants["gain_weights"]) @ gains(u, constants["gain_columns"]).T)
 
 
-def normals(constants: Constants, x: Float[Values, "b 3 n"]) -> Float[Values, "b 3 s"]:
-    """Return unit vertex normals on the union of the regions, area-weighted over the (padded) incident faces."""
-    i, j, k = constants["corners"]
-    a = x[:, :, i]
-    face = cross(x[:, :, j] - a, x[:, :, k] - a)
-    padded = jnp.concatenate([face, jnp.zeros_like(face[:, :, :1])], axis=-1)
-    return unit(sum(padded[:, :, slot] for slot in constants["incident"]))
+def normals(constants: WrinkleConstants, rows: Float[Array, "q 3 b"]) -> Float[Array, "v 3 b"]:
+    """Return unit vertex normals on the union of the regions, area-weighted over the incident faces."""
+    a, b, c = (pick(rows, corners) for corners in constants["normals"]["corners"])
+    (px, py, pz), (qx, qy, qz) = (jnp.moveaxis(edge, 1, 0) for edge in (b - a, c - a))
+    face = jnp.stack([py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx], axis=1)
+    normal = sum_rows(constants["normals"], face)
+    return normal / jnp.sqrt((normal * normal).sum(axis=1, keepdims=True) + 1e-12)
 
 
-def prepare_normals(support: Int[np.ndarray, " s"], faces: Int[np.ndarray, "f 3"], n: int) -> dict[str, np.ndarray]:
-    """Return the faces around the support's vertices and, per vertex, the slots of its incident faces."""
-    mask = np.zeros(n, bool)
-    mask[support] = True
-    around = faces[mask[faces].any(axis=1)]
-    place = np.full(n, -1)
-    place[support] = np.arange(len(support))
-    incident: list[list[int]] = [[] for _ in support]
-    for number, face in enumerate(around):
-        for vertex in face:
-            if place[vertex] >= 0:
-                incident[place[vertex]].append(number)
-    slots = np.full((max(map(len, incident)), len(support)), len(around), np.int32)
-    for vertex, numbers in enumerate(incident):
-        slots[: len(numbers), vertex] = numbers
-    return {"corners": around.T.astype(np.int32), "incident": slots}
-
-
-def prepare(
-    regions: list[Region], neutral: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]
-) -> dict[str, dict[str, np.ndarray]]:
-    """Return the layer's constants: one entry a region, and "surface" with the normals and places of their union."""
-    n = len(neutral)
-    regions = sorted(regions, key=lambda region: region.name)  # the order in which compiled functions see dictionaries
-    constants = {region.name: prepare_region(region, neutral, faces) for region in regions}
-    support = np.unique(np.concatenate([region.vertices for region in regions])) if regions else np.zeros(0, int)
-    surface = prepare_normals(support, faces, n) if regions else {}
-    place = np.full(n, len(support), np.int32)
-    place[support] = np.arange(len(support))
-    # Each support vertex reads its height from each region that holds it, at most `overlap` of them.
-    starts = np.cumsum([0] + [len(region.vertices) for region in regions])
-    sources: list[list[int]] = [[] for _ in support]
-    for start, region in zip(starts, regions, strict=False):
-        for k, vertex in enumerate(region.vertices):
-            sources[place[vertex]].append(start + k)
-    overlap = max(map(len, sources), default=0)
-    slots = np.full((overlap, len(support)), starts[-1], np.int32)
-    for vertex, numbers in enumerate(sources):
-        slots[: len(numbers), vertex] = numbers
-    return constants | {"surface": surface | {"place": place, "sources": slots}}
-
-
-def region_vertices(constants: Mapping[str, Constants]) -> dict[str, Int[np.ndarray, " s"]]:
-    """Return each region's vertices as mesh indices, in the order of its heights."""
-    names = sorted(name for name in constants if name != "surface")
-    sizes = [np.asarray(constants[name]["raise"]).shape[0] for name in names]
-    if not names:
-        return {}
-    place, sources = (np.asarray(constants["surface"][part]) for part in ("place", "sources"))
-    vertices = np.zeros(sum(sizes) + 1, np.int32)  # the last slot is the padding's
-    vertices[sources] = np.flatnonzero(place < sources.shape[1])  # places rise with the vertices
-    return dict(zip(names, np.split(vertices[:-1], np.cumsum(sizes)[:-1]), strict=True))
+def wrinkle(constants: WrinkleConstants, x: Float[Values, "b 3 n"], u: Float[Values, "b m"]) -> Float[Values, "b 3 n"]:
+    """Return positions with every region's wrinkles: X += Σ h n."""
+    if len(constants["threshold"]) == 0:
+        return x
+    rows = rows_at(x, constants["used"])
+    beyond = excess(compression(constants, rows), constants["threshold"])
+    height = sum_rows(constants["raise"], amplitudes(constants, beyond, u))
+    return add_rows(x, height[:, None] * normals(constants, rows), constants["place"])
 
 
 @dataclass(frozen=True)
@@ -186,27 +225,20 @@ class RegionState:
 
 
 def region_states(
-    constants: Mapping[str, Constants], x: Float[Values, "1 3 n"], u: Float[Values, "1 m"]
+    constants: WrinkleConstants, x: Float[Values, "1 3 n"], u: Float[Values, "1 m"]
 ) -> dict[str, RegionState]:
     """Return what each region does, by name, at the positions before the layer and the limited controls of one pose."""
-    states = {}
-    for name, vertices in region_vertices(constants).items():
-        own = constants[name]
-        c = compression(own, x)
-        parts = (c, excess(c, own["threshold"]), heights(own, x, u))
-        states[name] = RegionState(vertices, np.asarray(own["threshold"]), *(np.asarray(part)[0] for part in parts))
+    if len(constants["threshold"]) == 0:
+        return {}
+    vertices, threshold, place = (np.asarray(constants[name]) for name in ("vertices", "threshold", "place"))
+    shorter = compression(constants, rows_at(x, constants["used"]))
+    beyond = excess(shorter, threshold)
+    amplitude = amplitudes(constants, beyond, u)
+    states, first = {}, 0
+    for name in sorted(constants["diffuse"]):
+        own = slice(first, first := first + len(constants["diffuse"][name]))
+        alone = jnp.zeros_like(amplitude).at[own].set(amplitude[own])
+        height = np.asarray(sum_rows(constants["raise"], alone))[place[vertices[own]], 0]
+        parts = (np.asarray(values)[own, 0] for values in (shorter, beyond))
+        states[name] = RegionState(vertices[own], threshold[own], *parts, height)
     return states
-
-
-def wrinkle(
-    constants: Mapping[str, Constants], x: Float[Values, "b 3 n"], u: Float[Values, "b m"]
-) -> Float[Values, "b 3 n"]:
-    """Return positions with every region's wrinkles: X += Σ h n."""
-    names = sorted(name for name in constants if name != "surface")
-    if not names:
-        return x
-    surface = constants["surface"]
-    every = jnp.concatenate([heights(constants[name], x, u) for name in names], axis=1)
-    every = jnp.concatenate([every, jnp.zeros_like(every[:, :1])], axis=1)
-    height = sum(every[:, slot] for slot in surface["sources"])
-    return x + spread(height[:, None] * normals(surface, x), surface["place"])

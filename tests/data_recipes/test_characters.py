@@ -37,12 +37,11 @@ def test_counts_are_the_papers(rig):
 
 def test_skin_that_wrinkles_is_fine_enough_to_fold(rig):
     mesh, coarsest = rig.mesh, {}
-    for name, region in rig.face.constants["wrinkles"].items():
-        if name != "surface":
-            inside = np.isin(np.arange(len(mesh.neutral)), region["corners"])
-            a, b, c = mesh.neutral[mesh.faces[inside[mesh.faces].all(1)]].transpose(1, 0, 2)
-            quads_mm2 = np.linalg.norm(np.cross(b - a, c - a), axis=1)  # two triangles each
-            coarsest[name] = np.sqrt(quads_mm2.mean())
+    for name, region in rig.wrinkle_states(rig.default).items():
+        inside = np.isin(np.arange(len(mesh.neutral)), region.vertices)
+        a, b, c = mesh.neutral[mesh.faces[inside[mesh.faces].all(1)]].transpose(1, 0, 2)
+        quads_mm2 = np.linalg.norm(np.cross(b - a, c - a), axis=1)  # two triangles each
+        coarsest[name] = np.sqrt(quads_mm2.mean())
     assert max(coarsest.values()) < {"woman": 4.0, "toon": 7.0}[rig.name], coarsest
 
 
@@ -96,7 +95,7 @@ def test_a_full_brow_raise_turns_the_womans_forehead_by_five_degrees(rig):
     p[[c.name.startswith(("brow_inner_up", "brow_outer_up")) for c in rig.controls]] = 1
     smooth = p.copy()
     smooth[[c.name.startswith("wrinkle_") for c in rig.controls]] = -1.2
-    region = np.unique(rig.face.constants["wrinkles"]["forehead"]["corners"])
+    region = np.unique(rig.wrinkle_states(rig.default)["forehead"].vertices)
     faces = rig.mesh.faces[np.isin(rig.mesh.faces, region).all(axis=1)]
     with_folds, without = (np.asarray(face_normals(rig(q), faces)) for q in (p, smooth))
     turned = np.degrees(np.arccos(np.clip((with_folds * without).sum(axis=1), -1, 1)))

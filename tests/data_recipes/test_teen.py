@@ -93,7 +93,7 @@ def test_a_full_brow_raise_turns_the_foreheads_normals_by_five_degrees(teen):
         p[[columns[f"{name}_left"], columns[f"{name}_right"]]] = 1
     smooth = p.copy()
     smooth[[i for name, i in columns.items() if name.startswith("wrinkle_")]] = -1.2
-    region = np.unique(teen.face.constants["wrinkles"]["forehead"]["corners"])
+    region = np.unique(teen.wrinkle_states(teen.default)["forehead"].vertices)
     faces = teen.mesh.faces[np.isin(teen.mesh.faces, region).all(axis=1)]
     with_folds, without = (np.asarray(face_normals(teen(q), faces)) for q in (p, smooth))
     turned = np.degrees(np.arccos(np.clip((with_folds * without).sum(axis=1), -1, 1)))

@@ -7,7 +7,7 @@ from plane import plane
 
 from data_recipes.deformers import flesh, handles, head_shape, jaw, pose_curves, rigid_teeth, skull_slide
 from data_recipes.deformers.jaw import JawMotion
-from data_recipes.deformers.planes import place_of, spread
+from data_recipes.deformers.planes import add_rows, place_of, rows_at, spread
 from data_recipes.deformers.saturation import limits, saturate
 from data_recipes.deformers.surface_operators import adjacency
 
@@ -27,6 +27,15 @@ def test_spread_undoes_the_choice_of_a_support():
     support = np.array([4, 1, 7])
     values = spread(jnp.array([[1.0, 2.0, 3.0]]), place_of(support, 9))
     np.testing.assert_array_equal(values[0], [0, 2, 0, 0, 1, 0, 0, 3, 0])
+
+
+def test_rows_of_a_support_are_its_positions_and_come_back_to_their_vertices():
+    support, x = np.array([4, 1, 7]), RNG.normal(size=(2, 3, 9)).astype(np.float32)
+    rows = rows_at(x, support)
+    np.testing.assert_array_equal(rows, x[:, :, support].transpose(2, 1, 0))
+    doubled = x.copy()
+    doubled[:, :, support] *= 2
+    np.testing.assert_allclose(add_rows(x, rows, place_of(support, 9)), doubled)
 
 
 def test_a_pose_path_passes_through_its_half_and_full_pose():

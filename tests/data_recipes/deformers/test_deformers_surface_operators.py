@@ -10,6 +10,7 @@ from data_recipes.deformers.surface_operators import (
     geodesic,
     harmonic,
     padded_neighbours,
+    padded_rows,
     smooth_values,
     stiffness,
     submesh,
@@ -87,3 +88,13 @@ def test_submesh_renumbers_the_faces_inside():
 def test_normals_of_a_plane_face_forward():
     vertices, faces = plane()
     np.testing.assert_allclose(vertex_normals(vertices, faces), np.tile([0, 0, 1.0], (30, 1)))
+
+
+def test_padded_rows_are_the_matrix():
+    generator = np.random.default_rng(2)
+    matrix = generator.normal(size=(6, 9)) * (generator.uniform(size=(6, 9)) < 0.4)
+    matrix[2] = 0
+    padded = padded_rows(sp.csr_matrix(matrix))
+    values = generator.normal(size=9)
+    np.testing.assert_allclose((padded["weights"] * values[padded["slots"]]).sum(axis=0), matrix @ values, atol=1e-6)
+    assert len(padded["slots"]) == (matrix != 0).sum(axis=1).max()

@@ -7,6 +7,8 @@ import numpy as np
 from plane import plane
 
 from data_recipes.deformers import wrinkles
+from data_recipes.deformers.planes import rows_at
+from data_recipes.deformers.surface_operators import vertex_normals
 
 
 def region(vertices: np.ndarray, wavelength: float = 6.0) -> wrinkles.Region:
@@ -37,10 +39,11 @@ def test_at_rest_and_under_stretch_the_skin_is_exactly_smooth():
 
 def test_even_compression_is_measured_exactly_and_only_along_the_fibre():
     vertices, faces = plane(12, 12)
-    constants = wrinkles.prepare_region(region(vertices), vertices, faces)
-    np.testing.assert_allclose(wrinkles.compression(constants, compressed(vertices, 0.15)), 0.15, atol=1e-5)
+    constants = wrinkles.prepare([region(vertices)], vertices, faces)
     across = jnp.asarray((vertices * np.array([0.5, 1, 1])).T[None], jnp.float32)
-    np.testing.assert_allclose(wrinkles.compression(constants, across), 0.0, atol=1e-5)
+    for x, expected in ((compressed(vertices, 0.15), 0.15), (across, 0.0)):
+        measured = wrinkles.compression(constants, rows_at(x, constants["used"]))
+        np.testing.assert_allclose(measured, expected, atol=1e-5)
 
 
 def test_a_constant_pattern_rises_by_the_buckling_amplitude():
@@ -51,6 +54,24 @@ def test_a_constant_pattern_rises_by_the_buckling_amplitude():
     y = 0.15 - 0.012
     excess = 0.5 * (y + np.sqrt(y * y + 2e-4)) - 0.004
     np.testing.assert_allclose(lift, 6.0 / np.pi * np.sqrt(excess), rtol=1e-4)
+
+
+def test_the_layer_is_the_product_of_its_dense_operators():
+    vertices, faces = plane(12, 12)
+    generator = np.random.default_rng(3)
+    vertices = vertices + generator.normal(size=vertices.shape) * (0.1, 0.1, 0.3)
+    one = dataclasses.replace(region(vertices), pattern=generator.normal(size=len(vertices)))
+    posed = vertices * (1, 0.8, 1) + generator.normal(size=vertices.shape) * 0.05
+    constants = wrinkles.prepare([one], vertices, faces)
+    x, u = jnp.asarray(posed.T[None], jnp.float32), jnp.zeros((1, 1))
+    operators = wrinkles.region_operators(one, vertices, faces)
+    along = (posed[operators.corners] * operators.directional[:, :, None]).sum(axis=1)
+    shorter = operators.diffuse @ (operators.average @ (1 - np.linalg.norm(along, axis=1)))
+    beyond = np.asarray(wrinkles.excess(jnp.asarray(shorter)[:, None], one.threshold))[:, 0]
+    height = operators.raise_ @ np.sqrt(beyond)
+    assert np.abs(height).max() > 0.3
+    normal = vertex_normals(posed, faces)
+    np.testing.assert_allclose(wrinkles.wrinkle(constants, x, u)[0].T, posed + height[:, None] * normal, atol=2e-4)
 
 
 def test_the_gain_control_switches_wrinkles_off_and_doubles_them():
@@ -100,4 +121,4 @@ def test_the_states_of_the_regions_hold_what_the_layer_adds():
     displacement = np.asarray(wrinkles.wrinkle(constants, x, u) - x)[0]
     np.testing.assert_allclose(np.linalg.norm(displacement, axis=0), np.abs(total), atol=1e-4)
     assert total.max() > 0.1
-    assert wrinkles.region_states({}, x, u) == {}
+    assert wrinkles.region_states(wrinkles.prepare([], vertices, faces), x, u) == {}

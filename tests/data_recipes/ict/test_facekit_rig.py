@@ -25,8 +25,9 @@ TAU_MM = 0.3  # the paper's threshold of Eq. 3
 
 def without_folds(rig):
     """The rig's function without its wrinkles."""
-    constants = rig.face.constants | {"wrinkles": {"surface": rig.face.constants["wrinkles"]["surface"]}}
-    return lambda params: np.asarray(face_function(replace(rig.face, constants=constants))(params))
+    chain = rig.face.chain
+    smooth = replace(chain, nodes=tuple(node for node in chain.nodes if node.name != "wrinkles"))
+    return lambda params: np.asarray(face_function(replace(rig.face, chain=smooth))(params))
 
 
 def moved(rig, **amounts):
