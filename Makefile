@@ -68,7 +68,7 @@ help: ## print this help
 	@echo "  PROFILE=$(PROFILE)    quick, laptop or paper: how many samples and steps"
 	@echo "  CHARACTERS=     names, or paths of .toml recipes, separated by commas or spaces (default: teen;"
 	@echo "                  for what trains nothing, all of teen woman dragon toon)"
-	@echo "  METHODS=        the rows of tables: names, or paths of .py files with a method of your own (default: all)"
+	@echo "  METHODS=        the rows of tables: names, or paths of .py files with a method of your own; all for all"
 	@echo "  SEED=  JOBS=  DEVICE=  CONFIG=  SPLIT=  CLUSTER=   as \`python -m replicate table2 --help\` says"
 	@echo "  POSE=  CLIP=  PARAMS=  TO=  TOLERANCE=   as \`python -m replicate export --help\` says"
 	@echo "  LATEX=1         \`make compare\` in LaTeX"

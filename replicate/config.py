@@ -17,6 +17,7 @@ from data_recipes.recipe_paths import character_names, recipe_file, split_charac
 from replicate.engine.exceptions import InputError
 from replicate.engine.schema import LONGEST, Checked, naming, number, read_table, shown
 from replicate.engine.user_files import is_file, read_toml, shown_path
+from replicate.profiles import PROFILES, check_profile
 
 LARGEST_SEED = 2**32 - 1
 
@@ -47,10 +48,12 @@ class TrainingConfig(Checked):
     schedule: Literal["paper", "one_cycle"] = "paper"
     steps: int = number(70_000, 1, 2_000_000)
     batch: int = number(8, 1, 4096)
+    draws: Literal["balanced", "uniform"] = "balanced"  # of training samples: as §3.5, or each as often as any other
     rates: tuple[float, ...] = number((1e-3, 1e-4, 1e-5), 1e-9, 1.0)  # "paper": one after the other
     shares: tuple[float, ...] = number((5.0, 1.0, 1.0), 0.0, 1e6)  # of the steps that each rate gets
     peak_rate: float = number(2e-3, 1e-9, 1.0)  # "one_cycle": linear warm-up to it, cosine decay from it
     warm_up: float = number(0.05, 0.0, 0.9)  # share of the steps
+    largest_gradient: float = number(0.0, 0.0, 1e6)  # longer ones are shortened to it; 0 leaves all as they are
 
     def __post_init__(self):
         super().__post_init__()
@@ -151,7 +154,7 @@ class EvaluationConfig(Checked):
     )  # a random subset of so many unique test poses; 0 takes them all, as the paper
     batch: int = number(32, 1, 4096)  # test poses predicted at a time
     floor_poses: int = number(0, 0, 10_000_000)  # test poses that the projection floor is measured on; 0 takes them all
-    heatmap_deg: float = number(10.0, 0.1, 180.0)  # upper end of the colours, shared by all panels
+    heatmap_deg: float = number(30.0, 0.1, 180.0)  # upper end of the colours, shared by all panels
 
 
 @dataclass(frozen=True)
@@ -225,33 +228,6 @@ class Config(Checked):
             raise InputError(f"{shown_path(recipe)}: there is no such recipe file")
 
 
-def _one_cycle(steps: int) -> dict:
-    return {"training": {"schedule": "one_cycle", "steps": steps, "peak_rate": 5e-3}}  # DEVIATIONS D6: bench-training
-
-
-PROFILES: dict[str, dict] = {
-    "quick": {
-        "samples": {"count": 1_500, "uniform_test": 200},
-        "coarse": _one_cycle(800),
-        "refinement": {"poses": 200, **_one_cycle(500)},
-        "dense": _one_cycle(600),
-        "rigid": {"poses": 100},
-        "lbs": {"samples": 200, "relaxed": 10, "iterations": 15, "refit_sweeps": 40},
-        "driven": _one_cycle(400),
-        "evaluation": {"test_poses": 200, "floor_poses": 50},
-        "rig_report": {"pairs": {"count": 500}, "maps": {"poses": 50}},
-    },
-    "laptop": {
-        "samples": {"count": 10_000, "uniform_test": 1_000},
-        "coarse": _one_cycle(22_000),
-        "refinement": _one_cycle(10_000),
-        "dense": _one_cycle(16_000),
-        "driven": _one_cycle(8_000),
-    },
-    "paper": {},
-}
-
-
 def with_sections(sections: Mapping[str, Checked]) -> type[Config]:
     """Return the class of configurations that have more sections: those of methods with numbers of their own.
 
@@ -281,8 +257,7 @@ def resolve(
     values: top-level fields, e.g. `seed=3`; None leaves a field.
     Raises InputError for an unknown profile or key and for a value out of range.
     """
-    if profile not in PROFILES:
-        raise InputError(f"profile {shown(profile)} is unknown: allowed are {', '.join(PROFILES)}")
+    check_profile(profile)
     config = read_table(with_sections(sections or {})(character=character, profile=profile), PROFILES[profile])
     if file is not None:
         config = _overridden(config, read_toml(file), shown_path(file))

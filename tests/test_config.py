@@ -9,6 +9,7 @@ from replicate import config
 from replicate.config import Config, resolve
 from replicate.engine.exceptions import InputError
 from replicate.engine.schema import from_json, to_json
+from replicate.profiles import PROFILES
 
 
 @pytest.fixture
@@ -38,7 +39,7 @@ def test_the_defaults_are_the_papers(recipe):
     assert paper.evaluation.test_poses == 0
 
 
-@pytest.mark.parametrize("profile", config.PROFILES)
+@pytest.mark.parametrize("profile", PROFILES)
 def test_every_profile_resolves_and_keeps_its_name(recipe, profile):
     assert resolve(recipe, profile, seed=3).profile == profile
 

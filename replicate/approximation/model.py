@@ -58,7 +58,7 @@ class SegmentedModel(nn.Module):
         out = np.zeros((len(params), self.vertex_count, 3), np.float32)
         with torch.no_grad():
             for start in range(0, len(params), batch):
-                part = torch.from_numpy(params[start : start + batch]).to(self.scale.device)
+                part = torch.tensor(params[start : start + batch]).to(self.scale.device)
                 out[start : start + batch, self.vertices] = self(part).cpu().numpy()
         return out
 

@@ -209,7 +209,7 @@ def train_refined(
     target = _positions(supervision.vertices, own, device)
 
     def loss_of_step(step: int) -> torch.Tensor:
-        params, truth = supervision.batch(seed, "refined", step, config.training.batch)
+        params, truth = supervision.batch(seed, "refined", step, config.training)
         with torch.no_grad():
             base = below(params)[:, source]
         return supervision.loss(base.index_add(1, target, residual(params)), truth)

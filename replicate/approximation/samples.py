@@ -89,9 +89,15 @@ class SampleSet:
         """Draw sample indices, balanced: a bin uniformly, then a sample of that bin uniformly (§3.5)."""
         return draw_from_index(*self._index, batch, generator)
 
-    def draw_for_step(self, seed: int, stream: str, step: int, batch: int) -> Int[np.ndarray, " batch"]:
-        """Draw the batch of one training step, a function of (seed, stream, step) alone: resuming needs no state."""
-        return self.draw(np.random.default_rng([seed, zlib.crc32(stream.encode()), step]), batch)
+    def draw_for_step(
+        self, seed: int, stream: str, step: int, batch: int, draws: str = "balanced"
+    ) -> Int[np.ndarray, " batch"]:
+        """Draw the batch of one training step, a function of (seed, stream, step) alone: resuming needs no state.
+
+        draws: "balanced" as `draw`, or "uniform": every sample as often as any other.
+        """
+        generator = np.random.default_rng([seed, zlib.crc32(stream.encode()), step])
+        return self.draw(generator, batch) if draws == "balanced" else generator.integers(len(self), size=batch)
 
     @cached_property
     def _index(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -26,23 +26,32 @@ def train_segments(
     stream: str,
     seed: int,
     device: str = "cpu",
+    base: SegmentedModel | None = None,
 ) -> tuple[SegmentedModel, list[dict]]:
     """Train the networks of some segments together on Eq. 1; return the model and its log.
 
     networks: one a segment; their weights are drawn anew. scratch: a folder of this training's own, continued from if
     it holds a checkpoint. progress: as for `training.train`. stream: names the training, in its
-    progress and as its stream of random batches. The log's mm and degrees are those of the validation poses, over all
+    progress and as its stream of random batches. base: a model of the same segments that stays as it is, and that the
+    networks learn to add to; none by default. The log's mm and degrees are those of the validation poses, over all
     segments.
     """
     device = prepare(device)
     supervision = Supervision(mesh, samples, segment_vertices(segments), config.normal_weight, device)
-    _, offsets = supervision.statistics()
-    model = fresh_model(networks, segments, samples.params, offsets, config.leaky_slope, seed).to(device)
+    params, targets = supervision.statistics()
+    if base is not None:
+        targets = targets - base.offsets(params)
+        base = base.to(device)
+    model = fresh_model(networks, segments, samples.params, targets, config.leaky_slope, seed).to(device)
 
     def loss_of_step(step: int) -> torch.Tensor:
-        params, target = supervision.batch(seed, stream, step, config.training.batch)
-        return supervision.loss(model(params), target)
+        params, target = supervision.batch(seed, stream, step, config.training)
+        if base is None:
+            return supervision.loss(model(params), target)
+        with torch.no_grad():
+            start = base(params)
+        return supervision.loss(start + model(params), target)
 
-    validation = supervision.validation()
+    validation = supervision.validation(base.offsets if base is not None else None)
     log = train(model, loss_of_step, config.training, scratch, progress, stream, lambda: validation(model.offsets))
     return model, log

@@ -10,6 +10,7 @@ from replicate.approximation.losses import FacialLoss
 from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.approximation.samples import SampleSet
 from replicate.approximation.segments import faces_touching, faces_within
+from replicate.config import TrainingConfig
 from replicate.geometry.mesh import Mesh
 
 STATISTICS = 512  # training samples, spread over the set, that output lengths are taken from
@@ -44,9 +45,9 @@ class Supervision:
         corners = faces_within(within, self.vertices, n)
         self.loss = FacialLoss(mesh.neutral[self.vertices], corners, normal_weight, len(movable), len(self.faces))
 
-    def batch(self, seed: int, stream: str, step: int, size: int) -> tuple[torch.Tensor, torch.Tensor]:
+    def batch(self, seed: int, stream: str, step: int, config: TrainingConfig) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the raw rig parameters (b, m) and true offsets (b, v, 3), mm, of one step."""
-        indices = self.samples.draw_for_step(seed, stream, step, size)
+        indices = self.samples.draw_for_step(seed, stream, step, config.batch, config.draws)
         params = np.asarray(self.samples.params[indices], np.float32)
         return self._tensor(params), self._tensor(self.samples.vertices_subset(indices, self.vertices))
 

@@ -77,6 +77,8 @@ def train(
             optimiser.zero_grad(set_to_none=True)
             loss = loss_of_step(step)
             loss.backward()
+            if config.largest_gradient:
+                nn.utils.clip_grad_norm_(weights.values(), config.largest_gradient)
             optimiser.step()
             running.append(loss.item())
             if (step + 1) % every == 0 or step + 1 == config.steps:

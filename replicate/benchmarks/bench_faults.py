@@ -26,9 +26,8 @@ from replicate.approximation.rigid import Attachments, attach
 from replicate.approximation.samples import SampleSet
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import check_at_least, parse, publish
+from replicate.benchmarks.common import answer, check_at_least, make_parser, publish, split_names
 from replicate.config import Config, resolve
-from replicate.engine.command_line import guard
 from replicate.engine.progress import progress
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
@@ -136,21 +135,17 @@ def measure(config: Config, count: int) -> list[Row]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the measurement from the command line; return the exit code."""
-    parser = argparse.ArgumentParser(
-        prog="python -m replicate.benchmarks.bench_faults", description=__doc__.splitlines()[0]
-    )
-    parser.add_argument("--profile", default="laptop", help="whose networks are broken (default: laptop)")
-    parser.add_argument("--characters", default="teen", help="a name or recipe (default: teen)")
+    parser = make_parser("bench_faults", __doc__.splitlines()[0], profile="whose networks are broken")
     parser.add_argument("--poses", type=int, default=POSES, help=f"test poses to measure on (default: {POSES})")
-    options, command_line = parse(parser, arguments)
-    return guard(partial(_run, options, command_line))
+    return answer(parser, _run, arguments)
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     check_at_least(1, poses=options.poses)
-    rows = measure(resolve(options.characters, options.profile), options.poses)
-    print(as_text(_table(rows)))
-    publish("bench_faults", rows, command_line)
+    for name in split_names(options.characters):
+        rows = measure(resolve(name, options.profile), options.poses)
+        print(as_text(_table(rows)))
+        publish("bench_faults", rows, command_line)
 
 
 def _table(rows: Sequence[Row]) -> Table:

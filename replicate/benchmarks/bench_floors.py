@@ -9,7 +9,6 @@ segments.
 import argparse
 import sys
 from collections.abc import Callable, Sequence
-from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -18,9 +17,8 @@ from replicate.approximation.evaluation import unique_poses
 from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import parse, publish, split_names
+from replicate.benchmarks.common import answer, make_parser, publish, split_names
 from replicate.config import Config, resolve
-from replicate.engine.command_line import guard
 from replicate.engine.progress import progress
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
@@ -136,11 +134,8 @@ def floors_table(rows: Sequence[Row], character: str) -> Table:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.bench_floors", description=__doc__)
-    parser.add_argument("--profile", default="laptop", help="whose samples and refinement segments (default: laptop)")
-    parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
-    options, command_line = parse(parser, arguments)
-    return guard(partial(_run, options, command_line))
+    parser = make_parser("bench_floors", __doc__, profile="whose samples and refinement segments")
+    return answer(parser, _run, arguments)
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:

@@ -23,7 +23,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from data_recipes.rig import Rig
-from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, merge, note, parse, split_names
+from replicate.benchmarks.common import (
+    PROFILE,
+    bench_folder,
+    check_at_least,
+    make_parser,
+    merge,
+    note,
+    parse,
+    split_names,
+)
 from replicate.benchmarks.lbs_comparison import EQUAL, METHODS, lbs_table
 from replicate.config import SamplesConfig
 from replicate.engine.command_line import guard
@@ -264,8 +273,7 @@ def rows_of(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.bench_lbs", description=__doc__)
-    parser.add_argument("--characters", default="teen dragon", help="names or recipes (default: teen dragon)")
+    parser = make_parser("bench_lbs", __doc__, "teen, dragon")
     parser.add_argument("--bones", type=int, nargs="+", default=BONES, help="numbers of bones (default: 16 24 32)")
     parser.add_argument("--seeds", type=int, nargs="+", default=SEEDS, help="seeds of the poses (default: 0 1 2)")
     parser.add_argument("--methods", nargs="+", default=tuple(METHODS), choices=METHODS, help="default: all")

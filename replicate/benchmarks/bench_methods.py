@@ -19,9 +19,8 @@ from threadpoolctl import threadpool_limits
 
 from replicate.artefacts import built_rig, drawn_samples
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import PROFILE, check_at_least, parse, publish, split_names
+from replicate.benchmarks.common import PROFILE, answer, check_at_least, make_parser, publish, split_names
 from replicate.config import Config, resolve
-from replicate.engine.command_line import guard
 from replicate.engine.progress import progress
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
@@ -101,15 +100,11 @@ def methods_table(rows: Sequence[Row], character: str) -> Table:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
-    about = "Time every method for one pose."
-    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.bench_methods", description=about)
-    parser.add_argument("--profile", default="laptop", help="whose trainings are timed (default: laptop)")
-    parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
+    parser = make_parser("bench_methods", "Time every method for one pose.", profile="whose trainings are timed")
     parser.add_argument("--config", help="a TOML file with numbers of your own, as for table2")
     parser.add_argument("--methods", nargs="+", default=["all"], help="as for table2 (default: all)")
     parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"poses that each is timed on (default: {ROUNDS})")
-    options, command_line = parse(parser, arguments)
-    return guard(partial(_run, options, command_line))
+    return answer(parser, _run, arguments)
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:

@@ -10,17 +10,15 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from data_recipes.rig import Rig
 from replicate.approximation.samples import choose_poses
 from replicate.artefacts.built_rig import rig_of
-from replicate.benchmarks.common import PROFILE, bench_folder, check_at_least, parse, publish, split_names
+from replicate.benchmarks.common import PROFILE, answer, bench_folder, check_at_least, make_parser, publish, split_names
 from replicate.config import SamplesConfig
 from replicate.engine import paths
-from replicate.engine.command_line import guard
 from replicate.engine.stage import stream_rng
 from replicate.report.cast import order_of
 from replicate.report.results import Row
@@ -178,14 +176,10 @@ def worst_in_words(rig: Rig, pose_set: PoseSet) -> list[str]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
-    parser = argparse.ArgumentParser(
-        prog="python -m replicate.benchmarks.bench_poses", description="Look for broken poses."
-    )
-    parser.add_argument("--characters", default="teen", help="names or recipes, separated by commas (default: teen)")
+    parser = make_parser("bench_poses", "Look for broken poses.")
     parser.add_argument("--count", type=int, default=COUNT, help=f"samples of Eq. 5 (default: {COUNT})")
     parser.add_argument("--every", type=int, default=1, help="take each k-th frame of the clips only (default: 1)")
-    options, command_line = parse(parser, arguments)
-    return guard(partial(_run, options, command_line))
+    return answer(parser, _run, arguments)
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:

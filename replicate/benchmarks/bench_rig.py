@@ -10,7 +10,6 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +17,7 @@ import numpy as np
 from data_recipes import recipe_paths
 from data_recipes.rig import Rig
 from replicate.artefacts.built_rig import rig_of
-from replicate.benchmarks.common import PROFILE, check_at_least, parse, publish, split_names
-from replicate.engine.command_line import guard
+from replicate.benchmarks.common import PROFILE, answer, check_at_least, make_parser, publish, split_names
 from replicate.engine.exceptions import InputError
 from replicate.engine.progress import progress
 from replicate.report.cast import STANDS_FOR, order_of
@@ -184,13 +182,9 @@ def speed_tables(path: Path) -> list[Table]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
     own = [name for name in STANDS_FOR if recipe_paths.recipe_file(name).is_file()]
-    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.bench_rig", description="Time the rigs.")
-    parser.add_argument(
-        "--characters", default=" ".join(own), help=f"names or recipes, separated by commas (default: {', '.join(own)})"
-    )
+    parser = make_parser("bench_rig", "Time the rigs.", ", ".join(own))
     parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"how often each way is timed (default: {ROUNDS})")
-    options, command_line = parse(parser, arguments)
-    return guard(partial(_run, options, command_line))
+    return answer(parser, _run, arguments)
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:

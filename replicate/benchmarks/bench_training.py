@@ -9,16 +9,14 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import parse, publish
+from replicate.benchmarks.common import answer, make_parser, publish, split_names
 from replicate.benchmarks.training_table import METRICS, TABLE, trainings_table
 from replicate.config import Config, resolve
-from replicate.engine.command_line import guard
 from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
@@ -111,29 +109,27 @@ def axis_rows(stages: dict[str, Stage], profile: str) -> list[Row]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison from the command line; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m replicate.benchmarks.bench_training", description=__doc__)
-    parser.add_argument("--profile", default="laptop", help="whose numbers are changed (default: laptop)")
-    parser.add_argument("--characters", default="teen", help="a name or recipe (default: teen)")
+    parser = make_parser("bench_training", __doc__, profile="whose numbers are changed")
     parser.add_argument("--steps", type=int, default=STEPS, help=f"of the short schedule (default: {STEPS})")
     parser.add_argument(
         "--only", default="", help="only trainings whose description contains this; others stay in the file"
     )
-    options, command_line = parse(parser, arguments)
-    return guard(partial(_run, options, command_line))
+    return answer(parser, _run, arguments)
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    rows = compare(options)
-    print(as_text(trainings_table(rows)))
-    publish("bench_training", rows, command_line, (lambda row: True) if options.only else None)
+    for name in split_names(options.characters):
+        rows = compare(name, options)
+        print(as_text(trainings_table(rows)))
+        publish("bench_training", rows, command_line, (lambda row: True) if options.only else None)
 
 
-def compare(options: argparse.Namespace) -> list[Row]:
-    """Train all variants and return their validation errors."""
+def compare(character: str, options: argparse.Namespace) -> list[Row]:
+    """Train all variants for a character and return their validation errors."""
     selection = [v for v in variants(options.steps) if options.only in f"{v.method}, {v.change}"]
     if not selection:
         raise InputError(f"only is {options.only!r}: no training is called so; leave it out to see their names")
-    configs = [resolve(options.characters, options.profile, variant.overrides) for variant in selection]
+    configs = [resolve(character, options.profile, variant.overrides) for variant in selection]
     graphs = [stages_of(config, variant.method) for config, variant in zip(configs, selection, strict=True)]
     facts = provenance(["make", "bench-training"], options.profile, [0], core_count())
     run([graph[variant.method] for graph, variant in zip(graphs, selection, strict=True)], facts=facts)

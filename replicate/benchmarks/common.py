@@ -3,10 +3,12 @@
 import argparse
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 
 from data_recipes import recipe_paths
 from replicate.engine import paths
+from replicate.engine.command_line import guard
 from replicate.engine.exceptions import InputError
 from replicate.engine.make_options import without_foreign
 from replicate.engine.provenance import core_count, provenance
@@ -25,6 +27,21 @@ def parse(parser: argparse.ArgumentParser, arguments: Sequence[str] | None) -> t
     every = list(sys.argv[1:] if arguments is None else arguments)
     own = without_foreign(every, parser._option_string_actions)
     return parser.parse_args(own), own
+
+
+def make_parser(name: str, about: str, characters: str = "teen", profile: str = "") -> argparse.ArgumentParser:
+    """Return the parser of a benchmark that takes characters and, where `profile` says what for, a profile."""
+    parser = argparse.ArgumentParser(prog=f"python -m replicate.benchmarks.{name}", description=about)
+    if profile:
+        parser.add_argument("--profile", default="laptop", help=f"{profile} (default: laptop)")
+    help = f"names or recipes, separated by commas (default: {characters})"
+    parser.add_argument("--characters", default=characters, help=help)
+    return parser
+
+
+def answer(parser: argparse.ArgumentParser, body: Callable, arguments: Sequence[str] | None) -> int:
+    """Run a benchmark, `body(options, words)`, as the command line says; return the exit code."""
+    return guard(partial(body, *parse(parser, arguments)))
 
 
 def split_names(characters: str) -> list[str]:

@@ -15,13 +15,19 @@ if TYPE_CHECKING:
 
 COLOUR_MAP = "viridis"  # perceptually uniform, and in order for readers who see fewer colours
 NO_NORMAL = (200, 200, 200)  # faces that Eq. 11 leaves out
+ROOT = 0.5  # the power that normal errors' colours go with: a degree is seen, and 12° and 22° are told apart
+NORMAL_TICKS_DEG = (0, 1, 3, 6, 12, 20, 30, 45, 60, 90, 180)
 
 
-def error_colours(errors: Float[np.ndarray, " f"], limit: float) -> UInt8[np.ndarray, "f 3"]:
-    """Return each face's colour for an error from 0 to `limit`; larger ones get the last colour, NaN grey."""
+def error_colours(errors: Float[np.ndarray, " f"], limit: float, power: float = 1.0) -> UInt8[np.ndarray, "f 3"]:
+    """Return each face's colour for an error from 0 to `limit`; larger ones get the last colour, NaN grey.
+
+    power: colours go with the error's share of the limit to this power.
+    """
     from matplotlib import colormaps
 
-    colours = np.rint(colormaps[COLOUR_MAP](np.nan_to_num(errors) / limit)[:, :3] * 255).astype(np.uint8)
+    share = np.clip(np.nan_to_num(errors) / limit, 0.0, 1.0) ** power
+    colours = np.rint(colormaps[COLOUR_MAP](share)[:, :3] * 255).astype(np.uint8)
     colours[np.isnan(errors)] = NO_NORMAL
     return colours
 
@@ -32,20 +38,25 @@ def normal_heat(
     faces: Int[np.ndarray, "f 3"],
     limit_deg: float,
 ) -> Surface:
-    """Return the predicted surface, each face coloured by its normal's error (Eq. 11) in degrees."""
-    return Surface(
-        predicted, faces, error_colours(normal_error(predicted, truth, faces), limit_deg), lit=False, smooth=False
-    )
+    """Return the predicted surface, each face coloured by the root of its normal's error (Eq. 11) in degrees."""
+    colours = error_colours(normal_error(predicted, truth, faces), limit_deg, ROOT)
+    return Surface(predicted, faces, colours, lit=False, smooth=False)
+
+
+def normal_bar(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes", limit_deg: float) -> None:
+    """Draw the bar of `normal_heat` in `axes`."""
+    bar = colour_bar(figure, axes, limit_deg, "normal angle error, degrees", ROOT)
+    bar.set_ticks([tick for tick in NORMAL_TICKS_DEG if tick <= limit_deg])
 
 
 def colour_bar(
-    figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes", limit: float, label: str
+    figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes", limit: float, label: str, power: float = 1.0
 ) -> "matplotlib.colorbar.Colorbar":
     """Draw the bar of `error_colours` in `axes`; the label has the unit, an arrow shows that it saturates."""
     from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
+    from matplotlib.colors import PowerNorm
 
-    bar = figure.colorbar(ScalarMappable(Normalize(0, limit), COLOUR_MAP), cax=axes, extend="max")
+    bar = figure.colorbar(ScalarMappable(PowerNorm(power, 0, limit), COLOUR_MAP), cax=axes, extend="max")
     bar.set_label(label)
     bar.outline.set_linewidth(0.5)
     return bar

@@ -64,4 +64,5 @@ METHOD = Method(
     mark="◊",
     colour="#F0E442",
     in_figures=False,
+    standard=False,
 )

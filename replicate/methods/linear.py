@@ -17,9 +17,10 @@ from replicate.artefacts.plan import Plan
 from replicate.engine.schema import Checked, number
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
-from replicate.methods.training_stage import inputs_of_networks
+from replicate.methods.training_stage import inputs_of_networks, vertices_of
 
 if TYPE_CHECKING:
+    import replicate.approximation.model
     import replicate.approximation.samples
 
 SEGMENTS, WEIGHTS = "segments.npz", "weights.npz"
@@ -30,7 +31,7 @@ CHUNK = 512  # samples at a time
 class LinearConfig(Checked):
     """The strengths λ of the penalty that are tried."""
 
-    strengths: tuple[float, ...] = number((1e-7, 1e-6, 1e-5, 1e-4, 1e-3), 0.0, 1e6)
+    strengths: tuple[float, ...] = number((1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3), 0.0, 1e6)
 
 
 def own(profile: str) -> LinearConfig:
@@ -100,24 +101,20 @@ def ridge(
     return [np.linalg.lstsq(gram + n * strength * np.diag(penalty), moments)[0] for strength in strengths]
 
 
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the straight line."""
+def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
+    """Return the straight lines as a model of one linear layer a segment."""
+    from replicate.approximation.linear_skip import line_model
     from replicate.approximation.segments import load_segments
 
-    neutral = built_rig.load_mesh(inputs).neutral
     segments = load_segments(inputs["linear"] / SEGMENTS)
     with np.load(inputs["linear"] / WEIGHTS, allow_pickle=False) as stored:
-        scale, weights = stored["scale"], [stored[f"{k}"] for k in range(len(segments))]
+        weights = [stored[f"{k}"] for k in range(len(segments))]
+        return line_model(segments, weights, stored["scale"], len(built_rig.load_mesh(inputs).neutral))
 
-    def predict(params: np.ndarray) -> np.ndarray:
-        columns = with_constant(params / scale).astype(np.float32)
-        vertices = np.repeat(neutral[None], len(params), axis=0)
-        for segment, part in zip(segments, weights, strict=True):
-            offsets = columns[:, np.append(segment.parameters, columns.shape[1] - 1)] @ part
-            vertices[:, segment.vertices] += offsets.reshape(len(params), -1, 3)
-        return vertices
 
-    return predict
+def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of the straight line."""
+    return vertices_of(inputs, load_model(inputs))
 
 
 METHOD = Method(

@@ -37,7 +37,8 @@ class Method:
     afterwards; whatever it predicts for them is replaced then.
     in_paper: whether the paper has the row. place: rows are sorted by it, those of the paper first. note: a footnote,
     in one sentence; mark: its sign, else it is printed with the label. colour: in charts. in_figures: whether figures
-    show its mesh. in_charts: whether charts show its errors. floor_of: the method that it is the floor of, if any.
+    show its mesh. in_charts: whether charts show its errors. standard: whether tables have the row unless METHODS asks
+    for others. floor_of: the method that it is the floor of, if any.
     numbers: configuration → what `load` needs besides, a frozen dataclass. poses: configuration → on how many test
     poses it is measured, 0 for all. facts: (inputs, mesh) → more numbers for Table 2.
     own: profile → the method's own section of the configuration, a `Checked` dataclass, where it has one: `[name]` in a
@@ -57,6 +58,7 @@ class Method:
     colour: str = OTHER_COLOUR
     in_figures: bool = True
     in_charts: bool = True
+    standard: bool = True
     floor_of: str = ""
     numbers: Callable[[Config], object] = no_numbers
     poses: Callable[[Config], int] = all_test_poses

@@ -52,15 +52,18 @@ def in_order(names: Iterable[str]) -> list[str]:
 def choose(words: Sequence[str], config: Config | None = None) -> list[Method]:
     """Return the methods that some words name, in the order of the tables.
 
-    words: names, "all", "lbs" for all numbers of bones, or the paths of .py files with a method; none means all.
+    words: names, "standard", "all", "lbs" for all numbers of bones, or the paths of .py files with a method; none means
+    the standard ones.
     Raises InputError for an unknown name and for a file that holds no method.
     """
     outside = {word: _bring(Path(word)) for word in words if word.endswith(".py")}
     registry = methods(config)
     selection: dict[str, Method] = {}
-    for word in words or ("all",):
+    for word in words or ("standard",):
         if word == "all":
             selection |= registry
+        elif word == "standard":
+            selection |= {name: method for name, method in registry.items() if method.standard}
         elif word in outside:
             selection |= {method.name: method for method in _methods_in(outside[word], config)}
         elif word == "lbs":
@@ -69,7 +72,9 @@ def choose(words: Sequence[str], config: Config | None = None) -> list[Method]:
             selection[word] = registry[word]
         else:
             choices = ", ".join(registry)
-            raise InputError(f"method {word!r} is unknown: allowed are all, lbs, {choices}, or the path of a .py file")
+            raise InputError(
+                f"method {word!r} is unknown: allowed are standard, all, lbs, {choices}, or the path of a .py file"
+            )
     return _sort(selection.values())
 
 

@@ -108,7 +108,7 @@ def train(context: StageContext) -> None:
     supervision = Supervision(mesh, samples, segment.vertices, section.normal_weight, device)
 
     def loss_of_step(step: int) -> torch.Tensor:
-        params, target = supervision.batch(numbers.seed, "pca", step, section.training.batch)
+        params, target = supervision.batch(numbers.seed, "pca", step, section.training)
         return supervision.loss(model(params), target)
 
     validation = supervision.validation()
@@ -170,5 +170,6 @@ METHOD = Method(
     place=60,
     note="A dense network to the coefficients of a PCA basis of the training offsets, as studios ship it.",
     colour="#8C564B",
+    standard=False,
     own=own,
 )

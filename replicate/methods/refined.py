@@ -13,6 +13,7 @@ from replicate.methods.method import Method, Number
 from replicate.methods.training_stage import vertices_of, write_training
 
 if TYPE_CHECKING:
+    import replicate.approximation.model
     import replicate.approximation.refinement
 
 
@@ -24,13 +25,18 @@ def stage(plan: Plan) -> Stage:
 
 def train(context: StageContext) -> None:
     """Train the refinement networks on what the coarse ones leave (§3.2)."""
+    train_on(context, coarse.load_model(context.inputs))
+
+
+def train_on(context: StageContext, coarse_model: "replicate.approximation.model.SegmentedModel") -> None:
+    """Train refinement networks on what a coarse model leaves."""
     from replicate.approximation.cnn import save
     from replicate.approximation.refinement import train_refined
 
     numbers, inputs = context.config, context.inputs
     model, log = train_refined(
         built_rig.load_mesh(inputs),
-        coarse.load_model(inputs),
+        coarse_model,
         refinement_squares.load(inputs),
         drawn_samples.load(inputs),
         numbers.section,

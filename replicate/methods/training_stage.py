@@ -20,8 +20,18 @@ def inputs_of_networks(plan: Plan) -> tuple[Stage, ...]:
     return tuple(module.stage(plan) for module in (built_rig, drawn_samples, control_influence, rigid_segments))
 
 
-def train_on_segments(context: StageContext, make_network: Callable, facts: dict, save: Callable) -> None:
-    """Train one network a coarse segment and write model and log; the stage's name is the training's stream."""
+def train_on_segments(
+    context: StageContext,
+    make_network: Callable,
+    facts: dict,
+    save: Callable,
+    lines: "replicate.approximation.model.SegmentedModel | None" = None,
+) -> None:
+    """Train one network a coarse segment and write model and log; the stage's name is the training's stream.
+
+    lines: straight lines that the networks learn to add to, and that become part of the model; none by default.
+    """
+    from replicate.approximation.linear_skip import add_line
     from replicate.approximation.segment_training import train_segments
 
     numbers, mesh = context.config, built_rig.load_mesh(context.inputs)
@@ -38,7 +48,9 @@ def train_on_segments(context: StageContext, make_network: Callable, facts: dict
         context.name,
         numbers.seed,
         numbers.device,
+        lines,
     )
+    model = model if lines is None else add_line(model, lines)
     save(model, context.out, numbers.section)
     write_training(context, model, log)
 

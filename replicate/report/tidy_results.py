@@ -4,9 +4,9 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replicate.config import PROFILES
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import PAPER, REFERENCE, display_path, run_folder
+from replicate.profiles import PROFILES
 from replicate.report.results import KEY, read_table
 
 if TYPE_CHECKING:

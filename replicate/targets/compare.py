@@ -3,7 +3,7 @@
 import argparse
 
 from replicate.engine import paths
-from replicate.targets.options import check_profile
+from replicate.profiles import check_profile
 
 ABOUT = "the paper's numbers, the reference results and yours, side by side"
 WRITES = "printed"

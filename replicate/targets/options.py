@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from data_recipes.recipe_paths import OUTSIDE, character_label, character_names, recipe_file
-from replicate.config import LARGEST_SEED, PROFILES, Config, resolve
+from replicate.config import LARGEST_SEED, Config, resolve
 from replicate.engine import paths
 from replicate.engine.cluster_config import is_elsewhere
 from replicate.engine.device import choose_device
@@ -15,6 +15,7 @@ from replicate.engine.user_files import whole_number
 from replicate.engine.word_lists import words
 from replicate.methods import method_registry as registry
 from replicate.methods.method import Method
+from replicate.profiles import PROFILES, check_profile
 
 OF_A_RUN = ("profile", "characters", "seed", "device", "config", "split", "jobs", "cluster")
 OPTIONS = {
@@ -26,9 +27,9 @@ OPTIONS = {
     },
     "methods": {
         "nargs": "+",
-        "default": ["all"],
-        "help": "the rows: names, lbs for all numbers of bones, or paths of .py files with a method of your own, as "
-        '"all mine.py" (default: all)',
+        "default": ["standard"],
+        "help": "the rows: names, all, lbs for all numbers of bones, or paths of .py files with a method of your own, "
+        'as "standard mine.py" (default: standard, the rows of README)',
     },
     "seed": {
         "default": ["0"],
@@ -67,6 +68,7 @@ OPTIONS = {
 
 def configurations(options: argparse.Namespace) -> list[Config]:
     """Return the configuration of every character and seed that the command line names."""
+    check_profile(options.profile)  # before methods are asked for their numbers of it
     device = choose_device(options.device, elsewhere=is_elsewhere(getattr(options, "cluster", None)))
     overrides = {"samples": {"split": options.split}} if options.split else None
     file = Path(options.config) if options.config else None
@@ -108,9 +110,3 @@ def workers(options: argparse.Namespace) -> int:
     if options.jobs is not None and options.jobs < 1:
         raise InputError(f"jobs is {options.jobs}: allowed is a whole number of at least 1")
     return options.jobs or core_count()
-
-
-def check_profile(profile: str) -> None:
-    """Raise InputError for an unknown profile."""
-    if profile not in PROFILES:
-        raise InputError(f"profile {profile!r} is unknown: allowed are {', '.join(PROFILES)}")

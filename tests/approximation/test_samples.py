@@ -149,6 +149,15 @@ def test_draws_are_balanced_and_a_function_of_the_step(tmp_path):
     assert not any(np.array_equal(again, other) for other in others)
 
 
+def test_uniform_draws_take_every_sample_as_often_as_any_other(tmp_path):
+    data = write(tmp_path)
+    rows = np.concatenate([data.draw_for_step(1, "coarse", step, 8, "uniform") for step in range(4_000)])
+    counts = np.bincount(rows, minlength=len(data))
+    assert counts.std() < 1.2 * np.sqrt(counts.mean())
+    balanced = np.concatenate([data.draw_for_step(1, "coarse", step, 8) for step in range(4_000)])
+    assert np.bincount(balanced, minlength=len(data)).std() > 2 * counts.std()
+
+
 def test_nan_names_pose_and_vertex_and_writes_nothing(tmp_path):
     rig = Waves(clips(), broken_above=2.5)
     first = np.flatnonzero(samples.choose_poses(rig, config(), rng)["training"][:, 0] > 2.5)[0]

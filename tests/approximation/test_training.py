@@ -39,10 +39,10 @@ def run(scratch, kill_at=None):
     config = CoarseConfig(map_size=16, training=TrainingConfig("one_cycle", steps=30))
     draw = type(samples).draw_for_step
 
-    def draw_or_die(self, seed, stream, step, batch):
+    def draw_or_die(self, seed, stream, step, batch, draws):
         if step == kill_at:
             raise Kill
-        return draw(self, seed, stream, step, batch)
+        return draw(self, seed, stream, step, batch, draws)
 
     mortal = type("Mortal", (type(samples),), {"draw_for_step": draw_or_die})(**vars(samples))
     _, model, log = train_small(cnn, config, scratch, 4, mortal)

@@ -1,7 +1,7 @@
 """A folder that can't be written is told before any work; a temporary one is short enough for sockets."""
 
-import os
 import socket
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -37,15 +37,11 @@ def test_a_socket_can_stand_in_the_temporary_folder_however_long_tmpdir_is(tmp_p
     assert not folder.exists()
 
 
-def test_a_short_tmpdir_is_used(tmp_path, monkeypatch):
-    short = f"/tmp/short-{os.getpid()}"
-    os.mkdir(short)
-    try:
+def test_a_short_tmpdir_is_used(monkeypatch):
+    with tempfile.TemporaryDirectory(prefix="short-") as short:
         monkeypatch.setenv("TMPDIR", short)
         with short_temporary_folder() as folder:
             assert str(folder.parent) == short
-    finally:
-        os.rmdir(short)
 
 
 def test_a_folder_that_is_not_there_yet_is_checked_and_not_made(tmp_path):

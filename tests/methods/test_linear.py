@@ -18,7 +18,7 @@ def fit_linear(folder, samples=None):
 def test_a_linear_rig_is_matched_to_the_quantisation_of_its_samples(tmp_path):
     inputs, notes = fit_linear(tmp_path, straight_samples())
     samples, mesh = drawn_samples.load(inputs), small_mesh()
-    predicted = linear.load(inputs, None)(np.asarray(samples.test_params))
+    predicted = linear.load(inputs, None)(np.array(samples.test_params))
     moved = mesh.segment < 2
     truth = mesh.neutral + samples.test_offsets
     assert np.abs(predicted - truth)[:, moved].max() < 2e-3

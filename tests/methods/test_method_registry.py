@@ -44,7 +44,9 @@ def test_the_papers_rows_come_first_and_lbs_is_sorted_by_its_bones():
 
 
 def test_words_choose_methods_in_the_order_of_the_tables():
-    assert names() == names("all") == list(methods())
+    assert names("all") == list(methods())
+    assert names() == names("standard") == [name for name, method in methods().items() if method.standard]
+    assert {"coarse", "refined", "dense", "lbs32", "linear", "regional", "neutral"} < set(names()) < set(names("all"))
     assert names("neutral", "coarse", "coarse") == ["coarse", "neutral"]
     assert names("lbs") == LBS and names("lbs", "dense") == ["dense", *LBS]
     config = resolve("tiny", "quick", {"lbs": {"bones": [8, 4]}})
@@ -52,7 +54,9 @@ def test_words_choose_methods_in_the_order_of_the_tables():
 
 
 def test_an_unknown_method_is_refused_with_those_there_are():
-    with pytest.raises(InputError, match=r"'coarser' is unknown: allowed are all, lbs, coarse, refined, .*neutral, or"):
+    with pytest.raises(
+        InputError, match=r"'coarser' is unknown: allowed are standard, all, lbs, coarse, refined, .*neutral, or"
+    ):
         choose(["coarse", "coarser"])
 
 

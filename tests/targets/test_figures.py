@@ -11,8 +11,10 @@ from plain_rig import PlainRig
 from sample_rows import CURVE, PAPER_ROWS, table2_rows
 from scipy.ndimage import gaussian_filter
 
+from replicate.approximation.metrics import normal_error
 from replicate.drawing.characters import expression_sheet, segment_colours
-from replicate.drawing.heatmap import NO_NORMAL, error_colours, normal_heat
+from replicate.drawing.colours import perceived
+from replicate.drawing.heatmap import NO_NORMAL, ROOT, error_colours, normal_heat
 from replicate.drawing.panels import DPI, Words, panel_grid, save_figure
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.scene import Camera, axes
@@ -47,6 +49,11 @@ def test_no_error_has_the_first_colour_and_the_limit_and_more_the_last():
     assert tuple(colours[4]) == NO_NORMAL
 
 
+def test_twelve_degrees_and_twenty_two_look_apart_and_one_is_seen():
+    none, one, twelve, more = perceived(error_colours(np.float32([0, 1, 12, 22]), 30.0, ROOT).tolist())
+    assert np.linalg.norm(more - twelve) > 25 and np.linalg.norm(one - none) > 10
+
+
 def test_brightness_rises_with_the_error():
     colours = error_colours(np.linspace(0, 10, 50, dtype=np.float32), 10) / 255
     linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
@@ -69,6 +76,11 @@ def test_figure_10_has_a_panel_and_a_heatmap_for_each_method_on_one_scale(record
     ).any()
     bar = figure.axes[-1]
     assert bar.get_ylim() == (0, 10) and "degrees" in bar.get_ylabel()
+    numbers = [text.get_text() for text in figure.texts if "°" in text.get_text()]
+    means = [
+        normal_error(record.vertices[m], record.vertices["truth"], record.faces).mean() for m in ("coarse", "dense")
+    ]
+    assert [text.split("°")[0] for text in numbers] == [f"{mean:.2f}" for mean in means]
     assert "Coarse" in words.alt and "Test pose 7 of teen" in words.caption and "Refined" not in words.caption
 
 

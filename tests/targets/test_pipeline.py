@@ -38,6 +38,13 @@ components = 40
 basis_samples = 200
 [pca.training]
 steps = 60
+[regional]
+regions = 4
+components = 24
+basis_samples = 200
+hidden = [32, 32]
+[regional.training]
+steps = 100
 [rigid]
 poses = 40
 [lbs]
@@ -48,6 +55,7 @@ refit_sweeps = 20
 test_poses = 60
 floor_poses = 60
 """
+ALL = ("--methods", "all")
 SHORT = ("--numbers-only", "--methods", "coarse", "linear", "neutral")  # what is disturbed: a part of the rows
 
 
@@ -83,7 +91,7 @@ def table(folder: Path) -> bytes:
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("undisturbed")
-    printed, _ = finish(folder)
+    printed, _ = finish(folder, ALL)
     return folder, printed
 
 
@@ -125,7 +133,7 @@ def test_running_again_does_nothing_and_says_so(undisturbed):
     folder, _ = undisturbed
     before = {path: path.stat().st_mtime_ns for path in (folder / "cache").rglob("*") if path.is_file()}
     written = table(folder)
-    printed, _ = finish(folder)
+    printed, _ = finish(folder, ALL)
     assert "nothing to do" in printed
     after = {path: path.stat().st_mtime_ns for path in (folder / "cache").rglob("*") if path.is_file()}
     assert {path: t for path, t in after.items() if path.suffix != ".lock"} == {

@@ -120,7 +120,7 @@ def train_driven(
     model = SegmentedModel([network], [segment], parameter_scale(samples.params), [1.0], n).to(device)
 
     def loss_of_step(step: int) -> torch.Tensor:
-        params, target = supervision.batch(seed, "driven", step, config.training.batch)
+        params, target = supervision.batch(seed, "driven", step, config.training)
         return supervision.loss(model(params), target)
 
     validation = supervision.validation()

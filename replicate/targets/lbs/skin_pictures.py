@@ -12,7 +12,7 @@ from data_recipes.rig import Rig
 from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.approximation.skinning.bone_network import usual_motion
 from replicate.approximation.skinning.ssdr import Skin, refit
-from replicate.drawing.heatmap import colour_bar, normal_heat
+from replicate.drawing.heatmap import normal_bar, normal_heat
 from replicate.drawing.panels import DPI, Words, panel_grid, save_figure
 from replicate.drawing.render import render
 from replicate.drawing.rig_views import read_lines, write_lines
@@ -33,7 +33,7 @@ ALONE = 6  # bones shown one by one
 GOLDEN = 0.618034  # of a turn of hue from a bone to the next: neighbours differ
 GAMMA = 2.2  # of what is shown: its power is proportional to light
 PALE, DEEP = (236, 236, 232), (178, 24, 43)  # a weight of 0 and of 1
-LIMIT_DEG = 10.0
+LIMIT_DEG = 30.0
 DITHER = ("1_weights", "2_bones")  # their colours are mixtures
 
 
@@ -111,7 +111,7 @@ def wrinkle_picture(
     heat = [draw([normal_heat(vertices, truth, mesh.faces, LIMIT_DEG)]) for vertices in (truth, *posed.values())]
     means = {b: float(np.nanmean(normal_error(vertices, truth, mesh.faces))) for b, vertices in posed.items()}
     in_words = ", ".join(f"{bones} bones {mean:.2f}°" for bones, mean in means.items())
-    bar = (1, 1, partial(colour_bar, limit=LIMIT_DEG, label="normal angle error, degrees"))
+    bar = (1, 1, partial(normal_bar, limit_deg=LIMIT_DEG))
     titles = ["Ground truth", *(f"{bones} bones" for bones in numbers)]
     return panel_grid([clay, heat], titles, ("surface", "normal error"), bar), Words(
         f"A wrinkled forehead, true and skinned, with normal errors below from 0 to {LIMIT_DEG:g} degrees: {in_words}.",

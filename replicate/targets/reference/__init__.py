@@ -3,7 +3,7 @@
 import argparse
 
 from replicate.engine import paths
-from replicate.targets.options import check_profile
+from replicate.profiles import check_profile
 
 ABOUT = "put a run's results and the benchmarks' in the place of the committed ones, with all that shows them"
 WRITES = "results/reference/, notebooks/, the tables in README, data card and REPRODUCING"

@@ -44,7 +44,8 @@ def training_curves(
         axes.set_xlabel("training step")
         axes.set_ylabel(label)
         tidy(axes)
-    axes.legend(frameon=False, fontsize=8, ncols=2)
+    if ends:  # methods without training alone have no curve
+        axes.legend(frameon=False, fontsize=8, ncols=2)
     return figure, Words(
         f"Two line charts of validation error against training step for {character}: {'; '.join(ends)}.",
         f"Error of {character}'s networks on the validation poses as training goes on; the refined network starts "

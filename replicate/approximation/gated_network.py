@@ -1,0 +1,64 @@
+"""A gated network with a linear skip: products of linear functions of the parameters, added to a straight line.
+
+Each layer is h = silu(x U) ∘ (x V) (the gated linear units of Dauphin et al. 2017 and Shazeer 2020): a product of two
+linear functions, and what rigs do when controls combine. The skip is a straight line from parameters to outputs, which
+starts as the least squares fit and is trained along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import nn
+from torch.nn import functional
+
+SLOPE = 0.2  # of leaky ReLUs, as in the paper's networks
+OUTPUT_SHARE = 0.05  # of the usual size of an output layer's weights: the network starts as the line
+
+
+class GatedNetwork(nn.Module):
+    """(b, j) scaled parameters → (b, d) outputs: layers of the widths `hidden`, beside a line.
+
+    gated: False for leaky ReLUs in the products' place. line: False for no skip. Both are there to see what they do.
+    """
+
+    def __init__(self, inputs: int, hidden: Sequence[int], outputs: int, gated: bool = True, line: bool = True):
+        super().__init__()
+        self.is_gated = gated
+        self.layers = nn.ModuleList(nn.Linear(a, (1 + gated) * b) for a, b in pairwise((inputs, *hidden)))
+        self.output = nn.Linear(hidden[-1], outputs)
+        self.line = nn.Linear(inputs, outputs, bias=False) if line else None
+
+    def forward(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b d"]:
+        x = params
+        for layer in self.layers:
+            x = _multiply(layer(x)) if self.is_gated else functional.leaky_relu(layer(x), SLOPE)
+        return self.output(x) if self.line is None else self.output(x) + self.line(params)
+
+    def start(self, line: Float[np.ndarray, "i d"], generator: torch.Generator) -> None:
+        """Draw the weights, and set the line; the last row of `line` is its constant.
+
+        A network without a skip starts at that constant.
+        """
+        with torch.no_grad():
+            for layer in (*self.layers, self.output):
+                reach = layer.in_features**-0.5
+                layer.weight.uniform_(-reach, reach, generator=generator)
+                layer.bias.uniform_(-reach, reach, generator=generator)
+            self.output.weight.mul_(OUTPUT_SHARE)
+            self.output.bias.copy_(torch.from_numpy(np.ascontiguousarray(line[-1], np.float32)))
+            if self.line is not None:
+                self.line.weight.copy_(torch.from_numpy(np.ascontiguousarray(line[:-1].T, np.float32)))
+
+    def multiplications(self) -> int:
+        """Return how many multiplications one pose takes."""
+        return sum(weight.numel() for name, weight in self.named_parameters() if name.endswith("weight"))
+
+
+def _multiply(both: torch.Tensor) -> torch.Tensor:
+    gate, value = both.chunk(2, dim=1)
+    return functional.silu(gate) * value

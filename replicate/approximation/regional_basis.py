@@ -1,0 +1,95 @@
+"""Regional bases: each region of the mesh moves in the span of its own principal components, in the metric of the loss.
+
+Eq. 1 weighs positions and face normals. For small offsets a normal turns by the differences of offsets along a face's
+edges over their lengths, so the metric of a region is ‖x‖² = Σ_v |x_v|² / n + (α² / f) Σ_edges |x_i − x_j|² / |e_ij|²,
+a sparse quadratic form Q. Components that are principal in it spend themselves on what the loss sees.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from jaxtyping import Float, Float32, Float64, Int
+
+SHORTEST_MM = 0.5  # an edge's length in the metric is at least this
+
+
+@dataclass(frozen=True)
+class RegionalBasis:
+    """One region's basis.
+
+    vertices: (k,) indices into the mesh. mean: (k, 3) mm. components: (c, k, 3) mm, each of length 1 in the metric.
+    """
+
+    vertices: Int[np.ndarray, " k"]
+    mean: Float32[np.ndarray, "k 3"]
+    components: Float32[np.ndarray, "c k 3"]
+
+
+def split_regions(points: Float[np.ndarray, "n 3"], count: int) -> list[Int[np.ndarray, " k"]]:
+    """Return `count` sets of points, each compact: the largest is halved across its longest side again and again."""
+    regions = [np.arange(len(points))]
+    while len(regions) < min(count, len(points)):
+        largest = regions.pop(int(np.argmax([len(region) for region in regions])))
+        side = np.ptp(points[largest], axis=0).argmax()
+        order = largest[np.argsort(points[largest, side], kind="stable")]
+        regions += [np.sort(order[: len(order) // 2]), np.sort(order[len(order) // 2 :])]
+    return regions
+
+
+def loss_metric(
+    neutral: Float[np.ndarray, "k 3"],
+    faces: Int[np.ndarray, "g 3"],
+    vertex_count: int,
+    face_count: int,
+    normal_weight: float,
+) -> sp.csr_matrix:
+    """Return Q (k, k), the metric of a region's offsets, each coordinate for itself.
+
+    faces: those within the region, in its numbering. vertex_count, face_count: n and f of Eq. 1, of the whole mesh.
+    normal_weight: α.
+    """
+    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    length = np.maximum(np.linalg.norm(neutral[pairs[:, 0]] - neutral[pairs[:, 1]], axis=1), SHORTEST_MM)
+    rows = np.tile(np.arange(len(pairs)), 2)
+    differences = sp.csr_matrix(
+        (np.concatenate([1 / length, -1 / length]), (rows, pairs.T.ravel())), shape=(len(pairs), len(neutral))
+    )
+    positions = sp.identity(len(neutral)) / max(vertex_count, 1)
+    return (positions + normal_weight**2 / max(face_count, 1) * (differences.T @ differences)).tocsr()
+
+
+def principal_basis(
+    vertices: Int[np.ndarray, " k"], offsets: Float[np.ndarray, "s k 3"], metric: sp.csr_matrix, components: int
+) -> RegionalBasis:
+    """Return a region's basis: its offsets' mean over some samples, and their principal components in the metric."""
+    mean = offsets.mean(axis=0)
+    centred = (offsets - mean).astype(np.float64)  # in half the digits the last components would be rounding errors
+    weighed = apply_metric(metric, centred)
+    s = len(offsets)
+    gram = centred.reshape(s, -1) @ weighed.reshape(s, -1).T
+    count = max(1, min(components, s - 1, centred[0].size))
+    values, vectors = scipy.linalg.eigh(0.5 * (gram + gram.T), subset_by_index=[s - count, s - 1])
+    values, vectors = values[::-1], vectors[:, ::-1]
+    kept = values > 1e-10 * max(values[0], 1e-30)
+    kept[0] = True  # a region that never moves has one component, of zeros
+    shapes = np.tensordot(vectors[:, kept].T, centred, 1)
+    lengths = np.sqrt(np.maximum(values[kept], 1e-30))
+    return RegionalBasis(vertices, mean.astype(np.float32), (shapes / lengths[:, None, None]).astype(np.float32))
+
+
+def apply_metric(metric: sp.csr_matrix, offsets: Float[np.ndarray, "s k 3"]) -> Float[np.ndarray, "s k 3"]:
+    """Return Q x for each x and coordinate."""
+    s, k, _ = offsets.shape
+    flat = metric @ offsets.transpose(1, 0, 2).reshape(k, -1)
+    return flat.reshape(k, s, 3).transpose(1, 0, 2).astype(offsets.dtype)
+
+
+def projection(basis: RegionalBasis, metric: sp.csr_matrix) -> Float64[np.ndarray, "d c"]:
+    """Return P (3k, c): the coefficients of offsets x that are nearest in the metric are (x − mean) P."""
+    weighed = apply_metric(metric, basis.components.astype(np.float64)).reshape(len(basis.components), -1)
+    flat = basis.components.reshape(len(basis.components), -1).astype(np.float64)
+    return np.linalg.lstsq(flat @ weighed.T, weighed)[0].T

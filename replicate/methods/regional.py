@@ -1,0 +1,181 @@
+"""Ours: a gated network with a linear skip to the coefficients of regional bases, stored in few bits.
+
+The mesh is cut into compact regions. Each has a PCA basis of its own, principal in the metric of the loss, so that a
+few dozen components hold wrinkles too; a network of products gives the coefficients, beside a straight line.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from replicate.artefacts import built_rig, drawn_samples, rigid_segments
+from replicate.artefacts.plan import Plan
+from replicate.config import TrainingConfig
+from replicate.engine.schema import Checked, number
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods.linear import CHUNK, ridge, with_constant
+from replicate.methods.method import Method
+from replicate.methods.training_stage import inputs_of_networks, vertices_of, write_training
+
+if TYPE_CHECKING:
+    import replicate.approximation.regional_basis
+    import replicate.approximation.regional_model
+    import replicate.approximation.samples
+
+STEPS = {"quick": 1_200, "laptop": 16_000, "paper": 100_000}
+TRAINING = TrainingConfig("one_cycle", STEPS["paper"], 64, "uniform", peak_rate=8e-3, largest_gradient=1.0)
+STRENGTH = 1e-5  # of the penalty on the line that the network starts from
+
+
+@dataclass(frozen=True)
+class RegionalConfig(Checked):
+    """The regions, their bases and the network."""
+
+    regions: int = number(16, 1, 1_024)
+    components: int = number(96, 1, 4_096)  # of each region
+    fine: int = number(16, 0, 4_096)  # of them in 16 bits; the others are stored in 8
+    basis_samples: int = number(2_500, 2)  # training samples, spread over the set, that the components are of
+    hidden: tuple[int, ...] = number((384, 384), 1, 65_536)
+    gated: bool = True  # layers are products; False: leaky ReLUs
+    line: bool = True  # a straight line beside the layers
+    squares: bool = False  # the loss is of squared errors, not of their lengths
+    normal_weight: float = number(5.0, 0.0, 1e6)
+    training: TrainingConfig = TRAINING
+
+
+def own(profile: str) -> RegionalConfig:
+    """Return the method's section of the configuration."""
+    return RegionalConfig(training=replace(TRAINING, steps=STEPS[profile]))
+
+
+def stage(plan: Plan) -> Stage:
+    """Return the stage that computes the bases and trains the network."""
+    return plan.stage("regional", train, plan.training(METHOD.section(plan.config)), *inputs_of_networks(plan))
+
+
+def train(context: StageContext) -> None:
+    """Compute the bases, project all training samples onto them, and train the network on the coefficients."""
+    import torch
+
+    from replicate.approximation import regional_model
+    from replicate.approximation.gated_network import GatedNetwork
+    from replicate.approximation.model import parameter_scale
+    from replicate.approximation.segments import segment_vertices
+    from replicate.approximation.supervision import Supervision
+    from replicate.approximation.training import prepare
+    from replicate.approximation.training import train as minimise
+
+    numbers, section = context.config, context.config.section
+    device = prepare(numbers.device)
+    mesh, samples = built_rig.load_mesh(context.inputs), drawn_samples.load(context.inputs)
+    movable = np.sort(segment_vertices(rigid_segments.load_coarse_segments(context.inputs, mesh)))
+    supervision = Supervision(mesh, samples, movable, section.normal_weight, device)
+    bases, coefficients = stored_bases(supervision, section, context.progress)
+    scale = parameter_scale(samples.params)
+    params = np.asarray(samples.params / scale, np.float32)
+    length = float(np.sqrt(np.mean(np.square(coefficients), dtype=np.float64))) or 1.0
+    (line,) = ridge(with_constant(params), chunks_of(coefficients / length), (STRENGTH,))
+    network = GatedNetwork(params.shape[1], section.hidden, coefficients.shape[1], section.gated, section.line)
+    network.start(line, torch.Generator().manual_seed(numbers.seed))
+    network = network.to(device)
+    regions = np.repeat(np.arange(len(bases)), [len(basis.steps) for basis in bases])
+    membership = torch.from_numpy(np.eye(len(bases), dtype=np.float32)[regions]).to(device)
+    inputs, targets = (torch.from_numpy(array).to(device) for array in (params, coefficients / np.float32(length)))
+
+    def loss_of_step(step: int) -> torch.Tensor:
+        training = section.training
+        rows = samples.draw_for_step(numbers.seed, "regional", step, training.batch, training.draws)
+        rows = torch.from_numpy(rows).to(device)
+        error = network(inputs[rows]) - targets[rows]
+        return error.square().sum(dim=1).mean() if section.squares else regional_model.regional_loss(error, membership)
+
+    def model() -> regional_model.RegionalModel:
+        return regional_model.RegionalModel(network.to("cpu"), bases, scale, length, len(mesh.neutral))
+
+    validation = supervision.validation()
+
+    def measure() -> tuple[float, float]:
+        errors = validation(model().offsets)
+        network.to(device)
+        return errors
+
+    log = minimise(network, loss_of_step, section.training, context.scratch, context.progress, "regional", measure)
+    network = network.to("cpu")
+    regional_model.halve(network)
+    regional_model.save(model(), context.out)
+    write_training(context, model(), log)
+    context.note(multiplications=model().multiplications())
+
+
+def stored_bases(
+    supervision: "replicate.approximation.supervision.Supervision", section: RegionalConfig, progress: Callable
+) -> "tuple[list[replicate.approximation.regional_model.StoredBasis], np.ndarray]":
+    """Return each region's basis in few bits, and all training samples' coefficients of them, (N, Σ c) float32."""
+    from threadpoolctl import threadpool_limits
+
+    from replicate.approximation.regional_basis import (
+        RegionalBasis,
+        loss_metric,
+        principal_basis,
+        projection,
+        split_regions,
+    )
+    from replicate.approximation.regional_model import store
+    from replicate.approximation.segments import faces_within
+    from replicate.approximation.supervision import spread
+
+    mesh, samples, movable = supervision.mesh, supervision.samples, supervision.movable
+    few = spread(len(samples), section.basis_samples)
+    bases, columns = [], []
+    regions = split_regions(mesh.neutral[movable], section.regions)
+    with progress(len(regions), "regional bases") as bar, threadpool_limits(1):
+        for region in regions:
+            vertices = movable[region]
+            faces = faces_within(mesh.faces, vertices, len(mesh.neutral))
+            counts = (len(movable), len(supervision.faces))
+            metric = loss_metric(mesh.neutral[vertices], faces, *counts, section.normal_weight)
+            exact = principal_basis(vertices, samples.vertices_subset(few, vertices), metric, section.components)
+            stored = store(exact, section.fine)
+            mean = stored.mean.float().numpy()
+            shapes = stored.components().numpy().reshape(len(stored.steps), -1, 3)
+            onto = projection(RegionalBasis(vertices, mean, shapes), metric).astype(np.float32)
+            parts = [
+                (samples.vertices_subset(np.arange(i, min(i + CHUNK, len(samples))), vertices) - mean).reshape(
+                    -1, len(onto)
+                )
+                @ onto
+                for i in range(0, len(samples), CHUNK)
+            ]
+            bases.append(stored)
+            columns.append(np.concatenate(parts))
+            bar.update(1)
+    return bases, np.concatenate(columns, axis=1)
+
+
+def chunks_of(array: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield the rows of an array as float64, some at a time."""
+    for start in range(0, len(array), CHUNK):
+        yield array[start : start + CHUNK].astype(np.float64)
+
+
+def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of the network and its bases."""
+    from replicate.approximation.regional_model import load
+
+    return vertices_of(inputs, load(inputs["regional"]))
+
+
+METHOD = Method(
+    "regional",
+    "Regional (ours)",
+    lambda plan: (stage(plan),),
+    load,
+    place=40,
+    mark="★",
+    note="A gated network with a linear skip to the coefficients of regional PCA bases, stored in 8 and 16 bits.",
+    colour="#A6761D",
+    own=own,
+)

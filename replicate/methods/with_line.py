@@ -1,0 +1,121 @@
+"""The paper's networks with a straight line beside them: how much of their error is that they must first learn one?
+
+Each network adds to the ridge regression of `linear` and is trained, as without it, on Eq. 1. The line's weights are
+those of the fit and count in the model's size.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from replicate.artefacts import built_rig, drawn_samples, refinement_squares
+from replicate.artefacts.plan import Plan
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods import coarse, dense_network, linear, refined
+from replicate.methods.method import Method
+from replicate.methods.training_stage import inputs_of_networks, train_on_segments, vertices_of
+
+if TYPE_CHECKING:
+    import replicate.approximation.model
+    import replicate.approximation.refinement
+
+COARSE, REFINED, DENSE = "coarse_line", "refined_line", "dense_line"
+
+
+def coarse_stage(plan: Plan) -> Stage:
+    """Return the stage that trains coarse networks beside the line."""
+    return plan.stage(
+        COARSE, train_coarse, plan.training(plan.config.coarse), *inputs_of_networks(plan), linear.stage(plan)
+    )
+
+
+def dense_stage(plan: Plan) -> Stage:
+    """Return the stage that trains dense networks beside the line."""
+    return plan.stage(
+        DENSE, train_dense, plan.training(plan.config.dense), *inputs_of_networks(plan), linear.stage(plan)
+    )
+
+
+def refined_stage(plan: Plan) -> Stage:
+    """Return the stage that trains refinement networks on what the coarse ones beside the line leave."""
+    inputs = (built_rig.stage(plan), drawn_samples.stage(plan), coarse_stage(plan), refinement_squares.stage(plan))
+    return plan.stage(REFINED, train_refined, plan.training(plan.config.refinement), *inputs)
+
+
+def train_coarse(context: StageContext) -> None:
+    """Train coarse networks on what the line leaves."""
+    from replicate.approximation import cnn
+
+    facts = cnn.shape_facts(context.config.section)
+    train_on_segments(context, cnn.make_network, facts, cnn.save, linear.load_model(context.inputs))
+
+
+def train_dense(context: StageContext) -> None:
+    """Train dense networks on what the line leaves."""
+    from replicate.approximation import dense
+
+    facts = dense.shape_facts(context.config.section)
+    train_on_segments(context, dense.make_network, facts, dense.save, linear.load_model(context.inputs))
+
+
+def train_refined(context: StageContext) -> None:
+    """Train refinement networks on what the coarse networks and the line leave (§3.2)."""
+    refined.train_on(context, load_coarse_model(context.inputs))
+
+
+def load_coarse_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
+    """Return the coarse networks with their line."""
+    from replicate.approximation import cnn
+    from replicate.approximation.linear_skip import maker
+    from replicate.approximation.model import load_model
+
+    return load_model(inputs[COARSE], maker(cnn.make_network))
+
+
+def load_coarse(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of the coarse networks and the line."""
+    return vertices_of(inputs, load_coarse_model(inputs))
+
+
+def load_refined(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of both levels of networks and the line."""
+    from replicate.approximation.refinement import load_refined
+
+    return vertices_of(inputs, load_refined(inputs[REFINED], load_coarse_model(inputs)))
+
+
+def load_dense(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of the dense networks and the line."""
+    from replicate.approximation import dense
+    from replicate.approximation.linear_skip import maker
+    from replicate.approximation.model import load_model
+
+    return vertices_of(inputs, load_model(inputs[DENSE], maker(dense.make_network)))
+
+
+NOTE = "The network adds to the straight line of ridge regression and learns what that leaves."
+
+
+def _beside_line(method: Method, name: str, stages: Callable, load: Callable, place: float) -> Method:
+    return replace(
+        method,
+        name=name,
+        label=f"{method.label} + linear",
+        stages=stages,
+        load=load,
+        place=place,
+        in_paper=False,
+        note=NOTE,
+        mark="+",
+        in_figures=False,
+        standard=False,
+        facts=None,
+    )
+
+
+METHODS = (
+    _beside_line(coarse.METHOD, COARSE, lambda plan: (coarse_stage(plan),), load_coarse, 52),
+    _beside_line(refined.METHOD, REFINED, lambda plan: (coarse_stage(plan), refined_stage(plan)), load_refined, 53),
+    _beside_line(dense_network.METHOD, DENSE, lambda plan: (dense_stage(plan),), load_dense, 54),
+)

@@ -1,0 +1,60 @@
+"""Our method as a stage: it comes near the truth, is stored in few bits, and reads as it was written."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_artefacts import run_stage, write_artefacts
+from small_face import small_mesh, small_samples
+
+from replicate.approximation import regional_model
+from replicate.artefacts import drawn_samples
+from replicate.artefacts.plan import Numbers, TrainingNumbers
+from replicate.engine.exceptions import InputError
+from replicate.methods import linear, regional
+
+SCHEDULE = replace(regional.TRAINING, steps=800)
+SECTION = regional.RegionalConfig(regions=4, components=12, fine=4, hidden=(24, 24), training=SCHEDULE)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("regional")
+    inputs = write_artefacts(folder, small_samples(small_mesh(), 1_500))
+    inputs, _ = run_stage(linear.fit, inputs, "linear", Numbers(linear.own("quick"), 0), folder)
+    return run_stage(regional.train, inputs, "regional", TrainingNumbers(SECTION, 0, "cpu"), folder)
+
+
+def error(inputs, load) -> float:
+    samples, mesh = drawn_samples.load(inputs), small_mesh()
+    predicted = load(inputs, None)(np.array(samples.test_params))
+    return float(np.abs(predicted - mesh.neutral - samples.test_offsets)[:, mesh.segment < 2].mean())
+
+
+def test_it_is_nearer_to_the_truth_than_a_straight_line(trained):
+    inputs, _ = trained
+    assert error(inputs, regional.load) < 0.8 * error(inputs, linear.load)
+
+
+def test_its_size_is_that_of_its_file_and_no_region_overlaps_another(trained):
+    inputs, notes = trained
+    model = regional_model.load(inputs["regional"])
+    vertices = sum(len(basis.vertices) for basis in model.bases)
+    assert len(np.unique(model.vertices)) == vertices == (small_mesh().segment < 2).sum()
+    file = (inputs["regional"] / regional_model.WEIGHTS).stat().st_size
+    indices_and_scale = 4 * (vertices + len(model.scale))
+    assert notes["size_mb"] * 1e6 == model.size_mb() * 1e6 <= file - indices_and_scale < notes["size_mb"] * 1e6 + 10_000
+    kinds = {str(basis.fine.dtype) + str(basis.rough.dtype) for basis in model.bases}
+    assert kinds == {"torch.int16torch.int8"}
+    assert notes["multiplications"] == model.multiplications()
+
+
+def test_a_model_that_is_written_again_reads_the_same(trained, tmp_path):
+    inputs, _ = trained
+    model = regional_model.load(inputs["regional"])
+    regional_model.save(model, tmp_path)
+    params = np.array(drawn_samples.load(inputs).test_params)
+    np.testing.assert_array_equal(regional_model.load(tmp_path).offsets(params), model.offsets(params))
+    (tmp_path / regional_model.WEIGHTS).write_bytes(b"no weights")
+    with pytest.raises(InputError, match="no readable model"):
+        regional_model.load(tmp_path)

@@ -1,0 +1,76 @@
+"""Networks beside a straight line: nothing is left to learn where the rig is linear, and less elsewhere."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_artefacts import run_stage, straight_samples, write_artefacts
+from small_face import small_mesh, small_samples
+
+from replicate.artefacts import drawn_samples
+from replicate.artefacts.plan import Numbers, TrainingNumbers
+from replicate.config import CoarseConfig, DenseConfig, RefinementConfig, TrainingConfig
+from replicate.methods import linear, with_line
+from replicate.report.training_curves import read_log
+
+SCHEDULE = TrainingConfig("one_cycle", 400, peak_rate=5e-3)
+COARSE = CoarseConfig(map_size=16, normal_weight=0.0, training=SCHEDULE)  # what the test measures: positions
+
+
+def fit(folder, samples=None):
+    inputs = write_artefacts(folder, samples or small_samples(small_mesh(), 1_500))
+    return run_stage(linear.fit, inputs, "linear", Numbers(linear.own("quick"), 0), folder)
+
+
+def errors(inputs, load) -> np.ndarray:
+    samples, mesh = drawn_samples.load(inputs), small_mesh()
+    predicted = load(inputs, None)(np.array(samples.test_params))
+    return np.abs(predicted - mesh.neutral - samples.test_offsets)[:, mesh.segment < 2].mean()
+
+
+def test_a_linear_rig_leaves_the_networks_nothing_to_learn(tmp_path):
+    inputs, _ = fit(tmp_path, straight_samples())
+    section = replace(COARSE, training=replace(SCHEDULE, steps=1))
+    inputs, _ = run_stage(with_line.train_coarse, inputs, "coarse_line", TrainingNumbers(section, 0, "cpu"), tmp_path)
+    assert errors(inputs, with_line.load_coarse) < 2e-3
+
+
+@pytest.mark.parametrize(
+    "name, train, load, section",
+    [
+        ("coarse_line", with_line.train_coarse, with_line.load_coarse, COARSE),
+        (
+            "dense_line",
+            with_line.train_dense,
+            with_line.load_dense,
+            DenseConfig((32,), normal_weight=0.0, training=SCHEDULE),
+        ),
+    ],
+)
+def test_a_network_beside_the_line_is_nearer_than_the_line_alone_and_both_count(tmp_path, name, train, load, section):
+    inputs, line = fit(tmp_path)
+    inputs, notes = run_stage(train, inputs, name, TrainingNumbers(section, 0, "cpu"), tmp_path)
+    assert errors(inputs, load) < errors(inputs, linear.load)
+    assert notes["size_mb"] > line["size_mb"]
+    *_, last = read_log(inputs[name] / "log.csv")
+    samples, mesh = drawn_samples.load(inputs), small_mesh()
+    predicted = load(inputs, None)(np.array(samples.validation_params))
+    distance = np.linalg.norm(predicted - mesh.neutral - samples.validation_offsets, axis=2)[:, mesh.segment < 2]
+    assert distance.mean() == pytest.approx(last[2], rel=1e-4), "what is read is what was trained, line included"
+
+
+def test_refinement_adds_to_the_coarse_networks_beside_the_line(tmp_path):
+    from replicate.approximation.refinement import square_segments
+    from replicate.approximation.segments import save_segments
+    from replicate.artefacts import control_influence, refinement_squares, rigid_segments
+
+    inputs, _ = fit(tmp_path)
+    inputs, _ = run_stage(with_line.train_coarse, inputs, "coarse_line", TrainingNumbers(COARSE, 0, "cpu"), tmp_path)
+    first = rigid_segments.load_coarse_segments(inputs, small_mesh())[0]
+    squares = square_segments(first, np.array([[0.3, 0.7]]), control_influence.load(inputs), 0.4)
+    inputs["selection"] = tmp_path / "selection"
+    inputs["selection"].mkdir()
+    save_segments(squares, inputs["selection"] / refinement_squares.FILE)
+    section = RefinementConfig(map_size=16, normal_weight=0.0, training=SCHEDULE)
+    inputs, _ = run_stage(with_line.train_refined, inputs, "refined_line", TrainingNumbers(section, 0, "cpu"), tmp_path)
+    assert errors(inputs, with_line.load_refined) < errors(inputs, with_line.load_coarse)
