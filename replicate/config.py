@@ -62,6 +62,16 @@ class TrainingConfig(Checked):
             raise InputError(f"shares is {shown(self.shares)}: allowed are {choices}")
 
 
+@dataclass(frozen=True)
+class ConditioningConfig(Checked):
+    """How large a network's inputs, outputs and first weights are (DEVIATIONS D8)."""
+
+    # rig parameters by the largest value of each, as the rig has them, or in ranges like those of Ray's controls
+    inputs: Literal["largest", "raw", "released"] = "largest"
+    unit_mm: float = number(0.0, 0.0, 1e6)  # the length that outputs are in; 0: the RMS of the segment's targets
+    weights: Literal["he", "released"] = "he"  # first ones: He et al. (2015), or as TensorFlow and the released code do
+
+
 def _check_map_size(size: int) -> None:
     if size & (size - 1):
         raise InputError(f"map_size is {size}: allowed is a power of two, since each level doubles the 8×8 maps")
@@ -76,6 +86,7 @@ class CoarseConfig(Checked):
     hidden: tuple[int, ...] = number((256, 512), 1, 65_536)
     leaky_slope: float = number(0.2, 0.0, 1.0)
     normal_weight: float = number(5.0, 0.0, 1e6)  # α of Eq. 1, with positions in mm
+    conditioning: ConditioningConfig = ConditioningConfig()
     training: TrainingConfig = TrainingConfig()
 
     def __post_init__(self):
@@ -95,6 +106,7 @@ class RefinementConfig(Checked):
     square: float = number(0.25, 0.01, 1.0)  # side of a segment, of the width of the UVs
     clusters_max: int = number(10, 2, 64)  # the elbow is looked for up to so many clusters
     poses: int = number(1_000, 1, 1_000_000)  # training poses that Eq. 2 is averaged over
+    conditioning: ConditioningConfig = ConditioningConfig()
     training: TrainingConfig = TrainingConfig()
 
     def __post_init__(self):
@@ -109,6 +121,7 @@ class DenseConfig(Checked):
     hidden: tuple[int, ...] = number((256, 256), 1, 65_536)
     leaky_slope: float = number(0.2, 0.0, 1.0)
     normal_weight: float = number(5.0, 0.0, 1e6)
+    conditioning: ConditioningConfig = ConditioningConfig()
     training: TrainingConfig = TrainingConfig()
 
 

@@ -4,6 +4,7 @@ import zlib
 
 import numpy as np
 
+from replicate.approximation.conditioning import parameter_scale
 from replicate.approximation.samples import SampleSet
 from replicate.approximation.segment_training import train_segments
 from replicate.approximation.segments import coarse_segments
@@ -81,5 +82,6 @@ def train_small(method, config, scratch, seed: int = 0, samples: SmallSamples | 
     segments = coarse_segments(mesh, {2}, small_influence(mesh))
     networks = [method.make_network(segment, method.shape_facts(config)) for segment in segments]
     samples = samples or small_samples(mesh)
-    model, log = train_segments(mesh, segments, networks, samples, config, scratch, progress, "small", seed)
+    scale = parameter_scale(samples.params)
+    model, log = train_segments(mesh, segments, networks, samples, config, scratch, progress, "small", seed, scale)
     return mesh, model, log

@@ -1,11 +1,7 @@
 """A trained approximation: one network a segment, from raw rig parameters to vertex offsets in millimetres.
 
 Coarse, refinement and dense models differ only in their networks; what surrounds them is here: which parameters
-each sees and how they are scaled, which vertices it moves, and how all of it is saved.
-
-Parameters are divided by their largest absolute value in the training poses, so that rest stays at zero; each network's
-output is multiplied by one fixed length, the RMS of its segment's targets, so that its weights are of the usual size.
-The paper is silent on both (DEVIATIONS D8).
+each sees and how they are scaled (`conditioning.py`), which vertices it moves, and how all of it is saved.
 """
 
 import json
@@ -18,10 +14,10 @@ from jaxtyping import Float, Float32
 from safetensors.torch import load_file, save_file
 from torch import nn
 
+from replicate.approximation.conditioning import initialise, output_lengths
 from replicate.approximation.segments import Segment, segment_vertices
+from replicate.config import CoarseConfig, DenseConfig, RefinementConfig
 from replicate.engine.exceptions import InputError
-
-OUTPUT_SHARE = 0.1  # of the size of its targets: what a fresh network gives
 
 
 class SegmentedModel(nn.Module):
@@ -78,45 +74,18 @@ class SegmentedModel(nn.Module):
 def fresh_model(
     networks: Sequence[nn.Module],
     segments: Sequence[Segment],
-    params: Float[np.ndarray, "N m"],
+    scale: Float[np.ndarray, " m"],
     targets: Float[np.ndarray, "b n 3"],
-    slope: float,
+    config: CoarseConfig | RefinementConfig | DenseConfig,
     seed: int,
 ) -> SegmentedModel:
     """Return a model to be trained, its weights drawn from `seed`.
 
-    params: the training poses, for their scale. targets: what the model is to give at some of them, for its lengths.
+    scale: what rig parameters are divided by. targets: what the model is to give at some training poses.
     """
-    initialise(nn.ModuleList(networks), slope, torch.Generator().manual_seed(seed))
-    scale, lengths = parameter_scale(params), target_lengths(segments, targets)
+    initialise(config.conditioning, networks, config.leaky_slope, torch.Generator().manual_seed(seed))
+    lengths = output_lengths(config.conditioning, segments, targets)
     return SegmentedModel(networks, segments, scale, lengths, targets.shape[1])
-
-
-def initialise(networks: nn.ModuleList, slope: float, generator: torch.Generator) -> None:
-    """Draw weights that keep the variance through leaky ReLUs (He et al. 2015), a tenth of that for each `output`.
-
-    Biases start at zero. So a fresh network gives a tenth of the offsets' size, and has little noise to unlearn.
-    """
-    gain = (2 / (1 + slope**2)) ** 0.5
-    with torch.no_grad():
-        for layer in networks.modules():
-            if isinstance(layer, nn.Linear | nn.Conv2d):
-                layer.weight.normal_(0, gain / layer.weight[0].numel() ** 0.5, generator=generator)
-                layer.bias.zero_()
-        for network in networks:
-            network.output.weight.mul_(OUTPUT_SHARE)
-
-
-def parameter_scale(params: Float[np.ndarray, "N m"]) -> Float32[np.ndarray, " m"]:
-    """Return the largest absolute value of each rig parameter over the training poses; 1 for one that stays zero."""
-    largest = np.abs(np.asarray(params, np.float32)).max(0)
-    return np.where(largest > 0, largest, np.float32(1))
-
-
-def target_lengths(segments: Sequence[Segment], offsets: Float[np.ndarray, "b n 3"]) -> list[float]:
-    """Return the RMS of each segment's offsets in mm over some poses; 1 for a segment that never moves."""
-    lengths = [float(np.sqrt(np.mean(np.square(offsets[:, s.vertices], dtype=np.float64)))) for s in segments]
-    return [length if length > 0 else 1.0 for length in lengths]
 
 
 def save_model(model: SegmentedModel, folder: Path, facts: dict) -> None:

@@ -191,6 +191,7 @@ def train_refined(
 ) -> tuple[RefinedModel, list[dict]]:
     """Train the refinement networks on the residual of a fixed coarse model; return the model and its log.
 
+    The networks see rig parameters as the coarse ones do.
     The loss is Eq. 1 of Δ + δ, restricted to the faces that touch a refined vertex, since nothing else can change. The
     coarse networks that reach those faces are evaluated with every batch: for a few charts of a face that costs a
     millisecond, and no table of predictions for all samples is needed. Other arguments as in `train_segments`.
@@ -201,7 +202,7 @@ def train_refined(
     params, offsets = supervision.statistics()
     networks = [make_network(segment, shape_facts(config)) for segment in segments]
     targets = offsets - coarse.offsets(params)
-    residual = fresh_model(networks, segments, samples.params, targets, config.leaky_slope, seed).to(device)
+    residual = fresh_model(networks, segments, coarse.scale.cpu().numpy(), targets, config, seed).to(device)
     coarse = coarse.to(device)
     near = [k for k, s in enumerate(coarse.segments) if np.isin(s.vertices, supervision.vertices).any()]
     below = coarse.part(near)

@@ -3,7 +3,9 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 import torch
+from jaxtyping import Float32
 from torch import nn
 
 from replicate.approximation.model import SegmentedModel, fresh_model
@@ -25,16 +27,17 @@ def train_segments(
     progress: Callable,
     stream: str,
     seed: int,
+    scale: Float32[np.ndarray, " m"],
     device: str = "cpu",
     base: SegmentedModel | None = None,
 ) -> tuple[SegmentedModel, list[dict]]:
     """Train the networks of some segments together on Eq. 1; return the model and its log.
 
     networks: one a segment; their weights are drawn anew. scratch: a folder of this training's own, continued from if
-    it holds a checkpoint. progress: as for `training.train`. stream: names the training, in its
-    progress and as its stream of random batches. base: a model of the same segments that stays as it is, and that the
-    networks learn to add to; none by default. The log's mm and degrees are those of the validation poses, over all
-    segments.
+    it holds a checkpoint. progress: as for `training.train`. stream: names the training, in its progress and as its
+    stream of random batches. scale: what rig parameters are divided by. base: a model of the same segments that stays
+    as it is, and that the networks learn to add to; none by default. The log's mm and degrees are those of the
+    validation poses, over all segments.
     """
     device = prepare(device)
     supervision = Supervision(mesh, samples, segment_vertices(segments), config.normal_weight, device)
@@ -42,7 +45,7 @@ def train_segments(
     if base is not None:
         targets = targets - base.offsets(params)
         base = base.to(device)
-    model = fresh_model(networks, segments, samples.params, targets, config.leaky_slope, seed).to(device)
+    model = fresh_model(networks, segments, scale, targets, config, seed).to(device)
 
     def loss_of_step(step: int) -> torch.Tensor:
         params, target = supervision.batch(seed, stream, step, config.training)

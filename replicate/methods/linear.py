@@ -46,7 +46,7 @@ def stage(plan: Plan) -> Stage:
 
 def fit(context: StageContext) -> None:
     """Fit the weights of every segment to all training samples, for each λ, and keep the best."""
-    from replicate.approximation.model import parameter_scale
+    from replicate.approximation.conditioning import parameter_scale
     from replicate.approximation.segments import save_segments
 
     mesh, samples = built_rig.load_mesh(context.inputs), drawn_samples.load(context.inputs)

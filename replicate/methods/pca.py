@@ -15,7 +15,7 @@ import numpy as np
 
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.config import TrainingConfig
+from replicate.config import ConditioningConfig, TrainingConfig
 from replicate.engine.schema import Checked, number
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
@@ -86,9 +86,9 @@ def make_network(
 def train(context: StageContext) -> None:
     """Compute the basis, and train the network on Eq. 1 as the dense one is trained."""
     import torch
-    from torch import nn
 
-    from replicate.approximation.model import SegmentedModel, initialise, parameter_scale, save_model
+    from replicate.approximation.conditioning import initialise, parameter_scale
+    from replicate.approximation.model import SegmentedModel, save_model
     from replicate.approximation.segments import Segment, segment_vertices
     from replicate.approximation.supervision import Supervision
     from replicate.approximation.training import prepare
@@ -102,7 +102,7 @@ def train(context: StageContext) -> None:
     segment = Segment("deformable", vertices.astype(np.int32), places, np.arange(count, dtype=np.int32))
     basis, mean = components(samples, segment.vertices, section, numbers.seed)
     network = make_network(count, torch.from_numpy(basis), torch.from_numpy(mean), section.hidden, section.leaky_slope)
-    initialise(nn.ModuleList([network]), section.leaky_slope, torch.Generator().manual_seed(numbers.seed))
+    initialise(ConditioningConfig(), [network], section.leaky_slope, torch.Generator().manual_seed(numbers.seed))
     scale = parameter_scale(samples.params)
     model = SegmentedModel([network], [segment], scale, [1.0], len(mesh.neutral)).to(device)
     supervision = Supervision(mesh, samples, segment.vertices, section.normal_weight, device)

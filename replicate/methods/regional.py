@@ -61,8 +61,8 @@ def train(context: StageContext) -> None:
     import torch
 
     from replicate.approximation import regional_model
+    from replicate.approximation.conditioning import parameter_scale
     from replicate.approximation.gated_network import GatedNetwork
-    from replicate.approximation.model import parameter_scale
     from replicate.approximation.segments import segment_vertices
     from replicate.approximation.supervision import Supervision
     from replicate.approximation.training import prepare

@@ -31,12 +31,14 @@ def train_on_segments(
 
     lines: straight lines that the networks learn to add to, and that become part of the model; none by default.
     """
+    from replicate.approximation.conditioning import input_scale
     from replicate.approximation.linear_skip import add_line
     from replicate.approximation.segment_training import train_segments
 
     numbers, mesh = context.config, built_rig.load_mesh(context.inputs)
     samples, segments = drawn_samples.load(context.inputs), rigid_segments.load_coarse_segments(context.inputs, mesh)
     networks = [make_network(segment, facts) for segment in segments]
+    scale = input_scale(numbers.section.conditioning, samples.params, lambda: built_rig.load(context.inputs))
     model, log = train_segments(
         mesh,
         segments,
@@ -47,6 +49,7 @@ def train_on_segments(
         context.progress,
         context.name,
         numbers.seed,
+        scale,
         numbers.device,
         lines,
     )

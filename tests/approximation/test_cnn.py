@@ -7,9 +7,10 @@ from small_face import small_samples, train_small
 from torch import nn
 from torch.nn import functional
 
-from replicate.approximation import cnn, model
+from replicate.approximation import cnn
+from replicate.approximation.conditioning import initialise
 from replicate.approximation.deformation_map import bilinear, sample
-from replicate.config import CoarseConfig, TrainingConfig
+from replicate.config import CoarseConfig, ConditioningConfig, TrainingConfig
 from replicate.engine.exceptions import InputError
 
 UV = np.random.default_rng(1).uniform(0, 1, (40, 2)).astype(np.float32)
@@ -18,7 +19,7 @@ UV = np.random.default_rng(1).uniform(0, 1, (40, 2)).astype(np.float32)
 def network(map_size=32, inputs=7) -> cnn.MapNetwork:
     map_network = cnn.MapNetwork(inputs, UV, map_size, 16, (256, 512), 0.2)
     generator = torch.Generator().manual_seed(0)
-    model.initialise(nn.ModuleList([map_network]), 0.2, generator)
+    initialise(ConditioningConfig(), [map_network], 0.2, generator)
     for layer in map_network.modules():
         if isinstance(layer, nn.Linear | nn.Conv2d):
             layer.bias.data.normal_(0, 0.1, generator=generator)

@@ -15,14 +15,15 @@ from jaxtyping import Float
 from torch import nn
 from torch.nn import functional
 
-from replicate.approximation.model import SegmentedModel, initialise, load_model, parameter_scale, save_model
+from replicate.approximation.conditioning import initialise, parameter_scale
+from replicate.approximation.model import SegmentedModel, load_model, save_model
 from replicate.approximation.samples import SampleSet
 from replicate.approximation.segments import Segment
 from replicate.approximation.skinning.bones import weighted_points
 from replicate.approximation.skinning.ssdr import Skin, refit
 from replicate.approximation.supervision import Supervision
 from replicate.approximation.training import prepare, train
-from replicate.config import DrivenConfig
+from replicate.config import ConditioningConfig, DrivenConfig
 from replicate.geometry.mesh import Mesh
 
 SKIN = "skin.npz"
@@ -112,7 +113,7 @@ def train_driven(
     segment = Segment("skin", np.arange(n, dtype=np.int32), np.zeros((n, 2), np.float32), np.arange(m, dtype=np.int32))
     supervision = Supervision(mesh, samples, segment.vertices, config.normal_weight, device)
     network = BoneNetwork(m, skin, config.hidden, config.leaky_slope)
-    initialise(nn.ModuleList([network]), config.leaky_slope, torch.Generator().manual_seed(seed))
+    initialise(ConditioningConfig(), [network], config.leaky_slope, torch.Generator().manual_seed(seed))
     _, offsets = supervision.statistics()
     turn, shift = usual_motion(skin, mesh.neutral + offsets[:REFIT_POSES])
     network.turn.copy_(torch.from_numpy(turn))

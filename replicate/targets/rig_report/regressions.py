@@ -99,7 +99,7 @@ def fit_all(
     rows: the training samples. The strength of each fit is that of the smallest error on the validation poses, in the
     coefficients' mm. done: called with `TIMES` after each fit.
     """
-    from replicate.approximation.model import parameter_scale
+    from replicate.approximation.conditioning import parameter_scale
     from replicate.approximation.polynomial_fits import FITS, closest, feature_count, ridges
 
     scale, neutral = parameter_scale(samples.params), mesh.neutral

@@ -1,0 +1,176 @@
+"""The paper's networks as its released code trains them (facts were read from the code for the Ray rig, none is used).
+
+Constant rates one after the other; batches of 4, in which each sample is as likely as any other; rig parameters and
+offsets in the rig's own units, not scaled; first weights as TensorFlow draws them, and small ones for convolutions;
+dense networks of 256 and 512. The loss weighs lengths in those units with 10 and the mean of a normal's components
+with 50, which is Eq. 1 with α = 5/3 of the unit in millimetres. `make bench-released` takes these apart one by one.
+
+The number of samples and of steps is the profile's.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from replicate.artefacts import built_rig, drawn_samples, refinement_squares
+from replicate.artefacts.plan import Plan
+from replicate.config import CoarseConfig, ConditioningConfig, DenseConfig, RefinementConfig, TrainingConfig
+from replicate.engine.schema import read_table
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods import coarse, dense_network, refined
+from replicate.methods.method import Method
+from replicate.methods.training_stage import inputs_of_networks, vertices_of
+from replicate.profiles import PROFILES
+
+if TYPE_CHECKING:
+    import replicate.approximation.model
+
+UNIT_MM = 450.0  # of Ray's rig: the noise of its control points is 0.01 units in the code and 4.5 mm in the paper
+NORMAL_WEIGHT = 50 / 3 / 10 * UNIT_MM  # α of Eq. 1, with positions in mm
+CONDITIONING = ConditioningConfig("released", UNIT_MM, "released")
+TRAINING = TrainingConfig("paper", batch=4, draws="uniform")
+COARSE, REFINED, DENSE, NARROW = "coarse_released", "refined_released", "dense_released", "dense_released_narrow"
+NOTE = "Trained as the paper's released code does: constant rates, the rig's own units, other first weights."
+
+
+def as_released(
+    section: CoarseConfig | RefinementConfig | DenseConfig, key: str, profile: str, **changes: object
+) -> CoarseConfig | RefinementConfig | DenseConfig:
+    """Return a section of the configuration with the released recipe, and the steps of the profile's section `key`."""
+    steps = read_table(section, PROFILES[profile].get(key, {})).training.steps
+    return replace(
+        section,
+        normal_weight=NORMAL_WEIGHT,
+        training=replace(TRAINING, steps=steps),
+        conditioning=CONDITIONING,
+        **changes,
+    )
+
+
+def own_coarse(profile: str) -> CoarseConfig:
+    """Return the coarse networks' section."""
+    return as_released(CoarseConfig(), "coarse", profile)
+
+
+def own_refined(profile: str) -> RefinementConfig:
+    """Return the refinement networks' section; which squares there are is decided by the section `refinement`."""
+    return as_released(RefinementConfig(), "refinement", profile)
+
+
+def own_dense(profile: str) -> DenseConfig:
+    """Return the section of the dense networks of the released code's widths."""
+    return as_released(DenseConfig(), "dense", profile, hidden=(256, 512))
+
+
+def own_narrow(profile: str) -> DenseConfig:
+    """Return the section of the dense networks of the paper's widths."""
+    return as_released(DenseConfig(), "dense", profile)
+
+
+def stage(plan: Plan, method: Method, function: Callable) -> Stage:
+    """Return the stage that trains a method's networks, one a coarse segment."""
+    return plan.stage(method.name, function, plan.training(method.section(plan.config)), *inputs_of_networks(plan))
+
+
+def coarse_stage(plan: Plan) -> Stage:
+    """Return the stage that trains the coarse networks."""
+    return stage(plan, METHODS[0], coarse.train)
+
+
+def refined_stage(plan: Plan) -> Stage:
+    """Return the stage that trains the refinement networks."""
+    inputs = (built_rig.stage(plan), drawn_samples.stage(plan), coarse_stage(plan), refinement_squares.stage(plan))
+    return plan.stage(REFINED, train_refined, plan.training(METHODS[1].section(plan.config)), *inputs)
+
+
+def train_refined(context: StageContext) -> None:
+    """Train the refinement networks on what the coarse ones leave (§3.2)."""
+    refined.train_on(context, load_coarse_model(context.inputs))
+
+
+def load_coarse_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
+    """Return the coarse networks."""
+    from replicate.approximation.cnn import load_coarse
+
+    return load_coarse(inputs[COARSE])
+
+
+def load_coarse(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of the coarse networks."""
+    return vertices_of(inputs, load_coarse_model(inputs))
+
+
+def load_refined(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of both levels of networks."""
+    from replicate.approximation.refinement import load_refined
+
+    return vertices_of(inputs, load_refined(inputs[REFINED], load_coarse_model(inputs)))
+
+
+def load_dense(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of the dense networks of the released widths."""
+    from replicate.approximation.dense import load_dense
+
+    return vertices_of(inputs, load_dense(inputs[DENSE]))
+
+
+def load_narrow(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of the dense networks of the paper's widths."""
+    from replicate.approximation.dense import load_dense
+
+    return vertices_of(inputs, load_dense(inputs[NARROW]))
+
+
+def _released(
+    method: Method, name: str, words: str, stages: Callable, load: Callable, own: Callable, place: float
+) -> Method:
+    return replace(
+        method,
+        name=name,
+        label=f"{method.label}, {words}",
+        stages=stages,
+        load=load,
+        own=own,
+        place=place,
+        in_paper=False,
+        note=NOTE,
+        mark="¤",
+        in_figures=False,
+        standard=False,
+        facts=None,
+    )
+
+
+METHODS = (
+    _released(
+        coarse.METHOD, COARSE, "released recipe", lambda plan: (coarse_stage(plan),), load_coarse, own_coarse, 61
+    ),
+    _released(
+        refined.METHOD,
+        REFINED,
+        "released recipe",
+        lambda plan: (coarse_stage(plan), refined_stage(plan)),
+        load_refined,
+        own_refined,
+        62,
+    ),
+    _released(
+        dense_network.METHOD,
+        DENSE,
+        "released recipe",
+        lambda plan: (stage(plan, METHODS[2], dense_network.train),),
+        load_dense,
+        own_dense,
+        63,
+    ),
+    _released(
+        dense_network.METHOD,
+        NARROW,
+        "released recipe, 256/256",
+        lambda plan: (stage(plan, METHODS[3], dense_network.train),),
+        load_narrow,
+        own_narrow,
+        64,
+    ),
+)
