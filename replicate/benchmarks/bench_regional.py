@@ -9,22 +9,15 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from replicate.artefacts.plan import Plan
 from replicate.benchmarks.common import answer, check_at_least, make_parser, publish, split_names
+from replicate.benchmarks.variants import Variant, train_variants, variants_tables
 from replicate.config import resolve
-from replicate.engine.provenance import core_count, provenance
-from replicate.engine.scheduler import run
-from replicate.engine.store import artefact_folder, read_manifest
-from replicate.methods import regional
 from replicate.methods.method_registry import sections
-from replicate.methods.training_stage import LOG
 from replicate.report.results import Row
-from replicate.report.tables import Table, as_text, round_off
-from replicate.report.training_curves import read_log
+from replicate.report.tables import Table, as_text
 
 ABOUT = "what each piece of our regional method does to its errors and its size"
 WRITES = "results/runs/bench/bench_regional.csv"
-TABLE = "bench_regional"
 STEPS = 4_000
 CHANGES = {
     "as it is": {},
@@ -40,59 +33,29 @@ CHANGES = {
     "hidden layers of 768": {"hidden": [768, 768]},
     "all components in 16 bits": {"fine": 4_096},
 }
-METRICS = {
-    "model_size": "MB",
-    "multiplications": "count",
-    "validation_vertex_error": "mm",
-    "validation_normal_error": "deg",
-}
 
 
-def compare(character: str, profile: str, steps: int) -> list[Row]:
-    """Train all variants of one character and return their sizes and validation errors."""
-    own = sections(profile)
-    training = {"steps": steps}
-    configs = [
-        resolve(
-            character,
-            profile,
-            {"regional": change | {"training": training | change.get("training", {})}},
-            sections=own,
+def variants(character: str, profile: str, steps: int) -> list[Variant]:
+    """Return the method as it is, and with each change, at a schedule of `steps`."""
+    own, training = sections(profile), {"steps": steps}
+    return [
+        Variant(
+            "regional",
+            name,
+            resolve(
+                character,
+                profile,
+                {"regional": change | {"training": training | change.get("training", {})}},
+                sections=own,
+            ),
         )
-        for change in CHANGES.values()
+        for name, change in CHANGES.items()
     ]
-    stages = [regional.stage(Plan(config)) for config in configs]
-    run(stages, facts=provenance(["make", "bench-regional"], profile, [0], core_count()))
-    rows = []
-    for change, config, stage in zip(CHANGES, configs, stages, strict=True):
-        folder = artefact_folder(stage.identifier)
-        notes = read_manifest(folder)["notes"]
-        *_, last = read_log(folder / LOG)
-        values = (notes["size_mb"], notes["multiplications"], last[2], last[3])
-        facts = (None, 1, config.samples.validation, profile, "bench-regional")
-        for (metric, unit), value in zip(METRICS.items(), values, strict=True):
-            rows.append(Row(TABLE, stage.label, "regional", f"{metric}[{change}]", unit, float(value), *facts))
-    return rows
 
 
-def pieces_table(rows: Sequence[Row]) -> list[Table]:
+def pieces_tables(rows: Sequence[Row]) -> list[Table]:
     """Return a table for each character in `bench_regional.csv`."""
-    tables = []
-    for character in dict.fromkeys(row.character for row in rows if row.table == TABLE):
-        values = {row.metric: row for row in rows if row.table == TABLE and row.character == character}
-        lines = []
-        for change in CHANGES:
-            cells = [values.get(f"{metric}[{change}]") for metric in METRICS]
-            if all(cells):
-                size, products, mm, degrees = cells
-                million = f"{products.value / 1e6:.1f}"
-                ends = (round_off(mm.value, mm.unit), round_off(degrees.value, degrees.unit))
-                lines.append((change, f"{size.value:.1f}", million, *ends))
-        poses = max(row.poses or 0 for row in values.values())
-        note = f"errors on {poses} poses held out of the training animation; one seed; a short schedule."
-        header = ("", "MB", "million products", "mm", "degrees")
-        tables.append(Table(f"Pieces of the regional method: {character}", (header,), tuple(lines), (note,)))
-    return tables
+    return variants_tables(rows, "bench_regional", "Pieces of the regional method", {"regional": tuple(CHANGES)})
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -104,10 +67,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     check_at_least(1, steps=options.steps)
-    rows = [row for name in split_names(options.characters) for row in compare(name, options.profile, options.steps)]
-    for table in pieces_table(rows):
-        print(as_text(table))
-    publish("bench_regional", rows, command_line)
+    for character in split_names(options.characters):
+        rows = train_variants("bench-regional", variants(character, options.profile, options.steps))
+        for table in pieces_tables(rows):
+            print(as_text(table))
+        publish("bench_regional", rows, command_line)
 
 
 if __name__ == "__main__":

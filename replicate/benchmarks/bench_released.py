@@ -1,0 +1,110 @@
+"""What makes the dense networks of the paper fail: the recipe of its released code, taken apart.
+
+The paper's dense networks have 5.0 mm and 8.9° on Ray, several times the errors of its CNN. `make bench-released`
+trains dense networks as the released code does (`replicate.methods.released`) and with one thing as in ours, then ours
+with one thing as released, and the CNN both ways, all at one short schedule. Errors are those of the validation poses;
+test poses are not looked at. Trainings go through the cache like any stage, so that a stopped run goes on.
+"""
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
+
+from replicate.benchmarks.common import answer, check_at_least, make_parser, publish, split_names
+from replicate.benchmarks.variants import Variant, train_variants, variants_tables
+from replicate.config import Config, resolve
+from replicate.engine.schema import Checked
+from replicate.methods import released
+from replicate.report.results import Row
+from replicate.report.tables import Table, as_text
+
+ABOUT = "which part of the released recipe makes the paper's dense networks fail"
+WRITES = "results/runs/bench/bench_released.csv"
+STEPS = 4_000
+SECTIONS = {"dense": released.own_dense, "coarse": released.own_coarse}  # of the configuration, by method
+PIECES = {  # of a recipe: the keys of the section that it consists of
+    "controls": ("conditioning.inputs",),
+    "unit of offsets": ("conditioning.unit_mm",),
+    "controls and unit": ("conditioning.inputs", "conditioning.unit_mm"),
+    "first weights": ("conditioning.weights",),
+    "normal weight": ("normal_weight",),
+    "schedule": ("training.schedule", "training.peak_rate"),
+    "batch": ("training.batch",),
+    "draws": ("training.draws",),
+    "width": ("hidden",),
+}
+OF_COARSE = ("controls and unit", "normal weight")  # the pieces that are tried on the CNN too
+MORE = 4  # times the steps, once: whether the failure passes
+
+
+def changes(method: str) -> tuple[str, ...]:
+    """Return what is tried of a method, in words: each recipe as it is, and with one piece of the other."""
+    pieces = tuple(PIECES) if method == "dense" else OF_COARSE
+    theirs = ("released", f"released, {MORE} times the steps", *(f"released, but {piece} as ours" for piece in pieces))
+    return (*theirs, "ours", *(f"ours, but {piece} as released" for piece in pieces))
+
+
+def variants(character: str, profile: str, steps: int) -> list[Variant]:
+    """Return all trainings of one character, at a schedule of `steps`."""
+    usual = resolve(character, profile)
+    return [
+        Variant(method, change, resolve(character, profile, {method: _overrides(usual, method, change, steps)}))
+        for method in SECTIONS
+        for change in changes(method)
+    ]
+
+
+def _overrides(usual: Config, method: str, change: str, steps: int) -> dict:
+    """Return a method's section as a change in words has it, as a nested table."""
+    ours, theirs = getattr(usual, method), SECTIONS[method](usual.profile)
+    base, other = (ours, theirs) if change.startswith("ours") else (theirs, ours)
+    piece = change.partition(", but ")[2].rpartition(" as ")[0]
+    table = _as_table(base)
+    for key in PIECES.get(piece, ()):
+        group, _, name = key.rpartition(".")
+        (table[group] if group else table)[name] = _value(other, key)
+    table["training"]["steps"] = steps * (MORE if change.endswith(f"{MORE} times the steps") else 1)
+    return table
+
+
+def _as_table(section: Checked) -> dict:
+    return {field.name: _plain(getattr(section, field.name)) for field in fields(section)}
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, Checked):
+        return {name: _plain(each) for name, each in asdict(value).items()}
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _value(section: Checked, key: str) -> object:
+    for name in key.split("."):
+        section = getattr(section, name)
+    return _plain(section)
+
+
+def released_tables(rows: Sequence[Row]) -> list[Table]:
+    """Return a table for each character in `bench_released.csv`."""
+    order: Mapping[str, Sequence[str]] = {method: changes(method) for method in SECTIONS}
+    return variants_tables(rows, "bench_released", "The released recipe and ours", order)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the comparison from the command line; return the exit code."""
+    parser = make_parser("bench_released", __doc__, "toon", profile="whose samples and numbers")
+    parser.add_argument("--steps", type=int, default=STEPS, help=f"of each training (default: {STEPS})")
+    return answer(parser, _run, arguments)
+
+
+def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
+    check_at_least(1, steps=options.steps)
+    for character in split_names(options.characters):
+        rows = train_variants("bench-released", variants(character, options.profile, options.steps))
+        for table in released_tables(rows):
+            print(as_text(table))
+        publish("bench_released", rows, command_line)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

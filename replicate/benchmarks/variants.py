@@ -1,0 +1,92 @@
+"""Trainings of one character that differ in one thing: their sizes and validation errors, as rows and as a table."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from replicate.artefacts.plan import Plan
+from replicate.config import Config
+from replicate.engine.provenance import core_count, provenance
+from replicate.engine.scheduler import run
+from replicate.engine.store import artefact_folder, read_manifest
+from replicate.methods.method_registry import method_named
+from replicate.methods.training_stage import LOG
+from replicate.report.results import Row
+from replicate.report.tables import Table, round_off
+from replicate.report.training_curves import read_log
+
+COLUMNS = {  # metric → unit, header
+    "model_size": ("MB", "MB"),
+    "multiplications": ("count", "million products"),
+    "validation_vertex_error": ("mm", "mm"),
+    "validation_normal_error": ("deg", "degrees"),
+}
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One training: a method's, what is changed in words, and the configuration with that change."""
+
+    method: str
+    change: str
+    config: Config
+
+
+def train_variants(name: str, variants: Sequence[Variant]) -> list[Row]:
+    """Train all variants, side by side and through the cache, and return their sizes and validation errors.
+
+    name: of the benchmark, as make has it, with -.
+    """
+    stages = [method_named(v.method).stages(Plan(v.config))[-1] for v in variants]
+    profile = variants[0].config.profile
+    run(stages, facts=provenance(["make", name], profile, [0], core_count()))
+    rows = []
+    for variant, stage in zip(variants, stages, strict=True):
+        folder = artefact_folder(stage.identifier)
+        notes = read_manifest(folder)["notes"]
+        *_, last = read_log(folder / LOG)
+        values = dict(zip(COLUMNS, (notes["size_mb"], notes.get("multiplications"), last[2], last[3]), strict=True))
+        facts = (None, 1, variant.config.samples.validation, profile, name)
+        rows += [
+            Row(
+                name.replace("-", "_"),
+                stage.label,
+                variant.method,
+                f"{metric}[{variant.change}]",
+                COLUMNS[metric][0],
+                float(value),
+                *facts,
+            )
+            for metric, value in values.items()
+            if value is not None
+        ]
+    return rows
+
+
+def variants_tables(rows: Sequence[Row], name: str, title: str, changes: Mapping[str, Sequence[str]]) -> list[Table]:
+    """Return a table for each character in a benchmark's rows: a line a training, a group a method.
+
+    changes: method → what is changed, in the order of the lines.
+    """
+    tables = []
+    for character in dict.fromkeys(row.character for row in rows if row.table == name):
+        values = {(r.method, r.metric): r for r in rows if r.table == name and r.character == character}
+        shown = [metric for metric in COLUMNS if any(key[1].startswith(f"{metric}[") for key in values)]
+        lines: list[tuple[str, ...] | None] = []
+        for method, words in changes.items():
+            group = []
+            for change in words:
+                cells = [values.get((method, f"{metric}[{change}]")) for metric in shown]
+                if any(cells):
+                    group.append((method_named(method).label, change, *map(_cell, cells)))
+            lines += [None, *group] if lines and group else group
+        poses = max(row.poses or 0 for row in values.values())
+        note = f"errors on {poses} poses held out of the training animation; one seed; a short schedule."
+        header = ("", "", *(COLUMNS[metric][1] for metric in shown))
+        tables.append(Table(f"{title}: {character}", (header,), tuple(lines), (note,)))
+    return tables
+
+
+def _cell(row: Row | None) -> str:
+    if row is None:
+        return ""
+    return f"{row.value / 1e6:.1f}" if row.unit == "count" else round_off(row.value, row.unit)
