@@ -1,8 +1,8 @@
-"""What decides the networks' errors: peak rates, and the balanced draws of §3.5.
+"""What decides the networks' errors: peak rates, the balanced draws of §3.5, and a bound on gradients.
 
 `make bench-training` trains each method several times with one thing changed and compares the errors on the validation
-poses, which are held out of the training animation; test poses are not looked at. Peak rates are tried for every method
-alike, at the same short schedule. Trainings go through the cache like any stage, so that a stopped run goes on.
+poses, which are held out of the training animation; test poses are not looked at. All is tried for every method alike,
+at the same short schedule. Trainings go through the cache like any stage, so that a stopped run goes on.
 """
 
 import argparse
@@ -28,12 +28,17 @@ from replicate.report.results import Row
 from replicate.report.tables import as_text
 from replicate.report.training_curves import read_log
 
-ABOUT = "what peak rates and balanced draws do to the networks' errors"
+ABOUT = "what peak rates, balanced draws and a bound on gradients do to the networks' errors"
 WRITES = "results/runs/bench/bench_training.csv"
 SECTIONS = {"coarse": "coarse", "refined": "refinement", "dense": "dense"}
 RATES = (2e-3, 5e-3, 1.2e-2)
+CHANGES = {  # in words → of the training's schedule
+    **{f"{rate:g}": {"peak_rate": rate} for rate in RATES},
+    "balanced draws": {"draws": "balanced"},
+    "gradients as they are": {"largest_gradient": 0.0},
+}
 AXIS_CONTROLS = 4
-STEPS = 4_000  # of the short schedule that rates are compared at
+STEPS = 4_000  # of the short schedule
 FLOORS = ("coarse", "refined")  # the methods whose maps have one
 
 
@@ -47,21 +52,18 @@ class Variant:
 
 
 def variants(steps: int) -> list[Variant]:
-    """Return all trainings: peak rates at a schedule of `steps`, then changes to the profile's own schedule."""
+    """Return all trainings at a schedule of `steps`: each method's peak rates, then other changes to the profile."""
+    return [
+        Variant(method, f"{words}, {steps:,} steps", _at(section, steps, training))
+        for method, section in SECTIONS.items()
+        for words, training in CHANGES.items()
+    ]
+
+
+def _at(section: str, steps: int, training: dict) -> dict:
+    """Return the overrides that train a section's networks, and those that it adds to, for so many steps."""
     short = {"training": {"steps": steps}}
-    choices = [Variant("coarse", f"{rate:g}, {steps:,} steps", {"coarse": _at(rate, steps)}) for rate in RATES]
-    for rate in RATES:
-        overrides = {"coarse": short, "refinement": _at(rate, steps)}
-        choices.append(Variant("refined", f"{rate:g}, {steps:,} steps", overrides))
-    choices += [Variant("dense", f"{rate:g}, {steps:,} steps", {"dense": _at(rate, steps)}) for rate in RATES]
-    for method in ("coarse", "refined"):
-        choices.append(Variant(method, "as the profile", {}))
-        choices.append(Variant(method, "uniform draws", {"samples": {"bins": 1}}))
-    return choices
-
-
-def _at(rate: float, steps: int) -> dict:
-    return {"training": {"schedule": "one_cycle", "steps": steps, "peak_rate": rate}}
+    return {"coarse": short, section: {"training": {"steps": steps} | training}}
 
 
 def stages_of(config: Config, method: str) -> dict[str, Stage]:
@@ -143,7 +145,7 @@ def compare(character: str, options: argparse.Namespace) -> list[Row]:
             name, unit = f"{metric}[{variant.change}]", METRICS[metric][0]
             facts = (None, 1, config.samples.validation, config.profile, "bench-training")
             rows.append(Row(TABLE, graph["rig"].label, variant.method, name, unit, value, *facts))
-        if (variant.method, variant.change) == ("coarse", "as the profile"):
+        if (variant.method, variant.change) == ("coarse", selection[0].change):
             rows += axis_rows(graph, config.profile)
     return rows
 

@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 import pytest
 
-from replicate.benchmarks import bench_released, bench_regional
+from replicate.benchmarks import bench_regional, bench_released
 from replicate.benchmarks.bench_released import PIECES, SECTIONS, changes, released_tables, variants
 from replicate.config import resolve
 from replicate.report.results import Row
