@@ -9,6 +9,7 @@ from replicate.engine.exceptions import InputError
 from replicate.report import manifest, notebooks
 from replicate.report.results import Row, read_results, write_results
 from replicate.report.tables import Table
+from replicate.report.training_curves import read_curves, write_curves
 from replicate.targets.reference import reference_results as reference
 
 TABLES = ("table2", "bench_poses", "bench_rig", "targets")
@@ -68,6 +69,30 @@ def test_benchmarks_alone_are_put_beside_committed_results(folders):
     assert not (reference_folder / "figure10_teen.png").exists()
     assert read_results(reference_folder / "bench_floors.csv")[0].value == 1.0
     assert manifest.targets(reference_folder) == ["bench_floors"]
+
+
+def test_a_character_that_the_run_lacks_stays(folders):
+    run, _, reference_folder, _ = folders
+    reference_folder.mkdir()
+    curve = ((1.0, 2.0, 3.0, 4.0),)
+    for folder, shown, value in ((reference_folder, ("teen", "woman"), 0.7), (run, ("teen",), 0.5)):
+        write_results(folder / "table2.csv", [row(who, value=value) for who in shown])
+        write_curves(folder / "table2_curves.csv", {(who, "coarse"): curve * len(shown) for who in shown})
+        manifest.write_entries(folder, "table2", {who: {**CLEAN, "run": f"{value}"} for who in shown})
+    reference.publish_reference("laptop")
+    values = {row.character: row.value for row in read_results(reference_folder / "table2.csv")}
+    assert values == {"teen": 0.5, "woman": 0.7}
+    curves = read_curves(reference_folder / "table2_curves.csv")
+    assert curves == {("teen", "coarse"): curve, ("woman", "coarse"): curve * 2}
+    runs = {who: facts["run"] for who, facts in manifest.entries(reference_folder, "table2").items()}
+    assert runs == {"teen": "0.5", "woman": "0.7"}
+
+
+def test_a_benchmark_that_no_manifest_tells_of_is_left_out(folders):
+    _, bench, reference_folder, _ = folders
+    write_results(bench / "bench_rig.csv", [row("teen", "bench_rig")])
+    reference.publish_reference("laptop")
+    assert not (reference_folder / "bench_rig.csv").exists()
 
 
 @pytest.mark.parametrize("where", ["table2", "bench_floors"])

@@ -16,8 +16,9 @@ from replicate.engine import paths
 from replicate.engine.atomic_files import copy_file, write_text
 from replicate.engine.exceptions import InputError
 from replicate.report import manifest
-from replicate.report.results import Row, read_results
+from replicate.report.results import COLUMNS, Row, read_results
 from replicate.report.tables import Table, as_markdown
+from replicate.report.training_curves import read_curves, write_curves
 from replicate.targets.rig_report.report_tables import report_card
 from replicate.targets.table2.error_table import table2_overview
 from replicate.targets.target_table import target_table
@@ -32,8 +33,9 @@ ALWAYS = ("rig_tour",)  # notebooks that show a rig; the others show results
 def publish_reference(profile: str) -> list[Path]:
     """Put a profile's results and the benchmarks' in the place of the committed ones; return the new files.
 
-    Files without a new result stay as they are. Raises InputError, before it writes anything, if neither has results,
-    or some come from a tree with changes.
+    Of a table each character is replaced as a whole, and those that the run lacks stay, so that characters may be run
+    one at a time. Files without a new result stay as they are. Raises InputError, before it writes anything, if neither
+    has results, or some come from a tree with changes.
     """
     run, bench, rigs = (paths.run_folder(name) for name in (profile, BENCH, "rigs"))
     of_run, of_bench = manifest.targets(run), manifest.targets(bench)
@@ -48,11 +50,16 @@ def publish_reference(profile: str) -> list[Path]:
                         "commit them and make it again"
                     )
     paths.REFERENCE.mkdir(parents=True, exist_ok=True)
-    files = [_copy(file) for file in sorted(run.iterdir()) if _is_result(file)] if of_run else []
-    for target in of_run:
-        manifest.write_entries(paths.REFERENCE, target, manifest.entries(run, target))
-    files += _benchmarks(bench, of_bench)
-    files += [_copy(rigs / name) for name in shown_pictures() if (rigs / name).is_file()]
+    files = [_put(file) for file in sorted(run.iterdir()) if _is_result(file)] if of_run else []
+    for file in sorted(bench.iterdir()) if of_bench else ():
+        if _is_result(file) and (file.suffix != ".csv" or file.stem in of_bench):
+            files.append(_put(file))
+    for folder, names in ((run, of_run), (bench, of_bench)):
+        for target in names:
+            before = manifest.entries(paths.REFERENCE, target)
+            both = before | manifest.entries(folder, target)
+            manifest.write_entries(paths.REFERENCE, target, dict(sorted(both.items())))
+    files += [_put(rigs / name) for name in shown_pictures() if (rigs / name).is_file()]
     return files + _texts(manifest.targets(paths.REFERENCE))
 
 
@@ -93,24 +100,24 @@ def _is_result(file: Path) -> bool:
     return file.suffix in KINDS and file.name != manifest.NAME and not file.name.startswith(".")
 
 
-def _copy(file: Path) -> Path:
+def _put(file: Path) -> Path:
+    """Put a new result in its place; rows and curves of characters that it lacks stay."""
     into = paths.REFERENCE / file.name
+    if file.suffix == ".csv" and into.is_file():
+        columns = file.open(encoding="utf-8").readline().rstrip("\n").split(",")
+        if columns == list(COLUMNS):
+            rows = read_results(file)
+            characters = {row.character for row in rows}
+            merge(into, rows, lambda row: row.character not in characters)
+            return into
+        if columns[:1] == ["character"]:
+            curves = read_curves(file)
+            characters = {character for character, _ in curves}
+            others = {key: curve for key, curve in read_curves(into).items() if key[0] not in characters}
+            write_curves(into, others | curves)
+            return into
     copy_file(file, into)
     return into
-
-
-def _benchmarks(folder: Path, targets: list[str]) -> list[Path]:
-    """Merge the benchmarks' rows, a character's as a whole, and copy the pictures of those characters."""
-    files = []
-    for target in targets:
-        rows, into = read_results(folder / f"{target}.csv"), paths.REFERENCE / f"{target}.csv"
-        characters = {row.character for row in rows}
-        merge(into, rows, lambda row, characters=characters: row.character not in characters)
-        before = manifest.entries(paths.REFERENCE, target)
-        manifest.write_entries(paths.REFERENCE, target, before | manifest.entries(folder, target))
-        files.append(into)
-    pictures = [file for file in sorted(folder.iterdir()) if file.suffix in (".png", ".json")] if targets else []
-    return files + [_copy(file) for file in pictures if _is_result(file)]
 
 
 def _texts(targets: list[str]) -> list[Path]:
