@@ -8,7 +8,7 @@ test poses are not looked at. Trainings go through the cache like any stage, so 
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, fields
 
 from replicate.benchmarks.common import answer, check_at_least, make_parser, publish, split_names
@@ -31,7 +31,7 @@ PIECES = {  # of a recipe: the keys of the section that it consists of
     "normal weight": ("normal_weight",),
     "schedule": ("training.schedule", "training.peak_rate"),
     "batch": ("training.batch",),
-    "draws": ("training.draws",),
+    "bound on gradients": ("training.largest_gradient",),
     "width": ("hidden",),
 }
 OF_COARSE = ("controls and unit", "normal weight")  # the pieces that are tried on the CNN too
@@ -45,13 +45,16 @@ def changes(method: str) -> tuple[str, ...]:
     return (*theirs, "ours", *(f"ours, but {piece} as released" for piece in pieces))
 
 
+CHANGES = {method: changes(method) for method in SECTIONS}
+
+
 def variants(character: str, profile: str, steps: int) -> list[Variant]:
     """Return all trainings of one character, at a schedule of `steps`."""
     usual = resolve(character, profile)
     return [
         Variant(method, change, resolve(character, profile, {method: _overrides(usual, method, change, steps)}))
-        for method in SECTIONS
-        for change in changes(method)
+        for method, words in CHANGES.items()
+        for change in words
     ]
 
 
@@ -86,8 +89,7 @@ def _value(section: Checked, key: str) -> object:
 
 def released_tables(rows: Sequence[Row]) -> list[Table]:
     """Return a table for each character in `bench_released.csv`."""
-    order: Mapping[str, Sequence[str]] = {method: changes(method) for method in SECTIONS}
-    return variants_tables(rows, "bench_released", "The released recipe and ours", order)
+    return variants_tables(rows, "bench_released", "The released recipe and ours", CHANGES)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

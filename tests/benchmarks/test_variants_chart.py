@@ -1,0 +1,65 @@
+"""The chart of trainings that differ in one thing, and the figure of the regional method."""
+
+import numpy as np
+import pytest
+
+from data_recipes.catalogue import build_rig
+from replicate.benchmarks.regional_figure import region_colours, regional_figure
+from replicate.benchmarks.variants_chart import variants_chart
+from replicate.drawing.rig_views import UNUSED_COLOUR
+from replicate.methods.regional import RegionalConfig
+from replicate.report.results import Row
+
+ERRORS = {"as it is": (0.2, 1.0), "no line": (0.4, 4.0), "wider": (0.1, 0.5)}
+
+
+def rows(character="teen"):
+    metrics = (("validation_vertex_error", "mm"), ("validation_normal_error", "deg"))
+    return [
+        Row("bench", character, "regional", f"{metric}[{change}]", unit, values[k], None, 1, 64, "laptop", "bench")
+        for change, values in ERRORS.items()
+        for k, (metric, unit) in enumerate(metrics)
+    ]
+
+
+def chart():
+    changes = {"regional": ("as it is", "no line", "never trained", "wider")}
+    return variants_chart([*rows(), *rows("toon")], "bench", "teen", changes, ("as it is",))
+
+
+def test_each_change_is_a_bar_from_the_base_to_its_own_error():
+    figure, _ = chart()
+    for k, axes in enumerate(figure.axes):
+        bars = [line.get_xdata() for line in axes.lines if len(line.get_xdata()) == 2]
+        assert [tuple(bar) for bar in bars] == [(ERRORS["as it is"][k], ERRORS[c][k]) for c in ("no line", "wider")]
+        points = [float(line.get_xdata()[0]) for line in axes.lines if len(line.get_xdata()) == 1]
+        assert points == [values[k] for values in ERRORS.values()], "what was not trained has no line"
+
+
+def test_the_words_name_the_best_and_the_worst():
+    words = chart()[1]
+    assert "smallest normal error, 0.5 degrees, is of regional, wider" in words.alt
+    assert "largest normal error, 4 degrees, is of regional, no line" in words.alt
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return build_rig("tiny")
+
+
+def test_rigid_segments_are_gray_and_regions_have_a_colour_each(rig):
+    rigid = np.zeros(len(rig.mesh.segment_names), bool)
+    rigid[-1] = True
+    colours = region_colours(rig, rigid, 5)
+    gray = (colours == UNUSED_COLOUR).all(1)
+    np.testing.assert_array_equal(gray, rigid[rig.mesh.segment[rig.mesh.faces[:, 0]]])
+    assert len(np.unique(colours[~gray], axis=0)) == 5
+
+
+def test_the_figure_says_what_it_shows(rig):
+    rigid = np.zeros(len(rig.mesh.segment_names), bool)
+    config = RegionalConfig(regions=3, components=7, hidden=(20, 10))
+    figure, words = regional_figure(rig, rigid, config, "tiny", renderer="software")
+    texts = {text.get_text() for axes in figure.axes for text in axes.texts}
+    assert "c\n3 × 7\n= 21" in texts and {"gated layer\n20", "gated layer\n10"} <= texts
+    assert "3 regions" in words.caption and "20 and 10" in words.alt
