@@ -1,8 +1,14 @@
-"""What decides the networks' errors: peak rates, and the balanced draws of §3.5.
+"""What decides the networks' errors: peak rates, and the augmentation and balanced draws of §3.5.
 
 `make bench-training` trains each method several times with one thing changed and compares the errors on the validation
 poses, which are held out of the training animation; test poses are not looked at. Peak rates are tried for every method
 alike, at the same short schedule. Trainings go through the cache like any stage, so that a stopped run goes on.
+
+"Raw animation" is what §3.5 argues against (claim C12): coarse networks trained on as many poses, drawn from the
+training animation as it is, each frame as likely as any other (Eq. 5 with all factors 1, and one interval). Validation
+and test poses are the profile's. They are frames of the animation too, often neighbours of training frames, which
+favours the raw animation: poses unlike the animation's, for which the paper augments, are not among them. A rig without
+clips has no animation, and no such row.
 """
 
 import argparse
@@ -15,7 +21,7 @@ import numpy as np
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.benchmarks.common import answer, make_parser, publish, split_names
-from replicate.benchmarks.training_table import METRICS, TABLE, trainings_table
+from replicate.benchmarks.training_table import AS_PROFILE, METRICS, RAW_ANIMATION, TABLE, trainings_table
 from replicate.config import Config, resolve
 from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import core_count, provenance
@@ -28,7 +34,7 @@ from replicate.report.results import Row
 from replicate.report.tables import as_text
 from replicate.report.training_curves import read_log
 
-ABOUT = "what peak rates and balanced draws do to the networks' errors"
+ABOUT = "what peak rates, augmentation and balanced draws do to the networks' errors"
 WRITES = "results/runs/bench/bench_training.csv"
 SECTIONS = {"coarse": "coarse", "refined": "refinement", "dense": "dense"}
 RATES = (2e-3, 5e-3, 1.2e-2)
@@ -55,8 +61,9 @@ def variants(steps: int) -> list[Variant]:
         choices.append(Variant("refined", f"{rate:g}, {steps:,} steps", overrides))
     choices += [Variant("dense", f"{rate:g}, {steps:,} steps", {"dense": _at(rate, steps)}) for rate in RATES]
     for method in ("coarse", "refined"):
-        choices.append(Variant(method, "as the profile", {}))
+        choices.append(Variant(method, AS_PROFILE, {}))
         choices.append(Variant(method, "uniform draws", {"samples": {"bins": 1}}))
+    choices.append(Variant("coarse", RAW_ANIMATION, {"samples": {"low": 1.0, "high": 1.0, "bins": 1}}))
     return choices
 
 
@@ -88,6 +95,11 @@ def floor_deg(stages: dict[str, Stage], config: Config, refined: bool) -> float:
     floor = Floor(segments, config.coarse.map_size, squares, config.refinement.map_size)
     supervision = Supervision(mesh, samples, segment_vertices(segments), 1.0, "cpu")
     return supervision.validation()(lambda _: floor(np.asarray(samples.validation_offsets)))[1]
+
+
+def has_clips(stages: dict[str, Stage]) -> bool:
+    """Return whether a finished training's rig has an animation to draw poses from."""
+    return built_rig.load({name: artefact_folder(stage.identifier) for name, stage in stages.items()}).clips is not None
 
 
 def axis_rows(stages: dict[str, Stage], profile: str) -> list[Row]:
@@ -135,6 +147,8 @@ def compare(character: str, options: argparse.Namespace) -> list[Row]:
     run([graph[variant.method] for graph, variant in zip(graphs, selection, strict=True)], facts=facts)
     rows = []
     for variant, config, graph in zip(selection, configs, graphs, strict=True):
+        if variant.change == RAW_ANIMATION and not has_clips(graph):
+            continue  # its poses are drawn uniformly, with any factors
         mm, degrees = validation_errors(graph, variant.method)
         errors = {"validation_vertex_error": mm, "validation_normal_error": degrees}
         if variant.method in FLOORS:
@@ -143,7 +157,7 @@ def compare(character: str, options: argparse.Namespace) -> list[Row]:
             name, unit = f"{metric}[{variant.change}]", METRICS[metric][0]
             facts = (None, 1, config.samples.validation, config.profile, "bench-training")
             rows.append(Row(TABLE, graph["rig"].label, variant.method, name, unit, value, *facts))
-        if (variant.method, variant.change) == ("coarse", "as the profile"):
+        if (variant.method, variant.change) == ("coarse", AS_PROFILE):
             rows += axis_rows(graph, config.profile)
     return rows
 

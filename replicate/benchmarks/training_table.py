@@ -14,6 +14,7 @@ METRICS = {
     "normal_error_over_floor": ("ratio", "degrees / floor"),
 }
 METHODS = ("coarse", "refined", "dense")
+AS_PROFILE, RAW_ANIMATION = "as the profile", "raw animation"  # changes that claim C12 compares
 
 
 def trainings_table(rows: Iterable[Row]) -> Table:

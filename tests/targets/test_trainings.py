@@ -1,7 +1,14 @@
 """Trainings compared: which ones, how they are shown, and what a typing mistake gets."""
 
+import zlib
+
+import numpy as np
+from plain_rig import PlainRig
+
+from data_recipes.rig import Clip
+from replicate.approximation.samples import choose_poses
 from replicate.benchmarks import bench_training as training
-from replicate.benchmarks.training_table import axis_text, draws_text, trainings_table
+from replicate.benchmarks.training_table import AS_PROFILE, RAW_ANIMATION, axis_text, draws_text, trainings_table
 from replicate.config import resolve
 from replicate.report.results import Row
 
@@ -13,13 +20,32 @@ def test_every_method_is_tried_at_the_same_rates_and_schedule():
         schedules = [getattr(resolve("tiny", "laptop", v.overrides), section).training for v in by_method[method]]
         rates[method] = [schedule.peak_rate for schedule in schedules if schedule.steps == 700]
     assert rates["coarse"] == rates["refined"] == rates["dense"] == list(training.RATES)
-    assert [len(variants) - len(training.RATES) for variants in by_method.values()] == [2, 2, 0]
+    assert [len(variants) - len(training.RATES) for variants in by_method.values()] == [3, 2, 0]
 
 
 def test_uniform_draws_are_one_bin_and_the_profile_is_left_alone():
     configs = {v.change: resolve("tiny", "laptop", v.overrides) for v in training.variants(700) if v.method == "coarse"}
     assert configs["as the profile"] == resolve("tiny", "laptop")
     assert configs["uniform draws"] == resolve("tiny", "laptop", {"samples": {"bins": 1}})
+
+
+def test_the_raw_animation_is_trained_on_as_it_is_and_validated_on_the_profiles_poses():
+    choices = {v.change: v for v in training.variants(700) if v.method == "coarse"}
+    rig = PlainRig()
+    rig.clips = [Clip(f"{k}", np.random.default_rng(k).random((40, 2), dtype=np.float32)) for k in range(2)]
+    parts = {}
+    for change in (AS_PROFILE, RAW_ANIMATION):
+        samples = resolve("tiny", "quick", choices[change].overrides).samples
+        parts[change] = choose_poses(
+            rig, samples, lambda stream: np.random.default_rng([0, zlib.crc32(stream.encode())])
+        )
+    profile, raw = parts[AS_PROFILE], parts[RAW_ANIMATION]
+    frames = {row.tobytes() for clip in rig.clips for row in clip.values}
+    assert {row.tobytes() for row in raw["training"]} <= frames and len(raw["training"]) == len(profile["training"])
+    assert not {row.tobytes() for row in profile["training"]} <= frames
+    for part in ("validation", "test"):
+        np.testing.assert_array_equal(raw[part], profile[part])
+    assert choices[RAW_ANIMATION].overrides["samples"]["bins"] == 1
 
 
 def test_a_training_is_one_line_of_the_table():
