@@ -260,7 +260,8 @@ def test_the_table_marks_what_qualifies_a_verdict():
     text = as_text(table)
     assert "0.400° against 1.00° (coarse), 0.500° (refined), 1.00° (dense)" in text and "single seed" in text
     assert r"$\dagger$" in as_latex(table) and "| C12 " in as_markdown(table)
-    several = Evidence(rows(normal={"refined": 0.5}, sd=0.01))
+    several = Evidence(rows(distance={"refined": 0.99}, normal={"refined": 0.99}, sd=0.001))
+    assert claims_table(judge_all(several, PAPER), several).body[0][1] == "holds", "its spread is known: no mark"
     assert "3 seeds" in as_text(claims_table(judge_all(several, PAPER), several))
     assert "Nothing is tested" in as_text(claims_table(judge_all(Evidence([]), PAPER), Evidence([])))
 

@@ -29,7 +29,7 @@ def claim_chart(evidence: Evidence, paper: Evidence, claim: str) -> "tuple[matpl
     if not panels:
         return None
     names = list(dict.fromkeys(name for pairs in panels.values() for name in pairs))
-    figure = Figure((LABELS + PANEL * max(2, len(panels)), ROW * len(names) + FRAME), dpi=DPI, layout="constrained")
+    figure = Figure((LABELS + PANEL * max(3, len(panels)), ROW * len(names) + FRAME), dpi=DPI, layout="constrained")
     axes_of = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
     ratios = [c.ratio for pairs in panels.values() for pair in pairs.values() for c in pair if c and c.ratio > 0]
     lower, upper = min([*ratios, 0.8]) / 1.25, max([*ratios, 1.25]) * 1.25
