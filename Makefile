@@ -71,7 +71,7 @@ help: ## print this help
 	@echo "  METHODS=        the rows of tables: names, or paths of .py files with a method of your own; all for all"
 	@echo "  SEED=  JOBS=  DEVICE=  CONFIG=  SPLIT=  CLUSTER=   as \`python -m replicate table2 --help\` says"
 	@echo "  POSE=  CLIP=  PARAMS=  TO=  TOLERANCE=   as \`python -m replicate export --help\` says"
-	@echo "  LATEX=1         \`make compare\` in LaTeX"
+	@echo "  LATEX=1         \`make compare\` and \`make claims\` in LaTeX"
 	@echo "  ICT_FACEKIT=    the folder of ICT-FaceKit, for CHARACTERS=ict: a face that nobody here made"
 	@echo "  PYTHON=         the Python, 3.11 or newer, that .venv is made with"
 

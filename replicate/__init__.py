@@ -26,6 +26,8 @@ Fig. 8   refinement segments                      targets/figure08/
 Fig. 9   forehead wrinkles                        targets/table2/figure09.py
 Fig. 10  heatmaps of normal errors                targets/table2/figure10.py
 
+Which of the paper's claims our numbers bear out is judged in targets/claims/, a rule each.
+
 A row of a table is a module of methods/, what `make` makes a folder of targets/, what methods share a module of
 artefacts/; engine/ runs and keeps the work. Of the paper, §4 (Eq. 6 to 10, inverse kinematics) with Tables 3 and 4 and
 Figures 11 to 13 has no module yet.

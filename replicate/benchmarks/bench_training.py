@@ -1,8 +1,14 @@
-"""What decides the networks' errors: peak rates, the balanced draws of §3.5, and a bound on gradients.
+"""What decides the networks' errors: peak rates, the augmentation and balanced draws of §3.5, a bound on gradients.
 
 `make bench-training` trains each method several times with one thing changed and compares the errors on the validation
 poses, which are held out of the training animation; test poses are not looked at. All is tried for every method alike,
 at the same short schedule. Trainings go through the cache like any stage, so that a stopped run goes on.
+
+"Raw animation" is what §3.5 argues against (claim C12): coarse networks trained on as many poses, drawn from the
+training animation as it is, each frame as likely as any other (Eq. 5 with all factors 1). Validation and test poses are
+the profile's. They are frames of the animation too, often neighbours of training frames, which favours the raw
+animation: poses unlike the animation's, for which the paper augments, are not among them. A rig without clips has no
+animation, and no such row.
 """
 
 import argparse
@@ -15,7 +21,7 @@ import numpy as np
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.benchmarks.common import answer, make_parser, publish, split_names
-from replicate.benchmarks.training_table import METRICS, TABLE, trainings_table
+from replicate.benchmarks.training_table import BALANCED, METRICS, RAW_ANIMATION, TABLE, trainings_table
 from replicate.config import Config, resolve
 from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import core_count, provenance
@@ -28,13 +34,13 @@ from replicate.report.results import Row
 from replicate.report.tables import as_text
 from replicate.report.training_curves import read_log
 
-ABOUT = "what peak rates, balanced draws and a bound on gradients do to the networks' errors"
+ABOUT = "what peak rates, augmentation, balanced draws and a bound on gradients do to the networks' errors"
 WRITES = "results/runs/bench/bench_training.csv"
 SECTIONS = {"coarse": "coarse", "refined": "refinement", "dense": "dense"}
 RATES = (2e-3, 5e-3, 1.2e-2)
 CHANGES = {  # in words → of the training's schedule
-    **{f"{rate:g}": {"peak_rate": rate} for rate in RATES},
-    "balanced draws": {"draws": "balanced"},
+    **{f"peak rate {rate:g}": {"peak_rate": rate} for rate in RATES},
+    BALANCED: {"draws": "balanced"},
     "gradients as they are": {"largest_gradient": 0.0},
 }
 AXIS_CONTROLS = 4
@@ -53,15 +59,17 @@ class Variant:
 
 def variants(steps: int) -> list[Variant]:
     """Return all trainings at a schedule of `steps`: each method's peak rates, then other changes to the profile."""
-    return [
-        Variant(method, f"{words}, {steps:,} steps", _at(section, steps, training))
+    choices = [
+        Variant(method, words, _at(section, steps, training))
         for method, section in SECTIONS.items()
         for words, training in CHANGES.items()
     ]
+    raw = _at("coarse", steps, {}) | {"samples": {"low": 1.0, "high": 1.0}}
+    return [*choices, Variant("coarse", RAW_ANIMATION, raw)]
 
 
 def _at(section: str, steps: int, training: dict) -> dict:
-    """Return the overrides that train a section's networks, and those that it adds to, for so many steps."""
+    """Return the overrides that train a section's networks, and those that they add to, for so many steps."""
     short = {"training": {"steps": steps}}
     return {"coarse": short, section: {"training": {"steps": steps} | training}}
 
@@ -90,6 +98,11 @@ def floor_deg(stages: dict[str, Stage], config: Config, refined: bool) -> float:
     floor = Floor(segments, config.coarse.map_size, squares, config.refinement.map_size)
     supervision = Supervision(mesh, samples, segment_vertices(segments), 1.0, "cpu")
     return supervision.validation()(lambda _: floor(np.asarray(samples.validation_offsets)))[1]
+
+
+def has_clips(stages: dict[str, Stage]) -> bool:
+    """Return whether a finished training's rig has an animation to draw poses from."""
+    return built_rig.load({name: artefact_folder(stage.identifier) for name, stage in stages.items()}).clips is not None
 
 
 def axis_rows(stages: dict[str, Stage], profile: str) -> list[Row]:
@@ -137,6 +150,8 @@ def compare(character: str, options: argparse.Namespace) -> list[Row]:
     run([graph[variant.method] for graph, variant in zip(graphs, selection, strict=True)], facts=facts)
     rows = []
     for variant, config, graph in zip(selection, configs, graphs, strict=True):
+        if variant.change == RAW_ANIMATION and not has_clips(graph):
+            continue  # its poses are drawn uniformly, with any factors
         mm, degrees = validation_errors(graph, variant.method)
         errors = {"validation_vertex_error": mm, "validation_normal_error": degrees}
         if variant.method in FLOORS:
@@ -145,7 +160,7 @@ def compare(character: str, options: argparse.Namespace) -> list[Row]:
             name, unit = f"{metric}[{variant.change}]", METRICS[metric][0]
             facts = (None, 1, config.samples.validation, config.profile, "bench-training")
             rows.append(Row(TABLE, graph["rig"].label, variant.method, name, unit, value, *facts))
-        if (variant.method, variant.change) == ("coarse", selection[0].change):
+        if (variant.method, variant.change) == ("coarse", BALANCED):
             rows += axis_rows(graph, config.profile)
     return rows
 

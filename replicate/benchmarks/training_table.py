@@ -14,6 +14,7 @@ METRICS = {
     "normal_error_over_floor": ("ratio", "degrees / floor"),
 }
 METHODS = ("coarse", "refined", "dense")
+BALANCED, RAW_ANIMATION = "balanced draws", "raw animation"  # changes that claim C12 compares
 
 
 def trainings_table(rows: Iterable[Row]) -> Table:

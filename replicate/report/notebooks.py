@@ -147,11 +147,11 @@ def show_picture(file: Path) -> None:
 
 
 def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str | None = None) -> None:
-    """Execute a notebook with other values in its first cell, and write it, byte for byte the same each time.
+    """Execute a notebook with other values for its parameters, and write it, byte for byte the same each time.
 
-    parameters: name → value; each must be assigned in the notebook's first cell. stamp: stored in the metadata. What
-    cells write to stderr goes to ours. Raises InputError where a cell does, RunError where
-    the kernel dies, and what nbclient raises for a cell that fails otherwise; `out` is then left as it was.
+    parameters: name → value; each must be assigned in the first cell that holds code. stamp: stored in the metadata.
+    What cells write to stderr goes to ours. Raises InputError where a cell does, RunError where the kernel dies, and
+    what nbclient raises for a cell that fails otherwise; `out` is then left as it was.
     """
     import nbformat
     from jupyter_client.manager import AsyncKernelManager
@@ -159,7 +159,8 @@ def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str |
     from nbclient.exceptions import CellExecutionError, DeadKernelError
 
     notebook = nbformat.read(source, as_version=4)
-    notebook.cells[0].source = with_parameters(notebook.cells[0].source, parameters)
+    first = next(cell for cell in notebook.cells if cell.cell_type == "code")
+    first.source = with_parameters(first.source, parameters)
     for cell in notebook.cells:
         if cell.cell_type == "code":
             cell.outputs, cell.execution_count = [], None
@@ -196,7 +197,7 @@ def with_parameters(source: str, parameters: dict[str, object]) -> str:
     for name, value in parameters.items():
         places = [k for k, line in enumerate(lines) if line.startswith(f"{name} = ")]
         if len(places) != 1:
-            raise InputError(f"the notebook's first cell assigns {name} {len(places)} times, where once is allowed.")
+            raise InputError(f"the notebook's first code assigns {name} {len(places)} times, where once is allowed.")
         _, hash_, comment = lines[places[0]].partition("  # ")
         lines[places[0]] = f"{name} = {json.dumps(value)}{hash_}{comment}"
     return "\n".join(lines)
@@ -220,7 +221,7 @@ def _stable(outputs: list) -> list:
 def run_notebook(name: str, results: str, **parameters: object) -> Path:
     """Execute one of the notebooks on some results, unless that has been done, and return the file written.
 
-    parameters: more values for its first cell.
+    parameters: more values for the first cell that holds code.
     """
     source = NOTEBOOKS / f"{name}.ipynb"
     if not source.is_file():

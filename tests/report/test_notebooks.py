@@ -11,14 +11,18 @@ from sample_rows import CURVE, cells_after, rig_report_rows, table1_rows, table2
 
 from replicate.benchmarks.training_table import balance_text, draws_text
 from replicate.drawing import render
+from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import run_folder
 from replicate.report import notebooks
 from replicate.report.notebooks import execute, main, provenance_text, with_parameters
 from replicate.report.pose_record import PoseRecord, save_pose
 from replicate.report.results import Row, write_results
-from replicate.report.tables import as_text
+from replicate.report.tables import Table, as_text
 from replicate.report.training_curves import write_curves
+from replicate.targets.claims.claims_publication import write_claims
+from replicate.targets.claims.evidence import gather
+from replicate.targets.claims.paper_claims import CLAIMS
 from replicate.targets.figure05.training_poses import POSES_HEADER
 from replicate.targets.figure07.mesh_segments import HEADER as SEGMENTS_HEADER
 from replicate.targets.figure08.refinement_segments import HEADER as REFINEMENT_HEADER
@@ -67,11 +71,11 @@ def folder(empty) -> Path:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_a_notebook_begins_with_parameters_and_provenance_and_is_thin(path):
+def test_a_notebook_begins_with_parameters_says_where_results_come_from_and_is_thin(path):
     code = cells(path, "code")
-    assert json.loads(path.read_text())["cells"][0]["metadata"]["tags"] == ["parameters"]
+    assert code[0]["metadata"]["tags"] == ["parameters"]
     assert all(isinstance(node, ast.Assign) for node in ast.parse(code[0]["source"]).body)
-    assert "provenance_text(" in code[1]["source"]
+    assert any("provenance_text(" in cell["source"] for cell in (code[1], code[-1]))
     for cell in code:
         kinds = [type(node) for node in ast.walk(ast.parse(cell["source"]))]
         assert ast.FunctionDef not in kinds and ast.ClassDef not in kinds
@@ -164,7 +168,20 @@ def test_table2s_notebook_shows_simple_fits_beside_where_there_are_some(folder, 
     assert table.body[-1] == ("PCA basis of these regressions", "0.000", "0.00")
 
 
-@pytest.mark.parametrize("target", ["table1", "figure05", "figure07", "figure08", "rig_report"])
+def test_the_claims_notebook_shows_every_claim_with_its_reasons(folder, monkeypatch):
+    write_results(folder / "table1.csv", table1_rows())
+    write_claims(folder, gather([folder]))
+    monkeypatch.setattr(paths, "REFERENCE", folder)
+    outputs = run_cells(notebooks.NOTEBOOKS / "claims.ipynb", monkeypatch)
+    overview, *reasons, own = (table for table in outputs if isinstance(table, Table))
+    assert [line[0].partition(" ")[0] for line in overview.body] == [claim.name for claim in CLAIMS]
+    assert [table.title.partition(",")[0] for table in reasons] == [claim.name for claim in CLAIMS]
+    assert own.body[0][1] == "not tested" and "no normal_error_mean of linear" in own.body[0][2]
+    captions = [words.caption for words in outputs if hasattr(words, "caption")]
+    assert len(captions) == 6, "neither the paper nor these results have numbers on C11 and C12"
+
+
+@pytest.mark.parametrize("target", ["claims", "table1", "figure05", "figure07", "figure08", "rig_report"])
 def test_a_notebook_without_its_results_names_the_target_that_makes_them(folder, monkeypatch, target):
     with pytest.raises(InputError, match=f"`make {target.replace('_', '-')}`"):
         run_cells(notebooks.NOTEBOOKS / f"{target}.ipynb", monkeypatch)

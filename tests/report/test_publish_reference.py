@@ -10,9 +10,10 @@ from replicate.report import manifest, notebooks
 from replicate.report.results import Row, read_results, write_results
 from replicate.report.tables import Table
 from replicate.report.training_curves import read_curves, write_curves
+from replicate.targets.claims.claim_verdicts import read_verdicts
 from replicate.targets.reference import reference_results as reference
 
-TABLES = ("table2", "bench_poses", "bench_rig", "targets")
+TABLES = ("claims", "table2", "bench_poses", "bench_rig", "targets")
 CLEAN = {"git": {"commit": "c" * 40, "clean": True}, "run": "r"}
 
 
@@ -53,10 +54,12 @@ def test_results_benchmarks_manifest_and_readme_are_written(folders):
     values = {row.character: row.value for row in read_results(reference_folder / "bench_floors.csv")}
     assert values == {"teen": 1.0, "woman": 2.0}, "the other character's stays"
     assert manifest.targets(reference_folder) == ["table2", "bench_floors"]
-    assert notebook_names == ["rig_tour", "table2"]
+    assert notebook_names == ["claims", "rig_tour", "table2"]
     text = reference.README.read_text()
-    assert text.startswith("before\n") and text.endswith("after\n") and text.count("old") == len(TABLES) - 1
-    assert "| Coarse | 0.50 |" in text
+    assert text.startswith("before\n") and text.endswith("after\n") and text.count("old") == len(TABLES) - 2
+    assert "| Coarse | 0.50 |" in text and "| teen (Hiccup) |" in text
+    verdicts = {one.results for one in read_verdicts(reference_folder / "claims.csv")}
+    assert verdicts <= {"", "reference"}, "they are of the committed rows, not of the run's"
 
 
 def test_benchmarks_alone_are_put_beside_committed_results(folders):

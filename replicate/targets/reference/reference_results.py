@@ -16,9 +16,13 @@ from replicate.engine import paths
 from replicate.engine.atomic_files import copy_file, write_text
 from replicate.engine.exceptions import InputError
 from replicate.report import manifest
-from replicate.report.results import COLUMNS, Row, read_results
+from replicate.report.results import COLUMNS, read_results
 from replicate.report.tables import Table, as_markdown
 from replicate.report.training_curves import read_curves, write_curves
+from replicate.targets.claims.claim_verdicts import FILE as CLAIMS
+from replicate.targets.claims.claims_publication import write_claims
+from replicate.targets.claims.claims_table import overview
+from replicate.targets.claims.evidence import gather
 from replicate.targets.rig_report.report_tables import report_card
 from replicate.targets.table2.error_table import table2_overview
 from replicate.targets.target_table import target_table
@@ -27,7 +31,7 @@ KINDS = (".csv", ".json", ".npz", ".png")
 README, DATA_CARD, REPRODUCING = (
     paths.ROOT / name for name in ("README.md", "data_recipes/README.md", "REPRODUCING.md")
 )
-ALWAYS = ("rig_tour",)  # notebooks that show a rig; the others show results
+ALWAYS = ("claims", "rig_tour")  # notebooks that show all results, or a rig; the others show one target's
 
 
 def publish_reference(profile: str) -> list[Path]:
@@ -59,6 +63,8 @@ def publish_reference(profile: str) -> list[Path]:
             before = manifest.entries(paths.REFERENCE, target)
             both = before | manifest.entries(folder, target)
             manifest.write_entries(paths.REFERENCE, target, dict(sorted(both.items())))
+    write_claims(paths.REFERENCE, gather([paths.REFERENCE]))
+    files.append(paths.REFERENCE / CLAIMS)
     files += [_put(rigs / name) for name in shown_pictures() if (rigs / name).is_file()]
     return files + _texts(manifest.targets(paths.REFERENCE))
 
@@ -75,14 +81,15 @@ def rewrite_target_table() -> None:
     write_text(REPRODUCING, with_table(text, "targets", target_table()))
 
 
-def tables_in_texts() -> dict[str, tuple[Path, Callable[[list[Row]], Table]]]:
-    """Return, by the name of a committed CSV, which text shows it, and as what table."""
+def tables_in_texts() -> dict[str, tuple[Path, Callable[[Path], Table]]]:
+    """Return, by the name of a committed CSV, which text shows it, and what makes the table of the file."""
     paper = read_results(paths.PAPER / "table2.csv")
     return {
-        "table2": (README, lambda rows: table2_overview(rows, paper)),
-        "bench_poses": (DATA_CARD, health_card),
-        "bench_rig": (REPRODUCING, speed_card),
-        "rig_report": (DATA_CARD, report_card),
+        "claims": (README, overview),
+        "table2": (README, lambda file: table2_overview(read_results(file), paper)),
+        "bench_poses": (DATA_CARD, lambda file: health_card(read_results(file))),
+        "bench_rig": (REPRODUCING, lambda file: speed_card(read_results(file))),
+        "rig_report": (DATA_CARD, lambda file: report_card(read_results(file))),
     }
 
 
@@ -128,7 +135,7 @@ def _texts(targets: list[str]) -> list[Path]:
     files = [run_notebook(name, "reference") for name in names]
     for name, (text, make_table) in tables_in_texts().items():
         if (file := paths.REFERENCE / f"{name}.csv").is_file():
-            write_text(text, with_table(text.read_text("utf-8"), name, make_table(read_results(file))))
+            write_text(text, with_table(text.read_text("utf-8"), name, make_table(file)))
             files.append(text)
     rewrite_target_table()
     return [*files, REPRODUCING]

@@ -1,0 +1,120 @@
+"""The verdicts, printed: claims against characters, and why."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from replicate.report.cast import STANDS_FOR, order_of
+from replicate.report.tables import Table
+from replicate.targets.claims.claim_verdicts import FAILS, HOLDS, NOT_TESTED, Verdict, beaten_by_line, read_verdicts
+from replicate.targets.claims.evidence import Evidence, MissingNumber, gather
+from replicate.targets.claims.paper_claims import CLAIMS, claim_named, smaller_error
+from replicate.targets.claims.verdict_rules import SPREADS, significant
+
+CLOSE = 0.02  # share of a limit: a verdict of one seed that is nearer to it is marked
+LATER = "C7 to C10 and C13 follow with the tables and figures that they need."
+
+
+def claims_table(verdicts: Sequence[Verdict], evidence: Evidence) -> Table:
+    """Return a line for each claim and a column for each character, with footnotes on what qualifies a verdict.
+
+    Variants of a character, as teen@one_face, are left out. evidence: what the verdicts are from, for the line.
+    """
+    by_key = {(one.claim, one.character): one for one in verdicts if "@" not in one.character}
+    characters = sorted({character for _, character in by_key}, key=order_of)
+    cells = {key: cell(one) for key, one in by_key.items()}
+    body = tuple(
+        (f"{claim.name} {claim.text}", *(cells.get((claim.name, character), "–") for character in characters))
+        for claim in CLAIMS
+    )
+    marks = "".join(cells.values())
+    notes = [about(list(by_key.values()))]
+    if "†" in marks:
+        notes.append("† By the same rule the paper's own numbers fail too, for the character that it stands for.")
+    if "‡" in marks:
+        notes.append(
+            f"‡ Decided by less than {CLOSE:.0%} on a single seed: another seed may turn it.".replace("%", " %")
+        )
+    notes += line_notes(evidence, characters)
+    notes.append(f"–: not tested. {LATER}")
+    header = ("", *(f"{name} ({STANDS_FOR[name]})" if name in STANDS_FOR else name for name in characters))
+    title = "What the paper claims, on our characters"
+    return Table(title, (header,), body, tuple(notes), text_columns=len(header))
+
+
+def overview(file: Path) -> Table:
+    """Return the table of a folder's `claims.csv`. Raises InputError for a file that holds no verdicts."""
+    return claims_table(read_verdicts(file), gather([file.parent]))
+
+
+def cell(one: Verdict) -> str:
+    """Return a verdict with the marks of its notes."""
+    if one.verdict == NOT_TESTED:
+        return "–"
+    marks = [one.verdict]
+    if one.verdict == one.published == FAILS:
+        marks.append("†")
+    if one.seeds == 1 and one.limit and abs(one.limit - one.value) < CLOSE * abs(one.limit):
+        marks.append("‡")
+    return " ".join(marks)
+
+
+def about(verdicts: Sequence[Verdict]) -> str:
+    """Return which profile the verdicts are of, and on how many seeds they stand."""
+    tested = [one for one in verdicts if one.verdict != NOT_TESTED]
+    if not tested:
+        return "Nothing is tested yet."
+    seeds = sorted({one.seeds for one in tested if one.seeds})
+    if seeds[-1:] in ([], [1]):
+        how = "one seed: numbers are compared as they are"
+    else:
+        count = f"{seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"{seeds[0]}"
+        how = (
+            f"{count} seeds: a difference counts if it is larger than {SPREADS:g} times the summed standard deviations"
+        )
+    return f"Profile {', '.join(sorted({one.profile for one in tested}))}; {how}."
+
+
+def line_notes(evidence: Evidence, characters: Sequence[str]) -> list[str]:
+    """Return on which characters a straight line has smaller normal errors than which of the paper's networks."""
+    notes = []
+    for character in characters:
+        if beaten := beaten_by_line(evidence, character, "normal"):
+            line, *networks = (
+                significant(evidence.error(character, name, "normal").value) for name in ("linear", *beaten)
+            )
+            others = ", ".join(f"{value}° ({name})" for name, value in zip(beaten, networks, strict=True))
+            subject = "A straight line (ridge regression) has smaller normal errors"
+            notes.append(f"{subject} on {character}: {line}° against {others}.")
+    return notes
+
+
+def claim_text(name: str) -> str:
+    """Return a claim, where the paper has it, and when it holds, in Markdown. name: "C1"."""
+    claim = claim_named(name)
+    return f"**{claim.text}** ({claim.where}). *It holds where:* {claim.rule}"
+
+
+def reasons_table(verdicts: Sequence[Verdict], claim: str) -> Table:
+    """Return one claim's verdicts with their reasons, a character a line, the paper's own verdict beside ours."""
+    body = tuple((one.character, one.verdict, _of_the_paper(one), one.reason) for one in verdicts if one.claim == claim)
+    header = ("", "verdict", "paper's numbers", "why")
+    return Table(f"{claim}, character by character", (header,), body, text_columns=4)
+
+
+def comparison_table(evidence: Evidence, method: str, other: str, kind: str) -> Table:
+    """Return whether one method's mean error is smaller than another's, by the rule of the claims, for each character.
+
+    kind: "vertex" or "normal". What lacks a number is not tested.
+    """
+    body = []
+    for character in evidence.characters():
+        try:
+            comparison = smaller_error(evidence, character, method, other, kind)
+            body.append((character, HOLDS if comparison.satisfied else FAILS, f"{comparison}"))
+        except MissingNumber as missing:
+            body.append((character, NOT_TESTED, f"{missing}"))
+    return Table(f"Is {method} below {other}?", (("", "verdict", "why"),), tuple(body), text_columns=3)
+
+
+def _of_the_paper(one: Verdict) -> str:
+    return f"{one.published} ({one.stands_for})" if one.published in (HOLDS, FAILS) else "–"

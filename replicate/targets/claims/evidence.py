@@ -1,0 +1,86 @@
+"""The rows that claims are judged by: of a run where it has them, else of the committed results."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from replicate.benchmarks.common import PROFILE as BENCH
+from replicate.engine import paths
+from replicate.report.cast import STANDS_FOR, order_of
+from replicate.report.manifest import command_of
+from replicate.report.results import Row, read_results
+from replicate.targets.claims.verdict_rules import Number
+
+TABLES = ("table1", "table2", "bench_training")  # the files, without .csv
+SEGMENTS = "table2_segments"  # a table of its own in table2.csv
+QUANTITIES = {"vertex": ("distance", "mm"), "normal": ("normal error", "deg")}
+
+
+class MissingNumber(LookupError):
+    """There is no row of a number that a claim needs; the message is a sentence that names it and what makes it."""
+
+
+class Evidence:
+    """The rows of some characters, ours or the paper's, to be looked up, and the folder that each table is from."""
+
+    def __init__(self, rows: Iterable[Row], places: dict[tuple[str, str], str] | None = None):
+        """Take rows, of which no two are of the same number; places: (table, character) → a folder's name."""
+        self.rows = {row.key: row for row in rows}
+        self.places = places or {}
+
+    def characters(self) -> list[str]:
+        """Return those that stand for the paper's four, and the others that Table 2 has, in the order of tables."""
+        others = {row.character for row in self.rows.values() if row.table == "table2"}
+        return sorted({*STANDS_FOR, *others}, key=order_of)
+
+    def number(self, table: str, character: str, method: str, metric: str, name: str = "") -> Number:
+        """Return a number; name: what sentences call it, else as the method. Raises MissingNumber without a row."""
+        row = self.rows.get((table, character, method, metric))
+        if row is None:
+            target = "table2" if table == SEGMENTS else table
+            which, command = f"no {metric} of {method} for {character}", f"{command_of(target)} CHARACTERS={character}"
+            raise MissingNumber(f"{target}.csv has {which}; `make {command}` writes it.")
+        return Number(name or method.replace("lbs", "LBS "), row.value, row.sd, (row,))
+
+    def error(self, character: str, method: str, kind: str) -> Number:
+        """Return a method's mean error over the test poses. kind: "vertex", in mm, or "normal", in degrees."""
+        return self.number("table2", character, method, f"{kind}_error_mean")
+
+    def place(self, rows: Iterable[Row]) -> str:
+        """Return the names of the folders that some rows are from."""
+        keys = {(row.table.replace(SEGMENTS, "table2"), row.character) for row in rows}
+        return ", ".join(sorted({self.places[key] for key in keys if key in self.places}))
+
+
+def folders_of(name: str) -> list[Path]:
+    """Return where evidence of some results is looked for, in order. name: "reference", or the profile of a run."""
+    if name == "reference":
+        return [paths.REFERENCE]
+    return [paths.run_folder(name), paths.run_folder(BENCH), paths.REFERENCE]
+
+
+def gather(folders: Sequence[Path]) -> Evidence:
+    """Return, for each table and character, the rows of the first folder that has some.
+
+    Raises InputError for a file that is no table of results.
+    """
+    rows: list[Row] = []
+    places: dict[tuple[str, str], str] = {}
+    for table in TABLES:
+        for folder in folders:
+            file = folder / f"{table}.csv"
+            new = read_results(file) if file.is_file() else []
+            new = [row for row in new if (table, row.character) not in places]
+            rows += new
+            places |= {(table, row.character): folder.name for row in new}
+    return Evidence(rows, places)
+
+
+def published() -> Evidence:
+    """Return the paper's own numbers, by the names of its characters."""
+    return Evidence(row for table in ("table1", "table2") for row in read_results(paths.PAPER / f"{table}.csv"))
+
+
+def stand_in(character: str) -> str:
+    """Return the film character that one stands for, variants too, or "" for none; the paper's stand for themselves."""
+    name = character.partition("@")[0]
+    return name if name in STANDS_FOR.values() else STANDS_FOR.get(name, "")

@@ -1,0 +1,201 @@
+"""The paper's claims C1 to C6, C11 and C12, and what each needs of the numbers.
+
+Each is tested in `tests/targets/test_claims.py` on the paper's own numbers, which must give the paper's own verdict.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from replicate.benchmarks.training_table import BALANCED, RAW_ANIMATION
+from replicate.config import RigidConfig
+from replicate.targets.claims.evidence import QUANTITIES, SEGMENTS, Evidence, MissingNumber, stand_in
+from replicate.targets.claims.verdict_rules import Comparison, Number, significant
+from replicate.targets.table1.size_table import CLAIM as SIZES
+
+NETWORKS = ("coarse", "refined", "dense")
+SKINS = ("lbs16", "lbs24", "lbs32")
+TAU_MM = RigidConfig().tau_mm
+Ways = tuple[tuple[Comparison, ...], ...]  # the claim holds if all comparisons of one of them are satisfied
+
+
+def no_remark(evidence: Evidence, character: str) -> str:
+    """Return that there is nothing to add."""
+    return ""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim of the paper's.
+
+    name: its number in our list. text: the claim, in a short sentence. where: in the paper. rule: when it holds, in
+    words. ways: (evidence, character) → what it needs; raises MissingNumber. remark: (evidence, character) → sentences
+    that belong beside the verdict, or "". kinds: the errors, keys of `QUANTITIES`, in which a straight line is compared
+    with the paper's networks beside the verdict.
+    """
+
+    name: str
+    text: str
+    where: str
+    rule: str
+    ways: Callable[[Evidence, str], Ways]
+    remark: Callable[[Evidence, str], str] = no_remark
+    kinds: tuple[str, ...] = ()
+
+
+def smaller_error(evidence: Evidence, character: str, method: str, other: str, kind: str) -> Comparison:
+    """Return the comparison of two methods' mean errors. kind: "vertex" or "normal". Raises MissingNumber."""
+    left, right = (evidence.error(character, name, kind) for name in (method, other))
+    return Comparison(*QUANTITIES[kind], left, right)
+
+
+def best_network(character: str) -> str:
+    """Return the method that the paper has the smallest normal error of, for the character that one stands for."""
+    return "dense" if stand_in(character) == "Toothless" else "refined"
+
+
+def _refined_beats_coarse(evidence: Evidence, character: str) -> Ways:
+    return (tuple(smaller_error(evidence, character, "refined", "coarse", kind) for kind in QUANTITIES),)
+
+
+def _smallest_normal_error(evidence: Evidence, character: str) -> Ways:
+    best = best_network(character)
+    others = (method for method in (*NETWORKS, *SKINS) if method != best)
+    return (tuple(smaller_error(evidence, character, best, other, "normal") for other in others),)
+
+
+def _refined_beats_skins(evidence: Evidence, character: str) -> Ways:
+    return (tuple(smaller_error(evidence, character, "refined", skin, "normal") for skin in SKINS),)
+
+
+def _skin_close_without_wrinkles(evidence: Evidence, character: str) -> Ways:
+    ways = []
+    for skin in SKINS:
+        distances = (evidence.error(character, method, "vertex") for method in (skin, "refined"))
+        close = Comparison(*QUANTITIES["vertex"], *distances, "matches")
+        ways.append((close, smaller_error(evidence, character, "refined", skin, "normal")))
+    return tuple(ways)
+
+
+def _dense_normals_are_worst(evidence: Evidence, character: str) -> Ways:
+    return (tuple(smaller_error(evidence, character, network, "dense", "normal") for network in ("refined", "coarse")),)
+
+
+def _degrees_per_mm(evidence: Evidence, character: str) -> str:
+    """Return how large normal errors are beside distances, which is more for errors of higher frequency."""
+    shares = {}
+    for method in ("dense", "refined"):
+        distance, normal = (evidence.error(character, method, kind).value for kind in QUANTITIES)
+        shares[method] = f"{significant(normal / distance, 2)}° ({method})" if distance else f"– ({method})"
+    better = all(
+        smaller_error(evidence, character, "dense", other, "normal").satisfied for other in ("refined", "coarse")
+    )
+    lead = "Dense does not fail here: its normal error is the smallest of the three. " if better else ""
+    return f"{lead}Degrees of normal error per mm of distance: {shares['dense']} and {shares['refined']}."
+
+
+def _sizes(evidence: Evidence, character: str) -> tuple[Number, Number]:
+    small = evidence.number("table1", character, "refined", "model_size", "the CNN")
+    return small, evidence.number("table1", character, "dense", "model_size")
+
+
+def _cnn_is_smaller(evidence: Evidence, character: str) -> Ways:
+    small, dense = _sizes(evidence, character)
+    least = small.times(SIZES[0], f"{SIZES[0]:g} × the CNN")
+    return ((Comparison("size", "MB", least, dense, "at most"),),)
+
+
+def _times_as_large(evidence: Evidence, character: str) -> str:
+    """Return the ratio of sizes, what is beyond the claim's range, and the ratio with the released code's widths."""
+    small, dense = _sizes(evidence, character)
+    text = f"The dense model is {significant(dense.value / small.value)} times as large as the CNN"
+    if dense.value > SIZES[1] * small.value:
+        text += f", beyond the claim's {SIZES[1]:g}: the CNN is even smaller, which is no failure"
+    try:
+        wide = evidence.number("table1", character, "dense_released", "model_size")
+    except MissingNumber:
+        return f"{text}."
+    return f"{text}; with the widths of the released code {significant(wide.value / small.value)} times."
+
+
+def _rigid_within_tau(evidence: Evidence, character: str) -> Ways:
+    mean = evidence.number(SEGMENTS, character, "attachment", "vertex_error_mean[rigid]", "rigid segments, mean")
+    return ((Comparison("distance", "mm", mean, Number("τ", TAU_MM), "at most"),),)
+
+
+def _worst_rigid(evidence: Evidence, character: str) -> str:
+    tails = (evidence.number(SEGMENTS, character, "attachment", f"vertex_error_{s}[rigid]") for s in ("p95", "max"))
+    p95, most = (significant(number.value) for number in tails)
+    return f"The 95th percentile over their vertices and the test poses is {p95} mm, the maximum {most} mm."
+
+
+def _augmented_beats_raw(evidence: Evidence, character: str) -> Ways:
+    if stand_in(character) == "Ray":
+        raise MissingNumber(
+            "This rig has no animation, as Ray's: its poses are uniform draws, and nothing is augmented."
+        )
+    comparisons = []
+    for kind, (quantity, unit) in QUANTITIES.items():
+        names = {BALANCED: "augmented and balanced", RAW_ANIMATION: "raw animation"}
+        left, right = (
+            evidence.number("bench_training", character, "coarse", f"validation_{kind}_error[{change}]", name)
+            for change, name in names.items()
+        )
+        comparisons.append(Comparison(quantity, unit, left, right))
+    return (tuple(comparisons),)
+
+
+BOTH = tuple(QUANTITIES)
+CLAIMS = (
+    Claim(
+        "C1", "The refined model beats the coarse one in both errors", "Table 2",
+        "Its distance and its normal error are both smaller.",
+        _refined_beats_coarse, kinds=BOTH,
+    ),
+    Claim(
+        "C2", "Refined has the smallest normal error (for Toothless: dense)", "Table 2",
+        "Its normal error is smaller than those of the paper's other rows in Table 2: coarse, dense (or refined), and "
+        "LBS with 16, 24 and 32 bones. A character that stands for none of the paper's is judged as Hiccup is.",
+        _smallest_normal_error, kinds=("normal",),
+    ),
+    Claim(
+        "C3", "Refined beats every LBS in normal error", "Table 2",
+        "Its normal error is smaller than that of LBS with 16, 24 and 32 bones, which sees each true test mesh.",
+        _refined_beats_skins, kinds=("normal",),
+    ),
+    Claim(
+        "C4", "LBS can match the CNN in distance and still lose the wrinkles", "Table 2, Figs. 1 and 9",
+        "With some number of bones, LBS has a distance error no larger than refined's, and a larger normal error. The "
+        "paper says that it can be so, not that it always is.",
+        _skin_close_without_wrinkles, kinds=BOTH,
+    ),
+    Claim(
+        "C5", "Dense networks leave high-frequency noise in the normals", "§5, Fig. 10",
+        "Their normal error is larger than refined's and than coarse's too: coarse maps lose fine detail, and only "
+        "wrong detail is worse than none. A mean has no frequency; degrees per millimetre are a hint at it, and the "
+        "heatmaps of Figure 10 show it. Where dense networks have the smaller normal error, the claim fails.",
+        _dense_normals_are_worst, _degrees_per_mm, ("normal",),
+    ),
+    Claim(
+        "C6", f"The CNN is {SIZES[0]:g} to {SIZES[1]:g} times smaller than the dense model", "Table 1",
+        f"The dense model, with the text's widths, is at least {SIZES[0]:g} times as large. More than {SIZES[1]:g} "
+        "times is no failure.",
+        _cnn_is_smaller, _times_as_large,
+    ),
+    Claim(
+        "C11", f"Rigid segments follow their attachments to within {TAU_MM:g} mm", "§3.4",
+        "Placed by the attachment vertices of the true test poses, their vertices are at most τ off in the mean over "
+        "vertices and poses. The paper prints no number for it.",
+        _rigid_within_tau, _worst_rigid,
+    ),
+    Claim(
+        "C12", "Augmentation with balancing beats the raw animation", "§3.5",
+        "On validation poses, coarse networks trained on augmented, balanced samples have both errors smaller than "
+        "those trained on the animation as it is (`make bench-training`). The paper prints no number for it.",
+        _augmented_beats_raw,
+    ),
+)  # fmt: skip
+
+
+def claim_named(name: str) -> Claim:
+    """Return a claim by its number, "C1"."""
+    return next(claim for claim in CLAIMS if claim.name == name)
