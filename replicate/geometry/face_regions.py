@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
-from scipy.spatial import cKDTree
+from jaxtyping import Int
 
 from replicate.geometry.mesh import Mesh
 
@@ -22,16 +21,14 @@ def face_regions(
     the region of the control point nearest to its centre in the neutral pose. That holds for the segments with control
     points, the skin of the face; all other mesh faces (skull, neck, teeth …) have `NO_REGION`.
     """
+    from scipy.spatial import cKDTree  # not for those who only read what is there
+
     if not len(control_points):
         return (), np.full(len(mesh.faces), NO_REGION, np.int8)
     places = mesh.neutral[control_points]
     own = np.array([READERS_NAMES.get(region, region) for region in regions])
     names = sorted(set(own.tolist()), key=lambda name: -float(places[own == name, 1].mean()))
-    nearest = _nearest(places, mesh.neutral[mesh.faces].mean(1))
+    nearest = cKDTree(places).query(mesh.neutral[mesh.faces].mean(1))[1]
     index = np.array([names.index(name) for name in own], np.int8)[nearest]
     skin = np.isin(mesh.segment[mesh.faces], mesh.segment[control_points]).all(1)
     return tuple(names), np.where(skin, index, np.int8(NO_REGION))
-
-
-def _nearest(places: Float[np.ndarray, "c 3"], points: Float[np.ndarray, "f 3"]) -> Int[np.ndarray, " f"]:
-    return cKDTree(places).query(points)[1]

@@ -124,6 +124,8 @@ def test_captions_say_by_which_rule_a_pose_was_chosen(record):
     assert "the median of the mean normal errors of “Refined”" in captions[1]
     assert "the largest mean normal error of “Refined”" in captions[2]
     assert [picture_name(one) for one in records] == ["figure10_teen", "figure10_teen_median", "figure10_teen_worst"]
+    close = figure10(record, camera="forehead", across=24, renderer="software")[1].caption
+    assert close.startswith("Close up on the forehead, test pose 7") and len({*captions, close}) == 4
     assert picture_name(record, "forehead") == "figure10_teen_forehead"
 
 

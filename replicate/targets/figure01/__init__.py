@@ -8,6 +8,7 @@ from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
 from replicate.methods.method_registry import methods as all_methods
 from replicate.report.publication import publish_pictures
+from replicate.targets.figure_methods import FIGURE01
 from replicate.targets.options import OF_A_RUN
 from replicate.targets.running import make
 from replicate.targets.shown_records import input_stages, load_records, picture_settings
@@ -15,14 +16,12 @@ from replicate.targets.shown_records import input_stages, load_records, picture_
 ABOUT = "the rig beside the refined networks, our method and LBS, in one wrinkled pose, with their errors"
 WRITES = "results/runs/<profile>/"
 OPTIONS = OF_A_RUN
-# What stands beside the truth.
-METHODS = ("refined", "regional", "lbs32")
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
     """Return the stages of one character's figure; those of the methods, the slow ones, come first."""
     registry = all_methods(plan.config)
-    shown = [registry[name] for name in METHODS if name in registry]
+    shown = [registry[name] for name in FIGURE01 if name in registry]
     inputs = input_stages(plan, shown, typical=False)
     figure = plan.stage("figure01", draw, picture_settings(plan, shown), *inputs)
     return [*(stage for method in shown for stage in method.stages(plan)), *inputs, figure]

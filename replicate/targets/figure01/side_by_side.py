@@ -9,11 +9,12 @@ from replicate.report.clay_surfaces import clay_surfaces, view_of
 from replicate.report.panel_titles import marks_in_words, panel_title, plain_name, pose_in_words
 from replicate.report.pose_errors import WHOLE, normal_means_deg, vertex_mean_mm
 from replicate.report.pose_record import TRUTH, PoseRecord
+from replicate.targets.figure_methods import FIGURE01
 
 if TYPE_CHECKING:
     import matplotlib.figure
 
-COLUMNS = (TRUTH, "refined", "regional", "lbs32")
+COLUMNS = (TRUTH, *FIGURE01)
 VIEWS = (("front", 1.2), ("forehead", 0.8))  # a camera, and its picture's height over its width
 LINES = ("distance", "normals")
 

@@ -11,11 +11,12 @@ from replicate.report.clay_surfaces import clay_surfaces
 from replicate.report.panel_titles import marks_in_words, panel_title, plain_name, pose_in_words
 from replicate.report.pose_errors import WHOLE, normal_means_deg
 from replicate.report.pose_record import TRUTH, PoseRecord
+from replicate.targets.figure_methods import FIGURE09
 
 if TYPE_CHECKING:
     import matplotlib.figure
 
-COLUMNS = (TRUTH, "refined", "regional", "lbs32", "coarse", "floor_refined")
+COLUMNS = (TRUTH, *FIGURE09)
 ACROSS = 3  # pictures in a row
 TALL = 0.8  # a picture's height over its width
 REGION = "forehead"

@@ -76,8 +76,10 @@ def _words(record: PoseRecord, camera: str, means: dict[str, dict[str, float]], 
     hardest = _hardest_region(means)
     seen = f" “{plain_name(best)}” has the smallest mean." if best else ""
     seen += f" Most methods are farthest off at the {hardest}." if hardest else ""
+    shown = ("close up on the forehead, " if camera == "forehead" else "") + pose
+    shown = shown[0].upper() + shown[1:]
     caption = (
-        f"{pose[0].upper()}{pose[1:]} (after Fig. 10). Left half of each face: the predicted surface. Right half: the "
+        f"{shown} (after Fig. 10). Left half of each face: the predicted surface. Right half: the "
         f"angle between each mesh face's predicted and true normal (Eq. 11), 0° to {limit_deg:g}°, the same colours in "
         f"all panels, which go with the angle's root. Below: its mean in this pose{regions}.{seen} "
         f"{marks_in_words(means)}"
