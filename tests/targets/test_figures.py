@@ -214,13 +214,9 @@ def test_mixtures_of_many_hues_show_no_bands_where_palette_colours_are_mixed(tmp
 
 def test_the_same_figure_gives_the_same_bytes(tmp_path, record):
     for name in ("a.png", "b.png"):
-        save_figure(*_figure_arguments(record, tmp_path / name))
+        figure, words = figure10(record, across=60, renderer="software")
+        save_figure(figure, tmp_path / name, words)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-
-
-def _figure_arguments(record, path):
-    figure, words = figure10(record, across=60, renderer="software")
-    return figure, path, words
 
 
 def test_curves_are_read_back_to_the_last_bit(tmp_path):
