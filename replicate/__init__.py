@@ -20,11 +20,12 @@ Eq. 5    poses beyond the animation               approximation/sampling.py
 Eq. 11   the normal error                         approximation/metrics.py
 Table 1  model sizes                              targets/table1/
 Table 2  approximation errors                     targets/table2/
+Fig. 1   the rig beside approximations            targets/figure01/
 Fig. 5   training poses                           targets/figure05/
 Fig. 7   mesh segments                            targets/figure07/
 Fig. 8   refinement segments                      targets/figure08/
-Fig. 9   forehead wrinkles                        targets/table2/figure09.py
-Fig. 10  heatmaps of normal errors                targets/table2/figure10.py
+Fig. 9   forehead wrinkles                        targets/figure09/
+Fig. 10  heatmaps of normal errors                targets/figure10/
 
 Which of the paper's claims our numbers bear out is judged in targets/claims/, a rule each.
 

@@ -9,11 +9,12 @@ from toy_stages import ToyConfig
 from replicate.config import resolve
 from replicate.engine import store
 from replicate.engine.stage import Stage
-from replicate.report.pose_record import PoseRecord, save_pose
+from replicate.report.pose_record import CHOICES, PoseRecord, save_pose
 from replicate.report.publication import CharacterResult
 from replicate.report.results import write_results
 from replicate.report.training_curves import write_curves
 from replicate.targets.table2 import publishing
+from replicate.targets.table2.character_part import pose_file
 
 GIT = {"commit": "c0ffee", "clean": True}
 
@@ -27,8 +28,9 @@ def result(
         write_results(out / "table2.csv", [replace(row, run=run) for row in table2_rows((character,))])
         write_curves(out / "table2_curves.csv", {(character, "dense"): CURVE})
         flat, faces = np.eye(3, dtype=np.float32), np.int32([[0, 1, 2]])
-        record = PoseRecord(character, 5, flat, faces, {"truth": flat, "dense": flat})
-        save_pose(out / f"table2_{character}_pose.npz", record)
+        for choice in CHOICES:
+            record = PoseRecord(character, 5, flat, faces, {"truth": flat, "dense": flat}, (), choice, "dense")
+            save_pose(pose_file(out, character, choice), record)
         return {"key": "k", "wall_s": 1.0, "run": {"git": git, "profile": "quick"}}
 
     stage = Stage("table2", "toy_stages:numbers", ToyConfig(seed), label=f"{character}-{run}")

@@ -43,20 +43,28 @@ def normal_heat(
     return Surface(predicted, faces, colours, lit=False, smooth=False)
 
 
-def normal_bar(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes", limit_deg: float) -> None:
-    """Draw the bar of `normal_heat` in `axes`."""
-    bar = colour_bar(figure, axes, limit_deg, "normal angle error, degrees", ROOT)
+def normal_bar(
+    figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes", limit_deg: float, orientation: str = "vertical"
+) -> None:
+    """Draw the bar of `normal_heat` in `axes`, upright or, as "horizontal", level."""
+    bar = colour_bar(figure, axes, limit_deg, "normal angle error, degrees", ROOT, orientation)
     bar.set_ticks([tick for tick in NORMAL_TICKS_DEG if tick <= limit_deg])
 
 
 def colour_bar(
-    figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes", limit: float, label: str, power: float = 1.0
+    figure: "matplotlib.figure.Figure",
+    axes: "matplotlib.axes.Axes",
+    limit: float,
+    label: str,
+    power: float = 1.0,
+    orientation: str = "vertical",
 ) -> "matplotlib.colorbar.Colorbar":
     """Draw the bar of `error_colours` in `axes`; the label has the unit, an arrow shows that it saturates."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import PowerNorm
 
-    bar = figure.colorbar(ScalarMappable(PowerNorm(power, 0, limit), COLOUR_MAP), cax=axes, extend="max")
+    scale = ScalarMappable(PowerNorm(power, 0, limit), COLOUR_MAP)
+    bar = figure.colorbar(scale, cax=axes, extend="max", orientation=orientation)
     bar.set_label(label)
     bar.outline.set_linewidth(0.5)
     return bar

@@ -51,11 +51,12 @@ def coloured_views(
     width: int = 256,
     height: int = 330,
     renderer: str | None = None,
+    below: Sequence[UInt8[np.ndarray, "h w 3"]] = (),
 ) -> "matplotlib.figure.Figure":
     """Return a figure: the rig with an open mouth from each of `VIEWS`, then the legend.
 
-    colours: one for each face. legend: (text, colours) pairs; of props only the
-    eyeballs are drawn.
+    colours: one for each face. legend: (text, colours) pairs; of props only the eyeballs are drawn. below: as many
+    pictures of the same size, for a second row.
     """
     params, mesh = open_mouth(rig), rig.mesh
     posed = rig(params)
@@ -74,7 +75,10 @@ def coloured_views(
             camera = replace(camera, height_mm=ROOM * camera.height_mm)
         pictures.append(render(surfaces, camera, width, height, renderer=renderer))
     key = legend_panel(legend, width, height)
-    return panel_grid([[*pictures, key]], [*VIEWS.values(), ""])
+    titles = [*VIEWS.values(), ""]
+    if not below:
+        return panel_grid([[*pictures, key]], titles)
+    return panel_grid([[*pictures, key], below], [titles, [""] * len(titles)])
 
 
 def legend_panel(entries: Sequence[tuple], width: int, height: int) -> UInt8[np.ndarray, "h w 3"]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float, Float32, Int
 
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments, shown_pose
 from replicate.artefacts.plan import Plan, reference
@@ -77,17 +77,28 @@ def predictor(numbers: MeasurementNumbers, inputs: Mapping[str, Path]) -> Callab
     return vertices
 
 
+def measured_poses(params: Float[np.ndarray, "t m"], count: int, seed: int) -> Int[np.ndarray, " u"]:
+    """Return the indices of the unique test poses that a method is measured on.
+
+    params: of all test poses. count: how many of them, drawn by the seed; 0 for all.
+    """
+    from replicate.approximation.evaluation import unique_poses
+
+    poses = unique_poses(params)
+    if count and count < len(poses):
+        order = stream_rng(seed, "errors", "poses").permutation(len(poses))
+        poses = poses[np.sort(order[:count])]  # fewer poses are some of the more
+    return poses
+
+
 def measure(context: StageContext) -> None:
     """Measure a method on the unique test poses (§5.1, Eq. 11), and predict the pose that figures show."""
-    from replicate.approximation.evaluation import evaluate, unique_poses
+    from replicate.approximation.evaluation import evaluate
 
     numbers, inputs = context.config, context.inputs
     mesh, samples = built_rig.load_mesh(inputs), drawn_samples.load(inputs)
     predict = predictor(numbers, inputs)
-    poses = unique_poses(samples.test_params)
-    if numbers.test_poses and numbers.test_poses < len(poses):
-        order = stream_rng(numbers.seed, "errors", "poses").permutation(len(poses))
-        poses = poses[np.sort(order[: numbers.test_poses])]  # fewer poses are some of the more
+    poses = measured_poses(samples.test_params, numbers.test_poses, numbers.seed)
     with context.progress(len(poses), f"errors, {numbers.method}") as bar:
         errors = evaluate(
             mesh,

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replicate.drawing.panels import Words, png
+from replicate.drawing.panels import LARGEST_BYTES, Words, png
 from replicate.engine.atomic_files import write_text
 from replicate.engine.code_hash import code_digest
 from replicate.engine.exceptions import InputError, RunError
@@ -124,11 +124,11 @@ def show_table(table: Table) -> None:
     display(Markdown(unbroken(as_markdown(table))))
 
 
-def show(figure: "matplotlib.figure.Figure", words: Words) -> None:
-    """Show a figure in a notebook, with its alt text and its caption."""
+def show(figure: "matplotlib.figure.Figure", words: Words, largest_bytes: int = LARGEST_BYTES) -> None:
+    """Show a figure in a notebook, with its alt text and its caption. largest_bytes: as for `panels.png`."""
     from IPython.display import Image, Markdown, display
 
-    display(Image(png(figure, words), alt=words.alt), Markdown(f"*{words.caption}*"))
+    display(Image(png(figure, words, largest_bytes), alt=words.alt), Markdown(f"*{words.caption}*"))
 
 
 def show_text(text: str) -> None:

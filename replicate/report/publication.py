@@ -78,11 +78,11 @@ def readable(read: Callable[[Path], object], file: Path) -> object:
         return None
 
 
-def publish_pictures(name: str, results: Sequence[CharacterResult]) -> None:
+def publish_pictures(name: str, results: Sequence[CharacterResult], notebook: bool = True) -> None:
     """Copy a figure of some characters, with its words and numbers, to the profile's folder, and execute its notebook.
 
     name: the target's; the artefacts' files are called name_character…. Of several seeds the first is shown. Figures of
-    characters that are not among them stay.
+    characters that are not among them stay. notebook: whether the figure has one of its own.
     """
     from replicate.report.notebooks import run_notebook
 
@@ -104,10 +104,12 @@ def publish_pictures(name: str, results: Sequence[CharacterResult]) -> None:
                 copy_file(file, folder / file.name)
             facts[character] = {**facts_of([first], first.stage.key), "files": [file.name for file in files]}
         manifest.write_entries(folder, name, dict(sorted(facts.items())))
-        run_notebook(name, profile)
+        if notebook:
+            run_notebook(name, profile)
     for character in groups:
         pictures = [file for file in facts[character]["files"] if file.endswith(".png")]
         print(
             f"written to {paths.display_path(folder)}: {', '.join(pictures)}, with their words and numbers beside them"
         )
-    print(f"written to {paths.display_path(folder)}: {name}.ipynb to read them in")
+    if notebook:
+        print(f"written to {paths.display_path(folder)}: {name}.ipynb to read them in")

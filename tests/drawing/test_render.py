@@ -143,7 +143,7 @@ def test_figures_are_imported_without_pyvista_trimesh_or_matplotlib():
     program = (
         "import sys\n"
         "for name in ('pyvista', 'trimesh', 'matplotlib', 'vtk', 'nbclient'): sys.modules[name] = None\n"
-        "import replicate.targets.table2.figure10, replicate.targets.table2.figure09\n"
+        "import replicate.targets.figure10.error_faces, replicate.targets.figure09.forehead_wrinkles\n"
         "import replicate.targets.table2.curves_chart, replicate.targets.table2.error_chart\n"
         "import replicate.report.pose_record, replicate.report.comparison\n"
     )

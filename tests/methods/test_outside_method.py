@@ -12,7 +12,7 @@ from replicate.engine.paths import ROOT
 from replicate.methods.method_registry import VARIABLE, choose, method_named
 from replicate.report.pose_record import load_pose
 from replicate.report.results import find, read_results
-from replicate.targets.table2.figure10 import figure10
+from replicate.targets.figure10.error_faces import figure10
 
 FEW = "[samples]\ncount = 300\nvalidation = 16\n[rigid]\nposes = 20\n[evaluation]\ntest_poses = 20\n"
 
@@ -62,7 +62,7 @@ def test_it_is_labelled_and_drawn_with_a_heatmap(runs, monkeypatch):
     assert method_named("nearest").label == "Nearest pose"
     record = load_pose(runs / "results" / "quick" / "table2_tiny_pose.npz")
     assert np.abs(record.vertices["nearest"] - record.neutral).max() > 1
-    _, words = figure10(record, width=24, height=24, renderer="software")
+    _, words = figure10(record, across=24, renderer="software")
     assert "Nearest pose" in words.alt
 
 

@@ -59,7 +59,10 @@ def folder(empty) -> Path:
     write_results(empty / "table2.csv", [*table2_rows(), segment])
     write_curves(empty / "table2_curves.csv", {("teen", "dense"): CURVE})
     posed = flat + np.float32([0, 0, 3]) * np.sin(flat[:, 1:2] / 9)
-    save_pose(pose_file(empty, "teen"), PoseRecord("teen", 5, flat, faces, {"truth": posed, "dense": flat}))
+    for choice, pose in (("folded", 5), ("median", 3), ("worst", 8)):
+        vertices = {"truth": posed, "dense": flat}
+        record = PoseRecord("teen", pose, flat, faces, vertices, choice=choice, ranked_by="dense")
+        save_pose(pose_file(empty, "teen", choice), record)
     manifest = {
         "git": {"commit": "c0ffee", "clean": False},
         "profile": "quick",
@@ -95,7 +98,7 @@ def test_table2s_notebook_shows_the_results_of_a_folder(folder, monkeypatch):
         "Table 2 by segment: teen, mean errors",
     ]
     captions = " ".join(words.caption for words in outputs if hasattr(words, "caption"))
-    assert "Test pose 5 of teen" in captions and captions.count("Fig.") == 3
+    assert all(f"Test pose {pose} of teen" in captions for pose in (5, 3, 8)) and captions.count("Fig.") == 4
 
 
 def in_manifest(folder: Path, target: str, characters: dict[str, dict]) -> None:
@@ -111,7 +114,7 @@ def run_cells(path: Path, monkeypatch) -> list:
     outputs = []
     for name in ("show_table", "show_text", "show_picture"):
         monkeypatch.setattr(notebooks, name, outputs.append)
-    monkeypatch.setattr(notebooks, "show", lambda figure, words: outputs.append(words))
+    monkeypatch.setattr(notebooks, "show", lambda figure, words, largest_bytes: outputs.append(words))
     first, *others = (cell["source"] for cell in cells(path, "code"))
     names = {}
     for source in (with_parameters(first, {"RESULTS": "quick"}), *others):
@@ -211,8 +214,15 @@ def test_a_notebook_is_stale_when_its_own_results_change_and_not_when_others_do(
 
 def test_figures_of_a_folder_have_names_of_their_own(folder):
     names = [name for name, _, _ in table2_figures(open_table2(folder), "teen", 10.0, renderer="software")]
-    assert len(set(names)) == 5 and all("teen" in name for name in names)
-    assert tuple(names) == table2_figure_names("teen")
+    assert len(set(names)) == 6 and all("teen" in name for name in names)
+    assert tuple(names) == table2_figure_names(open_table2(folder), "teen")
+
+
+def test_results_of_one_pose_alone_are_shown(folder):
+    for choice in ("median", "worst"):
+        pose_file(folder, "teen", choice).unlink()
+    names = table2_figure_names(open_table2(folder), "teen")
+    assert [name for name in names if "figure10" in name] == ["figure10_teen"]
 
 
 def test_a_result_that_is_missing_is_named_with_the_target_that_makes_it(folder):

@@ -27,16 +27,28 @@ def test_a_record_comes_back_from_disk_to_a_micrometre(tmp_path):
     props.append(("iris", TENT, TENT_FACES, np.arange(TENT.size, dtype=np.uint8).reshape(TENT.shape)))
     truth = neutral + offsets
     pose_vertices = {"truth": truth, "coarse": truth + np.float32(0.25), "neutral": neutral}
-    record = PoseRecord("teen", 1, neutral, faces, pose_vertices, tuple(props))
+    region = np.int8(np.arange(len(faces)) % 3 - 1)
+    record = PoseRecord(
+        "teen", 1, neutral, faces, pose_vertices, tuple(props), "worst", "refined", ("eyes", "mouth"), region
+    )
     save_pose(tmp_path / "pose.npz", record)
     back = load_pose(tmp_path / "pose.npz")
     assert (back.character, back.pose, list(back.vertices)) == ("teen", 1, ["truth", "coarse", "neutral"])
     for label, vertices in record.vertices.items():
         np.testing.assert_allclose(back.vertices[label], vertices, atol=1e-3)
     np.testing.assert_array_equal(back.faces, faces)
+    assert (back.choice, back.ranked_by, back.region_names) == ("worst", "refined", ("eyes", "mouth"))
+    np.testing.assert_array_equal(back.region, region)
     assert back.props[0][0] == "eye" and back.props[0][3] == (250, 250, 245)
     assert back.props[1][3] == (51, 0, 255)
     np.testing.assert_array_equal(back.props[2][3], props[2][3])
+
+
+def test_without_regions_no_face_has_one(tmp_path):
+    neutral, faces = sheet()
+    save_pose(tmp_path / "pose.npz", PoseRecord("teen", 0, neutral, faces, {"truth": neutral}))
+    back = load_pose(tmp_path / "pose.npz")
+    assert back.choice == "folded" and back.region_names == () and (back.region == -1).all()
 
 
 def test_the_same_record_gives_the_same_bytes(tmp_path):

@@ -15,7 +15,8 @@ from replicate.report.results import read_results, write_results
 from replicate.report.training_curves import read_curves
 from replicate.targets.table2 import publishing, table2_figures
 
-FILES = ("table2.csv", "table2_curves.csv", "table2_teen_pose.npz", "manifest.json")
+POSES = ("table2_teen_pose.npz", "table2_teen_pose_median.npz", "table2_teen_pose_worst.npz")
+FILES = ("table2.csv", "table2_curves.csv", *POSES, "manifest.json")
 
 
 def characters(place) -> list[set[str]]:
@@ -112,7 +113,7 @@ def drawing(place, monkeypatch):
     names = []
 
     def figures(results, character, limit_deg):
-        for name in table2_figures.table2_figure_names(character):
+        for name in table2_figures.table2_figure_names(results, character):
             names.append(name)
             yield name, Figure((0.1, 0.1)), Words("alt", "caption")
 
@@ -125,7 +126,8 @@ def drawing(place, monkeypatch):
     return names
 
 
-ALL = [*table2_figures.table2_figure_names("teen"), "table2.ipynb"]
+FACES = ("figure10_teen", "figure10_teen_median", "figure10_teen_worst")
+ALL = ["table2_teen_chart", *FACES, "figure09_teen", "table2_teen_curves", "table2.ipynb"]
 
 
 def test_figures_and_notebook_are_made_once(place, drawing):

@@ -1,6 +1,7 @@
 """Figures: colours that mean what the bar says, one scale for all panels, words that hold the numbers, small files."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,10 +23,11 @@ from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 from replicate.report.pose_record import PoseRecord
 from replicate.report.training_curves import read_curves, read_log, write_curves
+from replicate.targets.figure01.side_by_side import figure01
+from replicate.targets.figure09.forehead_wrinkles import figure09
+from replicate.targets.figure10.error_faces import figure10, picture_name
 from replicate.targets.table2.curves_chart import training_curves
 from replicate.targets.table2.error_chart import table2_chart
-from replicate.targets.table2.figure09 import figure09
-from replicate.targets.table2.figure10 import figure10
 
 
 @pytest.fixture
@@ -39,7 +41,9 @@ def record() -> PoseRecord:
     truth = flat.copy()
     truth[:, 2] += 4 * np.sin(flat[:, 1] / 8)
     rough = truth + np.random.default_rng(0).normal(size=truth.shape).astype(np.float32)
-    return PoseRecord("teen", 7, flat, faces, {"truth": truth, "coarse": flat, "dense": rough})
+    region = np.int8(flat[faces].mean(1)[:, 1] < 20)
+    vertices = {"truth": truth, "coarse": flat, "dense": rough}
+    return PoseRecord("teen", 7, flat, faces, vertices, region_names=("forehead", "mouth"), region=region)
 
 
 def test_no_error_has_the_first_colour_and_the_limit_and_more_the_last():
@@ -66,28 +70,84 @@ def test_the_heat_of_a_perfect_prediction_is_one_colour_and_unlit(record):
     assert len(np.unique(heat.colours, axis=0)) == 1 and not heat.lit
 
 
-def test_figure_10_has_a_panel_and_a_heatmap_for_each_method_on_one_scale(record):
-    figure, words = figure10(record, 10.0, width=60, height=60, renderer="software")
-    pictures = [axes.images[0].get_array() for axes in figure.axes if axes.images]
-    assert len(pictures) == 6  # truth, coarse, dense; twice
-    first = tuple(error_colours(np.float32([0]), 10.0)[0])
-    assert (pictures[3] == first).all(-1).any() and not (pictures[3] == error_colours(np.float32([10]), 10.0)[0]).all(
-        -1
-    ).any()
+def pictures_of(figure) -> list[np.ndarray]:
+    return [axes.images[0].get_array() for axes in figure.axes if axes.images]
+
+
+def texts_of(figure) -> list[str]:
+    return [text.get_text() for text in figure.texts]
+
+
+def test_figure_10_halves_each_methods_face_into_surface_and_heat_on_one_scale(record):
+    figure, _ = figure10(record, 10.0, across=60, renderer="software")
+    truth, coarse, dense = pictures_of(figure)
+    exact, limit = (error_colours(np.float32([error]), 10.0)[0] for error in (0, 10))
+    assert np.ptp(truth.astype(int), axis=-1).max() < 20, "clay is grey, heat is not"
+    for picture in (coarse, dense):
+        colourful = np.ptp(picture.astype(int), axis=-1) > 40
+        assert not colourful[:, :28].any() and colourful[20:50, 34:].mean() > 0.5
+    assert not (coarse == limit).all(-1)[:, :28].any() and not (truth == exact).all(-1).any()
     bar = figure.axes[-1]
-    assert bar.get_ylim() == (0, 10) and "degrees" in bar.get_ylabel()
-    numbers = [text.get_text() for text in figure.texts if "°" in text.get_text()]
-    means = [
-        normal_error(record.vertices[m], record.vertices["truth"], record.faces).mean() for m in ("coarse", "dense")
-    ]
-    assert [text.split("°")[0] for text in numbers] == [f"{mean:.2f}" for mean in means]
-    assert "Coarse" in words.alt and "Test pose 7 of teen" in words.caption and "Refined" not in words.caption
+    assert bar.get_xlim() == (0, 10) and "degrees" in bar.get_xlabel()
+
+
+def test_figure_10_prints_the_mean_of_the_head_and_of_each_region_below_each_face(record):
+    figure, words = figure10(record, 10.0, across=60, renderer="software")
+    texts = texts_of(figure)
+    assert [name for name in texts if name in ("head", "forehead", "mouth")] == ["head", "forehead", "mouth"]
+    errors = {
+        method: normal_error(record.vertices[method], record.vertices["truth"], record.faces)
+        for method in ("coarse", "dense")
+    }
+    expected = []
+    for error in errors.values():
+        expected += [f"{part.mean():.2f}°" for part in (error, error[record.region == 0], error[record.region == 1])]
+    assert [text for text in texts if text.endswith("°")] == expected and len(set(expected)) == 6
+    assert f"Coarse {expected[0]}" in words.alt and "Refined" not in words.caption
+    assert words.caption.startswith("Test pose 7 of teen, the one whose forehead folds most (after Fig. 10)")
+
+
+def test_figure_10_breaks_many_methods_into_rows_of_five(record):
+    names = ("coarse", "refined", "dense", "lbs16", "lbs24", "lbs32", "linear")
+    many = replace(record, vertices={"truth": record.vertices["truth"]} | dict.fromkeys(names, record.neutral))
+    figure, _ = figure10(many, across=40, renderer="software")
+    places = [axes.get_position() for axes in figure.axes if axes.images]
+    tops = [round(place.y1, 3) for place in places]
+    assert [tops.count(top) for top in dict.fromkeys(tops)] == [5, 3]
+    assert all(0 <= place.x0 and place.x1 <= 1 and 0 <= place.y0 and place.y1 <= 1 for place in places)
+    assert texts_of(figure).count("head") == 2, "each row says what its numbers are"
+
+
+def test_captions_say_by_which_rule_a_pose_was_chosen(record):
+    records = [record, *(replace(record, choice=rule, ranked_by="refined") for rule in ("median", "worst"))]
+    captions = [figure10(one, across=24, renderer="software")[1].caption for one in records]
+    assert "the median of the mean normal errors of “Refined”" in captions[1]
+    assert "the largest mean normal error of “Refined”" in captions[2]
+    assert [picture_name(one) for one in records] == ["figure10_teen", "figure10_teen_median", "figure10_teen_worst"]
+    close = figure10(record, camera="forehead", across=24, renderer="software")[1].caption
+    assert close.startswith("Close up on the forehead, test pose 7") and len({*captions, close}) == 4
+    assert picture_name(record, "forehead") == "figure10_teen_forehead"
 
 
 def test_figure_9_shows_the_methods_that_there_are(record):
-    figure, words = figure09(record, width=60, height=50, renderer="software")
-    assert [text.get_text() for text in figure.texts] == ["Ground truth", "Coarse"]
-    assert "Ground truth, Coarse." in words.alt
+    figure, words = figure09(record, across=160, renderer="software")
+    error = normal_error(record.vertices["coarse"], record.vertices["truth"], record.faces)[record.region == 0].mean()
+    assert [text for text in texts_of(figure) if text] == ["Ground truth", "Coarse", f"forehead: {error:.2f}°"]
+    assert f"Ground truth, Coarse {error:.2f}°." in words.alt
+
+
+def test_figure_1_shows_head_and_forehead_with_both_errors_below(record):
+    both = replace(record, vertices=record.vertices | {"refined": record.vertices["truth"] + np.float32([0, 0, 0.5])})
+    figure, words = figure01(both, across=160, renderer="software")
+    assert len(pictures_of(figure)) == 4 and texts_of(figure)[-4:] == ["Ground truth", "Refined", "0.50 mm", "0.00°"]
+    assert "Refined 0.50 mm and 0.00°" in words.alt and "Fig. 1)" in words.caption
+
+
+def test_the_captions_of_the_figures_differ(record):
+    drawn = [figure01(record, 24, "software"), figure09(record, across=24, renderer="software"),
+             figure10(record, across=24, renderer="software")]  # fmt: skip
+    assert len({words.caption.partition("test pose")[0] for _, words in drawn}) == 3
+    assert len({words.alt for _, words in drawn}) == 3
 
 
 def test_panels_are_drawn_pixel_for_pixel(tmp_path):
@@ -102,7 +162,7 @@ def test_panels_are_drawn_pixel_for_pixel(tmp_path):
 
 
 def test_a_saved_figure_is_small_has_a_palette_white_paper_and_its_words(tmp_path, record):
-    figure, words = figure10(record, width=200, height=200, renderer="software")
+    figure, words = figure10(record, across=200, renderer="software")
     save_figure(figure, tmp_path / "f.png", words)
     image = Image.open(tmp_path / "f.png")
     assert image.mode == "P" and (tmp_path / "f.png").stat().st_size < 300_000
@@ -154,13 +214,9 @@ def test_mixtures_of_many_hues_show_no_bands_where_palette_colours_are_mixed(tmp
 
 def test_the_same_figure_gives_the_same_bytes(tmp_path, record):
     for name in ("a.png", "b.png"):
-        save_figure(*_figure_arguments(record, tmp_path / name))
+        figure, words = figure10(record, across=60, renderer="software")
+        save_figure(figure, tmp_path / name, words)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-
-
-def _figure_arguments(record, path):
-    figure, words = figure10(record, width=60, height=60, renderer="software")
-    return figure, path, words
 
 
 def test_curves_are_read_back_to_the_last_bit(tmp_path):

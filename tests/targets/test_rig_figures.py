@@ -1,6 +1,7 @@
 """Figures 5, 7 and 8: every segment has the colour that the legend and the CSV say, every example its numbers."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -27,6 +28,7 @@ from replicate.targets.figure05.training_poses import (
 )
 from replicate.targets.figure07 import mesh_segments as figure07
 from replicate.targets.figure07.mesh_segments import (
+    PARTS,
     RIGID,
     neighbours,
     save_segments_figure,
@@ -34,6 +36,7 @@ from replicate.targets.figure07.mesh_segments import (
     segments_table,
 )
 from replicate.targets.figure08 import refinement_segments as figure08
+from replicate.targets.figure08.chart_panels import chart_panels
 from replicate.targets.figure08.refinement_segments import (
     refinement_colours,
     refinement_table,
@@ -95,6 +98,13 @@ def test_every_deforming_segment_has_a_colour_of_its_own_and_rigid_neighbours_di
     assert len(set(segment_palette(rig.mesh, []))) == 4
 
 
+def test_a_part_has_the_same_colour_on_every_character(rig):
+    other = replace(rig.mesh, segment_names=("cranium", "face_1", "neck_and_ears", "frill"))
+    first, second = segment_palette(rig.mesh, [2, 3]), segment_palette(other, [])
+    assert first[0] == second[1] and first[1] == second[2], "face and neck, wherever they stand in the list"
+    assert len(set(second)) == 4 and {colour for _, colour in PARTS} <= set(DISTINCT)
+
+
 def test_neighbours_in_figure_7_have_colours_that_shading_leaves_apart(rig):
     near, colours = neighbours(rig.mesh), perceived(segment_palette(rig.mesh, []))
     np.testing.assert_array_equal(near, near.T)
@@ -119,8 +129,9 @@ def test_figure_7_is_saved_with_its_words_and_numbers(rig, tmp_path):
     assert image.text["Description"] == words["alt"]
     assert "2 that deform" in words["caption"] and "2 that move rigidly" in words["caption"]
     pixels = np.array(image.convert("RGB")).reshape(-1, 3).astype(int)
-    yellow, violet = (((pixels[:, 0] > 120) & (pixels[:, 2] < 60)).sum(), ((pixels[:, 2] - pixels[:, 1]) > 40).sum())
-    assert yellow > 1000 and violet > 500
+    red, _, blue = pixels.T
+    yellow, brown = (((red > 130) & (blue < 60)).sum(), ((red < 115) & (red - blue > 25)).sum())
+    assert yellow > 1000 and brown > 500 and lines[1]["colour"] == "#654522"
     text = as_text(segments_table(tmp_path / "figure07_plate.csv", "plate"))
     assert "2 rigid segments together" in text and "tooth_1" not in text
 
@@ -137,6 +148,20 @@ def test_figure_8_colours_faces_that_touch_a_segment_and_leaves_the_rest_grey(ri
     assert not (first & second).any() and 0 < first.sum() < len(first)
     assert (colours[first] == DISTINCT[0]).all() and (colours[second] == DISTINCT[1]).all()
     assert (colours[~first & ~second] == UNUSED_COLOUR).all()
+
+
+def test_figure_8_draws_each_square_in_its_chart(rig):
+    segments = parts((0, 18), (27, 36))
+    segments.append(replace(segments[0], name="neck_1", vertices=np.arange(45, 54, dtype=np.int32)))
+    colours = refinement_colours(rig.mesh, segments)
+    face, neck, *blank = chart_panels(rig.mesh, segments, colours, 120, 160)
+    assert [picture.shape for picture in (face, neck, *blank)] == [(160, 120, 3)] * 4
+    assert all((picture == 255).all() for picture in blank)
+    shown = [[(picture == colour).all(-1).sum() for colour in DISTINCT[:3]] for picture in (face, neck)]
+    assert min(shown[0][:2]) > 100 and shown[0][2] == 0
+    assert shown[1][2] > 50 and shown[1][:2] == [0, 0]
+    dark = (face < 60).all(-1)
+    assert dark.any(0).sum() > 60, "the squares have outlines"
 
 
 def test_the_lines_of_figure_8_add_up_to_the_mesh_and_to_all_of_the_error(rig, tmp_path):

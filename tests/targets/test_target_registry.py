@@ -67,7 +67,9 @@ def test_a_targets_graph_ends_with_the_stage_of_its_name_and_trains_no_more_than
     graph = in_order(target.stages(Plan(resolve("tiny", "quick")), choose(["coarse", "lbs16"])))
     assert graph[-1].title == f"{target.name.replace('-', '_')}-tiny"
     trained = {stage.name for stage in graph} & {"coarse", "refined", "dense", "linear", "pca", "driven"}
-    assert trained == ({"coarse"} if target.name == "table2" else set())
+    own = {"table2": {"coarse"}, "figure10": {"coarse"}, "figure01": {"coarse", "refined"}}
+    own["figure09"] = own["figure01"]
+    assert trained == own.get(target.name, set())
 
 
 def test_make_help_lists_the_registrys_targets_and_the_benchmarks():

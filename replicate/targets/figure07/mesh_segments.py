@@ -1,6 +1,9 @@
-"""Figure 7: the mesh segments in colours: each that deforms has one of its own, rigid ones alternate."""
+"""Figure 7: the mesh segments in colours: each that deforms has one of its own, rigid ones alternate.
 
-from collections.abc import Collection
+A part of the face that all characters have is of the same colour on all of them.
+"""
+
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +23,12 @@ if TYPE_CHECKING:
 
 # Light ones for teeth and other rigid parts, in turn, so that neighbours differ.
 RIGID = ((255, 255, 255), (140, 195, 255), (255, 200, 130), (165, 225, 150))
+# By the beginning of a segment's name; of several that begin alike the first gets it. All of them are among DISTINCT.
+PARTS = (
+    ("face_2", (240, 60, 190)), ("face_3", (0, 136, 86)), ("face_4", (190, 0, 50)), ("face", (243, 195, 0)),
+    ("cranium", (0, 103, 165)), ("neck", (101, 69, 34)), ("ear_right", (141, 182, 0)), ("ear", (249, 147, 121)),
+    ("lid", (161, 202, 241)), ("mouth", (226, 88, 34)), ("gums", (194, 178, 128)), ("tongue", (194, 178, 128)),
+)  # fmt: skip
 NEAR = 0.05
 NOT_NEAR = 1.7  # by how much less alike the colours count of two segments that are not neighbours
 HEADER = ("segment", "kind", "vertices", "faces", "colour")
@@ -28,28 +37,34 @@ HEADER = ("segment", "kind", "vertices", "faces", "colour")
 def segment_palette(mesh: Mesh, rigid: Collection[int]) -> list[tuple[int, int, int]]:
     """Return each segment's colour, in the order of `mesh.segment_names`.
 
-    One that deforms gets, of the colours left, that which looks least like any given so far; to those of its neighbours
-    it must be farther still.
+    One of `PARTS` that deforms has its part's; another gets, of the colours left, that which looks least like any given
+    so far; to those of its neighbours it must be farther still. Rigid ones have those of `RIGID` in turn.
     """
-    colours: list[tuple[int, int, int]] = []
-    left: list[tuple[int, int, int]] = []
-    turns = 0
-    near = neighbours(mesh)
+    near, rigid = neighbours(mesh), sorted(rigid)
+    given = _colours_of_parts({k: name for k, name in enumerate(mesh.segment_names) if k not in rigid})
+    left = [colour for colour in DISTINCT if colour not in given.values()]
     for k in range(len(mesh.segment_names)):
-        if k in rigid:
-            colours.append(RIGID[turns % len(RIGID)])
-            turns += 1
+        if k in rigid or k in given:
             continue
         left = left or list(DISTINCT)
-        others = [j for j in range(k) if j not in rigid]
+        best, others = 0, list(given)
         if others:
-            apart = perceived(left)[:, None] - perceived([colours[j] for j in others])
+            apart = perceived(left)[:, None] - perceived([given[j] for j in others])
             strange = np.where(near[k, others], 1.0, NOT_NEAR)
-            best = (np.linalg.norm(apart, axis=-1) * strange).min(1).argmax()
-        else:
-            best = 0
-        colours.append(left.pop(int(best)))
-    return colours
+            best = int((np.linalg.norm(apart, axis=-1) * strange).min(1).argmax())
+        given[k] = left.pop(best)
+    given |= {k: RIGID[turn % len(RIGID)] for turn, k in enumerate(rigid)}
+    return [given[k] for k in range(len(mesh.segment_names))]
+
+
+def _colours_of_parts(names: Mapping[int, str]) -> dict[int, tuple[int, int, int]]:
+    """Return the colours of those segments, by index, whose names begin as a part's; no two get the same."""
+    given: dict[int, tuple[int, int, int]] = {}
+    for k, name in names.items():
+        colour = next((colour for start, colour in PARTS if name.startswith(start)), None)
+        if colour and colour not in given.values():
+            given[k] = colour
+    return given
 
 
 def neighbours(mesh: Mesh) -> Bool[np.ndarray, "s s"]:

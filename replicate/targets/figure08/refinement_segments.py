@@ -13,10 +13,12 @@ from replicate.drawing.panels import Words, save_figure
 from replicate.drawing.rig_views import DISTINCT, UNUSED_COLOUR, coloured_views, hexadecimal, read_lines, write_lines
 from replicate.geometry.mesh import Mesh
 from replicate.report.tables import Table
+from replicate.targets.figure08.chart_panels import chart_panels
 
 if TYPE_CHECKING:
     import matplotlib.figure
 
+LARGEST_BYTES = 85_000  # eight of these pictures, two for each of four characters, make one notebook of less than 1 MB
 HEADER = (
     "segment", "chart", "vertices", "parameters", "u_low", "u_high", "v_low", "v_high", "map_error_mm", "error_share",
     "colour",
@@ -83,21 +85,25 @@ def figure08(
     ]
     legend.append((f"unused: {rest[2]:,} vertices, {rest[HEADER.index('error_share')]:.0%}", [UNUSED_COLOUR]))
     legend.append(("% of the maps' error, Eq. 2", ()))
-    figure = coloured_views(rig, refinement_colours(mesh, segments), legend, width, height, renderer)
+    colours = refinement_colours(mesh, segments)
+    charts = chart_panels(mesh, segments, colours, width, height)
+    figure = coloured_views(rig, colours, legend, width, height, renderer, charts)
     parts = ", ".join(f"{name.replace('_', ' ')} {share:.0%}" for name, share in shares.items())
     return figure, Words(
         f"The character {rig.name}, mouth open, from the front, from three-quarters and close up into the mouth; "
-        f"{len(segments)} square patches are in colours of their own, all else is grey.",
+        f"{len(segments)} square patches are in colours of their own, all else is grey. Below: the charts that "
+        "they lie in, with a rectangle around each.",
         f"Refinement segments of {rig.name} (after Fig. 8): {len(segments)} squares of the texture coordinates, as "
         "many as the elbow method asks for, around the centroids of the coarse maps' error (Eq. 2). Their parts of "
-        f"that error: {parts}. Grey: unused. Eyeballs are for display only.",
+        f"that error: {parts}. Grey: unused. Below: the same in texture coordinates, chart by chart; each rectangle "
+        "is what a finer map covers. Eyeballs are for display only.",
     )
 
 
 def save_refinement_figure(rig: Rig, segments: Sequence[Segment], errors: Float[np.ndarray, " n"], stem: Path) -> None:
     """Write Figure 8 of a rig as PNG, its words as JSON, and each segment's numbers as CSV."""
     figure, words = figure08(rig, segments, errors)
-    save_figure(figure, stem.with_suffix(".png"), words)
+    save_figure(figure, stem.with_suffix(".png"), words, LARGEST_BYTES)
     write_lines(stem.with_suffix(".csv"), HEADER, segment_lines(rig.mesh, segments, errors))
 
 

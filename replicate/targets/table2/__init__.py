@@ -3,13 +3,12 @@
 import argparse
 from collections.abc import Sequence
 
-from replicate.artefacts import built_rig, drawn_samples, rigid_segments, shown_pose
 from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
-from replicate.methods import measurement
 from replicate.methods.method import Method
 from replicate.targets.options import OF_A_RUN, methods
 from replicate.targets.running import make
+from replicate.targets.shown_records import input_stages
 from replicate.targets.table2.table_numbers import TableNumbers
 
 ABOUT = "Table 2: approximation errors of every method on held-out poses, beside the paper's; Figures 9 and 10"
@@ -21,14 +20,13 @@ IN_COMPARISON = True
 def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
     """Return the stages of one character's table, the last; those of the methods, the slow ones, come first."""
     numbers = TableNumbers(plan.character, plan.config.profile, plan.config.seed)
-    shared = tuple(module.stage(plan) for module in (built_rig, drawn_samples, shown_pose, rigid_segments))
-    errors = [measurement.stage(plan, method) for method in methods]
-    table = plan.stage("table2", write_table, numbers, *shared, *errors)
-    return [*(stage for method in methods for stage in method.stages(plan)), *errors, table]
+    inputs = input_stages(plan, methods)
+    table = plan.stage("table2", write_table, numbers, *inputs)
+    return [*(stage for method in methods for stage in method.stages(plan)), *inputs, table]
 
 
 def write_table(context: StageContext) -> None:
-    """Gather one character's rows, the curves of its trainings and the pose that figures show."""
+    """Gather one character's rows, the curves of its trainings and the poses that figures show."""
     from replicate.targets.table2.character_part import write_all
 
     write_all(context.config, context.inputs, context.out)

@@ -1,40 +1,34 @@
 """One character's part of Table 2, gathered from the methods' errors."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
-
-from data_recipes.rig import Prop
-from replicate.artefacts import built_rig, drawn_samples, shown_pose
-from replicate.geometry.mesh import Mesh
 from replicate.methods import measurement
 from replicate.report.error_rows import error_rows
-from replicate.report.pose_record import TRUTH, PoseRecord, save_pose
+from replicate.report.pose_record import FOLDED, save_pose
 from replicate.report.results import Row, write_results
 from replicate.report.run_name import run_name
 from replicate.report.training_curves import Curve, read_log, write_curves
+from replicate.targets.shown_records import load_records
 from replicate.targets.table2.table_numbers import TableNumbers
 
 ROWS, CURVES = "table2.csv", "table2_curves.csv"
 
 
-def pose_file(folder: Path, character: str) -> Path:
-    """Return where a folder of results keeps the test pose that figures show."""
-    return folder / f"table2_{character}_pose.npz"
+def pose_file(folder: Path, character: str, choice: str = FOLDED) -> Path:
+    """Return where a folder of results keeps the test pose that one of the rules, `pose_record.CHOICES`, chose."""
+    return folder / f"table2_{character}_pose{'' if choice == FOLDED else f'_{choice}'}.npz"
 
 
 def write_all(settings: TableNumbers, inputs: Mapping[str, Path], out: Path) -> None:
-    """Write a character's rows, curves and pose to a folder.
+    """Write a character's rows, curves and poses to a folder.
 
-    inputs: the folders of rig, samples, "wrinkled" and of the errors of every method.
+    inputs: the folders of rig, samples, "wrinkled", "ranked", and of the errors and typical poses of every method.
     """
-    rig, samples, pose = built_rig.load(inputs), drawn_samples.load(inputs), shown_pose.load(inputs)
     write_results(out / ROWS, rows_of(settings, inputs))
     write_curves(out / CURVES, curves_of(settings.character, inputs))
-    props = rig.pose_props(samples.test_params[pose])
-    record = pose_of(settings.character, inputs, rig.mesh, pose, samples.test_offsets[pose], props)
-    save_pose(pose_file(out, settings.character), record)
+    for choice, record in load_records(settings.character, inputs).items():
+        save_pose(pose_file(out, settings.character, choice), record)
 
 
 def rows_of(settings: TableNumbers, inputs: Mapping[str, Path]) -> list[Row]:
@@ -55,15 +49,3 @@ def curves_of(character: str, inputs: Mapping[str, Path]) -> dict[tuple[str, str
     """Return the validation errors of a character's trainings, step by step."""
     files = {method: measurement.load_curve(folder) for method, folder in measurement.error_folders(inputs).items()}
     return {(character, method): read_log(file) for method, file in files.items() if file}
-
-
-def pose_of(
-    character: str, inputs: Mapping[str, Path], mesh: Mesh, pose: int, offsets: np.ndarray, props: Sequence[Prop]
-) -> PoseRecord:
-    """Return the test pose that figures show, as it is and as every method predicts it.
-
-    offsets: (n, 3) mm, its true ones. props: from `rig.pose_props`.
-    """
-    vertices = {TRUTH: mesh.neutral + np.asarray(offsets)}
-    vertices |= {method: measurement.load_pose(folder) for method, folder in measurement.error_folders(inputs).items()}
-    return PoseRecord(character, pose, mesh.neutral, mesh.faces, vertices, tuple(props))

@@ -7,7 +7,7 @@ from replicate.engine.atomic_files import copy_file
 from replicate.engine.paths import PAPER, display_path
 from replicate.report import manifest
 from replicate.report.notebooks import is_current, run_notebook
-from replicate.report.pose_record import load_pose
+from replicate.report.pose_record import CHOICES, load_pose
 from replicate.report.publication import CharacterResult, alone, by_character, facts_of, readable, results_folder
 from replicate.report.results import Row, over_seeds, read_results, write_results
 from replicate.report.tables import as_text
@@ -47,7 +47,8 @@ def _merge(folder: Path, groups: Mapping[str, Sequence[CharacterResult]]) -> lis
         rows += over_seeds([read_results(one.folder / ROWS) for one in each])
         curves = {key: curve for key, curve in curves.items() if key[0] != character}
         curves |= read_curves(each[0].folder / CURVES)
-        copy_file(pose_file(each[0].folder, character), pose_file(folder, character))
+        for choice in CHOICES:
+            copy_file(pose_file(each[0].folder, character, choice), pose_file(folder, character, choice))
         facts[character] = facts_of(each, rows[-1].run)
     write_results(folder / ROWS, rows)
     write_curves(folder / CURVES, curves)
@@ -58,8 +59,8 @@ def _merge(folder: Path, groups: Mapping[str, Sequence[CharacterResult]]) -> lis
 def _present(folder: Path) -> tuple[list[Row], dict, dict]:
     """Return the rows, curves and manifest entries of the characters that are there as a whole.
 
-    Such a character has rows of the run that the manifest names, and a pose. What is missing, can't be read or was left
-    by a process that was killed between two files counts as absent: it is written again from the artefacts.
+    Such a character has rows of the run that the manifest names, and its poses. What is missing, can't be read or was
+    left by a process that was killed between two files counts as absent: it is written again from the artefacts.
     """
     rows = readable(read_results, folder / ROWS) or []
     curves = readable(read_curves, folder / CURVES)
@@ -68,7 +69,7 @@ def _present(folder: Path) -> tuple[list[Row], dict, dict]:
         name
         for name, facts in entries.items()
         if {row.run for row in rows if row.character == name} == {facts.get("run")}
-        and readable(load_pose, pose_file(folder, name))
+        and all(readable(load_pose, pose_file(folder, name, choice)) for choice in CHOICES)
     }
     return (
         [row for row in rows if row.character in whole],
@@ -82,17 +83,18 @@ def _draw(folder: Path, profile: str, limit_deg: float) -> None:
 
     The notebook comes last: only when it stands, with its stamp, are the figures of these results complete.
     """
+    from replicate.drawing.face_sheet import LARGEST_BYTES
     from replicate.drawing.panels import has_figure, save_figure
     from replicate.drawing.shared_pictures import shared_pictures
     from replicate.targets.table2.table2_figures import open_table2, table2_figure_names, table2_figures
 
     results = open_table2(folder)
-    names = [name for character in results.characters for name in table2_figure_names(character)]
+    names = [name for character in results.characters for name in table2_figure_names(results, character)]
     complete = all(has_figure(folder / f"{name}.png") for name in names)
     if complete and is_current("table2", profile, HEATMAP_DEG=limit_deg):
         return
     with shared_pictures():  # the notebook shows the same renderings
         for character in results.characters:
             for name, figure, words in table2_figures(results, character, limit_deg):
-                save_figure(figure, folder / f"{name}.png", words)
+                save_figure(figure, folder / f"{name}.png", words, LARGEST_BYTES)
         run_notebook("table2", profile, HEATMAP_DEG=limit_deg)

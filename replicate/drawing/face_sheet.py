@@ -1,0 +1,118 @@
+"""Faces in rows, each with its title above and lines of numbers below, in letters that a column's width leaves legible.
+
+A column of the paper is 84 mm wide, and a sheet as many pixels as fill it at 300 dots an inch: letters of `LETTER` are
+5 points high in print.
+"""
+
+import textwrap
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from replicate.drawing.panels import DPI
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+WIDTH = 1000  # pixels
+LARGEST_BYTES = 190_000  # of a PNG: four of these pictures and charts make a notebook of less than 1 MB, base64 and all
+LETTER = 0.0215  # the size of letters as a share of the width
+GAP, MARGIN = 8, 6  # pixels
+LINE = 1.22  # the distance of two lines of text, in sizes of letters
+WIDE = 0.58  # a letter's mean width, in its size
+BAR_HEIGHT = 0.018  # of the colour bar, as a share of the width
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What one column of a sheet shows: a title, pictures (h, w, 3) uint8 one above the other, and lines below them."""
+
+    title: str
+    pictures: tuple[np.ndarray, ...]
+    lines: tuple[str, ...] = ()
+
+
+def cell_width(columns: int, line_names: Sequence[str] = (), width: int = WIDTH) -> int:
+    """Return how wide a sheet's pictures are, in pixels, so that so many columns and the lines' names fill it."""
+    return int((width - _names_width(line_names, width) - 2 * MARGIN - (columns - 1) * GAP) / columns)
+
+
+def face_sheet(
+    cells: Sequence[Cell],
+    columns: int,
+    line_names: Sequence[str] = (),
+    bar: Callable | None = None,
+    width: int = WIDTH,
+    first_bold: bool = False,
+) -> "matplotlib.figure.Figure":
+    """Return a matplotlib figure of cells, row by row, drawn pixel for pixel.
+
+    All cells have pictures of the same sizes, as wide as `cell_width` says. line_names: what their lines are, at the
+    left of each row. bar: draw(figure, axes) draws a level colour bar below the last row. first_bold: the first line of
+    each cell is in bold letters.
+    """
+    from matplotlib.figure import Figure
+
+    letter, names = LETTER * width, _names_width(line_names, width)
+    across = cells[0].pictures[0].shape[1]
+    titles = [_in_lines(cell.title, int(across / (WIDE * letter))) for cell in cells]
+    rows = [range(start, min(start + columns, len(cells))) for start in range(0, len(cells), columns)]
+    above = [letter * (LINE * max(len(titles[k]) for k in row) + 0.35) for row in rows]
+    tall = sum(picture.shape[0] for picture in cells[0].pictures) + GAP * (len(cells[0].pictures) - 1)
+    below = letter * (LINE * max(len(cell.lines) for cell in cells) + 0.4)
+    bar_room = BAR_HEIGHT * width + 3.4 * letter if bar else 0
+    height = round(sum(above) + len(rows) * (tall + below) + bar_room + MARGIN)
+    figure = Figure((width / DPI, height / DPI), dpi=DPI, facecolor="white")
+    size, weights = letter * 72 / DPI, ("bold" if first_bold else "normal", "normal")
+
+    def write(x: float, y: float, text: str, **style) -> None:  # pixels from the upper left corner
+        figure.text(x / width, 1 - y / height, text, va="center", fontsize=size, **style)
+
+    top = 0.0
+    for row, room in zip(rows, above, strict=True):
+        first_line = top + room + tall + letter * (LINE / 2 + 0.2)
+        for k, name in enumerate(line_names):
+            write(MARGIN, first_line + k * LINE * letter, name, ha="left", weight=weights[k > 0])
+        for column, k in enumerate(row):
+            left = MARGIN + names + column * (across + GAP)
+            for j, words in enumerate(titles[k]):
+                y = top + room - letter * (0.25 + LINE * (len(titles[k]) - j - 0.5))
+                write(left + across / 2, y, words, ha="center")
+            y = round(top + room)
+            for picture in cells[k].pictures:
+                _place(figure, picture, left, y)
+                y += picture.shape[0] + GAP
+            for j, text in enumerate(cells[k].lines):
+                y = first_line + j * LINE * letter
+                write(left + across / 2, y, text, ha="center", weight=weights[j > 0])
+        top += room + tall + below
+    if bar:
+        axes = figure.add_axes(
+            (0.2, 1 - (top + 0.5 * letter + BAR_HEIGHT * width) / height, 0.6, BAR_HEIGHT * width / height)
+        )
+        bar(figure, axes)
+        axes.tick_params(labelsize=size)
+        axes.xaxis.label.set_size(size)
+    return figure
+
+
+def _in_lines(title: str, most: int) -> list[str]:
+    """Return a title in lines of so many letters at most; one that is too long breaks at its colon."""
+    head, colon, rest = title.partition(": ")
+    parts = [head + ":", rest] if colon and len(title) > most else [title]
+    return [line for part in parts for line in textwrap.wrap(part, max(6, most))]
+
+
+def _names_width(line_names: Sequence[str], width: int) -> int:
+    return round((max(map(len, line_names)) + 1) * WIDE * LETTER * width) if line_names else 0
+
+
+def _place(figure, picture: np.ndarray, left: float, top: float) -> None:
+    width, height = (round(inches * DPI) for inches in figure.get_size_inches())
+    tall, across = picture.shape[:2]
+    left = round(left)
+    axes = figure.add_axes((left / width, 1 - (top + tall) / height, across / width, tall / height))
+    axes.imshow(picture, interpolation="none", aspect="auto")
+    axes.set_axis_off()

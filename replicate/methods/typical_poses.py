@@ -1,0 +1,96 @@
+"""The artefacts "ranked" and "typical_…": the median and the worst test pose, and what each method predicts of them.
+
+One rule for all characters: test poses are ranked by the mean normal error (Eq. 11) of the refined method, where it is
+not among the methods of the coarse one, and without that of the first method of the table.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float32
+
+from replicate.artefacts import built_rig, drawn_samples
+from replicate.artefacts.plan import Plan, reference
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods import measurement
+from replicate.methods.measurement import MeasurementNumbers, measured_poses, predictor
+from replicate.methods.method import Method
+
+RANKED_BY = ("refined", "coarse")
+MEDIAN, WORST = "median", "worst"
+CHOICES = (MEDIAN, WORST)
+PREFIX = "typical_"
+CHOSEN, POSES = "poses.json", "poses.npy"
+
+
+@dataclass(frozen=True)
+class RankingNumbers:
+    """Which method ranks the test poses, and which of them it was measured on."""
+
+    method: str
+    test_poses: int
+    seed: int
+
+
+def ranking_method(methods: Sequence[Method]) -> Method:
+    """Return the method whose errors rank the test poses."""
+    by_name = {method.name: method for method in methods}
+    return next((by_name[name] for name in RANKED_BY if name in by_name), methods[0])
+
+
+def ranking_stage(plan: Plan, methods: Sequence[Method]) -> Stage:
+    """Return the stage that chooses the median and the worst test pose."""
+    method = ranking_method(methods)
+    numbers = RankingNumbers(method.name, method.poses(plan.config), plan.config.seed)
+    return plan.stage("ranked", rank, numbers, drawn_samples.stage(plan), measurement.stage(plan, method))
+
+
+def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
+    """Return the stage that chooses the poses and, for each method that figures show, the one that predicts them."""
+    if not methods:
+        return []
+    ranked = ranking_stage(plan, methods)
+    return [ranked, *(_prediction(plan, method, ranked) for method in methods if method.in_figures)]
+
+
+def _prediction(plan: Plan, method: Method, ranked: Stage) -> Stage:
+    measured = measurement.stage(plan, method)
+    functions = f"{reference(predict)}, {measured.config.load}"
+    return plan.stage(f"{PREFIX}{method.name}", functions, measured.config, ranked, *measured.inputs)
+
+
+def rank(context: StageContext) -> None:
+    """Choose the median and the worst test pose."""
+    numbers, samples = context.config, drawn_samples.load(context.inputs)
+    poses = measured_poses(samples.test_params, numbers.test_poses, numbers.seed)
+    errors = measurement.load_errors(measurement.error_folders(context.inputs)[numbers.method]).pose_deg
+    order = poses[np.argsort(errors, kind="stable")]
+    chosen = {MEDIAN: int(order[(len(order) - 1) // 2]), WORST: int(order[-1])}
+    text = json.dumps({"ranked_by": numbers.method, "poses": chosen})
+    (context.out / CHOSEN).write_text(text + "\n", encoding="utf-8")
+
+
+def predict(context: StageContext) -> None:
+    """Predict the median and the worst test pose with one method."""
+    numbers: MeasurementNumbers = context.config
+    mesh, samples = built_rig.load_mesh(context.inputs), drawn_samples.load(context.inputs)
+    rows = [load_chosen(context.inputs)[1][choice] for choice in CHOICES]
+    truth = mesh.neutral + np.asarray(samples.test_offsets[rows], np.float32)
+    predicted = predictor(numbers, context.inputs)(samples.test_params[rows], truth)
+    np.save(context.out / POSES, np.asarray(predicted, np.float32))
+
+
+def load_chosen(inputs: Mapping[str, Path]) -> tuple[str, dict[str, int]]:
+    """Return the name of the method that ranks the test poses, and the index of the chosen ones by `CHOICES`."""
+    stored = json.loads((inputs["ranked"] / CHOSEN).read_text(encoding="utf-8"))
+    return stored["ranked_by"], stored["poses"]
+
+
+def load_predictions(inputs: Mapping[str, Path], choice: str) -> dict[str, Float32[np.ndarray, "n 3"]]:
+    """Return one of `CHOICES` as each method predicts it, by the methods' names; mm."""
+    row = CHOICES.index(choice)
+    names = [name for name in inputs if name.startswith(PREFIX) and "-" not in name]
+    return {name.removeprefix(PREFIX): np.load(inputs[name] / POSES, allow_pickle=False)[row] for name in names}

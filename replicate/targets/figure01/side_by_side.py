@@ -1,0 +1,51 @@
+"""Figure 1: one wrinkled pose of the rig beside its approximations, the head and a close look at its wrinkles."""
+
+from typing import TYPE_CHECKING
+
+from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
+from replicate.drawing.panels import Words
+from replicate.drawing.render import render
+from replicate.report.clay_surfaces import clay_surfaces, view_of
+from replicate.report.panel_titles import marks_in_words, panel_title, plain_name, pose_in_words
+from replicate.report.pose_errors import WHOLE, normal_means_deg, vertex_mean_mm
+from replicate.report.pose_record import TRUTH, PoseRecord
+from replicate.targets.figure_methods import FIGURE01
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+COLUMNS = (TRUTH, *FIGURE01)
+VIEWS = (("front", 1.2), ("forehead", 0.8))  # a camera, and its picture's height over its width
+LINES = ("distance", "normals")
+
+
+def figure01(
+    record: PoseRecord, across: int | None = None, renderer: str | None = None
+) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words): the record's pose as it is and as those of `COLUMNS` that it has predict it.
+
+    across: the width of one picture, pixels; None for what fills the sheet.
+    """
+    shown = [method for method in COLUMNS if method in record.vertices]
+    width = across or cell_width(len(COLUMNS), LINES)
+    cells, phrases = [], []
+    for method in shown:
+        surfaces = clay_surfaces(record, method)
+        pictures = tuple(
+            render(surfaces, view_of(record, name, 1 / tall), width, round(tall * width), renderer=renderer)
+            for name, tall in VIEWS
+        )
+        lines = ()
+        if method != TRUTH:
+            lines = f"{vertex_mean_mm(record, method):.2f} mm", f"{normal_means_deg(record, method)[WHOLE]:.2f}°"
+            phrases.append(f"{plain_name(method)} {' and '.join(lines)}")
+        cells.append(Cell(panel_title(method), pictures, lines))
+    errors = "; ".join(phrases)
+    names = ", ".join(plain_name(method) for method in shown)
+    return face_sheet(cells, len(shown), LINES), Words(
+        f"Clay renders of a head from the front and, below, of its forehead, close up, from left to right: {names}. "
+        f"Mean errors: {errors}.",
+        f"The rig and its approximations side by side (after Fig. 1), in {pose_in_words(record)}. The heads look much "
+        "alike; the close-up below shows which creases of the forehead a method keeps. Below: mean distance of all "
+        f"vertices, and mean angle between normals (Eq. 11), in this pose. {marks_in_words(shown)}".strip(),
+    )

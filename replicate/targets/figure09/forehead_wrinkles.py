@@ -1,0 +1,52 @@
+"""Figure 9: forehead wrinkles, close up: what each method keeps of them."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
+from replicate.drawing.panels import Words
+from replicate.drawing.render import render
+from replicate.drawing.scene import camera_for
+from replicate.report.clay_surfaces import clay_surfaces
+from replicate.report.panel_titles import marks_in_words, panel_title, plain_name, pose_in_words
+from replicate.report.pose_errors import WHOLE, normal_means_deg
+from replicate.report.pose_record import TRUTH, PoseRecord
+from replicate.targets.figure_methods import FIGURE09
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+COLUMNS = (TRUTH, *FIGURE09)
+ACROSS = 3  # pictures in a row
+TALL = 0.8  # a picture's height over its width
+REGION = "forehead"
+
+
+def figure09(
+    record: PoseRecord,
+    methods: Sequence[str] = COLUMNS,
+    across: int | None = None,
+    renderer: str | None = None,
+) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words): the record's pose from the forehead camera, a picture for each of `methods` it has.
+
+    across: the width of one picture, pixels; None for what fills the sheet.
+    """
+    view = camera_for("forehead", record.neutral)
+    shown = [method for method in methods if method in record.vertices]
+    width = across or cell_width(min(ACROSS, len(shown)))
+    region = REGION if REGION in record.region_names else WHOLE
+    cells, phrases = [], []
+    for method in shown:
+        picture = render(clay_surfaces(record, method), view, width, round(TALL * width), renderer=renderer)
+        error = "" if method == TRUTH else f"{normal_means_deg(record, method)[region]:.2f}°"
+        cells.append(Cell(panel_title(method), (picture,), (f"{region}: {error}" if error else "",)))
+        phrases.append(f"{plain_name(method)} {error}".strip())
+    names = ", ".join(phrases)
+    figure = face_sheet(cells, min(ACROSS, len(shown)))
+    return figure, Words(
+        f"Clay renders of one forehead, close up, row by row: {names}.",
+        f"Forehead wrinkles in {pose_in_words(record)} (after Fig. 9). Look at the creases above the brows and between "
+        f"them: how deep they are, and how far they reach. Below each: the mean normal error (Eq. 11) of the {region}. "
+        f"{marks_in_words(shown)}".strip(),
+    )

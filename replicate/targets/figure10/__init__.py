@@ -1,0 +1,43 @@
+"""Figure 10: normal errors on the faces of every method, in the pose with most wrinkles, a median and the worst one."""
+
+import argparse
+from collections.abc import Sequence
+
+from replicate.artefacts.plan import Plan
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods.method import Method
+from replicate.report.publication import publish_pictures
+from replicate.targets.options import OF_A_RUN, methods
+from replicate.targets.running import make
+from replicate.targets.shown_records import input_stages, load_records, picture_settings
+
+ABOUT = "normal errors as colours on the face: the pose with most wrinkles, the median pose and the worst one"
+WRITES = "results/runs/<profile>/"
+OPTIONS = (*OF_A_RUN, "methods")
+
+
+def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
+    """Return the stages of one character's figure; those of the methods, the slow ones, come first."""
+    shown = [method for method in methods if method.in_figures]
+    inputs = input_stages(plan, shown)
+    figure = plan.stage("figure10", draw, picture_settings(plan, shown), *inputs)
+    return [*(stage for method in shown for stage in method.stages(plan)), *inputs, figure]
+
+
+def draw(context: StageContext) -> None:
+    """Draw the normal errors of every method in each of the poses, and once more close up on the forehead (Fig. 10)."""
+    from replicate.drawing.face_sheet import LARGEST_BYTES
+    from replicate.drawing.panels import save_figure
+    from replicate.report.pose_record import FOLDED
+    from replicate.targets.figure10.error_faces import figure10, picture_name
+
+    for record in load_records(context.config.character, context.inputs).values():
+        for camera in ("front", "forehead") if record.choice == FOLDED else ("front",):
+            figure, words = figure10(record, context.config.limit_deg, camera)
+            save_figure(figure, context.out / f"{picture_name(record, camera)}.png", words, LARGEST_BYTES)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Draw the figure of every character and publish it."""
+    results = make(options, lambda plan: stages(plan, methods(options, plan.config)))
+    publish_pictures("figure10", results, notebook=False)

@@ -1,0 +1,95 @@
+"""Figure 10: a test pose as every method predicts it, half of each face its surface, half its normal error."""
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
+from replicate.drawing.heatmap import normal_bar, normal_heat
+from replicate.drawing.panels import Words
+from replicate.drawing.render import render
+from replicate.drawing.split_face import middle_line, split_face
+from replicate.methods.method_registry import in_order, method_named
+from replicate.report.clay_surfaces import clay_surfaces, view_of
+from replicate.report.panel_titles import marks_in_words, panel_title, plain_name, pose_in_words
+from replicate.report.pose_errors import WHOLE, normal_means_deg
+from replicate.report.pose_record import FOLDED, TRUTH, PoseRecord
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+COLUMNS = 5  # faces in a row: more would be too small in a column of the paper
+TALL = 1.26  # a picture's height over its width
+LIMIT_DEG = 30.0
+
+
+def figure10(
+    record: PoseRecord,
+    limit_deg: float = LIMIT_DEG,
+    camera: str = "front",
+    across: int | None = None,
+    renderer: str | None = None,
+) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words) of one test pose.
+
+    limit_deg: the upper end of the colours, the same for every face. across: the width of one face's picture, pixels;
+    None for what fills the sheet.
+    """
+    methods = [name for name in in_order(set(record.vertices) - {TRUTH}) if method_named(name).in_figures]
+    names = (WHOLE, *record.region_names)
+    columns = min(COLUMNS, 1 + len(methods))
+    width = across or cell_width(COLUMNS, names)
+    height = round(TALL * width)
+    view = view_of(record, camera, width / height)
+    draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
+    truth, cells, means = record.vertices[TRUTH], [Cell(panel_title(TRUTH), (draw(clay_surfaces(record, TRUTH)),))], {}
+    for method in methods:
+        vertices = record.vertices[method]
+        surface = draw(clay_surfaces(record, method))
+        heat = draw([normal_heat(vertices, truth, record.faces, limit_deg)])
+        line = middle_line(record.neutral, vertices, record.faces, view, width, height)
+        means[method] = normal_means_deg(record, method)
+        lines = tuple(f"{means[method][name]:.2f}°" for name in names)
+        cells.append(Cell(panel_title(method), (split_face(surface, heat, line),), lines))
+    bar = partial(normal_bar, limit_deg=limit_deg, orientation="horizontal")
+    figure = face_sheet(cells, columns, names, bar, first_bold=True)
+    return figure, _words(record, camera, means, limit_deg)
+
+
+def picture_name(record: PoseRecord, camera: str = "front") -> str:
+    """Return the file name, without ending, of a record's Figure 10."""
+    views = [camera] if camera != "front" else []
+    rules = [record.choice] if record.choice != FOLDED else []
+    return "_".join(["figure10", record.character, *rules, *views])
+
+
+def _words(record: PoseRecord, camera: str, means: dict[str, dict[str, float]], limit_deg: float) -> Words:
+    wholes = ", ".join(f"{plain_name(method)} {own[WHOLE]:.2f}°" for method, own in means.items())
+    what = "foreheads, close up" if camera == "forehead" else "heads from the front"
+    regions = f", {WHOLE} for the whole mesh" if record.region_names else " over the whole mesh"
+    pose = pose_in_words(record)
+    alt = (
+        f"{len(means) + 1} {what}, the ground truth first, then one for each method; the left half of each method's "
+        f"face is its surface in clay, the right half is coloured by normal error from 0 to {limit_deg:g} degrees. "
+        f"Mean errors: {wholes}."
+    )
+    best = min(means, key=lambda method: means[method][WHOLE]) if means else None
+    hardest = _hardest_region(means)
+    seen = f" “{plain_name(best)}” has the smallest mean." if best else ""
+    seen += f" Most methods are farthest off at the {hardest}." if hardest else ""
+    shown = ("close up on the forehead, " if camera == "forehead" else "") + pose
+    shown = shown[0].upper() + shown[1:]
+    caption = (
+        f"{shown} (after Fig. 10). Left half of each face: the predicted surface. Right half: the "
+        f"angle between each mesh face's predicted and true normal (Eq. 11), 0° to {limit_deg:g}°, the same colours in "
+        f"all panels, which go with the angle's root. Below: its mean in this pose{regions}.{seen} "
+        f"{marks_in_words(means)}"
+    )
+    return Words(alt, caption.strip())
+
+
+def _hardest_region(means: dict[str, dict[str, float]]) -> str:
+    """Return the region where most methods have their largest mean error, if more than half of them agree."""
+    regions = [{name: mean for name, mean in own.items() if name != WHOLE} for own in means.values()]
+    worst = [max(own, key=own.get) for own in regions if own]
+    region = max(sorted(set(worst)), key=worst.count, default="")
+    return region if 2 * worst.count(region) > len(worst) else ""

@@ -1,0 +1,62 @@
+"""The test poses that figures show, put together from the artefacts of a run; and the stages that make those."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from replicate.artefacts import built_rig, drawn_samples, rigid_segments, shown_pose
+from replicate.artefacts.plan import Plan
+from replicate.engine.stage import Stage
+from replicate.geometry.face_regions import face_regions
+from replicate.methods import measurement, typical_poses
+from replicate.methods.method import Method
+from replicate.report.pose_record import CHOICES, FOLDED, TRUTH, PoseRecord
+
+
+@dataclass(frozen=True)
+class PosePicture:
+    """Whose poses are drawn, up to which normal error the colours go, and what the methods are called."""
+
+    character: str
+    limit_deg: float
+    titles: tuple[str, ...]
+
+
+def picture_settings(plan: Plan, methods: Sequence[Method]) -> PosePicture:
+    """Return the settings of a stage that draws the poses of a plan's character."""
+    titles = tuple(method.title for method in methods)
+    return PosePicture(plan.character, plan.config.evaluation.heatmap_deg, titles)
+
+
+def input_stages(plan: Plan, methods: Sequence[Method], typical: bool = True) -> list[Stage]:
+    """Return the stages whose artefacts `load_record` reads. typical: with the median and the worst pose."""
+    shared = [module.stage(plan) for module in (built_rig, drawn_samples, shown_pose, rigid_segments)]
+    errors = [measurement.stage(plan, method) for method in methods]
+    return [*shared, *errors, *(typical_poses.stages(plan, methods) if typical else ())]
+
+
+def load_records(character: str, inputs: Mapping[str, Path]) -> dict[str, PoseRecord]:
+    """Return the test poses that the artefacts of `input_stages` hold, by the rule that chose them.
+
+    The pose with the most folds has the vertices of every method, the others those of the methods that figures show.
+    """
+    rig, samples = built_rig.load(inputs), drawn_samples.load(inputs)
+    mesh, regions = rig.mesh, face_regions(rig.mesh, rig.control_points, rig.control_point_regions)
+    ranked_by, chosen = typical_poses.load_chosen(inputs) if "ranked" in inputs else ("", {})
+    records = {}
+    for choice in CHOICES:
+        if choice == FOLDED:
+            pose, folders = shown_pose.load(inputs), measurement.error_folders(inputs)
+            predicted = {method: measurement.load_pose(folder) for method, folder in folders.items()}
+        elif choice in chosen:
+            pose, predicted = chosen[choice], typical_poses.load_predictions(inputs, choice)
+        else:
+            continue
+        truth = mesh.neutral + np.asarray(samples.test_offsets[pose], np.float32)
+        props = tuple(rig.pose_props(samples.test_params[pose]))
+        rule = choice, "" if choice == FOLDED else ranked_by
+        vertices = {TRUTH: truth} | predicted
+        records[choice] = PoseRecord(character, pose, mesh.neutral, mesh.faces, vertices, props, *rule, *regions)
+    return records

@@ -1,0 +1,56 @@
+"""Sheets of faces: pictures pixel for pixel, rows that fill the width, letters that stay legible in print."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from replicate.drawing.face_sheet import WIDTH, Cell, cell_width, face_sheet
+from replicate.drawing.panels import DPI, Words, save_figure
+
+COLUMN_INCHES = 84 / 25.4
+
+
+def cells(count: int, width: int, lines: tuple[str, ...] = ()) -> list[Cell]:
+    return [Cell(f"title {k}", (np.full((50, width, 3), 40 + 10 * k, np.uint8),), lines) for k in range(count)]
+
+
+def test_columns_and_the_names_of_lines_fill_the_width():
+    width = cell_width(5, ("forehead",))
+    figure = face_sheet(cells(7, width, ("1°",)), 5, ("forehead",))
+    boxes = [axes.get_position() for axes in figure.axes]
+    assert len(boxes) == 7 and 0.98 < max(box.x1 for box in boxes) <= 1
+    assert min(box.x0 for box in boxes) > 0.1, "the names stand at the left"
+    assert all(one.x1 < other.x0 for one, other in pairwise(boxes[:5]))
+
+
+def test_pictures_are_drawn_pixel_for_pixel(tmp_path):
+    from PIL import Image
+
+    rng = np.random.default_rng(0)
+    pictures = tuple(rng.choice(np.uint8([0, 80, 160, 255]), size=(tall, 90, 1)).repeat(3, -1) for tall in (40, 30))
+    figure = face_sheet([Cell("a", pictures, ("1 mm",)), Cell("b", pictures, ("2 mm",))], 2)
+    save_figure(figure, tmp_path / "f.png", Words("alt", "caption"))
+    image = np.array(Image.open(tmp_path / "f.png").convert("RGB"))
+    assert image.shape[1] == WIDTH
+    for picture in pictures:
+        windows = np.lib.stride_tricks.sliding_window_view(image[:, :210], picture.shape)
+        assert (np.abs(windows.astype(int) - picture) <= 2).all((-1, -2, -3)).sum() == 2
+
+
+def test_letters_are_five_points_high_in_a_column_of_the_paper():
+    figure = face_sheet(cells(5, cell_width(5), ("1°", "2°")), 5)
+    shrunk = COLUMN_INCHES / (WIDTH / DPI)
+    assert figure.texts and all(text.get_fontsize() * shrunk >= 5 for text in figure.texts)
+
+
+def test_no_title_is_wider_than_its_picture_and_a_colon_ends_a_line():
+    figure = face_sheet([Cell("LBS: 16 bones †", (np.zeros((50, 160, 3), np.uint8),))], 5)
+    assert [text.get_text() for text in figure.texts] == ["LBS:", "16 bones †"]
+    renderer = figure.canvas.get_renderer() if hasattr(figure.canvas, "get_renderer") else _agg(figure)
+    assert all(text.get_window_extent(renderer).width <= 160 for text in figure.texts)
+
+
+def _agg(figure):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    return FigureCanvasAgg(figure).get_renderer()
