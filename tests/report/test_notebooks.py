@@ -114,7 +114,7 @@ def run_cells(path: Path, monkeypatch) -> list:
     outputs = []
     for name in ("show_table", "show_text", "show_picture"):
         monkeypatch.setattr(notebooks, name, outputs.append)
-    monkeypatch.setattr(notebooks, "show", lambda figure, words, largest_bytes: outputs.append(words))
+    monkeypatch.setattr(notebooks, "show", lambda figure, words, **options: outputs.append(words))
     first, *others = (cell["source"] for cell in cells(path, "code"))
     names = {}
     for source in (with_parameters(first, {"RESULTS": "quick"}), *others):
