@@ -4,9 +4,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from jaxtyping import Float
+
 from replicate.artefacts import built_rig, control_influence, drawn_samples
 from replicate.artefacts.plan import Plan
-from replicate.engine.stage import Stage, StageContext
+from replicate.config import RigidConfig
+from replicate.engine.stage import Stage, StageContext, stream_rng
 from replicate.geometry.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -32,6 +36,15 @@ def make(context: StageContext) -> None:
     attachments = find_attachments(mesh, mesh.neutral + samples.offsets(poses), section.tau_mm, section.attachments)
     attachments.save(context.out / FILE)
     context.note(rigid_segments=[mesh.segment_names[k] for k in attachments.segment])
+
+
+def mean_errors(inputs: Mapping[str, Path], section: RigidConfig, seed: int) -> Float[np.ndarray, " s"]:
+    """Return each segment's mean residual of Eq. 3 in mm, over the poses that `make` decides on."""
+    from replicate.approximation.rigid import segment_errors
+
+    mesh, samples = built_rig.load_mesh(inputs), drawn_samples.load(inputs)
+    poses = samples.draw(stream_rng(seed, "rigid", "poses"), min(section.poses, len(samples)))
+    return segment_errors(mesh, mesh.neutral + samples.offsets(poses)).mean(0)
 
 
 def load(inputs: Mapping[str, Path]) -> "replicate.approximation.rigid.Attachments":

@@ -134,7 +134,7 @@ def test_table1s_notebook_shows_the_table_and_the_claim(folder, monkeypatch):
     ("target", "header", "line"),
     [
         ("figure05", POSES_HEADER, "1,7,jaw_open,1.5,0.0,1.0"),
-        ("figure07", SEGMENTS_HEADER, "face,deforms,81,128,#f3c300"),
+        ("figure07", SEGMENTS_HEADER, "face,deforms,81,128,2.5,#f3c300"),
         ("figure08", REFINEMENT_HEADER, "face_1,face,20,9,0.0,0.2,0.0,0.2,1.5,0.5,#f3c300"),
     ],
 )

@@ -35,6 +35,7 @@ from replicate.targets.figure07.mesh_segments import (
     segment_palette,
     segments_table,
 )
+from replicate.targets.figure07.rigid_errors import rigid_errors_chart
 from replicate.targets.figure08 import refinement_segments as figure08
 from replicate.targets.figure08.chart_panels import chart_panels
 from replicate.targets.figure08.refinement_segments import (
@@ -115,7 +116,7 @@ def test_neighbours_in_figure_7_have_colours_that_shading_leaves_apart(rig):
 
 
 def test_figure_7_is_saved_with_its_words_and_numbers(rig, tmp_path):
-    save_segments_figure(rig, [2, 3], tmp_path / "figure07_plate")
+    save_segments_figure(rig, [2, 3], [3.0, 2.0, 0.1, 0.25], tmp_path / "figure07_plate")
     lines = read_lines(tmp_path / "figure07_plate.csv", figure07.HEADER)
     assert [line["segment"] for line in lines] == list(NAMES)
     assert [int(line["vertices"]) for line in lines] == [45, 18, 9, 9]
@@ -133,11 +134,23 @@ def test_figure_7_is_saved_with_its_words_and_numbers(rig, tmp_path):
     yellow, brown = (((red > 130) & (blue < 60)).sum(), ((red < 115) & (red - blue > 25)).sum())
     assert yellow > 1000 and brown > 500 and lines[1]["colour"] == "#654522"
     text = as_text(segments_table(tmp_path / "figure07_plate.csv", "plate"))
-    assert "2 rigid segments together" in text and "tooth_1" not in text
+    assert "2 rigid segments together" in text and "tooth_1" not in text and "≤ 0.25" in text
+
+
+def test_each_segments_error_stands_against_tau_the_most_rigid_first(rig):
+    figure, words = rigid_errors_chart(rig.mesh, np.array([3.0, 2.0, 0.1, 0.25]), [2, 3], 0.3, "plate")
+    (axes,) = figure.axes
+    (dots,) = axes.collections
+    np.testing.assert_allclose(dots.get_offsets()[:, 1], [0.1, 0.25, 2.0, 3.0])
+    palette = np.array(segment_palette(rig.mesh, [2, 3])) / 255
+    np.testing.assert_allclose(dots.get_facecolor()[:, :3], palette[[2, 3, 1, 0]])
+    names = [text.get_text() for text in axes.texts]
+    assert names == ["τ = 0.3 mm", *(rig.mesh.segment_names[k].replace("_", " ") for k in (1, 0))]
+    assert "rigid one is 0.25 mm" in words.caption and "deforming one is 2 mm" in words.caption
 
 
 def test_without_rigid_segments_the_table_of_figure_7_has_no_line_for_them(rig, tmp_path):
-    save_segments_figure(rig, [], tmp_path / "figure07_plate")
+    save_segments_figure(rig, [], [1.0] * 4, tmp_path / "figure07_plate")
     text = as_text(segments_table(tmp_path / "figure07_plate.csv", "plate"))
     assert "rigid" not in text and "tooth_2" in text
 

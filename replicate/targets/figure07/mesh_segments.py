@@ -3,7 +3,7 @@
 A part of the face that all characters have is of the same colour on all of them.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ from replicate.drawing.colours import perceived
 from replicate.drawing.panels import Words, save_figure
 from replicate.drawing.rig_views import DISTINCT, coloured_views, hexadecimal, read_lines, write_lines
 from replicate.geometry.mesh import Mesh
-from replicate.report.tables import Table
+from replicate.report.tables import Table, round_off
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -31,7 +31,7 @@ PARTS = (
 )  # fmt: skip
 NEAR = 0.05
 NOT_NEAR = 1.7  # by how much less alike the colours count of two segments that are not neighbours
-HEADER = ("segment", "kind", "vertices", "faces", "colour")
+HEADER = ("segment", "kind", "vertices", "faces", "rigid_error_mm", "colour")
 
 
 def segment_palette(mesh: Mesh, rigid: Collection[int]) -> list[tuple[int, int, int]]:
@@ -109,14 +109,24 @@ def figure07(
     )
 
 
-def save_segments_figure(rig: Rig, rigid: Collection[int], stem: Path) -> None:
-    """Write Figure 7 of a rig as PNG, its words as JSON, and each segment's numbers as CSV."""
+def save_segments_figure(rig: Rig, rigid: Collection[int], errors_mm: Sequence[float], stem: Path) -> None:
+    """Write Figure 7 of a rig as PNG, its words as JSON, and each segment's numbers as CSV.
+
+    errors_mm: each segment's mean residual of Eq. 3.
+    """
     figure, words = figure07(rig, rigid)
     save_figure(figure, stem.with_suffix(".png"), words)
     mesh, colours = rig.mesh, segment_palette(rig.mesh, rigid)
     vertices, faces = (np.bincount(which, minlength=len(colours)) for which in (mesh.segment, shown_segment(mesh)))
     lines = (
-        (name, "rigid" if k in rigid else "deforms", vertices[k], faces[k], hexadecimal(colours[k]))
+        (
+            name,
+            "rigid" if k in rigid else "deforms",
+            vertices[k],
+            faces[k],
+            float(errors_mm[k]),
+            hexadecimal(colours[k]),
+        )
         for k, name in enumerate(mesh.segment_names)
     )
     write_lines(stem.with_suffix(".csv"), HEADER, lines)
@@ -126,12 +136,22 @@ def segments_table(file: Path, character: str) -> Table:
     """Return the numbers behind a character's Figure 7: a line for each deforming segment, one for all rigid ones."""
     lines = read_lines(file, HEADER)
     body = [
-        (line["segment"], f"{int(line['vertices']):,}", f"{int(line['faces']):,}")
+        (
+            line["segment"],
+            f"{int(line['vertices']):,}",
+            f"{int(line['faces']):,}",
+            _shown_mm(float(line["rigid_error_mm"])),
+        )
         for line in lines
         if line["kind"] != "rigid"
     ]
     rigid = [line for line in lines if line["kind"] == "rigid"]
     if rigid:
         vertices, faces = (sum(int(line[column]) for line in rigid) for column in ("vertices", "faces"))
-        body += [None, (f"{len(rigid)} rigid segments together", f"{vertices:,}", f"{faces:,}")]
-    return Table(f"Segments of {character}", (("", "vertices", "faces"),), tuple(body))
+        largest = _shown_mm(max(float(line["rigid_error_mm"]) for line in rigid))
+        body += [None, (f"{len(rigid)} rigid segments together", f"{vertices:,}", f"{faces:,}", f"≤ {largest}")]
+    return Table(f"Segments of {character}", (("", "vertices", "faces", "mean of e_k, mm"),), tuple(body))
+
+
+def _shown_mm(length: float) -> str:
+    return round_off(length, "mm")
