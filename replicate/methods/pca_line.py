@@ -146,7 +146,7 @@ METHOD = Method(
     lambda plan: (stage(plan),),
     load,
     place=60.5,
-    note="The PCA network with a linear skip to the coefficients, which starts as ridge regression and is trained along.",
+    note="The PCA network with a linear skip to the coefficients, which starts as ridge regression.",
     colour="#C49C94",
     in_figures=False,
     standard=False,
