@@ -2,8 +2,8 @@
 
 The output layer W h + b maps w hidden activations to 3k coordinates. The principal components of its outputs over
 training poses lie in its range, so that W ≈ A B with A (3k, r) the components and B (r, w) what reads their
-coefficients off the activations: the truncated SVD of W in the metric of the activations. What is cut stays at its mean.
-Nothing is trained anew.
+coefficients off the activations: the truncated SVD of W in the metric of the activations. What is cut stays at its
+mean; nothing is trained anew.
 """
 
 from collections.abc import Sequence
@@ -95,11 +95,6 @@ class LowRankNetwork(nn.Module):
         """Return how many bytes the network takes as it is stored."""
         layers = sum(2 * value.numel() for value in self.hidden.parameters())
         return layers + self.inner.numel() + 4 * self.inner_steps.numel() + self.outer.size_bytes()
-
-    def multiplications(self) -> int:
-        """Return how many multiplications with weights one pose takes."""
-        layers = sum(layer.weight.numel() for layer in self.hidden)
-        return layers + self.inner.numel() + self.outer.fine.numel() + self.outer.rough.numel()
 
 
 def low_rank(

@@ -82,6 +82,13 @@ def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
     return vertices_of(inputs, load_model(inputs))
 
 
+def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.multiplications import of_model
+
+    return of_model(load_model(inputs))
+
+
 METHOD = replace(
     dense_network.METHOD,
     name="dense_compact",
@@ -94,4 +101,5 @@ METHOD = replace(
     in_figures=False,
     standard=False,
     own=own,
+    multiplications=multiplications,
 )

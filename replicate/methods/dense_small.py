@@ -80,6 +80,13 @@ def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
     return vertices_of(inputs, load_model(inputs))
 
 
+def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.multiplications import of_model
+
+    return of_model(load_model(inputs))
+
+
 METHOD = replace(
     dense_network.METHOD,
     name="dense_small",
@@ -91,4 +98,5 @@ METHOD = replace(
     note="Dense networks whose last hidden layer is so narrow that the model is no larger than the refined one.",
     in_figures=False,
     standard=False,
+    multiplications=multiplications,
 )

@@ -140,6 +140,13 @@ def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
     return vertices_of(inputs, load_model(inputs))
 
 
+def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.multiplications import of_model
+
+    return of_model(load_model(inputs))
+
+
 METHOD = Method(
     "pca_line",
     "PCA network + linear",
@@ -151,4 +158,5 @@ METHOD = Method(
     in_figures=False,
     standard=False,
     own=own,
+    multiplications=multiplications,
 )

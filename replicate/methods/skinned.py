@@ -89,6 +89,13 @@ def load(inputs: Mapping[str, Path], numbers: RefitNumbers) -> Callable:
     return lambda params, truth: skin.deform(*refit(skin, truth, numbers.sweeps, numbers.settled))
 
 
+def multiplications(inputs: Mapping[str, Path], numbers: RefitNumbers) -> int:
+    """Return how many multiplications the blend of one pose takes; finding its bones from the truth is left out."""
+    from replicate.approximation.multiplications import of_blend
+
+    return of_blend(load_skin(inputs, numbers.bones).weights)
+
+
 def _stages(plan: Plan, bones: int) -> tuple[Stage, ...]:
     return (stage(plan, bones),)
 
@@ -112,6 +119,7 @@ def method(bones: int) -> Method:
         mark="†",
         colour=GREYS.get(bones, GREYS[24]),
         numbers=partial(_refit_numbers, bones=bones),
+        multiplications=multiplications,
     )
 
 
