@@ -43,6 +43,7 @@ def test_no_time_is_told_where_nothing_is_trained_or_a_part_of_it_is_lost(artefa
     artefact("dense", 12.0, "samples", resumed=True)
     artefact("compact", 1.0, "dense")
     assert training_s(artefact("errors_compact", 7.0, "compact")) is None
+    assert training_s(artefact("errors_gone", 7.0, "nowhere")) is None
 
 
 def row(method: str, metric: str, unit: str, value: float) -> Row:

@@ -13,9 +13,12 @@ def training_s(errors: Path) -> float | None:
     errors: the folder of the method's errors. What its stages build on counts too (a coarse model below its refinement,
     the networks that are compacted), once; what all methods share does not. None also where a stage was stopped and
     went on from a checkpoint: its manifest has the time of the last part alone. Wall times: they are longer on a
-    machine that does something else besides.
+    machine that does something else besides. None, too, where an artefact is gone from the cache.
     """
-    manifests = _behind(errors, {})
+    try:
+        manifests = _behind(errors, {})
+    except FileNotFoundError:
+        return None
     if not manifests or any(manifest.get("resumed") for manifest in manifests.values()):
         return None
     return float(sum(manifest["wall_s"] * max(1, manifest["threads"]) for manifest in manifests.values()))
