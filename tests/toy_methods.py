@@ -17,3 +17,8 @@ def seeing(inputs, numbers):
 def facts(inputs, mesh):
     """Return one more number."""
     return [("vertices", "count", len(mesh.neutral))]
+
+
+def multiplications(inputs, numbers):
+    """Return one product for each coordinate of the mesh."""
+    return 3 * len(small_mesh().neutral)

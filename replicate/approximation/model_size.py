@@ -6,6 +6,7 @@ whose networks see all of them are therefore the least and the most that a given
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Protocol, runtime_checkable
 
@@ -28,6 +29,20 @@ class NetworkShape(Protocol):
     @property
     def hidden(self) -> tuple[int, ...]:
         """Widths of the dense layers."""
+
+
+@dataclass(frozen=True)
+class MapShape:
+    """The shape of a map network alone, for stages that depend on nothing else of a network's section."""
+
+    map_size: int
+    channels: int
+    hidden: tuple[int, ...]
+
+
+def shape_of(section: NetworkShape) -> MapShape:
+    """Return the shape of the map networks that a section of the configuration describes."""
+    return MapShape(section.map_size, section.channels, section.hidden)
 
 
 def megabytes(weights: int) -> float:
@@ -72,3 +87,14 @@ def dense_vertices(size_mb: float, segments: int, inputs: int, hidden: Sequence[
     """Return how many vertices a dense model of some size moves, if each of its networks sees `inputs` parameters."""
     least = segments * dense_weights(inputs, 0, hidden)
     return (size_mb * 1e6 / BYTES - least) / (dense_weights(0, 1, hidden) - dense_weights(0, 0, hidden))
+
+
+def dense_width(inputs: Sequence[int], vertices: Sequence[int], first: Sequence[int], size_mb: float) -> int:
+    """Return the largest width of the last hidden layer with which a dense model takes at most `size_mb`; may be < 1.
+
+    inputs, vertices: as for `dense_size_mb`. first: the widths of the hidden layers before the last.
+    """
+    none, one = (
+        sum(dense_weights(j, k, (*first, width)) for j, k in zip(inputs, vertices, strict=True)) for width in (0, 1)
+    )
+    return (round(size_mb * 1e6 / BYTES) - none) // (one - none)

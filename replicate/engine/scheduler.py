@@ -1,6 +1,7 @@
 """Runs a graph of stages on this machine or on a cluster, shows how far they are, and ends all if one fails."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from replicate.engine import store
@@ -17,15 +18,20 @@ _TICK_S = 0.5  # the longest time between two looks at what is shown, and at who
 
 
 def run(
-    stages: list[Stage], workers: int | None = None, facts: dict | None = None, cluster: str | None = None
+    stages: list[Stage],
+    workers: int | None = None,
+    facts: dict | None = None,
+    cluster: str | None = None,
+    foresee: Callable[[list[Stage]], str] | None = None,
 ) -> dict[str, Path]:
     """Make what is missing of a graph and return the artefacts' folders by the stages' titles.
 
     stages: those to make, the more urgent first; their inputs are made too. workers: processes side by side, by
     default one a core. facts: provenance for the manifests. cluster: where they run instead, as CLUSTER names it (see
-    `cluster_config`). Prints what was done, or that there was nothing to do. Raises InputError or RunError if a stage
-    does, RunError if one fails or is killed; the others are ended then, as they are by SIGINT, SIGTERM and SIGHUP.
-    Raises InputError for a cluster that is none or can't be reached.
+    `cluster_config`). foresee: what is missing → a line to print before it is made, "" for none. Prints what was done,
+    or that there was nothing to do. Raises InputError or RunError if a stage does, RunError if one fails or is killed;
+    the others are ended then, as they are by SIGINT, SIGTERM and SIGHUP. Raises InputError for a cluster that is none
+    or can't be reached.
     """
     start = time.monotonic()
     elsewhere = read_cluster(cluster) if cluster else None
@@ -34,6 +40,8 @@ def run(
     with store.used_by_a_run():
         missing = [stage for stage in graph if store.load(stage.identifier) is None]
         if missing:
+            if line := foresee(missing) if foresee else "":
+                print(line, flush=True)
             with ended_by_signals():
                 _make(_tasks(missing, facts or {}), _executor(elsewhere, workers or core_count()))
     if not missing:

@@ -38,6 +38,13 @@ def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
     return vertices_of(inputs, load_model(inputs))
 
 
+def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.multiplications import of_model
+
+    return of_model(load_model(inputs))
+
+
 def map_sizes(inputs: Mapping[str, Path]) -> dict[str, tuple[int, int]]:
     """Return each map's width in pixels, and how many vertices read it, by its segment's name."""
     model = load_model(inputs)
@@ -65,4 +72,5 @@ METHOD = Method(
     in_paper=True,
     colour="#E69F00",
     facts=facts,
+    multiplications=multiplications,
 )

@@ -21,11 +21,32 @@ def train(context: StageContext) -> None:
     train_on_segments(context, dense.make_network, dense.shape_facts(context.config.section), dense.save)
 
 
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the dense networks."""
+def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
+    """Return the dense networks."""
     from replicate.approximation.dense import load_dense
 
-    return vertices_of(inputs, load_dense(inputs["dense"]))
+    return load_dense(inputs["dense"])
 
 
-METHOD = Method("dense", "Dense", lambda plan: (stage(plan),), load, place=30, in_paper=True, colour="#D55E00")
+def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of the dense networks."""
+    return vertices_of(inputs, load_model(inputs))
+
+
+def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.multiplications import of_model
+
+    return of_model(load_model(inputs))
+
+
+METHOD = Method(
+    "dense",
+    "Dense",
+    lambda plan: (stage(plan),),
+    load,
+    place=30,
+    in_paper=True,
+    colour="#D55E00",
+    multiplications=multiplications,
+)

@@ -53,6 +53,14 @@ def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
     return vertices_of(inputs, load_driven(inputs["driven"]))
 
 
+def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes, those of rotation vectors to matrices left out."""
+    from replicate.approximation.multiplications import of_model
+    from replicate.approximation.skinning.bone_network import load_driven
+
+    return of_model(load_driven(inputs["driven"]))
+
+
 METHOD = Method(
     "driven",
     "LBS moved by a network",
@@ -65,4 +73,5 @@ METHOD = Method(
     colour="#F0E442",
     in_figures=False,
     standard=False,
+    multiplications=multiplications,
 )

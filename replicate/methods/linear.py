@@ -117,6 +117,13 @@ def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
     return vertices_of(inputs, load_model(inputs))
 
 
+def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.multiplications import of_model
+
+    return of_model(load_model(inputs))
+
+
 METHOD = Method(
     "linear",
     "Linear",
@@ -126,4 +133,5 @@ METHOD = Method(
     note="Ridge regression from rig parameters to vertices, segment by segment: a straight line.",
     colour="#000000",
     own=own,
+    multiplications=multiplications,
 )

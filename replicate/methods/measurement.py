@@ -37,12 +37,14 @@ class MeasurementNumbers:
     test_poses: int
     batch: int
     seed: int
+    multiplications: str = ""
 
 
 def stage(plan: Plan, method: Method) -> Stage:
     """Return the stage that measures a method; what its predictor is read from is among the stage's inputs."""
     config = plan.config
-    load, facts = reference(method.load), reference(method.facts) if method.facts else ""
+    load = reference(method.load)
+    facts, multiplications = (reference(f) if f else "" for f in (method.facts, method.multiplications))
     numbers = MeasurementNumbers(
         method.name,
         load,
@@ -53,10 +55,11 @@ def stage(plan: Plan, method: Method) -> Stage:
         method.poses(config),
         config.evaluation.batch,
         config.seed,
+        multiplications,
     )
     shared = (built_rig.stage(plan), drawn_samples.stage(plan), shown_pose.stage(plan), rigid_segments.stage(plan))
     inputs = {stage.title: stage for stage in (*shared, *method.stages(plan))}
-    functions = ", ".join(filter(None, (reference(measure), load, facts)))
+    functions = ", ".join(filter(None, (reference(measure), load, facts, multiplications)))
     return plan.stage(f"{PREFIX}{method.name}", functions, numbers, *inputs.values())
 
 
@@ -114,6 +117,9 @@ def measure(context: StageContext) -> None:
     truth = mesh.neutral + samples.test_offsets[row : row + 1]
     np.save(context.out / POSE, predict(samples.test_params[row : row + 1], truth)[0].astype(np.float32))
     entries = stage_function(numbers.facts)(inputs, mesh) if numbers.facts else []
+    if numbers.multiplications:
+        count = stage_function(numbers.multiplications)(inputs, numbers.numbers)
+        entries = [*entries, ("multiplications", "count", count)]
     own = inputs.get(numbers.method)
     size = read_manifest(own)["notes"].get("size_mb") if own else None
     entries = [*entries, *([("model_size", "MB", size)] if size is not None else [])]

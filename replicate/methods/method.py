@@ -41,6 +41,8 @@ class Method:
     for others. floor_of: the method that it is the floor of, if any.
     numbers: configuration → what `load` needs besides, a frozen dataclass. poses: configuration → on how many test
     poses it is measured, 0 for all. facts: (inputs, mesh) → more numbers for Table 2.
+    multiplications: (inputs, numbers) → how many a pose takes, as `approximation.multiplications` counts them; None
+    where that makes no sense, as for the truth seen through maps.
     own: profile → the method's own section of the configuration, a `Checked` dataclass, where it has one: `[name]` in a
     CONFIG file.
     """
@@ -63,6 +65,7 @@ class Method:
     numbers: Callable[[Config], object] = no_numbers
     poses: Callable[[Config], int] = all_test_poses
     facts: Callable[[Mapping[str, Path], Mesh], list[Number]] | None = None
+    multiplications: Callable[[Mapping[str, Path], object], int] | None = None
     own: Callable[[str], Checked] | None = None
 
     def section(self, config: Config) -> Checked:

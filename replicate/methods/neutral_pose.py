@@ -15,6 +15,11 @@ def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
     return lambda params: np.broadcast_to(neutral, (len(params), *neutral.shape))
 
 
+def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return that it takes none."""
+    return 0
+
+
 METHOD = Method(
     "neutral",
     "Neutral pose",
@@ -27,4 +32,5 @@ METHOD = Method(
     colour="#CC79A7",
     in_figures=False,
     in_charts=False,
+    multiplications=multiplications,
 )

@@ -148,8 +148,8 @@ def components(
     return np.ascontiguousarray(scaled, np.float32), np.asarray(pca.mean_, np.float32)
 
 
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the network and its basis."""
+def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
+    """Return the network with its basis."""
     import torch
 
     from replicate.approximation.model import load_model
@@ -159,7 +159,19 @@ def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
         basis = torch.zeros(facts["components"], len(mean))
         return make_network(len(segment.parameters), basis, mean, facts["hidden"], facts["leaky_slope"])
 
-    return vertices_of(inputs, load_model(inputs["pca"], network))
+    return load_model(inputs["pca"], network)
+
+
+def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of the network and its basis."""
+    return vertices_of(inputs, load_model(inputs))
+
+
+def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.multiplications import of_model
+
+    return of_model(load_model(inputs))
 
 
 METHOD = Method(
@@ -172,4 +184,5 @@ METHOD = Method(
     colour="#8C564B",
     standard=False,
     own=own,
+    multiplications=multiplications,
 )

@@ -61,6 +61,13 @@ def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
     return vertices_of(inputs, load_model(inputs))
 
 
+def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.multiplications import of_model
+
+    return of_model(load_model(inputs))
+
+
 def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Number]:
     """Return how many refinement segments there are, and how many texels each vertex has in all."""
     residual = load_model(inputs).residual
@@ -80,4 +87,5 @@ METHOD = Method(
     in_paper=True,
     colour="#0072B2",
     facts=facts,
+    multiplications=multiplications,
 )

@@ -168,6 +168,13 @@ def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
     return vertices_of(inputs, load(inputs["regional"]))
 
 
+def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.regional_model import load
+
+    return load(inputs["regional"]).multiplications()
+
+
 METHOD = Method(
     "regional",
     "Regional (ours)",
@@ -178,4 +185,5 @@ METHOD = Method(
     note="A gated network with a linear skip to the coefficients of regional PCA bases, stored in 8 and 16 bits.",
     colour="#A6761D",
     own=own,
+    multiplications=multiplications,
 )

@@ -101,29 +101,79 @@ def load_coarse(inputs: Mapping[str, Path], numbers: None) -> Callable:
     return vertices_of(inputs, load_coarse_model(inputs))
 
 
-def load_refined(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of both levels of networks."""
+def load_refined_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
+    """Return both levels of networks."""
     from replicate.approximation.refinement import load_refined
 
-    return vertices_of(inputs, load_refined(inputs[REFINED], load_coarse_model(inputs)))
+    return load_refined(inputs[REFINED], load_coarse_model(inputs))
+
+
+def load_refined(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of both levels of networks."""
+    return vertices_of(inputs, load_refined_model(inputs))
+
+
+def load_dense_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
+    """Return the dense networks of the released widths."""
+    from replicate.approximation.dense import load_dense
+
+    return load_dense(inputs[DENSE])
 
 
 def load_dense(inputs: Mapping[str, Path], numbers: None) -> Callable:
     """Return parameters (b, m) → vertices (b, n, 3) of the dense networks of the released widths."""
+    return vertices_of(inputs, load_dense_model(inputs))
+
+
+def load_narrow_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
+    """Return the dense networks of the paper's widths."""
     from replicate.approximation.dense import load_dense
 
-    return vertices_of(inputs, load_dense(inputs[DENSE]))
+    return load_dense(inputs[NARROW])
 
 
 def load_narrow(inputs: Mapping[str, Path], numbers: None) -> Callable:
     """Return parameters (b, m) → vertices (b, n, 3) of the dense networks of the paper's widths."""
-    from replicate.approximation.dense import load_dense
+    return vertices_of(inputs, load_narrow_model(inputs))
 
-    return vertices_of(inputs, load_dense(inputs[NARROW]))
+
+def coarse_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.multiplications import of_model
+
+    return of_model(load_coarse_model(inputs))
+
+
+def refined_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.multiplications import of_model
+
+    return of_model(load_refined_model(inputs))
+
+
+def dense_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.multiplications import of_model
+
+    return of_model(load_dense_model(inputs))
+
+
+def narrow_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.multiplications import of_model
+
+    return of_model(load_narrow_model(inputs))
 
 
 def _released(
-    method: Method, name: str, words: str, stages: Callable, load: Callable, own: Callable, place: float
+    method: Method,
+    name: str,
+    words: str,
+    stages: Callable,
+    load: Callable,
+    multiplications: Callable,
+    own: Callable,
+    place: float,
 ) -> Method:
     return replace(
         method,
@@ -139,12 +189,20 @@ def _released(
         in_figures=False,
         standard=False,
         facts=None,
+        multiplications=multiplications,
     )
 
 
 METHODS = (
     _released(
-        coarse.METHOD, COARSE, "released recipe", lambda plan: (coarse_stage(plan),), load_coarse, own_coarse, 61
+        coarse.METHOD,
+        COARSE,
+        "released recipe",
+        lambda plan: (coarse_stage(plan),),
+        load_coarse,
+        coarse_multiplications,
+        own_coarse,
+        61,
     ),
     _released(
         refined.METHOD,
@@ -152,6 +210,7 @@ METHODS = (
         "released recipe",
         lambda plan: (coarse_stage(plan), refined_stage(plan)),
         load_refined,
+        refined_multiplications,
         own_refined,
         62,
     ),
@@ -161,6 +220,7 @@ METHODS = (
         "released recipe",
         lambda plan: (stage(plan, METHODS[2], dense_network.train),),
         load_dense,
+        dense_multiplications,
         own_dense,
         63,
     ),
@@ -170,6 +230,7 @@ METHODS = (
         "released recipe, 256/256",
         lambda plan: (stage(plan, METHODS[3], dense_network.train),),
         load_narrow,
+        narrow_multiplications,
         own_narrow,
         64,
     ),

@@ -11,7 +11,8 @@ from replicate.artefacts import built_rig, drawn_samples
 from replicate.artefacts.plan import Plan
 from replicate.config import Config, LbsConfig
 from replicate.engine.stage import Stage, StageContext, stream_rng
-from replicate.methods.method import Method
+from replicate.geometry.mesh import Mesh
+from replicate.methods.method import Method, Number
 
 if TYPE_CHECKING:
     import replicate.approximation.skinning.ssdr
@@ -89,6 +90,19 @@ def load(inputs: Mapping[str, Path], numbers: RefitNumbers) -> Callable:
     return lambda params, truth: skin.deform(*refit(skin, truth, numbers.sweeps, numbers.settled))
 
 
+def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Number]:
+    """Return the skin's size: a weight and a bone's index, 32 bits each, for every influence of every vertex."""
+    (bones,) = {int(name.removeprefix("lbs")) for name in inputs if re.fullmatch(r"lbs\d+", name)}
+    return [("model_size", "MB", 8 * load_skin(inputs, bones).weights.size / 1e6)]
+
+
+def multiplications(inputs: Mapping[str, Path], numbers: RefitNumbers) -> int:
+    """Return how many multiplications the blend of one pose takes; finding its bones from the truth is left out."""
+    from replicate.approximation.multiplications import of_blend
+
+    return of_blend(load_skin(inputs, numbers.bones).weights)
+
+
 def _stages(plan: Plan, bones: int) -> tuple[Stage, ...]:
     return (stage(plan, bones),)
 
@@ -112,6 +126,8 @@ def method(bones: int) -> Method:
         mark="†",
         colour=GREYS.get(bones, GREYS[24]),
         numbers=partial(_refit_numbers, bones=bones),
+        facts=facts,
+        multiplications=multiplications,
     )
 
 

@@ -78,26 +78,59 @@ def load_coarse(inputs: Mapping[str, Path], numbers: None) -> Callable:
     return vertices_of(inputs, load_coarse_model(inputs))
 
 
-def load_refined(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of both levels of networks and the line."""
+def load_refined_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
+    """Return both levels of networks with their line."""
     from replicate.approximation.refinement import load_refined
 
-    return vertices_of(inputs, load_refined(inputs[REFINED], load_coarse_model(inputs)))
+    return load_refined(inputs[REFINED], load_coarse_model(inputs))
 
 
-def load_dense(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the dense networks and the line."""
+def load_refined(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of both levels of networks and the line."""
+    return vertices_of(inputs, load_refined_model(inputs))
+
+
+def load_dense_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
+    """Return the dense networks with their line."""
     from replicate.approximation import dense
     from replicate.approximation.linear_skip import maker
     from replicate.approximation.model import load_model
 
-    return vertices_of(inputs, load_model(inputs[DENSE], maker(dense.make_network)))
+    return load_model(inputs[DENSE], maker(dense.make_network))
+
+
+def load_dense(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of the dense networks and the line."""
+    return vertices_of(inputs, load_dense_model(inputs))
+
+
+def coarse_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.multiplications import of_model
+
+    return of_model(load_coarse_model(inputs))
+
+
+def refined_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.multiplications import of_model
+
+    return of_model(load_refined_model(inputs))
+
+
+def dense_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.multiplications import of_model
+
+    return of_model(load_dense_model(inputs))
 
 
 NOTE = "The network adds to the straight line of ridge regression and learns what that leaves."
 
 
-def _beside_line(method: Method, name: str, stages: Callable, load: Callable, place: float) -> Method:
+def _beside_line(
+    method: Method, name: str, stages: Callable, load: Callable, multiplications: Callable, place: float
+) -> Method:
     return replace(
         method,
         name=name,
@@ -111,11 +144,19 @@ def _beside_line(method: Method, name: str, stages: Callable, load: Callable, pl
         in_figures=False,
         standard=False,
         facts=None,
+        multiplications=multiplications,
     )
 
 
 METHODS = (
-    _beside_line(coarse.METHOD, COARSE, lambda plan: (coarse_stage(plan),), load_coarse, 52),
-    _beside_line(refined.METHOD, REFINED, lambda plan: (coarse_stage(plan), refined_stage(plan)), load_refined, 53),
-    _beside_line(dense_network.METHOD, DENSE, lambda plan: (dense_stage(plan),), load_dense, 54),
+    _beside_line(coarse.METHOD, COARSE, lambda plan: (coarse_stage(plan),), load_coarse, coarse_multiplications, 52),
+    _beside_line(
+        refined.METHOD,
+        REFINED,
+        lambda plan: (coarse_stage(plan), refined_stage(plan)),
+        load_refined,
+        refined_multiplications,
+        53,
+    ),
+    _beside_line(dense_network.METHOD, DENSE, lambda plan: (dense_stage(plan),), load_dense, dense_multiplications, 54),
 )

@@ -24,13 +24,15 @@ class Table:
 
 
 def round_off(value: float | None, unit: str, sd: float | None = None) -> str:
-    """Return a value as it is shown: two decimals, three for less than 0.1 mm; "–" where there is none.
+    """Return a value as it is shown: two decimals, three for less than 0.1 mm, none of counts and seconds.
+
+    "–" stands where there is no value.
 
     A standard deviation too small for those decimals gets up to two more, if its first digit is among them.
     """
     if value is None:
         return "–"
-    digits = 3 if unit == "mm" and value < 0.0995 else {"count": 0}.get(unit, 2)
+    digits = 3 if unit == "mm" and value < 0.0995 else {"count": 0, "s": 0}.get(unit, 2)
     if sd is None:
         return f"{value:,.{digits}f}"
     finer = next((more for more in range(digits, digits + 3) if round(sd, more)), digits)

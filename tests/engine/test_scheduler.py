@@ -50,6 +50,21 @@ def test_a_second_run_does_nothing_and_says_so(cache, capfd):
     assert time.monotonic() - beginning < 5
 
 
+def test_what_is_missing_is_foreseen_before_it_is_made(cache, capfd):
+    asked = []
+
+    def foresee(missing):
+        asked.append([stage.title for stage in missing])
+        assert not store.artefact_folder(missing[0].identifier).exists()
+        return "half a minute or so"
+
+    run(toy_graph(), foresee=foresee)
+    assert sorted(asked[0]) == ["first", "last", "middle-0", "middle-1", "middle-2"]
+    assert capfd.readouterr().out.startswith("half a minute or so\n")
+    run(toy_graph(), foresee=foresee)
+    assert len(asked) == 1 and "nothing to do" in capfd.readouterr().out
+
+
 def test_a_graph_killed_at_ten_random_moments_ends_with_the_same_numbers(cache, tmp_path):
     undisturbed = tmp_path / "undisturbed"
     assert start(undisturbed, 0.04, 12, 2).wait(60) == 0

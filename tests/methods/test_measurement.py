@@ -72,7 +72,8 @@ def test_errors_pose_numbers_size_and_curve_are_kept(inputs, tmp_path):
     (own / "manifest.json").write_text(json.dumps({"notes": {"size_mb": 1.5}}))
     (own / "log.csv").write_text("step,loss,mm,degrees\n100,3.5,1.25,4.5\n")
     inputs["toy"] = own
-    numbers = replace(BLIND, facts=reference(toy_methods.facts), test_poses=5)
+    work = reference(toy_methods.multiplications)
+    numbers = replace(BLIND, facts=reference(toy_methods.facts), test_poses=5, multiplications=work)
     folders, _ = run_stage(measurement.measure, inputs, "errors_toy", numbers, tmp_path)
     folder, samples, mesh = folders["errors_toy"], drawn_samples.load(inputs), small_mesh()
     assert measurement.error_folders(folders | {"errors_toy-small": folder}) == {"toy": folder}
@@ -84,7 +85,12 @@ def test_errors_pose_numbers_size_and_curve_are_kept(inputs, tmp_path):
     predicted = mesh.neutral + 2 * samples.test_params[:, :1, None] * np.float32([1, 0, 0])
     exact = np.linalg.norm(predicted - truth, axis=-1).mean(1)
     assert np.isclose(errors.pose_mm[:, None], exact, rtol=1e-4).any(1).all()
-    assert measurement.load_numbers(folder) == [("vertices", "count", len(mesh.neutral)), ("model_size", "MB", 1.5)]
+    n = len(mesh.neutral)
+    assert measurement.load_numbers(folder) == [
+        ("vertices", "count", n),
+        ("multiplications", "count", 3 * n),
+        ("model_size", "MB", 1.5),
+    ]
     assert measurement.load_curve(folder).read_text() == (own / "log.csv").read_text()
 
 

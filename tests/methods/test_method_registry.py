@@ -30,11 +30,16 @@ def test_names_and_labels_occur_once_and_a_mark_stands_for_one_note():
 @pytest.mark.parametrize("method", OWN, ids=lambda method: method.name)
 def test_a_methods_functions_are_found_by_other_processes(method):
     assert re.fullmatch(r"[a-z]\w*", method.name)
-    for function in filter(None, (method.load, method.facts)):
+    for function in filter(None, (method.load, method.facts, method.multiplications)):
         assert stage_function(reference(function)) is function
     plan = Plan(resolve("tiny", "quick"))
     for stage in method.stages(plan):
         assert callable(stage_function(stage.function))
+
+
+def test_every_prediction_says_how_much_work_it_is_and_no_look_at_the_truth_does():
+    silent = {method.name for method in OWN if method.multiplications is None}
+    assert silent == {"attachment", "floor", "floor_refined"}
 
 
 def test_the_papers_rows_come_first_and_lbs_is_sorted_by_its_bones():

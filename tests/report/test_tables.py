@@ -79,7 +79,7 @@ def test_latex_rows_have_as_many_columns_as_the_tabular():
 
 @pytest.mark.parametrize(
     "value, unit, text", [(0.0234, "mm", "0.023"), (0.2349, "mm", "0.23"), (0.0999, "mm", "0.10"), (None, "mm", "–"),
-                           (12510.0, "count", "12,510"), (1.25, "deg", "1.25")]
+                           (12510.0, "count", "12,510"), (1.25, "deg", "1.25"), (1170.4, "s", "1,170")]
 )  # fmt: skip
 def test_values_are_rounded_where_they_are_shown(value, unit, text):
     assert round_off(value, unit) == text

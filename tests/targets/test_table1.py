@@ -11,6 +11,7 @@ from sample_rows import cells_after, table1_rows
 from replicate.approximation import cnn, dense
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.model_size import (
+    MapShape,
     cnn_size_mb,
     cnn_weights,
     dense_size_mb,
@@ -27,7 +28,7 @@ from replicate.report.cast import STANDS_FOR, characters_of
 from replicate.report.comparison import compare
 from replicate.report.results import find, read_results, write_results
 from replicate.report.tables import as_markdown, as_text
-from replicate.targets.table1.size_numbers import MapShape, SizeNumbers
+from replicate.targets.table1.size_numbers import SizeNumbers
 from replicate.targets.table1.size_rows import WIDTHS, rows_of, sizes_mb
 from replicate.targets.table1.size_table import bracket, implied_vertices, size_claim, size_ratio, table1
 

@@ -42,11 +42,12 @@ def start(folder, *options):
     )
 
 
-def table(folder, process) -> bytes:
+def table(folder, process) -> list[bytes]:
     """Return the CSV that a run writes, which must succeed."""
     _, complaints = process.communicate(timeout=600)
     assert process.returncode == 0, complaints
-    return (folder / "results" / "quick" / "table2.csv").read_bytes()
+    lines = (folder / "results" / "quick" / "table2.csv").read_bytes().splitlines()
+    return [line for line in lines if b",training,s," not in line]  # no two runs share those times
 
 
 def test_a_sweep_on_dask_workers_gives_the_local_csv_though_workers_and_the_client_are_killed(tmp_path):

@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Sequence
 
+from replicate.approximation.model_size import shape_of
 from replicate.artefacts import built_rig, control_influence, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.engine.paths import PAPER, display_path
@@ -12,7 +13,7 @@ from replicate.report.cast import cast
 from replicate.report.publication import CharacterResult, alone, by_character, facts_of, readable, results_folder
 from replicate.targets.options import OF_A_RUN
 from replicate.targets.running import make
-from replicate.targets.table1.size_numbers import MapShape, SizeNumbers
+from replicate.targets.table1.size_numbers import SizeNumbers
 
 ABOUT = "Table 1: counts of segments, model sizes and what brackets them, and the verdict on claim C6"
 WRITES = "results/runs/<profile>/"
@@ -25,7 +26,7 @@ FILE = "table1.csv"
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
     """Return the stage that holds one character's rows."""
     config = plan.config
-    shapes = (MapShape(part.map_size, part.channels, part.hidden) for part in (config.coarse, config.refinement))
+    shapes = map(shape_of, (config.coarse, config.refinement))
     modules = (built_rig, control_influence, rigid_segments, refinement_squares)
     numbers = SizeNumbers(plan.character, config.profile, *shapes)
     return [plan.stage("table1", count, numbers, *(module.stage(plan) for module in modules))]

@@ -2,14 +2,7 @@
 
 from dataclasses import dataclass
 
-
-@dataclass(frozen=True)
-class MapShape:
-    """The shape of a map network, for its size: what `approximation.model_size` needs of a network's section."""
-
-    map_size: int
-    channels: int
-    hidden: tuple[int, ...]
+from replicate.approximation.model_size import MapShape
 
 
 @dataclass(frozen=True)

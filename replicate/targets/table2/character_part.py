@@ -11,6 +11,7 @@ from replicate.report.run_name import run_name
 from replicate.report.training_curves import Curve, read_log, write_curves
 from replicate.targets.shown_records import load_records
 from replicate.targets.table2.table_numbers import TableNumbers
+from replicate.targets.table2.training_times import training_s
 
 ROWS, CURVES = "table2.csv", "table2_curves.csv"
 
@@ -32,12 +33,14 @@ def write_all(settings: TableNumbers, inputs: Mapping[str, Path], out: Path) -> 
 
 
 def rows_of(settings: TableNumbers, inputs: Mapping[str, Path]) -> list[Row]:
-    """Return a character's rows: each method's errors, its size, and what else it has to say."""
+    """Return a character's rows: each method's errors, its size, its training, and what else it has to say."""
     run = run_name(inputs)
     rows = []
     for method, folder in measurement.error_folders(inputs).items():
         rows += error_rows(settings.character, {method: measurement.load_errors(folder)}, settings.profile, run)
-        for metric, unit, value in measurement.load_numbers(folder):
+        seconds = training_s(folder)
+        training = [("training", "s", seconds)] if seconds is not None else []
+        for metric, unit, value in (*measurement.load_numbers(folder), *training):
             table = "table2_segments" if "[" in metric else "table2"
             seeds = None if metric.startswith("texels") else 1  # a fact about charts, not about a training
             facts = (method, metric, unit, value, None, seeds, None, settings.profile, run)

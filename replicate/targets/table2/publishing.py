@@ -14,6 +14,7 @@ from replicate.report.tables import as_text
 from replicate.report.training_curves import read_curves, write_curves
 from replicate.targets.table2.character_part import CURVES, ROWS, pose_file
 from replicate.targets.table2.error_table import table2
+from replicate.targets.table2.work_table import work_table
 
 
 def publish(results: Sequence[CharacterResult], draw: bool = True) -> None:
@@ -34,7 +35,9 @@ def publish(results: Sequence[CharacterResult], draw: bool = True) -> None:
     for character, each in groups.items():
         split = each[0].config.samples.split
         print(as_text(table2(rows, paper, character)))
-        print(f"split by {split}" + (", as in the paper" if split == "frames" else ""))
+        print(f"split by {split}" + (", as in the paper" if split == "frames" else "") + "\n")
+        if costs := work_table(rows, character):
+            print(as_text(costs))
     with_it = ", figures, and table2.ipynb to read them in" if draw else ""
     print(f"written to {display_path(folder)}: {ROWS}, {manifest.NAME}{with_it}")
 

@@ -1,0 +1,105 @@
+"""The trained dense baseline at the CNN's size: its last layers as low-rank products in few bits, nothing trained anew.
+
+The rule, the same for all characters: components of what the last layers give, over training poses, are taken in the
+order of their variance a coordinate, as many as keep the whole model at most as large as the refined one.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from replicate.artefacts import drawn_samples
+from replicate.artefacts.plan import Plan
+from replicate.engine.schema import Checked, number
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods import dense_network
+from replicate.methods.refined_size import RefinedShapes, inputs_of_size, refined_size_mb, shapes
+from replicate.methods.training_stage import vertices_of
+
+if TYPE_CHECKING:
+    import replicate.approximation.model
+
+
+@dataclass(frozen=True)
+class CompactConfig(Checked):
+    """How many training samples, spread over the set, the components are of."""
+
+    samples: int = number(2_000, 2, 1_000_000)
+
+
+@dataclass(frozen=True)
+class CompactNumbers:
+    """The method's section, and the shapes of the networks whose size is not to be exceeded."""
+
+    section: CompactConfig
+    shapes: RefinedShapes
+
+
+def own(profile: str) -> CompactConfig:
+    """Return the method's section of the configuration, the same in every profile."""
+    return CompactConfig()
+
+
+def stage(plan: Plan) -> Stage:
+    """Return the stage that compacts the trained dense networks."""
+    numbers = CompactNumbers(METHOD.section(plan.config), shapes(plan))
+    return plan.stage("dense_compact", make, numbers, *inputs_of_size(plan), dense_network.stage(plan))
+
+
+def make(context: StageContext) -> None:
+    """Read the dense networks, and write them with low-rank last layers."""
+    from replicate.approximation import low_rank_dense
+    from replicate.approximation.dense import load_dense
+    from replicate.approximation.model import save_model
+    from replicate.approximation.supervision import spread
+    from replicate.approximation.training import prepare
+
+    prepare("cpu")
+    samples, trained = drawn_samples.load(context.inputs), load_dense(context.inputs["dense"])
+    params = np.asarray(samples.params[spread(len(samples), context.config.section.samples)])
+    size_mb = refined_size_mb(context.inputs, context.config.shapes)
+    model = low_rank_dense.compact(trained, params, size_mb)
+    ranks = {s.name: len(network.inner) for s, network in zip(model.segments, model.networks, strict=True)}
+    first = model.networks[0]
+    hidden = [layer.out_features for layer in first.hidden]
+    save_model(model, context.out, {"hidden": hidden, "leaky_slope": first.slope, "ranks": ranks})
+    context.note(size_mb=low_rank_dense.size_mb(model), ranks=ranks)
+
+
+def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
+    """Return the networks with low-rank last layers."""
+    from replicate.approximation.low_rank_dense import empty_network
+    from replicate.approximation.model import load_model
+
+    return load_model(inputs["dense_compact"], empty_network)
+
+
+def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of the networks with low-rank last layers."""
+    return vertices_of(inputs, load_model(inputs))
+
+
+def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.multiplications import of_model
+
+    return of_model(load_model(inputs))
+
+
+METHOD = replace(
+    dense_network.METHOD,
+    name="dense_compact",
+    label="Dense, compacted",
+    stages=lambda plan: (stage(plan),),
+    load=load,
+    place=66,
+    in_paper=False,
+    note="The trained dense networks, their last layers low-rank in 8 and 16 bits: no larger than the refined model.",
+    in_figures=False,
+    standard=False,
+    own=own,
+    multiplications=multiplications,
+)

@@ -1,0 +1,102 @@
+"""The dense baseline at the CNN's size: narrow networks, trained as `dense` is.
+
+The rule, the same for all characters: the hidden layers of `dense`, but the last as narrow as makes the whole model at
+most as large as the refined model of this configuration, counted from the architecture, and as wide as that allows.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from replicate.artefacts import built_rig, rigid_segments
+from replicate.artefacts.plan import Plan, TrainingNumbers
+from replicate.engine.exceptions import InputError
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods import dense_network
+from replicate.methods.refined_size import RefinedShapes, inputs_of_size, refined_size_mb, shapes
+from replicate.methods.training_stage import train_on_segments, vertices_of
+
+if TYPE_CHECKING:
+    import replicate.approximation.model
+
+
+@dataclass(frozen=True)
+class SmallNumbers(TrainingNumbers):
+    """The numbers of the dense networks' training, and the shapes of the networks whose size is not to be exceeded."""
+
+    shapes: RefinedShapes
+
+
+def stage(plan: Plan) -> Stage:
+    """Return the stage that trains the narrow networks."""
+    config = plan.config
+    numbers = SmallNumbers(config.dense, config.seed, config.device, shapes(plan))
+    return plan.stage("dense_small", train, numbers, *inputs_of_size(plan))
+
+
+def train(context: StageContext) -> None:
+    """Choose the width, and train the networks on Eq. 1."""
+    from replicate.approximation import dense
+
+    numbers = context.config
+    hidden = narrow_widths(context.inputs, numbers.section.hidden, numbers.shapes)
+    narrow = replace(numbers, section=replace(numbers.section, hidden=hidden))
+    context.note(hidden=list(hidden))
+    facts = dense.shape_facts(narrow.section)
+    train_on_segments(replace(context, config=narrow), dense.make_network, facts, dense.save)
+
+
+def narrow_widths(inputs: Mapping[str, Path], hidden: tuple[int, ...], shapes: RefinedShapes) -> tuple[int, ...]:
+    """Return the widths of the hidden layers: those of `dense`, the last cut so that the model is no larger.
+
+    Raises InputError where the other layers alone are as large.
+    """
+    from replicate.approximation.model_size import dense_width
+
+    size_mb = refined_size_mb(inputs, shapes)
+    segments = rigid_segments.load_coarse_segments(inputs, built_rig.load_mesh(inputs))
+    seen, moved = (
+        [len(part) for part in parts] for parts in zip(*((s.parameters, s.vertices) for s in segments), strict=True)
+    )
+    width = dense_width(seen, moved, hidden[:-1], size_mb)
+    if width < 1:
+        raise InputError(
+            f"dense.hidden is {list(hidden)}: its layers before the last are as large as the refined model, "
+            f"{size_mb:.2f} MB; choose narrower ones."
+        )
+    return (*hidden[:-1], min(width, hidden[-1]))
+
+
+def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
+    """Return the narrow networks."""
+    from replicate.approximation.dense import load_dense
+
+    return load_dense(inputs["dense_small"])
+
+
+def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3) of the narrow networks."""
+    return vertices_of(inputs, load_model(inputs))
+
+
+def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
+    """Return how many multiplications one pose takes."""
+    from replicate.approximation.multiplications import of_model
+
+    return of_model(load_model(inputs))
+
+
+METHOD = replace(
+    dense_network.METHOD,
+    name="dense_small",
+    label="Dense, narrow",
+    stages=lambda plan: (stage(plan),),
+    load=load,
+    place=65,
+    in_paper=False,
+    note="Dense networks whose last hidden layer is so narrow that the model is no larger than the refined one.",
+    in_figures=False,
+    standard=False,
+    multiplications=multiplications,
+)

@@ -1,0 +1,117 @@
+"""How long a run takes, said before it starts: from the times of the stages in the reference results' manifest."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from replicate.artefacts.plan import Plan
+from replicate.config import resolve
+from replicate.engine.paths import REFERENCE
+from replicate.engine.stage import Stage, in_order
+from replicate.methods.method_registry import methods, sections
+from replicate.report import manifest
+
+# Stages that the reference results may lack, and those that do about the same work, with how many times as much of it:
+# other networks have the steps of `dense`; three times the features make nine times the products of `linear`, of which
+# reading the samples is the larger part.
+KIN = {"pca": ("dense", 1), "pca_line": ("dense", 1), "driven": ("dense", 1), "squares": ("linear", 4),
+       "dense_compact": ("linear", 1)}  # fmt: skip
+EXAMPLE = "teen"
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of one stage: its wall time in seconds, and the profile that it was run with."""
+
+    wall_s: float
+    profile: str
+
+
+def sentence(missing: Sequence[Stage], workers: int, folder: Path = REFERENCE) -> str:
+    """Return about how long some stages take, in a sentence; "" where nothing is known.
+
+    missing: those that are not in the cache. workers: processes side by side. folder: the results whose manifest is
+    asked. Its times are of other cores, perhaps faster ones, and of the teen where it lacks the character.
+    """
+    known = known_times(folder)
+    times = {stage.identifier: stage_s(stage, known) for stage in missing}
+    if not any(times.values()):
+        return ""
+    seconds = wall_s(missing, {name: time or 0.0 for name, time in times.items()}, workers)
+    cores = f"{workers} core{'s' * (workers > 1)}"
+    many = f"{len(missing)} artefact{'s' * (len(missing) > 1)} to make"
+    text = f"{many}: about {duration(seconds)} on {cores}, if they are as fast as those of the reference results"
+    unknown = sorted({stage.name for stage in missing if times[stage.identifier] is None})
+    return text + (f"; without {', '.join(unknown)}, whose times are unknown" if unknown else "")
+
+
+def duration(seconds: float) -> str:
+    """Return a rough length of time in words."""
+    if seconds < 90:
+        return "a minute"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def known_times(folder: Path) -> dict[str, Known]:
+    """Return the times of all stages in a folder's manifest by their titles, name-character; none without one."""
+    known = {}
+    for target in reversed(manifest.targets(folder)):  # Table 2's are the last word
+        for facts in manifest.entries(folder, target).values():
+            for title, stage in (facts.get("stages") or {}).items():
+                known[title] = Known(float(stage["wall_s"]), str(facts.get("profile")))
+    return known
+
+
+def stage_s(stage: Stage, known: dict[str, Known]) -> float | None:
+    """Return the seconds that a stage takes, None where nothing is known of it or its kin.
+
+    That of the same character, else of the teen; in proportion to its steps, samples or iterations.
+    """
+    for name, times in _candidates(stage):
+        for title in (f"{name}-{stage.label.partition('-seed')[0]}", f"{name}-{EXAMPLE}"):
+            if title in known:
+                other = _of_profile(known[title].profile).get(name)
+                return known[title].wall_s * times * (work(stage) / work(other) if other else 1.0)
+    return None
+
+
+def work(stage: Stage) -> float:
+    """Return what a stage's time is in proportion to: steps times batch, samples, or iterations times poses; else 1."""
+    section, config = getattr(stage.config, "section", None), stage.config
+    if training := getattr(section, "training", None):
+        return float(training.steps * training.batch)
+    if stage.name == "samples":
+        return float(section.count)
+    if hasattr(config, "iterations"):
+        return float(config.samples * (config.iterations + config.relaxed))
+    return 1.0
+
+
+def wall_s(missing: Sequence[Stage], times: dict[str, float], workers: int) -> float:
+    """Return how long stages take side by side: all work over the workers, or the longest chain of inputs."""
+    ends: dict[str, float] = {}
+    for stage in in_order(list(missing)):
+        before = max((ends.get(source.identifier, 0.0) for source in stage.inputs), default=0.0)
+        ends[stage.identifier] = before + times.get(stage.identifier, 0.0)
+    return max(sum(times.values()) / workers, max(ends.values(), default=0.0))
+
+
+def _candidates(stage: Stage) -> list[tuple[str, float]]:
+    """Return the names of stages that tell a stage's time, its own first, and how many times theirs it is."""
+    names = [(stage.name, 1.0), *([KIN[stage.name]] if stage.name in KIN else [])]
+    base = stage.name.split("_")[0]
+    if base == "errors":
+        names.append(("errors_coarse", 1.0))
+    elif base != stage.name and stage.name not in KIN and hasattr(getattr(stage.config, "section", None), "training"):
+        names.append((base, 1.0))  # coarse_line, dense_released, …
+    return names
+
+
+@cache
+def _of_profile(profile: str) -> dict[str, Stage]:
+    """Return the stages of the teen by name, all methods', with a profile's numbers as they are now."""
+    config = resolve(EXAMPLE, profile, sections=sections(profile))
+    plan = Plan(config)
+    stages = [stage for method in methods(config).values() for stage in method.stages(plan)]
+    return {stage.name: stage for stage in in_order(stages)}

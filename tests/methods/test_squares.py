@@ -1,0 +1,58 @@
+"""The fit on p, |p| and p²: exact where a rig is of that kind, which a straight line misses; its size is counted."""
+
+import numpy as np
+import pytest
+from small_artefacts import run_stage, write_artefacts
+from small_face import M, SmallSamples, exact_samples, small_influence, small_mesh
+
+from replicate.artefacts import drawn_samples, rigid_segments
+from replicate.artefacts.plan import Numbers
+from replicate.methods import linear, squares
+
+
+def bent_samples() -> SmallSamples:
+    """Return samples whose offsets are linear in p, |p| and p², where influence allows, with a constant."""
+    mesh, rng = small_mesh(), np.random.default_rng(4)
+    moves = np.tile(small_influence(mesh).T, (3, 1))[:, :, None]
+    slopes, constant = rng.normal(size=(3 * M, len(mesh.neutral), 3)) * moves, rng.normal(size=(len(mesh.neutral), 3))
+    constant *= (mesh.segment < 2)[:, None]
+    training, fresh = (rng.uniform(-1, 1, (n, M)).astype(np.float32) for n in (300, 24))
+    truths = [
+        np.tensordot(np.concatenate([p, np.abs(p), p * p], axis=1), slopes, 1) + constant for p in (training, fresh)
+    ]
+    return exact_samples(training, truths[0].astype(np.float32), fresh, truths[1].astype(np.float32))
+
+
+def worst_mm(inputs, method) -> float:
+    samples, mesh = drawn_samples.load(inputs), small_mesh()
+    predicted = method.load(inputs, None)(np.array(samples.test_params))
+    return np.abs(predicted - mesh.neutral - samples.test_offsets)[:, mesh.segment < 2].max()
+
+
+def test_a_rig_of_lines_moduli_and_squares_is_matched_where_a_line_is_far_off(tmp_path):
+    inputs = write_artefacts(tmp_path, bent_samples())
+    for method in (linear, squares):
+        name = method.METHOD.name
+        inputs, notes = run_stage(method.fit, inputs, name, Numbers(method.own("quick"), 0), tmp_path)
+    assert worst_mm(inputs, squares) < 2e-3 < 0.1 < worst_mm(inputs, linear)
+    assert notes["strength"] == min(squares.own("quick").strengths), "no penalty is needed where there is no noise"
+
+
+def test_every_weight_of_the_fit_counts_in_its_size(tmp_path):
+    inputs, notes = run_stage(
+        squares.fit, write_artefacts(tmp_path), "squares", Numbers(squares.own("quick"), 0), tmp_path
+    )
+    segments = rigid_segments.load_coarse_segments(inputs, small_mesh())
+    weights = sum(3 * len(s.vertices) * (3 * len(s.parameters) + 1) for s in segments)
+    assert notes["size_mb"] == pytest.approx(4e-6 * weights) == pytest.approx(squares.load_model(inputs).size_mb())
+
+
+def test_the_strength_is_the_best_on_the_validation_poses(tmp_path):
+    section = linear.LinearConfig(strengths=(10.0, 1e-6, 1.0))
+    inputs, notes = run_stage(squares.fit, write_artefacts(tmp_path), "squares", Numbers(section, 0), tmp_path)
+    samples, mesh = drawn_samples.load(inputs), small_mesh()
+    predict = squares.load(inputs, None)
+    loss = np.square(predict(np.asarray(samples.validation_params)) - mesh.neutral - samples.validation_offsets)
+    still = np.square(samples.validation_offsets)
+    assert notes["strength"] == 1e-6
+    assert loss[:, mesh.segment < 2].sum() < 0.05 * still[:, mesh.segment < 2].sum()

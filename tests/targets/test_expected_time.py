@@ -1,0 +1,75 @@
+"""The time that is said before a run: that of the reference's stages, in proportion to steps, over the workers."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from replicate.artefacts.plan import Plan
+from replicate.config import resolve
+from replicate.engine.paths import REFERENCE
+from replicate.engine.stage import in_order
+from replicate.methods.method_registry import choose, method_named, sections
+from replicate.targets.expected_time import Known, known_times, sentence, stage_s, wall_s, work
+from replicate.targets.table2 import stages
+
+TIMES = {"coarse-teen": 600.0, "rig-teen": 10.0, "coarse-tiny": 66.0, "samples-teen": 100.0, "linear-teen": 30.0}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder of results whose manifest has the times of some stages, run with `laptop`."""
+    facts = {"profile": "laptop", "stages": {title: {"wall_s": seconds} for title, seconds in TIMES.items()}}
+    (tmp_path / "manifest.json").write_text(json.dumps({"profile": "laptop", "characters": {"teen": facts}}))
+    return tmp_path
+
+
+def stage_of(name: str, character: str, profile: str = "laptop", overrides: dict | None = None):
+    config = resolve(character, profile, overrides, sections=sections(profile))
+    return {stage.name: stage for stage in in_order(list(method_named(name).stages(Plan(config))))}[name]
+
+
+def test_a_stage_takes_as_long_as_the_reference_in_proportion_to_its_steps(folder):
+    known = known_times(folder)
+    assert stage_s(stage_of("coarse", "teen"), known) == 600
+    assert stage_s(stage_of("coarse", "teen", "quick"), known) == pytest.approx(600 * 800 / 22_000)
+    half = {"coarse": {"training": {"batch": 4}}}
+    assert stage_s(stage_of("coarse", "teen", overrides=half), known) == pytest.approx(300)
+    assert stage_s(stage_of("coarse", "toon"), known) == 600, "of the teen, where the character's is unknown"
+    assert stage_s(stage_of("coarse", "tiny"), known) == 66
+
+
+def test_kin_tell_the_times_that_the_reference_lacks_and_strangers_have_none(folder):
+    known = known_times(folder)
+    assert stage_s(stage_of("coarse_line", "teen"), known) == 600
+    assert stage_s(stage_of("squares", "teen"), known) == 120
+    assert stage_s(stage_of("regional", "teen"), known) is None
+    assert stage_s(stage_of("pca", "teen"), known | {"dense-teen": Known(50.0, "laptop")}) == 50
+
+
+def test_work_is_shared_by_workers_but_a_chain_is_not():
+    plan = Plan(resolve("tiny", "quick"))
+    coarse = method_named("coarse").stages(plan)[0]
+    chain = in_order([coarse])
+    times = {stage.identifier: 10.0 for stage in chain}
+    assert wall_s(chain, times, 1) == 10 * len(chain)
+    depth = wall_s(chain, times, 100)
+    assert 10 * 3 <= depth < 10 * len(chain), "rig, samples and what follows wait for each other"
+    assert wall_s([coarse], {coarse.identifier: 10.0}, 2) == 10, "what is in the cache takes no time"
+
+
+def test_the_sentence_names_time_workers_and_what_is_unknown(folder):
+    coarse, regional = stage_of("coarse", "teen"), stage_of("regional", "teen")
+    line = "1 artefact to make: about 10 min on 2 cores, if they are as fast as those of the reference results"
+    assert sentence([coarse], 2, folder) == line
+    assert sentence([coarse, regional], 1, folder).endswith("; without regional, whose times are unknown")
+    assert sentence([regional], 2, folder) == "" == sentence([coarse], 2, folder / "nowhere")
+    assert "about a minute on 1 core," in sentence([stage_of("linear", "teen")], 1, folder)
+
+
+def test_the_committed_results_know_the_times_of_all_rows():
+    config = resolve("teen", "laptop", sections=sections("laptop"))
+    graph = in_order(stages(Plan(config), choose(["all"], config)))
+    line = sentence(graph, 2, REFERENCE)
+    assert "about" in line and "unknown" not in line
+    assert work(stage_of("lbs16", "teen")) > work(replace(stage_of("lbs16", "teen", "quick")))
