@@ -21,7 +21,7 @@ from replicate.report.tables import Table, as_text
 
 ABOUT = "which part of the released recipe makes the paper's dense networks fail"
 WRITES = "results/runs/bench/bench_released.csv"
-STEPS = 4_000
+STEPS = 3_000
 SECTIONS = {"dense": released.own_dense, "coarse": released.own_coarse}  # of the configuration, by method
 PIECES = {  # of a recipe: the keys of the section that it consists of
     "controls": ("conditioning.inputs",),

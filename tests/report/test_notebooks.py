@@ -74,11 +74,12 @@ def folder(empty) -> Path:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_a_notebook_begins_with_parameters_says_where_results_come_from_and_is_thin(path):
-    code = cells(path, "code")
+def test_a_notebook_begins_with_its_title_ends_with_where_results_come_from_and_is_thin(path):
+    first, code = json.loads(path.read_text())["cells"][0], cells(path, "code")
+    assert first["cell_type"] == "markdown" and "".join(first["source"]).startswith("# ")
     assert code[0]["metadata"]["tags"] == ["parameters"]
     assert all(isinstance(node, ast.Assign) for node in ast.parse(code[0]["source"]).body)
-    assert any("provenance_text(" in cell["source"] for cell in (code[1], code[-1]))
+    assert "provenance_text(" in code[-1]["source"]
     for cell in code:
         kinds = [type(node) for node in ast.walk(ast.parse(cell["source"]))]
         assert ast.FunctionDef not in kinds and ast.ClassDef not in kinds
@@ -114,7 +115,7 @@ def run_cells(path: Path, monkeypatch) -> list:
     outputs = []
     for name in ("show_table", "show_text", "show_picture"):
         monkeypatch.setattr(notebooks, name, outputs.append)
-    monkeypatch.setattr(notebooks, "show", lambda figure, words, **options: outputs.append(words))
+    monkeypatch.setattr(notebooks, "show", lambda figure, words, *size, **named: outputs.append(words))
     first, *others = (cell["source"] for cell in cells(path, "code"))
     names = {}
     for source in (with_parameters(first, {"RESULTS": "quick"}), *others):

@@ -252,7 +252,7 @@ def test_numbers_that_are_missing_or_no_such_table_are_named(tmp_path):
     with pytest.raises(InputError, match="line 1: found 'segment'"):
         segments_table(file, "plate")
     file.write_text(",".join(figure07.HEADER) + "\nface\n")
-    with pytest.raises(InputError, match="line 2: found 1 cells, where 5 are allowed"):
+    with pytest.raises(InputError, match="line 2: found 1 cells, where 6 are allowed"):
         segments_table(file, "plate")
 
 
