@@ -28,8 +28,8 @@ def test_the_two_recipes_are_those_of_the_rows(sections, method):
     theirs = flat(SECTIONS[method]("laptop"))
     for change, expected in (("ours", ours), ("released", theirs)):
         assert sections[method, change] == expected | {"training.steps": 700}
-    more = sections[method, "released, 4 times the steps"]
-    assert more == sections[method, "released"] | {"training.steps": 2_800}
+    more = sections.get((method, "released, 4 times the steps"))
+    assert more == (sections[method, "released"] | {"training.steps": 2_800} if method == "dense" else None)
 
 
 @pytest.mark.parametrize("method, change", [(m, c) for m, words in CHANGES.items() for c in words if ", but " in c])
