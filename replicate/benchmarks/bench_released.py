@@ -30,9 +30,7 @@ PIECES = {  # of a recipe: the keys of the section that it consists of
     "first weights": ("conditioning.weights",),
     "normal weight": ("normal_weight",),
     "schedule": ("training.schedule", "training.peak_rate"),
-    "batch": ("training.batch",),
-    "bound on gradients": ("training.largest_gradient",),
-    "width": ("hidden",),
+    "batch, width and bound": ("training.batch", "hidden", "training.largest_gradient"),
 }
 OF_COARSE = ("controls and unit", "normal weight")  # the pieces that are tried on the CNN too
 MORE = 4  # times the steps, for dense networks once: whether the failure passes
