@@ -15,6 +15,7 @@ from replicate.targets.figure07.mesh_segments import segment_palette
 if TYPE_CHECKING:
     import matplotlib.figure
 
+ASIDE = {"rotation": -50, "ha": "right", "va": "bottom", "rotation_mode": "anchor"}  # names don't meet so
 LEAST_MM = 1e-4  # of the axis: what is rigid to rounding stands there
 
 
@@ -38,8 +39,9 @@ def rigid_errors_chart(
     for place, k in enumerate(order):
         if k not in rigid:
             words = mesh.segment_names[k].replace("_", " ")
-            axes.annotate(words, (place, heights[place]), (-5, 5), textcoords="offset points", fontsize=8, ha="right")
+            axes.annotate(words, (place, heights[place]), (-6, 0), textcoords="offset points", fontsize=8, **ASIDE)
     axes.set_yscale("log")
+    axes.set_ylim(top=30 * max(tau_mm, float(heights[-1])))  # room for names
     axes.set_xticks([])
     axes.set_xlabel(f"{len(order)} segments, the most rigid first")
     axes.set_ylabel("mean of $e_k$ (Eq. 3), mm")
