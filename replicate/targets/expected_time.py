@@ -103,6 +103,8 @@ def _candidates(stage: Stage) -> list[tuple[str, float]]:
     base = stage.name.split("_")[0]
     if base == "errors":
         names.append(("errors_coarse", 1.0))
+    elif base in ("typical", "ranked"):
+        names.append(("wrinkled", 1.0))
     elif base != stage.name and stage.name not in KIN and hasattr(getattr(stage.config, "section", None), "training"):
         names.append((base, 1.0))  # coarse_line, dense_released, …
     return names

@@ -53,7 +53,7 @@ def table(folder, process) -> list[bytes]:
 def test_a_sweep_on_dask_workers_gives_the_local_csv_though_workers_and_the_client_are_killed(tmp_path):
     local, cluster = tmp_path / "local", tmp_path / "cluster"
     expected = table(local, start(local))
-    assert b",2," in expected, "two seeds are behind a number"
+    assert any(b",2," in line for line in expected), "two seeds are behind a number"
     client = start(cluster, "--cluster", "local:2")
     for _ in range(2):
         worker = wait_for(lambda: dask_workers_at_work(cluster), "Dask worker at work", 120)[0]
