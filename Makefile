@@ -11,6 +11,7 @@ DEVICE     ?=
 CONFIG     ?=
 SPLIT      ?=
 LATEX      ?=
+ADD_SEEDS  ?=
 ICT_FACEKIT ?=
 export ICT_FACEKIT
 POSE       ?=
@@ -48,8 +49,10 @@ TARGETS := $(subst _,-,$(patsubst %.py,%,$(notdir $(subst /__init__.py,.py,$(ABO
 BENCHMARKS := $(patsubst replicate/benchmarks/bench_%.py,bench-%,$(shell grep -ls "^ABOUT = " replicate/benchmarks/bench_*.py))
 
 # The variables that are set, as options; what a target doesn't take, it leaves out.
-VARIABLES := PROFILE CHARACTERS METHODS SEED JOBS CLUSTER DEVICE CONFIG SPLIT LATEX POSE CLIP PARAMS TO TOLERANCE
-option = $(if $($(1)),--$(shell echo $(1) | tr A-Z a-z)$(if $(filter LATEX,$(1)),, '$(subst ','\'',$($(1)))'))
+VARIABLES := PROFILE CHARACTERS METHODS SEED JOBS CLUSTER DEVICE CONFIG SPLIT LATEX ADD_SEEDS POSE CLIP PARAMS TO \
+	TOLERANCE
+SWITCHES := LATEX ADD_SEEDS
+option = $(if $($(1)),--$(shell echo $(1) | tr A-Z_ a-z-)$(if $(filter $(SWITCHES),$(1)),, '$(subst ','\'',$($(1)))'))
 OPTIONS = $(foreach name,$(VARIABLES),$(call option,$(name)))
 
 .DEFAULT_GOAL := help
@@ -71,6 +74,7 @@ help: ## print this help
 	@echo "  METHODS=        the rows of tables: names, or paths of .py files with a method of your own; all for all"
 	@echo "  SEED=  JOBS=  DEVICE=  CONFIG=  SPLIT=  CLUSTER=   as \`python -m replicate table2 --help\` says"
 	@echo "  POSE=  CLIP=  PARAMS=  TO=  TOLERANCE=   as \`python -m replicate export --help\` says"
+	@echo "  ADD_SEEDS=1     \`make reference\` adds a run's seeds to those that are committed"
 	@echo "  LATEX=1         \`make compare\` and \`make claims\` in LaTeX"
 	@echo "  ICT_FACEKIT=    the folder of ICT-FaceKit, for CHARACTERS=ict: a face that nobody here made"
 	@echo "  PYTHON=         the Python, 3.11 or newer, that .venv is made with"

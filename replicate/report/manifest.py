@@ -18,6 +18,7 @@ from replicate.engine.store import artefact_folder, read_manifest
 
 NAME = "manifest.json"
 TOP = "table2"
+SURROUNDINGS = ("python", "packages", "processor", "instruction_set")
 
 
 def facts_of(configs: Sequence[Config], lasts: Sequence[Stage], run: str) -> dict:
@@ -33,6 +34,28 @@ def facts_of(configs: Sequence[Config], lasts: Sequence[Stage], run: str) -> dic
         "split": configs[0].samples.split,
         "run": run,
         "stages": stage_facts(lasts),
+    }
+
+
+def with_earlier(facts: dict, earlier: dict, run: str) -> dict:
+    """Return one character's facts of a run, and of an earlier one that has other seeds of the same configuration.
+
+    What stands for the whole is the later run's; a stage of the earlier one says itself where it comes from, as far as
+    that is something else. run: the name of both together.
+    """
+    git, before = facts["git"], earlier["git"]
+    commits = [name for each in (git, before) for name in (each["commit"], *each.get("commits", ()))]
+    own = {name: earlier[name] for name in SURROUNDINGS if name in earlier and earlier[name] != facts.get(name)}
+    if before["commit"] != git["commit"]:
+        own["git"] = {"commit": before["commit"], "clean": before["clean"]}
+    commands = dict.fromkeys([*earlier["command"].split("; "), facts["command"]])
+    return {
+        **facts,
+        "git": {**git, "clean": git["clean"] and before["clean"], "commits": [*dict.fromkeys(commits)]},
+        "command": "; ".join(commands),
+        "seeds": sorted({*earlier["seeds"], *facts["seeds"]}),
+        "run": run,
+        "stages": {title: {**own, **stage} for title, stage in earlier["stages"].items()} | facts["stages"],
     }
 
 

@@ -43,6 +43,10 @@ OPTIONS = {
         "help": "run the stages on Dask: local:4, tcp://host:8786, or a .toml file for Slurm (default: processes here)",
     },
     "numbers-only": {"action": "store_true", "help": "write the CSV and its manifest, no figures and no notebook"},
+    "add-seeds": {
+        "action": "store_true",
+        "help": "the seeds of Table 2 join those committed of the same characters, instead of replacing them",
+    },
     "config": {"metavar": "FILE", "help": "a TOML file whose keys override the profile's, as [coarse] map_size = 64"},
     "latex": {"action": "store_true", "help": "print LaTeX (packages: booktabs) instead of text"},
     "split": {"help": "frames (as in the paper) or clips: what is held out for the test"},

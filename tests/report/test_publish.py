@@ -12,11 +12,12 @@ from sample_rows import table2_rows
 from replicate.drawing.panels import Words
 from replicate.report import notebooks
 from replicate.report.results import read_results, write_results
+from replicate.report.seed_results import of_character, read_seeds
 from replicate.report.training_curves import read_curves
 from replicate.targets.table2 import publishing, table2_figures
 
 POSES = ("table2_teen_pose.npz", "table2_teen_pose_median.npz", "table2_teen_pose_worst.npz")
-FILES = ("table2.csv", "table2_curves.csv", *POSES, "manifest.json")
+FILES = ("table2.csv", "table2_seeds.csv", "table2_curves.csv", *POSES, "manifest.json")
 
 
 def characters(place) -> list[set[str]]:
@@ -35,6 +36,18 @@ def test_characters_published_one_after_the_other_stand_side_by_side(place):
     before = {file: (place / file).read_bytes() for file in FILES}
     publish_numbers(result("tiny"))
     assert {file: (place / file).read_bytes() for file in FILES} == before
+
+
+def test_each_seeds_rows_stand_beside_their_means(place):
+    publish_numbers(result("teen"), result("teen", 3, "s"))
+    publish_numbers(result("tiny", 3))
+    seeds = read_seeds(place / "table2_seeds.csv")
+    assert {seed: {row.character for row in rows} for seed, rows in seeds.items()} == {0: {"teen"}, 3: {"teen", "tiny"}}
+    assert {row.run for row in seeds[3] if row.character == "teen"} == {"s"}
+    means = {row.key: row for row in read_results(place / "table2.csv")}
+    assert all(means[row.key].seeds == 2 and means[row.key].sd == 0 for row in seeds[0])
+    publish_numbers(result("teen", 3, "s"))
+    assert sorted(of_character(read_seeds(place / "table2_seeds.csv"), "teen")) == [3], "a run replaces a character"
 
 
 @pytest.mark.parametrize("harm", ["gone", "empty", "garbage", "cut"])

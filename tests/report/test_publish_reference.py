@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from toy_texts import TABLES, texts_to_fill
 
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
@@ -13,8 +14,7 @@ from replicate.report.training_curves import read_curves, write_curves
 from replicate.targets.claims.claim_verdicts import read_verdicts
 from replicate.targets.reference import reference_results as reference
 
-TABLES = ("claims", "table2", "bench_poses", "bench_rig", "targets")
-CLEAN = {"git": {"commit": "c" * 40, "clean": True}, "run": "r"}
+CLEAN = {"git": {"commit": "c" * 40, "clean": True}, "run": "r", "seeds": [0]}
 
 
 def row(character: str, table: str = "table2", value: float = 0.5) -> Row:
@@ -26,10 +26,7 @@ def folders(tmp_path, monkeypatch):
     """A profile's results, two benchmarks' and committed ones; what executes notebooks is noted, not run."""
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path / "runs"))
     monkeypatch.setattr(paths, "REFERENCE", tmp_path / "reference")
-    for name in ("README", "DATA_CARD", "REPRODUCING"):
-        monkeypatch.setattr(reference, name, tmp_path / f"{name}.md")
-        sections = [f"<!-- {table}, by make reference -->\nold\n<!-- end of {table} -->\n" for table in TABLES]
-        (tmp_path / f"{name}.md").write_text("before\n" + "".join(sections) + "after\n")
+    texts_to_fill(tmp_path, monkeypatch)
     notebook_names = []
     monkeypatch.setattr(notebooks, "run_notebook", lambda name, results: notebook_names.append(name) or tmp_path / name)
     run, bench = tmp_path / "runs" / "laptop", tmp_path / "runs" / "bench"

@@ -7,7 +7,7 @@ from replicate.profiles import check_profile
 
 ABOUT = "put a run's results and the benchmarks' in the place of the committed ones, with all that shows them"
 WRITES = "results/reference/, notebooks/, the tables in README, data card and REPRODUCING"
-OPTIONS = ("profile",)
+OPTIONS = ("profile", "add-seeds")
 
 
 def run(options: argparse.Namespace) -> None:
@@ -15,5 +15,5 @@ def run(options: argparse.Namespace) -> None:
     from replicate.targets.reference.reference_results import publish_reference
 
     check_profile(options.profile)
-    for file in publish_reference(options.profile):
+    for file in publish_reference(options.profile, options.add_seeds):
         print(f"written to {paths.display_path(file)}")

@@ -5,7 +5,7 @@ merges the manifests, executes the notebooks on what is there then, and writes t
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 from replicate.benchmarks.bench_poses import health_card
@@ -23,23 +23,27 @@ from replicate.targets.claims.claim_verdicts import FILE as CLAIMS
 from replicate.targets.claims.claims_publication import write_claims
 from replicate.targets.claims.claims_table import overview
 from replicate.targets.claims.evidence import gather
+from replicate.targets.reference import committed_seeds
 from replicate.targets.rig_report.report_tables import report_card
 from replicate.targets.table2.error_table import table2_overview
+from replicate.targets.table2.table2_figures import redraw_charts
 from replicate.targets.target_table import target_table
 
 KINDS = (".csv", ".json", ".npz", ".png")
 README, DATA_CARD, REPRODUCING = (
     paths.ROOT / name for name in ("README.md", "data_recipes/README.md", "REPRODUCING.md")
 )
+TABLE2 = committed_seeds.TARGET
 ALWAYS = ("claims", "rig_tour")  # notebooks that show all results, or a rig; the others show one target's
 
 
-def publish_reference(profile: str) -> list[Path]:
+def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
     """Put a profile's results and the benchmarks' in the place of the committed ones; return the new files.
 
     Of a table each character is replaced as a whole, and those that the run lacks stay, so that characters may be run
-    one at a time. Files without a new result stay as they are. Raises InputError, before it writes anything, if neither
-    has results, or some come from a tree with changes.
+    one at a time. Files without a new result stay as they are. add_seeds: whether the seeds of Table 2 join those that
+    are committed of the same characters; everything else of such a character stays as it is. Raises InputError, before
+    it writes anything, if neither has results, or some come from a tree with changes.
     """
     run, bench, rigs = (paths.run_folder(name) for name in (profile, BENCH, "rigs"))
     of_run, of_bench = manifest.targets(run), manifest.targets(bench)
@@ -53,16 +57,23 @@ def publish_reference(profile: str) -> list[Path]:
                         f"{target} of {character} in {paths.display_path(folder)} was made from a tree with changes: "
                         "commit them and make it again"
                     )
+    shared = committed_seeds.shared_characters(run) if add_seeds else []
     paths.REFERENCE.mkdir(parents=True, exist_ok=True)
-    files = [_put(file) for file in sorted(run.iterdir()) if _is_result(file)] if of_run else []
+    files = committed_seeds.put_table2(run, shared) if TABLE2 in of_run else []
+    done = [file.name for file in files]
+    for file in sorted(run.iterdir()) if of_run else ():
+        if _is_result(file) and file.name not in done and not _is_of(file, shared):
+            files.append(_put(file, shared))
     for file in sorted(bench.iterdir()) if of_bench else ():
         if _is_result(file) and (file.suffix != ".csv" or file.stem in of_bench):
             files.append(_put(file))
-    for folder, names in ((run, of_run), (bench, of_bench)):
+    for folder, names, stay in ((run, of_run, shared), (bench, of_bench, ())):
         for target in names:
-            before = manifest.entries(paths.REFERENCE, target)
-            both = before | manifest.entries(folder, target)
-            manifest.write_entries(paths.REFERENCE, target, dict(sorted(both.items())))
+            if target != TABLE2:
+                new = {name: facts for name, facts in manifest.entries(folder, target).items() if name not in stay}
+                both = manifest.entries(paths.REFERENCE, target) | new
+                manifest.write_entries(paths.REFERENCE, target, dict(sorted(both.items())))
+    files += redraw_charts(paths.REFERENCE, shared)
     write_claims(paths.REFERENCE, gather([paths.REFERENCE]))
     files.append(paths.REFERENCE / CLAIMS)
     files += [_put(rigs / name) for name in shown_pictures() if (rigs / name).is_file()]
@@ -107,18 +118,23 @@ def _is_result(file: Path) -> bool:
     return file.suffix in KINDS and file.name != manifest.NAME and not file.name.startswith(".")
 
 
-def _put(file: Path) -> Path:
-    """Put a new result in its place; rows and curves of characters that it lacks stay."""
+def _is_of(file: Path, characters: Collection[str]) -> bool:
+    """Return whether a file belongs to one of some characters alone, as figure07_teen_rigidity.png does."""
+    return any(re.match(rf"[a-z0-9]+_{re.escape(name)}[_.]", file.name) for name in characters)
+
+
+def _put(file: Path, stay: Collection[str] = ()) -> Path:
+    """Put a new result in its place; rows and curves of characters that it lacks stay, and those of `stay` too."""
     into = paths.REFERENCE / file.name
     if file.suffix == ".csv" and into.is_file():
         columns = file.open(encoding="utf-8").readline().rstrip("\n").split(",")
         if columns == list(COLUMNS):
-            rows = read_results(file)
+            rows = [row for row in read_results(file) if row.character not in stay]
             characters = {row.character for row in rows}
             merge(into, rows, lambda row: row.character not in characters)
             return into
         if columns[:1] == ["character"]:
-            curves = read_curves(file)
+            curves = {key: curve for key, curve in read_curves(file).items() if key[0] not in stay}
             characters = {character for character, _ in curves}
             others = {key: curve for key, curve in read_curves(into).items() if key[0] not in characters}
             write_curves(into, others | curves)

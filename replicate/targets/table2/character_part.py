@@ -13,7 +13,7 @@ from replicate.targets.shown_records import load_records
 from replicate.targets.table2.table_numbers import TableNumbers
 from replicate.targets.table2.training_times import training_s
 
-ROWS, CURVES = "table2.csv", "table2_curves.csv"
+ROWS, SEEDS, CURVES = "table2.csv", "table2_seeds.csv", "table2_curves.csv"
 
 
 def pose_file(folder: Path, character: str, choice: str = FOLDED) -> Path:

@@ -1,8 +1,10 @@
 """Table 2 as a person reads it: its files in results/runs/<profile>/, printed, with figures and notebook."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
+from replicate.config import Config
 from replicate.engine.atomic_files import copy_file
 from replicate.engine.paths import PAPER, display_path
 from replicate.report import manifest
@@ -10,9 +12,10 @@ from replicate.report.notebooks import is_current, run_notebook
 from replicate.report.pose_record import CHOICES, load_pose
 from replicate.report.publication import CharacterResult, alone, by_character, facts_of, readable, results_folder
 from replicate.report.results import Row, over_seeds, read_results, write_results
+from replicate.report.seed_results import joined, of_character, read_seeds, where, write_seeds
 from replicate.report.tables import as_text
 from replicate.report.training_curves import read_curves, write_curves
-from replicate.targets.table2.character_part import CURVES, ROWS, pose_file
+from replicate.targets.table2.character_part import CURVES, ROWS, SEEDS, pose_file
 from replicate.targets.table2.error_table import table2
 from replicate.targets.table2.work_table import work_table
 
@@ -20,10 +23,11 @@ from replicate.targets.table2.work_table import work_table
 def publish(results: Sequence[CharacterResult], draw: bool = True) -> None:
     """Write Table 2 of some characters to the profile's folder, print it, and execute its notebook if it is stale.
 
-    Of several seeds of a character its numbers are the means, its curves and pictures those of the first. Results of
-    characters that are not among them stay. draw: False writes the numbers alone, neither figures nor notebook. Where
-    a number comes from is read from the artefacts, so publishing again changes nothing. While another process publishes
-    to the same folder, this one waits, so that neither loses the other's results.
+    Of several seeds of a character its numbers are the means, with each seed's in a file of their own, and its curves
+    and pictures those of the first. Results of characters that are not among them stay. draw: False writes the numbers
+    alone, neither figures nor notebook. Where a number comes from is read from the artefacts, so publishing again
+    changes nothing. While another process publishes to the same folder, this one waits, so that neither loses the
+    other's results.
     """
     config = results[0].config
     folder, groups = results_folder(config.profile), by_character(results)
@@ -44,38 +48,50 @@ def publish(results: Sequence[CharacterResult], draw: bool = True) -> None:
 
 def _merge(folder: Path, groups: Mapping[str, Sequence[CharacterResult]]) -> list[Row]:
     """Write the results of some characters beside those of the others that are there, and return all rows."""
-    rows, curves, facts = _present(folder)
+    rows, seeds, curves, facts = _present(folder)
     for character, each in groups.items():
+        own = {one.config.seed: read_results(one.folder / ROWS) for one in each}
+        seeds = joined(where(seeds, character.__ne__), own)
         rows = [row for row in rows if row.character != character]
-        rows += over_seeds([read_results(one.folder / ROWS) for one in each])
+        rows += over_seeds(list(own.values()))
         curves = {key: curve for key, curve in curves.items() if key[0] != character}
         curves |= read_curves(each[0].folder / CURVES)
         for choice in CHOICES:
             copy_file(pose_file(each[0].folder, character, choice), pose_file(folder, character, choice))
-        facts[character] = facts_of(each, rows[-1].run)
+        facts[character] = {**facts_of(each, rows[-1].run), "configuration": _as_table(each[0].config)}
     write_results(folder / ROWS, rows)
+    write_seeds(folder / SEEDS, seeds)
     write_curves(folder / CURVES, curves)
     manifest.write_entries(folder, "table2", {name: facts[name] for name in sorted({row.character for row in rows})})
     return rows
 
 
-def _present(folder: Path) -> tuple[list[Row], dict, dict]:
-    """Return the rows, curves and manifest entries of the characters that are there as a whole.
+def _as_table(config: Config) -> dict:
+    """Return the configuration that all seeds share, as the manifest has it: nested tables."""
+    return {name: value for name, value in asdict(config).items() if name not in ("character", "seed", "device")}
 
-    Such a character has rows of the run that the manifest names, and its poses. What is missing, can't be read or was
-    left by a process that was killed between two files counts as absent: it is written again from the artefacts.
+
+def _present(folder: Path) -> tuple[list[Row], dict[int, list[Row]], dict, dict]:
+    """Return the rows, each seed's rows, curves and manifest entries of the characters that are there as a whole.
+
+    Such a character has rows of the run that the manifest names, those of its seeds, and its poses. What is missing,
+    can't be read or was left by a process that was killed between two files counts as absent: it is written again from
+    the artefacts.
     """
     rows = readable(read_results, folder / ROWS) or []
     curves = readable(read_curves, folder / CURVES)
     entries = manifest.entries(folder, "table2") if curves is not None else {}
+    seeds = readable(read_seeds, folder / SEEDS) or {}
     whole = {
         name
         for name, facts in entries.items()
         if {row.run for row in rows if row.character == name} == {facts.get("run")}
+        and sorted(of_character(seeds, name)) == sorted(facts.get("seeds", ()))
         and all(readable(load_pose, pose_file(folder, name, choice)) for choice in CHOICES)
     }
     return (
         [row for row in rows if row.character in whole],
+        where(seeds, whole.__contains__),
         {key: curve for key, curve in (curves or {}).items() if key[0] in whole},
         {name: facts for name, facts in entries.items() if name in whole},
     )

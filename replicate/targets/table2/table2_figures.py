@@ -1,6 +1,6 @@
 """Every figure that belongs to Table 2, from a folder of results alone: no cache, no network, no rig."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -58,6 +58,24 @@ def table2_figure_names(results: Table2Results, character: str) -> tuple[str, ..
     """Return the file names, without ending, of one character's `table2_figures`, in their order; draws none."""
     faces = (picture_name(record) for record in results.poses[character].values())
     return (f"table2_{character}_chart", *faces, f"figure09_{character}", f"table2_{character}_curves")
+
+
+def redraw_charts(folder: Path, characters: Collection[str]) -> list[Path]:
+    """Draw the charts of some characters anew from a folder's results, which got more seeds; return their files."""
+    from replicate.drawing.panels import save_figure
+
+    if not characters:
+        return []
+    rows, paper, curves = read_results(folder / ROWS), read_results(PAPER / ROWS), read_curves(folder / CURVES)
+    files = []
+    for name in characters:
+        for kind, chart in (
+            ("chart", table2_chart(rows, paper, name)),
+            ("curves", training_curves(curves, rows, name)),
+        ):
+            files.append(folder / f"table2_{name}_{kind}.png")
+            save_figure(chart[0], files[-1], chart[1])
+    return files
 
 
 def table2_figures(

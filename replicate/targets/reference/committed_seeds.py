@@ -1,0 +1,76 @@
+"""Table 2 among the committed results: a run's seeds replace a character's or join them, and the means follow."""
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+from replicate.benchmarks.common import merge
+from replicate.engine import paths
+from replicate.engine.exceptions import InputError
+from replicate.report import manifest
+from replicate.report.results import over_seeds, read_results
+from replicate.report.seed_results import joined, of_character, read_seeds, where, write_seeds
+from replicate.targets.table2.character_part import ROWS, SEEDS
+
+TARGET = "table2"
+
+
+def shared_characters(run: Path) -> list[str]:
+    """Return the characters of which a run and the committed results have a Table 2, so that seeds can be joined.
+
+    Raises InputError for one whose configurations differ in more than the seed.
+    """
+    committed, own = (manifest.entries(folder, TARGET) for folder in (paths.REFERENCE, run))
+    both = [name for name in own if name in committed]
+    for name in both:
+        for key in ("profile", "split", "configuration"):
+            if difference := next(differences(key, committed[name].get(key), own[name].get(key)), None):
+                raise InputError(f"{name}: its seeds can't join the committed ones, since {difference}")
+    return both
+
+
+def differences(key: str, committed: object, own: object) -> Iterator[str]:
+    """Yield a phrase for each value that two configurations have both, and that differs; tables are gone through."""
+    if isinstance(committed, dict) and isinstance(own, dict):
+        for name in sorted(committed.keys() & own.keys()):
+            yield from differences(name if key == "configuration" else f"{key}.{name}", committed[name], own[name])
+    elif committed != own and committed is not None and own is not None:
+        yield f"{key} is {own!r} here and {committed!r} there"
+
+
+def put_table2(run: Path, shared: Collection[str]) -> list[Path]:
+    """Put a run's Table 2 among the committed results, numbers and manifest; return the files.
+
+    Each character's seeds replace the committed ones; those of the shared characters join them, and a seed that both
+    have is the run's. Characters that the run lacks stay.
+    """
+    seeds, of_run = (_seeds_of(folder) for folder in (paths.REFERENCE, run))
+    entries = manifest.entries(paths.REFERENCE, TARGET)
+    table, single = paths.REFERENCE / ROWS, paths.REFERENCE / SEEDS
+    for character, facts in manifest.entries(run, TARGET).items():
+        own = of_character(seeds, character) if character in shared else {}
+        own |= of_character(of_run, character)
+        rows = over_seeds([own[seed] for seed in sorted(own)])
+        merge(table, rows, lambda row, name=character: row.character != name)
+        seeds = joined(where(seeds, character.__ne__), own)
+        earlier = entries.get(character)
+        entries[character] = manifest.with_earlier(facts, earlier, rows[0].run) if character in shared else facts
+    write_seeds(single, seeds)
+    manifest.write_entries(paths.REFERENCE, TARGET, dict(sorted(entries.items())))
+    return [table, single]
+
+
+def _seeds_of(folder: Path) -> dict[int, list]:
+    """Return the rows of each seed in a folder of results; a table of one seed has them itself.
+
+    Raises InputError for a character with several seeds whose single ones are not there.
+    """
+    file = folder / SEEDS
+    seeds = read_seeds(file) if file.is_file() else {}
+    there = {row.character for rows in seeds.values() for row in rows}
+    table = read_results(folder / ROWS) if (folder / ROWS).is_file() else []
+    for character, facts in manifest.entries(folder, TARGET).items():
+        if character not in there:
+            if len(facts["seeds"]) > 1:
+                raise InputError(f"{file}: it lacks {character}; `make table2` writes each of its seeds there")
+            seeds = joined(seeds, {facts["seeds"][0]: [row for row in table if row.character == character]})
+    return seeds

@@ -1,0 +1,114 @@
+"""`make reference ADD_SEEDS=1`: the seeds of a run join those that are committed, and means and facts follow."""
+
+import json
+import statistics
+from dataclasses import replace
+
+import pytest
+from sample_results import result
+from sample_rows import table2_rows
+from toy_texts import texts_to_fill
+
+from replicate.engine import paths
+from replicate.engine.exceptions import InputError
+from replicate.report import manifest, notebooks
+from replicate.report.results import read_results
+from replicate.report.seed_results import of_character, read_seeds
+from replicate.report.training_curves import read_curves
+from replicate.targets.reference import reference_results as reference
+from replicate.targets.table2 import publishing
+
+
+@pytest.fixture
+def publish(cache, tmp_path, monkeypatch):
+    """A function that publishes characters as a run of its own, and makes this run the reference or a part of it."""
+    monkeypatch.setattr(paths, "REFERENCE", tmp_path / "reference")
+    monkeypatch.setattr(notebooks, "run_notebook", lambda name, results: tmp_path / name)
+    texts_to_fill(tmp_path, monkeypatch)
+
+    def run_and_publish(name: str, *results, add_seeds: bool = True) -> None:
+        monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path / name))
+        publishing.publish(results, draw=False)
+        reference.publish_reference("quick", add_seeds)
+
+    return run_and_publish
+
+
+def committed(character: str = "teen") -> dict[int, float]:
+    """Return the coarse networks' mean error by seed."""
+    seeds = of_character(read_seeds(paths.REFERENCE / "table2_seeds.csv"), character)
+    return {
+        seed: next(row.value for row in rows if row.key[2:] == ("coarse", "vertex_error_mean"))
+        for seed, rows in seeds.items()
+    }
+
+
+def mean_row(character: str = "teen"):
+    rows = read_results(paths.REFERENCE / "table2.csv")
+    return next(row for row in rows if row.key == ("table2", character, "coarse", "vertex_error_mean"))
+
+
+def test_seeds_of_three_runs_give_the_mean_and_the_spread_of_one_run_with_all(publish):
+    errors = {0: 0.2, 1: 0.3, 2: 0.7}
+    for seed, error in errors.items():
+        publish(f"run{seed}", result("teen", seed, f"r{seed}", error=error))
+    assert committed() == errors
+    row = mean_row()
+    assert (row.value, row.sd) == pytest.approx((0.4, statistics.stdev(errors.values()))) and row.seeds == 3
+    facts = manifest.entries(paths.REFERENCE, "table2")["teen"]
+    assert facts["seeds"] == [0, 1, 2] and facts["run"] == row.run
+    publish("all", *(result("teen", seed, f"r{seed}", error=error) for seed, error in errors.items()), add_seeds=False)
+    assert mean_row() == row
+
+
+def test_pictures_and_curves_stay_those_of_the_first_seed_and_charts_follow(publish):
+    publish("first", result("teen", 0))
+    chart, pose = (paths.REFERENCE / name for name in ("table2_teen_chart.json", "table2_teen_pose.npz"))
+    before, curves = pose.stat().st_mtime_ns, read_curves(paths.REFERENCE / "table2_curves.csv")
+    publish("second", result("teen", 1, "s", error=0.9), result("tiny", 1))
+    assert pose.stat().st_mtime_ns == before
+    assert read_curves(paths.REFERENCE / "table2_curves.csv").items() >= curves.items()
+    assert f"Coarse {mean_row().value:.2f} mm" in json.loads(chart.read_text())["alt"]
+    assert committed("tiny") and mean_row("tiny").seeds == 1, "a new character comes as a whole"
+
+
+def test_a_seed_that_both_have_is_the_runs(publish):
+    publish("first", result("teen", 0))
+    publish("second", result("teen", 0, "s", error=0.9))
+    assert committed() == {0: 0.9} and mean_row().sd is None
+
+
+def test_without_the_option_a_run_replaces_all_seeds(publish):
+    publish("first", result("teen", 0), result("teen", 1, "s"))
+    publish("second", result("teen", 2, "t", error=0.9), add_seeds=False)
+    assert committed() == {2: 0.9}
+    assert manifest.entries(paths.REFERENCE, "table2")["teen"]["seeds"] == [2]
+
+
+def test_stages_of_an_earlier_run_say_what_they_were_made_from(publish):
+    publish("first", result("teen", 0, git={"commit": "older", "clean": True}))
+    publish("second", result("teen", 1, "s"))
+    facts = manifest.entries(paths.REFERENCE, "table2")["teen"]
+    assert facts["git"] == {"commit": "c0ffee", "clean": True, "commits": ["c0ffee", "older"]}
+    assert [stage.get("git", {}).get("commit") for stage in facts["stages"].values()] == ["older", None]
+
+
+@pytest.mark.parametrize(("key", "words"), [("split", "split is 'clips' here and 'frames' there"), ("steps", "coarse")])
+def test_seeds_of_another_configuration_are_refused_and_nothing_changes(publish, key, words):
+    publish("first", result("teen", 0))
+    table = (paths.REFERENCE / "table2.csv").read_bytes()
+    other = result("teen", 1, "s", split="clips" if key == "split" else "frames")
+    if key == "steps":
+        section = replace(other.config.coarse, map_size=64)
+        other = replace(other, config=replace(other.config, coarse=section))
+    with pytest.raises(InputError, match=f"teen: its seeds can't join the committed ones, since {words}"):
+        publish("second", other)
+    assert (paths.REFERENCE / "table2.csv").read_bytes() == table
+
+
+def test_committed_results_without_single_seeds_are_those_of_their_one_seed(publish):
+    publish("first", result("teen", 4))
+    (paths.REFERENCE / "table2_seeds.csv").unlink()
+    publish("second", result("teen", 1, "s", error=0.9))
+    (first,) = {row.value for row in table2_rows() if row.key[2:] == ("coarse", "vertex_error_mean")}
+    assert committed() == {4: first, 1: 0.9}

@@ -1,0 +1,17 @@
+"""Texts with the marks that `make reference` writes tables between, in the place of the project's own."""
+
+from pathlib import Path
+
+import pytest
+
+from replicate.targets.reference import reference_results as reference
+
+TABLES = ("claims", "table2", "bench_poses", "bench_rig", "targets")
+
+
+def texts_to_fill(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let `make reference` write to texts in a folder."""
+    for name in ("README", "DATA_CARD", "REPRODUCING"):
+        monkeypatch.setattr(reference, name, folder / f"{name}.md")
+        sections = [f"<!-- {table}, by make reference -->\nold\n<!-- end of {table} -->\n" for table in TABLES]
+        (folder / f"{name}.md").write_text("before\n" + "".join(sections) + "after\n")
