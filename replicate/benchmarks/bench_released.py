@@ -29,10 +29,11 @@ PIECES = {  # of a recipe: the keys of the section that it consists of
     "controls and unit": ("conditioning.inputs", "conditioning.unit_mm"),
     "first weights": ("conditioning.weights",),
     "normal weight": ("normal_weight",),
+    "controls, unit and normal weight": ("conditioning.inputs", "conditioning.unit_mm", "normal_weight"),
     "schedule": ("training.schedule", "training.peak_rate"),
     "batch, width and bound": ("training.batch", "hidden", "training.largest_gradient"),
 }
-OF_COARSE = ("controls and unit", "normal weight")  # the pieces that are tried on the CNN too
+OF_COARSE = ("controls and unit", "normal weight", "controls, unit and normal weight")  # the pieces that are tried on the CNN too
 MORE = 4  # times the steps, for dense networks once: whether the failure passes
 
 
