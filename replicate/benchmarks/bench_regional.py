@@ -1,18 +1,23 @@
 """What each piece of our regional method does: one is taken away, or changed, at a time.
 
 `make bench-regional` trains the method at a short schedule as it is, and with one thing changed, and compares the
-errors on the validation poses, which are held out of the training animation; test poses are not looked at. Trainings go
-through the cache like any stage, so that a stopped run goes on.
+errors on the validation poses, which are held out of the training animation; test poses are not looked at. Of each it
+measures too whether the borders of regions show. Trainings go through the cache like any stage, so that a stopped run
+goes on.
 """
 
 import argparse
 import sys
 from collections.abc import Sequence
 
+from replicate.artefacts.plan import Plan
 from replicate.benchmarks.common import answer, check_at_least, make_parser, publish, split_names
+from replicate.benchmarks.region_borders import border_rows, borders_table
 from replicate.benchmarks.variants import Variant, train_variants, variants_tables
 from replicate.config import resolve
+from replicate.methods import regional
 from replicate.methods.method_registry import sections
+from replicate.methods.regional import RegionalConfig
 from replicate.report.results import Row
 from replicate.report.tables import Table, as_text
 
@@ -68,8 +73,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     check_at_least(1, steps=options.steps)
     for character in split_names(options.characters):
-        rows = train_variants("bench-regional", variants(character, options.profile, options.steps))
-        for table in pieces_tables(rows):
+        tried = variants(character, options.profile, options.steps)
+        rows = train_variants("bench-regional", tried)
+        plans = {variant.change: Plan(variant.config) for variant in tried}
+        rows += border_rows(rows, plans, regional.stage, RegionalConfig().regions)
+        for table in (*pieces_tables(rows), borders_table(rows, tuple(CHANGES))):
             print(as_text(table))
         publish("bench_regional", rows, command_line)
 

@@ -33,7 +33,7 @@ PIECES = {  # of a recipe: the keys of the section that it consists of
     "schedule": ("training.schedule", "training.peak_rate"),
     "batch, width and bound": ("training.batch", "hidden", "training.largest_gradient"),
 }
-OF_COARSE = ("controls and unit", "normal weight", "controls, unit and normal weight")  # the pieces that are tried on the CNN too
+OF_COARSE = ("controls and unit", "normal weight", "controls, unit and normal weight")  # what is tried on the CNN too
 MORE = 4  # times the steps, for dense networks once: whether the failure passes
 
 
