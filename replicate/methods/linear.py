@@ -4,7 +4,7 @@ For each segment Δ ≈ (p / scale, 1) W with W = argmin ‖(p / scale, 1) W −
 the constant is not penalised. λ is the one of a few that is best on the validation poses.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,7 +17,7 @@ from replicate.artefacts.plan import Plan
 from replicate.engine.schema import Checked, number
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
-from replicate.methods.training_stage import inputs_of_networks, vertices_of
+from replicate.methods.training_stage import inputs_of_networks
 
 if TYPE_CHECKING:
     import replicate.approximation.model
@@ -112,26 +112,13 @@ def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.Seg
         return line_model(segments, weights, stored["scale"], len(built_rig.load_mesh(inputs).neutral))
 
 
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the straight line."""
-    return vertices_of(inputs, load_model(inputs))
-
-
-def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_model(inputs))
-
-
 METHOD = Method(
     "linear",
     "Linear",
     lambda plan: (stage(plan),),
-    load,
+    model=load_model,
     place=50,
     note="Ridge regression from rig parameters to vertices, segment by segment: a straight line.",
     colour="#000000",
     own=own,
-    multiplications=multiplications,
 )

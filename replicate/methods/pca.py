@@ -5,7 +5,7 @@ standard deviation, and c is a multilayer perceptron of all rig parameters, trai
 deformable mesh; rigid segments follow by their attachments (§3.4).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -19,7 +19,7 @@ from replicate.config import ConditioningConfig, TrainingConfig
 from replicate.engine.schema import Checked, number
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
-from replicate.methods.training_stage import inputs_of_networks, vertices_of, write_training
+from replicate.methods.training_stage import inputs_of_networks, write_training
 
 if TYPE_CHECKING:
     import torch
@@ -162,27 +162,14 @@ def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.Seg
     return load_model(inputs["pca"], network)
 
 
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the network and its basis."""
-    return vertices_of(inputs, load_model(inputs))
-
-
-def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_model(inputs))
-
-
 METHOD = Method(
     "pca",
     "PCA network",
     lambda plan: (stage(plan),),
-    load,
+    model=load_model,
     place=60,
     note="A dense network to the coefficients of a PCA basis of the training offsets, as studios ship it.",
     colour="#8C564B",
     standard=False,
     own=own,
-    multiplications=multiplications,
 )

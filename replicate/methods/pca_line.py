@@ -4,7 +4,7 @@ The skip starts as the ridge regression onto the coefficients, so that the layer
 trained on Eq. 1 as `pca` is. Its strength λ is the one of a few that is best on the validation poses.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +19,7 @@ from replicate.methods import pca
 from replicate.methods.linear import LinearConfig, chunks, ridge, with_constant
 from replicate.methods.method import Method
 from replicate.methods.pca import PcaConfig
-from replicate.methods.training_stage import inputs_of_networks, vertices_of, write_training
+from replicate.methods.training_stage import inputs_of_networks, write_training
 
 if TYPE_CHECKING:
     import replicate.approximation.model
@@ -135,28 +135,15 @@ def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.Seg
     return load_model(inputs["pca_line"], network)
 
 
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the network, its line and its basis."""
-    return vertices_of(inputs, load_model(inputs))
-
-
-def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_model(inputs))
-
-
 METHOD = Method(
     "pca_line",
     "PCA network + linear",
     lambda plan: (stage(plan),),
-    load,
+    model=load_model,
     place=60.5,
     note="The PCA network with a linear skip to the coefficients, which starts as ridge regression.",
     colour="#C49C94",
     in_figures=False,
     standard=False,
     own=own,
-    multiplications=multiplications,
 )

@@ -1,6 +1,6 @@
 """The full approximation: the coarse networks, and finer maps over a few squares for what those leave (§3.2, §3.3)."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ from replicate.engine.stage import Stage, StageContext
 from replicate.geometry.mesh import Mesh
 from replicate.methods import coarse
 from replicate.methods.method import Method, Number
-from replicate.methods.training_stage import vertices_of, write_training
+from replicate.methods.training_stage import write_training
 
 if TYPE_CHECKING:
     import replicate.approximation.model
@@ -56,18 +56,6 @@ def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinemen
     return load_refined(inputs["refined"], coarse.load_model(inputs))
 
 
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of both levels of networks."""
-    return vertices_of(inputs, load_model(inputs))
-
-
-def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_model(inputs))
-
-
 def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Number]:
     """Return how many refinement segments there are, and how many texels each vertex has in all."""
     residual = load_model(inputs).residual
@@ -82,10 +70,9 @@ METHOD = Method(
     "refined",
     "Refined",
     lambda plan: (coarse.stage(plan), stage(plan)),
-    load,
+    model=load_model,
     place=20,
     in_paper=True,
     colour="#0072B2",
     facts=facts,
-    multiplications=multiplications,
 )

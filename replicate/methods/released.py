@@ -20,7 +20,7 @@ from replicate.engine.schema import read_table
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import coarse, dense_network, refined
 from replicate.methods.method import Method
-from replicate.methods.training_stage import inputs_of_networks, vertices_of
+from replicate.methods.training_stage import inputs_of_networks
 from replicate.profiles import PROFILES
 
 if TYPE_CHECKING:
@@ -96,21 +96,11 @@ def load_coarse_model(inputs: Mapping[str, Path]) -> "replicate.approximation.mo
     return load_coarse(inputs[COARSE])
 
 
-def load_coarse(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the coarse networks."""
-    return vertices_of(inputs, load_coarse_model(inputs))
-
-
 def load_refined_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
     """Return both levels of networks."""
     from replicate.approximation.refinement import load_refined
 
     return load_refined(inputs[REFINED], load_coarse_model(inputs))
-
-
-def load_refined(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of both levels of networks."""
-    return vertices_of(inputs, load_refined_model(inputs))
 
 
 def load_dense_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
@@ -120,11 +110,6 @@ def load_dense_model(inputs: Mapping[str, Path]) -> "replicate.approximation.mod
     return load_dense(inputs[DENSE])
 
 
-def load_dense(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the dense networks of the released widths."""
-    return vertices_of(inputs, load_dense_model(inputs))
-
-
 def load_narrow_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
     """Return the dense networks of the paper's widths."""
     from replicate.approximation.dense import load_dense
@@ -132,46 +117,12 @@ def load_narrow_model(inputs: Mapping[str, Path]) -> "replicate.approximation.mo
     return load_dense(inputs[NARROW])
 
 
-def load_narrow(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the dense networks of the paper's widths."""
-    return vertices_of(inputs, load_narrow_model(inputs))
-
-
-def coarse_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_coarse_model(inputs))
-
-
-def refined_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_refined_model(inputs))
-
-
-def dense_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_dense_model(inputs))
-
-
-def narrow_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_narrow_model(inputs))
-
-
 def _released(
     method: Method,
     name: str,
     words: str,
     stages: Callable,
-    load: Callable,
-    multiplications: Callable,
+    model: Callable,
     own: Callable,
     place: float,
 ) -> Method:
@@ -180,7 +131,7 @@ def _released(
         name=name,
         label=f"{method.label}, {words}",
         stages=stages,
-        load=load,
+        model=model,
         own=own,
         place=place,
         in_paper=False,
@@ -189,7 +140,6 @@ def _released(
         in_figures=False,
         standard=False,
         facts=None,
-        multiplications=multiplications,
     )
 
 
@@ -199,8 +149,7 @@ METHODS = (
         COARSE,
         "released recipe",
         lambda plan: (coarse_stage(plan),),
-        load_coarse,
-        coarse_multiplications,
+        load_coarse_model,
         own_coarse,
         61,
     ),
@@ -209,8 +158,7 @@ METHODS = (
         REFINED,
         "released recipe",
         lambda plan: (coarse_stage(plan), refined_stage(plan)),
-        load_refined,
-        refined_multiplications,
+        load_refined_model,
         own_refined,
         62,
     ),
@@ -219,8 +167,7 @@ METHODS = (
         DENSE,
         "released recipe",
         lambda plan: (stage(plan, METHODS[2], dense_network.train),),
-        load_dense,
-        dense_multiplications,
+        load_dense_model,
         own_dense,
         63,
     ),
@@ -229,8 +176,7 @@ METHODS = (
         NARROW,
         "released recipe, 256/256",
         lambda plan: (stage(plan, METHODS[3], dense_network.train),),
-        load_narrow,
-        narrow_multiplications,
+        load_narrow_model,
         own_narrow,
         64,
     ),

@@ -4,7 +4,7 @@ As `linear`, with three features of each parameter: Δ ≈ (p, |p|, p², 1) W, p
 does by itself it can bend; what two parameters do together it can't know.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,7 @@ from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.linear import SEGMENTS, WEIGHTS, LinearConfig, chunks, ridge, with_constant
 from replicate.methods.method import Method
-from replicate.methods.training_stage import inputs_of_networks, vertices_of
+from replicate.methods.training_stage import inputs_of_networks
 
 if TYPE_CHECKING:
     import replicate.approximation.model
@@ -70,28 +70,15 @@ def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.Seg
         return squares_model(segments, weights, stored["scale"], len(built_rig.load_mesh(inputs).neutral))
 
 
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the fits."""
-    return vertices_of(inputs, load_model(inputs))
-
-
-def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_model(inputs))
-
-
 METHOD = Method(
     "squares",
     "Squares",
     lambda plan: (stage(plan),),
-    load,
+    model=load_model,
     place=51,
     note="Ridge regression from p, |p| and p² to vertices, segment by segment: each rig parameter bends by itself.",
     colour="#666666",
     in_figures=False,
     standard=False,
     own=own,
-    multiplications=multiplications,
 )

@@ -14,7 +14,7 @@ from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import coarse, dense_network, linear, refined
 from replicate.methods.method import Method
-from replicate.methods.training_stage import inputs_of_networks, train_on_segments, vertices_of
+from replicate.methods.training_stage import inputs_of_networks, train_on_segments
 
 if TYPE_CHECKING:
     import replicate.approximation.model
@@ -73,21 +73,11 @@ def load_coarse_model(inputs: Mapping[str, Path]) -> "replicate.approximation.mo
     return load_model(inputs[COARSE], maker(cnn.make_network))
 
 
-def load_coarse(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the coarse networks and the line."""
-    return vertices_of(inputs, load_coarse_model(inputs))
-
-
 def load_refined_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
     """Return both levels of networks with their line."""
     from replicate.approximation.refinement import load_refined
 
     return load_refined(inputs[REFINED], load_coarse_model(inputs))
-
-
-def load_refined(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of both levels of networks and the line."""
-    return vertices_of(inputs, load_refined_model(inputs))
 
 
 def load_dense_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
@@ -99,44 +89,16 @@ def load_dense_model(inputs: Mapping[str, Path]) -> "replicate.approximation.mod
     return load_model(inputs[DENSE], maker(dense.make_network))
 
 
-def load_dense(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the dense networks and the line."""
-    return vertices_of(inputs, load_dense_model(inputs))
-
-
-def coarse_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_coarse_model(inputs))
-
-
-def refined_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_refined_model(inputs))
-
-
-def dense_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_dense_model(inputs))
-
-
 NOTE = "The network adds to the straight line of ridge regression and learns what that leaves."
 
 
-def _beside_line(
-    method: Method, name: str, stages: Callable, load: Callable, multiplications: Callable, place: float
-) -> Method:
+def _beside_line(method: Method, name: str, stages: Callable, model: Callable, place: float) -> Method:
     return replace(
         method,
         name=name,
         label=f"{method.label} + linear",
         stages=stages,
-        load=load,
+        model=model,
         place=place,
         in_paper=False,
         note=NOTE,
@@ -144,19 +106,17 @@ def _beside_line(
         in_figures=False,
         standard=False,
         facts=None,
-        multiplications=multiplications,
     )
 
 
 METHODS = (
-    _beside_line(coarse.METHOD, COARSE, lambda plan: (coarse_stage(plan),), load_coarse, coarse_multiplications, 52),
+    _beside_line(coarse.METHOD, COARSE, lambda plan: (coarse_stage(plan),), load_coarse_model, 52),
     _beside_line(
         refined.METHOD,
         REFINED,
         lambda plan: (coarse_stage(plan), refined_stage(plan)),
-        load_refined,
-        refined_multiplications,
+        load_refined_model,
         53,
     ),
-    _beside_line(dense_network.METHOD, DENSE, lambda plan: (dense_stage(plan),), load_dense, dense_multiplications, 54),
+    _beside_line(dense_network.METHOD, DENSE, lambda plan: (dense_stage(plan),), load_dense_model, 54),
 )
