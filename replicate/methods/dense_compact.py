@@ -5,7 +5,7 @@ order of their variance a coordinate, as many as keep the whole model at most as
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ from replicate.artefacts.plan import Plan
 from replicate.engine.schema import Checked, number
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import dense_network
+from replicate.methods.method import variant
 from replicate.methods.refined_size import RefinedShapes, inputs_of_size, refined_size_mb, shapes
 
 if TYPE_CHECKING:
@@ -76,16 +77,13 @@ def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.Seg
     return load_model(inputs["dense_compact"], empty_network)
 
 
-METHOD = replace(
+METHOD = variant(
     dense_network.METHOD,
-    name="dense_compact",
-    label="Dense, compacted",
+    "dense_compact",
+    "Dense, compacted",
+    66,
     stages=lambda plan: (stage(plan),),
     model=load_model,
-    place=66,
-    in_paper=False,
     note="The trained dense networks, their last layers low-rank in 8 and 16 bits: no larger than the refined model.",
-    in_figures=False,
-    standard=False,
     own=own,
 )

@@ -14,6 +14,7 @@ from replicate.artefacts.plan import Plan, TrainingNumbers
 from replicate.engine.exceptions import InputError
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import dense_network
+from replicate.methods.method import variant
 from replicate.methods.refined_size import RefinedShapes, inputs_of_size, refined_size_mb, shapes
 from replicate.methods.training_stage import train_on_segments
 
@@ -75,15 +76,12 @@ def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.Seg
     return load_dense(inputs["dense_small"])
 
 
-METHOD = replace(
+METHOD = variant(
     dense_network.METHOD,
-    name="dense_small",
-    label="Dense, narrow",
+    "dense_small",
+    "Dense, narrow",
+    65,
     stages=lambda plan: (stage(plan),),
     model=load_model,
-    place=65,
-    in_paper=False,
     note="Dense networks whose last hidden layer is so narrow that the model is no larger than the refined one.",
-    in_figures=False,
-    standard=False,
 )

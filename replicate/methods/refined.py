@@ -19,8 +19,13 @@ if TYPE_CHECKING:
 
 def stage(plan: Plan) -> Stage:
     """Return the stage that trains the refinement networks."""
-    inputs = (built_rig.stage(plan), drawn_samples.stage(plan), coarse.stage(plan), refinement_squares.stage(plan))
+    inputs = inputs_of_refinement(plan, coarse.stage(plan))
     return plan.stage("refined", train, plan.training(plan.config.refinement), *inputs)
+
+
+def inputs_of_refinement(plan: Plan, coarse_stage: Stage) -> tuple[Stage, ...]:
+    """Return the stages that refinement networks are trained on, one of them that of the coarse networks."""
+    return (built_rig.stage(plan), drawn_samples.stage(plan), coarse_stage, refinement_squares.stage(plan))
 
 
 def train(context: StageContext) -> None:
