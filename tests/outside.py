@@ -33,6 +33,39 @@ def load(inputs, numbers):
 METHOD = Method("mine", "Mean pose", stages, load, note="The mean pose.", mark="#", colour="#123456")
 """
 
+WITH_MODEL = """
+import numpy as np
+
+from replicate.artefacts import built_rig, drawn_samples
+from replicate.methods.method import Method
+
+
+class Mean:
+    def __init__(self, offsets):
+        self.mean = offsets
+
+    def offsets(self, params):
+        return np.broadcast_to(self.mean, (len(params), *self.mean.shape))
+
+    def multiplications(self):
+        return 7
+
+
+def stages(plan):
+    return (plan.stage("mine", fit, plan.numbers(None), built_rig.stage(plan), drawn_samples.stage(plan)),)
+
+
+def fit(context):
+    np.save(context.out / "mean.npy", drawn_samples.load(context.inputs).offsets(np.arange(2)).mean(0))
+
+
+def read(inputs):
+    return Mean(np.load(inputs["mine"] / "mean.npy"))
+
+
+METHOD = Method("mine", "Mean pose", stages, model=read, note="The mean pose's.", mark="#", colour="#123456")
+"""
+
 
 def fresh(function: Callable) -> Callable:
     """Return a cached function that forgets what it found of files brought along."""

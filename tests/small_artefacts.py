@@ -8,7 +8,10 @@ from small_face import M, SmallSamples, exact_samples, small_influence, small_me
 
 from replicate.approximation.rigid import find_attachments
 from replicate.approximation.samples import quantise
+from replicate.config import resolve
 from replicate.engine.stage import StageContext
+from replicate.methods.method import Method
+from replicate.methods.prediction import reading
 
 
 def write_artefacts(folder: Path, samples: SmallSamples | None = None) -> dict[str, Path]:
@@ -38,6 +41,12 @@ def write_artefacts(folder: Path, samples: SmallSamples | None = None) -> dict[s
         np.save(inputs["samples"] / f"{name}.npy", array)
     (inputs["samples"] / "samples.json").write_text(json.dumps({"poses": len(steps)}))
     return inputs
+
+
+def predicted(method: Method, inputs: dict[str, Path], params: np.ndarray) -> np.ndarray:
+    """Return the vertices (b, n, 3), mm, that a method gives for parameters (b, m), read as the suite reads it."""
+    read = reading(method, resolve("tiny", "quick"))
+    return read.load(inputs, read.numbers)(np.array(params))
 
 
 def straight_samples() -> SmallSamples:

@@ -6,6 +6,8 @@ step (§3.4), which all approximations share. Map networks count as Fig. 3 draws
 (DEVIATIONS D14) is not taken off.
 """
 
+from typing import Protocol, runtime_checkable
+
 import numpy as np
 from jaxtyping import Float
 from torch import nn
@@ -21,8 +23,18 @@ AFFINE = 12  # of (v, 1) with a 4×3 matrix
 CORNERS = 4  # pixels that a vertex reads: bilinear sampling
 
 
-def of_model(model: SegmentedModel | RefinedModel) -> int:
-    """Return the multiplications of all networks of a model."""
+@runtime_checkable
+class Counted(Protocol):
+    """A model that counts its multiplications itself."""
+
+    def multiplications(self) -> int:
+        """Return how many multiplications one pose takes."""
+
+
+def of_model(model: SegmentedModel | RefinedModel | Counted) -> int:
+    """Return the multiplications of a model: what it counts itself, else those of all its networks."""
+    if isinstance(model, Counted):
+        return model.multiplications()
     if isinstance(model, RefinedModel):
         return of_model(model.coarse) + of_model(model.residual)
     return sum(of_network(network) for network in model.networks)

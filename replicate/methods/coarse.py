@@ -1,6 +1,6 @@
 """The coarse approximation: a CNN a segment, whose map of offsets its vertices read (§3.1)."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,7 +8,7 @@ from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
 from replicate.geometry.mesh import Mesh
 from replicate.methods.method import Method, Number
-from replicate.methods.training_stage import inputs_of_networks, train_on_segments, vertices_of
+from replicate.methods.training_stage import inputs_of_networks, train_on_segments
 
 if TYPE_CHECKING:
     import replicate.approximation.model
@@ -33,18 +33,6 @@ def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.Seg
     return load_coarse(inputs["coarse"])
 
 
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the coarse networks."""
-    return vertices_of(inputs, load_model(inputs))
-
-
-def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_model(inputs))
-
-
 def map_sizes(inputs: Mapping[str, Path]) -> dict[str, tuple[int, int]]:
     """Return each map's width in pixels, and how many vertices read it, by its segment's name."""
     model = load_model(inputs)
@@ -67,10 +55,9 @@ METHOD = Method(
     "coarse",
     "Coarse",
     lambda plan: (stage(plan),),
-    load,
+    model=load_model,
     place=10,
     in_paper=True,
     colour="#E69F00",
     facts=facts,
-    multiplications=multiplications,
 )

@@ -4,8 +4,8 @@ The rule, the same for all characters: components of what the last layers give, 
 order of their variance a coordinate, as many as keep the whole model at most as large as the refined one.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,8 +16,8 @@ from replicate.artefacts.plan import Plan
 from replicate.engine.schema import Checked, number
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import dense_network
+from replicate.methods.method import variant
 from replicate.methods.refined_size import RefinedShapes, inputs_of_size, refined_size_mb, shapes
-from replicate.methods.training_stage import vertices_of
 
 if TYPE_CHECKING:
     import replicate.approximation.model
@@ -77,29 +77,13 @@ def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.Seg
     return load_model(inputs["dense_compact"], empty_network)
 
 
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the networks with low-rank last layers."""
-    return vertices_of(inputs, load_model(inputs))
-
-
-def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_model(inputs))
-
-
-METHOD = replace(
+METHOD = variant(
     dense_network.METHOD,
-    name="dense_compact",
-    label="Dense, compacted",
+    "dense_compact",
+    "Dense, compacted",
+    66,
     stages=lambda plan: (stage(plan),),
-    load=load,
-    place=66,
-    in_paper=False,
+    model=load_model,
     note="The trained dense networks, their last layers low-rank in 8 and 16 bits: no larger than the refined model.",
-    in_figures=False,
-    standard=False,
     own=own,
-    multiplications=multiplications,
 )

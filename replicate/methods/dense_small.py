@@ -4,7 +4,7 @@ The rule, the same for all characters: the hidden layers of `dense`, but the las
 most as large as the refined model of this configuration, counted from the architecture, and as wide as that allows.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,8 +14,9 @@ from replicate.artefacts.plan import Plan, TrainingNumbers
 from replicate.engine.exceptions import InputError
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import dense_network
+from replicate.methods.method import variant
 from replicate.methods.refined_size import RefinedShapes, inputs_of_size, refined_size_mb, shapes
-from replicate.methods.training_stage import train_on_segments, vertices_of
+from replicate.methods.training_stage import train_on_segments
 
 if TYPE_CHECKING:
     import replicate.approximation.model
@@ -75,28 +76,12 @@ def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.Seg
     return load_dense(inputs["dense_small"])
 
 
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the narrow networks."""
-    return vertices_of(inputs, load_model(inputs))
-
-
-def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_model(inputs))
-
-
-METHOD = replace(
+METHOD = variant(
     dense_network.METHOD,
-    name="dense_small",
-    label="Dense, narrow",
+    "dense_small",
+    "Dense, narrow",
+    65,
     stages=lambda plan: (stage(plan),),
-    load=load,
-    place=65,
-    in_paper=False,
+    model=load_model,
     note="Dense networks whose last hidden layer is so narrow that the model is no larger than the refined one.",
-    in_figures=False,
-    standard=False,
-    multiplications=multiplications,
 )

@@ -1,6 +1,6 @@
 """Linear blend skinning moved by a network that sees rig parameters: the largest skin, as a prediction."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,8 +8,8 @@ from replicate.artefacts import built_rig, drawn_samples
 from replicate.artefacts.plan import Plan, TrainingNumbers
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import skinned
-from replicate.methods.method import Method
-from replicate.methods.training_stage import vertices_of, write_training
+from replicate.methods.method import Method, Model
+from replicate.methods.training_stage import write_training
 
 
 @dataclass(frozen=True)
@@ -46,26 +46,21 @@ def train(context: StageContext) -> None:
     write_training(context, model, log)
 
 
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the skin as the network poses it."""
+def load_model(inputs: Mapping[str, Path]) -> Model:
+    """Return the skin with the network that poses it.
+
+    The multiplications from rotation vectors to matrices are not counted.
+    """
     from replicate.approximation.skinning.bone_network import load_driven
 
-    return vertices_of(inputs, load_driven(inputs["driven"]))
-
-
-def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes, those of rotation vectors to matrices left out."""
-    from replicate.approximation.multiplications import of_model
-    from replicate.approximation.skinning.bone_network import load_driven
-
-    return of_model(load_driven(inputs["driven"]))
+    return load_driven(inputs["driven"])
 
 
 METHOD = Method(
     "driven",
     "LBS moved by a network",
     lambda plan: (stage(plan),),
-    load,
+    model=load_model,
     place=70,
     rigid_step=False,
     note="The skin with the most bones, moved by a small network that sees rig parameters: LBS as a prediction.",
@@ -73,5 +68,4 @@ METHOD = Method(
     colour="#F0E442",
     in_figures=False,
     standard=False,
-    multiplications=multiplications,
 )

@@ -17,7 +17,7 @@ from replicate.artefacts.plan import Plan
 from replicate.engine.schema import Checked, number
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
-from replicate.methods.training_stage import inputs_of_networks, vertices_of
+from replicate.methods.training_stage import inputs_of_networks
 
 if TYPE_CHECKING:
     import replicate.approximation.model
@@ -46,28 +46,39 @@ def stage(plan: Plan) -> Stage:
 
 def fit(context: StageContext) -> None:
     """Fit the weights of every segment to all training samples, for each λ, and keep the best."""
+    fit_features(context, _columns)
+
+
+def _columns(params: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    return with_constant(params)[:, np.append(seen, params.shape[1])]
+
+
+def fit_features(context: StageContext, features: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> None:
+    """Fit features of the parameters, for each λ, and keep what is best on the validation poses of all segments.
+
+    features: scaled parameters (b, m) and the indices (j,) of those that move a segment → (b, k), the constant last.
+    """
     from replicate.approximation.conditioning import parameter_scale
     from replicate.approximation.segments import save_segments
 
     mesh, samples = built_rig.load_mesh(context.inputs), drawn_samples.load(context.inputs)
     segments = rigid_segments.load_coarse_segments(context.inputs, mesh)
     scale, strengths = parameter_scale(samples.params), context.config.section.strengths
-    inputs, held_out = (with_constant(params / scale) for params in (samples.params, samples.validation_params))
+    params, others = samples.params / scale, samples.validation_params / scale
     squares, fits = np.zeros(len(strengths)), []
-    with context.progress(len(segments), "linear") as bar:
+    with context.progress(len(segments), context.name) as bar:
         for segment in segments:
-            columns = np.append(segment.parameters, inputs.shape[1] - 1)
-            targets = (offsets for offsets in chunks(samples, segment.vertices))
-            solutions = ridge(inputs[:, columns], targets, strengths)
+            inputs, held_out = (features(each, segment.parameters) for each in (params, others))
+            solutions = ridge(inputs, chunks(samples, segment.vertices), strengths)
             truth = samples.validation_offsets[:, segment.vertices].reshape(len(held_out), -1)
-            squares += [float(np.square(held_out[:, columns] @ weights - truth).sum()) for weights in solutions]
-            fits.append(solutions)
+            squares += [float(np.square(held_out @ weights - truth).sum()) for weights in solutions]
+            fits.append([weights.astype(np.float32) for weights in solutions])
             bar.update(1)
     best = int(np.argmin(squares))
     save_segments(segments, context.out / SEGMENTS)
-    weights = {f"{k}": solutions[best].astype(np.float32) for k, solutions in enumerate(fits)}
+    weights = {f"{k}": solutions[best] for k, solutions in enumerate(fits)}
     np.savez(context.out / WEIGHTS, scale=scale, **weights)
-    context.note(strength=strengths[best], size_mb=sum(part.size for part in weights.values()) * 4 / 1e6)
+    context.note(strength=strengths[best], size_mb=sum(part.nbytes for part in weights.values()) / 1e6)
 
 
 def with_constant(params: Float[np.ndarray, "b m"]) -> Float64[np.ndarray, "b n"]:
@@ -104,34 +115,32 @@ def ridge(
 def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
     """Return the straight lines as a model of one linear layer a segment."""
     from replicate.approximation.linear_skip import line_model
+
+    return load_fits(inputs, "linear", line_model)
+
+
+def load_fits(
+    inputs: Mapping[str, Path], name: str, make_model: Callable
+) -> "replicate.approximation.model.SegmentedModel":
+    """Return the model of what `fit_features` wrote.
+
+    name: of the stage. make_model: (segments, their weights (k, 3v), scale (m,), number of vertices) → the model.
+    """
     from replicate.approximation.segments import load_segments
 
-    segments = load_segments(inputs["linear"] / SEGMENTS)
-    with np.load(inputs["linear"] / WEIGHTS, allow_pickle=False) as stored:
+    segments = load_segments(inputs[name] / SEGMENTS)
+    with np.load(inputs[name] / WEIGHTS, allow_pickle=False) as stored:
         weights = [stored[f"{k}"] for k in range(len(segments))]
-        return line_model(segments, weights, stored["scale"], len(built_rig.load_mesh(inputs).neutral))
-
-
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the straight line."""
-    return vertices_of(inputs, load_model(inputs))
-
-
-def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_model(inputs))
+        return make_model(segments, weights, stored["scale"], len(built_rig.load_mesh(inputs).neutral))
 
 
 METHOD = Method(
     "linear",
     "Linear",
     lambda plan: (stage(plan),),
-    load,
+    model=load_model,
     place=50,
     note="Ridge regression from rig parameters to vertices, segment by segment: a straight line.",
     colour="#000000",
     own=own,
-    multiplications=multiplications,
 )

@@ -15,6 +15,7 @@ from replicate.artefacts.plan import Plan, reference
 from replicate.engine.stage import Stage, StageContext, stage_function, stream_rng
 from replicate.engine.store import read_manifest
 from replicate.methods.method import Method, Number
+from replicate.methods.prediction import reading
 from replicate.methods.training_stage import LOG
 
 if TYPE_CHECKING:
@@ -43,13 +44,13 @@ class MeasurementNumbers:
 def stage(plan: Plan, method: Method) -> Stage:
     """Return the stage that measures a method; what its predictor is read from is among the stage's inputs."""
     config = plan.config
-    load = reference(method.load)
-    facts, multiplications = (reference(f) if f else "" for f in (method.facts, method.multiplications))
+    read = reading(method, config)
+    facts, multiplications = (reference(f) if f else "" for f in (method.facts, read.multiplications))
     numbers = MeasurementNumbers(
         method.name,
-        load,
+        reference(read.load),
         facts,
-        method.numbers(config),
+        read.numbers,
         method.oracle,
         method.rigid_step,
         method.poses(config),
@@ -59,7 +60,7 @@ def stage(plan: Plan, method: Method) -> Stage:
     )
     shared = (built_rig.stage(plan), drawn_samples.stage(plan), shown_pose.stage(plan), rigid_segments.stage(plan))
     inputs = {stage.title: stage for stage in (*shared, *method.stages(plan))}
-    functions = ", ".join(filter(None, (reference(measure), load, facts, multiplications)))
+    functions = ", ".join(filter(None, (*map(reference, (measure, *read.sources)), facts, multiplications)))
     return plan.stage(f"{PREFIX}{method.name}", functions, numbers, *inputs.values())
 
 

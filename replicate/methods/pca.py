@@ -19,12 +19,14 @@ from replicate.config import ConditioningConfig, TrainingConfig
 from replicate.engine.schema import Checked, number
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
-from replicate.methods.training_stage import inputs_of_networks, vertices_of, write_training
+from replicate.methods.training_stage import inputs_of_networks, write_training
 
 if TYPE_CHECKING:
     import torch
 
+    import replicate.approximation.model
     import replicate.approximation.samples
+    import replicate.approximation.segments
 
 STEPS = {"quick": 600, "laptop": 16_000}  # those of the dense network
 PEAK_RATE = 2e-3
@@ -85,30 +87,51 @@ def make_network(
 
 def train(context: StageContext) -> None:
     """Compute the basis, and train the network on Eq. 1 as the dense one is trained."""
+    train_on_basis(context, make_network, _start)
+
+
+def _start(
+    model: "replicate.approximation.model.SegmentedModel",
+    samples: "replicate.approximation.samples.SampleSet",
+    section: PcaConfig,
+    generator: "torch.Generator",
+) -> dict:
+    from replicate.approximation.conditioning import initialise
+
+    initialise(ConditioningConfig(), list(model.networks), section.leaky_slope, generator)
+    return {}
+
+
+def train_on_basis(context: StageContext, make: Callable, start: Callable) -> None:
+    """Compute the basis, and train a network to its coefficients on Eq. 1; the stage's name is the training's stream.
+
+    make: gives the network, with the arguments of `make_network`. start: (model, samples, section, generator) → what is
+    noted of it; it sets the first weights of the model's only network, which holds the basis as `basis` and `mean`.
+    """
     import torch
 
-    from replicate.approximation.conditioning import initialise, parameter_scale
+    from replicate.approximation.conditioning import parameter_scale
     from replicate.approximation.model import SegmentedModel, save_model
     from replicate.approximation.segments import Segment, segment_vertices
     from replicate.approximation.supervision import Supervision
     from replicate.approximation.training import prepare
     from replicate.approximation.training import train as minimise
 
-    numbers, section = context.config, context.config.section
+    numbers, section, name = context.config, context.config.section, context.name
     device = prepare(numbers.device)
     mesh, samples = built_rig.load_mesh(context.inputs), drawn_samples.load(context.inputs)
     vertices = np.sort(segment_vertices(rigid_segments.load_coarse_segments(context.inputs, mesh)))
     count, places = samples.params.shape[1], np.zeros((len(vertices), 2), np.float32)
     segment = Segment("deformable", vertices.astype(np.int32), places, np.arange(count, dtype=np.int32))
     basis, mean = components(samples, segment.vertices, section, numbers.seed)
-    network = make_network(count, torch.from_numpy(basis), torch.from_numpy(mean), section.hidden, section.leaky_slope)
-    initialise(ConditioningConfig(), [network], section.leaky_slope, torch.Generator().manual_seed(numbers.seed))
-    scale = parameter_scale(samples.params)
-    model = SegmentedModel([network], [segment], scale, [1.0], len(mesh.neutral)).to(device)
+    network = make(count, torch.from_numpy(basis), torch.from_numpy(mean), section.hidden, section.leaky_slope)
+    model = SegmentedModel([network], [segment], parameter_scale(samples.params), [1.0], len(mesh.neutral))
+    notes = start(model, samples, section, torch.Generator().manual_seed(numbers.seed))
+    model = model.to(device)
     supervision = Supervision(mesh, samples, segment.vertices, section.normal_weight, device)
 
     def loss_of_step(step: int) -> torch.Tensor:
-        params, target = supervision.batch(numbers.seed, "pca", step, section.training)
+        params, target = supervision.batch(numbers.seed, name, step, section.training)
         return supervision.loss(model(params), target)
 
     validation = supervision.validation()
@@ -118,13 +141,13 @@ def train(context: StageContext) -> None:
         section.training,
         context.scratch,
         context.progress,
-        "pca",
+        name,
         lambda: validation(model.offsets),
     )
     facts = {"hidden": list(section.hidden), "leaky_slope": section.leaky_slope, "components": len(basis)}
     save_model(model, context.out, facts)
     write_training(context, model, log)
-    context.note(size_mb=model.size_mb() + (basis.size + mean.size) * 4 / 1e6, components=len(basis))
+    context.note(size_mb=model.size_mb() + (basis.size + mean.size) * 4 / 1e6, components=len(basis), **notes)
 
 
 def components(
@@ -150,39 +173,31 @@ def components(
 
 def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
     """Return the network with its basis."""
+    return load_on_basis(inputs["pca"], make_network)
+
+
+def load_on_basis(folder: Path, make: Callable) -> "replicate.approximation.model.SegmentedModel":
+    """Return the model that `train_on_basis` wrote; make: as there."""
     import torch
 
     from replicate.approximation.model import load_model
 
-    def network(segment, facts: dict):
+    def network(segment: "replicate.approximation.segments.Segment", facts: dict) -> "torch.nn.Module":
         mean = torch.zeros(3 * len(segment.vertices))
         basis = torch.zeros(facts["components"], len(mean))
-        return make_network(len(segment.parameters), basis, mean, facts["hidden"], facts["leaky_slope"])
+        return make(len(segment.parameters), basis, mean, facts["hidden"], facts["leaky_slope"])
 
-    return load_model(inputs["pca"], network)
-
-
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the network and its basis."""
-    return vertices_of(inputs, load_model(inputs))
-
-
-def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_model(inputs))
+    return load_model(folder, network)
 
 
 METHOD = Method(
     "pca",
     "PCA network",
     lambda plan: (stage(plan),),
-    load,
+    model=load_model,
     place=60,
     note="A dense network to the coefficients of a PCA basis of the training offsets, as studios ship it.",
     colour="#8C564B",
     standard=False,
     own=own,
-    multiplications=multiplications,
 )

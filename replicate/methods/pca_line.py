@@ -4,14 +4,13 @@ The skip starts as the ridge regression onto the coefficients, so that the layer
 trained on Eq. 1 as `pca` is. Its strength λ is the one of a few that is best on the validation poses.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from replicate.artefacts import built_rig, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.engine.schema import number
 from replicate.engine.stage import Stage, StageContext
@@ -19,9 +18,11 @@ from replicate.methods import pca
 from replicate.methods.linear import LinearConfig, chunks, ridge, with_constant
 from replicate.methods.method import Method
 from replicate.methods.pca import PcaConfig
-from replicate.methods.training_stage import inputs_of_networks, vertices_of, write_training
+from replicate.methods.training_stage import inputs_of_networks
 
 if TYPE_CHECKING:
+    import torch
+
     import replicate.approximation.model
     import replicate.approximation.samples
 
@@ -46,51 +47,22 @@ def stage(plan: Plan) -> Stage:
 
 def train(context: StageContext) -> None:
     """Compute the basis, fit the line to the coefficients, and train it with the network on Eq. 1."""
-    import torch
-
     from replicate.approximation.coefficient_line import CoefficientsBesideLine
-    from replicate.approximation.conditioning import parameter_scale
-    from replicate.approximation.model import SegmentedModel, save_model
-    from replicate.approximation.segments import Segment, segment_vertices
-    from replicate.approximation.supervision import Supervision
-    from replicate.approximation.training import prepare
-    from replicate.approximation.training import train as minimise
 
-    numbers, section = context.config, context.config.section
-    device = prepare(numbers.device)
-    mesh, samples = built_rig.load_mesh(context.inputs), drawn_samples.load(context.inputs)
-    vertices = np.sort(segment_vertices(rigid_segments.load_coarse_segments(context.inputs, mesh)))
-    count, places = samples.params.shape[1], np.zeros((len(vertices), 2), np.float32)
-    segment = Segment("deformable", vertices.astype(np.int32), places, np.arange(count, dtype=np.int32))
-    basis, mean = pca.components(samples, segment.vertices, section, numbers.seed)
-    scale = parameter_scale(samples.params)
-    line, strength = fit_line(samples, segment.vertices, scale, basis, mean, section.strengths)
-    network = CoefficientsBesideLine(
-        count, torch.from_numpy(basis), torch.from_numpy(mean), section.hidden, section.leaky_slope
-    )
-    network.start(line, torch.Generator().manual_seed(numbers.seed))
-    model = SegmentedModel([network], [segment], scale, [1.0], len(mesh.neutral)).to(device)
-    supervision = Supervision(mesh, samples, segment.vertices, section.normal_weight, device)
+    pca.train_on_basis(context, CoefficientsBesideLine, _start)
 
-    def loss_of_step(step: int) -> torch.Tensor:
-        params, target = supervision.batch(numbers.seed, "pca_line", step, section.training)
-        return supervision.loss(model(params), target)
 
-    validation = supervision.validation()
-    log = minimise(
-        model,
-        loss_of_step,
-        section.training,
-        context.scratch,
-        context.progress,
-        "pca_line",
-        lambda: validation(model.offsets),
-    )
-    facts = {"hidden": list(section.hidden), "leaky_slope": section.leaky_slope, "components": len(basis)}
-    save_model(model, context.out, facts)
-    write_training(context, model, log)
-    size_mb = model.size_mb() + (basis.size + mean.size) * 4 / 1e6
-    context.note(size_mb=size_mb, components=len(basis), strength=strength)
+def _start(
+    model: "replicate.approximation.model.SegmentedModel",
+    samples: "replicate.approximation.samples.SampleSet",
+    section: PcaLineConfig,
+    generator: "torch.Generator",
+) -> dict:
+    (network,) = model.networks
+    basis, mean, scale = (each.numpy() for each in (network.basis, network.mean, model.scale))
+    line, strength = fit_line(samples, model.vertices, scale, basis, mean, section.strengths)
+    network.start(line, generator)
+    return {"strength": strength}
 
 
 def fit_line(
@@ -122,41 +94,20 @@ def fit_line(
 
 def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
     """Return the network, its line and its basis."""
-    import torch
-
     from replicate.approximation.coefficient_line import CoefficientsBesideLine
-    from replicate.approximation.model import load_model
 
-    def network(segment, facts: dict) -> CoefficientsBesideLine:
-        mean = torch.zeros(3 * len(segment.vertices))
-        basis = torch.zeros(facts["components"], len(mean))
-        return CoefficientsBesideLine(len(segment.parameters), basis, mean, facts["hidden"], facts["leaky_slope"])
-
-    return load_model(inputs["pca_line"], network)
-
-
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the network, its line and its basis."""
-    return vertices_of(inputs, load_model(inputs))
-
-
-def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_model(inputs))
+    return pca.load_on_basis(inputs["pca_line"], CoefficientsBesideLine)
 
 
 METHOD = Method(
     "pca_line",
     "PCA network + linear",
     lambda plan: (stage(plan),),
-    load,
+    model=load_model,
     place=60.5,
     note="The PCA network with a linear skip to the coefficients, which starts as ridge regression.",
     colour="#C49C94",
     in_figures=False,
     standard=False,
     own=own,
-    multiplications=multiplications,
 )

@@ -1,6 +1,6 @@
 """The full approximation: the coarse networks, and finer maps over a few squares for what those leave (§3.2, §3.3)."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ from replicate.engine.stage import Stage, StageContext
 from replicate.geometry.mesh import Mesh
 from replicate.methods import coarse
 from replicate.methods.method import Method, Number
-from replicate.methods.training_stage import vertices_of, write_training
+from replicate.methods.training_stage import write_training
 
 if TYPE_CHECKING:
     import replicate.approximation.model
@@ -19,8 +19,13 @@ if TYPE_CHECKING:
 
 def stage(plan: Plan) -> Stage:
     """Return the stage that trains the refinement networks."""
-    inputs = (built_rig.stage(plan), drawn_samples.stage(plan), coarse.stage(plan), refinement_squares.stage(plan))
+    inputs = inputs_of_refinement(plan, coarse.stage(plan))
     return plan.stage("refined", train, plan.training(plan.config.refinement), *inputs)
+
+
+def inputs_of_refinement(plan: Plan, coarse_stage: Stage) -> tuple[Stage, ...]:
+    """Return the stages that refinement networks are trained on, one of them that of the coarse networks."""
+    return (built_rig.stage(plan), drawn_samples.stage(plan), coarse_stage, refinement_squares.stage(plan))
 
 
 def train(context: StageContext) -> None:
@@ -56,18 +61,6 @@ def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinemen
     return load_refined(inputs["refined"], coarse.load_model(inputs))
 
 
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of both levels of networks."""
-    return vertices_of(inputs, load_model(inputs))
-
-
-def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_model(inputs))
-
-
 def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Number]:
     """Return how many refinement segments there are, and how many texels each vertex has in all."""
     residual = load_model(inputs).residual
@@ -82,10 +75,9 @@ METHOD = Method(
     "refined",
     "Refined",
     lambda plan: (coarse.stage(plan), stage(plan)),
-    load,
+    model=load_model,
     place=20,
     in_paper=True,
     colour="#0072B2",
     facts=facts,
-    multiplications=multiplications,
 )

@@ -18,7 +18,7 @@ from replicate.engine.schema import Checked, number
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.linear import CHUNK, ridge, with_constant
 from replicate.methods.method import Method
-from replicate.methods.training_stage import inputs_of_networks, vertices_of, write_training
+from replicate.methods.training_stage import inputs_of_networks, write_training
 
 if TYPE_CHECKING:
     import replicate.approximation.regional_basis
@@ -161,29 +161,21 @@ def chunks_of(array: np.ndarray) -> Iterator[np.ndarray]:
         yield array[start : start + CHUNK].astype(np.float64)
 
 
-def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the network and its bases."""
+def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.regional_model.RegionalModel":
+    """Return the network and its bases."""
     from replicate.approximation.regional_model import load
 
-    return vertices_of(inputs, load(inputs["regional"]))
-
-
-def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.regional_model import load
-
-    return load(inputs["regional"]).multiplications()
+    return load(inputs["regional"])
 
 
 METHOD = Method(
     "regional",
     "Regional (ours)",
     lambda plan: (stage(plan),),
-    load,
+    model=load_model,
     place=40,
     mark="★",
     note="A gated network with a linear skip to the coefficients of regional PCA bases, stored in 8 and 16 bits.",
     colour="#A6761D",
     own=own,
-    multiplications=multiplications,
 )

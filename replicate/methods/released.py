@@ -13,18 +13,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replicate.artefacts import built_rig, drawn_samples, refinement_squares
 from replicate.artefacts.plan import Plan
 from replicate.config import CoarseConfig, ConditioningConfig, DenseConfig, RefinementConfig, TrainingConfig
 from replicate.engine.schema import read_table
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import coarse, dense_network, refined
-from replicate.methods.method import Method
-from replicate.methods.training_stage import inputs_of_networks, vertices_of
+from replicate.methods.method import Method, variant
+from replicate.methods.training_stage import inputs_of_networks
 from replicate.profiles import PROFILES
 
 if TYPE_CHECKING:
     import replicate.approximation.model
+    import replicate.approximation.refinement
 
 UNIT_MM = 450.0  # of Ray's rig: the noise of its control points is 0.01 units in the code and 4.5 mm in the paper
 NORMAL_WEIGHT = 50 / 3 / 10 * UNIT_MM  # α of Eq. 1, with positions in mm
@@ -68,20 +68,29 @@ def own_narrow(profile: str) -> DenseConfig:
     return as_released(DenseConfig(), "dense", profile)
 
 
-def stage(plan: Plan, method: Method, function: Callable) -> Stage:
-    """Return the stage that trains a method's networks, one a coarse segment."""
-    return plan.stage(method.name, function, plan.training(method.section(plan.config)), *inputs_of_networks(plan))
-
-
 def coarse_stage(plan: Plan) -> Stage:
     """Return the stage that trains the coarse networks."""
-    return stage(plan, METHODS[0], coarse.train)
+    return _stage(plan, COARSE, coarse.train, inputs_of_networks(plan))
 
 
 def refined_stage(plan: Plan) -> Stage:
     """Return the stage that trains the refinement networks."""
-    inputs = (built_rig.stage(plan), drawn_samples.stage(plan), coarse_stage(plan), refinement_squares.stage(plan))
-    return plan.stage(REFINED, train_refined, plan.training(METHODS[1].section(plan.config)), *inputs)
+    return _stage(plan, REFINED, train_refined, refined.inputs_of_refinement(plan, coarse_stage(plan)))
+
+
+def dense_stage(plan: Plan) -> Stage:
+    """Return the stage that trains the dense networks of the released widths."""
+    return _stage(plan, DENSE, dense_network.train, inputs_of_networks(plan))
+
+
+def narrow_stage(plan: Plan) -> Stage:
+    """Return the stage that trains the dense networks of the paper's widths."""
+    return _stage(plan, NARROW, dense_network.train, inputs_of_networks(plan))
+
+
+def _stage(plan: Plan, name: str, function: Callable, inputs: tuple[Stage, ...]) -> Stage:
+    method = next(method for method in METHODS if method.name == name)
+    return plan.stage(name, function, plan.training(method.section(plan.config)), *inputs)
 
 
 def train_refined(context: StageContext) -> None:
@@ -96,21 +105,11 @@ def load_coarse_model(inputs: Mapping[str, Path]) -> "replicate.approximation.mo
     return load_coarse(inputs[COARSE])
 
 
-def load_coarse(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the coarse networks."""
-    return vertices_of(inputs, load_coarse_model(inputs))
-
-
 def load_refined_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
     """Return both levels of networks."""
     from replicate.approximation.refinement import load_refined
 
     return load_refined(inputs[REFINED], load_coarse_model(inputs))
-
-
-def load_refined(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of both levels of networks."""
-    return vertices_of(inputs, load_refined_model(inputs))
 
 
 def load_dense_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
@@ -120,11 +119,6 @@ def load_dense_model(inputs: Mapping[str, Path]) -> "replicate.approximation.mod
     return load_dense(inputs[DENSE])
 
 
-def load_dense(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the dense networks of the released widths."""
-    return vertices_of(inputs, load_dense_model(inputs))
-
-
 def load_narrow_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
     """Return the dense networks of the paper's widths."""
     from replicate.approximation.dense import load_dense
@@ -132,106 +126,25 @@ def load_narrow_model(inputs: Mapping[str, Path]) -> "replicate.approximation.mo
     return load_dense(inputs[NARROW])
 
 
-def load_narrow(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the dense networks of the paper's widths."""
-    return vertices_of(inputs, load_narrow_model(inputs))
-
-
-def coarse_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_coarse_model(inputs))
-
-
-def refined_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_refined_model(inputs))
-
-
-def dense_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_dense_model(inputs))
-
-
-def narrow_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_narrow_model(inputs))
-
-
 def _released(
-    method: Method,
-    name: str,
-    words: str,
-    stages: Callable,
-    load: Callable,
-    multiplications: Callable,
-    own: Callable,
-    place: float,
+    method: Method, name: str, place: float, own: Callable, model: Callable, *stages: Callable[[Plan], Stage]
 ) -> Method:
-    return replace(
+    return variant(
         method,
-        name=name,
-        label=f"{method.label}, {words}",
-        stages=stages,
-        load=load,
+        name,
+        f"{method.label}, released recipe{', 256/256' if name == NARROW else ''}",
+        place,
+        stages=lambda plan: tuple(stage(plan) for stage in stages),
+        model=model,
         own=own,
-        place=place,
-        in_paper=False,
         note=NOTE,
         mark="¤",
-        in_figures=False,
-        standard=False,
-        facts=None,
-        multiplications=multiplications,
     )
 
 
 METHODS = (
-    _released(
-        coarse.METHOD,
-        COARSE,
-        "released recipe",
-        lambda plan: (coarse_stage(plan),),
-        load_coarse,
-        coarse_multiplications,
-        own_coarse,
-        61,
-    ),
-    _released(
-        refined.METHOD,
-        REFINED,
-        "released recipe",
-        lambda plan: (coarse_stage(plan), refined_stage(plan)),
-        load_refined,
-        refined_multiplications,
-        own_refined,
-        62,
-    ),
-    _released(
-        dense_network.METHOD,
-        DENSE,
-        "released recipe",
-        lambda plan: (stage(plan, METHODS[2], dense_network.train),),
-        load_dense,
-        dense_multiplications,
-        own_dense,
-        63,
-    ),
-    _released(
-        dense_network.METHOD,
-        NARROW,
-        "released recipe, 256/256",
-        lambda plan: (stage(plan, METHODS[3], dense_network.train),),
-        load_narrow,
-        narrow_multiplications,
-        own_narrow,
-        64,
-    ),
+    _released(coarse.METHOD, COARSE, 61, own_coarse, load_coarse_model, coarse_stage),
+    _released(refined.METHOD, REFINED, 62, own_refined, load_refined_model, coarse_stage, refined_stage),
+    _released(dense_network.METHOD, DENSE, 63, own_dense, load_dense_model, dense_stage),
+    _released(dense_network.METHOD, NARROW, 64, own_narrow, load_narrow_model, narrow_stage),
 )

@@ -1,7 +1,6 @@
-"""What methods with trained networks share: training on coarse segments, what is written of it, and prediction."""
+"""What methods with trained networks share: training on coarse segments, and what is written of it."""
 
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from replicate.artefacts import built_rig, control_influence, drawn_samples, rigid_segments
@@ -68,15 +67,3 @@ def write_training(
 
     write_log(log, context.out / LOG)
     context.note(size_mb=model.size_mb())
-
-
-def vertices_of(
-    inputs: Mapping[str, Path],
-    model: "replicate.approximation.model.SegmentedModel | replicate.approximation.refinement.RefinedModel",
-) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3), mm, of a model that predicts offsets; on the CPU, one thread."""
-    from replicate.approximation.training import prepare
-
-    prepare("cpu")
-    mesh = built_rig.load_mesh(inputs)
-    return lambda params: mesh.neutral + model.offsets(params)

@@ -18,6 +18,7 @@ from replicate.engine.stage import Stage, StageContext
 from replicate.methods import measurement
 from replicate.methods.measurement import MeasurementNumbers, measured_poses, predictor
 from replicate.methods.method import Method
+from replicate.methods.prediction import reading
 
 RANKED_BY = ("refined", "coarse")
 MEDIAN, WORST = "median", "worst"
@@ -58,7 +59,7 @@ def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
 
 def _prediction(plan: Plan, method: Method, ranked: Stage) -> Stage:
     measured = measurement.stage(plan, method)
-    functions = f"{reference(predict)}, {measured.config.load}"
+    functions = ", ".join(map(reference, (predict, *reading(method, plan.config).sources)))
     return plan.stage(f"{PREFIX}{method.name}", functions, measured.config, ranked, *measured.inputs)
 
 

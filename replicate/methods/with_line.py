@@ -5,16 +5,15 @@ those of the fit and count in the model's size.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replicate.artefacts import built_rig, drawn_samples, refinement_squares
 from replicate.artefacts.plan import Plan
+from replicate.config import CoarseConfig, DenseConfig
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import coarse, dense_network, linear, refined
-from replicate.methods.method import Method
-from replicate.methods.training_stage import inputs_of_networks, train_on_segments, vertices_of
+from replicate.methods.method import Method, variant
+from replicate.methods.training_stage import inputs_of_networks, train_on_segments
 
 if TYPE_CHECKING:
     import replicate.approximation.model
@@ -25,22 +24,26 @@ COARSE, REFINED, DENSE = "coarse_line", "refined_line", "dense_line"
 
 def coarse_stage(plan: Plan) -> Stage:
     """Return the stage that trains coarse networks beside the line."""
-    return plan.stage(
-        COARSE, train_coarse, plan.training(plan.config.coarse), *inputs_of_networks(plan), linear.stage(plan)
-    )
+    return _stage(plan, COARSE, train_coarse, plan.config.coarse)
 
 
 def dense_stage(plan: Plan) -> Stage:
     """Return the stage that trains dense networks beside the line."""
-    return plan.stage(
-        DENSE, train_dense, plan.training(plan.config.dense), *inputs_of_networks(plan), linear.stage(plan)
-    )
+    return _stage(plan, DENSE, train_dense, plan.config.dense)
+
+
+def _stage(plan: Plan, name: str, function: Callable, section: CoarseConfig | DenseConfig) -> Stage:
+    return plan.stage(name, function, plan.training(section), *inputs_of_networks(plan), linear.stage(plan))
 
 
 def refined_stage(plan: Plan) -> Stage:
     """Return the stage that trains refinement networks on what the coarse ones beside the line leave."""
-    inputs = (built_rig.stage(plan), drawn_samples.stage(plan), coarse_stage(plan), refinement_squares.stage(plan))
-    return plan.stage(REFINED, train_refined, plan.training(plan.config.refinement), *inputs)
+    return plan.stage(
+        REFINED,
+        train_refined,
+        plan.training(plan.config.refinement),
+        *refined.inputs_of_refinement(plan, coarse_stage(plan)),
+    )
 
 
 def train_coarse(context: StageContext) -> None:
@@ -73,21 +76,11 @@ def load_coarse_model(inputs: Mapping[str, Path]) -> "replicate.approximation.mo
     return load_model(inputs[COARSE], maker(cnn.make_network))
 
 
-def load_coarse(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the coarse networks and the line."""
-    return vertices_of(inputs, load_coarse_model(inputs))
-
-
 def load_refined_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
     """Return both levels of networks with their line."""
     from replicate.approximation.refinement import load_refined
 
     return load_refined(inputs[REFINED], load_coarse_model(inputs))
-
-
-def load_refined(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of both levels of networks and the line."""
-    return vertices_of(inputs, load_refined_model(inputs))
 
 
 def load_dense_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
@@ -99,64 +92,24 @@ def load_dense_model(inputs: Mapping[str, Path]) -> "replicate.approximation.mod
     return load_model(inputs[DENSE], maker(dense.make_network))
 
 
-def load_dense(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return parameters (b, m) → vertices (b, n, 3) of the dense networks and the line."""
-    return vertices_of(inputs, load_dense_model(inputs))
-
-
-def coarse_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_coarse_model(inputs))
-
-
-def refined_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_refined_model(inputs))
-
-
-def dense_multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return how many multiplications one pose takes."""
-    from replicate.approximation.multiplications import of_model
-
-    return of_model(load_dense_model(inputs))
-
-
 NOTE = "The network adds to the straight line of ridge regression and learns what that leaves."
 
 
-def _beside_line(
-    method: Method, name: str, stages: Callable, load: Callable, multiplications: Callable, place: float
-) -> Method:
-    return replace(
+def _beside_line(method: Method, name: str, place: float, model: Callable, *stages: Callable[[Plan], Stage]) -> Method:
+    return variant(
         method,
-        name=name,
-        label=f"{method.label} + linear",
-        stages=stages,
-        load=load,
-        place=place,
-        in_paper=False,
+        name,
+        f"{method.label} + linear",
+        place,
+        stages=lambda plan: tuple(stage(plan) for stage in stages),
+        model=model,
         note=NOTE,
         mark="+",
-        in_figures=False,
-        standard=False,
-        facts=None,
-        multiplications=multiplications,
     )
 
 
 METHODS = (
-    _beside_line(coarse.METHOD, COARSE, lambda plan: (coarse_stage(plan),), load_coarse, coarse_multiplications, 52),
-    _beside_line(
-        refined.METHOD,
-        REFINED,
-        lambda plan: (coarse_stage(plan), refined_stage(plan)),
-        load_refined,
-        refined_multiplications,
-        53,
-    ),
-    _beside_line(dense_network.METHOD, DENSE, lambda plan: (dense_stage(plan),), load_dense, dense_multiplications, 54),
+    _beside_line(coarse.METHOD, COARSE, 52, load_coarse_model, coarse_stage),
+    _beside_line(refined.METHOD, REFINED, 53, load_refined_model, coarse_stage, refined_stage),
+    _beside_line(dense_network.METHOD, DENSE, 54, load_dense_model, dense_stage),
 )

@@ -8,11 +8,13 @@ from torch.utils.flop_counter import FlopCounterMode
 from replicate.approximation.cnn import MapNetwork
 from replicate.approximation.coefficient_line import CoefficientsBesideLine
 from replicate.approximation.dense import DenseNetwork
+from replicate.approximation.gated_network import GatedNetwork
 from replicate.approximation.linear_skip import Line, WithLine
 from replicate.approximation.low_rank_dense import low_rank, output_components
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.multiplications import of_blend, of_model, of_network
 from replicate.approximation.refinement import RefinedModel
+from replicate.approximation.regional_model import RegionalModel, StoredBasis
 from replicate.approximation.segments import Segment
 from replicate.approximation.skinning.bone_network import BoneNetwork
 from replicate.approximation.skinning.ssdr import Skin
@@ -72,6 +74,13 @@ def test_a_model_counts_all_of_its_networks_on_both_levels():
     each = [7 * 16 + 16 * 120, 7 * 8 + 8 * 120]
     assert of_model(model) == sum(each)
     assert of_model(RefinedModel(model, model.part([1]))) == sum(each) + each[1]
+
+
+def test_a_model_that_counts_its_work_itself_is_asked():
+    network = GatedNetwork(7, (16,), 9)
+    bases = [StoredBasis(*map(torch.zeros, (1, (1, 3), (2, 1, 3), (k, 1, 3), 2 + k))) for k in (3, 2)]
+    model = RegionalModel(network, bases, np.ones(7), 1.0, 40)
+    assert of_model(model) == network.multiplications() + 9 * 3
 
 
 def test_a_blend_counts_the_weights_that_there_are():

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from outside import bring  # noqa: F401, a fixture
+from outside import WITH_MODEL, bring  # noqa: F401, a fixture
 
 from replicate.artefacts import built_rig, drawn_samples
 from replicate.artefacts.plan import Plan
@@ -82,4 +82,19 @@ def test_a_methods_own_numbers_change_the_stages_that_read_them_and_what_follows
 def test_only_what_a_method_computes_changes_its_keys(bring, old, new, expected):  # noqa: F811
     before = keys(choose([str(bring()), "neutral"]))
     after = keys(choose([str(bring((old, new))), "neutral"]))
+    assert differences(before, after) == expected
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ('"The mean pose\'s."', '"The middle\'s."', set()),
+        ("inputs):\n    return", "inputs):\n    # what moves on average\n    return", set()),
+        ("return Mean(", "return Mean(1.5 * ", SHOWN | {"errors_mine-tiny"}),
+        ("return np.broadcast_to", "return 2 * np.broadcast_to", SHOWN | {"errors_mine-tiny"}),
+    ],
+)
+def test_what_a_methods_model_computes_changes_its_keys(bring, old, new, expected):  # noqa: F811
+    before = keys(choose([str(bring(text=WITH_MODEL)), "neutral"]))
+    after = keys(choose([str(bring((old, new), text=WITH_MODEL)), "neutral"]))
     assert differences(before, after) == expected

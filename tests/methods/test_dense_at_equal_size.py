@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from small_artefacts import run_stage, write_artefacts
+from small_artefacts import predicted, run_stage, write_artefacts
 from small_face import small_mesh, small_samples
 
 from replicate.approximation.low_rank_dense import choose_ranks, output_components
@@ -66,9 +66,9 @@ def test_narrow_networks_are_trained_as_dense_ones_and_are_no_larger_than_the_re
     assert notes["hidden"] == list(dense_small.narrow_widths(inputs, (32, 64), shape(32)))
     assert dense_small.load_model(inputs).networks[0].output.in_features == notes["hidden"][-1]
     samples, mesh = drawn_samples.load(inputs), small_mesh()
-    predicted = dense_small.load(inputs, None)(np.array(samples.test_params)) - mesh.neutral
+    offsets = predicted(dense_small.METHOD, inputs, samples.test_params) - mesh.neutral
     moved = mesh.segment < 2
-    error = np.abs(predicted - samples.test_offsets)[:, moved].mean()
+    error = np.abs(offsets - samples.test_offsets)[:, moved].mean()
     assert error < 0.4 * np.abs(samples.test_offsets)[:, moved].mean()
 
 
@@ -117,7 +117,7 @@ def compacted(trained, shapes, folder):
 def test_with_room_enough_the_compacted_networks_give_what_the_trained_ones_give(trained, tmp_path):
     inputs, notes = compacted(trained, shape(512), tmp_path)
     params = np.array(drawn_samples.load(inputs).test_params)
-    exact, few = (method.load(inputs, None)(params) for method in (dense_network, dense_compact))
+    exact, few = (predicted(method.METHOD, inputs, params) for method in (dense_network, dense_compact))
     assert np.abs(few - exact).mean() < 0.003 and np.abs(few - exact).max() < 0.05, "rounding alone"
     assert 0.0 < notes["size_mb"] < 0.5 * trained[1]["size_mb"]
     stored = {value.dtype for network in dense_compact.load_model(inputs).networks for value in network.buffers()}
@@ -132,7 +132,9 @@ def test_an_eighth_of_the_size_costs_little(trained, tmp_path):
     assert 0.9 * room < notes["size_mb"] <= room < trained[1]["size_mb"]
     assert 0 < min(notes["ranks"].values())
     samples, mesh = drawn_samples.load(inputs), small_mesh()
-    params, moved = np.array(samples.test_params), mesh.segment < 2
-    truth = mesh.neutral + samples.test_offsets
-    error, few = (np.abs(m.load(inputs, None)(params) - truth)[:, moved].mean() for m in (dense_network, dense_compact))
+    truth, moved = mesh.neutral + samples.test_offsets, mesh.segment < 2
+    error, few = (
+        np.abs(predicted(method.METHOD, inputs, samples.test_params) - truth)[:, moved].mean()
+        for method in (dense_network, dense_compact)
+    )
     assert few < 1.2 * error

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from small_artefacts import run_stage, straight_samples, write_artefacts
+from small_artefacts import predicted, run_stage, straight_samples, write_artefacts
 from small_face import small_mesh
 
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments
@@ -18,18 +18,18 @@ def fit_linear(folder, samples=None):
 def test_a_linear_rig_is_matched_to_the_quantisation_of_its_samples(tmp_path):
     inputs, notes = fit_linear(tmp_path, straight_samples())
     samples, mesh = drawn_samples.load(inputs), small_mesh()
-    predicted = linear.load(inputs, None)(np.array(samples.test_params))
+    vertices = predicted(linear.METHOD, inputs, samples.test_params)
     moved = mesh.segment < 2
     truth = mesh.neutral + samples.test_offsets
-    assert np.abs(predicted - truth)[:, moved].max() < 2e-3
+    assert np.abs(vertices - truth)[:, moved].max() < 2e-3
     assert notes["strength"] == min(linear.own("quick").strengths), "no penalty is needed where there is no noise"
 
 
 def test_the_strength_is_the_best_on_the_validation_poses(tmp_path):
     inputs, notes = fit_linear(tmp_path)
     samples, mesh = drawn_samples.load(inputs), built_rig.load_mesh(inputs)
-    predict = linear.load(inputs, None)
-    loss = np.square(predict(np.asarray(samples.validation_params)) - mesh.neutral - samples.validation_offsets)
+    vertices = predicted(linear.METHOD, inputs, samples.validation_params)
+    loss = np.square(vertices - mesh.neutral - samples.validation_offsets)
     still = np.square(samples.validation_offsets)
     assert 0 < loss[:, mesh.segment < 2].sum() < 0.2 * still[:, mesh.segment < 2].sum()
     assert notes["strength"] in linear.own("quick").strengths

@@ -11,8 +11,10 @@ from replicate.config import resolve
 from replicate.engine.exceptions import InputError
 from replicate.engine.stage import stage_function
 from replicate.methods.method_registry import VARIABLE, choose, in_order, method_named, methods
+from replicate.methods.prediction import reading
 
 OWN = methods().values()
+CONFIG = resolve("tiny", "quick")
 LBS = ["lbs16", "lbs24", "lbs32"]
 
 
@@ -30,15 +32,16 @@ def test_names_and_labels_occur_once_and_a_mark_stands_for_one_note():
 @pytest.mark.parametrize("method", OWN, ids=lambda method: method.name)
 def test_a_methods_functions_are_found_by_other_processes(method):
     assert re.fullmatch(r"[a-z]\w*", method.name)
-    for function in filter(None, (method.load, method.facts, method.multiplications)):
+    read = reading(method, CONFIG)
+    for function in filter(None, (*read.sources, read.load, read.multiplications, method.facts)):
         assert stage_function(reference(function)) is function
-    plan = Plan(resolve("tiny", "quick"))
+    plan = Plan(CONFIG)
     for stage in method.stages(plan):
         assert callable(stage_function(stage.function))
 
 
 def test_every_prediction_says_how_much_work_it_is_and_no_look_at_the_truth_does():
-    silent = {method.name for method in OWN if method.multiplications is None}
+    silent = {method.name for method in OWN if reading(method, CONFIG).multiplications is None}
     assert silent == {"attachment", "floor", "floor_refined"}
 
 

@@ -1,7 +1,7 @@
 """The PCA network: its predictions lie in the span of its basis, and training brings them near the truth."""
 
 import numpy as np
-from small_artefacts import run_stage, write_artefacts
+from small_artefacts import predicted, run_stage, write_artefacts
 
 from replicate.artefacts import built_rig, drawn_samples
 from replicate.artefacts.plan import TrainingNumbers
@@ -15,9 +15,9 @@ def test_a_trained_network_is_near_the_truth_and_in_the_span_of_its_components(t
     inputs = write_artefacts(tmp_path)
     samples, mesh = drawn_samples.load(inputs), built_rig.load_mesh(inputs)
     inputs, notes = run_stage(pca.train, inputs, "pca", TrainingNumbers(SECTION, 0, "cpu"), tmp_path)
-    predict = pca.load(inputs, None)
     moved = np.flatnonzero(mesh.segment < 2)
-    offsets = (predict(np.asarray(samples.test_params)) - mesh.neutral)[:, moved].reshape(len(samples.test_params), -1)
+    vertices = predicted(pca.METHOD, inputs, samples.test_params)
+    offsets = (vertices - mesh.neutral)[:, moved].reshape(len(vertices), -1)
     basis, mean = pca.components(samples, moved.astype(np.int32), SECTION, 0)
     outside = (offsets - mean) - (offsets - mean) @ np.linalg.pinv(basis.astype(float)) @ basis
     assert np.abs(outside).max() < 1e-3

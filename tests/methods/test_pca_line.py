@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_artefacts import run_stage, straight_samples, write_artefacts
+from small_artefacts import predicted, run_stage, straight_samples, write_artefacts
 from small_face import small_mesh, small_samples
 
 from replicate.approximation.coefficient_line import onto_basis
@@ -22,10 +22,10 @@ def fit(folder, section=SECTION, samples=None):
     return run_stage(pca_line.train, inputs, "pca_line", TrainingNumbers(section, 0, "cpu"), folder)
 
 
-def mean_mm(inputs, load) -> float:
+def mean_mm(inputs, method) -> float:
     samples, mesh = drawn_samples.load(inputs), small_mesh()
-    predicted = load(inputs, None)(np.array(samples.test_params))
-    return np.abs(predicted - mesh.neutral - samples.test_offsets)[:, mesh.segment < 2].mean()
+    vertices = predicted(method.METHOD, inputs, samples.test_params)
+    return np.abs(vertices - mesh.neutral - samples.test_offsets)[:, mesh.segment < 2].mean()
 
 
 def test_the_skip_starts_as_the_least_squares_fit_of_the_coefficients(tmp_path):
@@ -48,14 +48,14 @@ def test_coefficients_give_back_what_lies_in_the_span():
 def test_a_linear_rig_needs_no_training(tmp_path):
     section = replace(SECTION, components=40, training=replace(SCHEDULE, steps=1, peak_rate=1e-9))
     inputs, _ = fit(tmp_path, section, straight_samples())
-    untrained = mean_mm(inputs, pca_line.load)
+    untrained = mean_mm(inputs, pca_line)
     assert untrained < 0.1 * np.abs(drawn_samples.load(inputs).test_offsets).mean(), "the layers start small"
 
 
 def test_it_is_nearer_than_the_line_and_every_weight_counts(tmp_path):
     inputs, notes = fit(tmp_path, samples=small_samples(small_mesh(), 1_500))
     inputs, _ = run_stage(linear.fit, inputs, "linear", Numbers(linear.own("quick"), 0), tmp_path)
-    assert mean_mm(inputs, pca_line.load) < 0.9 * mean_mm(inputs, linear.load)
+    assert mean_mm(inputs, pca_line) < 0.9 * mean_mm(inputs, linear)
     deformable = int((small_mesh().segment < 2).sum())
     weights = 12 * 32 + 32 + 32 * 20 + 20 + 12 * 20
     assert notes["size_mb"] == pytest.approx(4e-6 * (weights + 21 * 3 * deformable))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_artefacts import run_stage, write_artefacts
+from small_artefacts import predicted, run_stage, write_artefacts
 from small_face import small_mesh
 
 from replicate.artefacts import drawn_samples
@@ -48,8 +48,8 @@ def test_a_dense_network_trains_on_raw_parameters_in_the_units_of_a_rig(tmp_path
     inputs, notes = run_stage(dense_network.train, inputs, "dense_released", numbers, tmp_path)
     *_, last = read_log(inputs["dense_released"] / "log.csv")
     samples, mesh = drawn_samples.load(inputs), small_mesh()
-    predicted = released.load_dense(inputs, None)(np.array(samples.validation_params))
-    distance = np.linalg.norm(predicted - mesh.neutral - samples.validation_offsets, axis=2)[:, mesh.segment < 2]
+    vertices = predicted(method_named("dense_released"), inputs, samples.validation_params)
+    distance = np.linalg.norm(vertices - mesh.neutral - samples.validation_offsets, axis=2)[:, mesh.segment < 2]
     assert distance.mean() == pytest.approx(last[2], rel=1e-4), (
         "what is read is what was trained, raw parameters included"
     )

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from small_artefacts import run_stage, write_artefacts
+from small_artefacts import predicted, run_stage, write_artefacts
 from small_face import M, SmallSamples, exact_samples, small_influence, small_mesh
 
 from replicate.artefacts import drawn_samples, rigid_segments
@@ -25,8 +25,8 @@ def bent_samples() -> SmallSamples:
 
 def worst_mm(inputs, method) -> float:
     samples, mesh = drawn_samples.load(inputs), small_mesh()
-    predicted = method.load(inputs, None)(np.array(samples.test_params))
-    return np.abs(predicted - mesh.neutral - samples.test_offsets)[:, mesh.segment < 2].max()
+    vertices = predicted(method.METHOD, inputs, samples.test_params)
+    return np.abs(vertices - mesh.neutral - samples.test_offsets)[:, mesh.segment < 2].max()
 
 
 def test_a_rig_of_lines_moduli_and_squares_is_matched_where_a_line_is_far_off(tmp_path):
@@ -51,8 +51,8 @@ def test_the_strength_is_the_best_on_the_validation_poses(tmp_path):
     section = linear.LinearConfig(strengths=(10.0, 1e-6, 1.0))
     inputs, notes = run_stage(squares.fit, write_artefacts(tmp_path), "squares", Numbers(section, 0), tmp_path)
     samples, mesh = drawn_samples.load(inputs), small_mesh()
-    predict = squares.load(inputs, None)
-    loss = np.square(predict(np.asarray(samples.validation_params)) - mesh.neutral - samples.validation_offsets)
+    vertices = predicted(squares.METHOD, inputs, samples.validation_params)
+    loss = np.square(vertices - mesh.neutral - samples.validation_offsets)
     still = np.square(samples.validation_offsets)
     assert notes["strength"] == 1e-6
     assert loss[:, mesh.segment < 2].sum() < 0.05 * still[:, mesh.segment < 2].sum()

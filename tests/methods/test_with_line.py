@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_artefacts import run_stage, straight_samples, write_artefacts
+from small_artefacts import predicted, run_stage, straight_samples, write_artefacts
 from small_face import small_mesh, small_samples
 
 from replicate.artefacts import drawn_samples
 from replicate.artefacts.plan import Numbers, TrainingNumbers
 from replicate.config import CoarseConfig, DenseConfig, RefinementConfig, TrainingConfig
 from replicate.methods import linear, with_line
+from replicate.methods.method_registry import method_named
 from replicate.report.training_curves import read_log
 
 SCHEDULE = TrainingConfig("one_cycle", 400, peak_rate=5e-3)
@@ -22,40 +23,35 @@ def fit(folder, samples=None):
     return run_stage(linear.fit, inputs, "linear", Numbers(linear.own("quick"), 0), folder)
 
 
-def errors(inputs, load) -> np.ndarray:
+def errors(inputs, name: str) -> float:
     samples, mesh = drawn_samples.load(inputs), small_mesh()
-    predicted = load(inputs, None)(np.array(samples.test_params))
-    return np.abs(predicted - mesh.neutral - samples.test_offsets)[:, mesh.segment < 2].mean()
+    vertices = predicted(method_named(name), inputs, samples.test_params)
+    return np.abs(vertices - mesh.neutral - samples.test_offsets)[:, mesh.segment < 2].mean()
 
 
 def test_a_linear_rig_leaves_the_networks_nothing_to_learn(tmp_path):
     inputs, _ = fit(tmp_path, straight_samples())
     section = replace(COARSE, training=replace(SCHEDULE, steps=1))
     inputs, _ = run_stage(with_line.train_coarse, inputs, "coarse_line", TrainingNumbers(section, 0, "cpu"), tmp_path)
-    assert errors(inputs, with_line.load_coarse) < 2e-3
+    assert errors(inputs, "coarse_line") < 2e-3
 
 
 @pytest.mark.parametrize(
-    "name, train, load, section",
+    "name, train, section",
     [
-        ("coarse_line", with_line.train_coarse, with_line.load_coarse, COARSE),
-        (
-            "dense_line",
-            with_line.train_dense,
-            with_line.load_dense,
-            DenseConfig((32,), normal_weight=0.0, training=SCHEDULE),
-        ),
+        ("coarse_line", with_line.train_coarse, COARSE),
+        ("dense_line", with_line.train_dense, DenseConfig((32,), normal_weight=0.0, training=SCHEDULE)),
     ],
 )
-def test_a_network_beside_the_line_is_nearer_than_the_line_alone_and_both_count(tmp_path, name, train, load, section):
+def test_a_network_beside_the_line_is_nearer_than_the_line_alone_and_both_count(tmp_path, name, train, section):
     inputs, line = fit(tmp_path)
     inputs, notes = run_stage(train, inputs, name, TrainingNumbers(section, 0, "cpu"), tmp_path)
-    assert errors(inputs, load) < errors(inputs, linear.load)
+    assert errors(inputs, name) < errors(inputs, "linear")
     assert notes["size_mb"] > line["size_mb"]
     *_, last = read_log(inputs[name] / "log.csv")
     samples, mesh = drawn_samples.load(inputs), small_mesh()
-    predicted = load(inputs, None)(np.array(samples.validation_params))
-    distance = np.linalg.norm(predicted - mesh.neutral - samples.validation_offsets, axis=2)[:, mesh.segment < 2]
+    vertices = predicted(method_named(name), inputs, samples.validation_params)
+    distance = np.linalg.norm(vertices - mesh.neutral - samples.validation_offsets, axis=2)[:, mesh.segment < 2]
     assert distance.mean() == pytest.approx(last[2], rel=1e-4), "what is read is what was trained, line included"
 
 
@@ -73,4 +69,4 @@ def test_refinement_adds_to_the_coarse_networks_beside_the_line(tmp_path):
     save_segments(squares, inputs["selection"] / refinement_squares.FILE)
     section = RefinementConfig(map_size=16, normal_weight=0.0, training=SCHEDULE)
     inputs, _ = run_stage(with_line.train_refined, inputs, "refined_line", TrainingNumbers(section, 0, "cpu"), tmp_path)
-    assert errors(inputs, with_line.load_refined) < errors(inputs, with_line.load_coarse)
+    assert errors(inputs, "refined_line") < errors(inputs, "coarse_line")
