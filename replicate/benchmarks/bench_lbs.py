@@ -25,8 +25,8 @@ import numpy as np
 from data_recipes.rig import Rig
 from replicate.benchmarks.common import (
     PROFILE,
+    add_count,
     bench_folder,
-    check_at_least,
     make_parser,
     merge,
     note,
@@ -277,8 +277,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--bones", type=int, nargs="+", default=BONES, help="numbers of bones (default: 16 24 32)")
     parser.add_argument("--seeds", type=int, nargs="+", default=SEEDS, help="seeds of the poses (default: 0 1 2)")
     parser.add_argument("--methods", nargs="+", default=tuple(METHODS), choices=METHODS, help="default: all")
-    parser.add_argument("--training", type=int, default=TRAINING, help=f"training poses (default: {TRAINING})")
-    parser.add_argument("--test", type=int, default=TEST, help=f"held-out poses (default: {TEST})")
+    add_count(parser, "training", TRAINING, "training poses")
+    add_count(parser, "test", TEST, "held-out poses")
     parser.add_argument("--fit", nargs=4, metavar=("FOLDER", "METHOD", "BONES", "SEED"), help=argparse.SUPPRESS)
     options, command_line = parse(parser, arguments)
     if options.fit:
@@ -291,7 +291,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     from replicate.benchmarks.dem_bones import solver_class
 
-    check_at_least(1, training=options.training, test=options.test)
     if any(method not in OURS for method in options.methods):
         solver_class()
     for character in split_names(options.characters):

@@ -5,19 +5,20 @@ errors on the validation poses, which are held out of the training animation; te
 through the cache like any stage, so that a stopped run goes on.
 """
 
-import argparse
 import sys
 from collections.abc import Sequence
+from functools import partial
 
-from replicate.benchmarks.common import answer, check_at_least, make_parser, publish, split_names
-from replicate.benchmarks.variants import Variant, train_variants, variants_tables
+from replicate.benchmarks.common import add_count, answer, make_parser
+from replicate.benchmarks.variants import Variant, compare_variants, variants_tables
 from replicate.config import resolve
 from replicate.methods.method_registry import sections
 from replicate.report.results import Row
-from replicate.report.tables import Table, as_text
+from replicate.report.tables import Table
 
 ABOUT = "what each piece of our regional method does to its errors and its size"
 WRITES = "results/runs/bench/bench_regional.csv"
+TABLE = "bench_regional"
 STEPS = 4_000
 CHANGES = {
     "as it is": {},
@@ -55,23 +56,14 @@ def variants(character: str, profile: str, steps: int) -> list[Variant]:
 
 def pieces_tables(rows: Sequence[Row]) -> list[Table]:
     """Return a table for each character in `bench_regional.csv`."""
-    return variants_tables(rows, "bench_regional", "Pieces of the regional method", {"regional": tuple(CHANGES)})
+    return variants_tables(rows, TABLE, "Pieces of the regional method", {"regional": tuple(CHANGES)})
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison from the command line; return the exit code."""
-    parser = make_parser("bench_regional", __doc__, profile="whose numbers are changed")
-    parser.add_argument("--steps", type=int, default=STEPS, help=f"of each training (default: {STEPS})")
-    return answer(parser, _run, arguments)
-
-
-def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    check_at_least(1, steps=options.steps)
-    for character in split_names(options.characters):
-        rows = train_variants("bench-regional", variants(character, options.profile, options.steps))
-        for table in pieces_tables(rows):
-            print(as_text(table))
-        publish("bench_regional", rows, command_line)
+    parser = make_parser(TABLE, __doc__, profile="whose numbers are changed")
+    add_count(parser, "steps", STEPS, "of each training")
+    return answer(parser, partial(compare_variants, TABLE, variants, pieces_tables), arguments)
 
 
 if __name__ == "__main__":
