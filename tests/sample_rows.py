@@ -22,6 +22,20 @@ def table2_rows(characters=("teen",), methods=METHODS) -> list[Row]:
     return rows
 
 
+def mean_rows(distance=(), normal=(), character="teen", sd=None) -> list[Row]:
+    """Return mean errors. distance, normal: those of methods, by name; the others have 1 mm and 1 degree.
+
+    sd: the spread over three seeds; None for one seed.
+    """
+    methods = ("coarse", "refined", "dense", "lbs16", "lbs24", "lbs32")
+    facts = (sd, 1 if sd is None else 3, 9, "quick", "r")
+    return [
+        Row("table2", character, method, f"{kind}_error_mean", unit, dict(given).get(method, 1.0), *facts)
+        for kind, unit, given in (("vertex", "mm", distance), ("normal", "deg", normal))
+        for method in (*methods, *(["linear"] if "linear" in dict(given) else []))
+    ]
+
+
 def table1_rows(character: str = "teen", small: float = 8.0, large: float = 24.0) -> list[Row]:
     """Return counts and sizes. small, large: of the refined and of the dense model, MB."""
     values = {

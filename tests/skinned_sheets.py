@@ -53,3 +53,16 @@ def wrinkled_sheet(side=16, poses=30, bones=5):
     fold = np.sin(truth.neutral[:, 0] / 4)[:, None] * np.array([0, 0, 1.0])
     amount = rng.random((poses, 1, 1)) * 2
     return truth.neutral, (moved(truth, rng, poses) + amount * fold).astype(np.float32), grid_faces(side)
+
+
+def folded_sheet():
+    """Return a sheet that one fold turns, two bones: vertices (96, 3), mm, poses (20, 96, 3), mm, and faces."""
+    x, y = np.meshgrid(np.arange(12.0), np.arange(8.0))
+    neutral = np.stack([10 * x.ravel(), 10 * y.ravel(), 0 * x.ravel()], 1).astype(np.float32)
+    a = (np.arange(7)[:, None] * 12 + np.arange(11)).ravel()
+    faces = np.concatenate([np.stack([a, a + 1, a + 13], 1), np.stack([a, a + 13, a + 12], 1)]).astype(np.int32)
+    angles = np.random.default_rng(3).uniform(-1, 1, 20)
+    share = np.clip(neutral[:, 0] / 40 - 1, 0, 1)
+    poses = np.repeat(neutral[None], 20, 0)
+    poses[:, :, 2] += angles[:, None].astype(np.float32) * share * (neutral[:, 0] - 55)
+    return neutral, poses.astype(np.float32), faces

@@ -8,17 +8,20 @@ from small_face import M, SmallSamples, exact_samples, small_influence, small_me
 
 from replicate.approximation.rigid import find_attachments
 from replicate.approximation.samples import quantise
+from replicate.artefacts import shown_pose
 from replicate.config import resolve
 from replicate.engine.stage import StageContext
 from replicate.methods.method import Method
 from replicate.methods.prediction import reading
 
+SHOWN_POSE = 3
+
 
 def write_artefacts(folder: Path, samples: SmallSamples | None = None) -> dict[str, Path]:
-    """Write rig (its mesh alone), samples, influence and rigid segments; return their folders by stage name."""
+    """Write rig (its mesh alone), samples, influence, rigid segments and the shown pose; return folders by stage."""
     mesh = small_mesh()
     samples = samples or small_samples(mesh)
-    inputs = {name: folder / name for name in ("rig", "samples", "influence", "rigid")}
+    inputs = {name: folder / name for name in ("rig", "samples", "influence", "rigid", "wrinkled")}
     for place in inputs.values():
         place.mkdir(parents=True)
     mesh.save(inputs["rig"] / "mesh.npz")
@@ -26,6 +29,7 @@ def write_artefacts(folder: Path, samples: SmallSamples | None = None) -> dict[s
     find_attachments(mesh, mesh.neutral + samples.offsets(np.arange(32)), 0.3, 4).save(
         inputs["rigid"] / "attachments.npz"
     )
+    (inputs["wrinkled"] / shown_pose.FILE).write_text(json.dumps({"pose": SHOWN_POSE}))
     offsets, steps = quantise(samples.offsets(np.arange(len(samples))))
     arrays = {
         "params": samples.params,

@@ -1,7 +1,9 @@
-"""Functions that read predictors for tests of the measurement: one that sees parameters alone, and an oracle."""
+"""Methods for tests of the measurement: one that sees parameters alone, and an oracle."""
 
 import numpy as np
 from small_face import small_mesh
+
+from replicate.methods.measurement import MeasurementNumbers
 
 
 def blind(inputs, numbers):
@@ -22,3 +24,6 @@ def facts(inputs, mesh):
 def multiplications(inputs, numbers):
     """Return one product for each coordinate of the mesh."""
     return 3 * len(small_mesh().neutral)
+
+
+BLIND = MeasurementNumbers("toy", f"{__name__}:blind", "", 2.0, False, False, 0, 8, 0)  # on all test poses

@@ -26,23 +26,20 @@ from replicate.approximation.rigid import Attachments, attach
 from replicate.approximation.samples import SampleSet
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import answer, check_at_least, make_parser, publish, split_names
+from replicate.benchmarks.common import add_count, answer, artefacts_of, make_parser, publish, split_names
 from replicate.config import Config, resolve
 from replicate.engine.progress import progress
-from replicate.engine.provenance import core_count, provenance
-from replicate.engine.scheduler import run
-from replicate.engine.stage import Stage, in_order
-from replicate.engine.store import artefact_folder
 from replicate.geometry.mesh import Mesh
 from replicate.methods import coarse as coarse_method
 from replicate.methods import measurement
 from replicate.methods.method_registry import method_named
 from replicate.report.error_rows import error_rows
 from replicate.report.results import Row
-from replicate.report.tables import Table, as_text, round_off
+from replicate.report.tables import Table, round_off
 
 ABOUT = "what deliberate faults do to the numbers of Table 2"
 WRITES = "results/runs/bench/bench_faults.csv"
+TABLE = "bench_faults"
 POSES = 128
 METHODS = ("coarse", "refined", "floor", "neutral", "attachment", "lbs16", "lbs32")
 COLUMNS = (
@@ -52,14 +49,6 @@ COLUMNS = (
     ("refined", "normal"),
     ("lbs32", "vertex"),
 )
-
-
-def artefacts_of(config: Config, last: Sequence[Stage]) -> tuple[dict[str, Path], dict[str, object]]:
-    """Return the artefacts behind some stages and the stages' settings by the stages' names; run what is missing."""
-    stages = in_order(list(last))
-    run(stages, facts=provenance(["make", "bench-faults"], config.profile, [config.seed], core_count()))
-    folders = {stage.name: artefact_folder(stage.identifier) for stage in stages}
-    return folders, {stage.name: stage.config for stage in stages}
 
 
 def networks(inputs: dict[str, Path], flipped: bool = False) -> tuple:
@@ -88,11 +77,12 @@ def predictor_of(
 def faults(config: Config) -> tuple[Mesh, SampleSet, Attachments, dict[str, dict[str, Predictor]]]:
     """Return mesh, samples, attachments and, for every fault by name, what each method then predicts."""
     plan = Plan(config)
-    inputs, settings = artefacts_of(config, [measurement.stage(plan, method_named(name)) for name in METHODS])
+    measured = {name: measurement.stage(plan, method_named(name)) for name in METHODS}
+    inputs = artefacts_of(TABLE, config, list(measured.values()))
     unweighted = replace(config, coarse=replace(config.coarse, normal_weight=0.0))
-    faulty, _ = artefacts_of(unweighted, [coarse_method.stage(Plan(unweighted))])
+    faulty = artefacts_of(TABLE, unweighted, [coarse_method.stage(Plan(unweighted))])
     mesh, samples, attachments = built_rig.load_mesh(inputs), drawn_samples.load(inputs), rigid_segments.load(inputs)
-    sound = {name: measurement.predictor(settings[f"{measurement.PREFIX}{name}"], inputs) for name in METHODS}
+    sound = {name: measurement.predictor(stage.config, inputs) for name, stage in measured.items()}
     place = partial(predictor_of, mesh, attachments)
     coarse, refined = networks(inputs)
     flipped, both_flipped = networks(inputs, flipped=True)
@@ -135,17 +125,15 @@ def measure(config: Config, count: int) -> list[Row]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the measurement from the command line; return the exit code."""
-    parser = make_parser("bench_faults", __doc__.splitlines()[0], profile="whose networks are broken")
-    parser.add_argument("--poses", type=int, default=POSES, help=f"test poses to measure on (default: {POSES})")
+    parser = make_parser(TABLE, __doc__.splitlines()[0], profile="whose networks are broken")
+    add_count(parser, "poses", POSES, "test poses to measure on")
     return answer(parser, _run, arguments)
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    check_at_least(1, poses=options.poses)
     for name in split_names(options.characters):
         rows = measure(resolve(name, options.profile), options.poses)
-        print(as_text(_table(rows)))
-        publish("bench_faults", rows, command_line)
+        publish(TABLE, rows, [_table(rows)], command_line)
 
 
 def _table(rows: Sequence[Row]) -> Table:

@@ -17,16 +17,12 @@ from replicate.approximation.evaluation import unique_poses
 from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import answer, make_parser, publish, split_names
+from replicate.benchmarks.common import answer, artefacts_of, make_parser, publish, split_names
 from replicate.config import Config, resolve
 from replicate.engine.progress import progress
-from replicate.engine.provenance import core_count, provenance
-from replicate.engine.scheduler import run
-from replicate.engine.stage import in_order
-from replicate.engine.store import artefact_folder
 from replicate.geometry.mesh import Mesh
 from replicate.report.results import Row, find
-from replicate.report.tables import Table, as_text, round_off
+from replicate.report.tables import Table, round_off
 
 ABOUT = "what maps of several resolutions can hold at best, where skin wrinkles and elsewhere"
 WRITES = "results/runs/bench/bench_floors.csv"
@@ -67,8 +63,7 @@ def floors(config: Config) -> list[Row]:
     from replicate.approximation.rigid import attach
 
     selection = refinement_squares.stage(Plan(config))
-    run([selection], facts=provenance(["make", "bench-floors"], config.profile, [0], core_count()))
-    inputs = {stage.name: artefact_folder(stage.identifier) for stage in in_order([selection])}
+    inputs = artefacts_of(TABLE, config, [selection])
     mesh, samples = built_rig.load_mesh(inputs), drawn_samples.load(inputs)
     segments, squares = rigid_segments.load_coarse_segments(inputs, mesh), refinement_squares.load(inputs)
     attachments, inside = rigid_segments.load(inputs), np.zeros(len(mesh.neutral), bool)
@@ -134,15 +129,14 @@ def floors_table(rows: Sequence[Row], character: str) -> Table:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
-    parser = make_parser("bench_floors", __doc__, profile="whose samples and refinement segments")
+    parser = make_parser(TABLE, __doc__, profile="whose samples and refinement segments")
     return answer(parser, _run, arguments)
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    rows = [row for name in split_names(options.characters) for row in floors(resolve(name, options.profile))]
-    characters = dict.fromkeys(row.character for row in rows)
-    print("\n\n".join(as_text(floors_table(rows, name)) for name in characters))
-    publish("bench_floors", rows, command_line)
+    for character in split_names(options.characters):
+        rows = floors(resolve(character, options.profile))
+        publish(TABLE, rows, [floors_table(rows, rows[0].character)], command_line)
 
 
 if __name__ == "__main__":

@@ -19,18 +19,13 @@ from threadpoolctl import threadpool_limits
 
 from replicate.artefacts import built_rig, drawn_samples
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import PROFILE, answer, check_at_least, make_parser, publish, split_names
+from replicate.benchmarks.common import PROFILE, add_count, answer, artefacts_of, make_parser, publish, split_names
 from replicate.config import Config, resolve
 from replicate.engine.progress import progress
-from replicate.engine.provenance import core_count, provenance
-from replicate.engine.scheduler import run
-from replicate.engine.stage import in_order
-from replicate.engine.store import artefact_folder
 from replicate.methods import measurement
-from replicate.methods.method_registry import choose, method_named, sections
-from replicate.methods.method_registry import in_order as methods_in_order
+from replicate.methods.method_registry import choose, in_order, method_named, sections
 from replicate.report.results import Row, find
-from replicate.report.tables import Table, as_text, round_off
+from replicate.report.tables import Table, round_off
 
 ABOUT = "milliseconds a pose of every method beside the rig, one pose at a time, on one thread"
 WRITES = "results/runs/bench/bench_methods.csv"
@@ -60,8 +55,7 @@ def measure(config: Config, words: Sequence[str], rounds: int) -> list[Row]:
     plan = Plan(config)
     methods = [method for method in choose(words, config) if not method.oracle]
     stages = [measurement.stage(plan, method) for method in methods]
-    run(stages, facts=provenance(["make", "bench-methods"], config.profile, [config.seed], core_count()))
-    inputs = {stage.name: artefact_folder(stage.identifier) for stage in in_order(stages)}
+    inputs = artefacts_of(TABLE, config, stages)
     rig, samples = built_rig.load(inputs), drawn_samples.load(inputs)
     ways: dict[str, Callable] = {RIG: rig}
     for method, stage in zip(methods, stages, strict=True):
@@ -87,7 +81,7 @@ def _without_truth(predict: Callable, params: np.ndarray) -> np.ndarray:
 
 def methods_table(rows: Sequence[Row], character: str) -> Table:
     """Return one character's times, the rig first."""
-    names = [RIG, *methods_in_order({row.method for row in rows if row.character == character} - {RIG})]
+    names = [RIG, *in_order({row.method for row in rows if row.character == character} - {RIG})]
     body = []
     for name in names:
         cells = [find(rows, TABLE, character, name, metric) for metric in ("pose_ms", "pose_ms_p95", "times_as_fast")]
@@ -100,24 +94,21 @@ def methods_table(rows: Sequence[Row], character: str) -> Table:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
-    parser = make_parser("bench_methods", "Time every method for one pose.", profile="whose trainings are timed")
+    parser = make_parser(TABLE, "Time every method for one pose.", profile="whose trainings are timed")
     parser.add_argument("--config", help="a TOML file with numbers of your own, as for table2")
     parser.add_argument("--methods", nargs="+", default=["all"], help="as for table2 (default: all)")
-    parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"poses that each is timed on (default: {ROUNDS})")
+    add_count(parser, "rounds", ROUNDS, "poses that each is timed on")
     return answer(parser, _run, arguments)
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    check_at_least(1, rounds=options.rounds)
     words = split_names(" ".join(options.methods))
     choose(words)
-    rows, file = [], Path(options.config) if options.config else None
+    file = Path(options.config) if options.config else None
     for character in split_names(options.characters):
         config = resolve(character, options.profile, file=file, sections=sections(options.profile))
-        rows += measure(config, words, options.rounds)
-    for character in dict.fromkeys(row.character for row in rows):
-        print(as_text(methods_table(rows, character)))
-    publish(TABLE, rows, command_line)
+        rows = measure(config, words, options.rounds)
+        publish(TABLE, rows, [methods_table(rows, rows[0].character)], command_line)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ import numpy as np
 from data_recipes.rig import Rig
 from replicate.approximation.samples import choose_poses
 from replicate.artefacts.built_rig import rig_of
-from replicate.benchmarks.common import PROFILE, answer, bench_folder, check_at_least, make_parser, publish, split_names
+from replicate.benchmarks.common import PROFILE, add_count, answer, bench_folder, make_parser, publish, split_names
 from replicate.config import SamplesConfig
 from replicate.engine import paths
 from replicate.engine.stage import stream_rng
@@ -177,13 +177,12 @@ def worst_in_words(rig: Rig, pose_set: PoseSet) -> list[str]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
     parser = make_parser("bench_poses", "Look for broken poses.")
-    parser.add_argument("--count", type=int, default=COUNT, help=f"samples of Eq. 5 (default: {COUNT})")
-    parser.add_argument("--every", type=int, default=1, help="take each k-th frame of the clips only (default: 1)")
+    add_count(parser, "count", COUNT, "samples of Eq. 5")
+    add_count(parser, "every", 1, "take each k-th frame of the clips only")
     return answer(parser, _run, arguments)
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    check_at_least(1, count=options.count, every=options.every)
     table_rows = [row for name in split_names(options.characters) for row in _rows_of(name, options, command_line)]
     print(as_text(summary(table_rows)))
 
@@ -198,7 +197,7 @@ def _rows_of(character: str, options: argparse.Namespace, command_line: Sequence
     table_rows = [row for pose_set in sets for row in rows(rig.name, pose_set)]
     for pose_set in sets:
         print("\n".join(worst_in_words(rig, pose_set)))
-    publish("bench_poses", table_rows, command_line)
+    publish("bench_poses", table_rows, [], command_line)
     figure, words = worst_poses(rig, sets)
     save_figure(figure, bench_folder() / f"{rig.name}_worst_poses.png", words)
     print(f"written to {paths.display_path(bench_folder())}: {rig.name}_worst_poses.png")

@@ -6,23 +6,24 @@ measures too whether the borders of regions show. Trainings go through the cache
 goes on.
 """
 
-import argparse
 import sys
 from collections.abc import Sequence
+from functools import partial
 
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import answer, check_at_least, make_parser, publish, split_names
+from replicate.benchmarks.common import add_count, answer, make_parser
 from replicate.benchmarks.region_borders import border_rows, borders_table
-from replicate.benchmarks.variants import Variant, train_variants, variants_tables
+from replicate.benchmarks.variants import Variant, compare_variants, variants_tables
 from replicate.config import resolve
 from replicate.methods import regional
 from replicate.methods.method_registry import sections
 from replicate.methods.regional import RegionalConfig
 from replicate.report.results import Row
-from replicate.report.tables import Table, as_text
+from replicate.report.tables import Table
 
 ABOUT = "what each piece of our regional method does to its errors and its size"
 WRITES = "results/runs/bench/bench_regional.csv"
+TABLE = "bench_regional"
 STEPS = 4_000
 CHANGES = {
     "as it is": {},
@@ -59,27 +60,25 @@ def variants(character: str, profile: str, steps: int) -> list[Variant]:
 
 
 def pieces_tables(rows: Sequence[Row]) -> list[Table]:
-    """Return a table for each character in `bench_regional.csv`."""
-    return variants_tables(rows, "bench_regional", "Pieces of the regional method", {"regional": tuple(CHANGES)})
+    """Return two tables for each character in `bench_regional.csv`: the pieces, and the borders of regions."""
+    tables = variants_tables(rows, TABLE, "Pieces of the regional method", {"regional": tuple(CHANGES)})
+    characters = dict.fromkeys(row.character for row in rows)
+    borders = [borders_table([row for row in rows if row.character == name], tuple(CHANGES)) for name in characters]
+    return [*tables, *(table for table in borders if table.body)]
+
+
+def border_errors(variants: Sequence[Variant], rows: Sequence[Row]) -> list[Row]:
+    """Return what the trained variants of one character have on the borders of regions, and elsewhere."""
+    plans = {variant.change: Plan(variant.config) for variant in variants}
+    return border_rows(rows, plans, regional.stage, RegionalConfig().regions)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison from the command line; return the exit code."""
-    parser = make_parser("bench_regional", __doc__, profile="whose numbers are changed")
-    parser.add_argument("--steps", type=int, default=STEPS, help=f"of each training (default: {STEPS})")
-    return answer(parser, _run, arguments)
-
-
-def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    check_at_least(1, steps=options.steps)
-    for character in split_names(options.characters):
-        tried = variants(character, options.profile, options.steps)
-        rows = train_variants("bench-regional", tried)
-        plans = {variant.change: Plan(variant.config) for variant in tried}
-        rows += border_rows(rows, plans, regional.stage, RegionalConfig().regions)
-        for table in (*pieces_tables(rows), borders_table(rows, tuple(CHANGES))):
-            print(as_text(table))
-        publish("bench_regional", rows, command_line)
+    parser = make_parser(TABLE, __doc__, profile="whose numbers are changed")
+    add_count(parser, "steps", STEPS, "of each training")
+    compare = partial(compare_variants, TABLE, variants, pieces_tables, afterwards=border_errors)
+    return answer(parser, compare, arguments)
 
 
 if __name__ == "__main__":

@@ -6,21 +6,23 @@ with one thing as released, and the CNN both ways, all at one short schedule. Er
 test poses are not looked at. Trainings go through the cache like any stage, so that a stopped run goes on.
 """
 
-import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, fields
+from functools import partial
 
-from replicate.benchmarks.common import answer, check_at_least, make_parser, publish, split_names
-from replicate.benchmarks.variants import Variant, train_variants, variants_tables
+from replicate.benchmarks.common import add_count, answer, bench_folder, make_parser
+from replicate.benchmarks.variants import Variant, compare_variants, variants_tables
 from replicate.config import Config, resolve
+from replicate.engine import paths
 from replicate.engine.schema import Checked
 from replicate.methods import released
 from replicate.report.results import Row
-from replicate.report.tables import Table, as_text
+from replicate.report.tables import Table
 
 ABOUT = "which part of the released recipe makes the paper's dense networks fail"
-WRITES = "results/runs/bench/bench_released.csv"
+WRITES = "results/runs/bench/bench_released.csv, bench_released_<character>.png"
+TABLE = "bench_released"
 STEPS = 3_000
 SECTIONS = {"dense": released.own_dense, "coarse": released.own_coarse}  # of the configuration, by method
 PIECES = {  # of a recipe: the keys of the section that it consists of
@@ -89,23 +91,26 @@ def _value(section: Checked, key: str) -> object:
 
 def released_tables(rows: Sequence[Row]) -> list[Table]:
     """Return a table for each character in `bench_released.csv`."""
-    return variants_tables(rows, "bench_released", "The released recipe and ours", CHANGES)
+    return variants_tables(rows, TABLE, "The released recipe and ours", CHANGES)
+
+
+def draw_faces(variants: Sequence[Variant], rows: Sequence[Row]) -> list[Row]:
+    """Draw one pose as the trained variants of one character predict it; there are no more rows."""
+    from replicate.benchmarks.released_faces import faces_of, released_faces
+    from replicate.drawing.panels import save_figure
+
+    file = bench_folder() / f"{TABLE}_{rows[0].character}.png"
+    figure, words = released_faces(faces_of(variants))
+    save_figure(figure, file, words)
+    print(f"written to {paths.display_path(file.parent)}: {file.name}")
+    return []
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison from the command line; return the exit code."""
-    parser = make_parser("bench_released", __doc__, "toon", profile="whose samples and numbers")
-    parser.add_argument("--steps", type=int, default=STEPS, help=f"of each training (default: {STEPS})")
-    return answer(parser, _run, arguments)
-
-
-def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    check_at_least(1, steps=options.steps)
-    for character in split_names(options.characters):
-        rows = train_variants("bench-released", variants(character, options.profile, options.steps))
-        for table in released_tables(rows):
-            print(as_text(table))
-        publish("bench_released", rows, command_line)
+    parser = make_parser(TABLE, __doc__, "toon", profile="whose samples and numbers")
+    add_count(parser, "steps", STEPS, "of each training")
+    return answer(parser, partial(compare_variants, TABLE, variants, released_tables, afterwards=draw_faces), arguments)
 
 
 if __name__ == "__main__":

@@ -17,12 +17,12 @@ import numpy as np
 from data_recipes import recipe_paths
 from data_recipes.rig import Rig
 from replicate.artefacts.built_rig import rig_of
-from replicate.benchmarks.common import PROFILE, answer, check_at_least, make_parser, publish, split_names
+from replicate.benchmarks.common import PROFILE, add_count, answer, make_parser, publish, split_names
 from replicate.engine.exceptions import InputError
 from replicate.engine.progress import progress
 from replicate.report.cast import STANDS_FOR, order_of
 from replicate.report.results import Row, read_results
-from replicate.report.tables import Table, as_text
+from replicate.report.tables import Table
 
 ABOUT = "poses per second of all rigs, batched and one at a time, and each deformer's share"
 WRITES = "results/runs/bench/bench_rig.csv"
@@ -183,19 +183,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
     own = [name for name in STANDS_FOR if recipe_paths.recipe_file(name).is_file()]
     parser = make_parser("bench_rig", "Time the rigs.", ", ".join(own))
-    parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"how often each way is timed (default: {ROUNDS})")
+    add_count(parser, "rounds", ROUNDS, "how often each way is timed", least=3)
     return answer(parser, _run, arguments)
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    check_at_least(3, rounds=options.rounds)
     table_rows: list[Row] = []
     for character in split_names(options.characters):
         rig = rig_of(character)
         table_rows += rows(rig.name, bench(rig, frames_of(rig), options.rounds))
-    for table in tables(table_rows, options.rounds):
-        print(as_text(table))
-    publish("bench_rig", table_rows, command_line)
+    publish("bench_rig", table_rows, tables(table_rows, options.rounds), command_line)
 
 
 def frames_of(rig: Rig) -> np.ndarray:

@@ -19,15 +19,11 @@ from replicate.approximation.segments import Segment
 from replicate.artefacts import built_rig, control_influence, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.benchmarks.bench_floors import BATCH, floor_errors
-from replicate.benchmarks.common import answer, make_parser, publish, split_names
+from replicate.benchmarks.common import answer, artefacts_of, make_parser, publish, split_names
 from replicate.config import Config, resolve
 from replicate.engine.progress import progress
-from replicate.engine.provenance import core_count, provenance
-from replicate.engine.scheduler import run
-from replicate.engine.stage import in_order
-from replicate.engine.store import artefact_folder
 from replicate.report.results import Row, find
-from replicate.report.tables import Table, as_text, round_off
+from replicate.report.tables import Table, round_off
 
 ABOUT = "what readings of §3.3 select to be refined, what of the wrinkles that covers, and its floor"
 WRITES = "results/runs/bench/bench_selection.csv"
@@ -85,8 +81,7 @@ def readings(config: Config) -> list[Row]:
     from replicate.approximation.deformation_map import Floor
 
     selection = refinement_squares.stage(Plan(config))
-    run([selection], facts=provenance(["make", "bench-selection"], config.profile, [0], core_count()))
-    inputs = {stage.name: artefact_folder(stage.identifier) for stage in in_order([selection])}
+    inputs = artefacts_of(TABLE, config, [selection])
     mesh, samples, rig = built_rig.load_mesh(inputs), drawn_samples.load(inputs), built_rig.load(inputs)
     segments, influence = rigid_segments.load_coarse_segments(inputs, mesh), control_influence.load(inputs)
     wrinkled = np.unique(np.concatenate([state.vertices for state in rig.wrinkle_states(rig.default).values()]))
@@ -138,15 +133,14 @@ def selection_table(rows: Sequence[Row], character: str) -> Table:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
-    parser = make_parser("bench_selection", __doc__, profile="whose samples")
+    parser = make_parser(TABLE, __doc__, profile="whose samples")
     return answer(parser, _run, arguments)
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    rows = [row for name in split_names(options.characters) for row in readings(resolve(name, options.profile))]
-    characters = dict.fromkeys(row.character for row in rows)
-    print("\n\n".join(as_text(selection_table(rows, name)) for name in characters))
-    publish("bench_selection", rows, command_line)
+    for character in split_names(options.characters):
+        rows = readings(resolve(character, options.profile))
+        publish(TABLE, rows, [selection_table(rows, rows[0].character)], command_line)
 
 
 if __name__ == "__main__":

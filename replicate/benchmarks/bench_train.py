@@ -25,18 +25,14 @@ from replicate.approximation.supervision import Supervision
 from replicate.approximation.training import prepare
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import PROFILE, answer, check_at_least, make_parser, publish, split_names
+from replicate.benchmarks.common import PROFILE, add_count, answer, artefacts_of, make_parser, publish, split_names
 from replicate.benchmarks.plain_networks import FullMaps, PlainLoss, Rewritten
 from replicate.config import Config, resolve
 from replicate.engine.progress import progress
-from replicate.engine.provenance import core_count, provenance
-from replicate.engine.scheduler import run
-from replicate.engine.stage import in_order
-from replicate.engine.store import artefact_folder
 from replicate.methods.method_registry import method_named
 from replicate.methods.training_stage import inputs_of_networks
 from replicate.report.results import Row, find
-from replicate.report.tables import Table, as_text, round_off
+from replicate.report.tables import Table, round_off
 
 ABOUT = "milliseconds of a training step, ours beside a plain one, and what each piece of ours brings"
 WRITES = "results/runs/bench/bench_train.csv"
@@ -100,9 +96,7 @@ def time_steps(
 def measure(config: Config, rounds: int) -> list[Row]:
     """Time every network's step on one character, and return the rows."""
     plan = Plan(config)
-    stages = [*inputs_of_networks(plan), refinement_squares.stage(plan)]
-    run(stages, facts=provenance(["make", "bench-train"], config.profile, [config.seed], core_count()))
-    inputs = {stage.name: artefact_folder(stage.identifier) for stage in in_order(stages)}
+    inputs = artefacts_of(TABLE, config, [*inputs_of_networks(plan), refinement_squares.stage(plan)])
     mesh, samples = built_rig.load_mesh(inputs), drawn_samples.load(inputs)
     coarse = rigid_segments.load_coarse_segments(inputs, mesh)
     squares = refinement_squares.load(inputs)
@@ -147,17 +141,15 @@ def steps_table(rows: Sequence[Row], character: str) -> Table:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
-    parser = make_parser("bench_train", "Time training steps.", profile="whose networks and batches")
-    parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"steps that each is timed on (default: {ROUNDS})")
+    parser = make_parser(TABLE, "Time training steps.", profile="whose networks and batches")
+    add_count(parser, "rounds", ROUNDS, "steps that each is timed on")
     return answer(parser, _run, arguments)
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    check_at_least(1, rounds=options.rounds)
     for character in split_names(options.characters):
         rows = measure(resolve(character, options.profile), options.rounds)
-        print(as_text(steps_table(rows, character)))
-        publish(TABLE, rows, command_line)
+        publish(TABLE, rows, [steps_table(rows, rows[0].character)], command_line)
 
 
 if __name__ == "__main__":

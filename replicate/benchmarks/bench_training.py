@@ -20,7 +20,7 @@ import numpy as np
 
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import answer, make_parser, publish, split_names
+from replicate.benchmarks.common import add_count, answer, make_parser, publish, split_names
 from replicate.benchmarks.training_table import BALANCED, METRICS, RAW_ANIMATION, TABLE, trainings_table
 from replicate.config import Config, resolve
 from replicate.engine.exceptions import InputError
@@ -31,7 +31,6 @@ from replicate.engine.store import artefact_folder
 from replicate.methods.method_registry import method_named
 from replicate.methods.training_stage import LOG
 from replicate.report.results import Row
-from replicate.report.tables import as_text
 from replicate.report.training_curves import read_log
 
 ABOUT = "what peak rates, augmentation, balanced draws and a bound on gradients do to the networks' errors"
@@ -124,8 +123,8 @@ def axis_rows(stages: dict[str, Stage], profile: str) -> list[Row]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison from the command line; return the exit code."""
-    parser = make_parser("bench_training", __doc__, profile="whose numbers are changed")
-    parser.add_argument("--steps", type=int, default=STEPS, help=f"of the short schedule (default: {STEPS})")
+    parser = make_parser(TABLE, __doc__, profile="whose numbers are changed")
+    add_count(parser, "steps", STEPS, "of the short schedule")
     parser.add_argument(
         "--only", default="", help="only trainings whose description contains this; others stay in the file"
     )
@@ -135,8 +134,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     for name in split_names(options.characters):
         rows = compare(name, options)
-        print(as_text(trainings_table(rows)))
-        publish("bench_training", rows, command_line, (lambda row: True) if options.only else None)
+        keep = (lambda row: True) if options.only else None
+        publish(TABLE, rows, [trainings_table(rows)], command_line, keep)
 
 
 def compare(character: str, options: argparse.Namespace) -> list[Row]:

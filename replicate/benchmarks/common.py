@@ -1,20 +1,24 @@
-"""What the benchmarks share: what their command line answers to a mistake, and the folder that they write to."""
+"""What the benchmarks share: their command line, the artefacts that they measure, and the folder that they write to."""
 
 import argparse
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
 from pathlib import Path
 
 from data_recipes import recipe_paths
+from replicate.config import Config
 from replicate.engine import paths
 from replicate.engine.command_line import guard
 from replicate.engine.exceptions import InputError
 from replicate.engine.make_options import without_foreign
 from replicate.engine.provenance import core_count, provenance
+from replicate.engine.scheduler import run
+from replicate.engine.stage import Stage, in_order
+from replicate.engine.store import artefact_folder
 from replicate.engine.word_lists import words
 from replicate.report import manifest
 from replicate.report.results import Row, read_results, write_results
+from replicate.report.tables import Table, as_text
 
 PROFILE = "bench"  # the folder's name, and what rows say that no profile made
 
@@ -39,9 +43,24 @@ def make_parser(name: str, about: str, characters: str = "teen", profile: str = 
     return parser
 
 
+def add_count(parser: argparse.ArgumentParser, name: str, usual: int, about: str, least: int = 1) -> None:
+    """Add an option for a whole number, --<name>; `answer` refuses one below the least that is allowed.
+
+    usual: the number where none is named. about: what it counts, for the help.
+    """
+
+    def number(text: str) -> int:
+        value = int(text)
+        if value < least:
+            raise InputError(f"{name} is {value}: allowed is a whole number of at least {least}")
+        return value
+
+    parser.add_argument(f"--{name}", type=number, default=usual, help=f"{about} (default: {usual})")
+
+
 def answer(parser: argparse.ArgumentParser, body: Callable, arguments: Sequence[str] | None) -> int:
     """Run a benchmark, `body(options, words)`, as the command line says; return the exit code."""
-    return guard(partial(body, *parse(parser, arguments)))
+    return guard(lambda: body(*parse(parser, arguments)))
 
 
 def split_names(characters: str) -> list[str]:
@@ -52,11 +71,14 @@ def split_names(characters: str) -> list[str]:
     return names
 
 
-def check_at_least(least: int, **values: int) -> None:
-    """Raise InputError for a number that is too small, by its name."""
-    for name, value in values.items():
-        if value < least:
-            raise InputError(f"{name} is {value}: allowed is a whole number of at least {least}")
+def artefacts_of(name: str, config: Config, stages: Sequence[Stage]) -> dict[str, Path]:
+    """Return the folders of some stages' artefacts and of all behind them, by stage name; make what is missing.
+
+    name: of the benchmark's module. config: that the stages are of.
+    """
+    command = ["make", name.replace("_", "-")]
+    run(list(stages), facts=provenance(command, config.profile, [config.seed], core_count()))
+    return {stage.name: artefact_folder(stage.identifier) for stage in in_order(list(stages))}
 
 
 def bench_folder() -> Path:
@@ -67,12 +89,19 @@ def bench_folder() -> Path:
 
 
 def publish(
-    name: str, rows: Sequence[Row], arguments: Sequence[str], keep: Callable[[Row], bool] | None = None
+    name: str,
+    rows: Sequence[Row],
+    tables: Iterable[Table],
+    arguments: Sequence[str],
+    keep: Callable[[Row], bool] | None = None,
 ) -> None:
-    """Write rows to <name>.csv in the benchmarks' folder, note in its manifest how they were made, and say so.
+    """Print tables, write rows to <name>.csv in the benchmarks' folder and note in its manifest how they were made.
 
-    arguments: the command line's. keep: which rows of an earlier file stay; those of other characters by default.
+    tables: what is printed of the rows. arguments: the command line's. keep: which rows of an earlier file stay; those
+    of other characters by default.
     """
+    for table in tables:
+        print(as_text(table))
     characters = {row.character for row in rows}
     merge(bench_folder() / f"{name}.csv", rows, keep or (lambda row: row.character not in characters))
     note(name, characters, arguments)

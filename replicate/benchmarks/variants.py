@@ -1,9 +1,11 @@
 """Trainings of one character that differ in one thing: their sizes and validation errors, as rows and as a table."""
 
-from collections.abc import Mapping, Sequence
+import argparse
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from replicate.artefacts.plan import Plan
+from replicate.benchmarks.common import publish, split_names
 from replicate.config import Config
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
@@ -31,24 +33,50 @@ class Variant:
     config: Config
 
 
+def nothing_more(variants: Sequence[Variant], rows: Sequence[Row]) -> Sequence[Row]:
+    """Return no rows."""
+    return ()
+
+
+def compare_variants(
+    name: str,
+    variants: Callable[[str, str, int], Sequence[Variant]],
+    tables: Callable[[Sequence[Row]], Sequence[Table]],
+    options: argparse.Namespace,
+    command_line: Sequence[str],
+    afterwards: Callable[[Sequence[Variant], Sequence[Row]], Sequence[Row]] = nothing_more,
+) -> None:
+    """Train the variants of each character, print their tables and publish their rows.
+
+    name: of the benchmark's module. variants: (character, profile, steps) → what is trained. tables: rows → what is
+    printed of them. options: with `characters`, `profile` and `steps`. command_line: the words that state them.
+    afterwards: (variants, their rows) → more rows; what else is measured of the trained variants, or drawn.
+    """
+    for character in split_names(options.characters):
+        trained = variants(character, options.profile, options.steps)
+        rows = train_variants(name, trained)
+        rows += afterwards(trained, rows)
+        publish(name, rows, tables(rows), command_line)
+
+
 def train_variants(name: str, variants: Sequence[Variant]) -> list[Row]:
     """Train all variants, side by side and through the cache, and return their sizes and validation errors.
 
-    name: of the benchmark, as make has it, with -.
+    name: of the benchmark's module.
     """
     stages = [method_named(v.method).stages(Plan(v.config))[-1] for v in variants]
-    profile = variants[0].config.profile
-    run(stages, facts=provenance(["make", name], profile, [0], core_count()))
+    profile, target = variants[0].config.profile, name.replace("_", "-")
+    run(stages, facts=provenance(["make", target], profile, [0], core_count()))
     rows = []
     for variant, stage in zip(variants, stages, strict=True):
         folder = artefact_folder(stage.identifier)
         notes = read_manifest(folder)["notes"]
         *_, last = read_log(folder / LOG)
         values = dict(zip(COLUMNS, (notes["size_mb"], notes.get("multiplications"), last[2], last[3]), strict=True))
-        facts = (None, 1, variant.config.samples.validation, profile, name)
+        facts = (None, 1, variant.config.samples.validation, profile, target)
         rows += [
             Row(
-                name.replace("-", "_"),
+                name,
                 stage.label,
                 variant.method,
                 f"{metric}[{variant.change}]",

@@ -1,6 +1,6 @@
 """The test poses that figures show, put together from the artefacts of a run; and the stages that make those."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments, shown_pose
 from replicate.artefacts.plan import Plan
-from replicate.engine.stage import Stage
+from replicate.engine.stage import Stage, StageContext
 from replicate.geometry.face_regions import face_regions
 from replicate.methods import measurement, typical_poses
 from replicate.methods.method import Method
@@ -31,10 +31,27 @@ def picture_settings(plan: Plan, methods: Sequence[Method]) -> PosePicture:
 
 
 def input_stages(plan: Plan, methods: Sequence[Method], typical: bool = True) -> list[Stage]:
-    """Return the stages whose artefacts `load_record` reads. typical: with the median and the worst pose."""
+    """Return the stages whose artefacts `load_records` reads. typical: with the median and the worst pose."""
     shared = [module.stage(plan) for module in (built_rig, drawn_samples, shown_pose, rigid_segments)]
     errors = [measurement.stage(plan, method) for method in methods]
     return [*shared, *errors, *(typical_poses.stages(plan, methods) if typical else ())]
+
+
+def record_stages(
+    plan: Plan,
+    methods: Sequence[Method],
+    name: str,
+    function: Callable[[StageContext], None],
+    settings: object,
+    typical: bool = True,
+) -> list[Stage]:
+    """Return the stages that end with one that reads `load_records`; those of the methods, the slow ones, come first.
+
+    name, function, settings: of the last stage, as for `Plan.stage`. typical: as for `input_stages`.
+    """
+    inputs = input_stages(plan, methods, typical)
+    last = plan.stage(name, function, settings, *inputs)
+    return [*(stage for method in methods for stage in method.stages(plan)), *inputs, last]
 
 
 def load_records(character: str, inputs: Mapping[str, Path]) -> dict[str, PoseRecord]:

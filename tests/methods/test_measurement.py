@@ -6,26 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import toy_methods
-from small_artefacts import run_stage, write_artefacts
+from small_artefacts import SHOWN_POSE, run_stage, write_artefacts
 from small_face import small_mesh
+from toy_methods import BLIND
 
 from replicate.artefacts import drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan, reference
 from replicate.config import resolve
 from replicate.methods import measurement
-from replicate.methods.measurement import MeasurementNumbers, predictor
+from replicate.methods.measurement import predictor
 from replicate.methods.method_registry import methods
-
-BLIND = MeasurementNumbers("toy", reference(toy_methods.blind), "", 2.0, False, False, 0, 8, 0)
 
 
 @pytest.fixture
 def inputs(tmp_path):
-    artefacts = write_artefacts(tmp_path)
-    artefacts["wrinkled"] = tmp_path / "wrinkled"
-    artefacts["wrinkled"].mkdir()
-    (artefacts["wrinkled"] / "pose.json").write_text(json.dumps({"pose": 3}))
-    return artefacts
+    return write_artefacts(tmp_path)
 
 
 def test_a_method_that_is_no_oracle_is_never_handed_the_truth(inputs):
@@ -80,7 +75,7 @@ def test_errors_pose_numbers_size_and_curve_are_kept(inputs, tmp_path):
     assert measurement.error_folders(folders | {"errors_toy-small": folder}) == {"toy": folder}
     errors = measurement.load_errors(folder)
     assert len(errors.pose_mm) == 5
-    moved = mesh.neutral + 2 * samples.test_params[3, 0] * np.float32([1, 0, 0])
+    moved = mesh.neutral + 2 * samples.test_params[SHOWN_POSE, 0] * np.float32([1, 0, 0])
     np.testing.assert_allclose(measurement.load_pose(folder), moved, atol=1e-5)
     truth = mesh.neutral + samples.test_offsets
     predicted = mesh.neutral + 2 * samples.test_params[:, :1, None] * np.float32([1, 0, 0])

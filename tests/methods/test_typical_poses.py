@@ -1,32 +1,24 @@
 """The median and the worst test pose: by one rule, of the poses that were measured, predicted by each method."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-import toy_methods
 from small_artefacts import run_stage, write_artefacts
 from small_face import small_mesh
+from toy_methods import BLIND
 
 from replicate.artefacts import drawn_samples
-from replicate.artefacts.plan import Plan, reference
+from replicate.artefacts.plan import Plan
 from replicate.config import resolve
 from replicate.methods import measurement, typical_poses
-from replicate.methods.measurement import MeasurementNumbers
 from replicate.methods.method_registry import choose
 from replicate.methods.typical_poses import MEDIAN, WORST, RankingNumbers
-
-BLIND = MeasurementNumbers("toy", reference(toy_methods.blind), "", 2.0, False, False, 0, 8, 0)
 
 
 @pytest.fixture
 def inputs(tmp_path):
-    artefacts = write_artefacts(tmp_path)
-    artefacts["wrinkled"] = tmp_path / "wrinkled"
-    artefacts["wrinkled"].mkdir()
-    (artefacts["wrinkled"] / "pose.json").write_text(json.dumps({"pose": 3}))
-    return artefacts
+    return write_artefacts(tmp_path)
 
 
 def ranked(inputs, tmp_path, test_poses=0):

@@ -9,7 +9,7 @@ from replicate.methods.method import Method
 from replicate.report.publication import publish_pictures
 from replicate.targets.options import OF_A_RUN, methods
 from replicate.targets.running import make
-from replicate.targets.shown_records import input_stages, load_records, picture_settings
+from replicate.targets.shown_records import load_records, picture_settings, record_stages
 
 ABOUT = "normal errors as colours on the face: the pose with most wrinkles, the median pose and the worst one"
 WRITES = "results/runs/<profile>/"
@@ -19,9 +19,7 @@ OPTIONS = (*OF_A_RUN, "methods")
 def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
     """Return the stages of one character's figure; those of the methods, the slow ones, come first."""
     shown = [method for method in methods if method.in_figures]
-    inputs = input_stages(plan, shown)
-    figure = plan.stage("figure10", draw, picture_settings(plan, shown), *inputs)
-    return [*(stage for method in shown for stage in method.stages(plan)), *inputs, figure]
+    return record_stages(plan, shown, "figure10", draw, picture_settings(plan, shown))
 
 
 def draw(context: StageContext) -> None:

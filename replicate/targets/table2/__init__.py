@@ -8,7 +8,7 @@ from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
 from replicate.targets.options import OF_A_RUN, methods
 from replicate.targets.running import make
-from replicate.targets.shown_records import input_stages
+from replicate.targets.shown_records import record_stages
 from replicate.targets.table2.table_numbers import TableNumbers
 
 ABOUT = "Table 2: approximation errors of every method on held-out poses, beside the paper's; Figures 9 and 10"
@@ -20,9 +20,7 @@ IN_COMPARISON = True
 def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
     """Return the stages of one character's table, the last; those of the methods, the slow ones, come first."""
     numbers = TableNumbers(plan.character, plan.config.profile, plan.config.seed)
-    inputs = input_stages(plan, methods)
-    table = plan.stage("table2", write_table, numbers, *inputs)
-    return [*(stage for method in methods for stage in method.stages(plan)), *inputs, table]
+    return record_stages(plan, methods, "table2", write_table, numbers)
 
 
 def write_table(context: StageContext) -> None:

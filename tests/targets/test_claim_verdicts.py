@@ -1,0 +1,177 @@
+"""The claims' rules: each gives the paper's own verdict on the paper's own numbers, and turns where it says it does."""
+
+from dataclasses import replace
+
+import pytest
+from sample_rows import mean_rows, table1_rows, table2_rows
+
+from replicate.benchmarks.training_table import BALANCED, RAW_ANIMATION
+from replicate.engine.exceptions import InputError
+from replicate.report.results import Row
+from replicate.targets.claims.claim_verdicts import (
+    judge,
+    judge_all,
+    published_verdict,
+    read_verdicts,
+    verdict_frame,
+    write_verdicts,
+)
+from replicate.targets.claims.evidence import Evidence, published
+from replicate.targets.claims.paper_claims import CLAIMS, claim_named
+
+PAPER = published()
+THEIRS = ("Hiccup", "Valka", "Toothless", "Ray")
+ALL_HOLD = dict.fromkeys(THEIRS, "holds")
+UNPRINTED = dict.fromkeys(THEIRS, "not tested")
+# What the paper says, character by character, of its own tables.
+PAPERS_OWN = {
+    "C1": ALL_HOLD,
+    "C2": ALL_HOLD,
+    "C3": ALL_HOLD,
+    "C4": ALL_HOLD | {"Toothless": "fails", "Ray": "fails"},  # "can": no LBS of these two is as close as refined
+    "C5": ALL_HOLD | {"Toothless": "fails"},  # its dense model is the best in normals
+    "C6": ALL_HOLD,
+    "C11": UNPRINTED,
+    "C12": UNPRINTED,
+}
+
+
+@pytest.mark.parametrize("name", PAPERS_OWN)
+def test_a_rule_gives_the_papers_own_verdict_on_the_papers_own_numbers(name):
+    assert {who: published_verdict(claim_named(name), who, PAPER) for who in THEIRS} == PAPERS_OWN[name]
+    assert [claim.name for claim in CLAIMS] == list(PAPERS_OWN)
+
+
+def test_degrees_per_millimetre_would_contradict_the_paper_on_ray():
+    """Why C5 isn't judged by what means hint of frequency: for Ray it is the opposite of what Fig. 10 shows."""
+    noisier = {}
+    for who in THEIRS:
+        dense, refined = (
+            PAPER.error(who, method, "normal").value / PAPER.error(who, method, "vertex").value
+            for method in ("dense", "refined")
+        )
+        noisier[who] = dense > refined
+    assert noisier == {"Hiccup": True, "Valka": True, "Toothless": False, "Ray": False}
+
+
+def verdict(name: str, given: list[Row], character="teen") -> str:
+    return judge(claim_named(name), character, Evidence(given), PAPER).verdict
+
+
+def below(**values: float) -> dict:
+    """Return the same values as both errors."""
+    return {"distance": values, "normal": values}
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "character", "expected"),
+    [
+        ("C1", below(refined=0.99), "teen", "holds"),
+        ("C1", below(refined=1.0), "teen", "fails"),
+        ("C1", {"distance": {"refined": 0.9}, "normal": {"refined": 1.1}}, "teen", "fails"),
+        ("C1", {"distance": {"refined": 1.1}, "normal": {"refined": 0.9}}, "teen", "fails"),
+        ("C2", {"normal": {"refined": 0.99}}, "teen", "holds"),
+        ("C2", {"normal": {"refined": 0.99}}, "ict", "holds"),
+        ("C2", {"normal": {"refined": 0.99}}, "dragon", "fails"),
+        ("C2", {"normal": {"dense": 0.99}}, "dragon", "holds"),
+        ("C2", {"normal": {"dense": 0.99}}, "dragon@one_face", "holds"),
+        ("C2", {"normal": {"dense": 0.99}}, "toon", "fails"),
+        ("C2", {"normal": {"refined": 0.99, "lbs24": 0.99}}, "teen", "fails"),
+        ("C3", {"normal": {"refined": 0.99}}, "dragon", "holds"),
+        ("C3", {"normal": {"refined": 0.99, "lbs16": 0.9}}, "teen", "fails"),
+        ("C3", {"normal": {"refined": 1.0}}, "teen", "fails"),
+        ("C3", {"normal": {"refined": 0.99, "coarse": 0.1, "dense": 0.1}}, "teen", "holds"),
+        ("C4", {"normal": {"refined": 0.99}}, "teen", "holds"),  # the same distance is a match
+        ("C4", {"distance": {"refined": 0.99}, "normal": {"refined": 0.99}}, "teen", "fails"),
+        ("C4", {"distance": {"refined": 0.9, "lbs32": 0.9}, "normal": {"refined": 0.99}}, "teen", "holds"),
+        ("C4", {"distance": {"refined": 0.9, "lbs32": 0.8}, "normal": {"lbs32": 0.9}}, "teen", "fails"),
+        ("C4", {"normal": {"refined": 1.0}}, "teen", "fails"),
+        ("C5", {"normal": {"dense": 1.01}}, "teen", "holds"),
+        ("C5", {"normal": {"dense": 1.0}}, "teen", "fails"),
+        ("C5", {"normal": {"dense": 1.01, "coarse": 1.02}}, "teen", "fails"),
+        ("C5", {"normal": {"dense": 1.01, "lbs16": 2.0}}, "teen", "holds"),
+    ],
+)
+def test_a_verdict_turns_where_its_rule_says(name, given, character, expected):
+    assert verdict(name, mean_rows(**given, character=character), character) == expected
+
+
+@pytest.mark.parametrize(
+    ("large", "expected", "words"),
+    [
+        (15.9, "fails", "1.99 times"),
+        (16.0, "holds", "2.00 times"),
+        (40.1, "holds", "even smaller, which is no failure"),
+    ],
+)
+def test_c6_needs_twice_the_size_and_does_not_mind_more_than_five_times(large, expected, words):
+    one = judge(claim_named("C6"), "teen", Evidence(table1_rows(large=large)), PAPER)
+    assert one.verdict == expected and words in one.reason
+    assert ("no failure" in one.reason) == (large > 40)
+
+
+@pytest.mark.parametrize(("mean", "expected"), [(0.299, "holds"), (0.3, "holds"), (0.301, "fails")])
+def test_c11_takes_the_rigid_segments_of_the_attachment_rows(mean, expected):
+    facts = ("mm", mean, None, 1, 9, "quick", "r")
+    given = [
+        Row("table2_segments", "teen", "attachment", f"vertex_error_{s}[rigid]", *facts) for s in ("mean", "p95", "max")
+    ]
+    assert verdict("C11", given) == expected
+    assert verdict("C11", [replace(row, table="table2") for row in given]) == "not tested"
+
+
+@pytest.mark.parametrize(("mm", "degrees", "expected"), [(0.5, 2.0, "fails"), (0.4, 1.9, "holds"), (0.4, 2.1, "fails")])
+def test_c12_compares_balanced_draws_with_the_raw_animation(mm, degrees, expected):
+    def row(change, kind, unit, value, character="teen"):
+        metric = f"validation_{kind}_error[{change}]"
+        return Row("bench_training", character, "coarse", metric, unit, value, None, 1, 64, "laptop", "b")
+
+    profile = [row(BALANCED, "vertex", "mm", mm), row(BALANCED, "normal", "deg", degrees)]
+    raw = [row(RAW_ANIMATION, "vertex", "mm", 0.5), row(RAW_ANIMATION, "normal", "deg", 2.0)]
+    assert verdict("C12", profile + raw) == expected
+    assert verdict("C12", profile) == "not tested"
+    toon = [replace(row, character="toon") for row in profile + raw]
+    assert verdict("C12", toon, "toon") == "not tested", "Ray has no animation"
+
+
+def test_a_spread_turns_a_verdict_that_a_single_seed_would_give():
+    given = {"normal": {"refined": 0.9}}
+    assert verdict("C3", mean_rows(**given)) == "holds"
+    assert verdict("C3", mean_rows(**given, sd=0.02)) == "holds"
+    assert verdict("C3", mean_rows(**given, sd=0.03)) == "fails"
+    one = judge(claim_named("C3"), "teen", Evidence(mean_rows(**given, sd=0.03)), PAPER)
+    assert one.seeds == 3 and one.sd == one.limit_sd == 0.03 and "within the spread" in one.reason
+
+
+def test_a_straight_line_that_beats_the_papers_networks_is_mentioned():
+    given = mean_rows(normal={"refined": 0.9, "linear": 0.8, "dense": 0.7})
+    one = judge(claim_named("C3"), "teen", Evidence(given), PAPER)
+    words = "A straight line has a smaller normal error than coarse and refined: 0.800°"
+    assert one.verdict == "holds" and words in one.reason
+    for given in (mean_rows(normal={"refined": 0.9, "linear": 2.0}), mean_rows(normal={"refined": 0.9})):
+        assert "straight line" not in judge(claim_named("C3"), "teen", Evidence(given), PAPER).reason
+
+
+def test_what_is_missing_is_named_with_the_target_that_makes_it():
+    one = judge(claim_named("C1"), "woman", Evidence([]), PAPER)
+    assert (one.verdict, one.published, one.value) == ("not tested", "holds", None)
+    assert "table2.csv has no vertex_error_mean of refined for woman; `make table2 CHARACTERS=woman`" in one.reason
+
+
+def test_verdicts_are_read_back_as_they_are_and_pivot(tmp_path):
+    evidence = Evidence([*mean_rows(normal={"refined": 0.5}), *mean_rows(character="ict"), *table1_rows()])
+    verdicts = judge_all(evidence, PAPER)
+    write_verdicts(tmp_path / "claims.csv", verdicts)
+    assert read_verdicts(tmp_path / "claims.csv") == verdicts
+    pivot = verdict_frame(tmp_path / "claims.csv").pivot(index="claim", columns="character", values="verdict")
+    assert pivot.loc["C2", "teen"] == "holds" and pivot.loc["C2", "ict"] == "fails"
+    assert pivot.shape == (len(CLAIMS), 5) and pivot.loc["C2", "woman"] == "not tested"
+    text = (tmp_path / "claims.csv").read_text().replace("not tested", "undecided")
+    (tmp_path / "claims.csv").write_text(text)
+    with pytest.raises(InputError, match=r"claims.csv, line \d+: verdict is 'undecided'"):
+        read_verdicts(tmp_path / "claims.csv")
+
+
+def test_every_character_that_is_judged_on_sample_rows_gets_every_claim():
+    verdicts = judge_all(Evidence(table2_rows(("teen", "mine"))), PAPER)
+    assert len({(one.claim, one.character) for one in verdicts}) == len(verdicts) == 5 * len(CLAIMS)
