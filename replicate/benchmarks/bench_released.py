@@ -11,9 +11,10 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict, fields
 
-from replicate.benchmarks.common import answer, check_at_least, make_parser, publish, split_names
+from replicate.benchmarks.common import answer, bench_folder, check_at_least, make_parser, publish, split_names
 from replicate.benchmarks.variants import Variant, train_variants, variants_tables
 from replicate.config import Config, resolve
+from replicate.engine import paths
 from replicate.engine.schema import Checked
 from replicate.methods import released
 from replicate.report.results import Row
@@ -92,6 +93,17 @@ def released_tables(rows: Sequence[Row]) -> list[Table]:
     return variants_tables(rows, "bench_released", "The released recipe and ours", CHANGES)
 
 
+def draw_faces(character: str, trained: Sequence[Variant]) -> None:
+    """Draw one pose as the trained variants of a character predict it."""
+    from replicate.benchmarks.released_faces import faces_of, released_faces
+    from replicate.drawing.panels import save_figure
+
+    file = bench_folder() / f"bench_released_{character}.png"
+    figure, words = released_faces(faces_of(trained))
+    save_figure(figure, file, words)
+    print(f"written to {paths.display_path(file.parent)}: {file.name}")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison from the command line; return the exit code."""
     parser = make_parser("bench_released", __doc__, "toon", profile="whose samples and numbers")
@@ -102,10 +114,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     check_at_least(1, steps=options.steps)
     for character in split_names(options.characters):
-        rows = train_variants("bench-released", variants(character, options.profile, options.steps))
+        trained = variants(character, options.profile, options.steps)
+        rows = train_variants("bench-released", trained)
         for table in released_tables(rows):
             print(as_text(table))
         publish("bench_released", rows, command_line)
+        draw_faces(character, trained)
 
 
 if __name__ == "__main__":
