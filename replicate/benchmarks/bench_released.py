@@ -106,17 +106,6 @@ def draw_faces(variants: Sequence[Variant], rows: Sequence[Row]) -> list[Row]:
     return []
 
 
-def draw_faces(character: str, trained: Sequence[Variant]) -> None:
-    """Draw one pose as the trained variants of a character predict it."""
-    from replicate.benchmarks.released_faces import faces_of, released_faces
-    from replicate.drawing.panels import save_figure
-
-    file = bench_folder() / f"bench_released_{character}.png"
-    figure, words = released_faces(faces_of(trained))
-    save_figure(figure, file, words)
-    print(f"written to {paths.display_path(file.parent)}: {file.name}")
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison from the command line; return the exit code."""
     parser = make_parser(TABLE, __doc__, "toon", profile="whose samples and numbers")

@@ -18,7 +18,6 @@ from replicate.drawing.panels import Words
 from replicate.drawing.render import render
 from replicate.drawing.split_face import middle_line, split_face
 from replicate.engine.store import artefact_folder
-from replicate.methods import coarse, dense_network
 from replicate.methods.method_registry import method_named
 from replicate.report.clay_surfaces import clay_surfaces, view_of
 from replicate.report.pose_record import TRUTH, PoseRecord
@@ -33,7 +32,6 @@ SHOWN = (
     ("coarse", "released"),
     ("coarse", "ours"),
 )
-MODELS = {"dense": dense_network.load_model, "coarse": coarse.load_model}
 COLUMNS, TALL, LIMIT_DEG = 3, 1.2, 30.0  # faces in a row; a picture's height over its width; the end of the colours
 LINES = ("mm", "degrees")
 
@@ -52,7 +50,7 @@ def faces_of(variants: Sequence[Variant]) -> PoseRecord:
         mesh, samples = built_rig.load_mesh(inputs), drawn_samples.load(inputs)
         row = median_pose(samples.validation_offsets)
         params = np.asarray(samples.validation_params[row : row + 1])
-        predicted = mesh.neutral + MODELS[method](inputs).offsets(params)
+        predicted = mesh.neutral + method_named(method).model(inputs).offsets(params)
         predicted = attach(mesh, rigid_segments.load(inputs), predicted)[0]
         vertices[f"{method_named(method).label}: {change}"] = predicted.astype(np.float32)
     vertices[TRUTH] = (mesh.neutral + samples.validation_offsets[row]).astype(np.float32)
