@@ -23,6 +23,7 @@ def variants_chart(
     that others start from; a change's bar goes from the error of the last base above it to its own.
     """
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     values = {(r.method, r.metric): r.value for r in rows if r.table == name and r.character == character}
     lines = [
@@ -44,7 +45,9 @@ def variants_chart(
             axes.plot(error, place, "D" if change in bases else "o", color=colour, markersize=6)
             axes.annotate(f"{error:.2g}", (error, place), (6, 0), textcoords="offset points", va="center", fontsize=7)
         axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.margins(x=0.12)
         axes.set_xlabel(label)
         tidy(axes)
