@@ -13,7 +13,7 @@ from replicate.report.training_curves import read_curves, write_curves
 from replicate.targets.claims.claim_verdicts import read_verdicts
 from replicate.targets.reference import reference_results as reference
 
-TABLES = ("claims", "table2", "bench_poses", "bench_rig", "targets")
+TABLES = ("claims", "table2_ratios", "table2", "bench_poses", "bench_rig", "targets")
 CLEAN = {"git": {"commit": "c" * 40, "clean": True}, "run": "r"}
 
 
@@ -56,7 +56,7 @@ def test_results_benchmarks_manifest_and_readme_are_written(folders):
     assert manifest.targets(reference_folder) == ["table2", "bench_floors"]
     assert notebook_names == ["claims", "rig_tour", "table2"]
     text = reference.README.read_text()
-    assert text.startswith("before\n") and text.endswith("after\n") and text.count("old") == len(TABLES) - 2
+    assert text.startswith("before\n") and text.endswith("after\n") and text.count("old") == len(TABLES) - 3
     assert "| Coarse | 0.50 |" in text and "| teen (Hiccup) |" in text
     verdicts = {one.results for one in read_verdicts(reference_folder / "claims.csv")}
     assert verdicts <= {"", "reference"}, "they are of the committed rows, not of the run's"
