@@ -14,9 +14,9 @@ def cast() -> tuple[str, ...]:
 
 
 def order_of(character: str) -> tuple[bool, int, str]:
-    """Return what sorts characters: those that stand for one of the paper's in its order, others by name, then variants.
+    """Return what sorts characters: those that stand for one of the paper's in its order, then others by name.
 
-    Variants, as teen@one_face, come in the order of the characters that they are variants of.
+    Variants, as teen@one_face, come last, in the order of the characters that they are variants of.
     """
     names, (base, at, _) = list(STANDS_FOR), character.partition("@")
     return bool(at), (names.index(base) if base in names else len(names)), character

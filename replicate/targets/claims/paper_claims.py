@@ -154,8 +154,8 @@ CLAIMS = (
     ),
     Claim(
         "C2", "Refined has the smallest normal error (for Toothless: dense)", "Table 2",
-        "The refined model's normal error (on the dragon, the dense model's) is smaller than those of the paper's other "
-        "rows in Table 2. A character that stands for none of the paper's is judged as Hiccup is.",
+        "The refined model's normal error (on the dragon, the dense model's) is smaller than those of the other rows "
+        "that the paper has in Table 2. A character that stands for none of the paper's is judged as Hiccup is.",
         _smallest_normal_error, kinds=("normal",),
     ),
     Claim(
@@ -166,8 +166,8 @@ CLAIMS = (
     ),
     Claim(
         "C4", "LBS can match the CNN in distance and still lose the wrinkles", "Table 2, Figs. 1 and 9",
-        "With 16, 24 or 32 bones LBS has a distance error no larger than the refined model's, and a larger normal error. "
-        "The paper says that this can happen, not that it always does.",
+        "With 16, 24 or 32 bones LBS has a distance error no larger than the refined model's, and a larger normal "
+        "error. The paper says that this can happen, not that it always does.",
         _skin_close_without_wrinkles, kinds=BOTH,
     ),
     Claim(

@@ -63,8 +63,8 @@ def weight_picture(
     in_words = ", ".join(map(str, numbers))
     return panel_grid(rows, [f"{bones} bones" for bones in numbers]), Words(
         f"The head at rest, each vertex in the mixed colours of the bones that move it, for {in_words} bones.",
-        f"Weights that SSDR finds for {in_words} bones. Each bone has a colour; a vertex mixes the colours of its bones "
-        "(eight at most) by their weights. Where borders are soft, neighbouring bones blend.",
+        f"Weights that SSDR finds for {in_words} bones. Each bone has a colour; a vertex mixes the colours of its "
+        "bones (eight at most) by their weights. Where borders are soft, neighbouring bones blend.",
     )
 
 
