@@ -13,10 +13,13 @@ def cast() -> tuple[str, ...]:
     return tuple(name for name in STANDS_FOR if recipe_file(name).is_file())
 
 
-def order_of(character: str) -> tuple[int, str]:
-    """Return what sorts characters: those that stand for one of the paper's in its order, then others by name."""
-    names = list(STANDS_FOR)
-    return (names.index(character) if character in names else len(names)), character
+def order_of(character: str) -> tuple[bool, int, str]:
+    """Return what sorts characters: those that stand for one of the paper's in its order, then others by name.
+
+    Variants, as teen@one_face, come last, in the order of the characters that they are variants of.
+    """
+    names, (base, at, _) = list(STANDS_FOR), character.partition("@")
+    return bool(at), (names.index(base) if base in names else len(names)), character
 
 
 def characters_of(rows: Iterable[Row]) -> list[str]:

@@ -93,6 +93,7 @@ def test_table2s_notebook_shows_the_results_of_a_folder(folder, monkeypatch):
     outputs = run_cells(TABLE2, monkeypatch)
     titles = [table.title for table in outputs if hasattr(table, "title")]
     assert titles == [
+        "What the paper claims, on our characters",
         "Table 2: teen beside the paper's Hiccup",
         "Table 2 as ratios: teen beside Hiccup",
         "Trainings that differ in one thing",
@@ -126,7 +127,7 @@ def run_cells(path: Path, monkeypatch) -> list:
 def test_table1s_notebook_shows_the_table_and_the_claim(folder, monkeypatch):
     write_results(folder / "table1.csv", table1_rows())
     in_manifest(folder, "table1", {"teen": {"run": "r", "stages": {"table1-teen": {"wall_s": 60}}}})
-    table, claim = run_cells(notebooks.NOTEBOOKS / "table1.ipynb", monkeypatch)
+    claim, table = run_cells(notebooks.NOTEBOOKS / "table1.ipynb", monkeypatch)
     assert table.title.startswith("Table 1") and "holds on teen" in claim
     assert "1.0 min" in provenance_text("quick", "table1") and "c0ffee" not in provenance_text("quick", "table1")
 
@@ -144,7 +145,8 @@ def test_a_figures_notebook_shows_the_pictures_that_the_manifest_names(folder, m
     (folder / f"{target}_teen.png").write_bytes(b"a picture")
     (folder / f"{target}_woman.png").write_bytes(b"one that no manifest names")
     in_manifest(folder, target, {"teen": {"run": "r", "files": [f"{target}_teen.csv", f"{target}_teen.png"]}})
-    picture, table = run_cells(notebooks.NOTEBOOKS / f"{target}.ipynb", monkeypatch)
+    *heading, picture, table = run_cells(notebooks.NOTEBOOKS / f"{target}.ipynb", monkeypatch)
+    assert all("teen" in text for text in heading)
     assert picture == folder / f"{target}_teen.png" and "teen" in table.title and len(table.body) == 1
     (folder / f"{target}_teen.png").unlink()
     with pytest.raises(InputError, match=rf"{target}_teen.png: there is no such picture; `make {target}` draws it"):

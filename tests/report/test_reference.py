@@ -75,9 +75,9 @@ def test_the_manifest_names_the_run_and_a_clean_tree(rows):
 
 @pytest.mark.parametrize("name", list(tables_in_texts()))
 def test_a_text_shows_the_reference_and_nothing_else(name):
-    file, make_table = tables_in_texts()[name]
+    file, csv, make_table = tables_in_texts()[name]
     text = file.read_text()
-    assert with_table(text, name, make_table(reference_file(f"{name}.csv"))) == text
+    assert with_table(text, name, make_table(reference_file(csv))) == text
 
 
 def test_the_notebook_was_executed_on_the_reference(rows):

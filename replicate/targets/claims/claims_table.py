@@ -4,27 +4,39 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from replicate.report.cast import STANDS_FOR, order_of
+from replicate.report.notebooks import folder_of
 from replicate.report.tables import Table
-from replicate.targets.claims.claim_verdicts import FAILS, HOLDS, NOT_TESTED, Verdict, beaten_by_line, read_verdicts
-from replicate.targets.claims.evidence import Evidence, MissingNumber, gather
-from replicate.targets.claims.paper_claims import CLAIMS, claim_named, smaller_error
+from replicate.targets.claims.claim_verdicts import (
+    FAILS,
+    HOLDS,
+    NOT_TESTED,
+    Verdict,
+    beaten_by_line,
+    judge_all,
+    read_verdicts,
+)
+from replicate.targets.claims.evidence import Evidence, MissingNumber, gather, published
+from replicate.targets.claims.paper_claims import CLAIMS, Claim, claim_named, smaller_error
 from replicate.targets.claims.verdict_rules import SPREADS, significant
 
+OF_TABLE2 = ("C1", "C2", "C3", "C4", "C5")
 CLOSE = 0.02  # share of a limit: a verdict of one seed that is nearer to it is marked
-LATER = "C7 to C10 and C13 follow with the tables and figures that they need."
+LATER = "The suite has no tables yet for C7 to C9 (speed), C10 (inverse kinematics) and C13 (transfer to another mesh)."
 
 
-def claims_table(verdicts: Sequence[Verdict], evidence: Evidence) -> Table:
+def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequence[Claim] = CLAIMS) -> Table:
     """Return a line for each claim and a column for each character, with footnotes on what qualifies a verdict.
 
-    Variants of a character, as teen@one_face, are left out. evidence: what the verdicts are from, for the line.
+    Variants of a character, as teen@one_face, are left out. evidence: what the verdicts are from, for the line. claims:
+    those that are shown.
     """
-    by_key = {(one.claim, one.character): one for one in verdicts if "@" not in one.character}
+    names = [claim.name for claim in claims]
+    by_key = {(one.claim, one.character): one for one in verdicts if "@" not in one.character and one.claim in names}
     characters = sorted({character for _, character in by_key}, key=order_of)
     cells = {key: cell(one) for key, one in by_key.items()}
     body = tuple(
         (f"{claim.name} {claim.text}", *(cells.get((claim.name, character), "–") for character in characters))
-        for claim in CLAIMS
+        for claim in claims
     )
     marks = "".join(cells.values())
     notes = [about(list(by_key.values()))]
@@ -35,10 +47,25 @@ def claims_table(verdicts: Sequence[Verdict], evidence: Evidence) -> Table:
             f"‡ Decided by less than {CLOSE:.0%} on a single seed: another seed may turn it.".replace("%", " %")
         )
     notes += line_notes(evidence, characters)
-    notes.append(f"–: not tested. {LATER}")
+    if "–" in cells.values():
+        notes.append("–: not tested yet.")
+    if claims is CLAIMS:
+        notes.append(LATER)
     header = ("", *(f"{name} ({STANDS_FOR[name]})" if name in STANDS_FOR else name for name in characters))
     title = "What the paper claims, on our characters"
     return Table(title, (header,), body, tuple(notes), text_columns=len(header))
+
+
+def verdicts_of_table2(name: str) -> Table:
+    """Return the verdicts on the claims about Table 2, C1 to C5, judged on some results' own rows.
+
+    name: "reference", or the profile of a run; its `claims.csv` need not be there.
+    """
+    evidence = gather([folder_of(name)])
+    claims = [claim for claim in CLAIMS if claim.name in OF_TABLE2]
+    characters = {row.character for row in evidence.rows.values() if row.table == "table2"}
+    verdicts = [one for one in judge_all(evidence, published()) if one.character in characters]
+    return claims_table(verdicts, evidence, claims)
 
 
 def overview(file: Path) -> Table:
@@ -91,7 +118,7 @@ def line_notes(evidence: Evidence, characters: Sequence[str]) -> list[str]:
 def claim_text(name: str) -> str:
     """Return a claim, where the paper has it, and when it holds, in Markdown. name: "C1"."""
     claim = claim_named(name)
-    return f"**{claim.text}** ({claim.where}). *It holds where:* {claim.rule}"
+    return f"**{claim.text}** ({claim.where}). *It holds if:* {claim.rule}"
 
 
 def reasons_table(verdicts: Sequence[Verdict], claim: str) -> Table:

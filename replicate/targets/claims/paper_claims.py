@@ -90,7 +90,8 @@ def _degrees_per_mm(evidence: Evidence, character: str) -> str:
         smaller_error(evidence, character, "dense", other, "normal").satisfied for other in ("refined", "coarse")
     )
     lead = "Dense does not fail here: its normal error is the smallest of the three. " if better else ""
-    return f"{lead}Degrees of normal error per mm of distance: {shares['dense']} and {shares['refined']}."
+    hint = "Degrees of normal error per mm of distance, more for finer errors"
+    return f"{lead}{hint}: {shares['dense']} and {shares['refined']}."
 
 
 def _sizes(evidence: Evidence, character: str) -> tuple[Number, Number]:
@@ -148,49 +149,51 @@ BOTH = tuple(QUANTITIES)
 CLAIMS = (
     Claim(
         "C1", "The refined model beats the coarse one in both errors", "Table 2",
-        "Its distance and its normal error are both smaller.",
+        "The refined model's distance error and its normal error are both smaller.",
         _refined_beats_coarse, kinds=BOTH,
     ),
     Claim(
         "C2", "Refined has the smallest normal error (for Toothless: dense)", "Table 2",
-        "Its normal error is smaller than those of the paper's other rows in Table 2: coarse, dense (or refined), and "
-        "LBS with 16, 24 and 32 bones. A character that stands for none of the paper's is judged as Hiccup is.",
+        "The refined model's normal error (on the dragon, the dense model's) is smaller than those of the other rows "
+        "that the paper has in Table 2. A character that stands for none of the paper's is judged as Hiccup is.",
         _smallest_normal_error, kinds=("normal",),
     ),
     Claim(
         "C3", "Refined beats every LBS in normal error", "Table 2",
-        "Its normal error is smaller than that of LBS with 16, 24 and 32 bones, which sees each true test mesh.",
+        "The refined model's normal error is smaller than that of LBS with 16, 24 and 32 bones, which sees each true "
+        "test mesh.",
         _refined_beats_skins, kinds=("normal",),
     ),
     Claim(
         "C4", "LBS can match the CNN in distance and still lose the wrinkles", "Table 2, Figs. 1 and 9",
-        "With some number of bones, LBS has a distance error no larger than refined's, and a larger normal error. The "
-        "paper says that it can be so, not that it always is.",
+        "With 16, 24 or 32 bones LBS has a distance error no larger than the refined model's, and a larger normal "
+        "error. The paper says that this can happen, not that it always does.",
         _skin_close_without_wrinkles, kinds=BOTH,
     ),
     Claim(
         "C5", "Dense networks leave high-frequency noise in the normals", "§5, Fig. 10",
-        "Their normal error is larger than refined's and than coarse's too: coarse maps lose fine detail, and only "
-        "wrong detail is worse than none. A mean has no frequency; degrees per millimetre are a hint at it, and the "
-        "heatmaps of Figure 10 show it. Where dense networks have the smaller normal error, the claim fails.",
+        "The dense networks' normal error is larger than the refined and the coarse model's. Coarse maps lose fine "
+        "detail, so whoever is worse than they are adds wrong detail. A mean can't show frequency; the heatmaps of "
+        "Figure 10 can.",
         _dense_normals_are_worst, _degrees_per_mm, ("normal",),
     ),
     Claim(
         "C6", f"The CNN is {SIZES[0]:g} to {SIZES[1]:g} times smaller than the dense model", "Table 1",
-        f"The dense model, with the text's widths, is at least {SIZES[0]:g} times as large. More than {SIZES[1]:g} "
-        "times is no failure.",
+        f"The dense model, with the layers that the paper's text gives, is at least {SIZES[0]:g} times as large as the "
+        f"CNN. More than {SIZES[1]:g} times is no failure.",
         _cnn_is_smaller, _times_as_large,
     ),
     Claim(
         "C11", f"Rigid segments follow their attachments to within {TAU_MM:g} mm", "§3.4",
-        "Placed by the attachment vertices of the true test poses, their vertices are at most τ off in the mean over "
-        "vertices and poses. The paper prints no number for it.",
+        "Each rigid segment, as a tooth, is placed by its attachment vertices in the true test mesh. Its vertices are "
+        f"then at most τ = {TAU_MM:g} mm off, in the mean over vertices and poses. The paper prints no number for it.",
         _rigid_within_tau, _worst_rigid,
     ),
     Claim(
         "C12", "Augmentation with balancing beats the raw animation", "§3.5",
-        "On validation poses, coarse networks trained on augmented, balanced samples have both errors smaller than "
-        "those trained on the animation as it is (`make bench-training`). The paper prints no number for it.",
+        "Two coarse networks are compared on validation poses (`make bench-training`). The one that is trained on "
+        "augmented, balanced samples has both errors smaller than the one that is trained on the animation as it is. "
+        "The paper prints no number for it.",
         _augmented_beats_raw,
     ),
 )  # fmt: skip

@@ -63,8 +63,8 @@ def weight_picture(
     in_words = ", ".join(map(str, numbers))
     return panel_grid(rows, [f"{bones} bones" for bones in numbers]), Words(
         f"The head at rest, each vertex in the mixed colours of the bones that move it, for {in_words} bones.",
-        f"Weights found by SSDR for {in_words} bones: each bone has a colour, and a vertex mixes those of its bones "
-        "(eight at most) by their weights. Soft borders are what lets neighbouring bones blend.",
+        f"Weights that SSDR finds for {in_words} bones. Each bone has a colour; a vertex mixes the colours of its "
+        "bones (eight at most) by their weights. Where borders are soft, neighbouring bones blend.",
     )
 
 
@@ -89,8 +89,8 @@ def one_by_one(
     )
     return panel_grid([pictures], titles), Words(
         f"The head at rest {len(bones)} times, each time one bone's weights in red: {in_words}.",
-        f"{len(bones)} of {skin.bones} bones, each alone: red where its weight is one. Above, how far it turns and "
-        "its centre moves (root of the mean square over training poses).",
+        f"{len(bones)} of {skin.bones} bones, one a picture: the redder a vertex, the larger the bone's weight. Above "
+        "each: how far the bone turns, and how far its centre moves (root mean square over training poses).",
     )
 
 
@@ -116,7 +116,8 @@ def wrinkle_picture(
     return panel_grid([clay, heat], titles, ("surface", "normal error"), bar), Words(
         f"A wrinkled forehead, true and skinned, with normal errors below from 0 to {LIMIT_DEG:g} degrees: {in_words}.",
         "The test pose that folds the forehead most: the truth, then skins whose bones are refitted to it. A fold is a "
-        f"few vertices wide, a bone moves many: the ridges go first. Mean normal error over the head: {in_words}.",
+        "few vertices wide and a bone moves many vertices, so that few bones leave folds shallow and the finest ones "
+        f"out. Mean normal error over the head: {in_words}.",
     )
 
 
@@ -177,7 +178,7 @@ def curve(lines: Sequence[Mapping[str, str]], character: str) -> "tuple[matplotl
     return figure, Words(
         f"Two line charts of error against the number of bones, from {ends[0]} to {ends[1]}.",
         f"Errors of {character}'s skins on test poses, bones refitted to each: from {ends[0]}, to {ends[1]}. Dashed: "
-        "the least error of any displacements of the same rank.",
+        "the least squares fit of the same rank, 4 a bone, whose RMSE no skin can pass.",
     )
 
 

@@ -26,6 +26,7 @@ from replicate.targets.claims.evidence import gather
 from replicate.targets.reference import committed_seeds
 from replicate.targets.rig_report.report_tables import report_card
 from replicate.targets.table2.error_table import table2_overview
+from replicate.targets.table2.ratio_tables import table2_questions
 from replicate.targets.table2.table2_figures import redraw_charts
 from replicate.targets.target_table import target_table
 
@@ -92,15 +93,16 @@ def rewrite_target_table() -> None:
     write_text(REPRODUCING, with_table(text, "targets", target_table()))
 
 
-def tables_in_texts() -> dict[str, tuple[Path, Callable[[Path], Table]]]:
-    """Return, by the name of a committed CSV, which text shows it, and what makes the table of the file."""
+def tables_in_texts() -> dict[str, tuple[Path, str, Callable[[Path], Table]]]:
+    """Return, by the name of a table's marks, which text has it, which committed CSV it shows, and what makes it."""
     paper = read_results(paths.PAPER / "table2.csv")
     return {
-        "claims": (README, overview),
-        "table2": (README, lambda file: table2_overview(read_results(file), paper)),
-        "bench_poses": (DATA_CARD, lambda file: health_card(read_results(file))),
-        "bench_rig": (REPRODUCING, lambda file: speed_card(read_results(file))),
-        "rig_report": (DATA_CARD, lambda file: report_card(read_results(file))),
+        "claims": (README, "claims.csv", overview),
+        "table2_ratios": (README, "table2.csv", lambda file: table2_questions(read_results(file), paper)),
+        "table2": (README, "table2.csv", lambda file: table2_overview(read_results(file), paper)),
+        "bench_poses": (DATA_CARD, "bench_poses.csv", lambda file: health_card(read_results(file))),
+        "bench_rig": (REPRODUCING, "bench_rig.csv", lambda file: speed_card(read_results(file))),
+        "rig_report": (DATA_CARD, "rig_report.csv", lambda file: report_card(read_results(file))),
     }
 
 
@@ -149,8 +151,8 @@ def _texts(targets: list[str]) -> list[Path]:
 
     names = [file.stem for file in sorted(NOTEBOOKS.glob("*.ipynb")) if file.stem in (*targets, *ALWAYS)]
     files = [run_notebook(name, "reference") for name in names]
-    for name, (text, make_table) in tables_in_texts().items():
-        if (file := paths.REFERENCE / f"{name}.csv").is_file():
+    for name, (text, csv, make_table) in tables_in_texts().items():
+        if (file := paths.REFERENCE / csv).is_file():
             write_text(text, with_table(text.read_text("utf-8"), name, make_table(file)))
             files.append(text)
     rewrite_target_table()

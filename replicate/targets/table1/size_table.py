@@ -48,7 +48,7 @@ def size_ratio(rows: Iterable[Row], character: str, dense: str = "dense") -> flo
 
 
 def size_claim(ours: Sequence[Row], paper: Sequence[Row]) -> str:
-    """Return in one sentence what the sizes say of claim C6, "the CNN is 2–5× smaller than the dense model".
+    """Return in a few sentences what the sizes say of claim C6, "the CNN is 2–5× smaller than the dense model".
 
     The width of the text decides; that of the released code stands beside it. A still smaller CNN is no failure.
     """
@@ -64,12 +64,12 @@ def size_claim(ours: Sequence[Row], paper: Sequence[Row]) -> str:
     wide = {name: ratio for name in ratios if (ratio := size_ratio(ours, name, "dense_released"))}
     theirs = {name: ratio for name in STANDS_FOR.values() if (ratio := size_ratio(paper, name))}
     reasons = [
-        f"with hidden layers of {_widths('dense')} the dense model is {_times(ratios)} times as large",
-        f"with {_widths('dense_released')} {_times(wide)} times" if wide else "",
-        f"in the paper {_times(theirs)} times" if theirs else "",
-        f"more than {CLAIM[1]:g} times on {_in_words(beyond)} is no failure" if beyond else "",
+        f"With hidden layers of {_widths('dense')} the dense model is {_times(ratios)} times as large as the CNN.",
+        f"With hidden layers of {_widths('dense_released')} it is {_times(wide)} times as large." if wide else "",
+        f"In the paper it is {_times(theirs)} times as large." if theirs else "",
+        f"That it is more than {CLAIM[1]:g} times on {_in_words(beyond)} is no failure." if beyond else "",
     ]
-    return f"{claim} {verdict}: {'; '.join(filter(None, reasons))}."
+    return f"{claim} {verdict}. {' '.join(filter(None, reasons))}"
 
 
 def _in_words(names: Iterable[str]) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from replicate.methods.method_registry import in_order, method_named
-from replicate.report.cast import STANDS_FOR
+from replicate.report.cast import STANDS_FOR, characters_of
 from replicate.report.results import Row, find, most_seeds
 from replicate.report.tables import Table, paper_value, round_off
 
@@ -63,14 +63,24 @@ def _line(rows, paper, character: str, theirs: str | None, method: str) -> tuple
 def _about(rows: Sequence[Row], theirs: str | None) -> str:
     about = []
     seeds = most_seeds(rows)
-    if poses := max((row.poses or 0 for row in rows), default=0):
-        about.append(f"{poses:,} unique test poses" + (" or more a seed" if seeds > 1 else ""))
+    if poses := _poses_in_words(rows):
+        about.append(f"{poses} unique test poses" + (" or more a seed" if seeds > 1 else ""))
     if seeds:
         about.append(f"{seeds} seeds, ± their standard deviation" if seeds > 1 else "one seed")
     about += [f"profile {name}" for name in sorted({row.profile for row in rows})]
     if theirs:
         about.append(f"{theirs} is another rig: compare orderings and ratios, not millimetres")
     return "; ".join(about) + "."
+
+
+def _poses_in_words(rows: Sequence[Row]) -> str:
+    """Return how many poses the errors are means over, character by character where they differ; "" for none."""
+    counts = {who: max(row.poses or 0 for row in rows if row.character == who) for who in characters_of(rows)}
+    counts = {who: count for who, count in counts.items() if count}
+    if len(set(counts.values())) < 2:
+        return "".join(f"{count:,}" for count in set(counts.values()))
+    *most, last = (f"{count:,} ({who})" for who, count in counts.items())
+    return f"{', '.join(most)} and {last}"
 
 
 def method_notes(present: Sequence[str]) -> list[str]:

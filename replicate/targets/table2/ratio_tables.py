@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from replicate.methods.method_registry import in_order, method_named
-from replicate.report.cast import STANDS_FOR
+from replicate.report.cast import STANDS_FOR, characters_of
 from replicate.report.results import Row, find, most_seeds
 from replicate.report.tables import Table, round_off
 
@@ -20,6 +20,21 @@ RATIOS = (
     ("refined", "neutral", "vertex"),
 )
 ERRORS = {"vertex": "distance", "normal": "normal angle"}
+# (question, method, over which other, error): what README asks of all characters together.
+QUESTIONS = (
+    ("Does refinement help?", "refined", "coarse", "normal"),
+    ("Are the normals of dense networks worse?", "dense", "refined", "normal"),
+    ("Does LBS lose the wrinkles?", "lbs32", "refined", "normal"),
+    ("Is LBS as close in distance?", "lbs32", "refined", "vertex"),
+    ("How far does a straight line get in normals?", "linear", "refined", "normal"),
+    ("And in distance?", "linear", "refined", "vertex"),
+    ("Could the maps hold more than the networks learn?", "floor", "coarse", "normal"),
+    ("Does our own method do better?", "regional", "refined", "normal"),
+)
+READING = (
+    "Below 1 the first method has the smaller error. A column of the paper's has the ratios of its own numbers; it has "
+    "no straight line, no floors and not our method."
+)
 
 
 def table2_ratios(ours: Sequence[Row], paper: Sequence[Row], character: str) -> Table:
@@ -33,6 +48,20 @@ def table2_ratios(ours: Sequence[Row], paper: Sequence[Row], character: str) -> 
             body.append((label, *(round_off(ratio, "ratio") for ratio in ratios)))
     header = ("mean error of one method over another's", character, theirs or "–")
     return Table(f"Table 2 as ratios: {character} beside {theirs or 'nobody'}", (header,), tuple(body))
+
+
+def table2_questions(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
+    """Return ratios of mean errors for all characters that stand for one of the paper's, each answering a question."""
+    characters = [who for who in characters_of(ours) if who in STANDS_FOR]
+    columns = [(rows, name) for who in characters for rows, name in ((ours, who), (paper, STANDS_FOR[who]))]
+    body = []
+    for question, method, other, kind in QUESTIONS:
+        ratios = [_ratio(rows, name, method, other, kind) for rows, name in columns]
+        if any(ratio is not None for ratio in ratios[::2]):
+            what = f"{method_named(method).title} / {method_named(other).title}, {ERRORS[kind]}"
+            body.append((question, what, *(round_off(ratio, "ratio") for ratio in ratios)))
+    header = ("question", "ratio of mean errors", *(name for _, name in columns))
+    return Table("Table 2 as ratios", (header,), tuple(body), (READING,), text_columns=2)
 
 
 def _ratio(rows: Iterable[Row], character: str, method: str, other: str, kind: str) -> float | None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from replicate.drawing.panels import Words
 from replicate.engine.paths import PAPER
+from replicate.report.cast import characters_of
 from replicate.report.notebooks import folder_of
 from replicate.report.pose_record import CHOICES, FOLDED, PoseRecord, load_pose
 from replicate.report.results import Row, read_results
@@ -32,8 +33,8 @@ class Table2Results:
 
     @property
     def characters(self) -> tuple[str, ...]:
-        """The characters that there are results for, sorted."""
-        return tuple(sorted({row.character for row in self.rows}))
+        """The characters that there are results for, in the order of the paper's."""
+        return tuple(characters_of(self.rows))
 
 
 def open_table2(folder: Path) -> Table2Results:
