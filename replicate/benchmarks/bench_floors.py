@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 
 from replicate.approximation.evaluation import unique_poses
 from replicate.approximation.metrics import normal_error, vertex_error
+from replicate.approximation.rigid import Attachments, attach
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.benchmarks.common import answer, artefacts_of, make_parser, publish, split_names
@@ -57,10 +58,23 @@ def floor_errors(
     return {region: tuple(float(total / max(count, 1)) for total, count in both) for region, both in sums.items()}
 
 
+def placed_floor(
+    mesh: Mesh, attachments: Attachments, floor: Callable[[np.ndarray], np.ndarray]
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a floor that places rigid segments by their attachments (§3.4), where the maps' own leaves them at rest.
+
+    floor: as the one returned: true offsets (b, n, 3), mm → what is held of them, (b, n, 3), mm.
+    """
+
+    def placed(offsets: np.ndarray) -> np.ndarray:
+        return attach(mesh, attachments, mesh.neutral + floor(offsets)) - mesh.neutral
+
+    return placed
+
+
 def floors(config: Config) -> list[Row]:
     """Make what is needed of a character, nothing trained, and return its floors at all sizes."""
     from replicate.approximation.deformation_map import Floor
-    from replicate.approximation.rigid import attach
 
     selection = refinement_squares.stage(Plan(config))
     inputs = artefacts_of(TABLE, config, [selection])
@@ -81,10 +95,7 @@ def floors(config: Config) -> list[Row]:
                 texels = size**2 * len(maps) / max(sum(len(one.vertices) for one in maps), 1)
                 facts = ("ratio", texels, None, 1, len(poses), config.profile, "bench-floors")
                 rows.append(Row(TABLE, selection.label, level, f"texels_per_vertex[{size}]", *facts))
-
-                def placed(true, floor=floor):
-                    return attach(mesh, attachments, mesh.neutral + floor(true)) - mesh.neutral
-
+                placed = placed_floor(mesh, attachments, floor)
                 for region, errors in floor_errors(mesh, placed, offsets, inside).items():
                     suffix = f"[{size}, {region}]" if region else f"[{size}]"
                     for kind, unit, value in zip(("vertex", "normal"), ("mm", "deg"), errors, strict=True):

@@ -3,7 +3,7 @@
 `make bench-selection` holds four choices against each other that the section leaves open: the error is that of offsets
 or of positions; clusters belong to one chart each, or all charts lie in one plane; their number is where the gap to an
 even error stops to grow, or lies farthest below the chord of a curve of 10 or 20 numbers, or explains nine tenths.
-No network is involved.
+No network is involved; floors are measured as `make bench-floors` does.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from replicate.approximation.evaluation import unique_poses
 from replicate.approximation.segments import Segment
 from replicate.artefacts import built_rig, control_influence, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.bench_floors import BATCH, floor_errors
+from replicate.benchmarks.bench_floors import BATCH, floor_errors, placed_floor
 from replicate.benchmarks.common import answer, artefacts_of, make_parser, publish, split_names
 from replicate.config import Config, resolve
 from replicate.engine.progress import progress
@@ -84,6 +84,7 @@ def readings(config: Config) -> list[Row]:
     inputs = artefacts_of(TABLE, config, [selection])
     mesh, samples, rig = built_rig.load_mesh(inputs), drawn_samples.load(inputs), built_rig.load(inputs)
     segments, influence = rigid_segments.load_coarse_segments(inputs, mesh), control_influence.load(inputs)
+    attachments = rigid_segments.load(inputs)
     wrinkled = np.unique(np.concatenate([state.vertices for state in rig.wrinkle_states(rig.default).values()]))
     poses = samples.draw(np.random.default_rng(0), min(config.refinement.poses, len(samples)))
     offsets = samples.offsets(poses)
@@ -103,7 +104,8 @@ def readings(config: Config) -> list[Row]:
                     for square in squares:
                         covered[square.vertices] = True
                     floor = Floor(segments, config.coarse.map_size, tuple(squares), config.refinement.map_size)
-                    degrees = floor_errors(mesh, floor, test, covered)[""][1]
+                    placed = placed_floor(mesh, attachments, floor)
+                    degrees = floor_errors(mesh, placed, test, covered)[""][1]
                     values = (k, len(squares), covered[wrinkled].mean(), errors[covered].sum() / errors.sum(), degrees)
                     for (metric, (unit, _)), value in zip(METRICS.items(), values, strict=True):
                         facts = (unit, float(value), None, 1, len(test), config.profile, "bench-selection")
@@ -126,7 +128,8 @@ def selection_table(rows: Sequence[Row], character: str) -> Table:
                 body.append(tuple(cells))
     header = ("error of, clusters, their number", *(title for _, title in METRICS.values()))
     notes = (
-        "Floor: least-squares maps of the true offsets of test poses, the refinement's on top of the coarse ones.",
+        "Floor: least-squares maps of the true offsets of test poses, the refinement's on top of the coarse ones; "
+        "rigid segments are placed as §3.4 does.",
     )
     return Table(f"Readings of §3.3: {character}", (header,), tuple(body), notes)
 

@@ -44,18 +44,21 @@ def make_parser(name: str, about: str, characters: str = "teen", profile: str = 
 
 
 def add_count(parser: argparse.ArgumentParser, name: str, usual: int, about: str, least: int = 1) -> None:
-    """Add an option for a whole number, --<name>; `answer` refuses one below the least that is allowed.
+    """Add an option for a whole number, --<name>; one below the least that is allowed ends in an InputError.
 
     usual: the number where none is named. about: what it counts, for the help.
     """
+    words = f"{about} (default: {usual})"
+    parser.add_argument(f"--{name}", action=_Count, type=int, default=usual, const=least, help=words)
 
-    def number(text: str) -> int:
-        value = int(text)
-        if value < least:
-            raise InputError(f"{name} is {value}: allowed is a whole number of at least {least}")
-        return value
 
-    parser.add_argument(f"--{name}", type=number, default=usual, help=f"{about} (default: {usual})")
+class _Count(argparse.Action):
+    """Takes a whole number of at least `const`."""
+
+    def __call__(self, parser: object, namespace: argparse.Namespace, values: int, option_string: str = "") -> None:
+        if values < self.const:
+            raise InputError(f"{self.dest} is {values}: allowed is a whole number of at least {self.const}")
+        setattr(namespace, self.dest, values)
 
 
 def answer(parser: argparse.ArgumentParser, body: Callable, arguments: Sequence[str] | None) -> int:

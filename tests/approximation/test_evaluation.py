@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plane import flat_grid
 
 from replicate.approximation.evaluation import evaluate, load_errors, unique_poses
 from replicate.approximation.metrics import normal_error, vertex_error
@@ -14,12 +15,8 @@ from replicate.report.results import find
 @pytest.fixture
 def grid() -> Mesh:
     """A 6 × 6 grid of 10 mm squares; its right half is "ear", its last two columns a rigid "tooth"."""
-    x, y = np.meshgrid(np.arange(6), np.arange(6))
-    vertices = np.stack([x, y, 0 * x], -1).reshape(-1, 3).astype(np.float32) * 10
-    corner = np.arange(36).reshape(6, 6)
-    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32)
-    segment = np.digitize(x.ravel(), [3, 4]).astype(np.int32)
+    vertices, faces = flat_grid(10 * np.arange(6), 10 * np.arange(6))
+    segment = np.digitize(vertices[:, 0], [30, 40]).astype(np.int32)
     return Mesh(
         vertices,
         faces,

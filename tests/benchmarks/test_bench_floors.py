@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from small_face import small_mesh, small_samples
 
+from replicate.approximation.rigid import find_attachments
 from replicate.benchmarks import bench_floors as floors
 from replicate.geometry.mesh import Mesh
 from replicate.report.results import Row
@@ -25,6 +27,23 @@ def test_a_floor_that_holds_nothing_misses_all_of_the_motion_where_it_is():
     assert errors[""] == pytest.approx((2 / 8, 22.5)) and errors["refined"] == pytest.approx((2 / 4, 45.0))
     exact = floors.floor_errors(mesh, lambda o: o, offsets, inside)
     assert exact[""] == exact["refined"] == (0, 0)
+
+
+def test_a_placed_floor_moves_rigid_segments_with_what_carries_them():
+    mesh = small_mesh()
+    samples = small_samples(mesh)
+    attachments = find_attachments(mesh, mesh.neutral + samples.offsets(np.arange(32)), 0.3, 4)
+    tooth = mesh.segment == 2
+    assert attachments.segment.tolist() == [2]
+    offsets = np.full((2, *mesh.neutral.shape), np.float32([3, 0, 4]))
+
+    def at_rest(true):
+        return np.where(tooth[:, None], 0, true).astype(np.float32)
+
+    placed = floors.placed_floor(mesh, attachments, at_rest)
+    np.testing.assert_allclose(placed(offsets), offsets, atol=1e-3)
+    assert floors.floor_errors(mesh, at_rest, offsets, tooth)["refined"][0] == pytest.approx(5)
+    assert floors.floor_errors(mesh, placed, offsets, tooth)["refined"][0] == pytest.approx(0, abs=1e-3)
 
 
 def test_the_table_sets_each_resolution_against_half_of_it():

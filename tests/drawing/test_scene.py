@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plane import flat_grid
 
 from replicate.drawing.scene import (
     CAMERAS,
@@ -71,11 +72,7 @@ def test_only_faces_in_the_frame_and_turned_to_the_camera_are_in_view():
 
 def plate(low, high, n=30):
     """An upright plate, as wide as a head, between two heights."""
-    x, y = np.meshgrid(np.linspace(-HEAD_WIDTH_MM / 2, HEAD_WIDTH_MM / 2, n), np.linspace(low, high, n))
-    corner = np.arange(n * n).reshape(n, n)
-    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
-    faces = np.int32(np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
-    return np.float32(np.stack([x, y, 0 * x + 75], -1).reshape(-1, 3)), faces
+    return flat_grid(np.linspace(-HEAD_WIDTH_MM / 2, HEAD_WIDTH_MM / 2, n), np.linspace(low, high, n), 75)
 
 
 def test_the_forehead_lies_between_brow_and_hair():

@@ -1,6 +1,7 @@
 """Faces in halves: the line between them tilts with the head, and each half comes from its own picture."""
 
 import numpy as np
+from plane import flat_grid
 
 from replicate.drawing.scene import Camera
 from replicate.drawing.split_face import middle_line, split_face
@@ -10,11 +11,7 @@ VIEW = Camera((0, 0, 0), 100)
 
 def plate(tilt_deg: float = 0.0, shift: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a plate that faces the camera, neutral and turned in its plane, and its faces."""
-    x, y = np.meshgrid(np.linspace(-40, 40, 21), np.linspace(-40, 40, 21))
-    flat = np.stack([x, y, 0 * x], -1).reshape(-1, 3).astype(np.float32)
-    corner = np.arange(441).reshape(21, 21)
-    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
-    faces = np.int32(np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+    flat, faces = flat_grid(np.linspace(-40, 40, 21), np.linspace(-40, 40, 21))
     cosine, sine = np.cos(np.radians(tilt_deg)), np.sin(np.radians(tilt_deg))
     turned = flat @ np.float32([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]]) + np.float32([shift, 0, 0])
     return flat, turned, faces

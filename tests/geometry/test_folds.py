@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plane import flat_grid
 
 from replicate.engine.exceptions import InputError
 from replicate.geometry.edges import edges, inner_edges
@@ -13,11 +14,7 @@ TENT_FACES = np.int32([[0, 1, 2], [1, 0, 3]])
 
 
 def sheet(n=8) -> Mesh:
-    x, y = np.meshgrid(np.arange(n), np.arange(n))
-    vertices = np.float32(np.stack([x, y, 0 * x], -1).reshape(-1, 3)) * 5
-    corner = np.arange(n * n).reshape(n, n)
-    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
-    faces = np.int32(np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+    vertices, faces = flat_grid(5 * np.arange(n), 5 * np.arange(n))
     uv = vertices[:, :2] / vertices[:, :2].max()
     return Mesh(vertices, faces, uv, np.zeros(n * n, np.int32), ("sheet",))
 

@@ -7,6 +7,7 @@ from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
+from plane import flat_grid
 from sample_rows import CURVE, cells_after, rig_report_rows, table1_rows, table2_rows
 
 from replicate.benchmarks.training_table import balance_text, draws_text
@@ -50,11 +51,7 @@ def empty(tmp_path, monkeypatch) -> Path:
 @pytest.fixture
 def folder(empty) -> Path:
     """The same with results as `make table2` leaves them, for a plate with a bump as character."""
-    x, y = np.meshgrid(np.linspace(-90, 90, 9), np.linspace(-90, 90, 9))
-    flat = np.stack([x, y, 0 * x + 40], -1).reshape(-1, 3).astype(np.float32)
-    corner = np.arange(81).reshape(9, 9)
-    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
-    faces = np.int32(np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+    flat, faces = flat_grid(np.linspace(-90, 90, 9), np.linspace(-90, 90, 9), 40)
     segment = Row("table2_segments", "teen", "dense", "vertex_error_mean[face]", "mm", 0.123, None, 1, 9, "quick", "r")
     write_results(empty / "table2.csv", [*table2_rows(), segment])
     write_curves(empty / "table2_curves.csv", {("teen", "dense"): CURVE})

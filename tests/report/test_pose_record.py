@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plane import flat_grid
 
 from replicate.engine.exceptions import InputError
 from replicate.report.pose_record import PoseRecord, load_pose, save_pose
@@ -12,11 +13,7 @@ TENT_FACES = np.int32([[0, 1, 2], [1, 0, 3]])
 
 def sheet() -> tuple[np.ndarray, np.ndarray]:
     """Return the vertices of a flat sheet, 35 mm wide, and its faces."""
-    x, y = np.meshgrid(np.arange(8), np.arange(8))
-    corner = np.arange(64).reshape(8, 8)
-    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
-    faces = np.int32(np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
-    return np.float32(np.stack([x, y, 0 * x], -1).reshape(-1, 3)) * 5, faces
+    return flat_grid(5 * np.arange(8), 5 * np.arange(8))
 
 
 def test_a_record_comes_back_from_disk_to_a_micrometre(tmp_path):

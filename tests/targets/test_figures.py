@@ -9,6 +9,7 @@ import pytest
 from matplotlib.colors import hsv_to_rgb
 from PIL import Image
 from plain_rig import PlainRig
+from plane import flat_grid
 from sample_rows import CURVE, PAPER_ROWS, table2_rows
 from scipy.ndimage import gaussian_filter
 
@@ -33,11 +34,7 @@ from replicate.targets.table2.error_chart import table2_chart
 @pytest.fixture
 def record() -> PoseRecord:
     """A bumpy plate, 180 mm wide, that the "dense" method roughens and the "coarse" one flattens."""
-    x, y = np.meshgrid(np.linspace(-90, 90, 25), np.linspace(-90, 90, 25))
-    flat = np.stack([x, y, 0 * x + 40], -1).reshape(-1, 3).astype(np.float32)
-    corner = np.arange(625).reshape(25, 25)
-    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
-    faces = np.int32(np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+    flat, faces = flat_grid(np.linspace(-90, 90, 25), np.linspace(-90, 90, 25), 40)
     truth = flat.copy()
     truth[:, 2] += 4 * np.sin(flat[:, 1] / 8)
     rough = truth + np.random.default_rng(0).normal(size=truth.shape).astype(np.float32)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from plain_rig import PlainRig
+from plane import flat_grid
 
 from data_recipes.controls import Control
 from data_recipes.rig import Clip
@@ -61,11 +62,7 @@ class Plate(SimpleNamespace, PlainRig):
 
 @pytest.fixture
 def rig(monkeypatch):
-    x, y = np.meshgrid(np.linspace(-90, 90, 9), np.linspace(-90, 90, 9))
-    flat = np.stack([x, y, 0 * x + 40], -1).reshape(-1, 3).astype(np.float32)
-    corner = np.arange(81).reshape(9, 9)
-    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
-    faces = np.int32(np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+    flat, faces = flat_grid(np.linspace(-90, 90, 9), np.linspace(-90, 90, 9), 40)
     owner = np.repeat(np.int32([0, 1, 2, 3]), [45, 18, 9, 9])
     mesh = Mesh(flat, faces, (flat[:, :2] + 90) / 180, owner, NAMES)
     controls = (

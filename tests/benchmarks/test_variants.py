@@ -1,0 +1,38 @@
+"""Benchmarks of trainings: each character's rows are shown and kept before the next one's trainings begin."""
+
+from argparse import Namespace
+
+from replicate.benchmarks import variants as trainings
+from replicate.benchmarks.variants import Variant, compare_variants, variants_tables
+from replicate.config import resolve
+from replicate.report.results import Row, read_results
+
+CHANGES = {"dense": ("as it is",)}
+
+
+def variants(character, profile, steps):
+    overrides = {"dense": {"training": {"steps": steps}}}
+    return [Variant("dense", "as it is", resolve(character, profile, overrides))]
+
+
+def test_each_characters_trainings_are_shown_and_kept_before_the_next_ones(capsys, monkeypatch, tmp_path):
+    monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path))
+    file, kept = tmp_path / "bench" / "bench_toy.csv", []
+
+    def train(name, chosen):
+        kept.append([row.character for row in read_results(file)] if file.is_file() else [])
+        (one,) = chosen
+        facts = ("deg", float(one.config.dense.training.steps), None, 1, 64, "laptop", "r")
+        return [Row(name, one.config.character, one.method, f"validation_normal_error[{one.change}]", *facts)]
+
+    def tables(rows):
+        return variants_tables(rows, "bench_toy", "Toys", CHANGES)
+
+    monkeypatch.setattr(trainings, "train_variants", train)
+    options = Namespace(characters="teen,toon", profile="quick", steps=7)
+    compare_variants("bench_toy", variants, tables, options, ["--steps", "7"])
+    rows = read_results(file)
+    assert kept == [[], ["teen"]] and [(row.character, row.value) for row in rows] == [("teen", 7.0), ("toon", 7.0)]
+    printed = capsys.readouterr().out
+    places = [printed.index(words) for words in ("Toys: teen", "written to", "Toys: toon")]
+    assert printed.count("7.00") == 2 and places == sorted(places)
