@@ -21,7 +21,7 @@ from replicate.targets.claims.claim_verdicts import (
     write_verdicts,
 )
 from replicate.targets.claims.claims_chart import claim_chart
-from replicate.targets.claims.claims_table import claims_table, reasons_table
+from replicate.targets.claims.claims_table import claims_table, reasons_table, verdicts_of_table2
 from replicate.targets.claims.evidence import Evidence, gather, published
 from replicate.targets.claims.paper_claims import CLAIMS, claim_named
 from replicate.targets.claims.verdict_rules import Comparison, Number, decide, significant
@@ -247,6 +247,16 @@ def test_verdicts_are_read_back_as_they_are_and_pivot(tmp_path):
     (tmp_path / "claims.csv").write_text(text)
     with pytest.raises(InputError, match=r"claims.csv, line \d+: verdict is 'undecided'"):
         read_verdicts(tmp_path / "claims.csv")
+
+
+def test_claims_about_table_2_are_judged_on_a_runs_own_rows_alone(tmp_path, monkeypatch):
+    monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path))
+    folder = paths.run_folder("quick")
+    folder.mkdir()
+    write_results(folder / "table2.csv", rows(normal={"refined": 0.5}))
+    table = verdicts_of_table2("quick")
+    assert table.headers[0] == ("", "teen (Hiccup)") and [line[0][:2] for line in table.body] == [*PAPERS_OWN][:5]
+    assert table.body[1][1] == "holds" and not any("C7" in note for note in table.notes)
 
 
 def test_the_table_marks_what_qualifies_a_verdict():
