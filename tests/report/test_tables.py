@@ -8,11 +8,12 @@ from sample_rows import METHODS, PAPER_ROWS, cells_after, table2_rows
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import PAPER
 from replicate.methods.method_registry import in_order, method_named
+from replicate.report.cast import order_of
 from replicate.report.comparison import compare, compare_folders
 from replicate.report.results import Row, read_results, write_results
 from replicate.report.tables import Table, as_latex, as_markdown, as_text, paper_value, round_off, unbroken
 from replicate.targets.table2.error_table import table2, table2_overview
-from replicate.targets.table2.ratio_tables import table2_ratios, table2_segments
+from replicate.targets.table2.ratio_tables import table2_questions, table2_ratios, table2_segments
 
 
 def test_a_line_shows_ours_and_then_the_papers():
@@ -117,6 +118,24 @@ def test_ratios_are_those_of_the_means_beside_the_papers_own():
     text = as_text(table2_ratios(table2_rows(), PAPER_ROWS, "teen"))
     assert cells_after(text, "Refined / Coarse, normal angle") == ["2.00", "0.56"]  # 0.9° / 1.6° in the paper
     assert cells_after(text, "Coarse / Floor, coarse maps ‡, normal angle") == ["0.12", "–"]
+
+
+def test_questions_are_answered_by_ratios_of_all_characters_beside_the_papers():
+    table = table2_questions(table2_rows(("toon", "teen", "mine")), PAPER_ROWS)
+    assert table.headers[0][2:] == ("teen", "Hiccup", "toon", "Ray")
+    assert table.body[0][1:] == ("Refined / Coarse, normal angle", "2.00", "0.56", "2.00", "0.39")
+    assert not any("Linear" in line[1] for line in table.body), "there are no rows of it"
+
+
+def test_poses_are_counted_character_by_character_where_they_differ():
+    rows = [replace(row, poses=7) if row.character == "toon" else row for row in table2_rows(("teen", "toon"))]
+    assert "\n1,234 (teen) and 7 (toon) unique test poses;" in as_text(table2_overview(rows, PAPER_ROWS))
+    assert "\n1,234 unique test poses;" in as_text(table2_overview(table2_rows(), PAPER_ROWS))
+
+
+def test_variants_stand_behind_the_characters_in_their_order():
+    names = ["ict", "toon@3", "woman", "teen@one_face", "teen@3", "teen"]
+    assert sorted(names, key=order_of) == ["teen", "woman", "ict", "teen@3", "teen@one_face", "toon@3"]
 
 
 def test_a_ratio_to_a_method_that_was_not_run_is_not_shown():
