@@ -47,10 +47,9 @@ def figure05(
     figure = panel_grid([pictures[:half], pictures[half:]], [titles[:half], titles[half:]])
     used = [int((row != rig.default).sum()) for row in params]
     beyond = [int(((row < rig.lower) | (row > rig.upper)).sum()) for row in params]
-    about = (
-        f"{len(params)} training poses of {rig.name}; of its {len(rig.controls)} controls they use {min(used)} to "
-        f"{max(used)}"
-    )
+    total = len(rig.controls)
+    how_many = f"all of its {total} controls" if min(used) == total else f"{min(used)} to {max(used)} of {total} controls"
+    about = f"{len(params)} training poses of {rig.name}; each uses {how_many}"
     source = (
         "drawn uniformly within the controls' limits, since the character has no clips"
         if rig.clips is None
