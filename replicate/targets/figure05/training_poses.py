@@ -48,8 +48,8 @@ def figure05(
     used = [int((row != rig.default).sum()) for row in params]
     beyond = [int(((row < rig.lower) | (row > rig.upper)).sum()) for row in params]
     total = len(rig.controls)
-    how_many = f"all of its {total} controls" if min(used) == total else f"{min(used)} to {max(used)} of {total} controls"
-    about = f"{len(params)} training poses of {rig.name}; each uses {how_many}"
+    how_many = f"all {total}" if min(used) == total else f"{min(used)} to {max(used)} of {total}"
+    about = f"{len(params)} training poses of {rig.name}; each uses {how_many} controls"
     source = (
         "drawn uniformly within the controls' limits, since the character has no clips"
         if rig.clips is None
