@@ -187,7 +187,8 @@ def test_the_lines_of_figure_8_add_up_to_the_mesh_and_to_all_of_the_error(rig, t
     save_refinement_figure(rig, segments, errors, tmp_path / "figure08_plate")
     text = as_text(refinement_table(tmp_path / "figure08_plate.csv", "plate"))
     assert "0.00–0.12" in text and "72%" in text and "–" in text.splitlines()[-1]
-    assert "face 1 72%, face 2 9%" in json.loads((tmp_path / "figure08_plate.json").read_text())["caption"]
+    caption = json.loads((tmp_path / "figure08_plate.json").read_text())["caption"]
+    assert "face, square 1 72%; face, square 2 9%" in caption
 
 
 def test_figure_5_is_saved_with_every_control_that_a_pose_uses(rig, tmp_path):

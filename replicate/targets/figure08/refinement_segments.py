@@ -80,24 +80,36 @@ def figure08(
     *lines, rest = segment_lines(mesh, segments, errors)
     shares = {line[0]: line[HEADER.index("error_share")] for line in lines}
     legend = [
-        (f"{line[0].replace('_', ' ')}: {line[2]:,} vertices, {shares[line[0]]:.0%}", [DISTINCT[k % len(DISTINCT)]])
+        (f"{in_words(line[0])}: {line[2]:,} vertices, {percent(shares[line[0]])}", [DISTINCT[k % len(DISTINCT)]])
         for k, line in enumerate(lines)
     ]
-    legend.append((f"unused: {rest[2]:,} vertices, {rest[HEADER.index('error_share')]:.0%}", [UNUSED_COLOUR]))
-    legend.append(("% of the maps' error, Eq. 2", ()))
+    share = percent(rest[HEADER.index("error_share")])
+    legend.append((f"no square: {rest[2]:,} vertices, {share}", [UNUSED_COLOUR]))
+    legend.append(("%: of the maps' error, Eq. 2", ()))
     colours = refinement_colours(mesh, segments)
     charts = chart_panels(mesh, segments, colours, width, height)
     figure = coloured_views(rig, colours, legend, width, height, renderer, charts)
-    parts = ", ".join(f"{name.replace('_', ' ')} {share:.0%}" for name, share in shares.items())
+    parts = "; ".join(f"{in_words(name)} {percent(share)}" for name, share in shares.items())
     return figure, Words(
         f"The character {rig.name}, mouth open, from the front, from three-quarters and close up into the mouth; "
         f"{len(segments)} square patches are in colours of their own, all else is grey. Below: the charts that "
         "they lie in, with a rectangle around each.",
         f"Refinement segments of {rig.name} (after Fig. 8): {len(segments)} squares of the texture coordinates, as "
         "many as the elbow method asks for, around the centroids of the coarse maps' error (Eq. 2). Their parts of "
-        f"that error: {parts}. Grey: unused. Below: the same in texture coordinates, chart by chart; each rectangle "
-        "is what a finer map covers. Eyeballs are for display only.",
+        f"that error: {parts}. Grey: not refined. Below: the same in texture coordinates, chart by chart; each "
+        "rectangle is what a finer map covers. Eyeballs are for display only.",
     )
+
+
+def in_words(segment: str) -> str:
+    """Return a refinement segment's name as a reader has it: face_1_2 is the second square of the chart face_1."""
+    chart, _, number = segment.rpartition("_")
+    return f"{chart.replace('_', ' ')}, square {number}"
+
+
+def percent(share: float) -> str:
+    """Return a share in whole percent; one that rounds to none says so."""
+    return "< 1%" if 0 < share < 0.005 else f"{share:.0%}"
 
 
 def save_refinement_figure(rig: Rig, segments: Sequence[Segment], errors: Float[np.ndarray, " n"], stem: Path) -> None:
@@ -115,9 +127,10 @@ def refinement_table(file: Path, character: str) -> Table:
         body += [None] if unused else []
         extents = (f"{float(line[f'{axis}_low']):.2f}–{float(line[f'{axis}_high']):.2f}" for axis in "uv" if not unused)
         u, v = ("–", "–") if unused else extents
-        share, map_error_mm = f"{float(line['error_share']):.0%}", f"{float(line['map_error_mm']):.2f}"
+        share, map_error_mm = percent(float(line["error_share"])), f"{float(line['map_error_mm']):.2f}"
+        name = "no square" if unused else in_words(line["segment"])
         body.append(
-            (line["segment"], f"{int(line['vertices']):,}", line["parameters"] or "–", u, v, map_error_mm, share)
+            (name, f"{int(line['vertices']):,}", line["parameters"] or "–", u, v, map_error_mm, share)
         )
     header = ("", "vertices", "parameters", "u", "v", "map error, mm", "of all error")
     return Table(f"Refinement segments of {character}", (header,), tuple(body))
