@@ -129,8 +129,6 @@ def refinement_table(file: Path, character: str) -> Table:
         u, v = ("–", "–") if unused else extents
         share, map_error_mm = percent(float(line["error_share"])), f"{float(line['map_error_mm']):.2f}"
         name = "no square" if unused else in_words(line["segment"])
-        body.append(
-            (name, f"{int(line['vertices']):,}", line["parameters"] or "–", u, v, map_error_mm, share)
-        )
+        body.append((name, f"{int(line['vertices']):,}", line["parameters"] or "–", u, v, map_error_mm, share))
     header = ("", "vertices", "parameters", "u", "v", "map error, mm", "of all error")
     return Table(f"Refinement segments of {character}", (header,), tuple(body))
