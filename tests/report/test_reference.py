@@ -68,7 +68,8 @@ def test_every_standard_method_is_there(rows):
 
 def test_the_manifest_names_the_run_and_a_clean_tree(rows):
     manifest = json.loads(reference_file("manifest.json").read_text())
-    assert manifest["git"]["clean"] and len(manifest["git"]["commit"]) == 40
+    states = [facts["git"] for facts in manifest["characters"].values()]
+    assert all(git["clean"] and len(git["commit"]) == 40 for git in states)
     assert {row.run for row in rows} == {facts["run"] for facts in manifest["characters"].values()}
     assert {row.profile for row in rows} == {"laptop"}
 

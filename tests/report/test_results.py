@@ -7,6 +7,7 @@ import pytest
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import ROOT
 from replicate.report.results import COLUMNS, Row, find, over_seeds, read_results, write_results
+from replicate.report.seed_results import read_seeds, write_seeds
 from replicate.report.training_curves import read_curves, write_curves
 
 ROW = Row("table2", "teen", "coarse", "vertex_error_mean", "mm", 0.1 + 0.2, None, 1, 1234, "quick", "abc")
@@ -54,6 +55,8 @@ def test_the_bytes_of_a_file_are_these(tmp_path):
 def test_a_committed_table_is_written_again_byte_for_byte(tmp_path, file):
     if file.name == "table2_curves.csv":
         write_curves(tmp_path / file.name, read_curves(file))
+    elif file.name == "table2_seeds.csv":
+        write_seeds(tmp_path / file.name, read_seeds(file))
     else:
         write_results(tmp_path / file.name, read_results(file))
     assert (tmp_path / file.name).read_bytes() == file.read_bytes()

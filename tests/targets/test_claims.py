@@ -14,6 +14,7 @@ from replicate.targets.claims.claim_verdicts import judge_all, read_verdicts
 from replicate.targets.claims.claims_chart import claim_chart
 from replicate.targets.claims.claims_table import claims_table, reasons_table, verdicts_of_table2
 from replicate.targets.claims.evidence import Evidence, gather, published
+from replicate.targets.claims.paper_claims import CLAIMS
 
 PAPER = published()
 
@@ -22,9 +23,12 @@ def test_claims_about_table_2_are_judged_on_a_runs_own_rows_alone(tmp_path, monk
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path))
     folder = paths.run_folder("quick")
     folder.mkdir()
-    write_results(folder / "table2.csv", rows(normal={"refined": 0.5}))
+    write_results(folder / "table2.csv", mean_rows(normal={"refined": 0.5}))
     table = verdicts_of_table2("quick")
-    assert table.headers[0] == ("", "teen (Hiccup)") and [line[0][:2] for line in table.body] == [*PAPERS_OWN][:5]
+    assert (
+        table.headers[0] == ("", "teen (Hiccup)")
+        and [line[0][:2] for line in table.body] == [claim.name for claim in CLAIMS][:5]
+    )
     assert table.body[1][1] == "holds" and not any("C7" in note for note in table.notes)
 
 

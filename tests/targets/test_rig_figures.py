@@ -201,9 +201,7 @@ def test_figure_5_is_saved_with_every_control_that_a_pose_uses(rig, tmp_path):
         ("3", "8", "brow", 0.5), ("3", "8", "nod", -6.0), ("4", "9", "nod", 1.0),
     ]  # fmt: skip
     caption = json.loads((tmp_path / "figure05_plate.json").read_text())["caption"]
-    assert (
-        "of its 3 controls they use 1 to 3" in caption and "0 to 1 of them lie beyond" in caption and "Eq. 5" in caption
-    )
+    assert "each uses 1 to 3 of 3 controls" in caption and "0 to 1 of them lie beyond" in caption and "Eq. 5" in caption
     body = poses_table(tmp_path / "figure05_plate.csv", "plate").body
     assert body[0] == ("1 (sample 3)", "1", "1", "jaw_open 2.0")
     assert body[2] == ("3 (sample 8)", "3", "1", "nod 1.5, brow 0.5, jaw_open 0.5")
