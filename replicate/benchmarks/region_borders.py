@@ -20,15 +20,20 @@ METRICS = ("border_normal_error", "inner_normal_error")  # of faces in two regio
 BATCH = 16  # poses at a time
 
 
+def vertex_regions(mesh: Mesh, movable: Int[np.ndarray, " v"], count: int) -> Int[np.ndarray, " n"]:
+    """Return the region of each vertex of a mesh; -1 for those that are not among the movable ones."""
+    region = np.full(len(mesh.neutral), -1)
+    for k, members in enumerate(split_regions(mesh.neutral[movable], count)):
+        region[movable[members]] = k
+    return region
+
+
 def border_faces(mesh: Mesh, movable: Int[np.ndarray, " v"], regions: int) -> Bool[np.ndarray, "2 f"]:
     """Return which faces of a mesh lie in several regions, and which in a single one; rigid segments' in neither.
 
     movable: the vertices that the regions share out among themselves.
     """
-    region = np.full(len(mesh.neutral), -1)
-    for k, members in enumerate(split_regions(mesh.neutral[movable], regions)):
-        region[movable[members]] = k
-    corners = region[mesh.faces]
+    corners = vertex_regions(mesh, movable, regions)[mesh.faces]
     moved = (corners >= 0).all(1)
     one = (corners == corners[:, :1]).all(1)
     return np.stack([moved & ~one, moved & one])

@@ -9,7 +9,7 @@ from jaxtyping import Bool, UInt8
 from data_recipes.catalogue import build_rig
 from data_recipes.recipe_paths import character_label
 from data_recipes.rig import Rig
-from replicate.approximation.regional_basis import split_regions
+from replicate.benchmarks.region_borders import vertex_regions
 from replicate.drawing.panels import DPI, Words
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
@@ -74,10 +74,7 @@ def regional_figure(
 def region_colours(rig: Rig, rigid: Bool[np.ndarray, " s"], count: int) -> UInt8[np.ndarray, "f 3"]:
     """Return a colour for each face: of the region of its first vertex, gray for rigid segments."""
     mesh = rig.mesh
-    movable = np.flatnonzero(~rigid[mesh.segment])
-    region = np.full(len(mesh.neutral), -1)
-    for k, members in enumerate(split_regions(mesh.neutral[movable], count)):
-        region[movable[members]] = k
+    region = vertex_regions(mesh, np.flatnonzero(~rigid[mesh.segment]), count)
     palette = np.array([DISTINCT[k % len(DISTINCT)] for k in range(count)] + [UNUSED_COLOUR], np.uint8)
     return palette[region[mesh.faces[:, 0]]]
 

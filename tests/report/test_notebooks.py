@@ -184,9 +184,7 @@ def test_the_claims_notebook_shows_every_claim_with_its_reasons(folder, monkeypa
     assert len(captions) == 6, "neither the paper nor these results have numbers on C11 and C12"
 
 
-@pytest.mark.parametrize(
-    "target", ["claims", "table1", "figure05", "figure07", "figure08", "rig_report", "bench_released"]
-)
+@pytest.mark.parametrize("target", "claims table1 figure05 figure07 figure08 rig_report bench_released".split())
 def test_a_notebook_without_its_results_names_the_target_that_makes_them(folder, monkeypatch, target):
     with pytest.raises(InputError, match=f"`make {target.replace('_', '-')}`"):
         run_cells(notebooks.NOTEBOOKS / f"{target}.ipynb", monkeypatch)
