@@ -16,6 +16,7 @@ from data_recipes.rig import Clip, Prop
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
+POINTS = ("landmarks", "control_points", "face_marks")
 BATCH = 32  # poses evaluated at once; larger calls go through in parts, so that a function compiles for few sizes
 
 
@@ -23,7 +24,7 @@ BATCH = 32  # poses evaluated at once; larger calls go through in parts, so that
 class FunctionRig:
     """A character whose poses a function gives; the other fields are the contract's (see `rig.Rig`).
 
-    function: (b, m) → (b, n, 3) mm, of parameters in float32.
+    function: (b, m) → (b, n, 3) mm, of parameters in float32. face_marks: the control points unless they are given.
 
     Raises InputError for indices out of range, controls or clips that don't fit.
     """
@@ -37,9 +38,15 @@ class FunctionRig:
     clips: tuple[Clip, ...] | None
     function: Callable[[Any], Any]
     landmark_names: tuple[str, ...] = ()
+    control_point_names: tuple[str, ...] = ()
+    face_marks: np.ndarray | None = None
+    face_mark_regions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for field in ("landmarks", "control_points"):
+        if self.face_marks is None:
+            object.__setattr__(self, "face_marks", self.control_points)
+            object.__setattr__(self, "face_mark_regions", self.control_point_regions)
+        for field in POINTS:
             object.__setattr__(self, field, np.asarray(getattr(self, field), np.int32))
         _check(self)
 
@@ -123,16 +130,20 @@ def _check(rig: FunctionRig) -> None:
     if len(set(names)) < m:
         twice = next(name for name in names if names.count(name) > 1)
         raise InputError(f"{where}: the control '{twice}' is there twice, where each name is allowed once.")
-    for field in ("landmarks", "control_points"):
+    for field in POINTS:
         index = getattr(rig, field)
         bad = np.flatnonzero((index < 0) | (index >= n))
         if index.ndim != 1 or len(bad):
             is_there = f"[{bad[0]}] is {index[bad[0]]}" if index.ndim == 1 else f" has the shape {index.shape}"
             raise InputError(f"{where}: {field}{is_there}, where a list of vertices from 0 to {n - 1} is allowed.")
-    if len(rig.control_point_regions) != len(rig.control_points):
+    for field, points in (("control_point_regions", "control_points"), ("face_mark_regions", "face_marks")):
+        found, count = len(getattr(rig, field)), len(getattr(rig, points))
+        if found != count:
+            raise InputError(f"{where}: found {found} {field}, where one for each of the {count} {points} is allowed.")
+    if rig.control_point_names and len(rig.control_point_names) != len(rig.control_points):
         raise InputError(
-            f"{where}: found {len(rig.control_point_regions)} control_point_regions, where one for each of the "
-            f"{len(rig.control_points)} control points is allowed."
+            f"{where}: found {len(rig.control_point_names)} control_point_names, where none or one for each of the "
+            f"{len(rig.control_points)} control points are allowed."
         )
     for clip in rig.clips or ():
         if clip.values.ndim != 2 or clip.values.shape[1] != m or not np.isfinite(clip.values).all():

@@ -10,7 +10,7 @@ import numpy as np
 
 from data_recipes.acting.clip_file import read_clip
 from data_recipes.acting.procedural_acting import act
-from data_recipes.deformers.face_points import control_points
+from data_recipes.deformers.face_points import control_points, face_marks
 from data_recipes.deformers.ladder import build_step
 from data_recipes.deformers.posed_props import rest_props
 from data_recipes.deformers.sculpting import Sculptor
@@ -42,7 +42,9 @@ def build_recipe_rig(recipe: Recipe) -> FaceRig:
             segment=head.segment.astype(np.int32),
             segment_names=head.segment_names,
         )
-        points, regions = control_points(Sculptor(head))
+        sculptor = Sculptor(head)
+        names, points, regions = control_points(sculptor, recipe.control_points)
+        marks, mark_regions = face_marks(sculptor)
         chain, constants = build_step(head, controls, recipe.step)
         face = FaceParts(constants, rest_props(head), head.paint, chain)
     rig = FaceRig(
@@ -53,6 +55,9 @@ def build_recipe_rig(recipe: Recipe) -> FaceRig:
         landmark_names=tuple(head.landmarks),
         control_points=points,
         control_point_regions=regions,
+        control_point_names=names,
+        face_marks=marks,
+        face_mark_regions=mark_regions,
         clips=tuple(clips) or None,
         face=face,
     )

@@ -33,7 +33,8 @@ class Rig(Protocol):
 
     mesh: the neutral with its segments and charts; controls: m of them, in the order of p;
     landmarks: (l,) 20–30 vertices, named by `landmark_names` where known, else by none;
-    control_points: (c,) vertices that inverse kinematics drags, with their regions;
+    control_points: (c,) vertices that inverse kinematics drags, with their regions, and names where known, else none;
+    face_marks: (k,) vertices that mark the regions of the face, with their regions;
     clips: its animation, or None (poses are then drawn uniformly).
     """
 
@@ -76,6 +77,18 @@ class Rig(Protocol):
     @property
     def control_point_regions(self) -> tuple[str, ...]:
         """The region of each control point."""
+
+    @property
+    def control_point_names(self) -> tuple[str, ...]:
+        """A name for each control point, or none at all."""
+
+    @property
+    def face_marks(self) -> Int[np.ndarray, " k"]:
+        """The vertices that mark the regions of the face: a part of the skin belongs to that of the nearest."""
+
+    @property
+    def face_mark_regions(self) -> tuple[str, ...]:
+        """The region of each of the face's marks."""
 
     @property
     def clips(self) -> tuple[Clip, ...] | None:

@@ -13,6 +13,7 @@ from data_recipes.controls import Control
 from data_recipes.deformers.face_chain import LADDER
 from data_recipes.deformers.posed_props import RestProp
 from data_recipes.face_rig import FaceParts, FaceRig
+from data_recipes.function_rig import POINTS
 from data_recipes.ict.facekit_chain import FACEKIT
 from data_recipes.rig import Clip, Rig
 from replicate.engine.atomic_files import write_text
@@ -20,7 +21,8 @@ from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
 DESCRIPTION, ARRAYS = "rig.json", "rig.npz"
-FORMAT = 3
+FORMAT = 4
+POINT_LABELS = ("landmark_names", "control_point_names", "control_point_regions", "face_mark_regions")
 MESH = ("neutral", "faces", "uv", "segment")
 CHAINS = {chain.name: chain for chain in (*LADDER.values(), FACEKIT)}
 PROP = ("colours", "vertices", "faces", "index", "weight")
@@ -57,14 +59,13 @@ def save_rig(rig: Rig, folder: Path) -> None:
     arrays = _flatten(rig.face.constants, "constants") | {f"mesh/{name}": getattr(rig.mesh, name) for name in MESH}
     arrays |= {f"props/{i}/{name}": getattr(prop, name) for i, prop in enumerate(rig.face.props) for name in PROP}
     arrays |= {f"clips/{i}": clip.values for i, clip in enumerate(rig.clips or ())}
-    arrays |= {"landmarks": rig.landmarks, "control_points": rig.control_points, "paint": rig.face.paint}
+    arrays |= {name: getattr(rig, name) for name in POINTS} | {"paint": rig.face.paint}
     description = {
         "format": FORMAT,
         "name": rig.name,
         "segment_names": rig.mesh.segment_names,
         "controls": [[c.name, c.lower, c.default, c.upper, c.region] for c in rig.controls],
-        "landmark_names": rig.landmark_names,
-        "control_point_regions": rig.control_point_regions,
+        **{name: getattr(rig, name) for name in POINT_LABELS},
         "clips": None if rig.clips is None else [clip.name for clip in rig.clips],
         "props": [[prop.name, prop.follow] for prop in rig.face.props],
         "chain": rig.face.chain.name,
@@ -109,10 +110,8 @@ def _assemble(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> FaceRig:
         name=about["name"],
         mesh=Mesh(**{name: arrays[f"mesh/{name}"] for name in MESH}, segment_names=tuple(about["segment_names"])),
         controls=tuple(Control(*control) for control in about["controls"]),
-        landmarks=arrays["landmarks"],
-        landmark_names=tuple(about["landmark_names"]),
-        control_points=arrays["control_points"],
-        control_point_regions=tuple(about["control_point_regions"]),
+        **{name: arrays[name] for name in POINTS},
+        **{name: tuple(about[name]) for name in POINT_LABELS},
         clips=clips,
         face=face,
     )

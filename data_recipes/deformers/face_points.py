@@ -1,6 +1,8 @@
-"""Single vertices that a rig names: free-form handles, and the control points of inverse kinematics (§4)."""
+"""Single vertices that a rig names: free-form handles, control points of inverse kinematics (§4), a face's marks."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Int
@@ -64,8 +66,42 @@ def handle_vertices(s: Sculptor, names: list[str]) -> Int[np.ndarray, " h"]:
     return vertices
 
 
-def control_points(s: Sculptor) -> tuple[Int[np.ndarray, " c"], tuple[str, ...]]:
-    """Return the vertices that an animator drags, and the region of the face that each belongs to."""
+LIP_PLACES = (0.15, 0.3, 0.5, 0.7, 0.85)  # of the points of a lip, from the left corner of the mouth to the right one
+
+
+def _lip_points(s: Sculptor) -> dict[str, int]:
+    """Return the numbered points of both lips."""
+    curves = {name: s.head.curves[name] for name in ("lip_upper", "lip_lower")}
+    return {
+        f"{name}_{i:02d}": int(curve[round(share * (len(curve) - 1))])
+        for name, curve in curves.items()
+        for i, share in enumerate(LIP_PLACES, 1)
+    }
+
+
+def control_points(
+    s: Sculptor, names: Mapping[str, Sequence[str]]
+) -> tuple[tuple[str, ...], Int[np.ndarray, " c"], tuple[str, ...]]:
+    """Return names, vertices and regions of the control points that a recipe lists, region by region.
+
+    Raises InputError for a name that the head doesn't have, and for two names at the same vertex.
+    """
+    known = s.head.landmarks | named_points(s) | _lip_points(s)
+    points: dict[int, tuple[str, str]] = {}
+    for region, own in names.items():
+        for name in own:
+            where = f"{s.head.recipe.file}: control_points.{region} has {name!r}"
+            if name not in known:
+                raise InputError(f"{where}, which this head doesn't have; allowed are {', '.join(sorted(known))}")
+            if (vertex := known[name]) in points:
+                raise InputError(f"{where}, which is the same vertex {vertex} as {points[vertex][0]!r}; leave one out")
+            points[vertex] = name, region
+    labels, regions = zip(*points.values(), strict=True) if points else ((), ())
+    return labels, np.array(list(points), np.int32), regions
+
+
+def face_marks(s: Sculptor) -> tuple[Int[np.ndarray, " k"], tuple[str, ...]]:
+    """Return vertices all over the face, and the region of the face that each marks."""
     points, marks = named_points(s), s.head.landmarks
     pairs: list[tuple[int, str]] = []
     for side in ("left", "right"):
@@ -81,8 +117,6 @@ def control_points(s: Sculptor) -> tuple[Int[np.ndarray, " c"], tuple[str, ...]]
         ]
     pairs += [(points["nose_tip"], "nose"), (points["nose_bridge"], "nose"), (points["forehead"], "brows")]
     pairs += [(points["glabella"], "brows"), (points["chin"], "jaw")]
-    for name in ("lip_upper", "lip_lower"):
-        curve = s.head.curves[name]
-        pairs += [(int(curve[round(f * (len(curve) - 1))]), "mouth") for f in (0.15, 0.3, 0.5, 0.7, 0.85)]
+    pairs += [(vertex, "mouth") for vertex in _lip_points(s).values()]
     unique = dict(pairs[::-1])
     return np.array(list(unique)[::-1], np.int32), tuple(list(unique.values())[::-1])

@@ -24,7 +24,7 @@ from data_recipes.ict.facekit_paint import paint
 from data_recipes.ict.facekit_segments import SOFT, Segments, split
 from data_recipes.ict.fold_regions import build_regions
 from data_recipes.ict.jaw_fit import JAW_CONTROLS, fit_jaw
-from data_recipes.ict.marks import control_points, landmarks, model_controls
+from data_recipes.ict.marks import control_points, face_marks, landmarks, model_controls
 from data_recipes.recipe.facekit import FaceKitRecipe, Reach
 from data_recipes.rig import Clip, check_rig
 from replicate.engine.exceptions import InputError
@@ -58,7 +58,8 @@ def build_facekit_rig(recipe: FaceKitRecipe) -> FaceRig:
     colours = paint(mesh.neutral.astype(np.float64), segments, marks)
     face = FaceParts(constants, rest_props(model, recipe.parts), colours, FACEKIT)
     names, vertices = landmarks(marks)
-    points, regions = control_points(marks)
+    point_names, points, regions = control_points(marks)
+    places, place_regions = face_marks(marks)
     rig = FaceRig(
         name=recipe.name,
         mesh=mesh,
@@ -67,6 +68,9 @@ def build_facekit_rig(recipe: FaceKitRecipe) -> FaceRig:
         landmark_names=names,
         control_points=points,
         control_point_regions=regions,
+        control_point_names=point_names,
+        face_marks=places,
+        face_mark_regions=place_regions,
         clips=tuple(clips) or None,
         face=face,
     )

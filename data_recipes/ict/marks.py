@@ -41,7 +41,25 @@ LANDMARKS = {
     "lip_upper_mid": 62,
     "lip_lower_mid": 66,
 }
-# First and last landmark of each region of control points.
+# What inverse kinematics drags, by the region whose network the points feed.
+CONTROL_POINTS = {
+    "jaw": {"jaw_right": 5, "chin": 8, "jaw_left": 11},
+    "brows": {"brow_outer_right": 17, "brow_inner_right": 21, "brow_inner_left": 22, "brow_outer_left": 26},
+    "nose": {"nose_tip": 30, "nose_wing_right": 31, "nose_wing_left": 35},
+    "eye_right": {"lid_upper_right": 37, "lid_lower_right": 41},
+    "eye_left": {"lid_upper_left": 44, "lid_lower_left": 46},
+    "mouth": {
+        "mouth_corner_right": 48,
+        "lip_upper_right": 50,
+        "lip_upper_top": 51,
+        "lip_upper_left": 52,
+        "mouth_corner_left": 54,
+        "lip_lower_left": 56,
+        "lip_lower_bottom": 57,
+        "lip_lower_right": 58,
+    },
+}
+# First and last landmark of each region of the face.
 REGIONS = (
     ((4, 12), "jaw"),
     ((17, 26), "brows"),
@@ -66,8 +84,15 @@ def landmarks(marks: Int[np.ndarray, " l"]) -> tuple[tuple[str, ...], Int[np.nda
     return tuple(LANDMARKS), marks[list(LANDMARKS.values())].astype(np.int32)
 
 
-def control_points(marks: Int[np.ndarray, " l"]) -> tuple[Int[np.ndarray, " c"], tuple[str, ...]]:
-    """Return the vertices that an animator drags, each once, and their regions."""
+def control_points(marks: Int[np.ndarray, " l"]) -> tuple[tuple[str, ...], Int[np.ndarray, " c"], tuple[str, ...]]:
+    """Return names, vertices and regions of what inverse kinematics drags."""
+    points = [(name, marks[place], region) for region, own in CONTROL_POINTS.items() for name, place in own.items()]
+    names, vertices, regions = zip(*points, strict=True)
+    return names, np.array(vertices, np.int32), regions
+
+
+def face_marks(marks: Int[np.ndarray, " l"]) -> tuple[Int[np.ndarray, " k"], tuple[str, ...]]:
+    """Return the vertices that mark the face's regions, each once, and their regions."""
     regions: dict[int, str] = {}
     for (first, last), region in REGIONS:
         for vertex in marks[first : last + 1].tolist():

@@ -279,7 +279,9 @@ class ChartLayout(Checked):
     band's vertices are spread over its chart, along both axes; 0 leaves them where the whole face's chart has them.
     """
 
-    segments: dict[str, tuple[str, ...]] = groups({"lids_inner": ("lid_inner_left", "lid_inner_right")}, PARTS, "parts")
+    segments: dict[str, tuple[str, ...]] = groups(
+        {"lids_inner": ("lid_inner_left", "lid_inner_right")}, PARTS, "the parts"
+    )
     face_bands: int = number(1, 1, 16)
     evenness: float = share(0.0)
 

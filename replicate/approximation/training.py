@@ -58,12 +58,14 @@ def train(
     progress: Callable,
     label: str,
     measure: Callable[[], tuple[float, float]],
+    columns: Sequence[str] = LOG_COLUMNS,
 ) -> list[dict]:
-    """Minimise a loss over a model's weights, in place, and return the log: one dict of LOG_COLUMNS a row.
+    """Minimise a loss over a model's weights, in place, and return the log: one dict of `columns` a row.
 
     loss_of_step: the differentiable loss of one step's batch. scratch: a folder of this training's own,
     which stays until its result is safe; a checkpoint in it is continued. progress: (total, label, initial)
-    → a context manager with update(k). measure: () → (mm, degrees) on held-out poses, for the log.
+    → a context manager with update(k). measure: () → (mm, degrees) on held-out poses, for the log. columns: its names where these are
+    not what is measured.
     """
     weights = dict(model.named_parameters())
     optimiser = torch.optim.Adam(weights.values(), lr=config.peak_rate, fused=True)
@@ -83,7 +85,7 @@ def train(
             running.append(loss.item())
             if (step + 1) % every == 0 or step + 1 == config.steps:
                 row = (step + 1, math.fsum(running) / len(running), *measure())
-                log.append(dict(zip(LOG_COLUMNS, row, strict=True)))
+                log.append(dict(zip(columns, row, strict=True)))
                 running = []
             if time.monotonic() - last_save > CHECKPOINT_S or step + 1 == config.steps:
                 _save(checkpoint, weights, optimiser, step + 1, log, running)
@@ -121,6 +123,6 @@ def _resume(checkpoint: Path, weights: dict, optimiser) -> tuple[int, list, list
 
 
 def write_log(log: Sequence[dict], file: Path) -> None:
-    """Write a training log as CSV: step, mean loss since the row before, mm and degrees on held-out poses."""
-    columns = [Column(name, "whole number" if name == "step" else "number") for name in LOG_COLUMNS]
-    write_csv(file, columns, ([row[name] for name in LOG_COLUMNS] for row in log))
+    """Write a training log as CSV: step, mean loss since the row before, and what was measured on held-out poses."""
+    columns = [Column(name, "whole number" if name == "step" else "number") for name in log[0]]
+    write_csv(file, columns, (list(row.values()) for row in log))

@@ -54,7 +54,7 @@ def names(default: tuple[str, ...] = (), what: str = "names") -> Any:
 
 
 def groups(default: dict[str, tuple[str, ...]], options: tuple[str, ...], what: str) -> Any:
-    """Declare a table of lists of `options`; what: what these are, for messages."""
+    """Declare a table of lists of `options`, of any texts where there are none; what: what these are, for messages."""
     return field(default_factory=lambda: dict(default), metadata={"options": options, "what": what})
 
 
@@ -218,12 +218,16 @@ def _list_words(element: Any, rule: typing.Mapping) -> str:
 
 def _groups(value: Any, rule: typing.Mapping) -> dict[str, tuple[str, ...]]:
     fits = isinstance(value, dict) and all(
-        isinstance(members, (list, tuple)) and all(member in rule["options"] for member in members)
+        isinstance(members, (list, tuple)) and all(_is_option(member, rule["options"]) for member in members)
         for members in value.values()
     )
     if not fits:
-        raise _Unfit(f"a table of lists of the {rule['what']} {', '.join(rule['options'])}")
+        raise _Unfit(f"a table of lists of {rule['what']} {', '.join(rule['options'])}".rstrip())
     return {name: tuple(members) for name, members in value.items()}
+
+
+def _is_option(member: Any, options: tuple[str, ...]) -> bool:
+    return member in options if options else isinstance(member, str)
 
 
 def to_json(value: Any) -> Any:

@@ -60,7 +60,7 @@ def load_records(character: str, inputs: Mapping[str, Path]) -> dict[str, PoseRe
     The pose with the most folds has the vertices of every method, the others those of the methods that figures show.
     """
     rig, samples = built_rig.load(inputs), drawn_samples.load(inputs)
-    mesh, regions = rig.mesh, face_regions(rig.mesh, rig.control_points, rig.control_point_regions)
+    mesh, regions = rig.mesh, face_regions(rig.mesh, rig.face_marks, rig.face_mark_regions)
     ranked_by, chosen = typical_poses.load_chosen(inputs) if "ranked" in inputs else ("", {})
     records = {}
     for choice in CHOICES:

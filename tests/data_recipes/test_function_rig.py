@@ -32,6 +32,8 @@ def test_a_foreign_jax_rig_has_an_exact_jacobian():
         ({"landmarks": np.array([0, 4])}, r"landmarks\[1\] is 4"),
         ({"control_points": np.array([-1])}, r"control_points\[0\] is -1"),
         ({"control_point_regions": ()}, "control_point_regions"),
+        ({"control_point_names": ("chin", "nose")}, "control_point_names"),
+        ({"face_marks": np.array([9])}, r"face_marks\[0\] is 9"),
         ({"clips": (Clip("walk", np.zeros((5, 3), np.float32)),)}, "clip 'walk'"),
         ({"clips": (Clip("nan", np.full((5, 2), np.nan, np.float32)),)}, "clip 'nan'"),
     ],

@@ -25,8 +25,9 @@ def test_the_teen_has_258_controls_12510_vertices_and_26_teeth(teen):
     assert teen.mesh.neutral.shape == (12510, 3)
     assert sum(name.startswith("tooth") for name in teen.mesh.segment_names) == 26
     assert len(teen.mesh.segment_names) == 36
-    assert 40 <= len(teen.control_points) <= 60
-    assert len(set(teen.control_points.tolist())) == len(teen.control_points)
+    for points in (teen.control_points, teen.face_marks):
+        assert len(set(points.tolist())) == len(points)
+    assert len(teen.control_points) == len(teen.control_point_names) == 22
     assert 20 <= len(teen.landmarks) <= 30
 
 

@@ -26,6 +26,6 @@ def test_both_eyes_are_one_region_and_other_names_stay():
     assert sorted(names) == ["eyes", "snout"] and set(region.tolist()) == {NO_REGION, 0, 1}
 
 
-def test_a_rig_without_control_points_has_no_regions():
+def test_a_rig_without_marks_has_no_regions():
     names, region = face_regions(small_mesh(), np.zeros(0, np.int32), ())
     assert names == () and (region == NO_REGION).all() and len(region) == len(small_mesh().faces)

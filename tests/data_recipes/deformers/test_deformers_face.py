@@ -5,7 +5,7 @@ import pytest
 
 from data_recipes.controls import control_index, make_controls
 from data_recipes.deformers import brow_fields, face_build, mouth_fields
-from data_recipes.deformers.face_points import control_points, handle_vertices
+from data_recipes.deformers.face_points import control_points, face_marks, handle_vertices
 from data_recipes.deformers.lid_fields import build_patch, ring_shares
 from data_recipes.deformers.lip_motions import ACTIONS
 from data_recipes.deformers.sculpting import FLIP, Sculptor
@@ -118,8 +118,28 @@ def test_the_jaw_carries_chin_and_lower_gum_and_leaves_the_brows(sculptor):
     assert (weight[sculptor.in_parts("gum_lower")] == 1).all()
 
 
-def test_control_points_are_distinct_and_each_has_a_region(sculptor):
-    points, regions = control_points(sculptor)
+def test_a_recipe_lists_control_points_by_the_region_that_they_drive(sculptor):
+    names, points, regions = control_points(sculptor, {"jaw": ("chin",), "mouth": ("lip_upper_03", "lip_lower_03")})
+    assert (names, regions) == (("chin", "lip_upper_03", "lip_lower_03"), ("jaw", "mouth", "mouth"))
+    assert points[0] == sculptor.head.landmarks["chin"]
+    heights = sculptor.head.vertices[points, 1]
+    assert heights[1] > heights[2] > heights[0]
+
+
+@pytest.mark.parametrize(
+    "names, part",
+    [
+        ({"jaw": ("chim",)}, "control_points.jaw has 'chim', which this head doesn't have"),
+        ({"jaw": ("chin",), "mouth": ("chin",)}, "control_points.mouth has 'chin', which is the same vertex"),
+    ],
+)
+def test_a_control_point_that_cannot_be_is_named(sculptor, names, part):
+    with pytest.raises(InputError, match=part):
+        control_points(sculptor, names)
+
+
+def test_the_marks_of_a_face_are_distinct_and_each_has_a_region(sculptor):
+    points, regions = face_marks(sculptor)
     assert len(points) == len(regions) == len(np.unique(points))
     assert {"brows", "eye_left", "eye_right", "nose", "cheeks", "mouth", "jaw"} == set(regions)
 

@@ -1,0 +1,74 @@
+"""The control points of inverse kinematics, region by region, and the rig parameters that each region drives (§4.1)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int
+
+from data_recipes.rig import Rig
+from replicate.engine.exceptions import InputError
+
+IMAGE_PLANE, SPACE = 2, 3  # how many coordinates of a point count: x and y as a camera along z sees them, or all
+
+
+@dataclass(frozen=True)
+class Region:
+    """A part of the face with a network of its own: C_j and R_j of §4.1.
+
+    name: as the rig has it. points: indices into the control points. parameters: indices into p, of those that can move
+    one of the points.
+    """
+
+    name: str
+    points: Int[np.ndarray, " k"]
+    parameters: Int[np.ndarray, " r"]
+
+
+@dataclass(frozen=True)
+class ControlPoints:
+    """What a user drags. vertices: (c,) of the mesh; names: one each; regions: in the order of their first points."""
+
+    vertices: Int[np.ndarray, " c"]
+    names: tuple[str, ...]
+    regions: tuple[Region, ...]
+
+    def driven(self) -> Int[np.ndarray, " d"]:
+        """Return the parameters that any region drives, in order."""
+        return np.unique(np.concatenate([region.parameters for region in self.regions]))
+
+
+def control_points(rig: Rig, influence: Bool[np.ndarray, "n m"]) -> ControlPoints:
+    """Return a rig's control points by region. influence: which control moves which vertex.
+
+    Raises InputError for a rig without control points, and for a region whose points nothing moves.
+    """
+    if not len(rig.control_points):
+        raise InputError(f"rig '{rig.name}': it has no control points, where inverse kinematics needs one at least.")
+    vertices = np.asarray(rig.control_points, np.int64)
+    names = rig.control_point_names or tuple(f"point_{i + 1:02d}" for i in range(len(vertices)))
+    regions = []
+    for name in dict.fromkeys(rig.control_point_regions):
+        points = np.array([i for i, region in enumerate(rig.control_point_regions) if region == name])
+        parameters = np.flatnonzero(influence[vertices[points]].any(axis=0))
+        if not len(parameters):
+            raise InputError(f"rig '{rig.name}': no control moves a control point of the region {name!r}.")
+        regions.append(Region(name, points, parameters))
+    return ControlPoints(vertices, tuple(names), tuple(regions))
+
+
+def targets_of_drags(
+    neutral: Float[np.ndarray, "c 3"], names: Sequence[str], drags: Sequence[tuple[str, Sequence[float]]]
+) -> Float32[np.ndarray, "c 3"]:
+    """Return control points with some of them moved: (name, (x, y) or (x, y, z) in mm) each.
+
+    Raises InputError for a name that is no control point, and for a move that is not finite.
+    """
+    targets = np.array(neutral, np.float32)
+    for name, move in drags:
+        if name not in names:
+            raise InputError(f"there is no control point {name!r}; allowed are {', '.join(names)}")
+        if not np.isfinite(move).all():
+            raise InputError(f"control point {name!r} is moved by {tuple(move)}; allowed are finite lengths in mm")
+        targets[list(names).index(name), : len(move)] += np.asarray(move, np.float32)
+    return targets

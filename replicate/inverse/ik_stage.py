@@ -1,0 +1,96 @@
+"""The artefacts "inverse_…": IK networks that are trained through an approximation, or through the rig itself."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from replicate.artefacts import built_rig, control_influence, drawn_samples
+from replicate.artefacts.plan import Plan, TrainingNumbers, reference
+from replicate.engine.stage import Stage, StageContext, stage_function
+from replicate.inverse.ik_config import InverseConfig
+from replicate.methods.method import Method
+
+if TYPE_CHECKING:
+    import replicate.inverse.ik_network
+
+RIG = "rig"  # in the place of an approximation's name
+PREFIX = "inverse"
+LOG = "log.csv"
+
+
+@dataclass(frozen=True)
+class ThroughModel(TrainingNumbers):
+    """What the training needs, and "module:function" of the approximation's `model`; "" for the rig itself."""
+
+    model: str
+
+
+def section(plan: Plan) -> InverseConfig:
+    """Return the numbers of inverse kinematics that a plan's configuration has."""
+    from replicate.inverse.ik_config import own
+
+    return getattr(plan.config, PREFIX, None) or own(plan.config.profile)
+
+
+def stage_name(approximation: str) -> str:
+    """Return the name of the stage for a method's name, or for RIG."""
+    return f"{PREFIX}_{approximation}"
+
+
+def stage(plan: Plan, method: Method | None) -> Stage:
+    """Return the stage that trains the IK networks through a method's model; through the rig where it is None."""
+    model, stages = (reference(method.model), method.stages(plan)) if method else ("", ())
+    numbers = ThroughModel(section(plan), plan.config.seed, plan.config.device, model)
+    common = tuple(module.stage(plan) for module in (built_rig, drawn_samples, control_influence))
+    names = {one.name for one in common}
+    inputs = (*common, *(one for one in stages if one.name not in names))
+    functions = ",".join([reference(train), *([model] if model else [])])  # the model's sources count too
+    return plan.stage(stage_name(method.name if method else RIG), functions, numbers, *inputs)
+
+
+def train(context: StageContext) -> None:
+    """Train the IK networks (§4.2) and write model and log."""
+    from replicate.approximation.training import write_log
+    from replicate.inverse.control_points import control_points
+    from replicate.inverse.ik_network import save_ik
+    from replicate.inverse.ik_training import read_truth, train_ik
+
+    numbers, rig, samples = context.config, built_rig.load(context.inputs), drawn_samples.load(context.inputs)
+    points = control_points(rig, control_influence.load(context.inputs))
+    model, log = train_ik(
+        positions(context.inputs, numbers.model, points.vertices),
+        rig,
+        points,
+        read_truth(samples, rig.mesh.neutral, points),
+        samples,
+        numbers.section,
+        numbers.seed,
+        context.scratch,
+        context.progress,
+        context.name,
+    )
+    save_ik(model, context.out)
+    write_log(log, context.out / LOG)
+    context.note(size_mb=sum(weight.numel() for weight in model.parameters()) * 4 / 1e6)
+
+
+def positions(inputs: Mapping[str, Path], model: str, vertices: "object") -> Callable:
+    """Return raw rig parameters (b, m) → positions (b, c, 3) of some vertices in mm, by a model or by the rig."""
+    import torch
+
+    from replicate.inverse.at_vertices import at_vertices
+    from replicate.inverse.rig_points import RigPoints
+
+    if not model:
+        return RigPoints(built_rig.load(inputs), vertices)
+    offsets = at_vertices(stage_function(model)(inputs), vertices)
+    neutral = torch.from_numpy(built_rig.load_mesh(inputs).neutral[vertices])
+    return lambda params: neutral + offsets(params)
+
+
+def load(inputs: Mapping[str, Path], approximation: str) -> "replicate.inverse.ik_network.IkModel":
+    """Return the IK networks that were trained through a method of that name, or through RIG."""
+    from replicate.inverse.ik_network import load_ik
+
+    return load_ik(inputs[stage_name(approximation)])
