@@ -64,8 +64,8 @@ def train(
 
     loss_of_step: the differentiable loss of one step's batch. scratch: a folder of this training's own,
     which stays until its result is safe; a checkpoint in it is continued. progress: (total, label, initial)
-    → a context manager with update(k). measure: () → (mm, degrees) on held-out poses, for the log. columns: its names where these are
-    not what is measured.
+    → a context manager with update(k). measure: () → (mm, degrees) on held-out poses, for the log. columns: the log's,
+    where something else is measured.
     """
     weights = dict(model.named_parameters())
     optimiser = torch.optim.Adam(weights.values(), lr=config.peak_rate, fused=True)

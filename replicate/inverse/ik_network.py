@@ -16,6 +16,7 @@ from replicate.engine.exceptions import InputError
 from replicate.inverse.control_points import Region
 
 WEIGHTS, DESCRIPTION = "weights.safetensors", "model.json"
+ARRAYS = ("points", "parameters")  # of a region
 
 
 class RegionNetwork(nn.Module):
@@ -88,9 +89,7 @@ def save_ik(model: IkModel, folder: Path) -> None:
     """Write weights.safetensors and model.json."""
     arrays = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
     for j, region in enumerate(model.regions):
-        arrays |= {
-            f"region.{j}.{field}": torch.from_numpy(getattr(region, field)) for field in ("points", "parameters")
-        }
+        arrays |= {f"region.{j}.{field}": torch.from_numpy(getattr(region, field)) for field in ARRAYS}
     save_file(arrays, Path(folder) / WEIGHTS)
     facts = {"regions": [region.name for region in model.regions], "hidden": model.widths, "leaky_slope": model.slope}
     (Path(folder) / DESCRIPTION).write_text(json.dumps(facts, indent=1) + "\n")
@@ -102,7 +101,7 @@ def load_ik(folder: Path) -> IkModel:
         facts = json.loads((Path(folder) / DESCRIPTION).read_text())
         arrays = load_file(Path(folder) / WEIGHTS)
         regions = [
-            Region(name, *(arrays.pop(f"region.{j}.{field}").numpy() for field in ("points", "parameters")))
+            Region(name, *(arrays.pop(f"region.{j}.{field}").numpy() for field in ARRAYS))
             for j, name in enumerate(facts["regions"])
         ]
         buffers = [arrays[name].numpy() for name in ("neutral", "spread", "default", "reach")]

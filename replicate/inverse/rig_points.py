@@ -10,17 +10,20 @@ import numpy as np
 import torch
 from jaxtyping import Float, Float32, Int
 
-from data_recipes.function_rig import FunctionRig
+from data_recipes.rig import Rig
+from replicate.engine.exceptions import InputError
 
 
 class RigPoints:
     """Raw rig parameters (b, m) → positions (b, c, 3) of some vertices in mm, differentiable in torch.
 
-    rig: one whose function JAX can trace.
+    rig: one with a `function` that JAX can trace. Raises InputError for one without a function.
     """
 
-    def __init__(self, rig: FunctionRig, vertices: Int[np.ndarray, " c"]):
+    def __init__(self, rig: Rig, vertices: Int[np.ndarray, " c"]):
         import jax
+
+        check_function(rig)
 
         def points(params: jax.Array) -> jax.Array:
             return rig.function(params)[:, vertices]
@@ -45,11 +48,16 @@ class _Bridge(torch.autograd.Function):
         return torch.from_numpy(np.array(ctx.pull(ctx.array, upstream.numpy()))), None, None
 
 
-def jacobian_at(
-    rig: FunctionRig, vertices: Int[np.ndarray, " c"]
-) -> Callable[[np.ndarray], Float32[np.ndarray, "c 3 m"]]:
+def jacobian_at(rig: Rig, vertices: Int[np.ndarray, " c"]) -> Callable[[np.ndarray], Float32[np.ndarray, "c 3 m"]]:
     """Return (m,) → ∂V_C/∂p (c, 3, m), mm per unit of each control, exact, by reverse differentiation."""
     import jax
 
+    check_function(rig)
     derivative = jax.jit(jax.jacrev(lambda p: rig.function(p[None])[0, vertices]))
     return lambda params: np.asarray(derivative(np.asarray(params, np.float32)))
+
+
+def check_function(rig: Rig) -> None:
+    """Raise InputError for a rig without a function that could be differentiated."""
+    if not hasattr(rig, "function"):
+        raise InputError(f"rig '{rig.name}': it has no `function` to differentiate; leave the rig itself out")
