@@ -41,3 +41,12 @@ def recipe_file(character: str) -> Path:
         return Path(os.path.abspath(name))
     inner = RECIPES / name / f"{name}.toml"  # of a character whose data lies elsewhere
     return inner if name in OUTSIDE and inner.is_file() else RECIPES / f"{name}.toml"
+
+
+def drags_file(character: str) -> Path:
+    """Return the file of a character's drags of control points: drags/<name>.csv beside its recipe, whatever variant.
+
+    A character may have none.
+    """
+    recipe = recipe_file(character)
+    return recipe.parent / "drags" / f"{recipe.stem}.csv"

@@ -7,10 +7,10 @@ from replicate.config import TrainingConfig
 from replicate.engine.schema import Checked, number
 from replicate.inverse.control_points import IMAGE_PLANE, SPACE
 
-STEPS = {"quick": 500, "laptop": 10_000, "paper": 70_000}
+STEPS = {"quick": 200, "laptop": 4_000, "paper": 70_000}
 TRAINING = {
     "paper": TrainingConfig(),
-    "laptop": TrainingConfig("one_cycle", STEPS["laptop"], 32, "uniform", peak_rate=2e-3, largest_gradient=1.0),
+    "laptop": TrainingConfig("one_cycle", STEPS["laptop"], 16, "uniform", peak_rate=2e-3, largest_gradient=1.0),
 }
 
 

@@ -12,6 +12,7 @@ from jaxtyping import Float, Float32, Int
 
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments, shown_pose
 from replicate.artefacts.plan import Plan, reference
+from replicate.config import Config
 from replicate.engine.stage import Stage, StageContext, stage_function, stream_rng
 from replicate.engine.store import read_manifest
 from replicate.methods.method import Method, Number
@@ -41,12 +42,11 @@ class MeasurementNumbers:
     multiplications: str = ""
 
 
-def stage(plan: Plan, method: Method) -> Stage:
-    """Return the stage that measures a method; what its predictor is read from is among the stage's inputs."""
-    config = plan.config
+def numbers_of(method: Method, config: Config) -> MeasurementNumbers:
+    """Return what a method's predictor is read with under a configuration, and how it is measured."""
     read = reading(method, config)
     facts, multiplications = (reference(f) if f else "" for f in (method.facts, read.multiplications))
-    numbers = MeasurementNumbers(
+    return MeasurementNumbers(
         method.name,
         reference(read.load),
         facts,
@@ -58,9 +58,16 @@ def stage(plan: Plan, method: Method) -> Stage:
         config.seed,
         multiplications,
     )
+
+
+def stage(plan: Plan, method: Method) -> Stage:
+    """Return the stage that measures a method; what its predictor is read from is among the stage's inputs."""
+    numbers = numbers_of(method, plan.config)
+    read = reading(method, plan.config)
     shared = (built_rig.stage(plan), drawn_samples.stage(plan), shown_pose.stage(plan), rigid_segments.stage(plan))
     inputs = {stage.title: stage for stage in (*shared, *method.stages(plan))}
-    functions = ", ".join(filter(None, (*map(reference, (measure, *read.sources)), facts, multiplications)))
+    further = (numbers.facts, numbers.multiplications)
+    functions = ", ".join(filter(None, (*map(reference, (measure, *read.sources)), *further)))
     return plan.stage(f"{PREFIX}{method.name}", functions, numbers, *inputs.values())
 
 

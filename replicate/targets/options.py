@@ -13,6 +13,7 @@ from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import core_count
 from replicate.engine.user_files import whole_number
 from replicate.engine.word_lists import words
+from replicate.inverse.ik_config import own as inverse_section
 from replicate.methods import method_registry as registry
 from replicate.methods.method import Method
 from replicate.profiles import PROFILES, check_profile
@@ -77,7 +78,7 @@ def configurations(options: argparse.Namespace) -> list[Config]:
     overrides = {"samples": {"split": options.split}} if options.split else None
     file = Path(options.config) if options.config else None
     registry.choose(words(getattr(options, "methods", "")))  # those from outside have sections of their own too
-    sections = registry.sections(options.profile)
+    sections = registry.sections(options.profile) | {"inverse": inverse_section(options.profile)}
     return [
         resolve(character, options.profile, overrides, file, sections, seed=seed, device=device)
         for character in characters(options)

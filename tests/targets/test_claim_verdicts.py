@@ -31,6 +31,7 @@ PAPERS_OWN = {
     "C4": ALL_HOLD | {"Toothless": "fails", "Ray": "fails"},  # "can": no LBS of these two is as close as refined
     "C5": ALL_HOLD | {"Toothless": "fails"},  # its dense model is the best in normals
     "C6": ALL_HOLD,
+    "C10": ALL_HOLD,
     "C11": UNPRINTED,
     "C12": UNPRINTED,
 }
@@ -108,6 +109,24 @@ def test_c6_needs_twice_the_size_and_does_not_mind_more_than_five_times(large, e
     one = judge(claim_named("C6"), "teen", Evidence(table1_rows(large=large)), PAPER)
     assert one.verdict == expected and words in one.reason
     assert ("no failure" in one.reason) == (large > 40)
+
+
+@pytest.mark.parametrize(("mm", "degrees", "expected"), [(0.5, 2.0, "fails"), (0.4, 1.9, "holds"), (0.4, 2.1, "fails")])
+def test_c10_compares_the_cnn_with_dense_in_posed_faces(mm, degrees, expected):
+    def rows(fed_by, mm, degrees):
+        values = {("refined", "mm"): mm, ("refined", "deg"): degrees, ("dense", "mm"): 0.5, ("dense", "deg"): 2.0}
+        kinds = {"mm": "vertex", "deg": "normal"}
+        return [
+            Row("table4", "teen", method, f"{kinds[unit]}_error_mean{fed_by}", unit, value, None, 1, 25, "laptop", "b")
+            for (method, unit), value in values.items()
+        ]
+
+    assert verdict("C10", rows("", mm, degrees)) == expected
+    assert verdict("C10", rows("[rig]", mm, degrees)) == "not tested"
+    one = judge(claim_named("C10"), "teen", Evidence(rows("", mm, degrees) + rows("[rig]", 0.7, 3.0)), PAPER)
+    assert (
+        one.verdict == expected and "through the rig itself, which favour neither: distance: refined 0.7" in one.reason
+    )
 
 
 @pytest.mark.parametrize(("mean", "expected"), [(0.299, "holds"), (0.3, "holds"), (0.301, "fails")])

@@ -255,6 +255,7 @@ class MapOffsets(torch.autograd.Function):
     def backward(ctx: Any, upstream: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         images, arrays, slope, s = ctx.images, ctx.arrays, ctx.slope, ctx.size
         batch, first, _, channels = ctx.start_shape
+        trained = any(ctx.needs_input_grad[4:])  # not where the weights are frozen
         gradients = [None] * len(arrays)
         below, here = _take(batch, s), _take(batch, s)
         gradient = upstream.contiguous().numpy()
@@ -262,8 +263,9 @@ class MapOffsets(torch.autograd.Function):
         gradients[-3] = _deactivate(here, images[-1], batch, s, slope)
         taps = _taps(arrays[-4], (2, 3, 0, 1))
         _convolve(here, 1, s, taps, -_around(s), _NOTHING, below, 1, _HERE)
-        kernel = _correlate(images[-2], s, _around(s), here, 1, _HERE).reshape(3, 3, CHANNELS, CHANNELS)
-        gradients[-4] = np.ascontiguousarray(kernel.transpose(3, 2, 0, 1))
+        if trained:
+            kernel = _correlate(images[-2], s, _around(s), here, 1, _HERE).reshape(3, 3, CHANNELS, CHANNELS)
+            gradients[-4] = np.ascontiguousarray(kernel.transpose(3, 2, 0, 1))
         _give(here)
         for level in range(len(arrays) - 6, -1, -2):
             here, s = below, s // 2
@@ -272,10 +274,12 @@ class MapOffsets(torch.autograd.Function):
             offsets, firsts, back = _upsampling(s)
             taps = np.ascontiguousarray(fold(arrays[level]).reshape(1, 16, CHANNELS, CHANNELS).swapaxes(2, 3))
             _convolve(here, 2, s, taps, back, _NOTHING, below, 1, _HERE)
-            kernel = _correlate(images[level // 2], s, offsets, here, 2, firsts)
-            gradients[level] = unfold(kernel, arrays[level].shape[1])
+            if trained:
+                kernel = _correlate(images[level // 2], s, offsets, here, 2, firsts)
+                gradients[level] = unfold(kernel, arrays[level].shape[1])
             _give(here)
         start = below.reshape(batch, first + 2, first + 2, CHANNELS)[:, 1:-1, 1:-1, :channels].copy()
         _give(below, *images)
         ctx.images = None
-        return torch.from_numpy(start), None, None, None, *map(torch.from_numpy, gradients)
+        weights = map(torch.from_numpy, gradients) if trained else [None] * len(gradients)
+        return torch.from_numpy(start), None, None, None, *weights

@@ -10,7 +10,7 @@ from replicate.engine.paths import PAPER, display_path
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
 from replicate.report.cast import cast
-from replicate.report.publication import CharacterResult, alone, by_character, facts_of, readable, results_folder
+from replicate.report.publication import CharacterResult, results_folder
 from replicate.targets.options import OF_A_RUN
 from replicate.targets.running import make
 from replicate.targets.table1.size_numbers import SizeNumbers
@@ -50,27 +50,13 @@ def publish(results: Sequence[CharacterResult]) -> None:
 
     Of several seeds the means are written. Results of characters that are not among them stay.
     """
-    from replicate.report import manifest
-    from replicate.report.notebooks import run_notebook
-    from replicate.report.results import over_seeds, read_results, write_results
+    from replicate.report.results import read_results
+    from replicate.report.row_publication import publish_rows
     from replicate.report.tables import as_text
     from replicate.targets.table1.size_table import size_claim, table1
 
-    profile = results[0].config.profile
-    folder, groups = results_folder(profile), by_character(results)
-    with alone(folder):
-        facts = manifest.entries(folder, "table1")
-        rows = readable(read_results, folder / FILE) or []
-        runs = {name: {row.run for row in rows if row.character == name} for name in facts}
-        facts = {name: own for name, own in facts.items() if runs[name] == {own.get("run")} and name not in groups}
-        rows = [row for row in rows if row.character in facts]
-        for character, each in groups.items():
-            rows += over_seeds([read_results(one.folder / FILE) for one in each])
-            facts[character] = facts_of(each, rows[-1].run)
-        write_results(folder / FILE, rows)
-        manifest.write_entries(folder, "table1", dict(sorted(facts.items())))
-        run_notebook("table1", profile)
+    rows, folder = publish_rows("table1", results), results_folder(results[0].config.profile)
     paper = read_results(PAPER / FILE)
     print(as_text(table1(rows, paper)))
     print(size_claim(rows, paper))
-    print(f"written to {display_path(folder)}: {FILE}, {manifest.NAME}, and table1.ipynb to read it in")
+    print(f"written to {display_path(folder)}: {FILE}, manifest.json, and table1.ipynb to read it in")

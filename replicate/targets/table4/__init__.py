@@ -1,0 +1,79 @@
+"""Table 4: errors of approximations in poses that inverse kinematics finds for dragged control points (§5.3.1)."""
+
+import argparse
+from collections.abc import Sequence
+
+from data_recipes.recipe_paths import drags_file
+from replicate.artefacts import built_rig, control_influence, drawn_samples, rigid_segments
+from replicate.artefacts.plan import Plan, reference
+from replicate.engine.stage import Stage, StageContext
+from replicate.inverse import ik_stage
+from replicate.methods import measurement
+from replicate.methods.method import Method
+from replicate.methods.prediction import reading
+from replicate.report.cast import STANDS_FOR
+from replicate.report.publication import CharacterResult, results_folder
+from replicate.targets.options import OF_A_RUN, methods
+from replicate.targets.running import make
+from replicate.targets.table4.posing_numbers import PosingNumbers, Source
+
+ABOUT = "Table 4: errors of every method in poses that inverse kinematics finds for dragged control points"
+WRITES = "results/runs/<profile>/"
+OPTIONS = (*OF_A_RUN, "methods")
+IN_COMPARISON = True
+FILE = "table4.csv"
+OWN_GRADIENTS = ("Toothless",)  # of the paper's characters: each method is fed by networks trained through itself
+
+
+def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
+    """Return the stages of one character's table, the last; those of the methods, the slow ones, come first."""
+    predicting = [method for method in methods if not method.oracle]
+    differentiable = [method for method in predicting if method.model]
+    trained = [ik_stage.stage(plan, method) for method in (*differentiable, None)]
+    sources = [Source(method.name, reference(method.model)) for method in differentiable]
+    base = plan.character.partition("@")[0]
+    numbers = PosingNumbers(
+        plan.character,
+        plan.config.profile,
+        plan.config.seed,
+        ik_stage.section(plan),
+        tuple(measurement.numbers_of(method, plan.config) for method in predicting),
+        (*sources, Source(ik_stage.RIG, "")),
+        STANDS_FOR.get(base) in OWN_GRADIENTS,
+    )
+    shared = (module.stage(plan) for module in (built_rig, drawn_samples, control_influence, rigid_segments))
+    own_stages = [stage for method in predicting for stage in method.stages(plan)]
+    inputs = {stage.title: stage for stage in (*shared, *own_stages, *trained)}
+    readers = [source for method in predicting for source in reading(method, plan.config).sources]
+    functions = dict.fromkeys(map(reference, (pose, *readers)))
+    drags = drags_file(plan.config.character)
+    files = (drags,) if drags.is_file() else ()
+    last = plan.stage("table4", ", ".join(functions), numbers, *inputs.values(), files=files)
+    return [*own_stages, *trained, last]
+
+
+def pose(context: StageContext) -> None:
+    """Find poses for the configurations of control points and measure every method in them."""
+    from replicate.report.results import write_results
+    from replicate.targets.table4.posing_rows import rows_of
+
+    write_results(context.out / FILE, rows_of(context.config, context.inputs, context.files, context.progress))
+
+
+def run(options: argparse.Namespace) -> None:
+    """Make the rows of every character, publish and print them."""
+    publish(make(options, lambda plan: stages(plan, methods(options, plan.config))))
+
+
+def publish(results: Sequence[CharacterResult]) -> None:
+    """Write Table 4 of some characters to the profile's folder, print it, and execute its notebook if it is stale."""
+    from replicate.engine.paths import PAPER, display_path
+    from replicate.report.results import read_results
+    from replicate.report.row_publication import publish_rows
+    from replicate.report.tables import as_text
+    from replicate.targets.table4.posing_tables import tables4
+
+    rows = publish_rows("table4", results)
+    for table in tables4(rows, read_results(PAPER / FILE)):
+        print(as_text(table))
+    print(f"written to {display_path(results_folder(results[0].config.profile))}: {FILE}, manifest.json")

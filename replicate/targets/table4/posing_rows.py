@@ -1,0 +1,134 @@
+"""One character's numbers of Table 4, from its rig, its methods' models and its IK networks."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from data_recipes.rig import Rig
+from replicate.approximation.evaluation import unique_poses
+from replicate.approximation.metrics import summary
+from replicate.artefacts import built_rig, control_influence, drawn_samples, rigid_segments
+from replicate.engine.stage import stream_rng
+from replicate.inverse import ik_stage
+from replicate.inverse.control_points import ControlPoints, control_points
+from replicate.inverse.drags import read_drags, scripted_drags, targets_of
+from replicate.inverse.ik_training import parameter_ranges
+from replicate.inverse.jacobians import agreement_by_region, jacobians
+from replicate.inverse.posing import Posed, approximation_errors, outside_share, point_errors_mm, pose
+from replicate.inverse.rig_points import RigPoints
+from replicate.inverse.solver import solve
+from replicate.methods.measurement import predictor
+from replicate.report.results import Row
+from replicate.report.run_name import run_name
+from replicate.targets.table4.posing_numbers import PosingNumbers, Source
+
+FED_BY = ("refined", "coarse")  # whose networks feed all methods: the full CNN's, as in the paper, or what there is
+RECOVERED, DERIVATIVES = 200, 25  # test poses whose points are found again, and whose derivatives are compared
+Number = tuple[str, str, str, float, int]  # method, metric, unit, value, poses
+
+
+def rows_of(
+    settings: PosingNumbers, inputs: Mapping[str, Path], files: Sequence[Path], progress: Callable
+) -> list[Row]:
+    """Return a character's rows.
+
+    files: that of its drags, or none: then a script draws them. progress: (total, label) → a context manager.
+    """
+    rig = built_rig.load(inputs)
+    points = control_points(rig, control_influence.load(inputs))
+    targets = configurations(rig, points, files)
+    numbers: list[Number] = []
+    with progress(2 * len(settings.sources), "posing") as bar:
+        posed = {}
+        for source in settings.sources:
+            posed[source.name] = pose(rig, ik_stage.load(inputs, source.name).solve(targets))
+            numbers += _approximations(settings, inputs, rig, source, posed[source.name])
+            bar.update(1)
+        for source in settings.sources:
+            numbers += _points(settings, inputs, rig, points, source, posed[source.name], targets)
+            bar.update(1)
+    numbers += _derivatives(settings, inputs, rig, points)
+    run = run_name(inputs)
+    facts = settings.profile, run
+    return [
+        Row("table4", settings.character, method, metric, unit, float(value), None, 1, poses, *facts)
+        for method, metric, unit, value, poses in numbers
+    ]
+
+
+def configurations(rig: Rig, points: ControlPoints, files: Sequence[Path]) -> np.ndarray:
+    """Return where the control points shall go, (k, c, 3) mm: as a file of drags says, or as a script draws them."""
+    if files:
+        drags = read_drags(files[0], points.names)
+    else:
+        drags = scripted_drags(points.names, stream_rng(0, "table4", "drags"))
+    return targets_of(rig.mesh.neutral[points.vertices], points.names, drags)
+
+
+def feeder(settings: PosingNumbers, method: str) -> str:
+    """Return through what the networks are trained that feed a method under the paper's protocol."""
+    names = [source.name for source in settings.sources]
+    common = next((name for name in FED_BY if name in names), names[0])
+    return method if settings.own_gradients and method in names else common
+
+
+def _approximations(
+    settings: PosingNumbers, inputs: Mapping[str, Path], rig: Rig, source: Source, posed: Posed
+) -> list[Number]:
+    rigid = rigid_segments.load(inputs).segment.tolist()
+    predictors = {numbers.method: predictor(numbers, inputs) for numbers in settings.methods}
+    numbers = []
+    for method, errors in approximation_errors(rig, posed, predictors, rigid, 32).items():
+        for kind, unit, tally in (("vertex", "mm", errors.vertex), ("normal", "deg", errors.normal)):
+            mean, count = summary(tally).mean, len(errors.pose_mm)
+            numbers.append((method, f"{kind}_error_mean[{source.name}]", unit, mean, count))
+            if feeder(settings, method) == source.name:
+                numbers.append((method, f"{kind}_error_mean", unit, mean, count))
+    return numbers
+
+
+def _points(
+    settings: PosingNumbers,
+    inputs: Mapping[str, Path],
+    rig: Rig,
+    points: ControlPoints,
+    source: Source,
+    posed: Posed,
+    targets: np.ndarray,
+) -> list[Number]:
+    """Return how well the networks trained through a source bring the rig's points where they shall go."""
+    section, name, count = settings.section, source.name, len(targets)
+    axes = section.coordinates
+    samples = drawn_samples.load(inputs)
+    rows = unique_poses(samples.test_params)
+    rows = rows[np.linspace(0, len(rows) - 1, min(RECOVERED, len(rows))).astype(int)]
+    truth = rig.mesh.neutral[points.vertices] + np.asarray(samples.test_offsets[rows][:, points.vertices], np.float32)
+    again = pose(rig, ik_stage.load(inputs, name).solve(truth))
+    ranges, positions = parameter_ranges(rig), ik_stage.positions(inputs, source.model, points.vertices)
+    limits = rig.default, rig.lower, rig.upper, ranges, points.driven(), axes, section.regularisation
+    solved = pose(rig, np.stack([solve(positions, target, *limits).params for target in targets]))
+    return [
+        (name, "point_error_mean", "mm", point_errors_mm(posed, targets, points, axes).mean(), count),
+        (name, "point_error_mean[solver]", "mm", point_errors_mm(solved, targets, points, axes).mean(), count),
+        (name, "recovered_error_mean", "mm", point_errors_mm(again, truth, points, axes).mean(), len(rows)),
+        (name, "outside_limits", "ratio", outside_share(rig, posed, points), count),
+    ]
+
+
+def _derivatives(settings: PosingNumbers, inputs: Mapping[str, Path], rig: Rig, points: ControlPoints) -> list[Number]:
+    """Return how well each approximation's derivative agrees with the rig's, region by region, over test poses."""
+    samples = drawn_samples.load(inputs)
+    rows = unique_poses(samples.test_params)
+    params = samples.test_params[rows[np.linspace(0, len(rows) - 1, min(DERIVATIVES, len(rows))).astype(int)]]
+    exact, ranges = jacobians(RigPoints(rig, points.vertices), params), parameter_ranges(rig)
+    numbers = []
+    for source in settings.sources:
+        if not source.model:
+            continue
+        own = jacobians(ik_stage.positions(inputs, source.model, points.vertices), params)
+        for region, agreement in agreement_by_region(own, exact, ranges, points.regions).items():
+            suffix = f"[{region}]" if region else ""
+            numbers.append((source.name, f"derivative_cosine{suffix}", "ratio", agreement.cosine, len(params)))
+            numbers.append((source.name, f"derivative_size{suffix}", "ratio", agreement.size, len(params)))
+    return numbers
