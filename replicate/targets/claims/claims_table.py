@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from replicate.report.cast import STANDS_FOR, order_of
+from replicate.report.cast import STANDS_FOR, characters_of, order_of
 from replicate.report.notebooks import folder_of
+from replicate.report.results import Row
 from replicate.report.tables import Table
 from replicate.targets.claims.claim_verdicts import (
     FAILS,
@@ -12,6 +13,7 @@ from replicate.targets.claims.claim_verdicts import (
     NOT_TESTED,
     Verdict,
     beaten_by_line,
+    judge,
     judge_all,
     read_verdicts,
 )
@@ -126,6 +128,13 @@ def reasons_table(verdicts: Sequence[Verdict], claim: str) -> Table:
     body = tuple((one.character, one.verdict, _of_the_paper(one), one.reason) for one in verdicts if one.claim == claim)
     header = ("", "verdict", "paper's numbers", "why")
     return Table(f"{claim}, character by character", (header,), body, text_columns=4)
+
+
+def verdict_on_rows(rows: Sequence[Row], claim: str) -> Table:
+    """Return the verdict on one claim for each character that some rows of a table are about, with its reason."""
+    evidence, paper = Evidence(rows), published()
+    verdicts = [judge(claim_named(claim), character, evidence, paper) for character in characters_of(rows)]
+    return reasons_table(verdicts, claim)
 
 
 def comparison_table(evidence: Evidence, method: str, other: str, kind: str) -> Table:

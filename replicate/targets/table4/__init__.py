@@ -54,10 +54,9 @@ def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
 
 def pose(context: StageContext) -> None:
     """Find poses for the configurations of control points and measure every method in them."""
-    from replicate.report.results import write_results
-    from replicate.targets.table4.posing_rows import rows_of
+    from replicate.targets.table4.posing_rows import write_all
 
-    write_results(context.out / FILE, rows_of(context.config, context.inputs, context.files, context.progress))
+    write_all(context.config, context.inputs, context.files, context.progress, context.out)
 
 
 def run(options: argparse.Namespace) -> None:

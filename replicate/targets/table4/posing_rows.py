@@ -19,19 +19,20 @@ from replicate.inverse.posing import Posed, approximation_errors, outside_share,
 from replicate.inverse.rig_points import RigPoints
 from replicate.inverse.solver import solve
 from replicate.methods.measurement import predictor
-from replicate.report.results import Row
+from replicate.report.results import Row, write_results
 from replicate.report.run_name import run_name
 from replicate.targets.table4.posing_numbers import PosingNumbers, Source
 
+ROWS = "table4.csv"
 FED_BY = ("refined", "coarse")  # whose networks feed all methods: the full CNN's, as in the paper, or what there is
 RECOVERED, DERIVATIVES = 200, 25  # test poses whose points are found again, and whose derivatives are compared
 Number = tuple[str, str, str, float, int]  # method, metric, unit, value, poses
 
 
-def rows_of(
-    settings: PosingNumbers, inputs: Mapping[str, Path], files: Sequence[Path], progress: Callable
-) -> list[Row]:
-    """Return a character's rows.
+def write_all(
+    settings: PosingNumbers, inputs: Mapping[str, Path], files: Sequence[Path], progress: Callable, out: Path
+) -> None:
+    """Write a character's rows to a folder.
 
     files: that of its drags, or none: then a script draws them. progress: (total, label) → a context manager.
     """
@@ -51,10 +52,11 @@ def rows_of(
     numbers += _derivatives(settings, inputs, rig, points)
     run = run_name(inputs)
     facts = settings.profile, run
-    return [
+    rows = [
         Row("table4", settings.character, method, metric, unit, float(value), None, 1, poses, *facts)
         for method, metric, unit, value, poses in numbers
     ]
+    write_results(out / ROWS, rows)
 
 
 def configurations(rig: Rig, points: ControlPoints, files: Sequence[Path]) -> np.ndarray:

@@ -1,0 +1,115 @@
+"""Figure 11: a few configurations of control points, and the faces that they lead to: of the rig, and as predicted."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from data_recipes.rig import Rig
+from replicate.approximation.metrics import angle_between, vertex_error
+from replicate.artefacts import built_rig, control_influence
+from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
+from replicate.drawing.panels import Words
+from replicate.drawing.prop_surfaces import carry_props, prop_surfaces
+from replicate.drawing.render import render
+from replicate.drawing.scene import Surface, camera_for
+from replicate.geometry.normals import face_vectors
+from replicate.inverse import ik_stage
+from replicate.inverse.control_points import control_points
+from replicate.methods.measurement import predictor
+from replicate.methods.method_registry import method_named
+from replicate.targets.table4.posing_rows import configurations
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+    from replicate.targets.figure11 import PosedPicture
+
+COUNT, TALL = 3, 1.2  # configurations, those with the most points; a picture's height over its width
+RED, RADIUS_MM = (214, 39, 40), 2.4  # of a control point
+TITLE = "the rig"
+LINES = ("distance", "normal error")
+
+
+def figure11(
+    settings: "PosedPicture", inputs: Mapping[str, Path], files: Sequence[Path], renderer: str | None = None
+) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words): a row a configuration, the rig first, then each approximation at the same parameters.
+
+    files: that of the character's drags, or none.
+    """
+    rig = built_rig.load(inputs)
+    fed_by = settings.methods[0].method
+    targets = configurations(rig, control_points(rig, control_influence.load(inputs)), files)
+    rest = rig.mesh.neutral[rig.control_points]
+    dragged = (np.abs(targets - rest).max(axis=2) > 0).sum(axis=1)
+    chosen = np.sort(np.argsort(-dragged, kind="stable")[:COUNT])
+    params = ik_stage.load(inputs, fed_by).solve(targets[chosen])
+    truth = rig(params)
+    predicted = {one.method: predictor(one, inputs)(params, truth) for one in settings.methods}
+    columns = 1 + len(predicted)
+    width = cell_width(columns, LINES)
+    cells, phrases = [], []
+    for k in range(len(chosen)):
+        points = spheres(_in_front(targets[chosen[k]], truth[k]))
+        faces = {TITLE: truth[k]} | {method_named(name).label: vertices[k] for name, vertices in predicted.items()}
+        for title, vertices in faces.items():
+            lines = ("", "") if title == TITLE else _errors(rig, vertices, truth[k])
+            picture = render(
+                [*_surfaces(rig, params[k], truth[k], vertices), points],
+                camera_for("front", rig.mesh.neutral),
+                width,
+                round(TALL * width),
+                renderer=renderer,
+            )
+            cells.append(Cell(title if k == 0 else "", (picture,), lines))
+            if title != TITLE:
+                phrases.append(f"row {k + 1}, {title}: {' and '.join(lines)}")
+    errors, source = "; ".join(phrases), method_named(fed_by).label
+    few, many = dragged[chosen].min(), dragged[chosen].max()
+    return face_sheet(cells, columns, LINES), Words(
+        f"Clay renders of {settings.character} in {COUNT} poses, with control points in red; from left to right the "
+        f"rig and its approximations. Mean errors: {errors}.",
+        f"Faces that inverse kinematics poses (after Fig. 11). Red: where the control points shall go. From {few} to "
+        f"{many} of the {targets.shape[1]} are dragged, by up to 25 mm, which the rig can't always follow. All faces "
+        f"of a row have the parameters of the same IK networks, which are trained through the model {source}. Below: "
+        "mean distance from the rig, and mean angle between normals (Eq. 11).",
+    )
+
+
+def _surfaces(rig: Rig, params: np.ndarray, truth: np.ndarray, vertices: np.ndarray) -> list[Surface]:
+    props = carry_props(tuple(rig.pose_props(params)), truth, vertices)
+    return [Surface(vertices, rig.mesh.faces), *prop_surfaces(props)]
+
+
+def _errors(rig: Rig, vertices: np.ndarray, truth: np.ndarray) -> tuple[str, str]:
+    normals = (face_vectors(each[None], rig.mesh.faces) for each in (vertices, truth))
+    degrees = np.nanmean(angle_between(*normals))
+    return f"{vertex_error(vertices[None], truth[None]).mean():.2f} mm", f"{degrees:.2f}°"
+
+
+def _in_front(points: Float[np.ndarray, "c 3"], vertices: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "c 3"]:
+    """Return points brought before the face along the view, so that none is hidden: depth does not count here."""
+    front = float(vertices[:, 2].max()) + RADIUS_MM
+    return np.concatenate([points[:, :2], np.full((len(points), 1), front)], axis=1)
+
+
+def spheres(points: Float[np.ndarray, "c 3"]) -> Surface:
+    """Return small red balls about some points, as one surface."""
+    rings, around = np.linspace(0, np.pi, 7), np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    ball = np.stack(
+        [
+            np.sin(rings)[:, None] * np.cos(around),
+            np.sin(rings)[:, None] * np.sin(around),
+            np.cos(rings)[:, None] + 0 * around,
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    row, column = np.meshgrid(np.arange(6) * 12, np.arange(12), indexing="ij")
+    a, b = (row + column).ravel(), (row + (column + 1) % 12).ravel()
+    faces = np.concatenate([np.stack([a, a + 12, b], 1), np.stack([b, a + 12, b + 12], 1)])
+    vertices = (points[:, None] + RADIUS_MM * ball).reshape(-1, 3)
+    every = (faces[None] + len(ball) * np.arange(len(points))[:, None, None]).reshape(-1, 3)
+    return Surface(vertices.astype(np.float32), every.astype(np.int32), RED, lit=False, framed=False)

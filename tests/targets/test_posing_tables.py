@@ -1,0 +1,61 @@
+"""Table 4 printed: the paper's protocol, who leads in whose poses, and what the IK networks reach."""
+
+import pytest
+
+from replicate.engine.paths import PAPER
+from replicate.inverse.ik_config import own
+from replicate.report.results import Row, read_results
+from replicate.report.tables import as_text
+from replicate.targets.table4.posing_numbers import PosingNumbers, Source
+from replicate.targets.table4.posing_rows import feeder
+from replicate.targets.table4.posing_tables import feeding_table, networks_table, posing_table, tables4
+
+
+def rows(character="teen"):
+    def row(method, metric, unit, value, poses=25):
+        return Row("table4", character, method, metric, unit, value, None, 1, poses, "laptop", "r")
+
+    made = []
+    for method, mm in (("refined", 0.31), ("dense", 0.62)):
+        made += [row(method, "vertex_error_mean", "mm", mm), row(method, "normal_error_mean", "deg", 3 * mm)]
+        for k, source in enumerate(("refined", "dense", "rig")):
+            made.append(row(method, f"vertex_error_mean[{source}]", "mm", mm + k))
+            made.append(row(method, f"normal_error_mean[{source}]", "deg", 3 * mm + k))
+        made += [row(method, "point_error_mean", "mm", 2.5), row(method, "derivative_cosine", "ratio", 0.875)]
+    return [*made, row("rig", "point_error_mean", "mm", 2.25)]
+
+
+def test_the_papers_numbers_stand_beside_ours():
+    table = posing_table(rows(), read_results(PAPER / "table4.csv"))
+    assert table.headers == (("", "teen", "Hiccup"),)
+    assert ("Refined", "0.31", "0.94") in table.body and ("Dense", "1.86", "5.6") in table.body
+    assert any("25 configurations" in note and "one seed" in note for note in table.notes)
+
+
+def test_a_column_is_an_ik_model_and_the_rig_comes_last():
+    table = feeding_table(rows(), "teen")
+    assert table.headers[-1][1:] == ("Refined", "Dense", "the rig itself")
+    assert ("Dense", "0.62", "1.62", "2.62") in table.body
+
+
+def test_what_the_networks_reach_has_a_line_each():
+    table = networks_table(rows(), "teen")
+    assert [line[0] for line in table.body] == ["Refined", "Dense", "the rig itself"]
+    assert table.body[2][1] == "2.25" and table.body[2][5] == "–", "the rig's derivative is its own"
+    assert len(tables4([*rows(), *rows("toon")], [])) == 5
+    assert all(as_text(each) for each in tables4(rows(), []))
+
+
+@pytest.mark.parametrize(
+    ("own_gradients", "sources", "method", "expected"),
+    [
+        (False, ("coarse", "refined", "dense", "rig"), "dense", "refined"),
+        (False, ("coarse", "dense", "rig"), "dense", "coarse"),
+        (False, ("linear", "rig"), "neutral", "linear"),
+        (True, ("refined", "dense", "rig"), "dense", "dense"),
+        (True, ("refined", "dense", "rig"), "neutral", "refined"),
+    ],
+)
+def test_the_refined_models_networks_feed_all_methods_but_for_toothless(own_gradients, sources, method, expected):
+    sources = tuple(Source(name, "") for name in sources)
+    assert feeder(PosingNumbers("teen", "quick", 0, own("quick"), (), sources, own_gradients), method) == expected
