@@ -38,32 +38,29 @@ CHANGES = {
     "hidden layers of 256": {"hidden": [256, 256]},
     "hidden layers of 768": {"hidden": [768, 768]},
     "all components in 16 bits": {"fine": 4_096},
+    "160 components": {"components": 160},
 }
+SAMPLES = {"3,000 training poses": 3_000, "30,000 training poses": 30_000}
+LINES = (*CHANGES, *SAMPLES)
 
 
 def variants(character: str, profile: str, steps: int) -> list[Variant]:
     """Return the method as it is, and with each change, at a schedule of `steps`."""
     own, training = sections(profile), {"steps": steps}
+    changes = {name: {"regional": change} for name, change in CHANGES.items()}
+    changes |= {name: {"samples": {"count": count}, "regional": {}} for name, count in SAMPLES.items()}
+    for change in changes.values():
+        change["regional"] = change["regional"] | {"training": training | change["regional"].get("training", {})}
     return [
-        Variant(
-            "regional",
-            name,
-            resolve(
-                character,
-                profile,
-                {"regional": change | {"training": training | change.get("training", {})}},
-                sections=own,
-            ),
-        )
-        for name, change in CHANGES.items()
+        Variant("regional", name, resolve(character, profile, change, sections=own)) for name, change in changes.items()
     ]
 
 
 def pieces_tables(rows: Sequence[Row]) -> list[Table]:
     """Return two tables for each character in `bench_regional.csv`: the pieces, and the borders of regions."""
-    tables = variants_tables(rows, TABLE, "Pieces of the regional method", {"regional": tuple(CHANGES)})
+    tables = variants_tables(rows, TABLE, "Pieces of the regional method", {"regional": LINES})
     characters = dict.fromkeys(row.character for row in rows)
-    borders = [borders_table([row for row in rows if row.character == name], tuple(CHANGES)) for name in characters]
+    borders = [borders_table([row for row in rows if row.character == name], LINES) for name in characters]
     return [*tables, *(table for table in borders if table.body)]
 
 

@@ -1,0 +1,150 @@
+"""How long inverse kinematics takes: one evaluation of the IK networks, a whole update while a point is dragged, and a
+solver that does without networks.
+
+`make bench-ik` makes what is missing of the methods and of the IK networks that are trained through each. An update is
+what a dragged point costs: IK networks, mesh with rigid segments, normals of all vertices. Rig and methods take turns
+on the same configurations of control points, one a call, on one thread.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from data_recipes.rig import Rig
+from replicate.artefacts import built_rig, control_influence
+from replicate.artefacts.plan import Plan, reference
+from replicate.benchmarks.bench_methods import time_ways
+from replicate.benchmarks.common import PROFILE, add_count, answer, artefacts_of, make_parser, publish, split_names
+from replicate.config import Config, resolve
+from replicate.engine.stage import stream_rng
+from replicate.geometry.normals import vertex_normals
+from replicate.inverse import ik_stage
+from replicate.inverse.control_points import ControlPoints, control_points
+from replicate.inverse.drags import scripted_drags, targets_of
+from replicate.inverse.ik_config import InverseConfig
+from replicate.inverse.ik_training import parameter_ranges
+from replicate.inverse.solver import solve
+from replicate.methods import measurement
+from replicate.methods.method import Method
+from replicate.methods.method_registry import choose, in_order, method_named, sections
+from replicate.report.results import Row, find
+from replicate.report.tables import Table, round_off
+
+ABOUT = "milliseconds of inverse kinematics: the networks, a whole update while dragging, and a solver"
+WRITES = "results/runs/bench/bench_ik.csv"
+TABLE = "bench_ik"
+RIG = "rig"
+ROUNDS = 50
+SOLVED = 5  # configurations that the solver is timed on
+COLUMNS = (
+    ("ik_ms", "IK networks, ms"),
+    ("update_ms", "update, ms"),
+    ("solver_ms", "solver, ms"),
+    ("solver_over_networks", "solver over networks"),
+)
+
+
+def measure(config: Config, words: Sequence[str], rounds: int) -> list[Row]:
+    """Make what is missing of one character's IK networks, time them, and return the rows."""
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen=false".strip()
+    os.environ["NPROC"] = "1"  # the size of XLA's pool; both before JAX is loaded
+    plan = Plan(config)
+    methods = [method for method in choose(words, config) if method.model and not method.oracle]
+    stages = [measurement.stage(plan, method) for method in methods]
+    stages += [ik_stage.stage(plan, method) for method in methods]
+    inputs = artefacts_of(TABLE, config, stages)
+    rig = built_rig.load(inputs)
+    points = control_points(rig, control_influence.load(inputs))
+    drags = scripted_drags(points.names, stream_rng(0, TABLE, "drags"), rounds)
+    targets = targets_of(rig.mesh.neutral[points.vertices], points.names, drags)
+    with threadpool_limits(1):
+        networks, updates = ways_of(methods, plan, inputs, rig)
+        times = {"ik_ms": time_ways(networks, targets, rounds), "update_ms": time_ways(updates, targets, rounds)}
+        solvers = solvers_of(methods, inputs, rig, points, ik_stage.section(plan))
+        times["solver_ms"] = time_ways(solvers, targets[:SOLVED], min(SOLVED, rounds))
+    rows = []
+    for method in updates:
+        medians = {metric: float(np.median(each[method])) for metric, each in times.items() if method in each}
+        numbers = [(metric, "ms", value) for metric, value in medians.items()]
+        if "ik_ms" in medians and "solver_ms" in medians:
+            numbers.append(("solver_over_networks", "ratio", medians["solver_ms"] / medians["ik_ms"]))
+        for metric, unit, value in numbers:
+            count = len(times[metric][method]) if metric in times else SOLVED
+            facts = (value, None, 1, count, PROFILE, plan.character)
+            rows.append(Row(TABLE, plan.character, method, metric, unit, *facts))
+    return rows
+
+
+def ways_of(
+    methods: Sequence[Method], plan: Plan, inputs: Mapping[str, Path], rig: Rig
+) -> tuple[dict[str, Callable], dict[str, Callable]]:
+    """Return by method (control points (1, c, 3) → parameters) and (the same → mesh and normals), the rig's last too.
+
+    The rig's update takes the networks of the first method.
+    """
+    faces, nothing = rig.mesh.faces, np.zeros((1, 0, 3), np.float32)
+    networks: dict[str, Callable] = {m.name: ik_stage.load(inputs, m.name).solve for m in methods}
+
+    def update(network: Callable, predict: Callable) -> Callable:
+        return lambda points: vertex_normals(predict(network(points)), faces)
+
+    updates: dict[str, Callable] = {RIG: update(networks[methods[0].name], rig)}
+    for method in methods:
+        predict = measurement.predictor(measurement.numbers_of(method, plan.config), inputs)
+        updates[method.name] = update(networks[method.name], lambda params, own=predict: own(params, nothing))
+    return networks, updates
+
+
+def solvers_of(
+    methods: Sequence[Method], inputs: Mapping[str, Path], rig: Rig, points: ControlPoints, section: InverseConfig
+) -> dict[str, Callable]:
+    """Return by method, and for the rig itself, (control points (1, c, 3) → parameters) by iteration."""
+    models = {RIG: ""} | {method.name: reference(method.model) for method in methods}
+    facts = rig.default, rig.lower, rig.upper, parameter_ranges(rig), points.driven(), section.coordinates
+    ways = {}
+    for name, model in models.items():
+        positions = ik_stage.positions(inputs, model, points.vertices)
+        ways[name] = lambda target, own=positions: solve(own, target[0], *facts, section.regularisation)
+    return ways
+
+
+def ik_table(rows: Sequence[Row], character: str) -> Table:
+    """Return one character's times, the rig first."""
+    own = [row for row in rows if row.character == character]
+    body = []
+    for name in [RIG, *in_order({row.method for row in own} - {RIG})]:
+        cells = [find(own, TABLE, character, name, metric) for metric, _ in COLUMNS]
+        label = "The rig, compiled" if name == RIG else method_named(name).label
+        body.append((label, *(round_off(cell.value, cell.unit) if cell else "–" for cell in cells)))
+    notes = (
+        "One configuration of control points a call, on one thread; medians over turns.",
+        "An update is what a dragged point costs: IK networks, mesh with rigid segments, normals of all vertices.",
+        "The solver minimises Eq. 8 for each configuration anew (L-BFGS), through the method or the rig itself.",
+    )
+    return Table(f"Inverse kinematics: {character}", (("", *(words for _, words in COLUMNS)),), tuple(body), notes)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the benchmark from the command line; return the exit code."""
+    parser = make_parser(TABLE, "Time inverse kinematics.", profile="whose trainings are timed")
+    parser.add_argument("--methods", nargs="+", default=["standard"], help="as for table4 (default: standard)")
+    add_count(parser, "rounds", ROUNDS, "configurations that each is timed on")
+    return answer(parser, _run, arguments)
+
+
+def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
+    words = split_names(" ".join(options.methods))
+    choose(words)
+    for character in split_names(options.characters):
+        config = resolve(character, options.profile, sections=sections(options.profile))
+        rows = measure(config, words, options.rounds)
+        publish(TABLE, rows, [ik_table(rows, rows[0].character)], command_line)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
