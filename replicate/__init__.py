@@ -14,24 +14,29 @@ Eq. 5    poses beyond the animation               approximation/sampling.py
 §3.5     balanced draws                           approximation/sampling.py
 §3.5     the samples on disk                      approximation/samples.py
 §3.5     the training loop                        approximation/training.py
+Eq. 6    minimised by iteration                   inverse/solver.py
+Eq. 7    the IK networks                          inverse/ik_network.py
+§4.1     control points, region by region         inverse/control_points.py
+Eq. 8–10 their losses, §4.2 their training        inverse/ik_training.py
 §5.1     the dense baseline                       approximation/dense.py
 §5.1     linear blend skinning (SSDR)             approximation/skinning/ssdr.py
 §5.1     errors over all unique test poses        approximation/evaluation.py
 Eq. 11   the normal error                         approximation/metrics.py
 Table 1  model sizes                              targets/table1/
 Table 2  approximation errors                     targets/table2/
+Table 4  errors in poses of inverse kinematics    targets/table4/
 Fig. 1   the rig beside approximations            targets/figure01/
 Fig. 5   training poses                           targets/figure05/
 Fig. 7   mesh segments                            targets/figure07/
 Fig. 8   refinement segments                      targets/figure08/
 Fig. 9   forehead wrinkles                        targets/figure09/
 Fig. 10  heatmaps of normal errors                targets/figure10/
+Fig. 11  faces that inverse kinematics poses      targets/figure11/
 
 Which of the paper's claims our numbers bear out is judged in targets/claims/, a rule each.
 
 A row of a table is a module of methods/, what `make` makes a folder of targets/, what methods share a module of
-artefacts/; engine/ runs and keeps the work. Of the paper, §4 (Eq. 6 to 10, inverse kinematics) with Tables 3 and 4 and
-Figures 11 to 13 has no module yet.
+artefacts/; engine/ runs and keeps the work. Of the paper, Table 3 and Figures 12 and 13 have no module yet.
 """
 
 TYPE_CHECKING = False  # for type checkers, which take it for true; importing typing would take longer than all else
