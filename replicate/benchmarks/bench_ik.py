@@ -109,7 +109,7 @@ def solvers_of(
     ways = {}
     for name, model in models.items():
         positions = ik_stage.positions(inputs, model, points.vertices)
-        ways[name] = lambda target, own=positions: solve(own, target[0], *facts, section.regularisation)
+        ways[name] = lambda target, own=positions: solve(own, target, *facts, section.regularisation)
     return ways
 
 

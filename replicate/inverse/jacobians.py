@@ -30,10 +30,14 @@ def jacobians(
 
     positions: raw rig parameters (b, m) → positions (b, c, 3) of the points in mm.
     """
-    inputs = torch.from_numpy(np.array(params, np.float32)).requires_grad_(True)
-    points = positions(inputs)
-    rows = [torch.autograd.grad(one.sum(), inputs, retain_graph=True)[0] for one in points.flatten(1).T]
-    return torch.stack(rows, dim=1).unflatten(1, points.shape[1:]).numpy()
+    rows = []
+    for one in np.asarray(params, np.float32):
+        with torch.no_grad():
+            shape = positions(torch.from_numpy(one[None].copy()))[0].shape
+        copies = torch.from_numpy(np.tile(one, (shape.numel(), 1))).requires_grad_(True)  # one for each coordinate
+        positions(copies).flatten(1).diagonal().sum().backward()
+        rows.append(copies.grad.view(*shape, -1).numpy())
+    return np.stack(rows)
 
 
 def agreement(

@@ -16,7 +16,7 @@ SMOOTH_MM, SMOOTH_SHARE = 0.01, 1e-3  # below these lengths |x| is rounded off, 
 
 @dataclass(frozen=True)
 class Solution:
-    """params: (m,). evaluations: how often the approximation and its gradient were asked for."""
+    """params: (k, m). evaluations: how often the approximation and its gradient were asked for."""
 
     params: np.ndarray
     evaluations: int
@@ -24,7 +24,7 @@ class Solution:
 
 def solve(
     positions: Callable[[torch.Tensor], torch.Tensor],
-    target: Float[np.ndarray, "c 3"],
+    targets: Float[np.ndarray, "k c 3"],
     default: Float[np.ndarray, " m"],
     lower: Float[np.ndarray, " m"],
     upper: Float[np.ndarray, " m"],
@@ -32,31 +32,36 @@ def solve(
     driven: Int[np.ndarray, " d"],
     axes: int,
     regularisation: float,
-    iterations: int = 100,
+    iterations: int = 150,
 ) -> Solution:
-    """Minimise Eq. 8 from the neutral pose by L-BFGS-B within the controls' limits.
+    """Minimise Eq. 8 from the neutral pose by L-BFGS-B within the controls' limits, for all configurations at once.
 
-    positions: raw rig parameters (b, m) → positions (b, c, 3) of the control points in mm. driven: the parameters that
-    may move. axes: how many coordinates of a point count. regularisation: λ_reg in mm.
+    The configurations have nothing in common, so that the sum over them is least where each is; a batch costs little
+    more than one. positions: raw rig parameters (b, m) → positions (b, c, 3) of the control points in mm. driven: the
+    parameters that may move. axes: how many coordinates of a point count. regularisation: λ_reg in mm.
     """
-    goal, start = torch.from_numpy(np.array(target, np.float32)), torch.from_numpy(np.array(default, np.float32))
+    goals, start = torch.from_numpy(np.array(targets, np.float32)), torch.from_numpy(np.array(default, np.float32))
     index, scale = torch.from_numpy(np.asarray(driven)).long(), torch.from_numpy(ranges[driven].astype(np.float32))
+    shape = len(goals), len(driven)
 
     def loss(moves: np.ndarray) -> tuple[float, np.ndarray]:
-        shares = torch.from_numpy(moves.astype(np.float32)).requires_grad_(True)
-        params = start.index_add(0, index, shares * scale)
-        apart = (positions(params[None])[0] - goal)[:, :axes]
-        fit = (apart.square() + SMOOTH_MM**2).sqrt().sum(dim=1).mean()
+        shares = torch.from_numpy(moves.reshape(shape).astype(np.float32)).requires_grad_(True)
+        params = start.expand(shape[0], -1).index_add(1, index, shares * scale)
+        apart = (positions(params) - goals)[..., :axes]
+        fit = (apart.square() + SMOOTH_MM**2).sqrt().sum(dim=2).mean(dim=1).sum()
         size = (shares.square() + SMOOTH_SHARE**2).sqrt().sum()
         value = fit + regularisation * size
         value.backward()
-        return float(value.detach()), shares.grad.numpy().astype(np.float64)
+        return float(value.detach()), shares.grad.numpy().astype(np.float64).ravel()
 
-    limits = list(zip(*((each - default)[driven] / ranges[driven] for each in (lower, upper)), strict=True))
-    options = {"maxiter": iterations}
+    limits = [
+        tuple(pair)
+        for pair in zip(*((each - default)[driven] / ranges[driven] for each in (lower, upper)), strict=True)
+    ]
+    options = {"maxiter": iterations, "maxfun": 2 * iterations}
     result = scipy.optimize.minimize(
-        loss, np.zeros(len(driven)), jac=True, method="L-BFGS-B", bounds=limits, options=options
+        loss, np.zeros(shape).ravel(), jac=True, method="L-BFGS-B", bounds=limits * shape[0], options=options
     )
-    params = np.array(default, np.float32)
-    params[driven] += (result.x * ranges[driven]).astype(np.float32)
+    params = np.tile(np.array(default, np.float32), (shape[0], 1))
+    params[:, driven] += (result.x.reshape(shape) * ranges[driven]).astype(np.float32)
     return Solution(params, int(result.nfev))

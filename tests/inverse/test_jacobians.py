@@ -48,27 +48,26 @@ def test_a_region_is_judged_by_its_own_points():
     assert -1 < found[""].cosine < 1
 
 
-def solved(target, **changes):
+def solved(targets, **changes):
     facts = {"regularisation": 0.0, "axes": 3, "driven": np.arange(6)} | changes
     limits = np.zeros(6, np.float32), np.full(6, -1, np.float32), np.ones(6, np.float32), np.full(6, 2.0, np.float32)
-    return solve(positions, target, *limits, facts["driven"], facts["axes"], facts["regularisation"])
+    return solve(positions, targets, *limits, facts["driven"], facts["axes"], facts["regularisation"])
 
 
 def test_the_solver_finds_the_parameters_of_points_within_reach():
-    params = RNG.uniform(-0.8, 0.8, (1, 6)).astype(np.float32)
-    target = positions(torch.from_numpy(params))[0].numpy()
-    solution = solved(target)
-    np.testing.assert_allclose(solution.params, params[0], atol=0.02)
+    params = RNG.uniform(-0.8, 0.8, (3, 6)).astype(np.float32)
+    solution = solved(positions(torch.from_numpy(params)).numpy())
+    np.testing.assert_allclose(solution.params, params, atol=0.02)
     assert 1 < solution.evaluations < 200
 
 
 def test_the_solver_keeps_limits_and_moves_only_what_is_driven():
-    far = np.full((4, 3), 100.0, np.float32)
+    far = np.full((2, 4, 3), 100.0, np.float32)
     assert np.abs(solved(far).params).max() <= 1 + 1e-6
     few = solved(far, driven=np.array([1, 4])).params
-    assert (few[[0, 2, 3, 5]] == 0).all() and (few[[1, 4]] != 0).all()
+    assert (few[:, [0, 2, 3, 5]] == 0).all() and (few[:, [1, 4]] != 0).all()
 
 
 def test_regularisation_keeps_the_solution_small():
-    target = positions(torch.full((1, 6), 0.5))[0].numpy()
+    target = positions(torch.full((1, 6), 0.5)).numpy()
     assert np.abs(solved(target, regularisation=2.0).params).sum() < 0.5 * np.abs(solved(target).params).sum()

@@ -109,7 +109,7 @@ def _points(
     again = pose(rig, ik_stage.load(inputs, name).solve(truth))
     ranges, positions = parameter_ranges(rig), ik_stage.positions(inputs, source.model, points.vertices)
     limits = rig.default, rig.lower, rig.upper, ranges, points.driven(), axes, section.regularisation
-    solved = pose(rig, np.stack([solve(positions, target, *limits).params for target in targets]))
+    solved = pose(rig, solve(positions, targets, *limits).params)
     return [
         (name, "point_error_mean", "mm", point_errors_mm(posed, targets, points, axes).mean(), count),
         (name, "point_error_mean[solver]", "mm", point_errors_mm(solved, targets, points, axes).mean(), count),
