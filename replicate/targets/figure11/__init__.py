@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from data_recipes.recipe_paths import drags_file
 from replicate.artefacts import rigid_segments
@@ -10,11 +9,11 @@ from replicate.artefacts.plan import Plan, reference
 from replicate.engine.stage import Stage, StageContext
 from replicate.inverse import ik_stage
 from replicate.methods import measurement
-from replicate.methods.measurement import MeasurementNumbers
 from replicate.methods.method import Method
 from replicate.methods.method_registry import choose
 from replicate.methods.prediction import reading
 from replicate.report.publication import publish_pictures
+from replicate.targets.figure11.posed_picture import PosedPicture
 from replicate.targets.options import OF_A_RUN
 from replicate.targets.running import make
 
@@ -22,14 +21,6 @@ ABOUT = "faces that inverse kinematics poses for dragged control points: the rig
 WRITES = "results/runs/<profile>/"
 OPTIONS = OF_A_RUN
 SHOWN = ("refined", "dense", "regional")
-
-
-@dataclass(frozen=True)
-class PosedPicture:
-    """Whose figure it is, and what is shown beside the rig; the IK networks are trained through the first."""
-
-    character: str
-    methods: tuple[MeasurementNumbers, ...]
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:

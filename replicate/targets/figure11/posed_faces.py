@@ -20,12 +20,11 @@ from replicate.inverse import ik_stage
 from replicate.inverse.control_points import control_points
 from replicate.methods.measurement import predictor
 from replicate.methods.method_registry import method_named
+from replicate.targets.figure11.posed_picture import PosedPicture
 from replicate.targets.table4.posing_rows import configurations
 
 if TYPE_CHECKING:
     import matplotlib.figure
-
-    from replicate.targets.figure11 import PosedPicture
 
 COUNT, TALL = 3, 1.2  # configurations, those with the most points; a picture's height over its width
 RED, RADIUS_MM = (214, 39, 40), 2.4  # of a control point
@@ -34,7 +33,7 @@ LINES = ("distance", "normal error")
 
 
 def figure11(
-    settings: "PosedPicture", inputs: Mapping[str, Path], files: Sequence[Path], renderer: str | None = None
+    settings: PosedPicture, inputs: Mapping[str, Path], files: Sequence[Path], renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): a row a configuration, the rig first, then each approximation at the same parameters.
 
