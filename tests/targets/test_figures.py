@@ -6,7 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import hsv_to_rgb
+from matplotlib.text import Text
 from PIL import Image
 from plain_rig import PlainRig
 from plane import flat_grid
@@ -29,6 +31,8 @@ from replicate.targets.figure09.forehead_wrinkles import figure09
 from replicate.targets.figure10.error_faces import figure10, picture_name
 from replicate.targets.table2.curves_chart import training_curves
 from replicate.targets.table2.error_chart import table2_chart
+
+COLUMN_INCHES = 84 / 25.4
 
 
 @pytest.fixture
@@ -253,6 +257,29 @@ def test_the_chart_of_table_2_shows_ours_and_the_papers():
     assert (0.11, 0) in points and (0.36, 0) in points  # coarse: ours, Hiccup's
     assert len(figure.axes[0].lines) == 9 + 6  # ours, the driven skin among them, and the paper's
     assert "Refined 0.22 mm" in words.alt and "Hiccup" in words.caption
+    assert [axes.get_xlabel() for axes in figure.axes] == ["distance error, mm", "normal angle error, degrees"]
+
+
+def test_letters_of_table_2s_charts_are_five_points_high_in_a_column_of_the_paper():
+    chart = table2_chart(table2_rows(), PAPER_ROWS, "teen")[0]
+    curves = training_curves({("teen", "coarse"): CURVE}, table2_rows(), "teen")[0]
+    for figure in (chart, curves):
+        FigureCanvasAgg(figure).draw()
+        shrunk = COLUMN_INCHES / figure.get_size_inches()[0]
+        words = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text()]
+        assert len(words) > 10 and all(text.get_fontsize() * shrunk >= 5 for text in words)
+
+
+def test_a_dots_number_stands_clear_of_the_papers_ring_and_inside_the_axes():
+    figure, _ = table2_chart(table2_rows(), PAPER_ROWS, "teen")
+    FigureCanvasAgg(figure).draw()
+    renderer = figure.canvas.get_renderer()
+    for panel in figure.axes:
+        rings = [line for line in panel.lines if line.get_markerfacecolor() == "none"]
+        for number in panel.texts:
+            box, frame = number.get_window_extent(renderer), panel.get_window_extent(renderer)
+            assert frame.x0 < box.x0 and box.x1 < frame.x1
+            assert not any(box.contains(*panel.transData.transform(ring.get_xydata()[0])) for ring in rings)
 
 
 def test_an_expression_sheet_shows_every_pose_with_its_title_and_props(record):
