@@ -53,7 +53,7 @@ def face_sheet(
 
     All cells have pictures of the same sizes, as wide as `cell_width` says. line_names: what their lines are, at the
     left of each row. bar: draw(figure, axes) draws a level colour bar below the last row. first_bold: the first line of
-    each cell is in bold letters. below: pictures that fill the width, one below the other, under all else. short_first:
+    each cell is in bold figures. below: pictures that fill the width, one below the other, under all else. short_first:
     a row that isn't full is the first one, not the last.
     """
     from matplotlib.figure import Figure
@@ -78,7 +78,7 @@ def face_sheet(
     for row, room in zip(rows, above, strict=True):
         first_line = top + room + tall + letter * (LINE / 2 + 0.2)
         for k, name in enumerate(line_names):
-            write(MARGIN, first_line + k * LINE * letter, name, ha="left", weight=weights[k > 0])
+            write(MARGIN, first_line + k * LINE * letter, name, ha="left")
         for column, k in enumerate(row):
             left = MARGIN + names + column * (across + GAP)
             for j, words in enumerate(titles[k]):
@@ -115,9 +115,15 @@ def _rows(count: int, columns: int, short_first: bool) -> list[range]:
 
 def _in_lines(title: str, most: int) -> list[str]:
     """Return a title in lines of so many letters at most; one that is too long breaks at its colon."""
-    head, colon, rest = title.partition(": ")
+    head, colon, rest = _with_its_mark(title).partition(": ")
     parts = [head + ":", rest] if colon and len(title) > most else [title]
     return [line for part in parts for line in textwrap.wrap(part, max(6, most))]
+
+
+def _with_its_mark(title: str) -> str:
+    """Return a title whose last word, if it is a mark alone, isn't parted from the one before it."""
+    words, space, mark = title.rpartition(" ")
+    return f"{words}\N{NO-BREAK SPACE}{mark}" if space and len(mark) == 1 and not mark.isalnum() else title
 
 
 def _names_width(line_names: Sequence[str], width: int) -> int:

@@ -90,6 +90,7 @@ def legend_panel(entries: Sequence[tuple], heading: str = "", width: int = WIDTH
     longest = max((len(text) for text, _ in entries), default=0)
     columns = max(1, int(width // (WIDE * letter * longest + 2 * letter)))
     lines = -(-len(entries) // columns)
+    columns = max(1, -(-len(entries) // max(1, lines)))
     height = line * (lines + bool(heading)) + 4
     figure = Figure((width / DPI, height / DPI), dpi=DPI, facecolor="white")
     axes = figure.add_axes((0, 0, 1, 1))

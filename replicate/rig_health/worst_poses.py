@@ -1,18 +1,17 @@
 """The worst poses of a character: where its skin turns over, and where teeth leave the mouth."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from data_recipes.rig import Rig
 from replicate.drawing.characters import BACKGROUND, segment_colours
 from replicate.drawing.panels import Words, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
-from replicate.drawing.scene import STUDIO, Camera, Surface, camera_for
+from replicate.drawing.scene import STUDIO, Camera, Surface, camera_for, following
 from replicate.geometry.mesh import Mesh
 from replicate.rig_health.mouth_contents import depths, find_mouth
 from replicate.rig_health.pose_health import worst
@@ -41,7 +40,7 @@ def worst_poses(
     for value, name, params in flips:
         vertices = rig(params)
         colours = _flip_colours(rig.mesh, skin, skin.flipped(vertices[None])[0])
-        camera = _following(camera_for("front", rig.mesh.neutral), rig.mesh.neutral, vertices)
+        camera = following(camera_for("front", rig.mesh.neutral), rig.mesh.neutral, vertices)
         pictures.append(_picture(rig, params, vertices, colours, camera, width, height, renderer))
         titles.append(f"{name}: {100 * value:.2f} %")
     _fill(pictures, titles, width, height)
@@ -53,7 +52,7 @@ def worst_poses(
         colours = segment_colours(rig.mesh, SKIN)
         colours[out[rig.mesh.faces].any(1)] = OUTSIDE
         camera = camera_for("mouth", rig.mesh.neutral)
-        camera = _following(camera, rig.mesh.neutral[mouth.points], vertices[mouth.points])
+        camera = following(camera, rig.mesh.neutral[mouth.points], vertices[mouth.points])
         pictures.append(_picture(rig, params, vertices, colours, camera, width, height, renderer))
         titles.append(f"{name}: {value:.2f} mm")
     _fill(pictures, titles, width, height)
@@ -100,12 +99,6 @@ def _flip_colours(mesh: Mesh, skin: Skin, flipped: Bool[np.ndarray, " f"]) -> np
     colours[near[mesh.faces].any(1)] = BESIDE
     colours[skin.face_indices[flipped]] = FLIP_COLOUR
     return colours
-
-
-def _following(camera: Camera, rest: Float[np.ndarray, "k 3"], posed: Float[np.ndarray, "k 3"]) -> Camera:
-    """Return the camera shifted with the middle of some vertices, so that a bent head stays in the picture."""
-    shift = (posed - rest).mean(0)
-    return replace(camera, focus=tuple(float(x) for x in np.asarray(camera.focus) + shift))
 
 
 def _picture(rig, params, vertices, colours, camera: Camera, width: int, height: int, renderer) -> np.ndarray:

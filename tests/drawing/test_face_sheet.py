@@ -64,9 +64,16 @@ def test_letters_are_five_points_high_in_a_column_of_the_paper():
 
 def test_no_title_is_wider_than_its_picture_and_a_colon_ends_a_line():
     figure = face_sheet([Cell("LBS: 16 bones †", (np.zeros((50, 160, 3), np.uint8),))], 5)
-    assert [text.get_text() for text in figure.texts] == ["LBS:", "16 bones †"]
+    assert [text.get_text() for text in figure.texts] == ["LBS:", "16 bones\N{NO-BREAK SPACE}†"]
     renderer = figure.canvas.get_renderer() if hasattr(figure.canvas, "get_renderer") else _agg(figure)
     assert all(text.get_window_extent(renderer).width <= 160 for text in figure.texts)
+
+
+def test_a_mark_stands_in_the_line_of_the_word_before_it():
+    for title, width in (("Regional (ours) ★", 190), ("LBS: 16 bones †", 160)):
+        figure = face_sheet([Cell(title, (np.zeros((50, width, 3), np.uint8),))], 5)
+        *_, last = (text.get_text() for text in figure.texts)
+        assert last.endswith(title[-1]) and len(last) > 5
 
 
 def _agg(figure):

@@ -256,7 +256,7 @@ def test_a_legend_has_as_many_columns_as_its_texts_leave_room_for():
     assert wide.shape[0] < narrow.shape[0] < long.shape[0]
     assert legend_panel(entries, "what it is", 600).shape[0] > wide.shape[0], "a heading has a line of its own"
     reds = [np.flatnonzero((picture == (200, 0, 0)).all(-1).any(0)) for picture in (wide, narrow)]
-    assert [1 + (np.diff(columns) > 1).sum() for columns in reds] == [5, 1]
+    assert [1 + (np.diff(columns) > 1).sum() for columns in reds] == [4, 1]
 
 
 def test_numbers_that_are_missing_or_no_such_table_are_named(tmp_path):

@@ -16,7 +16,7 @@ from replicate.drawing.heatmap import normal_bar, normal_heat
 from replicate.drawing.panels import DPI, Words, panel_grid, save_figure
 from replicate.drawing.render import render
 from replicate.drawing.rig_views import read_lines, write_lines
-from replicate.drawing.scene import Surface, camera_for
+from replicate.drawing.scene import Surface, camera_for, forehead_camera
 from replicate.drawing.style import tidy
 from replicate.engine.progress import Progress
 from replicate.geometry.mesh import Mesh
@@ -105,7 +105,7 @@ def wrinkle_picture(
     """Return (figure, words): one wrinkled pose as skins of more and more bones approximate it."""
     numbers = [bones for bones in WRINKLE_BONES if bones in skins] or sorted(skins)
     posed = {bones: skins[bones].deform(*refit(skins[bones], truth[None]))[0] for bones in numbers}
-    view = camera_for("forehead", mesh.neutral)
+    view = forehead_camera(mesh.neutral, mesh.faces, truth)
     draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
     clay = [draw([Surface(vertices, mesh.faces)]) for vertices in (truth, *posed.values())]
     heat = [draw([normal_heat(vertices, truth, mesh.faces, LIMIT_DEG)]) for vertices in (truth, *posed.values())]
@@ -117,7 +117,7 @@ def wrinkle_picture(
         f"A wrinkled forehead, true and skinned, with normal errors below from 0 to {LIMIT_DEG:g} degrees: {in_words}.",
         "The test pose that folds the forehead most: the truth, then skins whose bones are refitted to it. A fold is a "
         "few vertices wide and a bone moves many vertices, so that few bones leave folds shallow and the finest ones "
-        f"out. Mean normal error over the head: {in_words}.",
+        f"out. Mean normal error over the whole mesh: {in_words}.",
     )
 
 

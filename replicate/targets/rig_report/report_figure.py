@@ -164,7 +164,7 @@ def _draw_maps(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     for points in per_segment.values():
         axes.plot(*np.transpose(sorted(points)), color="0.75", linewidth=0.8, label="a segment")
     whole = [numbers.value("maps", f"normal_error_mean[{size}]") for size in sizes]
-    axes.plot(sizes, whole, "o-", color=ACCENT, label="the whole head; its vertices per texel")
+    axes.plot(sizes, whole, "o-", color=ACCENT, label="the whole mesh; its vertices per texel")
     for size, degrees in zip(sizes, whole, strict=True):
         crowd = numbers.value("maps", f"vertices_per_texel[{size}]")
         axes.annotate(f"{crowd:.2g}", (size, degrees), (3, 5), textcoords="offset points", fontsize=8, color=ACCENT)
