@@ -24,7 +24,8 @@ LINE, ACCENT, SECOND = "#555555", "#0072B2", "#D55E00"
 BARS = {"neutral": "#BBBBBB", "linear": "#56B4E9", "squares": "#0072B2", "products": "#003F66", "basis": "#009E73"}
 RATIO_LIMIT = 0.15  # upper end of the heatmap's colours, the same for every character
 FACE = (396, 446)  # pixels
-SIZE = (WIDTH, 13.5)  # inches
+SIZE = (WIDTH, 14)  # inches
+ROWS = (1.0, 1.0, 1.35)  # the heights of rows, in proportion
 SIZE_PT, TITLE_PT = 12, 13  # of letters; the picture is as wide as a page of the paper
 SMALLEST_DEG = 0.01  # lower end of the maps' errors: what lies below can't be seen
 
@@ -59,7 +60,8 @@ def report_figure(
     from matplotlib.figure import Figure
 
     figure = Figure(SIZE, dpi=DPI, layout="constrained")
-    (errors, components), (controls, maps), (face, pairs) = figure.subplots(3, 2)
+    rows = figure.subfigures(3, 1, height_ratios=ROWS)  # each finds room for its own names
+    (errors, components), (controls, maps), (face, pairs) = (row.subplots(1, 2) for row in rows)
     _draw_errors(errors, numbers)
     _draw_components(components, numbers)
     _draw_controls(controls, numbers)
@@ -84,7 +86,7 @@ def _draw_errors(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
         axes.annotate(f"{degrees[y]:.2f}°, {millimetres} mm", (degrees[y], y), (4, 0), textcoords="offset points",
                       va="center", fontsize=SIZE_PT)  # fmt: skip
     axes.set_yticks(range(len(names)), [LABELS[name] for name in names], fontsize=SIZE_PT)
-    axes.set_xlim(0, 1.45 * max(degrees, default=1.0))
+    axes.set_xlim(0, 1.9 * max(degrees, default=1.0))
     axes.invert_yaxis()
     axes.set_xlabel("mean normal angle error, degrees")
     axes.set_title("What simple fits miss of held-out poses", fontsize=TITLE_PT)
@@ -96,7 +98,7 @@ def _draw_components(axes: "matplotlib.axes.Axes", numbers: Measurements) -> Non
 
     left = np.maximum(1 - np.cumsum(numbers.spectrum), 1e-9)
     axes.plot(np.arange(1, len(left) + 1), left, color=LINE)
-    axes.set(xscale="log", yscale="log", xlabel="principal components", xlim=(0.9, 6 * len(left)))
+    axes.set(xscale="log", yscale="log", xlabel="principal components", xlim=(0.9, 20 * len(left)))
     axes.set_ylabel("variance left", color=LINE)
     for share in ("99", "99.9", "99.99"):
         count = numbers.value("basis", f"components[{share} % of variance]")
@@ -111,7 +113,7 @@ def _draw_components(axes: "matplotlib.axes.Axes", numbers: Measurements) -> Non
     degrees.set_ylabel("mean normal error, degrees", color=SECOND)
     for limit in ("0.5", "0.25"):
         count = numbers.value("basis", f"components[{limit} degrees]")
-        text, place, shift, fill = f"{limit}°: {count or 0:.0f}", (count, float(limit)), (5, 4), "full"
+        text, place, shift, fill = f"{limit}°: {count or 0:.0f}", (count, float(limit)), (6, 4), "full"
         if count is None:
             text, place, shift, fill = f"{limit}°: > {len(left)}", numbers.curve[-1], (-64, -2), "none"
         degrees.plot(*place, "o", color=SECOND, fillstyle=fill)
@@ -174,7 +176,7 @@ def _draw_maps(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     for points in per_segment.values():
         axes.plot(*np.transpose(sorted(points)), color="0.75", linewidth=0.8, label="a segment")
     whole = [numbers.value("maps", f"normal_error_mean[{size}]") for size in sizes]
-    axes.plot(sizes, whole, "o-", color=ACCENT, label="the whole mesh; its vertices per texel")
+    axes.plot(sizes, whole, "o-", color=ACCENT, label="whole mesh, vertices a texel")
     for size, degrees in zip(sizes, whole, strict=True):
         crowd = numbers.value("maps", f"vertices_per_texel[{size}]")
         axes.annotate(
@@ -185,7 +187,7 @@ def _draw_maps(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     axes.set_xticks(sizes, [f"{size}²" for size in sizes])
     axes.set(xlabel="texels of a segment's map", ylabel="mean normal error, degrees", ylim=(SMALLEST_DEG, None))
     handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    axes.legend(handles.values(), handles, edgecolor="white", fontsize=SIZE_PT, loc="lower left")
+    axes.legend(handles.values(), handles, edgecolor="white", fontsize=SIZE_PT, loc="upper right")
     axes.set_title("What maps of a size can hold", fontsize=TITLE_PT)
     tidy(axes)
 
