@@ -115,7 +115,8 @@ def _rows(count: int, columns: int, short_first: bool) -> list[range]:
 
 def _in_lines(title: str, most: int) -> list[str]:
     """Return a title in lines of so many letters at most; one that is too long breaks at its colon."""
-    head, colon, rest = _with_its_mark(title).partition(": ")
+    title = _with_its_mark(title)
+    head, colon, rest = title.partition(": ")
     parts = [head + ":", rest] if colon and len(title) > most else [title]
     return [line for part in parts for line in textwrap.wrap(part, max(6, most))]
 
