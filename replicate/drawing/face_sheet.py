@@ -46,24 +46,28 @@ def face_sheet(
     bar: Callable | None = None,
     width: int = WIDTH,
     first_bold: bool = False,
+    below: Sequence[np.ndarray] = (),
+    short_first: bool = False,
 ) -> "matplotlib.figure.Figure":
     """Return a matplotlib figure of cells, row by row, drawn pixel for pixel.
 
     All cells have pictures of the same sizes, as wide as `cell_width` says. line_names: what their lines are, at the
     left of each row. bar: draw(figure, axes) draws a level colour bar below the last row. first_bold: the first line of
-    each cell is in bold letters.
+    each cell is in bold figures. below: pictures that fill the width, one below the other, under all else. short_first:
+    a row that isn't full is the first one, not the last.
     """
     from matplotlib.figure import Figure
 
     letter, names = LETTER * width, _names_width(line_names, width)
     across = cells[0].pictures[0].shape[1]
     titles = [_in_lines(cell.title, int(across / (WIDE * letter))) for cell in cells]
-    rows = [range(start, min(start + columns, len(cells))) for start in range(0, len(cells), columns)]
+    rows = _rows(len(cells), columns, short_first)
     above = [letter * (LINE * max(len(titles[k]) for k in row) + 0.35) for row in rows]
     tall = sum(picture.shape[0] for picture in cells[0].pictures) + GAP * (len(cells[0].pictures) - 1)
-    below = letter * (LINE * max(len(cell.lines) for cell in cells) + 0.4)
+    under = letter * (LINE * max(len(cell.lines) for cell in cells) + 0.4)
     bar_room = BAR_HEIGHT * width + 3.4 * letter if bar else 0
-    height = round(sum(above) + len(rows) * (tall + below) + bar_room + MARGIN)
+    height = round(sum(above) + len(rows) * (tall + under) + bar_room + MARGIN)
+    height += sum(picture.shape[0] + GAP for picture in below)
     figure = Figure((width / DPI, height / DPI), dpi=DPI, facecolor="white")
     size, weights = letter * 72 / DPI, ("bold" if first_bold else "normal", "normal")
 
@@ -74,7 +78,7 @@ def face_sheet(
     for row, room in zip(rows, above, strict=True):
         first_line = top + room + tall + letter * (LINE / 2 + 0.2)
         for k, name in enumerate(line_names):
-            write(MARGIN, first_line + k * LINE * letter, name, ha="left", weight=weights[k > 0])
+            write(MARGIN, first_line + k * LINE * letter, name, ha="left")
         for column, k in enumerate(row):
             left = MARGIN + names + column * (across + GAP)
             for j, words in enumerate(titles[k]):
@@ -87,7 +91,7 @@ def face_sheet(
             for j, text in enumerate(cells[k].lines):
                 y = first_line + j * LINE * letter
                 write(left + across / 2, y, text, ha="center", weight=weights[j > 0])
-        top += room + tall + below
+        top += room + tall + under
     if bar:
         axes = figure.add_axes(
             (0.2, 1 - (top + 0.5 * letter + BAR_HEIGHT * width) / height, 0.6, BAR_HEIGHT * width / height)
@@ -95,14 +99,32 @@ def face_sheet(
         bar(figure, axes)
         axes.tick_params(labelsize=size)
         axes.xaxis.label.set_size(size)
+    y = round(top + bar_room)
+    for picture in below:
+        _place(figure, picture, (width - picture.shape[1]) / 2, y)
+        y += picture.shape[0] + GAP
     return figure
+
+
+def _rows(count: int, columns: int, short_first: bool) -> list[range]:
+    """Return which cells each row has."""
+    rest = count % columns if short_first else 0
+    starts = [*([0] if rest else []), *range(rest, count, columns)]
+    return [range(start, stop) for start, stop in zip(starts, [*starts[1:], count], strict=True)]
 
 
 def _in_lines(title: str, most: int) -> list[str]:
     """Return a title in lines of so many letters at most; one that is too long breaks at its colon."""
+    title = _with_its_mark(title)
     head, colon, rest = title.partition(": ")
     parts = [head + ":", rest] if colon and len(title) > most else [title]
     return [line for part in parts for line in textwrap.wrap(part, max(6, most))]
+
+
+def _with_its_mark(title: str) -> str:
+    """Return a title whose last word, if it is a mark alone, isn't parted from the one before it."""
+    words, space, mark = title.rpartition(" ")
+    return f"{words}\N{NO-BREAK SPACE}{mark}" if space and len(mark) == 1 and not mark.isalnum() else title
 
 
 def _names_width(line_names: Sequence[str], width: int) -> int:

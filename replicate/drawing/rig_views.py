@@ -9,10 +9,11 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from data_recipes.rig import Rig
-from replicate.drawing.panels import DPI, panel_grid
+from replicate.drawing.face_sheet import LETTER, WIDE, WIDTH, Cell, cell_width, face_sheet
+from replicate.drawing.panels import DPI
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
-from replicate.drawing.scene import Surface, camera_for
+from replicate.drawing.scene import Surface, camera_for, frame_surfaces
 from replicate.engine.tidy_files import Column, read_csv, write_csv
 
 if TYPE_CHECKING:
@@ -31,8 +32,7 @@ VIEWS = {"front": "front", "three_quarter": "three-quarter", "mouth": "into the 
 OPEN = {"jaw_open": 0.8, "jaw_drop": 0.3, "upper_lip_raise": 0.9, "lower_lip_depress": 0.9}
 INSIDE = ("tooth", "teeth", "gum")  # how the segments begin that the camera into the mouth frames
 EYE = "eye"  # how the props begin that fill the sockets; without them one looks into an empty head
-ROOM = 1.12  # an open mouth needs more height than a closed one
-LINE = 15  # pixels a line of the legend
+TALL = 1.05  # a view's height over its width
 
 
 def open_mouth(rig: Rig) -> Float32[np.ndarray, " m"]:
@@ -47,16 +47,14 @@ def open_mouth(rig: Rig) -> Float32[np.ndarray, " m"]:
 def coloured_views(
     rig: Rig,
     colours: UInt8[np.ndarray, "f 3"],
-    legend: Sequence[tuple],
-    width: int = 256,
-    height: int = 330,
+    below: Sequence[UInt8[np.ndarray, "h w 3"]],
+    across: int | None = None,
     renderer: str | None = None,
-    below: Sequence[UInt8[np.ndarray, "h w 3"]] = (),
 ) -> "matplotlib.figure.Figure":
-    """Return a figure: the rig with an open mouth from each of `VIEWS`, then the legend.
+    """Return a figure: the rig with an open mouth from each of `VIEWS`, and pictures that fill the width below them.
 
-    colours: one for each face. legend: (text, colours) pairs; of props only the eyeballs are drawn. below: as many
-    pictures of the same size, for a second row.
+    colours: one for each face; of props only the eyeballs are drawn. across: the width of a view, pixels; None for what
+    fills the sheet.
     """
     params, mesh = open_mouth(rig), rig.mesh
     posed = rig(params)
@@ -64,41 +62,53 @@ def coloured_views(
     surfaces += prop_surfaces(prop for prop in rig.pose_props(params) if prop[0].startswith(EYE))
     inside = [k for k, name in enumerate(mesh.segment_names) if name.startswith(INSIDE)]
     contents = posed[np.isin(mesh.segment, inside)]
-    pictures = []
-    for name in VIEWS:
+    width = across or cell_width(len(VIEWS))
+    height, cells = round(TALL * width), []
+    for name, title in VIEWS.items():
         camera = camera_for(name, mesh.neutral)
         if name == "mouth" and len(contents):
             middle, extent = (contents.min(0) + contents.max(0)) / 2, np.ptp(contents, axis=0)
             tall = 1.35 * max(float(extent[1]), float(extent[0]) * height / width)
             camera = replace(camera, focus=tuple(map(float, middle)), height_mm=tall)
-        else:
-            camera = replace(camera, height_mm=ROOM * camera.height_mm)
-        pictures.append(render(surfaces, camera, width, height, renderer=renderer))
-    key = legend_panel(legend, width, height)
-    titles = [*VIEWS.values(), ""]
-    if not below:
-        return panel_grid([[*pictures, key]], titles)
-    return panel_grid([[*pictures, key], below], [titles, [""] * len(titles)])
+        elif name != "mouth":
+            camera = frame_surfaces(camera, surfaces, width / height)
+        cells.append(Cell(title, (render(surfaces, camera, width, height, renderer=renderer),)))
+    return face_sheet(cells, len(cells), below=below)
 
 
-def legend_panel(entries: Sequence[tuple], width: int, height: int) -> UInt8[np.ndarray, "h w 3"]:
-    """Return a picture that lists (text, colours) pairs, line by line; the colours share a square."""
+def legend_panel(entries: Sequence[tuple], heading: str = "", width: int = WIDTH) -> UInt8[np.ndarray, "h w 3"]:
+    """Return a picture that lists (text, colours) pairs below a heading, column by column; colours share a square.
+
+    It has as many columns as its longest text leaves room for, and letters as a face sheet's.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
 
+    letter = LETTER * WIDTH
+    line, square = round(1.3 * letter), round(0.9 * letter)
+    longest = max((len(text) for text, _ in entries), default=0)
+    columns = max(1, int(width // (WIDE * letter * longest + 2 * letter)))
+    lines = -(-len(entries) // columns)
+    columns = max(1, -(-len(entries) // max(1, lines)))
+    height = line * (lines + bool(heading)) + 4
     figure = Figure((width / DPI, height / DPI), dpi=DPI, facecolor="white")
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set(xlim=(0, width), ylim=(height, 0))
     axes.set_axis_off()
-    line = min(LINE, height // max(1, len(entries)))
-    top = (height - line * len(entries)) / 2
+    style = {"va": "center", "fontsize": letter * 72 / DPI}
+    if heading:
+        axes.text(4, line / 2, heading, **style)
     for k, (text, colours) in enumerate(entries):
-        y = top + line * k
+        x, y = 4 + (k // lines) * width / columns, line * (k % lines + bool(heading))
         for part, colour in enumerate(colours):
-            wide = (line - 4) / len(colours)
-            axes.add_patch(Rectangle((8 + part * wide, y + 2), wide, line - 4, color=[c / 255 for c in colour]))
-        axes.text(8 + line + 4, y + line / 2, text, va="center", fontsize=0.53 * line)
+            wide = square / len(colours)
+            corner = x + part * wide, y + (line - square) / 2
+            axes.add_patch(Rectangle(corner, wide, square, color=[c / 255 for c in colour], linewidth=0))
+        if colours:
+            edge = Rectangle((x, y + (line - square) / 2), square, square, fill=False, edgecolor="0.5", linewidth=0.8)
+            axes.add_patch(edge)
+        axes.text(x + 1.3 * letter, y + line / 2, text, **style)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()

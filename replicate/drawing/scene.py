@@ -68,7 +68,7 @@ CAMERAS = {
     "front": Camera((0, -11, 40), 264),
     "three_quarter": Camera((0, -11, 30), 264, 35, 6),
     "side": Camera((0, -11, 6), 264, 80, 4),
-    "forehead": Camera((0, 33, 78), 88, 14, 4),
+    "forehead": Camera((0, 42, 78), 78, 14, 4),
     "mouth": Camera((0, -55, 85), 94, 12, 0),
     # Not for pictures: the skin between brow and hair line, whose wrinkles decide the test pose that figures show.
     "wrinkles": Camera((0, 60, 75), 66, 0, 10),
@@ -125,6 +125,26 @@ def camera_for(name: str, neutral: Float[np.ndarray, "n 3"]) -> Camera:
     camera, scale = CAMERAS[name], float(np.ptp((head if len(head) else neutral)[:, 0])) / HEAD_WIDTH_MM
     focus = tuple(scale * x for x in camera.focus)
     return Camera(focus, scale * camera.height_mm, camera.azimuth_deg, camera.elevation_deg, scale * camera.distance_mm)
+
+
+def following(camera: Camera, rest: Float[np.ndarray, "k 3"], posed: Float[np.ndarray, "k 3"]) -> Camera:
+    """Return the camera shifted with the middle of some vertices, so that what a pose moves stays in the picture."""
+    shift = np.mean(posed - rest, axis=0, dtype=float)
+    return replace(camera, focus=tuple(float(x) for x in np.asarray(camera.focus) + shift))
+
+
+def forehead_camera(
+    neutral: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], posed: Float[np.ndarray, "n 3"]
+) -> Camera:
+    """Return the camera "forehead" as it follows the forehead of a pose, however far the head nods or turns.
+
+    It looks lower at a forehead that doesn't reach to the top of the picture.
+    """
+    own = np.unique(faces[forehead_faces(neutral, faces)])
+    camera = following(camera_for("forehead", neutral), neutral[own], posed[own])
+    above = max(0.0, float(project(posed[own].astype(float), camera, 1, 1)[0][:, 1].min()))
+    down = above * camera.height_mm * axes(camera)[0][1]
+    return replace(camera, focus=tuple(float(x) for x in np.asarray(camera.focus) - down))
 
 
 def axes(camera: Camera) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:

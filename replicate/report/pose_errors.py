@@ -5,7 +5,7 @@ import numpy as np
 from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.report.pose_record import TRUTH, PoseRecord
 
-WHOLE = "head"  # what the mean over the whole mesh is called beside those of regions
+WHOLE = "whole mesh"  # what the mean over the whole mesh is called beside those of regions
 
 
 def normal_means_deg(record: PoseRecord, method: str) -> dict[str, float]:

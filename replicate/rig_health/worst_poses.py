@@ -1,18 +1,18 @@
 """The worst poses of a character: where its skin turns over, and where teeth leave the mouth."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from data_recipes.rig import Rig
 from replicate.drawing.characters import BACKGROUND, segment_colours
 from replicate.drawing.panels import Words, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
-from replicate.drawing.scene import STUDIO, Camera, Surface, camera_for
+from replicate.drawing.ring_marks import ringed
+from replicate.drawing.scene import STUDIO, Camera, Surface, camera_for, following
 from replicate.geometry.mesh import Mesh
 from replicate.rig_health.mouth_contents import depths, find_mouth
 from replicate.rig_health.pose_health import worst
@@ -40,9 +40,11 @@ def worst_poses(
     pictures, titles = [], []
     for value, name, params in flips:
         vertices = rig(params)
-        colours = _flip_colours(rig.mesh, skin, skin.flipped(vertices[None])[0])
-        camera = _following(camera_for("front", rig.mesh.neutral), rig.mesh.neutral, vertices)
-        pictures.append(_picture(rig, params, vertices, colours, camera, width, height, renderer))
+        flipped = skin.flipped(vertices[None])[0]
+        colours = _flip_colours(rig.mesh, skin, flipped)
+        camera = following(camera_for("front", rig.mesh.neutral), rig.mesh.neutral, vertices)
+        picture = _picture(rig, params, vertices, colours, camera, width, height, renderer)
+        pictures.append(ringed(picture, vertices[skin.faces[flipped]].mean(1), camera, FLIP_COLOUR))
         titles.append(f"{name}: {100 * value:.2f} %")
     _fill(pictures, titles, width, height)
     for value, name, params in deep:
@@ -53,8 +55,9 @@ def worst_poses(
         colours = segment_colours(rig.mesh, SKIN)
         colours[out[rig.mesh.faces].any(1)] = OUTSIDE
         camera = camera_for("mouth", rig.mesh.neutral)
-        camera = _following(camera, rig.mesh.neutral[mouth.points], vertices[mouth.points])
-        pictures.append(_picture(rig, params, vertices, colours, camera, width, height, renderer))
+        camera = following(camera, rig.mesh.neutral[mouth.points], vertices[mouth.points])
+        picture = _picture(rig, params, vertices, colours, camera, width, height, renderer)
+        pictures.append(ringed(picture, vertices[out], camera, OUTSIDE))
         titles.append(f"{name}: {value:.2f} mm")
     _fill(pictures, titles, width, height)
     if not pictures:
@@ -72,7 +75,8 @@ def _words(rig, flips: list, deep: list) -> Words:
     return Words(
         f"Renders of the character {rig.name} in its worst poses: {count}.",
         f"{rig.name}: {count}; of samples of training, frames of clips and single controls. Flipped triangles are "
-        "magenta, those beside them orange; so are teeth, gums and tongue that have left the mouth.",
+        "magenta, those beside them orange; magenta are teeth, gums and tongue, too, where they have left the mouth. A "
+        "ring is around each such place, hidden ones too.",
     )
 
 
@@ -100,12 +104,6 @@ def _flip_colours(mesh: Mesh, skin: Skin, flipped: Bool[np.ndarray, " f"]) -> np
     colours[near[mesh.faces].any(1)] = BESIDE
     colours[skin.face_indices[flipped]] = FLIP_COLOUR
     return colours
-
-
-def _following(camera: Camera, rest: Float[np.ndarray, "k 3"], posed: Float[np.ndarray, "k 3"]) -> Camera:
-    """Return the camera shifted with the middle of some vertices, so that a bent head stays in the picture."""
-    shift = (posed - rest).mean(0)
-    return replace(camera, focus=tuple(float(x) for x in np.asarray(camera.focus) + shift))
 
 
 def _picture(rig, params, vertices, colours, camera: Camera, width: int, height: int, renderer) -> np.ndarray:

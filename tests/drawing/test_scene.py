@@ -12,6 +12,7 @@ from replicate.drawing.scene import (
     axes,
     camera_for,
     faces_in_view,
+    forehead_camera,
     forehead_faces,
     frame_surfaces,
     project,
@@ -84,3 +85,22 @@ def test_the_forehead_lies_between_brow_and_hair():
 def test_without_a_forehead_everything_in_front_counts():
     vertices, faces = plate(-130, -40)
     assert forehead_faces(vertices, faces).mean() > 0.5
+
+
+def test_the_camera_on_the_forehead_follows_where_a_pose_takes_it():
+    vertices, faces = plate(-130, 120)
+    moved = vertices + np.float32([25, -12, 8])
+    still, following = (forehead_camera(vertices, faces, posed) for posed in (vertices, moved))
+    assert still == camera_for("forehead", vertices)
+    middle = vertices[np.unique(faces[forehead_faces(vertices, faces)])].mean(0, keepdims=True).astype(float)
+    there = middle + np.array([25, -12, 8])
+    np.testing.assert_allclose(project(there, following, 100, 100)[0], project(middle, still, 100, 100)[0], atol=1e-3)
+
+
+def test_the_camera_on_the_forehead_looks_lower_where_there_is_no_more_of_it():
+    for top, expected in ((120, 0.0), (60, 0.0)):
+        vertices, faces = plate(-130, top)
+        camera = forehead_camera(vertices, faces, vertices)
+        own = vertices[np.unique(faces[forehead_faces(vertices, faces)])].astype(float)
+        assert project(own, camera, 1, 1)[0][:, 1].min() <= expected + 0.01
+    assert camera.focus[1] < camera_for("forehead", vertices).focus[1]

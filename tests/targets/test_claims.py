@@ -59,10 +59,34 @@ def test_reasons_stand_beside_the_papers_own_verdict():
 def test_a_chart_has_a_panel_for_each_character_with_numbers_of_ours_or_the_papers():
     evidence = Evidence([*mean_rows(normal={"refined": 0.5}, sd=0.01), *mean_rows(character="ict")])
     figure, words = claim_chart(evidence, PAPER, "C2")
-    titles = [axes.get_title() for axes in figure.axes]
-    assert titles == ["teen\nHiccup", "woman\nValka", "dragon\nToothless", "toon\nRay", "ict\n–"]
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    assert titles == [
+        "● teen, ours\n○ Hiccup, paper",
+        "woman: not tested\n○ Valka, paper",
+        "toon: not tested\n○ Ray, paper",
+        "● ict, ours\npaper: no number",
+        "dragon: not tested\n○ Toothless, paper",
+    ]
     assert "teen, normal error: refined < dense: 0.50" in words.alt and "C2" in words.caption
     assert claim_chart(evidence, PAPER, "C12") is None
+
+
+def test_a_chart_has_no_line_without_a_mark_in_every_panel():
+    for claim in ("C1", "C2", "C3", "C6"):
+        figure, _ = claim_chart(Evidence(mean_rows()), PAPER, claim)
+        for axes in figure.axes:
+            low, high = sorted(axes.get_ylim())
+            drawn = {line.get_ydata()[0] for line in axes.lines if line.get_marker() == "o"}
+            assert drawn == set(range(round(high - low))), (claim, axes.get_title(loc="left"))
+
+
+def test_what_all_lines_of_a_chart_compare_is_said_once():
+    evidence = Evidence(mean_rows(normal={"refined": 0.5}))
+    one, two = (claim_chart(evidence, PAPER, claim)[0] for claim in ("C3", "C1"))
+    assert one.get_supxlabel().startswith("ratio of normal errors;")
+    assert one.axes[0].get_yticklabels()[0].get_text() == "refined < LBS 16"
+    assert two.get_supxlabel().startswith("ratio of the two numbers;")
+    assert two.axes[0].get_yticklabels()[0].get_text() == "distance: refined < coarse"
 
 
 @pytest.fixture

@@ -6,7 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import hsv_to_rgb
+from matplotlib.text import Text
 from PIL import Image
 from plain_rig import PlainRig
 from plane import flat_grid
@@ -29,6 +31,8 @@ from replicate.targets.figure09.forehead_wrinkles import figure09
 from replicate.targets.figure10.error_faces import figure10, picture_name
 from replicate.targets.table2.curves_chart import training_curves
 from replicate.targets.table2.error_chart import table2_chart
+
+COLUMN_INCHES = 84 / 25.4
 
 
 @pytest.fixture
@@ -88,10 +92,11 @@ def test_figure_10_halves_each_methods_face_into_surface_and_heat_on_one_scale(r
     assert bar.get_xlim() == (0, 10) and "degrees" in bar.get_xlabel()
 
 
-def test_figure_10_prints_the_mean_of_the_head_and_of_each_region_below_each_face(record):
+def test_figure_10_prints_the_mean_of_the_mesh_and_of_each_region_below_each_face(record):
     figure, words = figure10(record, 10.0, across=60, renderer="software")
     texts = texts_of(figure)
-    assert [name for name in texts if name in ("head", "forehead", "mouth")] == ["head", "forehead", "mouth"]
+    rows = ["whole mesh", "forehead", "mouth"]
+    assert [name for name in texts if name in rows] == rows
     errors = {
         method: normal_error(record.vertices[method], record.vertices["truth"], record.faces)
         for method in ("coarse", "dense")
@@ -110,9 +115,9 @@ def test_figure_10_breaks_many_methods_into_rows_of_five(record):
     figure, _ = figure10(many, across=40, renderer="software")
     places = [axes.get_position() for axes in figure.axes if axes.images]
     tops = [round(place.y1, 3) for place in places]
-    assert [tops.count(top) for top in dict.fromkeys(tops)] == [5, 3]
+    assert [tops.count(top) for top in dict.fromkeys(tops)] == [3, 5], "so that LBS stands in one row"
     assert all(0 <= place.x0 and place.x1 <= 1 and 0 <= place.y0 and place.y1 <= 1 for place in places)
-    assert texts_of(figure).count("head") == 2, "each row says what its numbers are"
+    assert texts_of(figure).count("whole mesh") == 2, "each row says what its numbers are"
 
 
 def test_captions_say_by_which_rule_a_pose_was_chosen(record):
@@ -137,6 +142,7 @@ def test_figure_1_shows_head_and_forehead_with_both_errors_below(record):
     both = replace(record, vertices=record.vertices | {"refined": record.vertices["truth"] + np.float32([0, 0, 0.5])})
     figure, words = figure01(both, across=160, renderer="software")
     assert len(pictures_of(figure)) == 4 and texts_of(figure)[-4:] == ["Ground truth", "Refined", "0.50 mm", "0.00°"]
+    assert texts_of(figure)[:2] == ["distance error", "normal error"]
     assert "Refined 0.50 mm and 0.00°" in words.alt and "Fig. 1)" in words.caption
 
 
@@ -253,6 +259,29 @@ def test_the_chart_of_table_2_shows_ours_and_the_papers():
     assert (0.11, 0) in points and (0.36, 0) in points  # coarse: ours, Hiccup's
     assert len(figure.axes[0].lines) == 9 + 6  # ours, the driven skin among them, and the paper's
     assert "Refined 0.22 mm" in words.alt and "Hiccup" in words.caption
+    assert [axes.get_xlabel() for axes in figure.axes] == ["distance error, mm", "normal angle error, degrees"]
+
+
+def test_letters_of_table_2s_charts_are_five_points_high_in_a_column_of_the_paper():
+    chart = table2_chart(table2_rows(), PAPER_ROWS, "teen")[0]
+    curves = training_curves({("teen", "coarse"): CURVE}, table2_rows(), "teen")[0]
+    for figure in (chart, curves):
+        FigureCanvasAgg(figure).draw()
+        shrunk = COLUMN_INCHES / figure.get_size_inches()[0]
+        words = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text()]
+        assert len(words) > 10 and all(text.get_fontsize() * shrunk >= 5 for text in words)
+
+
+def test_a_dots_number_stands_clear_of_the_papers_ring_and_of_the_axis():
+    figure, _ = table2_chart(table2_rows(), PAPER_ROWS, "teen")
+    FigureCanvasAgg(figure).draw()
+    renderer = figure.canvas.get_renderer()
+    for panel in figure.axes:
+        rings = [line for line in panel.lines if line.get_markerfacecolor() == "none"]
+        for number in panel.texts:
+            box, frame = number.get_window_extent(renderer), panel.get_window_extent(renderer)
+            assert frame.x0 < box.x0 and box.x1 < frame.x1 + 10, "no line bounds a panel at its right"
+            assert not any(box.contains(*panel.transData.transform(ring.get_xydata()[0])) for ring in rings)
 
 
 def test_an_expression_sheet_shows_every_pose_with_its_title_and_props(record):

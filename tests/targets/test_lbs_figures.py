@@ -77,10 +77,11 @@ class MeshAlone(PlainRig):
 def test_all_pictures_are_saved_with_their_words_and_numbers(fit_set, tmp_path):
     mesh, fits, training, test = fit_set
     rig = MeshAlone(mesh)
-    save_all(rig, fits, training, test, test[3], tmp_path / "lbs_small")
+    save_all(rig, fits, training, test, test[3], 25.0, tmp_path / "lbs_small")
     names = [f"lbs_small_{name}" for name in ("1_weights", "2_bones", "3_curve", "4_wrinkles")]
     assert sorted(p.stem for p in tmp_path.glob("*.png")) == names
     words = json.loads((tmp_path / "lbs_small_3_curve.json").read_text())
+    assert "from 0 to 25 degrees" in json.loads((tmp_path / "lbs_small_4_wrinkles.json").read_text())["alt"]
     lines = measured_lines(mesh, fits, test)
     assert f"{lines[0][2]:.2f} mm" in words["caption"] and f"{lines[-1][4]:.2f}°" in words["alt"]
     table = lbs_table(tmp_path / "lbs_small.csv", "small")

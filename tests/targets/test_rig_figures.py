@@ -38,7 +38,7 @@ from replicate.targets.figure07.mesh_segments import (
 )
 from replicate.targets.figure07.rigid_errors import rigid_errors_chart
 from replicate.targets.figure08 import refinement_segments as figure08
-from replicate.targets.figure08.chart_panels import chart_panels
+from replicate.targets.figure08.chart_panels import chart_panels, charts_in_rows
 from replicate.targets.figure08.refinement_segments import (
     refinement_colours,
     refinement_table,
@@ -138,11 +138,11 @@ def test_each_segments_error_stands_against_tau_the_most_rigid_first(rig):
     figure, words = rigid_errors_chart(rig.mesh, np.array([3.0, 2.0, 0.1, 0.25]), [2, 3], 0.3, "plate")
     (axes,) = figure.axes
     (dots,) = axes.collections
-    np.testing.assert_allclose(dots.get_offsets()[:, 1], [0.1, 0.25, 2.0, 3.0])
+    np.testing.assert_allclose(dots.get_offsets(), [[0.1, 0], [0.25, 0], [2.0, 1], [3.0, 2]])
     palette = np.array(segment_palette(rig.mesh, [2, 3])) / 255
     np.testing.assert_allclose(dots.get_facecolor()[:, :3], palette[[2, 3, 1, 0]])
-    names = [text.get_text() for text in axes.texts]
-    assert names == ["τ = 0.3 mm", *(rig.mesh.segment_names[k].replace("_", " ") for k in (1, 0))]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["2 rigid", "neck", "face"]
+    assert [text.get_text() for text in axes.texts] == ["τ = 0.3 mm"]
     assert "rigid one is 0.25 mm" in words.caption and "deforming one is 2 mm" in words.caption
 
 
@@ -164,14 +164,21 @@ def test_figure_8_draws_each_square_in_its_chart(rig):
     segments = parts((0, 18), (27, 36))
     segments.append(replace(segments[0], name="neck_1", vertices=np.arange(45, 54, dtype=np.int32)))
     colours = refinement_colours(rig.mesh, segments)
-    face, neck, *blank = chart_panels(rig.mesh, segments, colours, 120, 160)
-    assert [picture.shape for picture in (face, neck, *blank)] == [(160, 120, 3)] * 4
-    assert all((picture == 255).all() for picture in blank)
+    face, neck = chart_panels(rig.mesh, segments, colours, 120)
+    assert face.shape == neck.shape and face.shape[1] == 120 < face.shape[0], "a title stands above a square"
     shown = [[(picture == colour).all(-1).sum() for colour in DISTINCT[:3]] for picture in (face, neck)]
     assert min(shown[0][:2]) > 100 and shown[0][2] == 0
     assert shown[1][2] > 50 and shown[1][:2] == [0, 0]
     dark = (face < 60).all(-1)
     assert dark.any(0).sum() > 60, "the squares have outlines"
+
+
+def test_charts_stand_in_rows_of_four():
+    pictures = [np.full((20, 10, 3), 10 * k, np.uint8) for k in range(5)]
+    first, second = charts_in_rows(pictures)
+    assert first.shape == second.shape == (20, 40, 3)
+    assert first[0, ::10, 0].tolist() == [0, 10, 20, 30] and second[0, ::10, 0].tolist() == [40, 255, 255, 255]
+    assert charts_in_rows([]) == []
 
 
 def test_the_lines_of_figure_8_add_up_to_the_mesh_and_to_all_of_the_error(rig, tmp_path):
@@ -233,11 +240,23 @@ def test_a_mouth_is_opened_by_the_controls_that_do_it(rig):
 
 
 def test_a_legend_shows_each_colour_and_several_in_one_square():
-    picture = legend_panel([("one", [(200, 0, 0)]), ("two", [(0, 200, 0), (0, 0, 200)]), ("three", ())], 120, 60)
-    assert picture.shape == (60, 120, 3) and picture.dtype == np.uint8
+    picture = legend_panel([("one", [(200, 0, 0)]), ("two", [(0, 200, 0), (0, 0, 200)]), ("three", ())], "", 240)
+    assert picture.shape[1] == 240 and picture.dtype == np.uint8
     for colour in ((200, 0, 0), (0, 200, 0), (0, 0, 200)):
-        assert (picture == colour).all(-1).sum() > 20
-    assert legend_panel([("x", [(0, 0, 0)])] * 40, 80, 100).shape == (100, 80, 3)
+        assert (picture == colour).all(-1).sum() > 60
+
+
+def test_a_legend_has_as_many_columns_as_its_texts_leave_room_for():
+    entries = [("a name", [(200, 0, 0)])] * 12
+    wide, narrow, long = (
+        legend_panel(entries, "", 600),
+        legend_panel(entries, "", 150),
+        legend_panel([*entries, ("a name that fills the line", ())], "", 600),
+    )
+    assert wide.shape[0] < narrow.shape[0] < long.shape[0]
+    assert legend_panel(entries, "what it is", 600).shape[0] > wide.shape[0], "a heading has a line of its own"
+    reds = [np.flatnonzero((picture == (200, 0, 0)).all(-1).any(0)) for picture in (wide, narrow)]
+    assert [1 + (np.diff(columns) > 1).sum() for columns in reds] == [4, 1]
 
 
 def test_numbers_that_are_missing_or_no_such_table_are_named(tmp_path):

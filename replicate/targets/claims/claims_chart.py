@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from replicate.drawing.panels import DPI, Words
-from replicate.drawing.style import tidy
+from replicate.drawing.style import WIDTH, tidy
 from replicate.targets.claims.evidence import Evidence, MissingNumber, stand_in
 from replicate.targets.claims.paper_claims import claim_named
 from replicate.targets.claims.verdict_rules import SPREADS, Comparison, significant
@@ -12,59 +12,101 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
 OURS, THEIRS = "#1F6FB4", "#333333"
-PANEL, LABELS, ROW, FRAME = 1.75, 2.2, 0.3, 1.1  # inches: a panel, what is left of them, a line, what is around
+PANELS = 4  # in a row
+ROW, TITLE, FRAME = 0.3, 1.0, 0.8  # inches: a line, what is around a row of panels, and around all of them
+SIZE_PT, TITLE_PT = 12, 11  # of letters; a panel's names are as wide as it
+TICKS = (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20)
+
+Pairs = dict[str, tuple[Comparison | None, Comparison | None]]
 
 
 def claim_chart(evidence: Evidence, paper: Evidence, claim: str) -> "tuple[matplotlib.figure.Figure, Words] | None":
     """Return (figure, words): a panel for each character, our ratios as dots and the paper's as rings.
 
     claim: its number, "C1". A ratio is that of the two numbers that the claim compares, the one that it wants to be the
-    smaller over the other. None where neither we nor the paper have numbers.
+    smaller over the other. Characters of which it compares other things have a row of panels of their own. None where
+    neither we nor the paper have numbers.
     """
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
 
     panels = {character: pairs_of(evidence, paper, claim, character) for character in evidence.characters()}
-    panels = {character: pairs for character, pairs in panels.items() if pairs}
-    if not panels:
+    rows = _rows({character: pairs for character, pairs in panels.items() if pairs})
+    if not rows:
         return None
-    names = list(dict.fromkeys(name for pairs in panels.values() for name in pairs))
-    figure = Figure((LABELS + PANEL * max(3, len(panels)), ROW * len(names) + FRAME), dpi=DPI, layout="constrained")
-    axes_of = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
+    heights = [ROW * len(names) + TITLE for names, _ in rows]
+    figure = Figure((WIDTH, sum(heights) + FRAME), dpi=DPI, layout="constrained")
+    grid = figure.add_gridspec(
+        len(rows), min(PANELS, max(3, *(len(shown) for _, shown in rows))), height_ratios=heights
+    )
     ratios = [c.ratio for pairs in panels.values() for pair in pairs.values() for c in pair if c and c.ratio > 0]
-    lower, upper = min([*ratios, 0.8]) / 1.25, max([*ratios, 1.25]) * 1.25
-    phrases = []
-    for axes, (character, pairs) in zip(axes_of, panels.items(), strict=True):
-        axes.axvspan(1.0, upper, color="0.93", zorder=0)
-        axes.axvline(1.0, color="0.4", linewidth=0.8, zorder=1)
-        for y, name in enumerate(names):
-            ours, theirs = pairs.get(name, (None, None))
-            if theirs:
-                axes.plot(theirs.ratio, y, "o", markerfacecolor="none", markeredgecolor=THEIRS, markersize=8, zorder=4)
-            if ours:
-                axes.errorbar(ours.ratio, y, xerr=_half_width(ours), fmt="o", color=OURS, markersize=6, capsize=3)
-                phrases.append(f"{character}, {name}: {significant(ours.ratio, 2)}")
-        axes.set_title(f"{character}\n{stand_in(character) or '–'}", fontsize=9)
-        axes.set_yticks(range(len(names)), names, fontsize=8)
-        axes.set_xscale("log")
-        axes.set_xlim(lower, upper)
-        ticks = [t for t in (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20) if lower < t < upper]
-        axes.set_xticks(ticks, [f"{t:g}" for t in ticks], fontsize=8)
-        axes.minorticks_off()
-        axes.set_ylim(len(names) - 0.5, -0.5)
-        tidy(axes)
-    dot = Line2D([], [], marker="o", linestyle="", color=OURS, label="ours")
-    ring = Line2D([], [], marker="o", linestyle="", markerfacecolor="none", color=THEIRS, label="the paper's")
-    figure.legend(handles=[dot, ring], loc="outside lower right", ncols=2, frameon=False, fontsize=8)
-    figure.supxlabel("ratio of the two numbers; in grey, against the claim", fontsize=8)
+    limits = min([*ratios, 0.8]) / 1.35, max([*ratios, 1.25]) * 1.35
+    phrases, quantity = [], _shared_quantity([name for names, _ in rows for name in names])
+    for r, (names, shown) in enumerate(rows):
+        for c, character in enumerate(shown):
+            axes = figure.add_subplot(grid[r, c])
+            phrases += _draw(axes, names, panels[character], character, limits)
+            axes.set_yticks(range(len(names)), [name.removeprefix(f"{quantity}: ") for name in names] if c == 0 else [])
+            axes.tick_params(labelsize=SIZE_PT)
+    _legend(figure)
+    of_what = f"{quantity}s" if quantity else "the two numbers"
+    figure.supxlabel(f"ratio of {of_what}; in grey, against the claim", fontsize=SIZE_PT)
     about = "its numbers as ratios, dots ours, rings the paper's; the claim wants them left of 1"
     alt = f"Dots and rings of ratios for claim {claim}. Ours: {'; '.join(phrases) or 'none yet'}."
     return figure, Words(alt, f"{claim}, {claim_named(claim).text}: {about}.")
 
 
-def pairs_of(
-    evidence: Evidence, paper: Evidence, claim: str, character: str
-) -> dict[str, tuple[Comparison | None, Comparison | None]]:
+def _rows(panels: dict[str, Pairs]) -> list[tuple[list[str], list[str]]]:
+    """Return (what is compared, characters) of each row of panels: no character has lines that are of others alone."""
+    groups: dict[frozenset[str], list[str]] = {}
+    for character, pairs in panels.items():
+        groups.setdefault(frozenset(pairs), []).append(character)
+    parts = [members[k : k + PANELS] for members in groups.values() for k in range(0, len(members), PANELS)]
+    return [(list(panels[part[0]]), part) for part in parts]
+
+
+def _shared_quantity(names: list[str]) -> str:
+    """Return the quantity that all lines compare, or "" where they differ."""
+    quantities = {name.partition(": ")[0] for name in names}
+    return quantities.pop() if len(quantities) == 1 else ""
+
+
+def _draw(axes, names: list[str], pairs: Pairs, character: str, limits: tuple[float, float]) -> list[str]:
+    """Draw a character's panel, and return our ratios in words."""
+    phrases, (lower, upper) = [], limits
+    axes.axvspan(1.0, upper, color="0.93", zorder=0)
+    axes.axvline(1.0, color="0.4", linewidth=0.8, zorder=1)
+    for y, name in enumerate(names):
+        ours, theirs = pairs[name]
+        if theirs:
+            axes.plot(theirs.ratio, y, "o", markerfacecolor="none", markeredgecolor=THEIRS, markersize=11, zorder=2)
+        if ours:
+            axes.errorbar(ours.ratio, y, xerr=_half_width(ours), fmt="o", color=OURS, markersize=6, capsize=3)
+            phrases.append(f"{character}, {name}: {significant(ours.ratio, 2)}")
+    film = stand_in(character)
+    has = [any(pair[k] for pair in pairs.values()) for k in (0, 1)]
+    ours = f"● {character}, ours" if has[0] else f"{character}: not tested"
+    theirs = f"○ {film}, paper" if has[1] else "paper: no number"
+    axes.set_title(f"{ours}\n{theirs}", fontsize=TITLE_PT, loc="left")
+    axes.set_xscale("log")
+    axes.set_xlim(lower, upper)
+    ticks = [tick for tick in TICKS if lower < tick < upper]
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.minorticks_off()
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    tidy(axes)
+    return phrases
+
+
+def _legend(figure: "matplotlib.figure.Figure") -> None:
+    from matplotlib.lines import Line2D
+
+    dot = Line2D([], [], marker="o", linestyle="", color=OURS, label="our characters")
+    ring = Line2D([], [], marker="o", linestyle="", markerfacecolor="none", markersize=11, color=THEIRS)
+    ring.set_label("the paper’s characters")
+    figure.legend(handles=[dot, ring], loc="outside upper right", ncols=2, frameon=False, fontsize=SIZE_PT)
+
+
+def pairs_of(evidence: Evidence, paper: Evidence, claim: str, character: str) -> Pairs:
     """Return what a claim compares, in words → (our numbers, the paper's), None for what either lacks."""
     ways = claim_named(claim).ways
     ours, theirs = (

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 COLUMNS = (TRUTH, *FIGURE01)
 VIEWS = (("front", 1.2), ("forehead", 0.8))  # a camera, and its picture's height over its width
-LINES = ("distance", "normals")
+LINES = ("distance error", "normal error")
 
 
 def figure01(

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,7 @@ from replicate.drawing.panels import Words, panel_grid, save_figure
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.rig_views import read_lines, write_lines
-from replicate.drawing.scene import Surface, camera_for
+from replicate.drawing.scene import Camera, Surface, camera_for, frame_surfaces
 from replicate.report.tables import Table
 
 if TYPE_CHECKING:
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
 POSES = 8
 FRAMES = 10
 FRAMES_PER_SECOND = 24
-ROOM, CLIP_ROOM = 1.1, 1.4  # an open mouth needs more height than a closed one, a stretched head still more
 LARGEST_BYTES = 95_000  # seven of these pictures, for four characters, make one notebook of less than 1 MB
 POSES_HEADER = ("pose", "sample", "control", "value", "lower", "upper")
 CLIPS_HEADER = ("kind", "clip", "frames", "shown_frame", "time_s")
@@ -38,9 +36,9 @@ def figure05(
     rig: Rig, params: Float[np.ndarray, "k m"], width: int = 232, height: int = 248, renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): some poses of the training data, in clay."""
-    view = camera_for("front", rig.mesh.neutral)
-    view = replace(view, height_mm=ROOM * view.height_mm)
-    pictures = [render(_surfaces(rig, row), view, width, height, renderer=renderer) for row in params]
+    posed = [_surfaces(rig, row) for row in params]
+    view = _view_of_all(rig, posed, width / height)
+    pictures = [render(surfaces, view, width, height, renderer=renderer) for surfaces in posed]
     pictures += [np.full((height, width, 3), 255, np.uint8)] * (len(pictures) % 2)
     titles = [f"{k + 1}" if k < len(params) else "" for k in range(len(pictures))]
     half = len(pictures) // 2
@@ -95,12 +93,12 @@ def clip_strips(
     rig: Rig, width: int = 122, height: int = 150, renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): a strip of frames of the first clip of each kind, in clay."""
-    view, kinds = camera_for("front", rig.mesh.neutral), clip_kinds(rig.clips)
-    view = replace(view, height_mm=CLIP_ROOM * view.height_mm)
-    rows, titles = [], []
+    kinds, titles = clip_kinds(rig.clips), []
+    posed = [[_surfaces(rig, clip.values[k]) for k in shown_frames(clip)] for clip in kinds.values()]
+    view = _view_of_all(rig, [surfaces for strip in posed for surfaces in strip], width / height)
+    rows = [[render(surfaces, view, width, height, renderer=renderer) for surfaces in strip] for strip in posed]
     for clip in kinds.values():
         frames = shown_frames(clip)
-        rows.append([render(_surfaces(rig, clip.values[k]), view, width, height, renderer=renderer) for k in frames])
         titles.append([f"{k / FRAMES_PER_SECOND:.1f} s" for k in frames])
     strips = ", ".join(
         f"{kind} ({clip.name}, {len(clip.values) / FRAMES_PER_SECOND:.1f} s)" for kind, clip in kinds.items()
@@ -110,6 +108,11 @@ def clip_strips(
         f"The animation of {rig.name} that Eq. 5 multiplies: the first clip of each kind, {FRAMES} frames spread "
         f"evenly over it: {strips}; {len(rig.clips)} clips in all.",
     )
+
+
+def _view_of_all(rig: Rig, posed: Sequence[Sequence[Surface]], aspect: float) -> Camera:
+    """Return the view from the front in which every pose has room, heads that stretch or bend too, hair and all."""
+    return frame_surfaces(camera_for("front", rig.mesh.neutral), [one for each in posed for one in each], aspect)
 
 
 def _surfaces(rig, params: Float[np.ndarray, " m"]) -> list[Surface]:

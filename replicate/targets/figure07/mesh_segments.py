@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from data_recipes.rig import Rig
 from replicate.drawing.colours import perceived
 from replicate.drawing.panels import Words, save_figure
-from replicate.drawing.rig_views import DISTINCT, coloured_views, hexadecimal, read_lines, write_lines
+from replicate.drawing.rig_views import DISTINCT, coloured_views, hexadecimal, legend_panel, read_lines, write_lines
 from replicate.geometry.mesh import Mesh
 from replicate.report.tables import Table, round_off
 
@@ -89,17 +89,19 @@ def shown_segment(mesh: Mesh) -> Int[np.ndarray, " f"]:
 
 
 def figure07(
-    rig: Rig, rigid: Collection[int], width: int = 256, height: int = 330, renderer: str | None = None
+    rig: Rig, rigid: Collection[int], across: int | None = None, renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words). rigid: indices of the segments that move rigidly by §3.4."""
+    """Return (figure, words). rigid: indices of the segments that move rigidly by §3.4; across: as `coloured_views`."""
     mesh, colours = rig.mesh, segment_palette(rig.mesh, rigid)
     vertices = np.bincount(mesh.segment, minlength=len(colours))
     deforming = [k for k in range(len(colours)) if k not in rigid]
-    legend = [(f"{mesh.segment_names[k].replace('_', ' ')}: {vertices[k]:,} vertices", [colours[k]]) for k in deforming]
+    legend = [(f"{mesh.segment_names[k].replace('_', ' ')}: {vertices[k]:,}", [colours[k]]) for k in deforming]
     if rigid:
-        legend.append((f"{len(rigid)} rigid: {vertices[list(rigid)].sum():,} vertices", RIGID))
+        legend.append((f"{len(rigid)} rigid: {vertices[list(rigid)].sum():,}", RIGID))
     paint = np.array(colours, np.uint8)[shown_segment(mesh)]
-    figure = coloured_views(rig, paint, legend, width, height, renderer)
+    figure = coloured_views(
+        rig, paint, [legend_panel(legend, "segments, and how many vertices each has")], across, renderer
+    )
     names = ", ".join(mesh.segment_names[k].replace("_", " ") for k in deforming)
     return figure, Words(
         f"The character {rig.name}, mouth open, from the front, from three-quarters and close up into the mouth. Each "

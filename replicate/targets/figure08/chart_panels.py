@@ -6,13 +6,13 @@ import numpy as np
 from jaxtyping import UInt8
 
 from replicate.approximation.segments import Segment
+from replicate.drawing.face_sheet import LETTER, WIDTH
 from replicate.drawing.panels import DPI
 from replicate.drawing.rig_views import UNUSED_COLOUR
 from replicate.geometry.mesh import Mesh
 
-PANELS = 4  # in a row: below the views and their legend
+PANELS = 4  # in a row
 EDGE = "#222222"
-FONT = 9
 
 
 def chart_of(segment: Segment) -> str:
@@ -21,31 +21,35 @@ def chart_of(segment: Segment) -> str:
 
 
 def chart_panels(
-    mesh: Mesh, segments: Sequence[Segment], face_colours: UInt8[np.ndarray, "f 3"], width: int, height: int
+    mesh: Mesh, segments: Sequence[Segment], face_colours: UInt8[np.ndarray, "f 3"], width: int = WIDTH // PANELS
 ) -> list[UInt8[np.ndarray, "h w 3"]]:
-    """Return `PANELS` pictures of the charts with refinement segments; two charts share a panel where there are more.
+    """Return a picture of so many pixels' width of each chart with refinement segments.
 
-    face_colours: of every mesh face, as on the head beside them.
+    face_colours: of every mesh face, as on the head above them.
     """
-    charts = list(dict.fromkeys(map(chart_of, segments)))
-    each = max(1, -(-len(charts) // PANELS))
-    groups = [charts[k : k + each] for k in range(0, len(charts), each)]
-    groups += [[]] * (PANELS - len(groups))
-    return [_panel(mesh, segments, face_colours, group, each, width, height) for group in groups]
+    charts = dict.fromkeys(map(chart_of, segments))
+    return [_panel(mesh, segments, face_colours, chart, width) for chart in charts]
 
 
-def _panel(mesh, segments, face_colours, charts, each: int, width: int, height: int) -> np.ndarray:
+def charts_in_rows(pictures: Sequence[UInt8[np.ndarray, "h w 3"]]) -> list[UInt8[np.ndarray, "h v 3"]]:
+    """Return `PANELS` pictures side by side as one, row by row; the last is filled up with white."""
+    pictures = (
+        [*pictures, *(np.full_like(pictures[0], 255) for _ in range(-len(pictures) % PANELS))] if pictures else []
+    )
+    return [np.concatenate(pictures[k : k + PANELS], axis=1) for k in range(0, len(pictures), PANELS)]
+
+
+def _panel(mesh, segments, face_colours, chart: str, width: int) -> np.ndarray:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    letter = LETTER * WIDTH
+    side, title = width - 10, round(1.4 * letter)
+    height = side + title + 6
     figure = Figure((width / DPI, height / DPI), dpi=DPI, facecolor="white")
-    room = height / each
-    side = min(width - 10, room - 30)
-    for k, chart in enumerate(charts):
-        bottom = height - k * room - 24 - side
-        axes = figure.add_axes(((width - side) / 2 / width, bottom / height, side / width, side / height))
-        axes.set_title(chart.replace("_", " "), fontsize=FONT, pad=3)
-        _draw(axes, mesh, [segment for segment in segments if chart_of(segment) == chart], face_colours, chart)
+    axes = figure.add_axes((5 / width, 4 / height, side / width, side / height))
+    axes.set_title(chart.replace("_", " "), fontsize=letter * 72 / DPI, pad=4)
+    _draw(axes, mesh, [segment for segment in segments if chart_of(segment) == chart], face_colours, chart)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()

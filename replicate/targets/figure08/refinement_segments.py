@@ -10,10 +10,18 @@ from jaxtyping import Float, UInt8
 from data_recipes.rig import Rig
 from replicate.approximation.segments import Segment
 from replicate.drawing.panels import Words, save_figure
-from replicate.drawing.rig_views import DISTINCT, UNUSED_COLOUR, coloured_views, hexadecimal, read_lines, write_lines
+from replicate.drawing.rig_views import (
+    DISTINCT,
+    UNUSED_COLOUR,
+    coloured_views,
+    hexadecimal,
+    legend_panel,
+    read_lines,
+    write_lines,
+)
 from replicate.geometry.mesh import Mesh
 from replicate.report.tables import Table
-from replicate.targets.figure08.chart_panels import chart_panels
+from replicate.targets.figure08.chart_panels import chart_panels, charts_in_rows
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -71,11 +79,12 @@ def figure08(
     rig: Rig,
     segments: Sequence[Segment],
     errors: Float[np.ndarray, " n"],
-    width: int = 256,
-    height: int = 330,
+    across: int | None = None,
     renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words). segments: what §3.3 selected; errors: e_i of Eq. 2 in mm², (n,)."""
+    """Return (figure, words). segments: what §3.3 selected; errors: e_i of Eq. 2 in mm², (n,). across: as
+    `coloured_views`.
+    """
     mesh = rig.mesh
     *lines, rest = segment_lines(mesh, segments, errors)
     shares = {line[0]: line[HEADER.index("error_share")] for line in lines}
@@ -85,10 +94,10 @@ def figure08(
     ]
     share = percent(rest[HEADER.index("error_share")])
     legend.append((f"no square: {rest[2]:,}, {share}", [UNUSED_COLOUR]))
-    legend.append(("vertices, and % of the maps' error", ()))
     colours = refinement_colours(mesh, segments)
-    charts = chart_panels(mesh, segments, colours, width, height)
-    figure = coloured_views(rig, colours, legend, width, height, renderer, charts)
+    charts = charts_in_rows(chart_panels(mesh, segments, colours))
+    key = legend_panel(legend, "squares: how many vertices each has, and its share of the maps' error")
+    figure = coloured_views(rig, colours, [*charts, key], across, renderer)
     parts = "; ".join(f"{in_words(name)} {percent(share)}" for name, share in shares.items())
     return figure, Words(
         f"The character {rig.name}, mouth open, from the front, from three-quarters and close up into the mouth; "

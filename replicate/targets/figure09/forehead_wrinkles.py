@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
 from replicate.drawing.panels import Words
 from replicate.drawing.render import render
-from replicate.drawing.scene import camera_for
-from replicate.report.clay_surfaces import clay_surfaces
+from replicate.report.clay_surfaces import clay_surfaces, view_of
 from replicate.report.panel_titles import marks_in_words, panel_title, plain_name, pose_in_words
 from replicate.report.pose_errors import WHOLE, normal_means_deg
 from replicate.report.pose_record import TRUTH, PoseRecord
@@ -32,7 +31,7 @@ def figure09(
 
     across: the width of one picture, pixels; None for what fills the sheet.
     """
-    view = camera_for("forehead", record.neutral)
+    view = view_of(record, "forehead", 1 / TALL)
     shown = [method for method in methods if method in record.vertices]
     width = across or cell_width(min(ACROSS, len(shown)))
     region = REGION if REGION in record.region_names else WHOLE

@@ -51,7 +51,7 @@ def figure10(
         lines = tuple(f"{means[method][name]:.2f}°" for name in names)
         cells.append(Cell(panel_title(method), (split_face(surface, heat, line),), lines))
     bar = partial(normal_bar, limit_deg=limit_deg, orientation="horizontal")
-    figure = face_sheet(cells, columns, names, bar, first_bold=True)
+    figure = face_sheet(cells, columns, names, bar, first_bold=True, short_first=True)
     return figure, _words(record, camera, means, limit_deg)
 
 
@@ -65,7 +65,7 @@ def picture_name(record: PoseRecord, camera: str = "front") -> str:
 def _words(record: PoseRecord, camera: str, means: dict[str, dict[str, float]], limit_deg: float) -> Words:
     wholes = ", ".join(f"{plain_name(method)} {own[WHOLE]:.2f}°" for method, own in means.items())
     what = "foreheads, close up" if camera == "forehead" else "heads from the front"
-    regions = f", {WHOLE} for the whole mesh" if record.region_names else " over the whole mesh"
+    regions = f", over the {WHOLE} and region by region" if record.region_names else f" over the {WHOLE}"
     pose = pose_in_words(record)
     alt = (
         f"{len(means) + 1} {what}, the ground truth first, then one for each method; the left half of each method's "

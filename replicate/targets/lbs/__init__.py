@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,11 +22,19 @@ OPTIONS = OF_A_RUN
 BONES = (4, 8, 16, 24, 32, 48, 64)  # those of Table 2, and others
 
 
+@dataclass(frozen=True)
+class SkinPicture(Picture):
+    """The same, and up to which normal error the colours go."""
+
+    limit_deg: float
+
+
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
     """Return the stage that draws one character's figures, for which skins of more and more bones are fitted."""
     inputs = [built_rig.stage(plan), drawn_samples.stage(plan), shown_pose.stage(plan)]
     inputs += [skinned.stage(plan, bones) for bones in BONES]
-    return [plan.stage("lbs", draw, Picture(plan.character, plan.config.seed), *inputs)]
+    numbers = SkinPicture(plan.character, plan.config.seed, plan.config.evaluation.heatmap_deg)
+    return [plan.stage("lbs", draw, numbers, *inputs)]
 
 
 def draw(context: StageContext) -> None:
@@ -41,7 +50,8 @@ def draw(context: StageContext) -> None:
     wrinkle_pose = rig.mesh.neutral + np.asarray(samples.test_offsets[shown_pose.load(context.inputs)], np.float32)
     posed = rig.mesh.neutral + samples.offsets(training)
     with context.progress(len(skins), "LBS", 0) as bar:
-        save_all(rig, skins, posed, test, wrinkle_pose, context.out / f"lbs_{context.config.character}", bar)
+        stem = context.out / f"lbs_{context.config.character}"
+        save_all(rig, skins, posed, test, wrinkle_pose, context.config.limit_deg, stem, bar)
 
 
 def run(options: argparse.Namespace) -> None:

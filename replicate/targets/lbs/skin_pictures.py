@@ -16,7 +16,7 @@ from replicate.drawing.heatmap import normal_bar, normal_heat
 from replicate.drawing.panels import DPI, Words, panel_grid, save_figure
 from replicate.drawing.render import render
 from replicate.drawing.rig_views import read_lines, write_lines
-from replicate.drawing.scene import Surface, camera_for
+from replicate.drawing.scene import Surface, camera_for, forehead_camera
 from replicate.drawing.style import tidy
 from replicate.engine.progress import Progress
 from replicate.geometry.mesh import Mesh
@@ -33,7 +33,6 @@ ALONE = 6  # bones shown one by one
 GOLDEN = 0.618034  # of a turn of hue from a bone to the next: neighbours differ
 GAMMA = 2.2  # of what is shown: its power is proportional to light
 PALE, DEEP = (236, 236, 232), (178, 24, 43)  # a weight of 0 and of 1
-LIMIT_DEG = 30.0
 DITHER = ("1_weights", "2_bones")  # their colours are mixtures
 
 
@@ -98,26 +97,30 @@ def wrinkle_picture(
     mesh: Mesh,
     skins: Mapping[int, Skin],
     truth: Float[np.ndarray, "n 3"],
+    limit_deg: float,
     width: int = 232,
     height: int = 270,
     renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): one wrinkled pose as skins of more and more bones approximate it."""
+    """Return (figure, words): one wrinkled pose as skins of more and more bones approximate it.
+
+    limit_deg: the upper end of the colours.
+    """
     numbers = [bones for bones in WRINKLE_BONES if bones in skins] or sorted(skins)
     posed = {bones: skins[bones].deform(*refit(skins[bones], truth[None]))[0] for bones in numbers}
-    view = camera_for("forehead", mesh.neutral)
+    view = forehead_camera(mesh.neutral, mesh.faces, truth)
     draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
     clay = [draw([Surface(vertices, mesh.faces)]) for vertices in (truth, *posed.values())]
-    heat = [draw([normal_heat(vertices, truth, mesh.faces, LIMIT_DEG)]) for vertices in (truth, *posed.values())]
+    heat = [draw([normal_heat(vertices, truth, mesh.faces, limit_deg)]) for vertices in (truth, *posed.values())]
     means = {b: float(np.nanmean(normal_error(vertices, truth, mesh.faces))) for b, vertices in posed.items()}
     in_words = ", ".join(f"{bones} bones {mean:.2f}°" for bones, mean in means.items())
-    bar = (1, 1, partial(normal_bar, limit_deg=LIMIT_DEG))
+    bar = (1, 1, partial(normal_bar, limit_deg=limit_deg))
     titles = ["Ground truth", *(f"{bones} bones" for bones in numbers)]
     return panel_grid([clay, heat], titles, ("surface", "normal error"), bar), Words(
-        f"A wrinkled forehead, true and skinned, with normal errors below from 0 to {LIMIT_DEG:g} degrees: {in_words}.",
+        f"A wrinkled forehead, true and skinned, with normal errors below from 0 to {limit_deg:g} degrees: {in_words}.",
         "The test pose that folds the forehead most: the truth, then skins whose bones are refitted to it. A fold is a "
         "few vertices wide and a bone moves many vertices, so that few bones leave folds shallow and the finest ones "
-        f"out. Mean normal error over the head: {in_words}.",
+        f"out. Mean normal error over the whole mesh: {in_words}.",
     )
 
 
@@ -188,12 +191,14 @@ def save_all(
     training: Float[np.ndarray, "b n 3"],
     test: Float[np.ndarray, "t n 3"],
     wrinkle_pose: Float[np.ndarray, "n 3"],
+    limit_deg: float,
     stem: Path,
     progress: Progress | None = None,
 ) -> None:
     """Write all pictures of a character's skins with their words, and the errors as CSV; stem: "…/lbs_teen".
 
-    training, test: poses (mm). wrinkle_pose: the test pose that is drawn.
+    training, test: poses (mm). wrinkle_pose: the test pose that is drawn. limit_deg: the upper end of the
+    colours of normal errors.
     """
     mesh = rig.mesh
     lines = measured_lines(mesh, skins, test, progress)
@@ -203,7 +208,7 @@ def save_all(
         "1_weights": weight_picture(mesh, skins),
         "2_bones": one_by_one(mesh, few, training),
         "3_curve": curve(read_lines(stem.with_suffix(".csv"), HEADER), rig.name),
-        "4_wrinkles": wrinkle_picture(mesh, skins, wrinkle_pose),
+        "4_wrinkles": wrinkle_picture(mesh, skins, wrinkle_pose, limit_deg),
     }
     for name, (figure, words) in pictures.items():
         save_figure(figure, stem.with_name(f"{stem.name}_{name}.png"), words, dither=name in DITHER)

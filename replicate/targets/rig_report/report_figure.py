@@ -10,7 +10,7 @@ from replicate.drawing.heatmap import colour_bar, error_colours
 from replicate.drawing.panels import DPI, Words
 from replicate.drawing.render import render
 from replicate.drawing.scene import Surface, camera_for
-from replicate.drawing.style import tidy
+from replicate.drawing.style import WIDTH, tidy
 from replicate.geometry.mesh import Mesh
 from replicate.report.results import Row, find
 from replicate.report.tables import round_off
@@ -24,7 +24,9 @@ LINE, ACCENT, SECOND = "#555555", "#0072B2", "#D55E00"
 BARS = {"neutral": "#BBBBBB", "linear": "#56B4E9", "squares": "#0072B2", "products": "#003F66", "basis": "#009E73"}
 RATIO_LIMIT = 0.15  # upper end of the heatmap's colours, the same for every character
 FACE = (396, 446)  # pixels
-SIZE = (14, 8)  # inches
+SIZE = (WIDTH, 14)  # inches
+ROWS = (1.0, 1.0, 1.35)  # the heights of rows, in proportion
+SIZE_PT, TITLE_PT = 12, 13  # of letters; the picture is as wide as a page of the paper
 SMALLEST_DEG = 0.01  # lower end of the maps' errors: what lies below can't be seen
 
 
@@ -58,15 +60,20 @@ def report_figure(
     from matplotlib.figure import Figure
 
     figure = Figure(SIZE, dpi=DPI, layout="constrained")
-    (errors, components, controls), (face, pairs, maps) = figure.subplots(2, 3)
+    rows = figure.subfigures(3, 1, height_ratios=ROWS)  # each finds room for its own names
+    (errors, components), (controls, maps), (face, pairs) = (row.subplots(1, 2) for row in rows)
     _draw_errors(errors, numbers)
     _draw_components(components, numbers)
     _draw_controls(controls, numbers)
     _draw_face(figure, face, mesh, numbers, renderer)
     _draw_pairs(pairs, numbers)
     _draw_maps(maps, numbers)
+    for axes in figure.axes:
+        axes.tick_params(which="both", labelsize=SIZE_PT)
+        for label in (axes.xaxis.label, axes.yaxis.label):
+            label.set_fontsize(SIZE_PT)
     figure.suptitle(f"How hard is a rig? {numbers.character}: {len(mesh.neutral):,} vertices, "
-                    f"{numbers.value('influence', 'controls'):,.0f} controls", fontsize=13)  # fmt: skip
+                    f"{numbers.value('influence', 'controls'):,.0f} controls", fontsize=TITLE_PT)  # fmt: skip
     return figure, _words(mesh, numbers)
 
 
@@ -77,12 +84,12 @@ def _draw_errors(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     for y, name in enumerate(names):
         millimetres = round_off(numbers.value(name, "vertex_error_mean"), "mm")
         axes.annotate(f"{degrees[y]:.2f}°, {millimetres} mm", (degrees[y], y), (4, 0), textcoords="offset points",
-                      va="center", fontsize=8)  # fmt: skip
-    axes.set_yticks(range(len(names)), [LABELS[name] for name in names], fontsize=8)
-    axes.set_xlim(0, 1.45 * max(degrees, default=1.0))
+                      va="center", fontsize=SIZE_PT)  # fmt: skip
+    axes.set_yticks(range(len(names)), [LABELS[name] for name in names], fontsize=SIZE_PT)
+    axes.set_xlim(0, 1.9 * max(degrees, default=1.0))
     axes.invert_yaxis()
     axes.set_xlabel("mean normal angle error, degrees")
-    axes.set_title("What simple fits miss of held-out poses", fontsize=10)
+    axes.set_title("What simple fits miss of held-out poses", fontsize=TITLE_PT)
     tidy(axes)
 
 
@@ -91,14 +98,14 @@ def _draw_components(axes: "matplotlib.axes.Axes", numbers: Measurements) -> Non
 
     left = np.maximum(1 - np.cumsum(numbers.spectrum), 1e-9)
     axes.plot(np.arange(1, len(left) + 1), left, color=LINE)
-    axes.set(xscale="log", yscale="log", xlabel="principal components", xlim=(0.9, 6 * len(left)))
+    axes.set(xscale="log", yscale="log", xlabel="principal components", xlim=(0.9, 20 * len(left)))
     axes.set_ylabel("variance left", color=LINE)
     for share in ("99", "99.9", "99.99"):
         count = numbers.value("basis", f"components[{share} % of variance]")
         if count is not None:
             axes.plot(count, left[int(count) - 1], "o", color=LINE)
             axes.annotate(f"{share} %: {count:.0f}", (count, left[int(count) - 1]), (-5, -4),
-                          textcoords="offset points", ha="right", va="top", fontsize=8, color=LINE)  # fmt: skip
+                          textcoords="offset points", ha="right", va="top", fontsize=SIZE_PT, color=LINE)  # fmt: skip
     tidy(axes)
     degrees = axes.twinx()
     degrees.plot(*np.transpose(numbers.curve), "-", color=SECOND)
@@ -106,16 +113,16 @@ def _draw_components(axes: "matplotlib.axes.Axes", numbers: Measurements) -> Non
     degrees.set_ylabel("mean normal error, degrees", color=SECOND)
     for limit in ("0.5", "0.25"):
         count = numbers.value("basis", f"components[{limit} degrees]")
-        text, place, shift, fill = f"{limit}°: {count or 0:.0f}", (count, float(limit)), (5, 4), "full"
+        text, place, shift, fill = f"{limit}°: {count or 0:.0f}", (count, float(limit)), (6, 4), "full"
         if count is None:
             text, place, shift, fill = f"{limit}°: > {len(left)}", numbers.curve[-1], (-64, -2), "none"
         degrees.plot(*place, "o", color=SECOND, fillstyle=fill)
-        degrees.annotate(text, place, shift, textcoords="offset points", fontsize=8, color=SECOND)
+        degrees.annotate(text, place, shift, textcoords="offset points", fontsize=SIZE_PT, color=SECOND)
     degrees.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     degrees.yaxis.set_major_formatter("{x:g}")
     degrees.yaxis.set_minor_formatter("")
     degrees.spines[["top"]].set_visible(False)
-    axes.set_title("How many shapes it takes", fontsize=10)
+    axes.set_title("How many shapes it takes", fontsize=TITLE_PT)
 
 
 def _draw_controls(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
@@ -124,9 +131,9 @@ def _draw_controls(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     median = float(np.median(counts))
     axes.axvline(median, color=LINE, linewidth=1)
     axes.annotate(f"median {median:.0f}, most {counts.max()}", (median, 0.97), (5, 0), va="top",
-                  xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8)  # fmt: skip
+                  xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=SIZE_PT)  # fmt: skip
     axes.set(xlabel="controls that can move a vertex", ylabel="vertices")
-    axes.set_title("How many controls meet in a vertex", fontsize=10)
+    axes.set_title("How many controls meet in a vertex", fontsize=TITLE_PT)
     tidy(axes)
 
 
@@ -138,19 +145,24 @@ def _draw_face(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes",
     surface = Surface(mesh.neutral, mesh.faces, error_colours(ratio, RATIO_LIMIT), lit=False, smooth=False)
     axes.imshow(render([surface], camera_for("front", mesh.neutral), *FACE, renderer=renderer), interpolation="none")
     axes.set_axis_off()
-    axes.set_title("Where controls interact", fontsize=10)
+    axes.set_title("Where controls interact", fontsize=TITLE_PT)
     colour_bar(figure, axes.inset_axes((1.0, 0.1, 0.035, 0.8)), RATIO_LIMIT, "mixed over single differences")
 
 
 def _draw_pairs(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     lines = numbers.pairs
     axes.barh(range(len(lines)), [line[4] for line in lines], color=SECOND)
-    axes.set_yticks(range(len(lines)), [f"{line[0]}\n× {line[1]}" for line in lines], fontsize=6)
+    axes.set_yticks(range(len(lines)), [f"{_spoken(line[0])}\n× {_spoken(line[1])}" for line in lines])
     axes.invert_yaxis()
     share, count = (numbers.value("pairs", name) or 0.0 for name in ("interacting_share", "pairs"))
-    axes.set_xlabel(f"largest mixed difference, mm (over 0.1 mm: {100 * share:.0f} % of {count:,.0f} pairs)")
-    axes.set_title("Which controls interact most", fontsize=10)
+    axes.set_xlabel(f"largest mixed difference, mm\n(over 0.1 mm: {100 * share:.0f} % of {count:,.0f} pairs)")
+    axes.set_title("Which controls interact most", fontsize=TITLE_PT)
     tidy(axes)
+
+
+def _spoken(control: str) -> str:
+    """Return a control's name as a reader has it, short enough for the left of a chart."""
+    return control.replace("_left", " L").replace("_right", " R").replace("_", " ")
 
 
 def _draw_maps(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
@@ -164,17 +176,19 @@ def _draw_maps(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     for points in per_segment.values():
         axes.plot(*np.transpose(sorted(points)), color="0.75", linewidth=0.8, label="a segment")
     whole = [numbers.value("maps", f"normal_error_mean[{size}]") for size in sizes]
-    axes.plot(sizes, whole, "o-", color=ACCENT, label="the whole head; its vertices per texel")
+    axes.plot(sizes, whole, "o-", color=ACCENT, label="whole mesh, vertices a texel")
     for size, degrees in zip(sizes, whole, strict=True):
         crowd = numbers.value("maps", f"vertices_per_texel[{size}]")
-        axes.annotate(f"{crowd:.2g}", (size, degrees), (3, 5), textcoords="offset points", fontsize=8, color=ACCENT)
+        axes.annotate(
+            f"{crowd:.2g}", (size, degrees), (3, 5), textcoords="offset points", fontsize=SIZE_PT, color=ACCENT
+        )
     axes.set_xscale("log", base=2)
     axes.set_yscale("log")
     axes.set_xticks(sizes, [f"{size}²" for size in sizes])
     axes.set(xlabel="texels of a segment's map", ylabel="mean normal error, degrees", ylim=(SMALLEST_DEG, None))
     handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    axes.legend(handles.values(), handles, edgecolor="white", fontsize=8, loc="lower left")
-    axes.set_title("What maps of a size can hold", fontsize=10)
+    axes.legend(handles.values(), handles, edgecolor="white", fontsize=SIZE_PT, loc="upper right")
+    axes.set_title("What maps of a size can hold", fontsize=TITLE_PT)
     tidy(axes)
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from replicate.drawing.panels import DPI, Words
-from replicate.drawing.style import MEASURES, tidy
+from replicate.drawing.style import LETTER_PT, MEASURES, WIDTH, enlarge, error_scale, tidy
 from replicate.methods.method_registry import in_order, method_named, methods
 from replicate.report.results import Row, find
 from replicate.report.training_curves import Curve
@@ -21,9 +21,8 @@ def training_curves(
     rows: Table 2's results, for the floors (dashed).
     """
     from matplotlib.figure import Figure
-    from matplotlib.ticker import LogLocator
 
-    figure = Figure((10, 3.6), dpi=DPI, layout="constrained")
+    figure = Figure((WIDTH, 4.6), dpi=DPI, layout="constrained")
     ends = []
     for axes, column, (metric, _, label) in zip(figure.subplots(1, 2), (2, 3), MEASURES, strict=True):
         for method in map(method_named, in_order(name for who, name in curves if who == character)):
@@ -36,16 +35,16 @@ def training_curves(
             if floor.floor_of and (row := find(rows, "table2", character, floor.name, metric)):
                 colour = method_named(floor.floor_of).colour
                 axes.axhline(row.value, color=colour, linestyle="--", linewidth=1, label=floor.label)
-        axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter("")
+        error_scale(axes, "y")
         axes.set_xlim(left=0)
         axes.set_xlabel("training step")
         axes.set_ylabel(label)
+        axes.locator_params(axis="x", nbins=4)
         tidy(axes)
+        enlarge(axes)
     if ends:  # methods without training alone have no curve
-        axes.legend(frameon=False, fontsize=8, ncols=2)
+        lines = axes.get_legend_handles_labels()
+        figure.legend(*lines, frameon=False, fontsize=LETTER_PT, ncols=3, loc="outside upper center")
     return figure, Words(
         f"Two line charts of validation error against training step for {character}: {'; '.join(ends)}.",
         f"Error of {character}'s networks on the validation poses as training goes on; the refined network starts "

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from replicate.drawing.panels import DPI, Words
-from replicate.drawing.style import MEASURES, tidy
+from replicate.drawing.style import LETTER_PT, MEASURES, WIDTH, enlarge, error_scale, tidy
 from replicate.methods.method_registry import in_order, method_named
 from replicate.report.cast import STANDS_FOR
 from replicate.report.results import Row, find
@@ -14,12 +14,16 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
 UNITS = {"mm": "mm", "deg": "degrees"}
+OURS, THEIRS = "#333333", "black"
+LINE, FRAME = 0.37, 1.35  # inches: a method, and what is above and below them
+BESIDE = 9  # points from a mark to its number
 
 
 def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): one character's mean errors (dots) and those of the paper's counterpart (rings).
 
-    The neutral row, many times the others, is given in words.
+    The axes are logarithmic: ratios can be compared, and a large error takes no room from the small ones. The neutral
+    row is given in words.
     """
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
@@ -27,31 +31,35 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str) -> "
     theirs = STANDS_FOR.get(character, "")
     names = {row.method for row in ours if row.character == character and row.metric == MEASURES[0][0]}
     methods = [method for method in map(method_named, in_order(names)) if method.in_charts]
-    figure = Figure((10, 0.36 * len(methods) + 1.2), dpi=DPI, layout="constrained")
+    figure = Figure((WIDTH, LINE * len(methods) + FRAME), dpi=DPI, layout="constrained")
     phrases, motion = [], []
     for axes, (metric, unit, label) in zip(figure.subplots(1, 2, sharey=True), MEASURES, strict=True):
         for y, method in enumerate(methods):
             mine, other = (
                 find(rows, "table2", who, method.name, metric) for rows, who in ((ours, character), (paper, theirs))
             )
-            axes.plot(mine.value, y, "o", color=method.colour, markersize=8)
             text = round_off(mine.value, unit)
-            axes.annotate(text, (mine.value, y), (0, 7), textcoords="offset points", ha="center", fontsize=7)
+            if other:  # larger and below, so that neither mark hides the other
+                axes.plot(other.value, y, "o", markerfacecolor="none", markeredgecolor=THEIRS, markersize=13, zorder=2)
+            axes.plot(mine.value, y, "o", color=method.colour, markersize=8, zorder=3)
             if mine.sd is not None:
                 axes.errorbar(mine.value, y, xerr=mine.sd, color=method.colour, capsize=3)
-            if other:
-                axes.plot(other.value, y, "o", markerfacecolor="none", markeredgecolor="black", markersize=8)
+            _write_beside(axes, text, mine.value, y, other.value if other else None)
             phrases.append(f"{method.label} {text} {UNITS[unit]}")
         if still := find(ours, "table2", character, "neutral", metric):
             motion.append(f"{round_off(still.value, unit)} {UNITS[unit]}")
         axes.set_yticks(range(len(methods)), [method.title for method in methods])
-        axes.set_xlim(left=0)
+        axes.set_ylim(len(methods) - 0.4, -0.6)
+        axes.margins(x=0.34)  # room for numbers on both sides
         axes.set_xlabel(label)
+        error_scale(axes)
         tidy(axes)
-    axes.invert_yaxis()
-    dot = Line2D([], [], marker="o", linestyle="", color="#333333", label=character)
-    ring = Line2D([], [], marker="o", linestyle="", color="black", markerfacecolor="none", label=f"{theirs} (paper)")
-    axes.legend(handles=[dot, ring] if theirs else [dot], frameon=False, fontsize=8, loc="lower right")
+        enlarge(axes)
+    dot = Line2D([], [], marker="o", linestyle="", color=OURS, markersize=8, label=f"{character} (ours)")
+    ring = Line2D([], [], marker="o", linestyle="", color=THEIRS, markersize=13, label=f"{theirs} (the paper’s)")
+    ring.set_markerfacecolor("none")
+    handles = [dot, ring] if theirs else [dot]
+    figure.legend(handles=handles, frameon=False, fontsize=LETTER_PT, ncols=2, loc="outside upper right")
     return figure, Words(
         f"Two dot charts of mean error by method for {character}: {'; '.join(phrases)}.",
         f"Table 2 as a chart: {character} (dots)"
@@ -60,6 +68,13 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str) -> "
             if theirs
             else ""
         )
-        + ". † ‡ see the true mesh of each test pose."
+        + ". The axes are logarithmic. † ‡ see the true mesh of each test pose."
         + (f" The test poses differ from the neutral one by {' and '.join(motion)} on average." if motion else ""),
     )
+
+
+def _write_beside(axes, text: str, value: float, y: int, other: float | None) -> None:
+    """Write a dot's number beside it, on the side where the paper's ring isn't."""
+    side = -1 if other is not None and other > value else 1
+    align = "left" if side > 0 else "right"
+    axes.annotate(text, (value, y), (side * BESIDE, 0), textcoords="offset points", ha=align, va="center")
