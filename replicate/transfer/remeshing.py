@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Float32, Int
+from scipy.sparse import csr_array
 
 from replicate.approximation.segments import faces_within
 from replicate.engine.exceptions import InputError
@@ -48,6 +49,8 @@ def _places_file(file: Path) -> Path:
 def remeshed(mesh: Mesh, segments: Collection[int], share: float) -> NewMesh:
     """Return a mesh of the surface of some segments with about a share of their vertices.
 
+    Decimation leaves many vertices where they are; relaxed a little, nearly all are at places that no vertex of the
+    original has, so that maps are read where nothing was trained.
     segments: indices into `mesh.segment_names`. share: above 0, below 1. A new vertex belongs to the segment whose
     vertex is nearest in its triangle of the original, and is put on the nearest place of that segment.
     """
@@ -56,6 +59,7 @@ def remeshed(mesh: Mesh, segments: Collection[int], share: float) -> NewMesh:
     own = np.flatnonzero(np.isin(mesh.segment, list(segments)))
     faces = own[faces_within(mesh.faces, own, len(mesh.neutral))]
     vertices, new_faces = decimated(mesh.neutral, faces, share)
+    vertices = relaxed(vertices, new_faces)
     normals = vertex_normals(vertices, new_faces)
     segment = mesh.segment[nearest_places(vertices, mesh.neutral, faces, normals).nearest_corner]
     return on_original(mesh, vertices, new_faces, segment, normals)
@@ -92,6 +96,18 @@ def on_original(
     names = tuple(mesh.segment_names[k] for k in present)
     new = Mesh(neutral[used], new_faces.reshape(-1, 3).astype(np.int32), uv, index.astype(np.int32), names)
     return NewMesh(new, places)
+
+
+def relaxed(vertices: Float32[np.ndarray, "k 3"], faces: Int[np.ndarray, "g 3"]) -> Float32[np.ndarray, "k 3"]:
+    """Return the vertices moved half of the way to the mean of their neighbours; those on a border stay."""
+    a, b = faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel()
+    directed = csr_array((np.ones(len(a)), (a, b)), shape=(len(vertices),) * 2)
+    triangles = directed + directed.T  # at each edge, how many
+    border = triangles.indices[triangles.data != 2]
+    adjacency = triangles.astype(bool).astype(np.float64)
+    moved = (vertices + (adjacency @ vertices) / np.maximum(adjacency.sum(1), 1)[:, None]) / 2
+    moved[border] = vertices[border]
+    return moved.astype(np.float32)
 
 
 def decimated(
