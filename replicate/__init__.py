@@ -26,12 +26,13 @@ Fig. 7   mesh segments                            targets/figure07/
 Fig. 8   refinement segments                      targets/figure08/
 Fig. 9   forehead wrinkles                        targets/figure09/
 Fig. 10  heatmaps of normal errors                targets/figure10/
+Fig. 13  the networks on another mesh             targets/figure13/
 
 Which of the paper's claims our numbers bear out is judged in targets/claims/, a rule each.
 
 A row of a table is a module of methods/, what `make` makes a folder of targets/, what methods share a module of
 artefacts/; engine/ runs and keeps the work. Of the paper, §4 (Eq. 6 to 10, inverse kinematics) with Tables 3 and 4 and
-Figures 11 to 13 has no module yet.
+Figures 11 and 12 has no module yet.
 """
 
 TYPE_CHECKING = False  # for type checkers, which take it for true; importing typing would take longer than all else
