@@ -34,6 +34,7 @@ SIZES = {ORIGINAL: "its own mesh", "half": "half of the vertices", "quarter": "a
 LINES = ("distance", "normals")
 HEAD, CLOSE = 1.3, 0.9  # a picture's height over its width
 RIBBON_MM = 0.2
+CARRIED = ("coarse", "coarse_carried")  # read at the new vertices' coordinates, and taken to their places
 
 
 @dataclass(frozen=True)
@@ -108,35 +109,31 @@ def _errors(mesh: ShownMesh, way: str) -> tuple[str, str]:
 
 
 def _words(character: str, shown: Mapping[str, ShownMesh], means: Sequence[Mean]) -> Words:
-    pairs = [(name, way) for name, mesh in shown.items() for way in ("coarse", *NEW[2:]) if way in mesh.vertices]
+    pairs = [(name, way) for name, mesh in shown.items() for way in NEW[1:] if way in mesh.vertices]
     names = {"coarse": "coarse networks", "deformation_transfer": "deformation transfer"}
-    own = [f"{names[way]} on {SIZES[name]}: {' and '.join(_errors(shown[name], way))}" for name, way in pairs]
-    alt = (
-        "Two rows of four clay heads with their mouths close up below them, edges drawn. First in each row the original "
-        "mesh, as the rig has it and as the coarse networks have it; then a mesh of half, and in the second row of a "
-        "quarter of its vertices: the truth, moved by the coarse networks, moved by deformation transfer. "
-        f"Mean errors: {'; '.join(own)}."
-    )
-    return Words(alt, f"{_caption(character)} {_in_numbers(means)}".strip())
-
-
-def _caption(character: str) -> str:
-    return (
-        f"The networks of {character} move meshes that they were never trained on (after Fig. 13), in the test pose whose "
-        "forehead folds most. Each vertex of a new mesh reads the coarse maps at its own texture coordinates; the truth "
-        "is what the rig does at its place on the original surface. Rigid segments, as teeth, are left out. Below: mean "
-        "distance of vertices, and mean angle between normals (Eq. 11), in this pose. † It sees the rig's own mesh in "
-        "the pose, and turns and stretches each new triangle as its nearest one does (Sumner and Popović 2004)."
+    own = [f"{names[way]} on {SIZES[name]}, {' and '.join(_errors(shown[name], way))}" for name, way in pairs]
+    return Words(
+        "Two rows of four clay heads, their mouths close up below them with all edges. First in each row is the "
+        "original mesh, above as the rig has it and below as the coarse networks have it. Then comes a mesh of half "
+        "of its vertices, below of a quarter: the truth, moved by the coarse networks, moved by deformation transfer. "
+        f"Mean errors: {'; '.join(own)}.",
+        f"The coarse networks of {character} move meshes that they were never trained on (after Fig. 13), in the test "
+        "pose whose forehead folds most. A vertex of a new mesh reads the maps at its own texture coordinates. The "
+        "truth is what the rig does at its place on the original surface. Rigid segments, as teeth, are left out. "
+        "Below: mean distance of vertices and mean angle between normals (Eq. 11) in this pose. "
+        f"{_in_numbers(means)} † Each new triangle follows its nearest one on the rig's own posed mesh (Sumner and "
+        "Popović 2004); the networks never see that mesh.",
     )
 
 
 def _in_numbers(means: Sequence[Mean]) -> str:
-    """Return what transfer and charts that are off do to the errors over the test poses, in sentences."""
-    value = {(mean.mesh, mean.method, mean.charts): f"{mean.distance_mm:.2f} mm" for mean in means}
-    own, half, quarter = ((name, "coarse", "") for name in (ORIGINAL, *new_meshes.SHARES))
-    text = (
-        f"Over {means[0].poses} test poses: {value[own]} on its own mesh, {value[half]} and {value[quarter]} on these."
+    """Return what new places and charts that are off do to the distance over the test poses, in sentences."""
+    mm = {(mean.mesh, mean.method, mean.charts): f"{mean.distance_mm:.2f} mm" for mean in means}
+    poses = {mean.charts: mean.poses for mean in means}
+    read, carried = (" and ".join(mm[name, way, ""] for name in SIZES if name != ORIGINAL) for way in CARRIED)
+    shifts = [charts for charts in poses if charts.startswith("shift")]
+    off = ", ".join(f"{charts.split()[1]} pixels {mm['half', 'coarse', charts]}" for charts in shifts)
+    return (
+        f"Over {poses['']} test poses the distances are {read}; carried over from the networks' prediction for the "
+        f"original mesh they are {carried}. Charts shifted on half of the vertices ({poses[shifts[0]]} poses): {off}."
     )
-    shifts = [(charts, mm) for (name, _, charts), mm in value.items() if name == "half" and charts.startswith("shift")]
-    off = ", ".join(f"{mm} for {charts.split()[1]}" for charts, mm in shifts)
-    return f"{text} With charts that are shifted by so many pixels of the maps, on half of the vertices: {off}."
