@@ -25,9 +25,9 @@ TRUTH = "truth"
 NEW = (TRUTH, "coarse", "deformation_transfer")  # the columns of a new mesh
 TITLES = {
     (ORIGINAL, TRUTH): "The rig",
-    (ORIGINAL, "coarse"): "Coarse",
+    (ORIGINAL, "coarse"): "Coarse: its own mesh",
     TRUTH: "Truth",
-    "coarse": "Coarse",
+    "coarse": "Coarse: new mesh",
     "deformation_transfer": "Deformation transfer †",
 }
 SIZES = {ORIGINAL: "its own mesh", "half": "half of the vertices", "quarter": "a quarter"}
@@ -98,7 +98,8 @@ def _pictures(mesh: ShownMesh, way: str, original: ShownMesh, width: int, render
 
 def _head(original: ShownMesh, aspect: float) -> Camera:
     used = original.vertices[TRUTH][np.unique(original.faces)]
-    return frame_surfaces(camera_for("front", original.neutral), [Surface(used, np.zeros((0, 3), np.int32))], aspect)
+    shown = [Surface(used, np.zeros((0, 3), np.int32)), *prop_surfaces(original.props)]
+    return frame_surfaces(camera_for("front", original.neutral), shown, aspect)
 
 
 def _errors(mesh: ShownMesh, way: str) -> tuple[str, str]:
