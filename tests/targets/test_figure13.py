@@ -31,7 +31,7 @@ def write_model(folder, segments, config) -> None:
     networks = [cnn.make_network(segment, cnn.shape_facts(config)) for segment in segments]
     count = len(small_mesh().neutral)
     folder.mkdir()
-    cnn.save(SegmentedModel(networks, segments, np.ones(M), [3.0] * len(segments), count), folder, config)
+    cnn.save(SegmentedModel(networks, segments, np.ones(M), [60.0] * len(segments), count), folder, config)
 
 
 class TheSmallFace(PlainRig):
