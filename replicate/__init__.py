@@ -32,11 +32,12 @@ Fig. 8   refinement segments                      targets/figure08/
 Fig. 9   forehead wrinkles                        targets/figure09/
 Fig. 10  heatmaps of normal errors                targets/figure10/
 Fig. 11  faces that inverse kinematics poses      targets/figure11/
+Fig. 13  the networks on another mesh             targets/figure13/
 
 Which of the paper's claims our numbers bear out is judged in targets/claims/, a rule each.
 
 A row of a table is a module of methods/, what `make` makes a folder of targets/, what methods share a module of
-artefacts/; engine/ runs and keeps the work. Of the paper, Table 3 and Figures 12 and 13 have no module yet.
+artefacts/; engine/ runs and keeps the work. Of the paper, Table 3 and Figure 12 have no module yet.
 """
 
 TYPE_CHECKING = False  # for type checkers, which take it for true; importing typing would take longer than all else

@@ -19,6 +19,7 @@ FOLDERS = (
     "rig_health",
     "rig_tour",
     "targets",
+    "transfer",
 )
 PUBLIC = ("__init__", "__call__")
 WHOLE = (*(ROOT / "replicate" / folder for folder in FOLDERS), ROOT / "data_recipes")

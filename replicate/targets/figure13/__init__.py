@@ -1,0 +1,56 @@
+"""Figure 13: the networks move meshes of another topology through texture coordinates, beside the truth."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from replicate.artefacts import built_rig, drawn_samples, rigid_segments, shown_pose
+from replicate.artefacts.plan import Plan
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods import coarse, refined
+from replicate.methods.method import Method
+from replicate.report.publication import publish_pictures
+from replicate.targets.figure13 import moved_meshes, new_meshes
+from replicate.targets.options import OF_A_RUN
+from replicate.targets.running import make
+
+ABOUT = "the networks move meshes of another topology through texture coordinates, beside the truth"
+WRITES = "results/runs/<profile>/"
+OPTIONS = OF_A_RUN
+
+
+@dataclass(frozen=True)
+class TransferPicture:
+    """Whose figure is drawn, and as results of which profile."""
+
+    character: str
+    profile: str
+
+
+def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
+    """Return the stages of one character's figure; those that train, the slow ones, come first."""
+    moved = moved_meshes.stage(plan)
+    modules = (built_rig, drawn_samples, rigid_segments, shown_pose, new_meshes)
+    inputs = [*(module.stage(plan) for module in modules), moved]
+    settings = TransferPicture(plan.character, plan.config.profile)
+    networks = [coarse.stage(plan), refined.stage(plan)]
+    return [*networks, moved, plan.stage("figure13", draw, settings, *inputs)]
+
+
+def draw(context: StageContext) -> None:
+    """Draw the new meshes in one pose, and write the errors of every way to move them (Fig. 13)."""
+    from replicate.drawing.panels import save_figure
+    from replicate.report.results import write_results
+    from replicate.targets.figure13.transfer_rows import rows_of
+    from replicate.targets.figure13.transfer_sheet import figure13, shown_meshes
+
+    character, inputs = context.config.character, context.inputs
+    means = moved_meshes.load_means(inputs)
+    write_results(context.out / f"figure13_{character}.csv", rows_of(character, context.config.profile, inputs, means))
+    figure, words = figure13(character, shown_meshes(inputs), means)
+    save_figure(figure, context.out / f"figure13_{character}.png", words)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Draw the figure of every character and publish it."""
+    publish_pictures("figure13", make(options, stages), notebook=False)

@@ -1,0 +1,125 @@
+"""Places on a surface, a triangle and barycentric coordinates each, and what a mesh has there: positions, coordinates.
+
+The places of a new mesh's vertices on the original one carry everything over: the neutral pose, texture coordinates,
+and any pose of the rig, which is the truth for the new mesh.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float64, Int
+
+from replicate.geometry.normals import face_vectors
+
+PAIRS_AT_ONCE = 4_000_000  # of points and triangles
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where k points lie on a triangle mesh.
+
+    corners: (k, 3), the mesh's vertices around each. shares: (k, 3) float64, barycentric coordinates, non-negative,
+    each row sums to 1.
+    """
+
+    corners: np.ndarray
+    shares: np.ndarray
+
+    def mix(self, values: Float[np.ndarray, "*b n d"]) -> Float[np.ndarray, "*b k d"]:
+        """Return what the mesh's values (n vertices, d numbers each) are at the places, in the values' precision."""
+        around = np.take(values, self.corners, axis=-2)  # (..., k, 3, d)
+        return (around * self.shares[..., None].astype(values.dtype)).sum(-2)
+
+    @property
+    def nearest_corner(self) -> Int[np.ndarray, " k"]:
+        """The vertex with the largest share in each place."""
+        return np.take_along_axis(self.corners, self.shares.argmax(1)[:, None], axis=1)[:, 0]
+
+
+def nearest_places(
+    points: Float[np.ndarray, "k 3"],
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "f 3"],
+    directions: Float[np.ndarray, "k 3"] | None = None,
+) -> Places:
+    """Return the place on a mesh that is nearest to each point.
+
+    directions: each point's normal; only triangles that face the same way are looked at, so that a point of the upper
+    lip never lands on the lower one. A point that no triangle faces takes the nearest of all.
+    """
+    chosen = nearest_faces(points, vertices, faces, directions)
+    corners = vertices[faces[chosen]].astype(np.float64)
+    return Places(faces[chosen], closest_shares(points.astype(np.float64), corners))
+
+
+def nearest_faces(
+    points: Float[np.ndarray, "k 3"],
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "f 3"],
+    directions: Float[np.ndarray, "k 3"] | None = None,
+) -> Int[np.ndarray, " k"]:
+    """Return the triangle of a mesh that is nearest to each point; exact, the first of several equally near.
+
+    A triangle lies within its radius of its centre, and its centre is one of its points: most are ruled out by that.
+    """
+    corners = vertices[faces].astype(np.float64)
+    centres = corners.mean(1)
+    radii = np.linalg.norm(corners - centres[:, None], axis=-1).max(1)
+    normals = face_vectors(vertices.astype(np.float64), faces)
+    chosen = np.empty(len(points), np.int64)
+    step = max(1, PAIRS_AT_ONCE // len(faces))
+    for start in range(0, len(points), step):
+        own = np.asarray(points[start : start + step], np.float64)
+        squared = (own**2).sum(1)[:, None] - 2 * own @ centres.T + (centres**2).sum(1)
+        away = np.sqrt(np.maximum(squared, 0))  # (k, f), from point to centre
+        if directions is not None:
+            opposed = directions[start : start + step] @ normals.T <= 0
+            away[opposed & ~opposed.all(1, keepdims=True)] = np.inf
+        bound = away.min(1, keepdims=True)
+        point, face = np.nonzero(away - radii <= bound * (1 + 1e-9) + 1e-9)
+        distance = np.linalg.norm(_mixed(closest_shares(own[point], corners[face]), corners[face]) - own[point], axis=1)
+        order = np.lexsort((face, distance, point))
+        chosen[start : start + step] = face[order[np.searchsorted(point[order], np.arange(len(own)))]]
+    return chosen
+
+
+def closest_shares(points: Float[np.ndarray, "k 3"], corners: Float[np.ndarray, "k 3 3"]) -> Float64[np.ndarray, "k 3"]:
+    """Return the barycentric coordinates of the point of each triangle that is nearest to its point.
+
+    corners: each point's triangle. Where the foot of the perpendicular lies outside, that is a point of an edge.
+    """
+    a, b, c = np.moveaxis(corners, 1, 0)
+    shares = _plane_shares(points, a, b, c)
+    outside = (shares < 0).any(1)
+    if outside.any():
+        best = np.full(len(points), np.inf)
+        best[~outside] = -1
+        for start, end in ((0, 1), (1, 2), (2, 0)):
+            from_start, along = points - corners[:, start], corners[:, end] - corners[:, start]
+            length = (along**2).sum(1)
+            ratio = np.divide((from_start * along).sum(1), length, out=np.zeros(len(points)), where=length > 0)
+            ratio = ratio.clip(0, 1)
+            distance = ((from_start - ratio[:, None] * along) ** 2).sum(1)
+            nearer = distance < best
+            best[nearer] = distance[nearer]
+            shares[nearer] = 0
+            shares[nearer, start], shares[nearer, end] = 1 - ratio[nearer], ratio[nearer]
+    return shares / shares.sum(1, keepdims=True)
+
+
+def _plane_shares(points: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Return the barycentric coordinates of each point's foot in its triangle's plane; −1 without such a plane."""
+    u, v, w = b - a, c - a, points - a
+    uu, uv, vv = (u * u).sum(1), (u * v).sum(1), (v * v).sum(1)
+    wu, wv = (w * u).sum(1), (w * v).sum(1)
+    area = uu * vv - uv * uv
+    flat = area <= 0
+    area = np.where(flat, 1, area)
+    second, third = (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
+    shares = np.stack([1 - second - third, second, third], axis=1)
+    shares[flat] = -1
+    return shares
+
+
+def _mixed(shares: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    return (shares[:, :, None] * corners).sum(1)

@@ -1,0 +1,105 @@
+"""A trained model on a mesh of another topology: its maps, read at the new mesh's texture coordinates (§6, Fig. 13).
+
+The networks and the rig parameters stay as they are. Only U_k of Δ_k = g(I_k; U_k) changes (§3.1), so that no vertex of
+the new mesh needs a counterpart on the old one.
+"""
+
+import copy
+from collections.abc import Sequence
+from functools import singledispatch
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from scipy.spatial import cKDTree
+
+from replicate.approximation.cnn import MapNetwork
+from replicate.approximation.deformation_map import bilinear
+from replicate.approximation.model import SegmentedModel
+from replicate.approximation.refinement import RefinedModel
+from replicate.approximation.segments import Segment
+from replicate.engine.exceptions import InputError
+from replicate.geometry.mesh import Mesh
+
+
+@singledispatch
+def transferred(model: object, mesh: Mesh) -> SegmentedModel | RefinedModel:
+    """Return a coarse or refined model whose `.offsets(params)` are (b, k, 3) mm, for the k vertices of a new mesh.
+
+    mesh: the new one; its texture coordinates lie in the charts of the model's segments, by whose names its own go. It
+    may have some of them only, as in Fig. 13. Raises InputError for a segment that the model has no map of.
+    """
+    raise InputError(f"model: found a {type(model).__name__}, where only a coarse or a refined one has maps to read.")
+
+
+@transferred.register
+def _coarse(model: SegmentedModel, mesh: Mesh) -> SegmentedModel:
+    number = {segment.name: k for k, segment in enumerate(model.segments)}
+    _check_names(mesh, number)
+    own = [(number[name], np.flatnonzero(mesh.segment == k)) for k, name in enumerate(mesh.segment_names)]
+    return _moved(model, [(k, vertices, mesh.uv[vertices]) for k, vertices in own], len(mesh.neutral))
+
+
+@transferred.register
+def _refined(model: RefinedModel, mesh: Mesh) -> SegmentedModel | RefinedModel:
+    coarse, residual = transferred(model.coarse, mesh), model.residual
+    charts = {segment.name: segment for segment in model.coarse.segments}
+    parts = []
+    for k, name in enumerate(mesh.segment_names):
+        vertices, chart = np.flatnonzero(mesh.segment == k), charts[name]
+        owner = square_of(chart, residual.segments, mesh.uv[vertices])
+        for square in np.unique(owner[owner >= 0]):
+            chosen = vertices[owner == square]
+            low, size = square_extent(chart, residual.segments[square])
+            parts.append((int(square), chosen, (mesh.uv[chosen] - low) / size))
+    return RefinedModel(coarse, _moved(residual, parts, len(mesh.neutral))) if parts else coarse
+
+
+def read_at(network: MapNetwork, uv: Float[np.ndarray, "k 2"]) -> MapNetwork:
+    """Return the network with weights of its own, equal ones, whose map is read at other texture coordinates."""
+    twin, grid = copy.deepcopy(network), bilinear(uv, network.map_size)
+    device = network.pixels.device
+    twin.register_buffer("pixels", torch.from_numpy(grid.pixels).to(device), persistent=False)
+    twin.register_buffer("shares", torch.from_numpy(grid.weights).to(device), persistent=False)
+    return twin
+
+
+def square_of(chart: Segment, squares: Sequence[Segment], uv: Float[np.ndarray, "k 2"]) -> Int[np.ndarray, " k"]:
+    """Return the refinement segment that each place of a chart belongs to, −1 for none (§3.3).
+
+    chart: a coarse segment. squares: all refinement segments, those of other charts among them. A place belongs to a
+    square if it lies in it, and the original vertex nearest in the chart belongs to it too: squares may overlap.
+    """
+    owner_of_vertex = np.full(len(chart.vertices), -1)
+    for number, square in enumerate(squares):
+        owner_of_vertex[np.isin(chart.vertices, square.vertices)] = number
+    owner = owner_of_vertex[cKDTree(chart.uv).query(uv)[1]]
+    for number in np.unique(owner[owner >= 0]):
+        low, size = square_extent(chart, squares[number])
+        stretched = (uv - low) / size
+        owner[(owner == number) & ((stretched < 0) | (stretched > 1)).any(1)] = -1
+    return owner
+
+
+def square_extent(chart: Segment, square: Segment) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
+    """Return a refinement segment's lower corner and size in its chart: what its coordinates were stretched from."""
+    uv = chart.uv[np.isin(chart.vertices, square.vertices)]
+    size = np.ptp(uv, axis=0)
+    return uv.min(0), np.where(size > 0, size, 1).astype(uv.dtype)
+
+
+def _moved(model: SegmentedModel, parts: Sequence[tuple[int, np.ndarray, np.ndarray]], count: int) -> SegmentedModel:
+    """Return the model of some segments on a new mesh; parts: (segment, new vertices, their coordinates in its map)."""
+    segments, networks, lengths = [], [], []
+    for k, vertices, uv in parts:
+        old = model.segments[k]
+        segments.append(Segment(old.name, vertices.astype(np.int32), np.ascontiguousarray(uv), old.parameters))
+        networks.append(read_at(model.networks[k], uv))
+        lengths.append(model.lengths[k])
+    return SegmentedModel(networks, segments, model.scale.cpu(), lengths, count).to(model.scale.device)
+
+
+def _check_names(mesh: Mesh, known: dict[str, int]) -> None:
+    unknown = [name for name in mesh.segment_names if name not in known]
+    if unknown:
+        raise InputError(f"mesh: the model has no map of segment {unknown[0]!r}: allowed are {', '.join(known)}.")

@@ -1,0 +1,98 @@
+"""Figure 13: errors of every way to move new meshes, rows and a sheet that have the same numbers."""
+
+import json
+from functools import partial
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from plain_rig import PlainRig
+from small_artefacts import run_stage, write_artefacts
+from small_face import M, small_influence, small_mesh
+
+from replicate.approximation import cnn
+from replicate.approximation.model import SegmentedModel
+from replicate.approximation.refinement import square_segments
+from replicate.approximation.segments import coarse_segments
+from replicate.config import CoarseConfig, RefinementConfig
+from replicate.drawing.render import render
+from replicate.report.results import read_results
+from replicate.targets import figure13 as target
+from replicate.targets.figure13 import moved_meshes, new_meshes, transfer_sheet
+from replicate.transfer.new_mesh_poses import WAYS
+
+NUMBERS = moved_meshes.MovedNumbers(0, 10, 0, shifts=(0.0, 1.0, 4.0), turns_deg=(5.0,), draws=2, moved_poses=99)
+
+
+def write_model(folder, segments, config) -> None:
+    """Write networks of drawn weights, as a training would."""
+    torch.manual_seed(0)
+    networks = [cnn.make_network(segment, cnn.shape_facts(config)) for segment in segments]
+    count = len(small_mesh().neutral)
+    folder.mkdir()
+    cnn.save(SegmentedModel(networks, segments, np.ones(M), [60.0] * len(segments), count), folder, config)
+
+
+class TheSmallFace(PlainRig):
+    """A rig of which only the mesh is asked."""
+
+    mesh = small_mesh()
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    """The folders of all stages up to the figure's own, on the small face."""
+    folder, mesh = tmp_path_factory.mktemp("figure13"), small_mesh()
+    artefacts = write_artefacts(folder) | {name: folder / name for name in ("coarse", "refined")}
+    segments = coarse_segments(mesh, {2}, small_influence(mesh))
+    write_model(artefacts["coarse"], segments, CoarseConfig(map_size=16))
+    squares = square_segments(segments[0], np.array([[0.3, 0.7]]), small_influence(mesh), 0.4)
+    write_model(artefacts["refined"], squares, RefinementConfig(map_size=32))
+    shares = new_meshes.NewMeshNumbers(tuple(new_meshes.SHARES.values()))
+    artefacts, notes = run_stage(new_meshes.make, artefacts, "new_meshes", shares, folder)
+    assert notes["vertices"]["quarter"] < notes["vertices"]["half"] < (mesh.segment < 2).sum()
+    return run_stage(moved_meshes.make, artefacts, "moved_meshes", NUMBERS, folder)[0]
+
+
+def test_every_way_to_move_every_mesh_is_measured_and_the_map_says_what_the_model_says(inputs):
+    means = moved_meshes.load_means(inputs)
+    distance = {(mean.mesh, mean.method, mean.charts): mean.distance_mm for mean in means}
+    assert {method for mesh, method, charts in distance if mesh == "half" and not charts} == set(WAYS)
+    assert {method for mesh, method, _ in distance if mesh == "original"} == {"coarse", "refined", "neutral"}
+    assert all(np.isfinite([mean.distance_mm, mean.normal_deg]).all() and mean.poses == 24 for mean in means)
+    for mesh in new_meshes.SHARES:
+        assert distance[mesh, "coarse", ""] == pytest.approx(distance[mesh, "coarse_carried", ""], rel=0.1)
+        assert distance[mesh, "coarse", ""] != pytest.approx(distance[mesh, "neutral", ""], rel=0.1)
+        assert distance[mesh, "coarse", "shift 0 px"] == pytest.approx(distance[mesh, "coarse", ""], rel=1e-6)
+        assert len({distance[mesh, "coarse", f"shift {pixels} px"] for pixels in (0, 1, 4)}) == 3
+
+
+def test_the_shown_pose_has_the_errors_that_its_vertices_have(inputs):
+    new, posed = new_meshes.load(inputs)["half"], moved_meshes.load_pose(inputs, "half")
+    original = moved_meshes.load_pose(inputs, moved_meshes.ORIGINAL)
+    assert set(posed) == {"truth", *WAYS} and set(original) == {"truth", "coarse"}
+    np.testing.assert_allclose(new.places.mix(original["truth"]), posed["truth"], atol=1e-5)
+    np.testing.assert_allclose(new.places.mix(original["coarse"]), posed["coarse_carried"], atol=1e-5)
+    np.testing.assert_array_equal(posed["neutral"], new.mesh.neutral)
+
+
+def test_the_figure_has_a_row_of_meshes_each_and_rows_of_the_same_numbers(inputs, tmp_path, monkeypatch):
+    monkeypatch.setattr(transfer_sheet, "render", partial(render, renderer="software"))
+    monkeypatch.setattr(transfer_sheet, "cell_width", lambda *_: 40)
+    monkeypatch.setattr("replicate.artefacts.built_rig.load", lambda _: TheSmallFace())
+    settings = target.TransferPicture("tiny", "quick")
+    folder = run_stage(target.draw, inputs, "figure13", settings, tmp_path)[0]["figure13"]
+    rows = {(row.method, row.metric): row for row in read_results(folder / "figure13_tiny.csv")}
+    means = moved_meshes.load_means(inputs)
+    assert len(rows) == 2 * len(means) and {row.table for row in rows.values()} == {"figure13"}
+    half = next(mean for mean in means if (mean.mesh, mean.method, mean.charts) == ("half", "coarse", ""))
+    assert rows["coarse", "vertex_error_mean[half]"].value == half.distance_mm
+    assert rows["coarse", "normal_error_mean[half]"].unit == "deg"
+    assert rows["coarse", "vertex_error_mean[half][shift 4 px]"].poses == 24
+    words = json.loads((folder / "figure13_tiny.json").read_text())
+    assert f"{half.distance_mm:.2f} mm" in words["caption"] and "(after Fig. 13)" in words["caption"]
+    posed, faces = moved_meshes.load_pose(inputs, "half"), new_meshes.load(inputs)["half"].mesh.faces
+    shown = np.linalg.norm(posed["coarse"] - posed["truth"], axis=1)[np.unique(faces)].mean()
+    assert f"coarse networks on half of the vertices, {shown:.2f} mm" in words["alt"]
+    assert Image.open(folder / "figure13_tiny.png").text["Description"] == words["alt"]
