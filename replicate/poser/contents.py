@@ -1,4 +1,4 @@
-"""What a page carries of a character: its mesh, our method's model, the rigid step, the IK networks and its controls."""
+"""What a page carries of a character: mesh, our method's model, the rigid step, the IK networks and the controls."""
 
 from dataclasses import dataclass
 

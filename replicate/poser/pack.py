@@ -1,4 +1,4 @@
-"""Arrays and words as one compressed text: what a page carries in itself, since a page from disk may ask for nothing."""
+"""Arrays and words as one compressed text, which a page carries in itself: one opened from disk may fetch nothing."""
 
 import base64
 import gzip

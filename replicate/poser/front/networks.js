@@ -4,13 +4,15 @@
 function dense(weight, bias, x, out) {
   const inputs = x.length, outputs = out.length;
   for (let o = 0, w = 0; o < outputs; o++) {
-    let a = bias ? bias[o] : 0, b = 0, i = 0;
-    for (; i + 1 < inputs; i += 2, w += 2) {
+    let a = bias ? bias[o] : 0, b = 0, c = 0, d = 0, i = 0; // four sums: the next product waits for none of them
+    for (; i + 3 < inputs; i += 4, w += 4) {
       a += weight[w] * x[i];
       b += weight[w + 1] * x[i + 1];
+      c += weight[w + 2] * x[i + 2];
+      d += weight[w + 3] * x[i + 3];
     }
-    if (i < inputs) a += weight[w++] * x[i];
-    out[o] = a + b;
+    for (; i < inputs; i++, w++) a += weight[w] * x[i];
+    out[o] = a + b + c + d;
   }
   return out;
 }
