@@ -18,6 +18,7 @@ Eq. 5    poses beyond the animation               approximation/sampling.py
 §5.1     linear blend skinning (SSDR)             approximation/skinning/ssdr.py
 §5.1     errors over all unique test poses        approximation/evaluation.py
 Eq. 11   the normal error                         approximation/metrics.py
+§5.3.1   posing in a browser                      poser/page.py
 Table 1  model sizes                              targets/table1/
 Table 2  approximation errors                     targets/table2/
 Fig. 1   the rig beside approximations            targets/figure01/

@@ -1,4 +1,4 @@
-"""The page itself: one HTML file with style, script and data in it, which opens from disk and asks for nothing."""
+"""The page to pose in (§5.3.1): one HTML file with style, script and data, which opens from disk and fetches nothing."""
 
 import html
 from collections.abc import Mapping
@@ -19,9 +19,9 @@ SCRIPTS = tuple(
 )  # fmt: skip
 SOURCES = (TEMPLATE, STYLE, *SCRIPTS)  # what a page depends on beside its data
 ABOUT = (
-    "Drag a red dot: small networks turn the dots' places into values of {controls} controls (inverse kinematics, §4 and "
-    "§5.3.1 of Fast and Deep Facial Deformations), and an approximation of the rig, our regional method, turns these "
-    "into {vertices:,} vertices. Everything runs in this page; nothing is sent anywhere."
+    "Drag a red dot: small networks turn the dots' places into values of {controls} controls (inverse kinematics, §4 "
+    "and §5.3.1 of Fast and Deep Facial Deformations), and an approximation of the rig, our regional method, turns "
+    "these into {vertices:,} vertices. Everything runs in this page; nothing is sent anywhere."
 )
 
 
