@@ -4,7 +4,7 @@ No method approximates them. What lies on the skin goes with the vertices that a
 shifts by the sum of what each control, alone at its limits, does to it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -18,6 +18,7 @@ from replicate.poser.contents import Parts
 from replicate.poser.pack import indices
 
 EYE = "eye"
+EyePoints = dict[str, np.ndarray]  # by side: the vertices of an eyeball, (k, 3) mm
 FINEST = np.iinfo(np.int16).max
 STILL_MM = 0.01  # an eyeball that moves less is not moved
 
@@ -85,15 +86,10 @@ def _eyeballs(rig: Rig, props: list[Prop], firsts: np.ndarray, progress: Callabl
     centres = {side: sphere_centre(rest[side]) for side in sides}
     turns = {side: np.zeros((len(rig.controls), 2, 6), np.float32) for side in sides}
     with progress(2 * len(rig.controls), "eyeballs") as bar:
-        for j in range(len(rig.controls)):
-            for end, limit in enumerate((rig.lower[j], rig.upper[j])):
-                if limit != rig.default[j]:
-                    params = np.array(rig.default)
-                    params[j] = limit
-                    posed = _eye_points(rig.pose_props(params))
-                    for side, centre in centres.items():
-                        turns[side][j, end] = rigid_motion(rest[side], posed[side], centre)
-                bar.update(1)
+        for end, limits in enumerate((rig.lower, rig.upper)):
+            for j, posed in _alone(rig, rest, limits, np.arange(len(rig.controls)), bar.update):
+                for side, centre in centres.items():
+                    turns[side][j, end] = rigid_motion(rest[side], posed[side], centre)
     words = [
         {"parts": [[int(firsts[k]), int(firsts[k + 1])] for k in sides[side]], "centre": centres[side].tolist()}
         for side in sides
@@ -101,7 +97,27 @@ def _eyeballs(rig: Rig, props: list[Prop], firsts: np.ndarray, progress: Callabl
     return words, {f"display.eye.{i}": turns[side] for i, side in enumerate(sides)}
 
 
-def _eye_points(props: list[Prop]) -> dict[str, np.ndarray]:
+def _alone(
+    rig: Rig, rest: EyePoints, limits: np.ndarray, controls: np.ndarray, done: Callable[[int], None]
+) -> Iterator[tuple[int, EyePoints]]:
+    """Yield each of some controls that moves an eyeball, with where that puts it when the control is at its limit.
+
+    Most move none: they are tried in groups, and groups that move one are halved. done: told how many are through.
+    """
+    params = np.array(rig.default)
+    params[controls] = limits[controls]
+    posed = _eye_points(rig.pose_props(params))
+    if all(np.abs(posed[side] - rest[side]).max() < STILL_MM for side in rest):
+        done(len(controls))
+    elif len(controls) == 1:
+        yield int(controls[0]), posed
+        done(1)
+    else:
+        for half in np.array_split(controls, 2):
+            yield from _alone(rig, rest, limits, half, done)
+
+
+def _eye_points(props: list[Prop]) -> EyePoints:
     points: dict[str, list[np.ndarray]] = {}
     for name, vertices, _, _ in props:
         if name.startswith(EYE):

@@ -1,4 +1,4 @@
-"""The page to pose in (§5.3.1): one HTML file with style, script and data, which opens from disk and fetches nothing."""
+"""The page to pose in (§5.3.1): one HTML file with style, script and data, which opens from disk and loads nothing."""
 
 import html
 from collections.abc import Mapping

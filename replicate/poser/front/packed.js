@@ -25,6 +25,16 @@ function halfTable() {
   return table;
 }
 
+// Numbers in 16 bits, of which the lower bytes stand first and then the upper ones.
+function joined(buffer, place, count, Kind) {
+  const parts = new Uint8Array(buffer, place, 2 * count), bytes = new Uint8Array(2 * count);
+  for (let i = 0; i < count; i++) {
+    bytes[2 * i] = parts[i];
+    bytes[2 * i + 1] = parts[count + i];
+  }
+  return new Kind(bytes.buffer);
+}
+
 // gzip (Uint8Array) → Promise of {header, arrays}; float16 becomes Float32Array. arrays[name] has a `shape`.
 async function readPacked(gzip) {
   const stream = new Blob([gzip]).stream().pipeThrough(new DecompressionStream("gzip"));
@@ -36,8 +46,9 @@ async function readPacked(gzip) {
   for (const { name, kind, shape } of header.arrays) {
     const count = shape.reduce((a, b) => a * b, 1);
     const Kind = kind === "float16" ? Uint16Array : KINDS[kind];
-    let values = new Kind(buffer, place, count);
-    place += Math.ceil(values.byteLength / ALIGNMENT) * ALIGNMENT;
+    const size = count * Kind.BYTES_PER_ELEMENT;
+    let values = Kind.BYTES_PER_ELEMENT === 2 ? joined(buffer, place, count, Kind) : new Kind(buffer, place, count);
+    place += Math.ceil(size / ALIGNMENT) * ALIGNMENT;
     if (kind === "float16") values = Float32Array.from(values, (bits) => halves[bits]);
     values.shape = shape;
     arrays[name] = values;
