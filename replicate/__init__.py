@@ -22,6 +22,7 @@ Eq. 8–10 their losses, §4.2 their training        inverse/ik_training.py
 §5.1     linear blend skinning (SSDR)             approximation/skinning/ssdr.py
 §5.1     errors over all unique test poses        approximation/evaluation.py
 Eq. 11   the normal error                         approximation/metrics.py
+§5.3.1   posing in a browser                      poser/page.py
 Table 1  model sizes                              targets/table1/
 Table 2  approximation errors                     targets/table2/
 Table 4  errors in poses of inverse kinematics    targets/table4/

@@ -15,6 +15,7 @@ FOLDERS = (
     "export",
     "geometry",
     "methods",
+    "poser",
     "report",
     "rig_health",
     "rig_tour",

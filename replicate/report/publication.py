@@ -81,13 +81,31 @@ def readable(read: Callable[[Path], object], file: Path) -> object:
 def publish_pictures(name: str, results: Sequence[CharacterResult], notebook: bool = True) -> None:
     """Copy a figure of some characters, with its words and numbers, to the profile's folder, and execute its notebook.
 
-    name: the target's; the artefacts' files are called name_character…. Of several seeds the first is shown. Figures of
-    characters that are not among them stay. notebook: whether the figure has one of its own.
+    name, results: as for `publish_files`. notebook: whether the figure has one of its own.
     """
     from replicate.report.notebooks import run_notebook
 
     profile = results[0].config.profile
-    folder, groups = results_folder(profile), by_character(results)
+    finish = (lambda: run_notebook(name, profile)) if notebook else None
+    folder, files = publish_files(name, results, finish)
+    for character in by_character(results):
+        pictures = [file for file in files[character] if file.endswith(".png")]
+        print(
+            f"written to {paths.display_path(folder)}: {', '.join(pictures)}, with their words and numbers beside them"
+        )
+    if notebook:
+        print(f"written to {paths.display_path(folder)}: {name}.ipynb to read them in")
+
+
+def publish_files(
+    name: str, results: Sequence[CharacterResult], finish: Callable[[], object] | None = None
+) -> tuple[Path, dict[str, list[str]]]:
+    """Copy what a target makes of some characters to the profile's folder; return the folder, and each one's files.
+
+    name: the target's; the artefacts' files are called name_character…. Of several seeds the first is shown. Files of
+    characters that are not among them stay. finish: called when all is there, while nobody else writes there.
+    """
+    folder, groups = results_folder(results[0].config.profile), by_character(results)
     with alone(folder):
         before = manifest.entries(folder, name)
         facts = {
@@ -104,12 +122,6 @@ def publish_pictures(name: str, results: Sequence[CharacterResult], notebook: bo
                 copy_file(file, folder / file.name)
             facts[character] = {**facts_of([first], first.stage.key), "files": [file.name for file in files]}
         manifest.write_entries(folder, name, dict(sorted(facts.items())))
-        if notebook:
-            run_notebook(name, profile)
-    for character in groups:
-        pictures = [file for file in facts[character]["files"] if file.endswith(".png")]
-        print(
-            f"written to {paths.display_path(folder)}: {', '.join(pictures)}, with their words and numbers beside them"
-        )
-    if notebook:
-        print(f"written to {paths.display_path(folder)}: {name}.ipynb to read them in")
+        if finish:
+            finish()
+    return folder, {character: facts[character]["files"] for character in groups}

@@ -1,0 +1,120 @@
+"""What a page carries of a character: mesh, our method's model, the rigid step, the IK networks and the controls."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool
+
+from data_recipes.rig import Rig
+from replicate.approximation.gated_network import SLOPE
+from replicate.approximation.regional_model import RegionalModel
+from replicate.approximation.rigid import Attachments
+from replicate.drawing.characters import colours_by_segment
+from replicate.drawing.scene import PORTRAIT
+from replicate.inverse.control_points import ControlPoints, control_points
+from replicate.inverse.ik_network import IkModel
+from replicate.poser.pack import indices
+
+Parts = tuple[dict, dict[str, np.ndarray]]  # words for the header, and arrays by name
+
+
+@dataclass(frozen=True)
+class PosedFace:
+    """A character as it is posed: the rig for its mesh, names and limits, and what stands in for its function.
+
+    model: rig parameters → offsets. attachments: what places the rigid segments. ik: control points → rig parameters.
+    influence: which control (m) moves which vertex (n).
+    """
+
+    rig: Rig
+    model: RegionalModel
+    attachments: Attachments
+    ik: IkModel
+    influence: Bool[np.ndarray, "n m"]
+
+
+def face_contents(face: PosedFace) -> Parts:
+    """Return all that a page needs to pose a face, but for the meshes that are there for display alone."""
+    header, arrays = {}, {}
+    for words, values in (
+        _mesh(face.rig),
+        _controls(face.rig),
+        _points(control_points(face.rig, face.influence)),
+        _regional(face.model),
+        _rigid(face.rig, face.attachments),
+        _inverse(face.ik),
+    ):
+        header |= words
+        arrays |= values
+    return header, arrays
+
+
+def _mesh(rig: Rig) -> Parts:
+    mesh = rig.mesh
+    paint = colours_by_segment(mesh)[mesh.segment] if rig.paint is None else np.asarray(rig.paint, np.uint8)
+    lights = [[*light.direction, light.strength, *light.colour] for light in PORTRAIT.lights]
+    return {"character": rig.name, "lights": lights, "ambient": PORTRAIT.ambient}, {
+        "neutral": mesh.neutral,
+        "faces": indices(mesh.faces, len(mesh.neutral)),
+        "paint": paint,
+    }
+
+
+def _controls(rig: Rig) -> Parts:
+    limits = np.stack([rig.lower, rig.default, rig.upper], axis=1).astype(np.float32)
+    controls = [{"name": control.name, "region": control.region} for control in rig.controls]
+    return {"controls": controls}, {"limits": limits}
+
+
+def _points(points: ControlPoints) -> Parts:
+    region_of = {i: region.name for region in points.regions for i in region.points.tolist()}
+    names = [{"name": name, "region": region_of[i]} for i, name in enumerate(points.names)]
+    return {"points": names}, {"points": points.vertices.astype(np.uint32)}
+
+
+def _regional(model: RegionalModel) -> Parts:
+    network = model.network
+    arrays = _layers("regional", [*network.layers, network.output])
+    if network.line is not None:
+        arrays["regional.line"] = _half(network.line.weight)
+    arrays["regional.scale"] = model.scale.numpy()
+    for k, basis in enumerate(model.bases):
+        arrays[f"basis.{k}.vertices"] = indices(basis.vertices.numpy(), model.vertex_count)
+        for name in ("mean", "fine", "rough", "steps"):
+            arrays[f"basis.{k}.{name}"] = getattr(basis, name).numpy()
+    words = {"layers": len(network.layers) + 1, "gated": network.is_gated, "slope": SLOPE}
+    return {"regional": {**words, "length_mm": model.length, "regions": len(model.bases)}}, arrays
+
+
+def _rigid(rig: Rig, attachments: Attachments) -> Parts:
+    segment, count = rig.mesh.segment, len(rig.mesh.neutral)
+    arrays = {}
+    for row, k in enumerate(attachments.segment):
+        arrays[f"rigid.{row}.members"] = indices(np.flatnonzero(segment == k), count)
+        arrays[f"rigid.{row}.carriers"] = indices(attachments.vertex[row], count)
+    return {"rigid": len(attachments.segment)}, arrays
+
+
+def _inverse(ik: IkModel) -> Parts:
+    regions = [
+        {"name": region.name, "points": region.points.tolist(), "parameters": region.parameters.tolist()}
+        for region in ik.regions
+    ]
+    arrays = {f"inverse.{name}": getattr(ik, name).numpy() for name in ("neutral", "spread", "default", "reach")}
+    for j, network in enumerate(ik.networks):
+        arrays |= _layers(f"inverse.{j}", [*network.hidden, network.output])
+    layers = len(ik.widths) + 1
+    return {"inverse": {"layers": layers, "slope": ik.slope, "axes": ik.axes, "regions": regions}}, arrays
+
+
+def _layers(prefix: str, layers: list) -> dict[str, np.ndarray]:
+    """Return weights (outputs, inputs) and biases of linear layers in 16 bits."""
+    arrays = {}
+    for i, layer in enumerate(layers):
+        arrays[f"{prefix}.{i}.weight"] = _half(layer.weight)
+        arrays[f"{prefix}.{i}.bias"] = _half(layer.bias)
+    return arrays
+
+
+def _half(weight: object) -> np.ndarray:
+    return weight.detach().cpu().numpy().astype(np.float16)

@@ -1,0 +1,66 @@
+"""Arrays and words as one compressed text, which a page carries in itself: one opened from disk may fetch nothing."""
+
+import base64
+import gzip
+import json
+import struct
+import zlib
+from collections.abc import Mapping
+
+import numpy as np
+
+from replicate.engine.exceptions import InputError
+
+KINDS = ("float32", "float16", "uint32", "int16", "uint16", "int8", "uint8")
+ALIGNMENT = 4  # bytes: where an array begins, so that a page can look at it in place
+HIGHEST_LEVEL = 9
+
+
+def packed(header: Mapping[str, object], arrays: Mapping[str, np.ndarray]) -> bytes:
+    """Return words and arrays as gzip; the same ones give the same bytes.
+
+    It holds the length of the header in bytes (little-endian, 32 bits), the header as JSON with a list "arrays" of
+    name, kind and shape, and the arrays one after the other. All begin at multiples of `ALIGNMENT`. Of arrays in 16
+    bits the lower bytes come first, then the upper ones, which are more alike: they take a twentieth less.
+    Raises InputError for an array of another kind than `KINDS`.
+    """
+    for name, array in arrays.items():
+        if array.dtype.name not in KINDS:
+            raise InputError(f"array {name!r} is of {array.dtype.name}: allowed are {', '.join(KINDS)}")
+    entries = [{"name": name, "kind": a.dtype.name, "shape": list(a.shape)} for name, a in arrays.items()]
+    text = json.dumps({**header, "arrays": entries}, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % ALIGNMENT)
+    parts = [struct.pack("<I", len(text)), text]
+    for array in arrays.values():
+        data = np.ascontiguousarray(array, array.dtype.newbyteorder("<")).tobytes()
+        data = np.frombuffer(data, np.uint8).reshape(-1, 2).T.tobytes() if array.itemsize == 2 else data
+        parts.append(data + bytes(-len(data) % ALIGNMENT))
+    return gzip.compress(b"".join(parts), HIGHEST_LEVEL, mtime=0)
+
+
+def unpacked(data: bytes) -> tuple[dict, dict[str, np.ndarray]]:
+    """Return (header, arrays) of what `packed` gave. Raises InputError for anything else."""
+    try:
+        plain = gzip.decompress(data)
+        (length,) = struct.unpack_from("<I", plain)
+        header = json.loads(plain[4 : 4 + length])
+        arrays, place = {}, 4 + length
+        for entry in header.pop("arrays"):
+            kind, count = np.dtype(entry["kind"]).newbyteorder("<"), int(np.prod(entry["shape"]))
+            data = plain[place : place + count * kind.itemsize]
+            data = np.frombuffer(data, np.uint8).reshape(2, -1).T.tobytes() if kind.itemsize == 2 else data
+            arrays[entry["name"]] = np.frombuffer(data, kind).reshape(entry["shape"])
+            place += -(-len(data) // ALIGNMENT) * ALIGNMENT
+    except (OSError, EOFError, zlib.error, ValueError, KeyError, TypeError, struct.error) as error:
+        raise InputError(f"found no packed arrays ({error})") from None
+    return header, arrays
+
+
+def as_text(data: bytes) -> str:
+    """Return bytes as base64."""
+    return base64.b64encode(data).decode("ascii")
+
+
+def indices(values: np.ndarray, below: int) -> np.ndarray:
+    """Return whole numbers from 0 to below a limit in 16 bits where that does, else in 32."""
+    return np.asarray(values).astype(np.uint16 if below <= 1 << 16 else np.uint32)

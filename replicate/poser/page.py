@@ -1,0 +1,46 @@
+"""The page to pose in (§5.3.1): one HTML file with style, script and data, which opens from disk and loads nothing."""
+
+import html
+from collections.abc import Mapping
+from pathlib import Path
+from string import Template
+
+import numpy as np
+
+from replicate.poser.pack import as_text, packed
+
+FRONT = Path(__file__).parent / "front"
+TEMPLATE, STYLE = FRONT / "page.html", FRONT / "poser.css"
+SCRIPTS = tuple(
+    FRONT / f"{name}.js"
+    for name in (
+        "packed", "networks", "face", "display", "pose", "pose_files", "view", "points", "panel", "poser", "self_test",
+    )
+)  # fmt: skip
+SOURCES = (TEMPLATE, STYLE, *SCRIPTS)  # what a page depends on beside its data
+ABOUT = (
+    "Drag a red dot: small networks turn the dots' places into values of {controls} controls (inverse kinematics, §4 "
+    "and §5.3.1 of Fast and Deep Facial Deformations), and an approximation of the rig, our regional method, turns "
+    "these into {vertices:,} vertices. Everything runs in this page; nothing is sent anywhere."
+)
+
+
+def page(header: Mapping[str, object], arrays: Mapping[str, np.ndarray], provenance: str) -> str:
+    """Return the HTML of a page to pose a face in.
+
+    header, arrays: its contents. provenance: where it comes from, in a sentence.
+    """
+    about = ABOUT.format(controls=len(header["controls"]), vertices=len(arrays["neutral"]))
+    return Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
+        title=html.escape(f"Pose the {header['character']}"),
+        about=html.escape(about),
+        provenance=html.escape(provenance),
+        style=STYLE.read_text(encoding="utf-8"),
+        packed=as_text(packed(header, arrays)),
+        script=script(),
+    )
+
+
+def script() -> str:
+    """Return the page's JavaScript, `mountPoser` and all that it needs."""
+    return "\n".join(file.read_text(encoding="utf-8") for file in SCRIPTS)
