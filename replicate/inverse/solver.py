@@ -1,4 +1,4 @@
-"""Inverse kinematics by iteration: Eq. 8 minimised anew for each configuration, instead of by a network (§4).
+"""Inverse kinematics by iteration: Eq. 6 with the penalty of Eq. 8, minimised anew for each configuration (§4).
 
 The paper turns it down for its speed. Here it says how much of an error is the network's, and how much the gradient's.
 """
