@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
 COUNT, TALL = 3, 1.2  # configurations, those with the most points; a picture's height over its width
+FARTHEST_MM = 40.0  # that a vertex is drawn from where the rig has it: some approximations fly apart
 RED, RADIUS_MM = (214, 39, 40), 2.4  # of a control point
 TITLE = "the rig"
 LINES = ("distance", "normal error")
@@ -57,7 +58,7 @@ def figure11(
         for title, vertices in faces.items():
             lines = ("", "") if title == TITLE else _errors(rig, vertices, truth[k])
             picture = render(
-                [*_surfaces(rig, params[k], truth[k], vertices), points],
+                [*_surfaces(rig, params[k], truth[k], held(vertices, truth[k])), points],
                 camera_for("front", rig.mesh.neutral),
                 width,
                 round(TALL * width),
@@ -74,8 +75,16 @@ def figure11(
         f"Faces that inverse kinematics poses (after Fig. 11). Red: where the control points shall go. From {few} to "
         f"{many} of the {targets.shape[1]} are dragged, by up to 25 mm, which the rig can't always follow. All faces "
         f"of a row have the parameters of the same IK networks, which are trained through the model {source}. Below: "
-        "mean distance from the rig, and mean angle between normals (Eq. 11).",
+        "mean distance from the rig, and mean angle between normals (Eq. 11). What an approximation throws farther "
+        f"than {FARTHEST_MM:g} mm is drawn at that distance.",
     )
+
+
+def held(vertices: Float[np.ndarray, "n 3"], truth: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Return vertices that are at most FARTHEST_MM from where the rig has them, for a picture to show them."""
+    apart = vertices - truth
+    length = np.linalg.norm(apart, axis=1, keepdims=True)
+    return truth + apart * np.minimum(1.0, FARTHEST_MM / np.maximum(length, 1e-9))
 
 
 def _surfaces(rig: Rig, params: np.ndarray, truth: np.ndarray, vertices: np.ndarray) -> list[Surface]:

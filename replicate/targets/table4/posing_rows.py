@@ -24,6 +24,7 @@ from replicate.report.run_name import run_name
 from replicate.targets.table4.posing_numbers import PosingNumbers, Source
 
 ROWS = "table4.csv"
+LIMITED = "_limited"  # the ending of errors at parameters that are brought within their controls' limits
 FED_BY = ("refined", "coarse")  # whose networks feed all methods: the full CNN's, as in the paper, or what there is
 RECOVERED, DERIVATIVES = 200, 25  # test poses whose points are found again, and whose derivatives are compared
 Number = tuple[str, str, str, float, int]  # method, metric, unit, value, poses
@@ -43,8 +44,11 @@ def write_all(
     with progress(2 * len(settings.sources), "posing") as bar:
         posed = {}
         for source in settings.sources:
-            posed[source.name] = pose(rig, ik_stage.load(inputs, source.name).solve(targets))
+            params = ik_stage.load(inputs, source.name).solve(targets)
+            posed[source.name] = pose(rig, params)
             numbers += _approximations(settings, inputs, rig, source, posed[source.name])
+            limited = pose(rig, np.clip(params, rig.lower, rig.upper))
+            numbers += _approximations(settings, inputs, rig, source, limited, LIMITED)
             bar.update(1)
         for source in settings.sources:
             numbers += _points(settings, inputs, rig, points, source, posed[source.name], targets)
@@ -76,17 +80,18 @@ def feeder(settings: PosingNumbers, method: str) -> str:
 
 
 def _approximations(
-    settings: PosingNumbers, inputs: Mapping[str, Path], rig: Rig, source: Source, posed: Posed
+    settings: PosingNumbers, inputs: Mapping[str, Path], rig: Rig, source: Source, posed: Posed, ending: str = ""
 ) -> list[Number]:
+    """Return every method's errors in the poses that a source leads to. ending: of the metrics' names."""
     rigid = rigid_segments.load(inputs).segment.tolist()
     predictors = {numbers.method: predictor(numbers, inputs) for numbers in settings.methods}
     numbers = []
     for method, errors in approximation_errors(rig, posed, predictors, rigid, 32).items():
         for kind, unit, tally in (("vertex", "mm", errors.vertex), ("normal", "deg", errors.normal)):
             mean, count = summary(tally).mean, len(errors.pose_mm)
-            numbers.append((method, f"{kind}_error_mean[{source.name}]", unit, mean, count))
+            numbers.append((method, f"{kind}_error_mean{ending}[{source.name}]", unit, mean, count))
             if feeder(settings, method) == source.name:
-                numbers.append((method, f"{kind}_error_mean", unit, mean, count))
+                numbers.append((method, f"{kind}_error_mean{ending}", unit, mean, count))
     return numbers
 
 

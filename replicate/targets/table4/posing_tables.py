@@ -8,7 +8,13 @@ from replicate.report.cast import STANDS_FOR, characters_of
 from replicate.report.results import Row, find, most_seeds
 from replicate.report.tables import Table, paper_value, round_off
 from replicate.targets.table2.error_table import method_notes
+from replicate.targets.table4.posing_rows import LIMITED
 
+ENDINGS = (("", ""), (LIMITED, ", within limits"))
+WITHIN = (
+    "Within limits: at the same parameters, each brought within the limits of its control. The rig's controls saturate "
+    "at their limits; an approximation that has not seen parameters beyond them does not."
+)
 KINDS = (("vertex", "mm", "Distance error, mm"), ("normal", "deg", "Normal angle error, degrees"))
 COLUMNS = (  # of the table about the networks: metric, unit, header
     ("point_error_mean", "mm", "points, mm"),
@@ -35,19 +41,20 @@ def posing_table(rows: Sequence[Row], paper: Sequence[Row]) -> Table:
     characters = characters_of(rows)
     present = in_order({row.method for row in rows if row.metric in ("vertex_error_mean", "normal_error_mean")})
     body: list[tuple[str, ...] | None] = []
-    for kind, unit, words in KINDS:
-        body += [None] if body else []
-        body.append((words, *[""] * (2 * len(characters))))
-        for method in present:
-            cells = [method_named(method).title]
-            for character in characters:
-                mine = find(rows, "table4", character, method, f"{kind}_error_mean")
-                cells.append(round_off(mine.value, unit, mine.sd) if mine else "–")
-                theirs = STANDS_FOR.get(character, "")
-                cells.append(paper_value(find(paper, "table4", theirs, method, f"{kind}_error_mean")))
-            body.append(tuple(cells))
+    for ending, addition in ENDINGS:
+        for kind, unit, words in KINDS:
+            body += [None] if body else []
+            body.append((words + addition, *[""] * (2 * len(characters))))
+            for method in present:
+                cells = [method_named(method).title]
+                for character in characters:
+                    mine = find(rows, "table4", character, method, f"{kind}_error_mean{ending}")
+                    cells.append(round_off(mine.value, unit, mine.sd) if mine else "–")
+                    theirs = STANDS_FOR.get(character, "")
+                    cells.append(paper_value(find(paper, "table4", theirs, method, f"{kind}_error_mean{ending}")))
+                body.append(tuple(cells))
     header = ("", *(name for character in characters for name in (character, STANDS_FOR.get(character, ""))))
-    notes = (_about(rows), *method_notes(present))
+    notes = (_about(rows), WITHIN, *method_notes(present))
     return Table("Table 4: errors in poses that inverse kinematics finds", (header,), tuple(body), notes)
 
 
@@ -56,13 +63,15 @@ def feeding_table(rows: Sequence[Row], character: str) -> Table:
     sources = _sources(rows)
     methods = in_order({row.method for row in rows if row.metric.startswith("normal_error_mean[")})
     body: list[tuple[str, ...] | None] = []
-    for kind, unit, words in KINDS:
-        body += [None] if body else []
-        body.append((words, *[""] * len(sources)))
-        for method in methods:
-            found = [find(rows, "table4", character, method, f"{kind}_error_mean[{source}]") for source in sources]
-            cells = (round_off(row.value, unit, row.sd) if row else "–" for row in found)
-            body.append((method_named(method).label, *cells))
+    for ending, addition in ENDINGS:
+        for kind, unit, words in KINDS:
+            body += [None] if body else []
+            body.append((words + addition, *[""] * len(sources)))
+            for method in methods:
+                metric = f"{kind}_error_mean{ending}"
+                found = [find(rows, "table4", character, method, f"{metric}[{source}]") for source in sources]
+                cells = (round_off(row.value, unit, row.sd) if row else "–" for row in found)
+                body.append((method_named(method).label, *cells))
     header = ("in poses of networks that are trained through", *map(source_label, sources))
     note = "A line is an approximation, a column the poses that it is measured in; both are compared with the rig."
     return Table(f"Who leads where: {character}", (header,), tuple(body), (note, _about(rows)))
