@@ -47,7 +47,7 @@ def open_mouth(rig: Rig) -> Float32[np.ndarray, " m"]:
 def coloured_views(
     rig: Rig,
     colours: UInt8[np.ndarray, "f 3"],
-    below: Sequence[UInt8[np.ndarray, "h w 3"]],
+    below: Sequence[UInt8[np.ndarray, "_ w 3"]],
     across: int | None = None,
     renderer: str | None = None,
 ) -> "matplotlib.figure.Figure":
