@@ -39,8 +39,8 @@ def test_what_a_page_cannot_hold_is_refused():
 
 
 def test_indices_are_as_narrow_as_they_can_be():
-    assert indices([65_535], 65_536).dtype == np.uint16
-    assert indices([65_536], 65_537).dtype == np.uint32
+    assert indices(np.array([65_535]), 65_536).dtype == np.uint16
+    assert indices(np.array([65_536]), 65_537).dtype == np.uint32
 
 
 def test_a_page_has_the_model_as_it_is_stored():

@@ -79,7 +79,8 @@ def test_a_drag_moves_its_dot_and_no_parameter_of_another_region(report):
 
 def test_a_slider_moves_its_control_alone_and_the_points_go_with_the_face(report):
     slider = report["slider"]
-    assert slider["moved"] == ["c0"] and slider["value"] == pytest.approx(slider["wanted"]) and slider["apart_mm"] == 0
+    assert slider["moved"] == ["c0"] and slider["apart_mm"] == 0
+    assert slider["value"] == pytest.approx(slider["wanted"], abs=0.003)  # a thousandth of its range
 
 
 def test_a_pose_comes_back_from_its_file_and_from_its_link(report):
