@@ -106,7 +106,7 @@ async function mountPoser(root, bytes) {
     file.value = "";
   });
   listenToView(svg, view, redraw);
-  new ResizeObserver(redraw).observe(stage);
+  new ResizeObserver(draw).observe(stage); // at once: what was drawn for the old size would be stretched
   const fromLink = () => {
     const link = location.hash.slice(1);
     if (link.includes(".") && link !== poseLink(packed, pose)) load(() => readLink(packed, link));
