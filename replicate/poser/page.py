@@ -20,8 +20,8 @@ SCRIPTS = tuple(
 SOURCES = (TEMPLATE, STYLE, *SCRIPTS)  # what a page depends on beside its data
 ABOUT = (
     "Drag a red dot: small networks (inverse kinematics, §4 of Fast and Deep Facial Deformations) find values of "
-    "{controls} controls, and an approximation of the rig, our regional method, turns these into {vertices:,} vertices. "
-    "Nothing leaves this page."
+    "{controls} controls, and an approximation of the rig, our regional method, turns these into {vertices:,} "
+    "vertices. Nothing leaves this page."
 )
 
 

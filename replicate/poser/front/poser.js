@@ -9,7 +9,7 @@ const MARKUP = `
       <button type="button" name="front">Front view</button>
       <button type="button" name="save">Save as a file</button>
       <button type="button" name="load">Load a file</button>
-      <button type="button" name="dots" aria-pressed="true">Dots</button>
+      <button type="button" name="dots" aria-pressed="true">Show the dots</button>
       <input type="file" accept=".json,application/json" hidden>
     </div>
     <p class="status" role="status"></p>
