@@ -60,8 +60,8 @@ def display_contents(rig: Rig, progress: Callable) -> Parts:
     }
 
 
-def _used(prop: Prop) -> Prop:
-    """Return a prop without the vertices that are in no face."""
+def _used(prop: tuple) -> Prop:
+    """Return a prop without the vertices that are in no face, with a colour for each; it may have one for all."""
     name, vertices, faces, colours = prop
     used, faces = np.unique(faces, return_inverse=True)
     paint = np.broadcast_to(np.asarray(colours, np.uint8), (len(vertices), 3))
@@ -117,7 +117,7 @@ def _alone(
             yield from _alone(rig, rest, limits, half, done)
 
 
-def _eye_points(props: list[Prop]) -> EyePoints:
+def _eye_points(props: list[tuple]) -> EyePoints:
     points: dict[str, list[np.ndarray]] = {}
     for name, vertices, _, _ in props:
         if name.startswith(EYE):

@@ -19,9 +19,9 @@ SCRIPTS = tuple(
 )  # fmt: skip
 SOURCES = (TEMPLATE, STYLE, *SCRIPTS)  # what a page depends on beside its data
 ABOUT = (
-    "Drag a red dot: small networks turn the dots' places into values of {controls} controls (inverse kinematics, §4 "
-    "and §5.3.1 of Fast and Deep Facial Deformations), and an approximation of the rig, our regional method, turns "
-    "these into {vertices:,} vertices. Everything runs in this page; nothing is sent anywhere."
+    "Drag a red dot: small networks (inverse kinematics, §4 of Fast and Deep Facial Deformations) find values of "
+    "{controls} controls, and an approximation of the rig, our regional method, turns these into {vertices:,} "
+    "vertices. Nothing leaves this page."
 )
 
 

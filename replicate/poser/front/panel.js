@@ -10,7 +10,7 @@ function createPanel(root, { header, arrays }, pose, changed) {
     const group = groups.get(region), [lower, usual, upper] = limits.subarray(3 * j, 3 * j + 3);
     const label = group.list.appendChild(document.createElement("label"));
     const words = label.appendChild(document.createElement("span"));
-    words.textContent = spaced(name);
+    words.textContent = label.title = spaced(name);
     const input = label.appendChild(document.createElement("input"));
     Object.assign(input, { type: "range", min: lower, max: upper, step: (upper - lower) / 1000, value: usual });
     const number = label.appendChild(document.createElement("output"));

@@ -2,7 +2,7 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 const KEYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
-const KEY_MM = 0.5, DOT_PX = 6, GRIP_PX = 13;
+const KEY_MM = 0.5, DOT_PX = 5.5, GRIP_PX = 13;
 
 // Returns {update}, which moves dots and lines to where pose and view have them. changed(i): point i was dragged.
 function createPoints(svg, { header }, pose, view, changed) {

@@ -9,7 +9,7 @@ const MARKUP = `
       <button type="button" name="front">Front view</button>
       <button type="button" name="save">Save as a file</button>
       <button type="button" name="load">Load a file</button>
-      <button type="button" name="dots" aria-pressed="true">Dots</button>
+      <button type="button" name="dots" aria-pressed="true">Show the dots</button>
       <input type="file" accept=".json,application/json" hidden>
     </div>
     <p class="status" role="status"></p>
@@ -106,7 +106,7 @@ async function mountPoser(root, bytes) {
     file.value = "";
   });
   listenToView(svg, view, redraw);
-  new ResizeObserver(redraw).observe(stage);
+  new ResizeObserver(draw).observe(stage); // at once: what was drawn for the old size would be stretched
   const fromLink = () => {
     const link = location.hash.slice(1);
     if (link.includes(".") && link !== poseLink(packed, pose)) load(() => readLink(packed, link));

@@ -17,7 +17,8 @@ in vec3 n; in vec3 colour; flat in int finish;
 uniform vec3 from[LIGHTS]; uniform vec4 light[LIGHTS]; uniform float ambient; uniform vec2 finishes[FINISHES];
 out vec4 seen;
 void main() {
-  vec3 u = normalize(n) * (gl_FrontFacing ? 1.0 : -1.0);
+  vec3 u = normalize(n);
+  if (!gl_FrontFacing && u.z < 0.0) u = -u; // a surface that is seen from behind
   vec3 sum = vec3(ambient), glint = vec3(0.0);
   for (int i = 0; i < LIGHTS; i++) {
     sum += light[i].rgb * light[i].a * max(dot(u, from[i]), 0.0);

@@ -1,0 +1,121 @@
+"""The page itself, in a browser: its arithmetic is Python's, drags and files do what they say, nothing is fetched."""
+
+import html
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from posed_face import posed_face
+
+from replicate.engine.progress import progress
+from replicate.poser.check_poses import check_contents
+from replicate.poser.contents import face_contents
+from replicate.poser.display_parts import display_contents
+from replicate.poser.page import page
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+GRAPHICS = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+FRAMES_MS = 3_000  # of the browser's own time
+
+
+def page_of(damage=lambda arrays: None):
+    face = posed_face()
+    parts = face_contents(face), check_contents(face, np.random.default_rng(0)), display_contents(face.rig, progress)
+    header, arrays = ({k: v for part in parts for k, v in part[side].items()} for side in (0, 1))
+    damage(arrays)
+    return page(header, arrays, "a test & nothing else")
+
+
+def browsed(folder, text, *options, ending=""):
+    """Return the page as a browser has it after a while; a browser without a network."""
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        pytest.skip(f"needs a browser, one of {', '.join(BROWSERS)}")
+    file = folder / "page.html"
+    file.write_text(text, encoding="utf-8")
+    command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", *(options or GRAPHICS)]
+    command += [f"--user-data-dir={folder / 'profile'}", "--proxy-server=127.0.0.1:9", "--window-size=1200,800"]
+    command += [f"--virtual-time-budget={FRAMES_MS}", "--dump-dom", f"{file.as_uri()}{ending}"]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300).stdout
+
+
+def report_of(dom):
+    (text,) = re.findall(r'<pre id="selftest">(.*?)</pre>', dom, re.DOTALL)
+    report = json.loads(html.unescape(text))
+    assert "error" not in report, report["error"]
+    return report
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    return report_of(browsed(tmp_path_factory.mktemp("browser"), page_of(), ending="#selftest"))
+
+
+def test_vertices_and_parameters_are_those_of_python(report):
+    assert report["poses"] == 4
+    assert report["vertices_mm"] < 0.01 and report["parameters"] < 1e-4
+
+
+def test_a_wrong_answer_would_be_noticed(tmp_path):
+    def damage(arrays):
+        arrays["check.vertices"][2, -1, 1] += 1  # of the tooth
+        arrays["check.solved"][1, 3] += 0.3
+
+    wrong = report_of(browsed(tmp_path, page_of(damage), ending="#selftest"))
+    assert wrong["vertices_mm"] == pytest.approx(1, abs=0.01) and wrong["parameters"] == pytest.approx(0.1, abs=1e-3)
+
+
+def test_a_drag_moves_its_dot_and_no_parameter_of_another_region(report):
+    assert [drag["region"] for drag in report["drags"]] == ["face", "neck"]
+    for drag in report["drags"]:
+        np.testing.assert_allclose(drag["target_mm"], [2, -3, 0], atol=1e-3)
+        np.testing.assert_allclose(drag["dot_px"], 0, atol=0.1)
+        assert drag["moved"] and set(drag["moved"]) <= set(drag["allowed"])
+        assert np.abs(drag["reached_mm"]).max() > 1e-3
+
+
+def test_a_slider_moves_its_control_alone_and_the_points_go_with_the_face(report):
+    slider = report["slider"]
+    assert slider["moved"] == ["c0"] and slider["apart_mm"] == 0
+    assert slider["value"] == pytest.approx(slider["wanted"], abs=0.003)  # a thousandth of its range
+
+
+def test_a_pose_comes_back_from_its_file_and_from_its_link(report):
+    assert report["file"] < 1e-3 and report["link"] < 0.01
+
+
+def test_files_that_are_no_poses_of_this_face_are_refused_in_a_sentence_and_change_nothing(report):
+    words = {
+        "letters": "no JSON",
+        "list": "holds no pose",
+        "stranger": "of the character nobody, and the face here is small",
+        "control": 'no control "nose_length"',
+        "value": 'the control "c0" is 99: a number from -1 to 2 is allowed',
+        "point": 'the control point "point_01" is undefined',
+        "link": "no pose of small",
+    }
+    for name, phrase in words.items():
+        assert report["refused"][name] and phrase in report["refused"][name], name
+
+
+def test_a_browser_that_lacks_something_is_told_what(tmp_path):
+    old = page_of().replace("<script>", "<script>delete window.DecompressionStream;</script>\n<script>", 1)
+    assert "this browser has no DecompressionStream" in browsed(tmp_path, old)
+    assert "this browser shows no WebGL 2" in browsed(tmp_path, page_of(), "--disable-3d-apis")
+
+
+def test_a_page_is_one_file_that_asks_for_nothing():
+    text = page_of()
+    addresses = set(
+        re.findall(r"\w+://[^\"'\s)]*", re.sub(r'<script id="packed".*?</script>', "", text, flags=re.DOTALL))
+    )
+    assert addresses == {"http://www.w3.org/2000/svg"}, "that is the name of a kind of element"
+    assert not re.findall(r"<link|<img|<iframe|\bsrc=|\bimport\b|XMLHttpRequest|WebSocket|fetch\(|@import|url\(", text)
+    assert "default-src 'none'" in text and "a test &amp; nothing else" in text
+
+
+def test_the_same_face_makes_the_same_page():
+    assert page_of() == page_of()
