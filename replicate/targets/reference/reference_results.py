@@ -5,7 +5,7 @@ merges the manifests, executes the notebooks on what is there then, and writes t
 """
 
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 from replicate.benchmarks.bench_poses import health_card
@@ -43,8 +43,8 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
 
     Of a table each character is replaced as a whole, and those that the run lacks stay, so that characters may be run
     one at a time. Files without a new result stay as they are. add_seeds: whether the seeds of Table 2 join those that
-    are committed of the same characters; everything else of such a character stays as it is. Raises InputError, before
-    it writes anything, if neither has results, or some come from a tree with changes.
+    are committed of the same characters; what else of such a character is committed stays as it is. Raises
+    InputError, before it writes anything, if neither has results, or some come from a tree with changes.
     """
     run, bench, rigs = (paths.run_folder(name) for name in (profile, BENCH, "rigs"))
     of_run, of_bench = manifest.targets(run), manifest.targets(bench)
@@ -63,22 +63,37 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
     files = committed_seeds.put_table2(run, shared) if TABLE2 in of_run else []
     done = [file.name for file in files]
     for file in sorted(run.iterdir()) if of_run else ():
-        if _is_result(file) and file.name not in done and not _is_of(file, shared):
-            files.append(_put(file, shared))
+        stay = _committed(_target_of(file, of_run), shared)
+        if _is_result(file) and file.name not in done and not _is_of(file, stay):
+            files.append(_put(file, stay))
     for file in sorted(bench.iterdir()) if of_bench else ():
         if _is_result(file) and (file.suffix != ".csv" or file.stem in of_bench):
             files.append(_put(file))
-    for folder, names, stay in ((run, of_run, shared), (bench, of_bench, ())):
+    for folder, names, of_both in ((run, of_run, shared), (bench, of_bench, ())):
         for target in names:
             if target != TABLE2:
+                stay = _committed(target, of_both)
                 new = {name: facts for name, facts in manifest.entries(folder, target).items() if name not in stay}
                 both = manifest.entries(paths.REFERENCE, target) | new
-                manifest.write_entries(paths.REFERENCE, target, dict(sorted(both.items())))
+                if both:
+                    manifest.write_entries(paths.REFERENCE, target, dict(sorted(both.items())))
     files += redraw_charts(paths.REFERENCE, shared)
     write_claims(paths.REFERENCE, gather([paths.REFERENCE]))
     files.append(paths.REFERENCE / CLAIMS)
     files += [_put(rigs / name) for name in shown_pictures() if (rigs / name).is_file()]
     return files + _texts(manifest.targets(paths.REFERENCE))
+
+
+def _committed(target: str, characters: Collection[str]) -> list[str]:
+    """Return those of some characters that the committed results of a target have; of Table 2 all of them."""
+    there = manifest.entries(paths.REFERENCE, target)
+    return [character for character in characters if target == TABLE2 or character in there]
+
+
+def _target_of(file: Path, targets: Sequence[str]) -> str:
+    """Return which target a file of results is of: the one with the longest name that it begins with, or Table 2."""
+    owners = [name for name in targets if file.stem == name or file.stem.startswith(f"{name}_")]
+    return max(owners, key=len, default=TABLE2)
 
 
 def shown_pictures() -> list[str]:
