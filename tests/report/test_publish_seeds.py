@@ -12,7 +12,7 @@ from toy_texts import texts_to_fill
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.report import manifest, notebooks
-from replicate.report.results import read_results
+from replicate.report.results import Row, read_results, write_results
 from replicate.report.seed_results import of_character, read_seeds
 from replicate.report.training_curves import read_curves
 from replicate.targets.reference import reference_results as reference
@@ -70,6 +70,27 @@ def test_pictures_and_curves_stay_those_of_the_first_seed_and_charts_follow(publ
     assert read_curves(paths.REFERENCE / "table2_curves.csv").items() >= curves.items()
     assert f"Coarse {mean_row().value:.2f} mm" in json.loads(chart.read_text())["alt"]
     assert committed("tiny") and mean_row("tiny").seeds == 1, "a new character comes as a whole"
+
+
+def test_a_table_that_is_not_committed_yet_of_a_character_comes_with_its_seed_and_stays_then(publish, tmp_path):
+    def run_with_table4(name: str, seed: int, value: float) -> None:
+        folder = tmp_path / name / "quick"
+        folder.mkdir(parents=True)
+        facts = ("vertex_error_mean", "mm", value, None, 1, 25, "quick", name)
+        write_results(folder / "table4.csv", [Row("table4", "teen", "dense", *facts)])
+        manifest.write_entries(folder, "table4", {"teen": {"run": name, "git": {"commit": name, "clean": True}}})
+        publish(name, result("teen", seed, name))
+
+    def table4() -> float:
+        (row,) = read_results(paths.REFERENCE / "table4.csv")
+        assert manifest.entries(paths.REFERENCE, "table4")["teen"]["run"] == row.run
+        return row.value
+
+    publish("first", result("teen", 0))
+    run_with_table4("second", 1, 0.5)
+    assert table4() == 0.5
+    run_with_table4("third", 2, 0.9)
+    assert table4() == 0.5 and sorted(committed()) == [0, 1, 2]
 
 
 def test_a_seed_that_both_have_is_the_runs(publish):
