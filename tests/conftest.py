@@ -38,7 +38,7 @@ LONG = (
     "test_teen.py",
     "test_ladder.py",
     "test_dragon.py",
-    "test_figures.py",
+    "test_panels.py",
 )
 
 

@@ -1,0 +1,33 @@
+"""Figure 1: head and forehead with both errors; its words are not those of Figures 9 and 10."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bumpy_plate import bumpy_plate, pictures_of, texts_of
+
+from replicate.report.pose_record import PoseRecord
+from replicate.targets.figure01.side_by_side import figure01
+from replicate.targets.figure09.forehead_wrinkles import figure09
+from replicate.targets.figure10.error_faces import figure10
+
+
+@pytest.fixture
+def record() -> PoseRecord:
+    """A bumpy plate that two methods predict."""
+    return bumpy_plate()
+
+
+def test_figure_1_shows_head_and_forehead_with_both_errors_below(record):
+    both = replace(record, vertices=record.vertices | {"refined": record.vertices["truth"] + np.float32([0, 0, 0.5])})
+    figure, words = figure01(both, across=160, renderer="software")
+    assert len(pictures_of(figure)) == 4 and texts_of(figure)[-4:] == ["Ground truth", "Refined", "0.50 mm", "0.00°"]
+    assert texts_of(figure)[:2] == ["distance error", "normal error"]
+    assert "Refined 0.50 mm and 0.00°" in words.alt and "Fig. 1)" in words.caption
+
+
+def test_the_captions_of_the_figures_differ(record):
+    drawn = [figure01(record, 24, "software"), figure09(record, across=24, renderer="software"),
+             figure10(record, across=24, renderer="software")]  # fmt: skip
+    assert len({words.caption.partition("test pose")[0] for _, words in drawn}) == 3
+    assert len({words.alt for _, words in drawn}) == 3

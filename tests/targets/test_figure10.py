@@ -1,0 +1,70 @@
+"""Figure 10: half of a face is its surface, half its normal errors in colours, on one scale, with numbers below."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bumpy_plate import bumpy_plate, pictures_of, texts_of
+
+from replicate.approximation.metrics import normal_error
+from replicate.drawing.heatmap import error_colours
+from replicate.report.pose_record import PoseRecord
+from replicate.targets.figure10.error_faces import figure10, picture_name
+
+
+@pytest.fixture
+def record() -> PoseRecord:
+    """A bumpy plate that two methods predict."""
+    return bumpy_plate()
+
+
+def test_figure_10_halves_each_methods_face_into_surface_and_heat_on_one_scale(record):
+    figure, _ = figure10(record, 10.0, across=60, renderer="software")
+    truth, coarse, dense = pictures_of(figure)
+    exact, limit = (error_colours(np.float32([error]), 10.0)[0] for error in (0, 10))
+    assert np.ptp(truth.astype(int), axis=-1).max() < 20, "clay is grey, heat is not"
+    for picture in (coarse, dense):
+        colourful = np.ptp(picture.astype(int), axis=-1) > 40
+        assert not colourful[:, :28].any() and colourful[20:50, 34:].mean() > 0.5
+    assert not (coarse == limit).all(-1)[:, :28].any() and not (truth == exact).all(-1).any()
+    bar = figure.axes[-1]
+    assert bar.get_xlim() == (0, 10) and "degrees" in bar.get_xlabel()
+
+
+def test_figure_10_prints_the_mean_of_the_mesh_and_of_each_region_below_each_face(record):
+    figure, words = figure10(record, 10.0, across=60, renderer="software")
+    texts = texts_of(figure)
+    rows = ["whole mesh", "forehead", "mouth"]
+    assert [name for name in texts if name in rows] == rows
+    errors = {
+        method: normal_error(record.vertices[method], record.vertices["truth"], record.faces)
+        for method in ("coarse", "dense")
+    }
+    expected = []
+    for error in errors.values():
+        expected += [f"{part.mean():.2f}°" for part in (error, error[record.region == 0], error[record.region == 1])]
+    assert [text for text in texts if text.endswith("°")] == expected and len(set(expected)) == 6
+    assert f"Coarse {expected[0]}" in words.alt and "Refined" not in words.caption
+    assert words.caption.startswith("Test pose 7 of teen, the one whose forehead folds most (after Fig. 10)")
+
+
+def test_figure_10_breaks_many_methods_into_rows_of_five(record):
+    names = ("coarse", "refined", "dense", "lbs16", "lbs24", "lbs32", "linear")
+    many = replace(record, vertices={"truth": record.vertices["truth"]} | dict.fromkeys(names, record.neutral))
+    figure, _ = figure10(many, across=40, renderer="software")
+    places = [axes.get_position() for axes in figure.axes if axes.images]
+    tops = [round(place.y1, 3) for place in places]
+    assert [tops.count(top) for top in dict.fromkeys(tops)] == [3, 5], "so that LBS stands in one row"
+    assert all(0 <= place.x0 and place.x1 <= 1 and 0 <= place.y0 and place.y1 <= 1 for place in places)
+    assert texts_of(figure).count("whole mesh") == 2, "each row says what its numbers are"
+
+
+def test_captions_say_by_which_rule_a_pose_was_chosen(record):
+    records = [record, *(replace(record, choice=rule, ranked_by="refined") for rule in ("median", "worst"))]
+    captions = [figure10(one, across=24, renderer="software")[1].caption for one in records]
+    assert "the median of the mean normal errors of “Refined”" in captions[1]
+    assert "the largest mean normal error of “Refined”" in captions[2]
+    assert [picture_name(one) for one in records] == ["figure10_teen", "figure10_teen_median", "figure10_teen_worst"]
+    close = figure10(record, camera="forehead", across=24, renderer="software")[1].caption
+    assert close.startswith("Close up on the forehead, test pose 7") and len({*captions, close}) == 4
+    assert picture_name(record, "forehead") == "figure10_teen_forehead"
