@@ -21,11 +21,10 @@ from replicate.artefacts.plan import Plan, reference
 from replicate.benchmarks.bench_methods import time_ways
 from replicate.benchmarks.common import PROFILE, add_count, answer, artefacts_of, make_parser, publish, split_names
 from replicate.config import Config, resolve
-from replicate.engine.stage import stream_rng
 from replicate.geometry.normals import vertex_normals
 from replicate.inverse import ik_stage
+from replicate.inverse.configurations import configurations
 from replicate.inverse.control_points import ControlPoints, control_points
-from replicate.inverse.drags import scripted_drags, targets_of
 from replicate.inverse.ik_config import InverseConfig
 from replicate.inverse.ik_training import parameter_ranges
 from replicate.inverse.solver import solve
@@ -60,8 +59,7 @@ def measure(config: Config, words: Sequence[str], rounds: int) -> list[Row]:
     inputs = artefacts_of(TABLE, config, stages)
     rig = built_rig.load(inputs)
     points = control_points(rig, control_influence.load(inputs))
-    drags = scripted_drags(points.names, stream_rng(0, TABLE, "drags"), rounds)
-    targets = targets_of(rig.mesh.neutral[points.vertices], points.names, drags)
+    targets = configurations(rig, points, stream=TABLE, count=rounds)
     with threadpool_limits(1):
         networks, updates = ways_of(methods, plan, inputs, rig)
         times = {"ik_ms": time_ways(networks, targets, rounds), "update_ms": time_ways(updates, targets, rounds)}

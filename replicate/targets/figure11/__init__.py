@@ -3,18 +3,17 @@
 import argparse
 from collections.abc import Sequence
 
-from data_recipes.recipe_paths import drags_file
 from replicate.artefacts import rigid_segments
-from replicate.artefacts.plan import Plan, reference
+from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
 from replicate.inverse import ik_stage
 from replicate.methods import measurement
 from replicate.methods.method import Method
 from replicate.methods.method_registry import choose
-from replicate.methods.prediction import reading
 from replicate.report.publication import publish_pictures
 from replicate.targets.figure11.posed_picture import PosedPicture
 from replicate.targets.options import OF_A_RUN
+from replicate.targets.posing_stage import posing_stage
 from replicate.targets.running import make
 
 ABOUT = "faces that inverse kinematics poses for dragged control points: the rig and its approximations"
@@ -29,12 +28,8 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
     trained = ik_stage.stage(plan, shown[0])
     settings = PosedPicture(plan.character, tuple(measurement.numbers_of(method, plan.config) for method in shown))
     slow = [stage for method in shown for stage in method.stages(plan)]
-    inputs = {stage.title: stage for stage in (*trained.inputs, rigid_segments.stage(plan), *slow, trained)}
-    readers = [source for method in shown for source in reading(method, plan.config).sources]
-    functions = ", ".join(dict.fromkeys(map(reference, (draw, *readers))))
-    drags = drags_file(plan.config.character)
-    files = (drags,) if drags.is_file() else ()
-    return [*slow, trained, plan.stage("figure11", functions, settings, *inputs.values(), files=files)]
+    inputs = (*trained.inputs, rigid_segments.stage(plan), *slow, trained)
+    return [*slow, trained, posing_stage(plan, "figure11", draw, settings, shown, inputs)]
 
 
 def draw(context: StageContext) -> None:

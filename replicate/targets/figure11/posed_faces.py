@@ -17,11 +17,11 @@ from replicate.drawing.render import render
 from replicate.drawing.scene import Surface, camera_for
 from replicate.geometry.normals import face_vectors
 from replicate.inverse import ik_stage
+from replicate.inverse.configurations import configurations
 from replicate.inverse.control_points import control_points
 from replicate.methods.measurement import predictor
 from replicate.methods.method_registry import method_named
 from replicate.targets.figure11.posed_picture import PosedPicture
-from replicate.targets.table4.posing_rows import configurations
 
 if TYPE_CHECKING:
     import matplotlib.figure

@@ -3,17 +3,16 @@
 import argparse
 from collections.abc import Sequence
 
-from data_recipes.recipe_paths import drags_file
 from replicate.artefacts import built_rig, control_influence, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan, reference
 from replicate.engine.stage import Stage, StageContext
 from replicate.inverse import ik_stage
 from replicate.methods import measurement
 from replicate.methods.method import Method
-from replicate.methods.prediction import reading
 from replicate.report.cast import STANDS_FOR
 from replicate.report.publication import CharacterResult, results_folder
 from replicate.targets.options import OF_A_RUN, methods
+from replicate.targets.posing_stage import posing_stage
 from replicate.targets.running import make
 from replicate.targets.table4.posing_numbers import PosingNumbers, Source
 
@@ -43,13 +42,8 @@ def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
     )
     shared = (module.stage(plan) for module in (built_rig, drawn_samples, control_influence, rigid_segments))
     own_stages = [stage for method in predicting for stage in method.stages(plan)]
-    inputs = {stage.title: stage for stage in (*shared, *own_stages, *trained)}
-    readers = [source for method in predicting for source in reading(method, plan.config).sources]
-    functions = dict.fromkeys(map(reference, (pose, *readers)))
-    drags = drags_file(plan.config.character)
-    files = (drags,) if drags.is_file() else ()
-    last = plan.stage("table4", ", ".join(functions), numbers, *inputs.values(), files=files)
-    return [*own_stages, *trained, last]
+    inputs = (*shared, *own_stages, *trained)
+    return [*own_stages, *trained, posing_stage(plan, "table4", pose, numbers, predicting, inputs)]
 
 
 def pose(context: StageContext) -> None:

@@ -9,10 +9,9 @@ from data_recipes.rig import Rig
 from replicate.approximation.evaluation import unique_poses
 from replicate.approximation.metrics import summary
 from replicate.artefacts import built_rig, control_influence, drawn_samples, rigid_segments
-from replicate.engine.stage import stream_rng
 from replicate.inverse import ik_stage
+from replicate.inverse.configurations import configurations
 from replicate.inverse.control_points import ControlPoints, control_points
-from replicate.inverse.drags import read_drags, scripted_drags, targets_of
 from replicate.inverse.ik_training import parameter_ranges
 from replicate.inverse.jacobians import agreement_by_region, jacobians
 from replicate.inverse.posing import Posed, approximation_errors, outside_share, point_errors_mm, pose
@@ -61,15 +60,6 @@ def write_all(
         for method, metric, unit, value, poses in numbers
     ]
     write_results(out / ROWS, rows)
-
-
-def configurations(rig: Rig, points: ControlPoints, files: Sequence[Path]) -> np.ndarray:
-    """Return where the control points shall go, (k, c, 3) mm: as a file of drags says, or as a script draws them."""
-    if files:
-        drags = read_drags(files[0], points.names)
-    else:
-        drags = scripted_drags(points.names, stream_rng(0, "table4", "drags"))
-    return targets_of(rig.mesh.neutral[points.vertices], points.names, drags)
 
 
 def feeder(settings: PosingNumbers, method: str) -> str:
