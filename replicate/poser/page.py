@@ -1,7 +1,7 @@
 """The page to pose in (§5.3.1): one HTML file with style, script and data, which opens from disk and loads nothing."""
 
 import html
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from string import Template
 
@@ -10,14 +10,15 @@ import numpy as np
 from replicate.poser.pack import as_text, packed
 
 FRONT = Path(__file__).parent / "front"
-TEMPLATE, STYLE = FRONT / "page.html", FRONT / "poser.css"
+TEMPLATE, STYLES = FRONT / "page.html", (FRONT / "poser.css", FRONT / "page.css")
 SCRIPTS = tuple(
     FRONT / f"{name}.js"
     for name in (
-        "packed", "networks", "face", "display", "pose", "pose_files", "view", "points", "panel", "poser", "self_test",
+        "packed", "networks", "face", "display", "pose", "pose_files", "drags", "view", "points", "panel", "poser",
     )
 )  # fmt: skip
-SOURCES = (TEMPLATE, STYLE, *SCRIPTS)  # what a page depends on beside its data
+CHECKS = FRONT / "self_test.js"
+SOURCES = (TEMPLATE, *STYLES, *SCRIPTS, CHECKS)  # what a page depends on beside its data
 ABOUT = (
     "Drag a red dot: small networks (inverse kinematics, §4 of Fast and Deep Facial Deformations) find values of "
     "{controls} controls, and an approximation of the rig, our regional method, turns these into {vertices:,} "
@@ -35,12 +36,12 @@ def page(header: Mapping[str, object], arrays: Mapping[str, np.ndarray], provena
         title=html.escape(f"Pose the {header['character']}"),
         about=html.escape(about),
         provenance=html.escape(provenance),
-        style=STYLE.read_text(encoding="utf-8"),
+        style=joined(STYLES),
         packed=as_text(packed(header, arrays)),
-        script=script(),
+        script=joined((*SCRIPTS, CHECKS)),
     )
 
 
-def script() -> str:
-    """Return the page's JavaScript, `mountPoser` and all that it needs."""
-    return "\n".join(file.read_text(encoding="utf-8") for file in SCRIPTS)
+def joined(files: Sequence[Path]) -> str:
+    """Return the text of some files, one after the other: of `SCRIPTS`, `mountPoser` and all that it needs."""
+    return "\n".join(file.read_text(encoding="utf-8") for file in files)

@@ -94,6 +94,7 @@ def test_files_that_are_no_poses_of_this_face_are_refused_in_a_sentence_and_chan
         "stranger": "of the character nobody, and the face here is small",
         "control": 'no control "nose_length"',
         "value": 'the control "c0" is 99: a number from -1 to 2 is allowed',
+        "none": 'this pose has no value of the control "c0": all are needed',
         "point": 'the control point "point_01" is undefined',
         "link": "no pose of small",
     }

@@ -4,8 +4,8 @@ const SVG = "http://www.w3.org/2000/svg";
 const KEYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 const KEY_MM = 0.5, DOT_PX = 5.5, GRIP_PX = 13;
 
-// Returns {update}, which moves dots and lines to where pose and view have them. changed(i): point i was dragged.
-function createPoints(svg, { header }, pose, view, changed) {
+// Returns {update}, which moves dots and lines to where pose and view have them. drag(i, x, y): point i is wanted there.
+function createPoints(svg, { header }, pose, view, drag) {
   const dots = header.points.map(({ name, region }, i) => {
     const group = svg.appendChild(document.createElementNS(SVG, "g"));
     const [line, end, grip, dot] = ["line", "circle", "circle", "circle"].map((kind) =>
@@ -37,8 +37,7 @@ function createPoints(svg, { header }, pose, view, changed) {
       if (!grasp || event.pointerId !== grasp.id) return;
       const box = svg.getBoundingClientRect();
       const place = [event.clientX - box.left + grasp.x, event.clientY - box.top + grasp.y];
-      pose.drag(i, ...view.unproject(...place, target()[2]));
-      changed(i);
+      drag(i, ...view.unproject(...place, target()[2]));
     });
     const release = (event) => {
       if (grasp && event.pointerId === grasp.id) grasp = null;
@@ -50,8 +49,7 @@ function createPoints(svg, { header }, pose, view, changed) {
       const step = KEYS[event.key];
       if (!step) return;
       const [x, y] = target(), size = KEY_MM * (event.shiftKey ? 5 : 1);
-      pose.drag(i, x + size * step[0], y + size * step[1]);
-      changed(i);
+      drag(i, x + size * step[0], y + size * step[1]);
       event.preventDefault();
     });
     return { group, line, end, grip, dot };

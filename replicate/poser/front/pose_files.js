@@ -29,7 +29,7 @@ function readPose({ header, arrays }, text) {
   if (words.character !== header.character) {
     throw new Error(`this pose is of the character ${words.character}, and the face here is ${header.character}`);
   }
-  const params = header.controls.map((_, j) => arrays.limits[3 * j + 1]);
+  const params = header.controls.map(() => NaN);
   for (const [name, value] of Object.entries(words.controls)) {
     const j = header.controls.findIndex((control) => control.name === name);
     if (j < 0) throw new Error(`${header.character} has no control "${name}"`);
@@ -39,6 +39,8 @@ function readPose({ header, arrays }, text) {
     }
     params[j] = value;
   }
+  const missing = params.findIndex(Number.isNaN);
+  if (missing >= 0) throw new Error(`this pose has no value of the control "${header.controls[missing].name}": all are needed`);
   if (words.points === undefined) return { params, targets: null };
   const targets = new Float32Array(3 * header.points.length);
   header.points.forEach(({ name }, i) => {

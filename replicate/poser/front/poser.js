@@ -10,15 +10,18 @@ const MARKUP = `
       <button type="button" name="save">Save as a file</button>
       <button type="button" name="load">Load a file</button>
       <button type="button" name="dots" aria-pressed="true">Show the dots</button>
+      <button type="button" name="keep" title="as one configuration of control points, a few lines of a table">Keep the drags</button>
+      <button type="button" name="drags" title="as a CSV file that make table4 can read" disabled>Save kept drags</button>
       <input type="file" accept=".json,application/json" hidden>
     </div>
     <p class="status" role="status"></p>
     <div class="sliders"></div>
   </div>`;
 
-// Puts the poser into an element. bytes: what Python packed, a Uint8Array. Returns a Promise of what `runSelfTest` takes;
-// where the browser lacks something, the element says so, and the Promise is of null.
-async function mountPoser(root, bytes) {
+// Puts the poser into an element. bytes: what Python packed, a Uint8Array. linked: whether the page's address follows the
+// pose. changed(pose): called when somebody has changed the pose here. Returns a Promise of what `selfTest` takes; where
+// the browser lacks something, the element says so, and the Promise is of null.
+async function mountPoser(root, bytes, { linked = true, changed = () => {} } = {}) {
   root.classList.add("poser");
   root.innerHTML = MARKUP;
   const find = (selector) => root.querySelector(selector);
@@ -26,6 +29,8 @@ async function mountPoser(root, bytes) {
   const refuse = (text) => {
     problem.textContent = `The face can't be shown: ${text}.`;
     problem.hidden = false;
+    svg.remove();
+    find(".panel").remove(); // there is nothing that its buttons could do
     return null;
   };
   if (typeof DecompressionStream === "undefined") {
@@ -61,16 +66,17 @@ async function mountPoser(root, bytes) {
     say("");
     redraw();
     clearTimeout(linkTimer);
-    linkTimer = setTimeout(() => writeLink(poseLink(packed, pose)), LINK_AFTER_MS);
+    if (linked) linkTimer = setTimeout(() => writeLink(poseLink(packed, pose)), LINK_AFTER_MS);
   }
   const timed = (work) => {
     const from = performance.now();
     work();
     spent = performance.now() - from;
     posed();
+    changed(pose);
   };
 
-  const points = createPoints(svg, packed, pose, view, () => posed());
+  const points = createPoints(svg, packed, pose, view, (i, x, y) => timed(() => pose.drag(i, x, y)));
   const panel = createPanel(find(".sliders"), packed, pose, (j, value) => {
     const params = Array.from(pose.params);
     params[j] = value;
@@ -86,12 +92,25 @@ async function mountPoser(root, bytes) {
       return false;
     }
   };
-  const file = find("input[type=file]");
+  // A pose that comes from elsewhere: `changed` isn't called.
+  const show = (params, targets) => {
+    pose.set(params, targets);
+    posed();
+  };
+  const file = find("input[type=file]"), kept = [];
   const click = {
     reset: () => timed(() => pose.reset()),
     front: () => { view.front(); redraw(); },
     save: () => saveText(poseText(packed, pose), `${packed.header.character}_pose.json`),
     load: () => file.click(),
+    keep: () => {
+      const drags = dragsOf(packed, pose);
+      if (!drags.length) return say("Every control point is at rest: drag one, and keep the drags then.", true);
+      kept.push(drags);
+      find("button[name=drags]").disabled = false;
+      say(`Configuration ${kept.length} is kept: ${drags.length} of ${packed.header.points.length} points are dragged.`);
+    },
+    drags: () => saveText(dragsText(kept), `${packed.header.character}_drags.csv`, "text/csv"),
     dots: (button) => {
       const hidden = svg.classList.toggle("without");
       button.setAttribute("aria-pressed", String(!hidden));
@@ -106,16 +125,21 @@ async function mountPoser(root, bytes) {
     file.value = "";
   });
   listenToView(svg, view, redraw);
-  new ResizeObserver(draw).observe(stage); // at once: what was drawn for the old size would be stretched
+  const resized = new ResizeObserver(draw); // at once: what was drawn for the old size would be stretched
+  resized.observe(stage);
   const fromLink = () => {
     const link = location.hash.slice(1);
     if (link.includes(".") && link !== poseLink(packed, pose)) load(() => readLink(packed, link));
   };
-  window.addEventListener("hashchange", fromLink);
+  if (linked) window.addEventListener("hashchange", fromLink);
   panel.open("mouth");
-  fromLink();
+  if (linked) fromLink();
   redraw();
-  return { packed, pose, view, points, panel, load, draw, status, svg };
+  const close = () => {
+    resized.disconnect();
+    view.close();
+  };
+  return { packed, pose, view, points, panel, load, show, draw, redraw, status, svg, stage, close };
 }
 
 // The background turns the view when it is dragged; the wheel brings it nearer.
@@ -140,9 +164,9 @@ function listenToView(svg, view, redraw) {
   }, { passive: false });
 }
 
-function saveText(text, name) {
+function saveText(text, name, kind = "application/json") {
   const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
+  link.href = URL.createObjectURL(new Blob([text], { type: kind }));
   link.download = name;
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);

@@ -64,7 +64,8 @@ function selfTest(mounted) {
   const bad = {
     letters: "no json", list: "[]", stranger: JSON.stringify({ ...table, character: "nobody" }),
     control: JSON.stringify({ ...table, controls: { nose_length: 1 } }),
-    value: JSON.stringify({ ...table, controls: { [name]: 99 } }), point: JSON.stringify({ ...table, points: {} }),
+    value: JSON.stringify({ ...table, controls: { ...table.controls, [name]: 99 } }),
+    none: JSON.stringify({ ...table, controls: { ...table.controls, [name]: undefined } }), point: JSON.stringify({ ...table, points: {} }),
   };
   result.refused = Object.fromEntries(Object.entries(bad).map(([key, words]) => {
     const before = Float32Array.from(pose.params), worked = load(() => readPose(packed, words));

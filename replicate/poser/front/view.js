@@ -17,6 +17,10 @@ in vec3 n; in vec3 colour; flat in int finish;
 uniform vec3 from[LIGHTS]; uniform vec4 light[LIGHTS]; uniform float ambient; uniform vec2 finishes[FINISHES];
 out vec4 seen;
 void main() {
+  if (finish == UNLIT) {
+    seen = vec4(colour, 1.0);
+    return;
+  }
   vec3 u = normalize(n);
   if (!gl_FrontFacing && u.z < 0.0) u = -u; // a surface that is seen from behind
   vec3 sum = vec3(ambient), glint = vec3(0.0);
@@ -28,6 +32,7 @@ void main() {
   seen = vec4(colour * sum + glint, 1.0);
 }`;
 const MATT = [0.1, 24];
+const UNLIT = 255; // in the place of a finish: a colour that means something and is not shaded
 const MARGIN = 1.06; // of the head's size, so that it doesn't touch the frame
 const MOST_TURN = 1.1; // radians to a side: further round a point couldn't be dragged in x and y
 const ZOOM = [0.6, 12];
@@ -87,6 +92,14 @@ function createView(canvas, { header, arrays }, display) {
       drawMesh(gl, meshes[0], vertices, normals);
       if (display) drawMesh(gl, meshes[1], displayVertices, displayNormals);
     },
+    // Paints the skin: red, green, blue and finish of each vertex, or UNLIT; null for its own colours.
+    paint(colours) {
+      gl.bindBuffer(gl.ARRAY_BUFFER, meshes[0].paint);
+      gl.bufferSubData(gl.ARRAY_BUFFER, 0, colours || skinPaint);
+    },
+    close() {
+      gl.getExtension("WEBGL_lose_context")?.loseContext(); // a browser has only a few of them
+    },
     // A point in mm → its place in the canvas, in CSS pixels.
     place([x, y, z]) {
       const p = [x - centre[0], y - centre[1], z - centre[2]], m = view.matrix, [across, up] = halves();
@@ -143,7 +156,7 @@ function bounds(neutral, display) {
 
 function makeProgram(gl, lights, finishes) {
   const program = gl.createProgram();
-  const counted = FRAGMENT_SHADER.replaceAll("LIGHTS", String(lights)).replaceAll("FINISHES", String(finishes));
+  const counted = FRAGMENT_SHADER.replaceAll("LIGHTS", String(lights)).replaceAll("FINISHES", String(finishes)).replaceAll("UNLIT", String(UNLIT));
   for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX_SHADER], [gl.FRAGMENT_SHADER, counted]]) {
     const shader = gl.createShader(kind);
     gl.shaderSource(shader, text);
@@ -169,7 +182,7 @@ function makeMesh(gl, program, faces, vertices, paint) {
   };
   moving.position = attribute("position", vertices, gl.DYNAMIC_DRAW, 3, gl.FLOAT, false);
   moving.normal = attribute("normal", new Float32Array(vertices.length), gl.DYNAMIC_DRAW, 3, gl.FLOAT, false);
-  attribute("paint", paint, gl.STATIC_DRAW, 4, gl.UNSIGNED_BYTE, true);
+  moving.paint = attribute("paint", paint, gl.DYNAMIC_DRAW, 4, gl.UNSIGNED_BYTE, true);
   gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
   gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, faces, gl.STATIC_DRAW);
   gl.bindVertexArray(null);
