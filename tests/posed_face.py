@@ -31,6 +31,11 @@ class PosedRig(PlainRig):
     control_points = np.array([40, 100, 170, 220, 290, 310])
     control_point_regions = ("face",) * 4 + ("neck",) * 2
 
+    def __call__(self, params):
+        return (MESH.neutral + pose_offsets(MESH, np.atleast_2d(params)).reshape(*np.shape(params)[:-1], -1, 3)).astype(
+            np.float32
+        )
+
     def pose_props(self, params):
         """A ball that turns half a radian a unit of the gaze and shifts with it, and a brow that stays."""
         rng = np.random.default_rng(0)

@@ -15,6 +15,7 @@ from replicate.engine.user_files import as_whole_number, check_output_file
 from replicate.export.animation import FRAMES_PER_SECOND, animated_glb
 from replicate.export.files import glb, obj, write_whole
 from replicate.export.parts import by_material, moving_parts, posed_parts
+from replicate.poser.saved_pose import read_pose
 
 ENDINGS = (".glb", ".obj")
 TOLERANCE_MM = 0.05
@@ -25,7 +26,8 @@ LEAST_TOLERANCE_MM = 0.001
 class Request:
     """What to export: one of `pose`, `clip` and `params`, or none of them for the neutral pose.
 
-    pose: an expression's name. clip: a clip's name or number. params: a CSV file of control values, a row a frame.
+    pose: an expression's name. clip: a clip's name or number. params: a CSV file of control values, a row a frame,
+    or a pose that the posing page saved, as .json.
     to: the file to write, else one in results/runs/export. tolerance_mm: how far a vertex of a clip may be off.
 
     Raises InputError for more than one of them, or a file or a tolerance that can't be.
@@ -106,7 +108,9 @@ def _summary(poses: np.ndarray, tracks: list, size_bytes: int) -> str:
 def requested_poses(rig: Rig, request: Request) -> tuple[str, Float32[np.ndarray, "t m"]]:
     """Return the name and the parameters (t, m) of what is asked for; a pose has one row."""
     if request.params is not None:
-        return Path(request.params).stem, read_clip(rig, Path(request.params))
+        file = Path(request.params)
+        is_pose = file.suffix.lower() == ".json"
+        return file.stem, read_pose(file, rig)[0][None] if is_pose else read_clip(rig, file)
     if request.clip is not None:
         clip = _clip(rig, request.clip)
         return clip.name, np.asarray(clip.values, np.float32)

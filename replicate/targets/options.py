@@ -55,7 +55,8 @@ OPTIONS = {
     "clip": {"help": "a clip's name, or its number from 0; a wrong one lists them"},
     "params": {
         "metavar": "FILE",
-        "help": "a CSV file whose header names controls: one row is a pose, several are a clip of 24 frames a second",
+        "help": "a CSV file whose header names controls: one row is a pose, several are a clip of 24 frames a second; "
+        "or a .json that the posing page saved",
     },
     "to": {
         "metavar": "FILE",

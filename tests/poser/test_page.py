@@ -3,43 +3,23 @@
 import html
 import json
 import re
-import shutil
 import subprocess
 
 import numpy as np
 import pytest
-from posed_face import posed_face
+from browser import command
+from posing_page import page_of
 
-from replicate.engine.progress import progress
-from replicate.poser.check_poses import check_contents
-from replicate.poser.contents import face_contents
-from replicate.poser.display_parts import display_contents
-from replicate.poser.page import page
-
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-GRAPHICS = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 FRAMES_MS = 3_000  # of the browser's own time
-
-
-def page_of(damage=lambda arrays: None):
-    face = posed_face()
-    parts = face_contents(face), check_contents(face, np.random.default_rng(0)), display_contents(face.rig, progress)
-    header, arrays = ({k: v for part in parts for k, v in part[side].items()} for side in (0, 1))
-    damage(arrays)
-    return page(header, arrays, "a test & nothing else")
 
 
 def browsed(folder, text, *options, ending=""):
     """Return the page as a browser has it after a while; a browser without a network."""
-    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if browser is None:
-        pytest.skip(f"needs a browser, one of {', '.join(BROWSERS)}")
     file = folder / "page.html"
     file.write_text(text, encoding="utf-8")
-    command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", *(options or GRAPHICS)]
-    command += [f"--user-data-dir={folder / 'profile'}", "--proxy-server=127.0.0.1:9", "--window-size=1200,800"]
-    command += [f"--virtual-time-budget={FRAMES_MS}", "--dump-dom", f"{file.as_uri()}{ending}"]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300).stdout
+    ends = [f"--virtual-time-budget={FRAMES_MS}", "--dump-dom", f"{file.as_uri()}{ending}"]
+    call = [*command(folder / "profile", *options), *ends]
+    return subprocess.run(call, capture_output=True, text=True, timeout=300).stdout
 
 
 def report_of(dom):

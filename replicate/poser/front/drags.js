@@ -4,11 +4,9 @@ const DRAGS_HEADER = "configuration,point,x_mm,y_mm";
 const DRAG_STEPS = 100; // a mm
 
 // packed, pose → [point's name, x, y] of each control point that is wanted elsewhere than at rest: how far, in mm.
-function dragsOf({ header, arrays }, pose) {
-  const drags = header.points.map(({ name }, i) => {
-    const rest = arrays.neutral.subarray(3 * arrays.points[i], 3 * arrays.points[i] + 2);
-    return [name, ...Array.from(rest, (x, a) => Math.round(DRAG_STEPS * (pose.targets[3 * i + a] - x)) / DRAG_STEPS)];
-  });
+function dragsOf({ header }, { targets, rest }) {
+  const move = (k) => Math.round(DRAG_STEPS * (targets[k] - rest[k])) / DRAG_STEPS;
+  const drags = header.points.map(({ name }, i) => [name, move(3 * i), move(3 * i + 1)]);
   return drags.filter(([, x, y]) => x || y).sort(([a], [b]) => (a < b ? -1 : 1));
 }
 

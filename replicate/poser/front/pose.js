@@ -48,6 +48,7 @@ function createPose(packed) {
   };
   pose.reset = () => pose.set(Array.from({ length: m }, (_, j) => usual(j)));
   pose.reset();
+  pose.rest = Float32Array.from(pose.targets); // where the face has its control points at rest, mm
   if (display) addNormals(pose.displayVertices, display.faces, pose.displayNormals);
   return pose;
 }

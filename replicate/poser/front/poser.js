@@ -139,7 +139,8 @@ async function mountPoser(root, bytes, { linked = true, changed = () => {} } = {
     resized.disconnect();
     view.close();
   };
-  return { packed, pose, view, points, panel, load, show, draw, redraw, status, svg, stage, close };
+  const link = () => poseLink(packed, pose);
+  return { packed, pose, view, points, panel, load, link, show, draw, redraw, status, svg, stage, close };
 }
 
 // The background turns the view when it is dragged; the wheel brings it nearer.

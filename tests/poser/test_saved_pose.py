@@ -1,0 +1,93 @@
+"""Saved poses: they come back, and a bad one is refused in a sentence that names file, control and what is allowed."""
+
+import json
+
+import numpy as np
+import pytest
+from posed_face import PosedRig
+from refusal import refusal
+
+from replicate import __main__ as cli
+from replicate.engine.exceptions import InputError
+from replicate.poser.saved_pose import read_pose, write_pose
+
+RIG, NAMES = PosedRig(), ("chin", "nose")
+PARAMS = np.linspace(-1, 2, len(RIG.controls)).astype(np.float32)
+TARGETS = np.float32([[1.5, -2.25, 30], [0, 0.0001, -7]])
+
+
+@pytest.fixture
+def saved(tmp_path):
+    write_pose(tmp_path / "own.json", RIG, PARAMS, NAMES, TARGETS)
+    return tmp_path / "own.json"
+
+
+def test_a_pose_comes_back(saved):
+    params, targets = read_pose(saved, RIG, NAMES)
+    np.testing.assert_allclose(params, PARAMS, atol=1e-6)
+    np.testing.assert_allclose(targets, TARGETS, atol=1e-4)
+    assert read_pose(saved, RIG)[1].shape == (0, 3)
+
+
+def test_a_pose_may_have_no_control_points(saved):
+    table = json.loads(saved.read_text())
+    del table["points"]
+    saved.write_text(json.dumps(table))
+    assert read_pose(saved, RIG, NAMES)[1] is None
+
+
+def changed(**keys):
+    """Return what changes a saved pose's table: its own keys, or with c0=… one of its controls."""
+    return lambda table: (
+        table
+        | {k: v for k, v in keys.items() if k != "c0"}
+        | ({"controls": table["controls"] | {"c0": keys["c0"]}} if "c0" in keys else {})
+    )
+
+
+def without_a_control(table):
+    return table | {"controls": {name: value for name, value in table["controls"].items() if name != "c3"}}
+
+
+@pytest.mark.parametrize(
+    ("damage", "part"),
+    [
+        (changed(character="nobody"), "is of the character 'nobody', not of small"),
+        (changed(format="a clip"), "holds no pose"),
+        (changed(version=2), "of version 2: 1 is allowed"),
+        (changed(controls={"nose_length": 1}), "small has no control 'nose_length'"),
+        (without_a_control, "no value of the control 'c3': all are needed"),
+        (changed(c0=2.5), "the control 'c0' is 2.5: a number from -1 to 2 is allowed"),
+        (changed(c0=float("nan")), "the control 'c0' is nan: a number"),
+        (changed(c0="1"), "the control 'c0' is '1': a number"),
+        (changed(c0=True), "the control 'c0' is True: a number"),
+        (changed(points={"chin": [0, 0, 0]}), "the control point 'nose' is None: three lengths"),
+        (changed(points={"chin": [0, 0, 0], "nose": [0, 1e999, 0]}), r"the control point 'nose' is \[0, inf, 0\]"),
+        (lambda table: [table], "holds no pose"),
+    ],
+)
+def test_a_bad_pose_is_refused(saved, damage, part):
+    saved.write_text(json.dumps(damage(json.loads(saved.read_text()))))
+    with pytest.raises(InputError, match=part) as error:
+        read_pose(saved, RIG, NAMES)
+    assert "own.json" in str(error.value)
+
+
+@pytest.mark.parametrize("text", ["", "no json", "[" * 100_000, '{"format": '])
+def test_what_is_no_json_is_refused(saved, text):
+    saved.write_text(text)
+    with pytest.raises(InputError, match=r"own\.json: this file holds no JSON"):
+        read_pose(saved, RIG, NAMES)
+
+
+def test_export_reads_a_saved_pose_and_answers_a_bad_one_with_exit_code_2(saved, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(PosedRig, "pose_props", lambda self, params: [])
+    monkeypatch.setattr("replicate.artefacts.built_rig.rig_of", lambda character: RIG)
+    out = tmp_path / "own.glb"
+    arguments = ("export", "--characters", "tiny", "--params", str(saved), "--to", str(out))
+    assert cli.main(list(arguments)) == 0 and out.is_file()
+    assert "own.glb" in capsys.readouterr().out
+    out.unlink()
+    saved.write_text(json.dumps(without_a_control(json.loads(saved.read_text()))))
+    assert "no value of the control 'c3'" in refusal(capsys, *arguments)
+    assert not out.exists()
