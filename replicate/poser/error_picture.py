@@ -1,0 +1,69 @@
+"""A posed face as a still picture: as our method has it, as the rig has it, and its errors in colours."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from data_recipes.rig import Rig
+from replicate.drawing.ball_marks import balls
+from replicate.drawing.heatmap import ROOT, colour_bar
+from replicate.drawing.panels import Words, panel_grid
+from replicate.drawing.prop_surfaces import carry_props, prop_surfaces
+from replicate.drawing.render import render
+from replicate.drawing.scene import PORTRAIT, Surface, camera_for
+from replicate.poser.rig_errors import NORMAL, SCALES, RigErrors, Scale
+
+if TYPE_CHECKING:
+    import matplotlib.axes
+    import matplotlib.figure
+
+    from replicate.poser.notebook import Poser
+
+WIDTH, HEIGHT = 270, 324  # pixels of a picture
+TITLES = ("the rig", "our method")
+
+
+def still(poser: "Poser", renderer: str | None = None) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words): the pose that a widget has now, for those who read without a kernel."""
+    words = f"{poser.face.rig.name}: {poser.judged.in_words()}"
+    figure = error_figure(poser.face.rig, poser.params, poser.targets, poser.judged, poser.kind, renderer)
+    return figure, Words(
+        f"A posed face of {words}.",
+        f"A pose of the widget, {words}. Red: where the control points are wanted. Right: the same face, each vertex in "
+        "the colour of its error against the rig at the same parameters.",
+    )
+
+
+def error_figure(
+    rig: Rig,
+    params: Float32[np.ndarray, " m"],
+    targets: Float[np.ndarray, "c 3"],
+    errors: RigErrors,
+    kind: str = NORMAL,
+    renderer: str | None = None,
+) -> "matplotlib.figure.Figure":
+    """Return the rig's face, our method's, and its errors of a kind, with a bar that has their unit."""
+    scale, faces, camera = SCALES[kind], rig.mesh.faces, camera_for("front", rig.mesh.neutral)
+    props = tuple(rig.pose_props(params))
+
+    def picture(vertices: np.ndarray, surface: Surface, marks: tuple[Surface, ...]) -> np.ndarray:
+        others = prop_surfaces(carry_props(props, errors.truth, vertices))
+        return render([surface, *others, *marks], camera, WIDTH, HEIGHT, renderer=renderer, lighting=PORTRAIT)
+
+    points, heat = (balls(targets, errors.truth),), scale.colours(errors.of(kind))
+    pictures = [
+        picture(errors.truth, Surface(errors.truth, faces), points),
+        picture(errors.predicted, Surface(errors.predicted, faces), points),
+        picture(errors.predicted, Surface(errors.predicted, faces, lit=False, paint=heat), ()),
+    ]
+    return panel_grid([pictures], (*TITLES, scale.title), bar=(0, 0, _bar(scale)))
+
+
+def _bar(scale: Scale) -> Callable:
+    def draw(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes") -> None:
+        bar = colour_bar(figure, axes, scale.limit, f"{scale.title}, {scale.unit}", ROOT)
+        bar.set_ticks(list(scale.ticks), labels=[f"{tick:g}" for tick in scale.ticks])
+
+    return draw

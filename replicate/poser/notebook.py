@@ -1,0 +1,171 @@
+"""The posing page as a widget for notebooks (§5.3.1): the same front end, and the errors against the rig in colours.
+
+The face is posed in the browser, as in the page. After each drag the widget sends the rig parameters; Python evaluates
+the rig at them and answers with a colour for each vertex. While an answer is on its way, the widget sends nothing.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import anywidget
+import numpy as np
+import traitlets
+from jaxtyping import Float
+
+from replicate.engine.exceptions import InputError
+from replicate.inverse.control_points import control_points, targets_of_drags
+from replicate.poser.check_poses import posed_vertices
+from replicate.poser.contents import PosedFace, face_contents
+from replicate.poser.display_parts import display_contents
+from replicate.poser.pack import packed
+from replicate.poser.page import FRONT, SCRIPTS, STYLES, joined
+from replicate.poser.rig_errors import NORMAL, SCALES, RigErrors, rig_errors
+from replicate.poser.saved_pose import SLACK, read_pose, write_pose
+
+BAR_STEPS = 24  # colours of the legend's bar
+AS_LISTS = {
+    "sync": True,
+    "to_json": lambda array, widget: np.asarray(array, float).round(7).tolist(),
+    "from_json": lambda values, widget: np.array(values, np.float32),
+}
+
+
+class Poser(anywidget.AnyWidget):
+    """A face to pose, and how far it is from its rig; it works without a browser too.
+
+    params: (m,) raw rig parameters within their limits; when they are set, the control points go with the face.
+    targets: (c, 3) where the control points are wanted, mm; of a point that is set, x and y count. kind: "normal" or
+    "distance", which error the colours show. judged: the errors of the pose, a `RigErrors`.
+
+    Raises InputError, and changes nothing, for parameters of another number, that are not finite or beyond a limit.
+    """
+
+    _esm = joined((*SCRIPTS, FRONT / "errors.js", FRONT / "widget.js"))
+    _css = joined((STYLES[0], FRONT / "widget.css"))
+    packed = traitlets.Bytes().tag(sync=True)
+    params = traitlets.Any().tag(**AS_LISTS)
+    targets = traitlets.Any().tag(**AS_LISTS)
+    asked = traitlets.Int(0).tag(sync=True)  # how often the browser has asked for the errors
+    kind = traitlets.Enum(tuple(SCALES), NORMAL).tag(sync=True)
+    errors = traitlets.Dict().tag(sync=True)
+
+    def __init__(self, face: PosedFace):
+        from replicate.engine.progress import progress
+
+        self.face, self.judged = face, None
+        self._points = control_points(face.rig, face.influence)
+        self._held = True  # while several things change at once
+        header, arrays = face_contents(face)
+        words, values = display_contents(face.rig, progress)
+        rest = np.array(face.rig.default, np.float32)
+        contents = packed(header | words, arrays | values)
+        super().__init__(packed=contents, params=rest, targets=self._reached(rest))
+        self._held = False
+        self._judge()
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """The control points' names, in the order of `targets`."""
+        return self._points.names
+
+    def drag(self, **moves: tuple[float, float]) -> None:
+        """Drag control points, by name, (x, y) mm from where they are wanted; the IK networks pose the face (Eq. 7).
+
+        The parameters change by as much as the networks' answer does, within their limits (D25). Raises InputError for
+        a name that is no control point, and for a move that is not finite.
+        """
+        targets = targets_of_drags(self.targets, self.points, list(moves.items()))
+        before, now = self.face.ik.solve(np.stack([self.targets, targets]))
+        rig = self.face.rig
+        self._set(np.clip(self.params + now - before, rig.lower, rig.upper), targets)
+
+    def reset(self) -> None:
+        """Go back to the neutral pose."""
+        self.params = self.face.rig.default
+
+    def save(self, file: Path | str) -> None:
+        """Write the pose as the posing page does."""
+        write_pose(Path(file), self.face.rig, self.params, self.points, self.targets)
+
+    def load(self, file: Path | str) -> None:
+        """Pose as a file says. Raises InputError, and changes nothing, for a bad one; `saved_pose` says which are."""
+        params, targets = read_pose(Path(file), self.face.rig, self.points)
+        self._set(params, self._reached(params) if targets is None else targets)
+
+    def set_state(self, sync_data: Mapping[str, object]) -> None:
+        """Take what the browser sends: it sets parameters and points together, and asks for the errors then."""
+        self._held = True
+        try:
+            super().set_state(sync_data)
+        finally:
+            self._held = False
+        self._judge()
+
+    def _set(self, params: Float[np.ndarray, " m"], targets: Float[np.ndarray, "c 3"]) -> None:
+        self._held = True
+        try:
+            with self.hold_sync():
+                self.params, self.targets = params, targets
+        finally:
+            self._held = False
+        self._judge()
+
+    def _reached(self, params: np.ndarray) -> np.ndarray:
+        return posed_vertices(self.face, params[None])[0, self._points.vertices]
+
+    @traitlets.validate("params")
+    def _check_params(self, proposal: Mapping) -> np.ndarray:
+        rig = self.face.rig
+        params = _numbers(proposal["value"], rig.default.shape, "params")
+        outside = np.flatnonzero((params < rig.lower - SLACK) | (params > rig.upper + SLACK))
+        if len(outside):
+            j = outside[0]
+            raise InputError(
+                f"the control {rig.controls[j].name!r} is {params[j]:g}: a number from {rig.lower[j]:g} to "
+                f"{rig.upper[j]:g} is allowed"
+            )
+        return np.clip(params, rig.lower, rig.upper)
+
+    @traitlets.validate("targets")
+    def _check_targets(self, proposal: Mapping) -> np.ndarray:
+        return _numbers(proposal["value"], (len(self.points), 3), "targets")
+
+    @traitlets.observe("params")
+    def _follow(self, change: Mapping) -> None:
+        if not self._held:
+            self._set(self.params, self._reached(self.params))
+
+    @traitlets.observe("kind")
+    def _recolour(self, change: Mapping) -> None:
+        if not self._held:
+            self._judge()
+
+    def _judge(self) -> None:
+        """Compare the face with the rig, unless this pose is judged already, and tell the browser."""
+        if self.judged is None or not np.array_equal(self._posed, self.params):
+            self.judged, self._posed = rig_errors(self.face, self.params), self.params.copy()
+        self.errors = {**colours_in_words(self.judged, self.kind), "asked": self.asked}
+
+
+def colours_in_words(errors: RigErrors, kind: str) -> dict[str, object]:
+    """Return what a legend says of some errors, and the vertices' colours: red, green and blue in turn, as bytes."""
+    scale = SCALES[kind]
+    bar = scale.colours(scale.limit * np.linspace(0, 1, BAR_STEPS) ** 2)
+    return {
+        "title": f"{scale.title}, {scale.unit}",
+        "words": errors.in_words(),
+        "bar": [f"#{bytes(colour).hex()}" for colour in bar.tolist()],
+        "ticks": [[scale.place(tick), f"{tick:g}{'+' if tick == scale.limit else ''}"] for tick in scale.ticks],
+        "colours": scale.colours(errors.of(kind)).tobytes(),
+    }
+
+
+def _numbers(value: object, shape: tuple[int, ...], name: str) -> np.ndarray:
+    try:
+        array = np.array(value, np.float32)
+    except (TypeError, ValueError):
+        array = np.zeros(0)
+    if array.shape != shape or not np.isfinite(array).all():
+        found = f"an array of shape {array.shape}" if np.isfinite(array).all() else "an array with NaN or infinity"
+        raise InputError(f"{name} is {found}: allowed are finite numbers in the shape {shape}")
+    return array

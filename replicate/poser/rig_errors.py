@@ -1,0 +1,81 @@
+"""How far a posed face is from the rig's, vertex by vertex: in distance, and in the angle of normals (Eq. 11)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float32, Int, UInt8
+
+from replicate.approximation.metrics import normal_error, vertex_error
+from replicate.drawing.heatmap import NORMAL_TICKS_DEG, ROOT, error_colours
+from replicate.poser.check_poses import posed_vertices
+from replicate.poser.contents import PosedFace
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What a colour means: errors from 0 to `limit`, larger ones have the last colour. ticks: errors that are named."""
+
+    title: str
+    unit: str
+    limit: float
+    ticks: tuple[float, ...]
+
+    def colours(self, errors: Float[np.ndarray, " k"]) -> UInt8[np.ndarray, "k 3"]:
+        """Return a colour for each error; they go with its root. NaN is grey."""
+        return error_colours(errors, self.limit, ROOT)
+
+    def place(self, error: float) -> float:
+        """Return where an error stands on the scale's bar, from 0 to 1."""
+        return (error / self.limit) ** ROOT
+
+
+NORMAL, DISTANCE = "normal", "distance"
+SCALES = {
+    NORMAL: Scale("normal angle error", "degrees", 30.0, tuple(tick for tick in NORMAL_TICKS_DEG if tick <= 30)),
+    DISTANCE: Scale("distance error", "mm", 8.0, (0, 0.1, 0.5, 1, 2, 4, 8)),
+}
+
+
+@dataclass(frozen=True)
+class RigErrors:
+    """One pose's errors against the rig.
+
+    distance: (n,) mm. normal: (n,) degrees, of each vertex the mean over its faces' angles (Eq. 11); NaN where none of
+    them has a normal. normal_mean: over all faces, degrees, as tables have it. predicted, truth: (n, 3) mm.
+    """
+
+    distance: Float[np.ndarray, " n"]
+    normal: Float[np.ndarray, " n"]
+    normal_mean: float
+    predicted: Float32[np.ndarray, "n 3"]
+    truth: Float32[np.ndarray, "n 3"]
+
+    def of(self, kind: str) -> Float[np.ndarray, " n"]:
+        """Return the errors of a kind, NORMAL or DISTANCE."""
+        return {NORMAL: self.normal, DISTANCE: self.distance}[kind]
+
+    def in_words(self) -> str:
+        """Return the mean errors, and the largest ones."""
+        return (
+            f"normals: mean {self.normal_mean:.2f}°, worst vertex {np.nanmax(self.normal):.1f}°; "
+            f"distance: mean {self.distance.mean():.2f} mm, worst {self.distance.max():.2f} mm"
+        )
+
+
+def rig_errors(face: PosedFace, params: Float32[np.ndarray, " m"]) -> RigErrors:
+    """Return how far a face, as it is posed in a browser, is from its rig at the same raw parameters."""
+    truth = np.asarray(face.rig(params[None])[0], np.float32)
+    predicted = posed_vertices(face, params[None])[0]
+    faces = face.rig.mesh.faces
+    angles = normal_error(predicted, truth, faces)
+    mean = float(np.nanmean(angles))
+    return RigErrors(vertex_error(predicted, truth), at_vertices(angles, faces, len(truth)), mean, predicted, truth)
+
+
+def at_vertices(values: Float[np.ndarray, " f"], faces: Int[np.ndarray, "f 3"], count: int) -> Float[np.ndarray, " n"]:
+    """Return for each of `count` vertices the mean of its faces' values that are no NaN; NaN where there are none."""
+    known = ~np.isnan(values)
+    corners = faces[known].ravel()
+    total = np.bincount(corners, np.repeat(values[known], 3), count)
+    number = np.bincount(corners, minlength=count)
+    return np.where(number > 0, total / np.maximum(number, 1), np.nan)
