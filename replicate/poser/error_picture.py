@@ -12,7 +12,7 @@ from replicate.drawing.heatmap import ROOT, colour_bar
 from replicate.drawing.panels import Words, panel_grid
 from replicate.drawing.prop_surfaces import carry_props, prop_surfaces
 from replicate.drawing.render import render
-from replicate.drawing.scene import PORTRAIT, Surface, camera_for
+from replicate.drawing.scene import Surface, camera_for
 from replicate.poser.rig_errors import NORMAL, SCALES, RigErrors, Scale
 
 if TYPE_CHECKING:
@@ -31,8 +31,8 @@ def still(poser: "Poser", renderer: str | None = None) -> "tuple[matplotlib.figu
     figure = error_figure(poser.face.rig, poser.params, poser.targets, poser.judged, poser.kind, renderer)
     return figure, Words(
         f"A posed face of {words}.",
-        f"A pose of the widget, {words}. Red: where the control points are wanted. Right: the same face, each vertex in "
-        "the colour of its error against the rig at the same parameters.",
+        f"A pose of the widget, {words}. Red: where the control points are wanted. Right: our method's face, each "
+        "vertex in the colour of its error against the rig at the same parameters.",
     )
 
 
@@ -50,7 +50,7 @@ def error_figure(
 
     def picture(vertices: np.ndarray, surface: Surface, marks: tuple[Surface, ...]) -> np.ndarray:
         others = prop_surfaces(carry_props(props, errors.truth, vertices))
-        return render([surface, *others, *marks], camera, WIDTH, HEIGHT, renderer=renderer, lighting=PORTRAIT)
+        return render([surface, *others, *marks], camera, WIDTH, HEIGHT, renderer=renderer)
 
     points, heat = (balls(targets, errors.truth),), scale.colours(errors.of(kind))
     pictures = [

@@ -29,6 +29,15 @@ def open_poser(results: str, character: str, target: str = "figure11") -> "Poser
     return Poser(open_face(results, character, target))
 
 
+def what_is_missing(results: str, character: str, target: str = "figure11") -> str:
+    """Return "" if `open_poser` can do its work, else a sentence with the command that makes what is missing."""
+    try:
+        artefacts(results, character, target)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
 def open_face(results: str, character: str, target: str = "figure11") -> "PosedFace":
     """Return what poses a character: the rig, our method's model and the IK networks.
 

@@ -43,5 +43,5 @@ def draw(context: StageContext) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Draw the figure of every character and publish it."""
-    publish_pictures("figure11", make(options, stages), notebook=False)
+    """Draw the figure of every character, publish it, and execute its notebook, which opens the poser too."""
+    publish_pictures("figure11", make(options, stages))
