@@ -1,0 +1,84 @@
+"""Performance capture (§5.3.2): a recording of landmarks drives a character."""
+
+import argparse
+import os
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from data_recipes.catalogue import FACE_LANDMARKS
+from replicate.artefacts import built_rig, rigid_segments
+from replicate.artefacts.plan import Plan, reference
+from replicate.capture import landmark_ik, landmark_rig
+from replicate.capture.capture_config import CaptureConfig
+from replicate.capture.capture_config import own as capture_section
+from replicate.capture.capture_numbers import CaptureNumbers
+from replicate.engine.exceptions import InputError
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods import measurement, refined
+from replicate.methods.method import Method
+from replicate.methods.prediction import reading
+from replicate.report.publication import CharacterResult, publish_files
+from replicate.targets.options import OF_A_RUN, configurations
+from replicate.targets.running import make
+
+ABOUT = "landmarks of an actor's face, as CSV, drive a character: an animated GLB, parameters, and a strip of frames"
+WRITES = "results/runs/<profile>/"
+OPTIONS = (*OF_A_RUN, "landmarks")
+
+
+def stages(plan: Plan, methods: Sequence[Method] = (), landmarks: Path | None = None) -> list[Stage]:
+    """Return the stages of one character's capture; those that train, the slow ones, come first.
+
+    landmarks: the recording; without one the last stage can't be made.
+    """
+    method = refined.METHOD
+    trained = landmark_ik.stage(plan, method)
+    numbers = CaptureNumbers(plan.character, section(plan.config), measurement.numbers_of(method, plan.config))
+    shared = (built_rig.stage(plan), rigid_segments.stage(plan), landmark_rig.stage(plan))
+    inputs = {stage.title: stage for stage in (*shared, *method.stages(plan), trained)}
+    functions = ", ".join(map(reference, (drive, *reading(method, plan.config).sources)))
+    files = (landmarks,) if landmarks else ()
+    return [*method.stages(plan), trained, plan.stage("capture", functions, numbers, *inputs.values(), files=files)]
+
+
+def section(config: object) -> CaptureConfig:
+    """Return a configuration's section `[capture]`."""
+    return getattr(config, "capture", None) or capture_section(config.profile)
+
+
+def drive(context: StageContext) -> None:
+    """Drive the character by the recording and write what comes of it."""
+    from replicate.capture.capture_files import write_all
+
+    context.note(**write_all(context.config, context.inputs, context.files[0], context.out))
+
+
+def run(options: argparse.Namespace) -> None:
+    """Drive every character by the recording, publish the files and say what they are."""
+    from replicate.engine.paths import display_path
+
+    results = make(options, partial(stages, landmarks=checked(options)))
+    folder, files = publish_files("capture", results)
+    for result in results:
+        own = [name for name in files[result.config.character] if not name.endswith(".json")]
+        print(f"written to {display_path(folder)}: {', '.join(own)}\n{_in_words(result)}")
+
+
+def checked(options: argparse.Namespace) -> Path:
+    """Return the recording's file. Raises InputError for none, and for a bad one, before anything is trained."""
+    from replicate.capture.landmark_file import read_landmarks
+
+    if not options.landmarks:
+        raise InputError("no recording is named: allowed is LANDMARKS=file.csv, as REPRODUCING.md describes it")
+    file = Path(os.path.abspath(Path(options.landmarks).expanduser()))
+    for config in configurations(options):
+        read_landmarks(file, tuple(FACE_LANDMARKS), section(config).longest_gap)
+    return file
+
+
+def _in_words(result: CharacterResult) -> str:
+    from replicate.engine.store import read_manifest
+
+    facts = read_manifest(result.folder)["notes"]
+    return f"{facts['in_words']} Landmarks end {facts['landmark_error_mm']:.2f} mm from where they shall go."
