@@ -13,17 +13,20 @@ from replicate.capture import landmark_ik, landmark_rig
 from replicate.capture.capture_config import CaptureConfig
 from replicate.capture.capture_config import own as capture_section
 from replicate.capture.capture_numbers import CaptureNumbers
+from replicate.engine.atomic_files import copy_file
 from replicate.engine.exceptions import InputError
+from replicate.engine.folders import check_writable
+from replicate.engine.paths import display_path, run_folder
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import measurement, refined
 from replicate.methods.method import Method
 from replicate.methods.prediction import reading
-from replicate.report.publication import CharacterResult, publish_files
+from replicate.report.publication import CharacterResult, alone, by_character
 from replicate.targets.options import OF_A_RUN, configurations
 from replicate.targets.running import make
 
 ABOUT = "landmarks of an actor's face, as CSV, drive a character: an animated GLB, parameters, and a strip of frames"
-WRITES = "results/runs/<profile>/"
+WRITES = "results/runs/capture/"
 OPTIONS = (*OF_A_RUN, "landmarks")
 
 
@@ -56,13 +59,28 @@ def drive(context: StageContext) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Drive every character by the recording, publish the files and say what they are."""
-    from replicate.engine.paths import display_path
+    landmarks = checked(options)
+    publish(make(options, partial(stages, landmarks=landmarks)), landmarks.stem)
 
-    results = make(options, partial(stages, landmarks=checked(options)))
-    folder, files = publish_files("capture", results)
-    for result in results:
-        own = [name for name in files[result.config.character] if not name.endswith(".json")]
-        print(f"written to {display_path(folder)}: {', '.join(own)}\n{_in_words(result)}")
+
+def publish(results: Sequence[CharacterResult], recording: str) -> None:
+    """Copy the files of some characters to results/runs/capture, with the recording's name in theirs.
+
+    Of several seeds the first is taken. They are no results of a profile: a recording is of a person, and of no table.
+    """
+    from replicate.engine.store import read_manifest
+
+    folder = run_folder("capture")
+    check_writable(folder, "REPLICATE_RESULTS")
+    with alone(folder):
+        for character, (first, *_) in by_character(results).items():
+            names = []
+            for file in sorted(first.folder.glob("capture*")):
+                names.append(f"{character}_{recording}{file.name.removeprefix('capture')}")
+                copy_file(file, folder / names[-1])
+            facts = read_manifest(first.folder)["notes"]
+            print(f"written to {display_path(folder)}: {', '.join(names)}")
+            print(f"{facts['in_words']} Landmarks end {facts['landmark_error_mm']:.2f} mm from where they shall go.")
 
 
 def checked(options: argparse.Namespace) -> Path:
@@ -75,10 +93,3 @@ def checked(options: argparse.Namespace) -> Path:
     for config in configurations(options):
         read_landmarks(file, tuple(FACE_LANDMARKS), section(config).longest_gap)
     return file
-
-
-def _in_words(result: CharacterResult) -> str:
-    from replicate.engine.store import read_manifest
-
-    facts = read_manifest(result.folder)["notes"]
-    return f"{facts['in_words']} Landmarks end {facts['landmark_error_mm']:.2f} mm from where they shall go."
