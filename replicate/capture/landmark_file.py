@@ -72,7 +72,7 @@ def read_landmarks(file: Path, names: Sequence[str], longest_gap: int) -> Record
     """
     where = shown_path(file)
     unit = _unit(where, read_text(file, MOST_BYTES))
-    frame = read_csv(file, SCHEMAS[unit], KEY, missing="there is no such file of landmarks.")
+    frame = read_csv(file, SCHEMAS[unit], (), missing="there is no such file of landmarks.")
     if frame.empty:
         raise InputError(f"{where}: it holds no landmark, where {len(names)} a frame are allowed.")
     _check_lines(where, frame, names)
@@ -89,7 +89,7 @@ def read_landmarks(file: Path, names: Sequence[str], longest_gap: int) -> Record
     _check_gaps(where, unseen, first, names, longest_gap)
     positions = _filled(positions, unseen)
     if unit == PIXELS:
-        positions[..., 1] *= -1
+        positions = positions * (1.0, -1.0)
     return Recording(positions, unit, int(unseen.sum()))
 
 
@@ -114,6 +114,13 @@ def _check_lines(where: str, frame: "pandas.DataFrame", names: Sequence[str]) ->
     if len(infinite):
         raise InputError(f"{where}, line {infinite[0] + 2}: a coordinate is infinite, where finite ones are allowed.")
     numbers = frame["frame"].to_numpy(np.int64)
+    again = np.flatnonzero(frame.duplicated(list(KEY)))
+    if len(again):
+        name = frame["landmark"].iloc[again[0]]
+        raise InputError(
+            f"{where}, line {again[0] + 2}: {name!r} of frame {numbers[again[0]]} comes a second time, where once is "
+            "allowed."
+        )
     back = np.flatnonzero(np.diff(numbers) < 0)
     if len(back):
         line = back[0] + 3

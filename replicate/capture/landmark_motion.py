@@ -29,17 +29,10 @@ class Motion:
 def control_motion(recording: Recording, neutral: Float[np.ndarray, "l 3"], section: CaptureConfig) -> Motion:
     """Return where a character's landmarks go when an actor's have moved as recorded.
 
-    neutral: c⁰, the character's landmarks in its neutral pose, mm. Raises InputError for a recording with no frame
-    beyond the neutral ones, and for pixels that shall be taken as millimetres.
+    neutral: c⁰, the character's landmarks in its neutral pose, mm. Raises InputError as `check_recording` does.
     """
+    check_recording(recording, section)
     count = section.neutral_frames
-    if len(recording.positions) <= count:
-        raise InputError(
-            f"the recording has {len(recording.positions)} frames, where more than {count} are needed: the first "
-            f"{count} are taken for the neutral expression ([capture] neutral_frames in a CONFIG file)"
-        )
-    if recording.unit == PIXELS and section.scale == "none":
-        raise InputError("landmarks in pixels need a scale: [capture] scale is 'none', allowed for them is 'face'")
     positions = recording.positions
     if section.head == "steady":
         positions = steadied(positions, positions[:count].mean(axis=0))
@@ -49,6 +42,18 @@ def control_motion(recording: Recording, neutral: Float[np.ndarray, "l 3"], sect
     targets = np.tile(np.asarray(neutral, np.float32), (len(positions), 1, 1))
     targets[..., :2] += scale * (positions - rest)
     return Motion(targets.astype(np.float32), float(scale), positions)
+
+
+def check_recording(recording: Recording, section: CaptureConfig) -> None:
+    """Raise InputError for a recording with no frame beyond the neutral ones, and for pixels taken as millimetres."""
+    count = section.neutral_frames
+    if len(recording.positions) <= count:
+        raise InputError(
+            f"the recording has {len(recording.positions)} frames, where more than {count} are needed: the first "
+            f"{count} are taken for the neutral expression ([capture] neutral_frames in a CONFIG file)"
+        )
+    if recording.unit == PIXELS and section.scale == "none":
+        raise InputError("landmarks in pixels need a scale: [capture] scale is 'none', allowed for them is 'face'")
 
 
 def face_size(places: Float[np.ndarray, "l 2"]) -> float:

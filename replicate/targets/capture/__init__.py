@@ -17,7 +17,9 @@ from replicate.engine.atomic_files import copy_file
 from replicate.engine.exceptions import InputError
 from replicate.engine.folders import check_writable
 from replicate.engine.paths import display_path, run_folder
+from replicate.engine.schema import naming
 from replicate.engine.stage import Stage, StageContext
+from replicate.engine.user_files import shown_path
 from replicate.methods import measurement, refined
 from replicate.methods.method import Method
 from replicate.methods.prediction import reading
@@ -86,10 +88,14 @@ def publish(results: Sequence[CharacterResult], recording: str) -> None:
 def checked(options: argparse.Namespace) -> Path:
     """Return the recording's file. Raises InputError for none, and for a bad one, before anything is trained."""
     from replicate.capture.landmark_file import read_landmarks
+    from replicate.capture.landmark_motion import check_recording
 
     if not options.landmarks:
         raise InputError("no recording is named: allowed is LANDMARKS=file.csv, as REPRODUCING.md describes it")
     file = Path(os.path.abspath(Path(options.landmarks).expanduser()))
     for config in configurations(options):
-        read_landmarks(file, tuple(FACE_LANDMARKS), section(config).longest_gap)
+        own = section(config)
+        recording = read_landmarks(file, tuple(FACE_LANDMARKS), own.longest_gap)
+        with naming(shown_path(file)):
+            check_recording(recording, own)
     return file
