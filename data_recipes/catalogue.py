@@ -104,7 +104,7 @@ def performance(rig: Rig) -> Float32[np.ndarray, "t m"]:
     The frames are parameters within the controls' limits, 24 a second, and the first is the neutral pose. Raises
     InputError for a rig with other controls than ours or ARKit's.
     """
-    from data_recipes.acting.fresh_acting import perform_afresh
+    from data_recipes.fresh_acting import perform_afresh
 
     return perform_afresh(rig)
 

@@ -69,13 +69,15 @@ def draw(context: StageContext) -> None:
     from replicate.report.results import write_results
     from replicate.targets.figure12.capture_rows import capture_rows
     from replicate.targets.figure12.capture_strip import figure12
+    from replicate.targets.figure12.driven_motions import drivers
     from replicate.targets.figure12.noise_curves import noise_curves
 
     prepare("cpu")
     trial, stem = context.config, f"figure12_{context.config.character}"
-    rows = capture_rows(trial, context.inputs, context.progress)
+    every = drivers(trial, context.inputs)
+    rows = capture_rows(trial, context.inputs, every, context.progress)
     write_results(context.out / "figure12.csv", rows)
-    figure, words = figure12(trial, context.inputs)
+    figure, words = figure12(trial, context.inputs, every[0])
     save_figure(figure, context.out / f"{stem}.png", words, LARGEST_BYTES, dither=True)
     figure, words = noise_curves(trial, rows)
     save_figure(figure, context.out / f"{stem}_noise.png", words, LARGEST_BYTES)

@@ -1,6 +1,6 @@
 """Figure 12 as rows of results: every driver, performance, noise and smoothing of one character."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from replicate.artefacts import control_influence
@@ -15,7 +15,7 @@ from replicate.targets.figure12.driven_motions import (
     Closeness,
     Driver,
     closeness,
-    drivers,
+    exact,
     recordings,
     targets_of,
     windows,
@@ -37,18 +37,20 @@ def metric_name(metric: str, actor: str, noise_mm: float, smoothed: bool) -> str
     return f"{metric}[{actor}][noise {noise_mm:g} mm]{SMOOTHED if smoothed else ''}"
 
 
-def capture_rows(trial: CaptureTrial, inputs: Mapping[str, Path], progress: Callable) -> list[Row]:
-    """Return one character's rows. progress: (total, label) → a context manager with update(k)."""
+def capture_rows(
+    trial: CaptureTrial, inputs: Mapping[str, Path], every: Sequence[Driver], progress: Callable
+) -> list[Row]:
+    """Return one character's rows. every: its drivers. progress: (total, label) → a context manager with update(k)."""
     rig = landmark_rig.load(inputs)
     driven = control_points(rig, control_influence.load(inputs)).driven()
-    every, facts = drivers(trial, inputs), (trial.profile, run_name(inputs))
+    facts = trial.profile, run_name(inputs)
     rows: list[Row] = []
     steps = len(trial.actors) * len(trial.noises_mm) * len(windows(trial)) * len(every)
     with progress(steps, "capture") as bar:
         for actor in trial.actors:
             acted = acted_landmarks.load(inputs, actor)
             seen = recordings(trial, acted, actor)
-            goal, scale = targets_of(trial, seen[min(seen)], rig, 1)
+            goal, scale = targets_of(trial, exact(acted), rig, 1)
             performed = acted.params if actor == trial.character else None
             count = len(goal)
             rows.append(Row(TABLE, trial.character, "scale", f"scale[{actor}]", "ratio", scale, None, 1, count, *facts))

@@ -13,27 +13,26 @@ from replicate.drawing.panels import Words
 from replicate.methods.method_registry import method_named
 from replicate.targets.figure12 import acted_landmarks
 from replicate.targets.figure12.capture_trial import CaptureTrial
-from replicate.targets.figure12.driven_motions import drivers, recordings, targets_of
+from replicate.targets.figure12.driven_motions import Driver, exact, targets_of
 
 if TYPE_CHECKING:
     import matplotlib.figure
 
 
 def figure12(
-    trial: CaptureTrial, inputs: Mapping[str, Path], renderer: str | None = None
+    trial: CaptureTrial, inputs: Mapping[str, Path], driver: Driver, renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): for each actor a row of its frames and a row of the character that it drives.
 
-    The landmarks are exact, and smoothed as the configuration says.
+    driver: what leads from landmarks to the face. The landmarks are exact, and smoothed as the configuration says.
     """
-    rig, (driver, *_) = landmark_rig.load(inputs), drivers(trial, inputs)
+    rig = landmark_rig.load(inputs)
     height, width = acted_landmarks.picture_size()
     camera = head_camera(rig, width / height)
     cells, parts = [], []
     for actor in trial.actors:
         acted = acted_landmarks.load(inputs, actor)
-        exact = recordings(trial, acted, actor)[0.0]
-        targets, scale = targets_of(trial, exact, rig, trial.section.smoothing_frames)
+        targets, scale = targets_of(trial, exact(acted), rig, trial.section.smoothing_frames)
         shown = acted.shown.tolist()
         params = np.clip(driver.solve(targets[shown]), rig.lower, rig.upper).astype(np.float32)
         apart = np.linalg.norm((driver.face(params)[:, rig.control_points] - targets[shown])[..., :2], axis=-1).mean(1)

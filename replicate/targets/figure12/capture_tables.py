@@ -18,7 +18,7 @@ BLOCKS = (  # metric, unit, words
     ("jitter", "ratio", "Jitter, over the actor's"),
     ("outside_limits", "ratio", "Parameters brought back within their limits"),
 )
-FIRST, NOISE = "refined", 1.0  # the driver and the noise, mm, that the answer tells of
+FIRST, NOISE = "refined", 1.0  # the driver that the answer tells of, and about which noise, mm
 NOTES = (
     "Landmarks: how far those of the mesh end from where they shall go, in the image plane. Vertices and parameters: "
     "against the actor's, where the character is its own actor.",
@@ -45,20 +45,31 @@ def answer12(ours: Iterable[Row]) -> list[str]:
 
 
 def _answer(rows: Sequence[Row], character: str) -> str:
-    def value(metric: str, method: str = FIRST, noise: float = 0.0, smoothed: bool = False) -> float:
-        return find(rows, TABLE, character, method, metric_name(metric, character, noise, smoothed)).value
+    noises = noises_of(rows, character)
+    least, some = noises[0], min(noises, key=lambda noise: abs(noise - NOISE))
+
+    def value(metric: str, method: str = FIRST, noise: float = least, smoothed: bool = False) -> float | None:
+        row = find(rows, TABLE, character, method, metric_name(metric, character, noise, smoothed))
+        return row.value if row else None
 
     landmarks, vertices = (
         f"{value(metric):.2f} mm (ridge regression {value(metric, RIDGE):.2f} mm, neutral pose "
         f"{value(metric, NEUTRAL):.2f} mm)"
         for metric in ("landmark_error_mean", "vertex_error_mean")
     )
-    noisy, calm = (f"{value('jitter', FIRST, NOISE, smoothed):.1f}" for smoothed in (False, True))
+    calm, off = (value(metric, noise=some, smoothed=True) for metric in ("jitter", "landmark_error_mean"))
+    smooth = "" if calm is None else f", smoothed {calm:.1f} times; its landmarks are then {off:.2f} mm off"
+    trembling = f"trembles {value('jitter', noise=some):.1f} times as much as the actor{smooth}"
     return (
-        f"**On {character}** IK networks bring exact landmarks of its own back to {landmarks}, and all vertices to "
-        f"{vertices}. With {NOISE:g} mm of noise the face trembles {noisy} times as much as the actor, smoothed {calm} "
-        f"times; its landmarks are then {value('landmark_error_mean', FIRST, NOISE, True):.2f} mm off."
+        f"**On {character}** IK networks bring landmarks of its own, with {least:g} mm of noise, back to {landmarks}, "
+        f"and all vertices to {vertices}. With {some:g} mm of noise the face {trembling}."
     )
+
+
+def noises_of(rows: Sequence[Row], actor: str) -> list[float]:
+    """Return the noises that a performance was tried with, mm, rising."""
+    pattern = re.compile(rf"\w+\[{re.escape(actor)}\]\[noise (.+?) mm\]")
+    return sorted({float(match[1]) for row in rows if (match := pattern.match(row.metric))})
 
 
 def actors_of(rows: Sequence[Row], character: str) -> list[str]:
@@ -71,8 +82,7 @@ def actors_of(rows: Sequence[Row], character: str) -> list[str]:
 
 def capture_table(rows: Sequence[Row], character: str, actor: str) -> Table:
     """Return one character's table for one actor: a column for each noise, lines with and without smoothing."""
-    pattern = re.compile(rf"\w+\[{re.escape(actor)}\]\[noise ([\d.]+) mm\]")
-    noises = sorted({float(match[1]) for row in rows if (match := pattern.match(row.metric))})
+    noises = noises_of(rows, actor)
     present = {row.method for row in rows}
     names = [*in_order(present - {RIDGE, NEUTRAL, "scale"}), *(name for name in (RIDGE, NEUTRAL) if name in present)]
     body: list[tuple[str, ...] | None] = []

@@ -22,10 +22,7 @@ class ThroughMethod:
 
 @dataclass(frozen=True)
 class CaptureTrial:
-    """Whose face is driven, by whose performances (its own first), and through what.
-
-    noises_mm: standard deviations of what is added to each coordinate of the actors' landmarks.
-    """
+    """Whose face is driven, by whose performances (its own first), and through what."""
 
     character: str
     actors: tuple[str, ...]
@@ -34,4 +31,8 @@ class CaptureTrial:
     section: CaptureConfig
     inverse: InverseConfig
     methods: tuple[ThroughMethod, ...]
-    noises_mm: tuple[float, ...] = (0.0, 0.25, 0.5, 1.0, 2.0)
+
+    @property
+    def noises_mm(self) -> tuple[float, ...]:
+        """The standard deviations of what is added to each coordinate of the actors' landmarks, rising."""
+        return tuple(sorted(set(self.section.noises_mm)))

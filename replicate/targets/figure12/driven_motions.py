@@ -84,12 +84,17 @@ def drivers(trial: CaptureTrial, inputs: Mapping[str, Path]) -> list[Driver]:
     return found
 
 
+def exact(performance: Performance) -> Recording:
+    """Return what a tracker without any noise would see of a performance."""
+    return Recording(performance.landmarks[..., :2].astype(float), MM, 0)
+
+
 def recordings(trial: CaptureTrial, performance: Performance, actor: str) -> dict[float, Recording]:
     """Return what a tracker with noise would see of a performance, by the noise's standard deviation in mm.
 
     The same noise is scaled, so that a curve over it isn't another draw at each place.
     """
-    places = performance.landmarks[..., :2].astype(float)
+    places = exact(performance).positions
     noise = stream_rng(trial.seed, "figure12", f"noise of {actor}").normal(size=places.shape)
     return {size: Recording(places + size * noise, MM, 0) for size in trial.noises_mm}
 
