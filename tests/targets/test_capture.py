@@ -117,8 +117,8 @@ def test_another_actor_of_another_size_drives_the_same_face(folder, tmp_path):
     assert metric_name("vertex_error_mean", "other", 0.0, False) not in values
     own_table, other_table = tables12(rows)
     assert "driven by the landmarks of the other" in other_table.title
-    assert "Parameters, in shares of their ranges" not in [line[0] for line in other_table.body if line]
-    assert "Parameters, in shares of their ranges" in [line[0] for line in own_table.body if line]
+    assert "Parameters, in % of their ranges" not in [line[0] for line in other_table.body if line]
+    assert "Parameters, in % of their ranges" in [line[0] for line in own_table.body if line]
 
 
 def test_landmarks_bring_the_face_nearer_than_the_neutral_pose_and_noise_makes_it_tremble(folder):

@@ -11,6 +11,7 @@ from replicate.report.run_name import run_name
 from replicate.targets.figure12 import acted_landmarks
 from replicate.targets.figure12.capture_trial import CaptureTrial
 from replicate.targets.figure12.driven_motions import (
+    EVERY,
     NEUTRAL,
     Closeness,
     Driver,
@@ -80,5 +81,6 @@ def _rows(
         value = getattr(found, field)
         if value is not None and not (driver.name == NEUTRAL and metric in ("jitter", "outside_limits")):
             name = metric_name(metric, actor, noise, smoothed)
-            rows.append(Row(TABLE, character, driver.name, name, unit, value, None, 1, count, *facts))
+            poses = -(-count // EVERY) if metric == "vertex_error_mean" else count
+            rows.append(Row(TABLE, character, driver.name, name, unit, value, None, 1, poses, *facts))
     return rows

@@ -14,14 +14,17 @@ from replicate.targets.figure12.noise_curves import driver_label
 BLOCKS = (  # metric, unit, words
     ("landmark_error_mean", "mm", "Landmarks, mm"),
     ("vertex_error_mean", "mm", "All vertices, mm"),
-    ("parameter_error_mean", "ratio", "Parameters, in shares of their ranges"),
+    ("parameter_error_mean", "ratio", "Parameters, in % of their ranges"),
     ("jitter", "ratio", "Jitter, over the actor's"),
-    ("outside_limits", "ratio", "Parameters brought back within their limits"),
+    ("outside_limits", "ratio", "Parameters brought back within their limits, %"),
 )
+PERCENT = ("parameter_error_mean", "outside_limits")
 FIRST, NOISE = "refined", 1.0  # the driver that the answer tells of, and about which noise, mm
 NOTES = (
     "Landmarks: how far those of the mesh end from where they shall go, in the image plane. Vertices and parameters: "
     "against the actor's, where the character is its own actor.",
+    "Parameters: of those that can move a landmark. Several sets of them give nearly the same landmarks, so that near "
+    "landmarks don't mean near parameters.",
     "Jitter: mean second difference in time of the landmarks, over that of the actor's without noise.",
     "ridge regression: from landmarks straight to parameters, fitted to what trains the networks, noise and all; it "
     "and the neutral pose have the mesh of the first networks.",
@@ -62,7 +65,8 @@ def _answer(rows: Sequence[Row], character: str) -> str:
     trembling = f"trembles {value('jitter', noise=some):.1f} times as much as the actor{smooth}"
     return (
         f"**On {character}** IK networks bring landmarks of its own, with {least:g} mm of noise, back to {landmarks}, "
-        f"and all vertices to {vertices}. With {some:g} mm of noise the face {trembling}."
+        f"and all vertices to {vertices}. The parameters are {100 * value(PERCENT[0]):.1f} % of their ranges off (neutral "
+        f"pose {100 * value(PERCENT[0], NEUTRAL):.1f} %). With {some:g} mm of noise the face {trembling}."
     )
 
 
@@ -94,7 +98,7 @@ def capture_table(rows: Sequence[Row], character: str, actor: str) -> Table:
                 found = [find(rows, TABLE, character, name, each) for each in metrics]
                 if any(found) and not (smoothed and name == NEUTRAL):
                     label = driver_label(name) + (", smoothed" if smoothed else "")
-                    lines.append((label, *(round_off(row.value, unit, row.sd) if row else "–" for row in found)))
+                    lines.append((label, *(_cell(row, metric, unit) for row in found)))
         if lines:
             body += [None] if body else []
             body += [(words, *[""] * len(noises)), *lines]
@@ -105,3 +109,11 @@ def capture_table(rows: Sequence[Row], character: str, actor: str) -> Table:
     seeds, profiles = most_seeds(rows), ", ".join(sorted({row.profile for row in rows}))
     about = f"{frames}{f'{seeds} seeds, ± their standard deviation' if seeds > 1 else 'one seed'}; profile {profiles}."
     return Table(f"Figure 12: {character}, driven {whose}", (header,), tuple(body), (about, *NOTES))
+
+
+def _cell(row: Row | None, metric: str, unit: str) -> str:
+    if row is None:
+        return "–"
+    if metric in PERCENT:
+        return f"{100 * row.value:.1f}" + (f" ± {100 * row.sd:.1f}" if row.sd is not None else "")
+    return round_off(row.value, unit, row.sd)

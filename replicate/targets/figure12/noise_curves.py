@@ -50,7 +50,7 @@ def noise_curves(trial: CaptureTrial, rows: Sequence[Row]) -> "tuple[matplotlib.
         tidy(axes)
         enlarge(axes)
     handles, labels = panels[0].get_legend_handles_labels()
-    legend = figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
+    legend = figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 3), frameon=False)
     for text in legend.get_texts():
         text.set_fontsize(14)
     return figure, _words(trial, rows, names)
