@@ -14,6 +14,7 @@ CHAINS = (  # beginnings of names whose landmarks a line joins in their order; T
     ("brow_right", False),
     ("brow_left", False),
     ("nose_bridge", False),
+    ("below nose", False),
     ("eye_right", True),
     ("eye_left", True),
     ("outer lip", True),
@@ -59,6 +60,8 @@ def window_of(places: Float[np.ndarray, "t l 2"], aspect: float) -> tuple[np.nda
 def _belongs(name: str, chain: str) -> bool:
     if chain == "outer lip":
         return name.startswith(("lip_", "mouth_"))
+    if chain == "below nose":
+        return name.startswith(("nose_wing", "nostril", "nose_base"))
     if chain == "nose_bridge":
         return name.startswith(("nose_bridge", "nose_tip"))
     return name.startswith(chain) or (chain == "chin_" and name == "chin")

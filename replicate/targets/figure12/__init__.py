@@ -98,6 +98,5 @@ def publish(results: Sequence[CharacterResult]) -> None:
     rows = publish_rows("figure12", results)
     for table in tables12(rows):
         print(as_text(table))
-    print(
-        f"written to {display_path(results_folder(results[0].config.profile))}: figure12.csv, figure12.ipynb, pictures"
-    )
+    folder = display_path(results_folder(results[0].config.profile))
+    print(f"written to {folder}: figure12.csv, its pictures, manifest.json, and figure12.ipynb to read them in")

@@ -63,10 +63,11 @@ def _answer(rows: Sequence[Row], character: str) -> str:
     calm, off = (value(metric, noise=some, smoothed=True) for metric in ("jitter", "landmark_error_mean"))
     smooth = "" if calm is None else f", smoothed {calm:.1f} times; its landmarks are then {off:.2f} mm off"
     trembling = f"trembles {value('jitter', noise=some):.1f} times as much as the actor{smooth}"
+    own, rest = (100 * value("parameter_error_mean", method) for method in (FIRST, NEUTRAL))
     return (
         f"**On {character}** IK networks bring landmarks of its own, with {least:g} mm of noise, back to {landmarks}, "
-        f"and all vertices to {vertices}. The parameters are {100 * value(PERCENT[0]):.1f} % of their ranges off (neutral "
-        f"pose {100 * value(PERCENT[0], NEUTRAL):.1f} %). With {some:g} mm of noise the face {trembling}."
+        f"and all vertices to {vertices}. The parameters are off by {own:.1f} % of their ranges (neutral pose {rest:.1f} "
+        f"%). With {some:g} mm of noise the face {trembling}."
     )
 
 
