@@ -106,7 +106,8 @@ def _faces(mediapipe, cv2, capture, model: Path, rate: float) -> Iterator[np.nda
             there, picture = capture.read()
             if not there:
                 return
-            image = mediapipe.Image(mediapipe.ImageFormat.SRGB, cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))
+            colours = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+            image = mediapipe.Image(image_format=mediapipe.ImageFormat.SRGB, data=colours)
             found = landmarker.detect_for_video(image, round(1000 * index / rate)).face_landmarks
             yield np.array([(point.x, point.y) for point in found[0][:DETECTED]]) if found else None
             index += 1

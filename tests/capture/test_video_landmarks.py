@@ -69,7 +69,7 @@ def install(monkeypatch, landmarker, pictures=6):
         FaceLandmarker=SimpleNamespace(create_from_options=lambda options: landmarker),
     )
     tasks = SimpleNamespace(vision=vision, BaseOptions=SimpleNamespace)
-    image = lambda kind, pixels: pixels  # noqa: E731
+    image = lambda image_format, data: data  # noqa: E731
     mediapipe = SimpleNamespace(tasks=tasks, Image=image, ImageFormat=SimpleNamespace(SRGB="rgb"))
     names = {"CAP_PROP_FPS": 0, "CAP_PROP_FRAME_WIDTH": 1, "CAP_PROP_FRAME_HEIGHT": 2, "COLOR_BGR2RGB": 3}
     cv2 = SimpleNamespace(VideoCapture=lambda file: Video(pictures), cvtColor=lambda picture, kind: picture, **names)

@@ -11,6 +11,7 @@ from replicate import __main__ as cli
 from replicate.engine.paths import ROOT
 from replicate.methods.method_registry import choose
 from replicate.report.cast import STANDS_FOR, cast
+from replicate.targets.command_parser import parser
 from replicate.targets.options import OPTIONS
 from replicate.targets.target_registry import targets
 
@@ -56,6 +57,13 @@ def test_what_trains_nothing_takes_all_of_the_papers_characters_that_have_a_reci
     assert cast() == there and "teen" in there
     for target in ALL:
         assert target.characters() == (there if target.name in DRAW_ALL else ("teen",)), target.name
+
+
+def test_a_target_may_have_methods_of_its_own_that_are_shown_if_none_is_named(capsys):
+    defaults = {t.name: parser().parse_args([t.name]).methods for t in ALL if "methods" in t.options}
+    assert defaults.pop("figure12") == ["refined"]
+    assert all(methods == ["standard"] for methods in defaults.values()) and "table2" in defaults
+    assert cli.main(["figure12", "--help"]) == 0 and "(default: refined)" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("target", [t for t in ALL if t.stages], ids=lambda target: target.name)
