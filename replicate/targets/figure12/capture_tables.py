@@ -66,8 +66,8 @@ def _answer(rows: Sequence[Row], character: str) -> str:
     own, rest = (100 * value("parameter_error_mean", method) for method in (FIRST, NEUTRAL))
     return (
         f"**On {character}** IK networks bring landmarks of its own, with {least:g} mm of noise, back to {landmarks}, "
-        f"and all vertices to {vertices}. The parameters are off by {own:.1f} % of their ranges, those of the neutral pose "
-        f"by {rest:.1f} %. With {some:g} mm of noise the face {trembling}."
+        f"and all vertices to {vertices}. The parameters are off by {own:.1f} % of their ranges, those of the neutral "
+        f"pose by {rest:.1f} %. With {some:g} mm of noise the face {trembling}."
     )
 
 
