@@ -22,7 +22,7 @@ from replicate.engine.user_files import check_output_file, is_file, shown_path
 POINTS = Path(__file__).with_name("mediapipe_points.csv")
 SCHEMA = (Column("landmark"), Column("point", "whole number"))
 DETECTED = 478  # points that the model gives for a face
-ADVICE = "; `pip install mediapipe` installs it, or write the CSV with another tracker"
+ADVICE = ": `pip install mediapipe` brings it, or write the CSV with another tracker"
 
 
 def chosen_points(file: Path = POINTS) -> Int[np.ndarray, " l"]:
@@ -67,9 +67,7 @@ def track(video: Path, model: Path, out: Path) -> str:
         import cv2
         import mediapipe
     except ImportError as error:
-        raise InputError(
-            f"landmarks of a video need {error.name or 'mediapipe'}, which isn't installed{ADVICE}"
-        ) from None
+        raise InputError(f"landmarks of a video need MediaPipe, and {error.name} isn't installed{ADVICE}") from None
     capture = cv2.VideoCapture(str(video))
     try:
         if not capture.isOpened():
