@@ -137,7 +137,7 @@ def _check_counts(where: str, frame: "pandas.DataFrame", names: Sequence[str]) -
         number = short.index[0]
         missing = [name for name in names if name not in set(frame.loc[frame["frame"] == number, "landmark"])]
         raise InputError(
-            f"{where}: frame {number} has {short.iloc[0]} of the {len(names)} landmarks, and {missing[0]!r} is missing: "
+            f"{where}: frame {number} has {short.iloc[0]} of {len(names)} landmarks, and {missing[0]!r} is missing; "
             "leave the coordinates of a landmark that was not seen empty."
         )
 

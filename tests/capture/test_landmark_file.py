@@ -77,7 +77,7 @@ def test_half_a_place_counts_as_not_seen_and_so_does_nan(tmp_path):
         ("\n".join(lines()).replace("0,nose,1.0,2.0", "0,nose,,"), "'nose' is not seen in frame 0, at the recording"),
         ("\n".join(lines(range(9))).replace("\n4,chin,1.0,2.0", "\n4,chin,,").replace("\n5,chin,1.0,2.0", "\n5,chin,,")
          .replace("\n6,chin,1.0,2.0", "\n6,chin,,"), "'chin' is not seen in frames 4 to 6; allowed are gaps of 2"),
-        ("\n".join(lines()[:-1]), "frame 3 has 2 of the 3 landmarks, and 'nose' is missing"),
+        ("\n".join(lines()[:-1]), "frame 3 has 2 of 3 landmarks, and 'nose' is missing"),
         ("\n".join(lines(names=("chin", "brow", "ear"))), "line 4: there is no landmark 'ear'; allowed are chin, brow"),
         ("\n".join(lines((0, 2, 1))), "line 8: frame 1 comes after frame 2; allowed are frames in rising order"),
         ("\n".join(lines((0, 1, 1))), "line 8: 'chin' of frame 1 comes a second time"),
