@@ -24,6 +24,8 @@ Eq. 8–10 their losses, §4.2 their training        inverse/ik_training.py
 Eq. 11   the normal error                         approximation/metrics.py
 §5.2     the time of single poses                 timing/single_poses.py
 §5.3.1   posing in a browser                      poser/page.py
+§5.3.2   landmarks become control points          capture/landmark_motion.py
+§5.3.2   what landmarks drive, as an animation    capture/capture_files.py
 Table 1  model sizes                              targets/table1/
 Table 2  approximation errors                     targets/table2/
 Table 3  milliseconds a pose                      targets/table3/
@@ -35,6 +37,7 @@ Fig. 8   refinement segments                      targets/figure08/
 Fig. 9   forehead wrinkles                        targets/figure09/
 Fig. 10  heatmaps of normal errors                targets/figure10/
 Fig. 11  faces that inverse kinematics poses      targets/figure11/
+Fig. 12  performance capture, scored              targets/figure12/
 Fig. 13  the networks on another mesh             targets/figure13/
 
 Which of the paper's claims our numbers bear out is judged in targets/claims/, a rule each.

@@ -11,6 +11,7 @@ from data_recipes.rig import Rig
 from replicate.approximation.metrics import angle_between, vertex_error
 from replicate.artefacts import built_rig, control_influence
 from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
+from replicate.drawing.marker_balls import balls
 from replicate.drawing.panels import Words
 from replicate.drawing.prop_surfaces import carry_props, prop_surfaces
 from replicate.drawing.render import render
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 COUNT, TALL = 3, 1.2  # configurations, those with the most points; a picture's height over its width
 FARTHEST_MM = 40.0  # that a vertex is drawn from where the rig has it: some approximations fly apart
-RED, RADIUS_MM = (214, 39, 40), 2.4  # of a control point
+RADIUS_MM = 2.4  # of a control point
 TITLE = "the rig"
 LINES = ("distance", "normal error")
 
@@ -53,7 +54,7 @@ def figure11(
     width = cell_width(columns, LINES)
     cells, phrases = [], []
     for k in range(len(chosen)):
-        points = spheres(_in_front(targets[chosen[k]], truth[k]))
+        points = balls(_in_front(targets[chosen[k]], truth[k]), RADIUS_MM)
         faces = {TITLE: truth[k]} | {method_named(name).label: vertices[k] for name, vertices in predicted.items()}
         for title, vertices in faces.items():
             lines = ("", "") if title == TITLE else _errors(rig, vertices, truth[k])
@@ -102,22 +103,3 @@ def _in_front(points: Float[np.ndarray, "c 3"], vertices: Float[np.ndarray, "n 3
     """Return points brought before the face along the view, so that none is hidden: depth does not count here."""
     front = float(vertices[:, 2].max()) + RADIUS_MM
     return np.concatenate([points[:, :2], np.full((len(points), 1), front)], axis=1)
-
-
-def spheres(points: Float[np.ndarray, "c 3"]) -> Surface:
-    """Return small red balls about some points, as one surface."""
-    rings, around = np.linspace(0, np.pi, 7), np.linspace(0, 2 * np.pi, 12, endpoint=False)
-    ball = np.stack(
-        [
-            np.sin(rings)[:, None] * np.cos(around),
-            np.sin(rings)[:, None] * np.sin(around),
-            np.cos(rings)[:, None] + 0 * around,
-        ],
-        axis=-1,
-    ).reshape(-1, 3)
-    row, column = np.meshgrid(np.arange(6) * 12, np.arange(12), indexing="ij")
-    a, b = (row + column).ravel(), (row + (column + 1) % 12).ravel()
-    faces = np.concatenate([np.stack([a, a + 12, b], 1), np.stack([b, a + 12, b + 12], 1)])
-    vertices = (points[:, None] + RADIUS_MM * ball).reshape(-1, 3)
-    every = (faces[None] + len(ball) * np.arange(len(points))[:, None, None]).reshape(-1, 3)
-    return Surface(vertices.astype(np.float32), every.astype(np.int32), RED, lit=False, framed=False)
