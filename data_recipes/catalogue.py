@@ -7,6 +7,7 @@ here for names and files alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,20 +16,24 @@ from jaxtyping import Float32
 from data_recipes.acting import clip_file
 from data_recipes.acting.expression_poses import expression_poses
 from data_recipes.ict.facekit_files import model_files
+from data_recipes.landmark_set import FACE_LANDMARKS, region_of_landmark
 from data_recipes.recipe.facekit import FaceKitRecipe
 from data_recipes.recipe.reading import Recipe, load_recipe, with_clips, without_place
 from data_recipes.recipe_paths import character_names
 from data_recipes.rig import Rig
 
 __all__ = [
+    "FACE_LANDMARKS",
     "build_from_parts",
     "build_rig",
     "character_parts",
     "expression_poses",
     "load_rig",
+    "performance",
     "read_clip",
     "rig_names",
     "save_rig",
+    "with_face_landmarks",
 ]
 
 
@@ -69,6 +74,39 @@ def build_from_parts(recipe: Recipe | FaceKitRecipe, files: Sequence[Path]) -> R
     from data_recipes.recipe_rig import build_recipe_rig
 
     return build_recipe_rig(whole)
+
+
+def with_face_landmarks(rig: Rig, recipe: Recipe | FaceKitRecipe) -> Rig:
+    """Return a rig whose control points are the 54 landmarks of performance capture (§5.3.2), in their regions.
+
+    recipe: what the rig was built from, as `character_parts` gives it; of its head the landmarks are read off.
+    """
+    if isinstance(recipe, FaceKitRecipe):
+        from data_recipes.ict.facekit_rig import facekit_landmarks
+
+        vertices = facekit_landmarks(recipe)
+    else:
+        from data_recipes.head.face_landmarks import landmark_vertices
+        from data_recipes.head.neutral_head import build_head
+
+        vertices = landmark_vertices(build_head(recipe))
+    return replace(
+        rig,
+        control_points=vertices,
+        control_point_names=tuple(FACE_LANDMARKS),
+        control_point_regions=tuple(map(region_of_landmark, FACE_LANDMARKS)),
+    )
+
+
+def performance(rig: Rig) -> Float32[np.ndarray, "t m"]:
+    """Return a short performance, an emotion, a take and a speech, of which no training has seen a frame.
+
+    The frames are parameters within the controls' limits, 24 a second, and the first is the neutral pose. Raises
+    InputError for a rig with other controls than ours or ARKit's.
+    """
+    from data_recipes.fresh_acting import perform_afresh
+
+    return perform_afresh(rig)
 
 
 def load_rig(folder: Path) -> Rig:

@@ -22,9 +22,13 @@ Eq. 8–10 their losses, §4.2 their training        inverse/ik_training.py
 §5.1     linear blend skinning (SSDR)             approximation/skinning/ssdr.py
 §5.1     errors over all unique test poses        approximation/evaluation.py
 Eq. 11   the normal error                         approximation/metrics.py
+§5.2     the time of single poses                 timing/single_poses.py
 §5.3.1   posing in a browser                      poser/page.py
+§5.3.2   landmarks become control points          capture/landmark_motion.py
+§5.3.2   what landmarks drive, as an animation    capture/capture_files.py
 Table 1  model sizes                              targets/table1/
 Table 2  approximation errors                     targets/table2/
+Table 3  milliseconds a pose                      targets/table3/
 Table 4  errors in poses of inverse kinematics    targets/table4/
 Fig. 1   the rig beside approximations            targets/figure01/
 Fig. 5   training poses                           targets/figure05/
@@ -33,12 +37,13 @@ Fig. 8   refinement segments                      targets/figure08/
 Fig. 9   forehead wrinkles                        targets/figure09/
 Fig. 10  heatmaps of normal errors                targets/figure10/
 Fig. 11  faces that inverse kinematics poses      targets/figure11/
+Fig. 12  performance capture, scored              targets/figure12/
 Fig. 13  the networks on another mesh             targets/figure13/
 
 Which of the paper's claims our numbers bear out is judged in targets/claims/, a rule each.
 
 A row of a table is a module of methods/, what `make` makes a folder of targets/, what methods share a module of
-artefacts/; engine/ runs and keeps the work. Of the paper, Table 3 and Figure 12 have no module yet.
+artefacts/; engine/ runs and keeps the work. Of the paper, Figure 12 has no module yet.
 """
 
 TYPE_CHECKING = False  # for type checkers, which take it for true; importing typing would take longer than all else

@@ -25,6 +25,7 @@ from data_recipes.ict.facekit_segments import SOFT, Segments, split
 from data_recipes.ict.fold_regions import build_regions
 from data_recipes.ict.jaw_fit import JAW_CONTROLS, fit_jaw
 from data_recipes.ict.marks import control_points, face_marks, landmarks, model_controls
+from data_recipes.landmark_set import FACE_LANDMARKS
 from data_recipes.recipe.facekit import FaceKitRecipe, Reach
 from data_recipes.rig import Clip, check_rig
 from replicate.engine.exceptions import InputError
@@ -96,6 +97,13 @@ def _marks(model: FaceKit, segments: Segments, file: str) -> Int[np.ndarray, " l
         vertex = model.landmarks[np.flatnonzero(marks < 0)[0]]
         raise InputError(f"{file}: 'parts': found landmark vertex {vertex} in none of them, where one is needed")
     return marks
+
+
+def facekit_landmarks(recipe: FaceKitRecipe) -> Int[np.ndarray, " l"]:
+    """Return the vertices of the rig that are landmarks of performance capture, in the order of `FACE_LANDMARKS`."""
+    model = read_model(recipe.vertices)
+    marks = _marks(model, split(model, recipe.parts, recipe.file), recipe.file)
+    return marks[list(FACE_LANDMARKS.values())].astype(np.int32)
 
 
 def build_constants(model: FaceKit, segments: Segments, marks: np.ndarray, recipe: FaceKitRecipe) -> dict[str, Any]:

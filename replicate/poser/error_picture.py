@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from data_recipes.rig import Rig
-from replicate.drawing.ball_marks import balls
 from replicate.drawing.heatmap import ROOT, colour_bar
+from replicate.drawing.marker_balls import balls_in_front
 from replicate.drawing.panels import Words, panel_grid
 from replicate.drawing.prop_surfaces import carry_props, prop_surfaces
 from replicate.drawing.render import render
@@ -52,7 +52,7 @@ def error_figure(
         others = prop_surfaces(carry_props(props, errors.truth, vertices))
         return render([surface, *others, *marks], camera, WIDTH, HEIGHT, renderer=renderer)
 
-    points, heat = (balls(targets, errors.truth),), scale.colours(errors.of(kind))
+    points, heat = (balls_in_front(targets, errors.truth),), scale.colours(errors.of(kind))
     pictures = [
         picture(errors.truth, Surface(errors.truth, faces), points),
         picture(errors.predicted, Surface(errors.predicted, faces), points),

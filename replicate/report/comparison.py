@@ -4,11 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from replicate.engine.exceptions import InputError
-from replicate.methods.method_registry import in_order, method_named
+from replicate.methods.method_registry import in_order
 from replicate.report.cast import STANDS_FOR
 from replicate.report.results import Row, find, read_results
 from replicate.report.tables import Table, paper_value, round_off
+from replicate.timing.timed_names import label_of
 
+SPREAD = tuple(f"{kind}_{cores}" for kind in ("median", "p05", "p95") for cores in ("one_core", "all_cores"))
 NO_METHODS = {"model": "Model", "dense_released": "Dense, 256 and 512"}  # what Table 1 counts besides
 
 
@@ -31,7 +33,7 @@ def compare(paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row]
         unit = keys[character, method, metric]
         ratio = f"{new.value / old.value:.3f}" if old and new and old.value else "–"
         cells = (round_off(row.value, unit, row.sd) if row else "–" for row in (old, new))
-        label = f"{character}, {NO_METHODS.get(method) or method_named(method).title}, {metric} [{unit}]"
+        label = f"{character}, {NO_METHODS.get(method) or label_of(method)}, {metric} [{unit}]"
         body.append((label, paper_value(theirs), *cells, ratio))
     return Table(f"{table}: the paper's rig | the reference results | yours", (_header(reference, yours),), tuple(body))
 
@@ -59,7 +61,10 @@ def compare_folders(paper: Path, reference: Path, yours: Path, tables: Sequence[
 
 
 def _has_line(row: Row) -> bool:
-    return not row.metric.endswith(("_p95", "_max", "_left_out", "_least", "_most")) and "texels" not in row.metric
+    return (
+        not row.metric.endswith(("_p95", "_max", "_left_out", "_least", "_most", *SPREAD))
+        and "texels" not in row.metric
+    )
 
 
 def _order(key: tuple[str, str, str], order: Sequence[str]) -> tuple:

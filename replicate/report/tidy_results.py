@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     import pandas
 
 FOLDERS = {"reference": REFERENCE, "published": PAPER}
-TABLE_FILE = re.compile(r"(table\d+|rig_report|bench_\w+)\.csv")  # other CSV files hold what is behind a figure
+TABLE_FILE = re.compile(
+    r"(table\d+|figure\d+|rig_report|bench_\w+)\.csv"
+)  # other CSV files hold what is behind a figure
 
 
 def read_run(run: str) -> "pandas.DataFrame":

@@ -56,9 +56,12 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _settings(option: str, target: Target) -> dict:
-    """Return what argparse needs of an option, with the target's own characters as default."""
+    """Return what argparse needs of an option, with the target's own characters and methods as default."""
     settings = dict(OPTIONS[option])
     if option == "characters":
         settings["default"] = list(target.characters())
         settings["help"] += f" (default: {' '.join(target.characters())})"
+    if option == "methods" and target.methods:
+        settings["default"] = list(target.methods)
+        settings["help"] = settings["help"].partition(" (default:")[0] + f" (default: {' '.join(target.methods)})"
     return settings

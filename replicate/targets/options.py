@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from data_recipes.recipe_paths import OUTSIDE, character_label, character_names, recipe_file
+from replicate.capture.capture_config import own as capture_section
 from replicate.config import LARGEST_SEED, Config, resolve
 from replicate.engine import paths
 from replicate.engine.cluster_config import is_elsewhere
@@ -58,6 +59,11 @@ OPTIONS = {
         "help": "a CSV file whose header names controls: one row is a pose, several are a clip of 24 frames a second; "
         "or a .json that the posing page saved",
     },
+    "landmarks": {
+        "metavar": "FILE",
+        "help": "a CSV file of an actor's landmarks: frame,landmark,x_mm,y_mm with y up, or frame,landmark,x_px,y_px "
+        "in pixels of the picture with y down; 54 lines a frame, 24 frames a second, the neutral expression first",
+    },
     "to": {
         "metavar": "FILE",
         "help": "the .glb (metres) or, for a pose, .obj (mm) to write (default: a .glb in results/runs/export)",
@@ -79,7 +85,8 @@ def configurations(options: argparse.Namespace) -> list[Config]:
     overrides = {"samples": {"split": options.split}} if options.split else None
     file = Path(options.config) if options.config else None
     registry.choose(words(getattr(options, "methods", "")))  # those from outside have sections of their own too
-    sections = registry.sections(options.profile) | {"inverse": inverse_section(options.profile)}
+    sections = registry.sections(options.profile)
+    sections |= {"inverse": inverse_section(options.profile), "capture": capture_section(options.profile)}
     return [
         resolve(character, options.profile, overrides, file, sections, seed=seed, device=device)
         for character in characters(options)

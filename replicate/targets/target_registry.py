@@ -16,8 +16,9 @@ class Target:
     all of it.
 
     about: what it makes, for lists. writes: where. options: those of `options.OPTIONS` that it takes. characters: those
-    that it takes if none is named. run: does it. stages: (plan, methods) → its graph for one character, its result
-    last; None for a target without one. in_comparison: whether `make compare` shows its CSV.
+    that it takes if none is named; methods: likewise, None for the standard ones. run: does it. stages: (plan, methods)
+    → its graph for one character, its result last; None for a target without one. in_comparison: whether `make compare`
+    shows its CSV.
     """
 
     name: str
@@ -25,6 +26,7 @@ class Target:
     writes: str
     options: tuple[str, ...]
     characters: Callable[[], tuple[str, ...]]
+    methods: tuple[str, ...] | None
     run: Callable[[argparse.Namespace], None]
     stages: Callable | None
     in_comparison: bool
@@ -49,6 +51,7 @@ def targets() -> dict[str, Target]:
                 module.WRITES,
                 module.OPTIONS,
                 getattr(module, "CHARACTERS", one_character),
+                getattr(module, "METHODS", None),
                 module.run,
                 getattr(module, "stages", None),
                 getattr(module, "IN_COMPARISON", False),

@@ -39,8 +39,8 @@ def test_a_run_is_one_table_of_all_its_numbers(runs):
 
 def test_the_committed_results_hold_every_number_of_their_files():
     table = replicate.results()
-    files = [REFERENCE / f"{name}.csv" for name in ("table1", "table2", "table4", "rig_report")]
-    files += sorted(REFERENCE.glob("bench_*.csv"))
+    files = [REFERENCE / f"{name}.csv" for name in ("table1", "table2", "table3", "table4", "rig_report")]
+    files += sorted([*REFERENCE.glob("bench_*.csv"), *REFERENCE.glob("figure??.csv")])
     rows = [row for file in files for row in read_results(file)]
     assert len(table) == len(rows) and table["value"].sum() == pytest.approx(sum(row.value for row in rows))
     assert {"table1", "table2", "table2_segments", "rig_report", "bench_lbs"} < set(table["table"])

@@ -31,6 +31,9 @@ PAPERS_OWN = {
     "C4": ALL_HOLD | {"Toothless": "fails", "Ray": "fails"},  # "can": no LBS of these two is as close as refined
     "C5": ALL_HOLD | {"Toothless": "fails"},  # its dense model is the best in normals
     "C6": ALL_HOLD,
+    "C7": ALL_HOLD | {"Ray": "not tested"},  # nobody's rig of Ray is in Table 3
+    "C8": ALL_HOLD | {"Ray": "not tested"},
+    "C9": ALL_HOLD | {"Ray": "not tested"},
     "C10": ALL_HOLD,
     "C11": UNPRINTED,
     "C12": UNPRINTED,
@@ -127,6 +130,26 @@ def test_c10_compares_the_cnn_with_dense_in_posed_faces(mm, degrees, expected):
     assert (
         one.verdict == expected and "through the rig itself, which favour neither: distance: refined 0.7" in one.reason
     )
+
+
+@pytest.mark.parametrize(
+    ("nodes", "compiled", "expected"), [(50.0, 20.0, "holds"), (50.0, 19.9, "fails"), (19.9, 50.0, "fails")]
+)
+def test_c7_needs_five_times_the_speed_of_both_evaluations_of_the_rig(nodes, compiled, expected):
+    facts = None, 1, 1_000, "laptop", "b"
+    times = {"rig_nodes": nodes, "rig": compiled, "refined": 4.0}
+    given = [Row("table3", "teen", name, "time_all_cores", "ms", ms, *facts) for name, ms in times.items()]
+    one = judge(claim_named("C7"), "teen", Evidence(given), PAPER)
+    assert one.verdict == expected and "times as fast as the rig, compiled" in one.reason
+    assert verdict("C7", given[1:]) == "not tested", "the rig has two times"
+
+
+@pytest.mark.parametrize(("dense", "expected"), [(2.9, "holds"), (3.1, "fails"), (4.1, "fails")])
+def test_c8_wants_dense_to_be_faster_than_the_coarse_and_the_refined_model(dense, expected):
+    facts = None, 1, 1_000, "laptop", "b"
+    times = {"dense": dense, "coarse": 3.0, "refined": 4.0}
+    given = [Row("table3", "teen", name, "time_all_cores", "ms", ms, *facts) for name, ms in times.items()]
+    assert verdict("C8", given) == expected and verdict("C9", given) == "not tested"
 
 
 @pytest.mark.parametrize(("mean", "expected"), [(0.299, "holds"), (0.3, "holds"), (0.301, "fails")])

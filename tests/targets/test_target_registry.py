@@ -11,6 +11,7 @@ from replicate import __main__ as cli
 from replicate.engine.paths import ROOT
 from replicate.methods.method_registry import choose
 from replicate.report.cast import STANDS_FOR, cast
+from replicate.targets.command_parser import parser
 from replicate.targets.options import OPTIONS
 from replicate.targets.target_registry import targets
 
@@ -47,8 +48,8 @@ def test_a_target_says_what_it_makes_and_where_and_takes_known_options(capsys, t
 
 
 def test_tables_come_first_and_compare_knows_them():
-    assert [target.name for target in ALL if target.in_comparison] == ["table1", "table2", "table4"]
-    assert list(targets())[:3] == ["table1", "table2", "table4"]
+    assert [target.name for target in ALL if target.in_comparison] == ["table1", "table2", "table3", "table4"]
+    assert list(targets())[:4] == ["table1", "table2", "table3", "table4"]
 
 
 def test_what_trains_nothing_takes_all_of_the_papers_characters_that_have_a_recipe():
@@ -56,6 +57,13 @@ def test_what_trains_nothing_takes_all_of_the_papers_characters_that_have_a_reci
     assert cast() == there and "teen" in there
     for target in ALL:
         assert target.characters() == (there if target.name in DRAW_ALL else ("teen",)), target.name
+
+
+def test_a_target_may_have_methods_of_its_own_that_are_shown_if_none_is_named(capsys):
+    defaults = {t.name: parser().parse_args([t.name]).methods for t in ALL if "methods" in t.options}
+    assert defaults.pop("figure12") == ["refined"]
+    assert all(methods == ["standard"] for methods in defaults.values()) and "table2" in defaults
+    assert cli.main(["figure12", "--help"]) == 0 and "(default: refined)" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("target", [t for t in ALL if t.stages], ids=lambda target: target.name)
@@ -68,8 +76,8 @@ def test_a_targets_graph_ends_with_the_stage_of_its_name_and_trains_no_more_than
     assert graph[-1].title == f"{target.name.replace('-', '_')}-tiny"
     trained = {stage.name for stage in graph} & {"coarse", "refined", "dense", "linear", "pca", "driven"}
     own = {"table2": {"coarse"}, "figure10": {"coarse"}, "figure01": {"coarse", "refined"}}
-    own |= {"figure09": own["figure01"], "figure13": own["figure01"], "table4": {"coarse"}}
-    own["figure11"] = {"coarse", "refined", "dense"}
+    own |= {"figure09": own["figure01"], "figure13": own["figure01"], "table3": {"coarse"}, "table4": {"coarse"}}
+    own |= {"figure11": {"coarse", "refined", "dense"}, "figure12": own["figure01"], "capture": own["figure01"]}
     assert trained == own.get(target.name, set())
 
 

@@ -23,7 +23,7 @@ from replicate.targets.claims.verdict_rules import SPREADS, significant
 
 OF_TABLE2 = ("C1", "C2", "C3", "C4", "C5")
 CLOSE = 0.02  # share of a limit: a verdict of one seed that is nearer to it is marked
-LATER = "No rule judges C7 to C9 (speed) and C13 (transfer to another mesh) yet."
+LATER = "No rule judges C13 (transfer to another mesh) yet."
 
 
 def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequence[Claim] = CLAIMS) -> Table:

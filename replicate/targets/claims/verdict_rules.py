@@ -13,7 +13,7 @@ from typing import Literal
 from replicate.report.results import Row
 
 SPREADS = 2.0  # of the summed standard deviations: what a difference must exceed
-UNITS = {"mm": " mm", "deg": "°", "MB": " MB"}
+UNITS = {"mm": " mm", "deg": "°", "MB": " MB", "ms": " ms"}
 LEAST_DIGITS, MOST_DIGITS = 3, 6  # significant ones in sentences: as many as tell two numbers apart
 
 

@@ -10,8 +10,8 @@ from jaxtyping import Float
 from data_recipes.rig import Rig
 from replicate.approximation.metrics import angle_between, vertex_error
 from replicate.artefacts import built_rig, control_influence
-from replicate.drawing.ball_marks import balls
 from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
+from replicate.drawing.marker_balls import balls_in_front
 from replicate.drawing.panels import Words
 from replicate.drawing.prop_surfaces import carry_props, prop_surfaces
 from replicate.drawing.render import render
@@ -53,7 +53,7 @@ def figure11(
     width = cell_width(columns, LINES)
     cells, phrases = [], []
     for k in range(len(chosen)):
-        points = balls(targets[chosen[k]], truth[k])
+        points = balls_in_front(targets[chosen[k]], truth[k])
         faces = {TITLE: truth[k]} | {method_named(name).label: vertices[k] for name, vertices in predicted.items()}
         for title, vertices in faces.items():
             lines = ("", "") if title == TITLE else _errors(rig, vertices, truth[k])

@@ -31,7 +31,7 @@ TITLES = {
     "deformation_transfer": "Deformation transfer †",
 }
 SIZES = {ORIGINAL: "its own mesh", "half": "half of the vertices", "quarter": "a quarter"}
-LINES = ("distance", "normals")
+LINES = ("distance", "normal error")
 HEAD, CLOSE = 1.3, 0.9  # a picture's height over its width
 RIBBON_MM = 0.2
 CARRIED = ("coarse", "coarse_carried")  # read at the new vertices' coordinates, and taken to their places

@@ -1,0 +1,43 @@
+"""The numbers of performance capture: how landmarks become control points (§5.3.2)."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from replicate.engine.exceptions import InputError
+from replicate.engine.schema import Checked, number
+
+DEGREE = 2  # of the polynomials that smoothing fits to a window of frames
+
+
+@dataclass(frozen=True)
+class CaptureConfig(Checked):
+    """How the movement of landmarks is taken over, and what Figure 12 tries (DEVIATIONS D26).
+
+    scale: "face", the actor's movement in sizes of the face, or "none", in millimetres as it is. head: "steady" takes
+    the head's shift, turn and size in the picture out of each frame, "moving" leaves them in. neutral_frames: how many
+    first frames show the neutral expression. smoothing_frames: an odd window, 1 for none. longest_gap: how many frames
+    in a row are interpolated where a landmark was not seen. frames_per_second: of the recording.
+
+    actor: who performs beside the character itself in Figure 12; "" for the woman, or for her the teen. noises_mm:
+    standard deviations of the noise of each coordinate of an actor's landmarks.
+    """
+
+    scale: Literal["face", "none"] = "face"
+    head: Literal["moving", "steady"] = "moving"
+    neutral_frames: int = number(3, 1, 10_000)
+    smoothing_frames: int = number(7, 1, 999)
+    longest_gap: int = number(6, 0, 10_000)
+    frames_per_second: float = number(24.0, 1.0, 1_000.0)
+    actor: str = ""
+    noises_mm: tuple[float, ...] = number((0.0, 0.25, 0.5, 1.0, 2.0), 0.0, 1_000.0)
+
+    def __post_init__(self):
+        super().__post_init__()
+        if self.smoothing_frames % 2 == 0 or 1 < self.smoothing_frames <= DEGREE:
+            allowed = f"1 for no smoothing, or an odd number of frames from {DEGREE + 1}"
+            raise InputError(f"smoothing_frames is {self.smoothing_frames}: allowed is {allowed}")
+
+
+def own(profile: str) -> CaptureConfig:
+    """Return the section `[capture]` of a profile's configuration, the same in every profile."""
+    return CaptureConfig()

@@ -1,0 +1,48 @@
+"""A character that landmarks drive: rig parameters from the IK networks, and the approximation's mesh (§5.3.2)."""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from data_recipes.rig import Prop, Rig
+from replicate.drawing.prop_surfaces import carry_props
+from replicate.inverse.ik_network import IkModel
+
+BATCH = 32  # poses that are predicted at a time
+FIELDS = ("name", "mesh", "controls", "lower", "default", "upper", "landmarks", "landmark_names", "control_points",
+          "control_point_regions", "control_point_names", "face_marks", "face_mark_regions", "clips", "nodes",
+          "paint")  # fmt: skip
+
+
+def driven_params(ik: IkModel, targets: Float[np.ndarray, "t l 3"], rig: Rig) -> Float32[np.ndarray, "t m"]:
+    """Return rig parameters for landmarks that shall go to some places, within the controls' limits (D26).
+
+    targets: mm, in the order of the networks' points.
+    """
+    return np.clip(ik.solve(targets), rig.lower, rig.upper).astype(np.float32)
+
+
+class ApproximatedRig:
+    """A rig whose skin an approximation gives: what is drawn and exported of a captured performance.
+
+    Props, as eyeballs and hair, are not part of the approximation: the rig poses them, and they go with the skin.
+    """
+
+    def __init__(self, rig: Rig, predict: Callable[[np.ndarray, np.ndarray], np.ndarray]):
+        """rig: the character. predict: (params (b, m), the rig's vertices (b, n, 3)) → vertices (b, n, 3), mm."""
+        self._rig, self._predict = rig, predict
+        for name in FIELDS:
+            setattr(self, name, getattr(rig, name))
+
+    def __call__(self, params: Float[np.ndarray, "*b m"]) -> Float32[np.ndarray, "*b n 3"]:
+        """Return the vertices (n, 3) or (b, n, 3), mm, of one pose (m,) or a batch (b, m)."""
+        every = np.asarray(params, np.float32).reshape(-1, len(self.default))
+        parts = [every[first : first + BATCH] for first in range(0, len(every), BATCH)]
+        vertices = np.concatenate([np.asarray(self._predict(part, self._rig(part)), np.float32) for part in parts])
+        return vertices.reshape(*np.shape(params)[:-1], *vertices.shape[1:])
+
+    def pose_props(self, params: Float[np.ndarray, " m"]) -> list[Prop]:
+        """Return the display-only meshes in the pose (m,), moved as the skin is."""
+        props = self._rig.pose_props(params)
+        return carry_props(props, self._rig(params), self(params)) if props else []

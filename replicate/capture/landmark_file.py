@@ -1,0 +1,172 @@
+"""Recorded landmarks as CSV, a landmark of a frame a line (§5.3.2): read with every fault named, short gaps filled."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from replicate.engine.exceptions import InputError
+from replicate.engine.schema import shown
+from replicate.engine.tidy_files import Column, read_csv, write_csv
+from replicate.engine.user_files import read_text, shown_path
+
+if TYPE_CHECKING:
+    import pandas
+
+MOST_BYTES = 60_000_000
+MOST_FRAMES = 20_000
+MM, PIXELS = "mm", "px"  # y points up in mm, down in pixels; x points to the picture's right, the face's own left
+KEY = ("frame", "landmark")
+SCHEMAS = {
+    unit: (
+        Column("frame", "whole number"),
+        Column("landmark"),
+        Column(f"x_{unit}", "number", optional=True),
+        Column(f"y_{unit}", "number", optional=True),
+    )
+    for unit in (MM, PIXELS)
+}
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What an actor's landmarks did. positions: (t, l, 2), x to the picture's right and y up, in `unit`, MM or PIXELS.
+
+    filled: how many places were interpolated, of t · l.
+    """
+
+    positions: np.ndarray
+    unit: str
+    filled: int
+
+    def in_words(self) -> str:
+        """Return what is in it, as a sentence's beginning."""
+        many = f"{len(self.positions)} frames of {self.positions.shape[1]} landmarks"
+        return f"{many}, {self.filled} places of which are interpolated" if self.filled else many
+
+
+def write_landmarks(file: Path, positions: Float[np.ndarray, "t l 2"], names: Sequence[str], unit: str) -> None:
+    """Write a recording whose frames are numbered from 0.
+
+    positions: x to the picture's right, y up in mm and down in pixels as a file has it; NaN where a landmark was not
+    seen.
+    """
+    lines = [
+        (t, name, *(None if np.isnan(value) else float(value) for value in place))
+        for t, places in enumerate(positions)
+        for name, place in zip(names, places, strict=True)
+    ]
+    write_csv(file, SCHEMAS[unit], lines, KEY)
+
+
+def read_landmarks(file: Path, names: Sequence[str], longest_gap: int) -> Recording:
+    """Read a recording of all landmarks, which may come in any order within a frame.
+
+    names: of the landmarks. longest_gap: of how many frames in a row a landmark may be missing between two in which it
+    was seen; it is interpolated there. Raises InputError, naming the file and the line or the frame, for a file that is
+    missing or no such table, for an unknown landmark, for frames that repeat, run backwards or lack landmarks, for an
+    infinite coordinate, and for a gap that is longer or has an open end.
+    """
+    where = shown_path(file)
+    unit = _unit(where, read_text(file, MOST_BYTES))
+    frame = read_csv(file, SCHEMAS[unit], (), missing="there is no such file of landmarks.")
+    if frame.empty:
+        raise InputError(f"{where}: it holds no landmark, where {len(names)} a frame are allowed.")
+    _check_lines(where, frame, names)
+    numbers = frame["frame"].to_numpy(np.int64)
+    first, last = int(numbers[0]), int(numbers[-1])
+    if last - first >= MOST_FRAMES:
+        raise InputError(f"{where}: its frames go from {first} to {last}; allowed are {MOST_FRAMES:,} at most.")
+    _check_counts(where, frame, names)
+    places = {name: k for k, name in enumerate(names)}
+    positions = np.full((last - first + 1, len(names), 2), np.nan)
+    rows, columns = numbers - first, frame["landmark"].map(places).to_numpy()
+    positions[rows, columns] = frame.iloc[:, 2:].to_numpy(np.float64)
+    unseen = np.isnan(positions).any(axis=2)
+    _check_gaps(where, unseen, first, names, longest_gap)
+    positions = _filled(positions, unseen)
+    if unit == PIXELS:
+        positions = positions * (1.0, -1.0)
+    return Recording(positions, unit, int(unseen.sum()))
+
+
+def _unit(where: str, text: str) -> str:
+    header = text.split("\n", 1)[0].strip("\r")
+    headers = {",".join(column.name for column in columns): unit for unit, columns in SCHEMAS.items()}
+    if header not in headers:
+        allowed = " and ".join(map(repr, headers))
+        raise InputError(f"{where}, line 1: found {shown(header)}, where only the headers {allowed} are allowed.")
+    return headers[header]
+
+
+def _check_lines(where: str, frame: "pandas.DataFrame", names: Sequence[str]) -> None:
+    unknown = np.flatnonzero(~frame["landmark"].isin(names))
+    if len(unknown):
+        name, some = frame["landmark"].iloc[unknown[0]], ", ".join(names[:4])
+        raise InputError(
+            f"{where}, line {unknown[0] + 2}: there is no landmark {shown(name)}; allowed are {some} and "
+            f"{len(names) - 4} more, which `data_recipes/landmark_set.py` lists."
+        )
+    infinite = np.flatnonzero(np.isinf(frame.iloc[:, 2:].to_numpy(np.float64)).any(axis=1))
+    if len(infinite):
+        raise InputError(f"{where}, line {infinite[0] + 2}: a coordinate is infinite, where finite ones are allowed.")
+    numbers = frame["frame"].to_numpy(np.int64)
+    again = np.flatnonzero(frame.duplicated(list(KEY)))
+    if len(again):
+        name = frame["landmark"].iloc[again[0]]
+        raise InputError(
+            f"{where}, line {again[0] + 2}: {name!r} of frame {numbers[again[0]]} comes a second time, where once is "
+            "allowed."
+        )
+    back = np.flatnonzero(np.diff(numbers) < 0)
+    if len(back):
+        line = back[0] + 3
+        earlier, later = numbers[back[0]], numbers[back[0] + 1]
+        raise InputError(
+            f"{where}, line {line}: frame {later} comes after frame {earlier}; allowed are frames in rising order."
+        )
+
+
+def _check_counts(where: str, frame: "pandas.DataFrame", names: Sequence[str]) -> None:
+    counts = frame.groupby("frame", sort=False)["landmark"].size()
+    short = counts[counts < len(names)]
+    if len(short):
+        number = short.index[0]
+        missing = [name for name in names if name not in set(frame.loc[frame["frame"] == number, "landmark"])]
+        raise InputError(
+            f"{where}: frame {number} has {short.iloc[0]} of {len(names)} landmarks, and {missing[0]!r} is missing; "
+            "leave the coordinates of a landmark that was not seen empty."
+        )
+
+
+def _check_gaps(where: str, unseen: Bool[np.ndarray, "t l"], first: int, names: Sequence[str], longest: int) -> None:
+    for k in np.flatnonzero(unseen.any(axis=0)):
+        what = "no landmark" if unseen[unseen[:, k]].all() else repr(names[k])
+        begins, ends = _runs(unseen[:, k])
+        for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+            frames = f"frame {first + begin}" if end - begin == 1 else f"frames {first + begin} to {first + end - 1}"
+            seen = f"{where}: {what} is {'not ' if what != 'no landmark' else ''}seen in {frames}"
+            if begin == 0 or end == len(unseen):
+                raise InputError(f"{seen}, at the recording's end or beginning, where nothing can be interpolated.")
+            if end - begin > longest:
+                raise InputError(
+                    f"{seen}; allowed are gaps of {longest} frames at most, which are interpolated ([capture] "
+                    "longest_gap in a CONFIG file)."
+                )
+
+
+def _runs(missing: Bool[np.ndarray, " t"]) -> tuple[Int[np.ndarray, " r"], Int[np.ndarray, " r"]]:
+    """Return where runs of missing frames begin, and where they have ended."""
+    steps = np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8))
+    return np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)
+
+
+def _filled(positions: Float[np.ndarray, "t l 2"], unseen: Bool[np.ndarray, "t l"]) -> Float[np.ndarray, "t l 2"]:
+    import pandas
+
+    positions = np.where(unseen[..., None], np.nan, positions)
+    table = pandas.DataFrame(positions.reshape(len(positions), -1))
+    return table.interpolate(limit_area="inside").to_numpy().reshape(positions.shape)

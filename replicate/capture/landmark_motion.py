@@ -1,0 +1,110 @@
+"""From an actor's landmarks to a character's control points: c = c⁰ + l − l⁰ (§5.3.2), scaled and smoothed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.signal
+from jaxtyping import Float, Float32
+
+from replicate.capture.capture_config import DEGREE, CaptureConfig
+from replicate.capture.landmark_file import PIXELS, Recording
+from replicate.engine.exceptions import InputError
+
+FRAMES_PER_SECOND = 24.0  # of all clips
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where a character's landmarks shall go. targets: (t, l, 3) mm, of which z is that of the neutral pose.
+
+    scale: by what the actor's movement was multiplied, mm per unit of the recording. recorded: (t, l, 2) the landmarks
+    as they were taken over, steadied, smoothed and resampled.
+    """
+
+    targets: np.ndarray
+    scale: float
+    recorded: np.ndarray
+
+
+def control_motion(recording: Recording, neutral: Float[np.ndarray, "l 3"], section: CaptureConfig) -> Motion:
+    """Return where a character's landmarks go when an actor's have moved as recorded.
+
+    neutral: c⁰, the character's landmarks in its neutral pose, mm. Raises InputError as `check_recording` does.
+    """
+    check_recording(recording, section)
+    count = section.neutral_frames
+    positions = recording.positions
+    if section.head == "steady":
+        positions = steadied(positions, positions[:count].mean(axis=0))
+    rest = positions[:count].mean(axis=0)
+    positions = resampled(smoothed(positions, section.smoothing_frames), section.frames_per_second)
+    scale = face_size(neutral[:, :2]) / face_size(rest) if section.scale == "face" else 1.0
+    targets = np.tile(np.asarray(neutral, np.float32), (len(positions), 1, 1))
+    targets[..., :2] += scale * (positions - rest)
+    return Motion(targets.astype(np.float32), float(scale), positions)
+
+
+def check_recording(recording: Recording, section: CaptureConfig) -> None:
+    """Raise InputError for a recording with no frame beyond the neutral ones, and for pixels taken as millimetres."""
+    count = section.neutral_frames
+    if len(recording.positions) <= count:
+        raise InputError(
+            f"the recording has {len(recording.positions)} frames, where more than {count} are needed: the first "
+            f"{count} are taken for the neutral expression ([capture] neutral_frames in a CONFIG file)"
+        )
+    if recording.unit == PIXELS and section.scale == "none":
+        raise InputError("landmarks in pixels need a scale: [capture] scale is 'none', allowed for them is 'face'")
+
+
+def face_size(places: Float[np.ndarray, "l 2"]) -> float:
+    """Return the root mean square distance of landmarks from their middle."""
+    return float(np.sqrt(np.square(places - places.mean(axis=0)).sum(axis=1).mean()))
+
+
+def smoothed(positions: Float[np.ndarray, "t l 2"], frames: int) -> Float[np.ndarray, "t l 2"]:
+    """Return landmarks after a Savitzky-Golay filter: a parabola fitted to a window of so many frames; 1: as is."""
+    if frames == 1:
+        return positions
+    return scipy.signal.savgol_filter(positions, frames, DEGREE, axis=0, mode="nearest")
+
+
+def resampled(positions: Float[np.ndarray, "t l 2"], frames_per_second: float) -> Float[np.ndarray, "u l 2"]:
+    """Return landmarks at 24 frames a second, interpolated between those of a recording at another rate."""
+    if frames_per_second == FRAMES_PER_SECOND:
+        return positions
+    times = np.arange(len(positions)) / frames_per_second
+    wanted = np.arange(int(times[-1] * FRAMES_PER_SECOND + 1e-9) + 1) / FRAMES_PER_SECOND
+    columns = positions.reshape(len(positions), -1).T
+    return np.stack([np.interp(wanted, times, column) for column in columns], 1).reshape(len(wanted), -1, 2)
+
+
+def steadied(positions: Float[np.ndarray, "t l 2"], rest: Float[np.ndarray, "l 2"]) -> Float[np.ndarray, "t l 2"]:
+    """Return landmarks without the head's shift, turn and size in the picture.
+
+    Each frame is brought onto the neutral one by the similarity that fits all landmarks best in least squares; of a
+    head that turns aside or nods the foreshortening stays.
+    """
+    frames, goal = (_complex(each - each.mean(axis=-2, keepdims=True)) for each in (positions, rest))
+    turn = (frames.conj() * goal).sum(-1, keepdims=True) / (np.abs(frames) ** 2).sum(-1, keepdims=True)
+    moved = turn * frames
+    return np.stack([moved.real, moved.imag], -1) + rest.mean(axis=0)
+
+
+def _complex(places: Float[np.ndarray, "*t l 2"]) -> np.ndarray:
+    return places[..., 0] + 1j * places[..., 1]
+
+
+def jitter_mm(places: Float[np.ndarray, "t l d"]) -> float:
+    """Return the mean length of the second difference in time, mm: how much a motion trembles."""
+    return float(np.linalg.norm(np.diff(places, 2, axis=0), axis=-1).mean())
+
+
+def telling_frames(places: Float32[np.ndarray, "t l 3"] | Float[np.ndarray, "t l 3"], count: int) -> list[int]:
+    """Return so many frames of a motion that differ most from the first frame and from each other, in order."""
+    flat = np.asarray(places, float).reshape(len(places), -1)
+    away = np.linalg.norm(flat - flat[0], axis=1)
+    chosen: list[int] = []
+    for _ in range(min(count, len(flat))):
+        chosen.append(int(np.argmax(away)))
+        away = np.minimum(away, np.linalg.norm(flat - flat[chosen[-1]], axis=1))
+    return sorted(chosen)

@@ -1,0 +1,102 @@
+"""Figure 12: performance capture where the truth is known; a character's rig acts and drives itself and another."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+
+from replicate.artefacts import built_rig, control_influence, drawn_samples, rigid_segments
+from replicate.artefacts.plan import Plan, reference
+from replicate.capture import landmark_ik, landmark_rig
+from replicate.engine.stage import Stage, StageContext
+from replicate.inverse import ik_stage
+from replicate.methods import measurement, refined
+from replicate.methods.method import Method
+from replicate.methods.prediction import reading
+from replicate.report.publication import CharacterResult, results_folder
+from replicate.targets.capture import section
+from replicate.targets.figure12 import acted_landmarks
+from replicate.targets.figure12.capture_trial import CaptureTrial, ThroughMethod
+from replicate.targets.options import OF_A_RUN, methods
+from replicate.targets.running import make
+
+ABOUT = "performance capture where the truth is known: a rig's landmarks, with noise, drive itself and another face"
+WRITES = "results/runs/<profile>/"
+OPTIONS = (*OF_A_RUN, "methods")
+METHODS = (refined.METHOD.name,)
+ACTORS = ("woman", "teen")  # who performs besides: the first that is another character
+
+
+def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
+    """Return the stages of one character's figure; those that train, the slow ones, come first.
+
+    methods: what IK networks are trained through beside the refined model, as far as they have a model.
+    """
+    through = {method.name: method for method in (refined.METHOD, *methods) if method.model and not method.oracle}
+    trained = [landmark_ik.stage(plan, method) for method in through.values()]
+    other = Plan(replace(plan.config, character=actor_beside(plan)))
+    acting = {one.title: one for one in (acted_landmarks.stage(plan), acted_landmarks.stage(other))}
+    numbers = CaptureTrial(
+        plan.character,
+        tuple(dict.fromkeys((plan.character, other.character))),
+        plan.config.profile,
+        plan.config.seed,
+        section(plan.config),
+        ik_stage.section(plan),
+        tuple(
+            ThroughMethod(measurement.numbers_of(method, plan.config), reference(method.model))
+            for method in through.values()
+        ),
+    )
+    shared = (built_rig, drawn_samples, control_influence, rigid_segments, landmark_rig)
+    own = [stage for method in through.values() for stage in method.stages(plan)]
+    inputs = {one.title: one for one in (*(module.stage(plan) for module in shared), *own, *trained)} | acting
+    readers = [source for method in through.values() for source in reading(method, plan.config).sources]
+    functions = ", ".join(dict.fromkeys(map(reference, (draw, *readers))))
+    return [*own, *trained, *acting.values(), plan.stage("figure12", functions, numbers, *inputs.values())]
+
+
+def actor_beside(plan: Plan) -> str:
+    """Return who performs beside a plan's character: as the configuration says, or else another one of ours."""
+    own = plan.character.partition("@")[0]
+    return section(plan.config).actor or next(name for name in ACTORS if name != own)
+
+
+def draw(context: StageContext) -> None:
+    """Measure every way to drive the character, and draw the figure and its curves."""
+    from replicate.approximation.training import prepare
+    from replicate.drawing.face_sheet import LARGEST_BYTES
+    from replicate.drawing.panels import save_figure
+    from replicate.report.results import write_results
+    from replicate.targets.figure12.capture_rows import capture_rows
+    from replicate.targets.figure12.capture_strip import figure12
+    from replicate.targets.figure12.driven_motions import drivers
+    from replicate.targets.figure12.noise_curves import noise_curves
+
+    prepare("cpu")
+    trial, stem = context.config, f"figure12_{context.config.character}"
+    every = drivers(trial, context.inputs)
+    rows = capture_rows(trial, context.inputs, every, context.progress)
+    write_results(context.out / "figure12.csv", rows)
+    figure, words = figure12(trial, context.inputs, every[0])
+    save_figure(figure, context.out / f"{stem}.png", words, LARGEST_BYTES, dither=True)
+    figure, words = noise_curves(trial, rows)
+    save_figure(figure, context.out / f"{stem}_noise.png", words, LARGEST_BYTES)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Make the figure of every character, publish and print its numbers."""
+    publish(make(options, lambda plan: stages(plan, methods(options, plan.config))))
+
+
+def publish(results: Sequence[CharacterResult]) -> None:
+    """Write the rows and pictures of some characters to the profile's folder, and print the tables."""
+    from replicate.engine.paths import display_path
+    from replicate.report.row_publication import publish_rows
+    from replicate.report.tables import as_text
+    from replicate.targets.figure12.capture_tables import tables12
+
+    rows = publish_rows("figure12", results)
+    for table in tables12(rows):
+        print(as_text(table))
+    folder = display_path(results_folder(results[0].config.profile))
+    print(f"written to {folder}: figure12.csv, its pictures, manifest.json, and figure12.ipynb to read them in")

@@ -1,0 +1,75 @@
+"""Table 3: milliseconds that one pose takes, of the rig and of every approximation with the rigid step (§5.2)."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+
+from replicate.artefacts import built_rig, drawn_samples, rigid_segments
+from replicate.artefacts.plan import Plan, reference
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods import measurement
+from replicate.methods.method import Method
+from replicate.methods.prediction import reading
+from replicate.report.publication import CharacterResult, results_folder
+from replicate.targets.options import OF_A_RUN, methods
+from replicate.targets.running import make
+from replicate.targets.table3.timing_numbers import TimingNumbers
+
+ABOUT = "Table 3: milliseconds a pose of the rig and of every method, on one core and on all"
+WRITES = "results/runs/<profile>/"
+OPTIONS = (*OF_A_RUN, "methods")
+IN_COMPARISON = True
+FILE = "table3.csv"
+TURNS = {"quick": 100, "laptop": 1_000, "paper": 1_000}  # evaluations of single poses
+
+
+def stages(plan: Plan, methods: Sequence[Method], measured: str = "") -> list[Stage]:
+    """Return the stages of one character's table, the last; those of the methods, the slow ones, come first.
+
+    measured: when the measurement is asked for, so that no earlier one is taken for it.
+    """
+    timed = [method for method in methods if not method.oracle]
+    numbers = TimingNumbers(
+        plan.character,
+        plan.config.profile,
+        plan.config.seed,
+        tuple(measurement.numbers_of(method, plan.config) for method in timed),
+        tuple((method.name, reference(method.model)) for method in timed if method.model),
+        TURNS[plan.config.profile],
+        measured,
+    )
+    shared = (module.stage(plan) for module in (built_rig, drawn_samples, rigid_segments))
+    own_stages = [stage for method in timed for stage in method.stages(plan)]
+    inputs = {stage.title: stage for stage in (*shared, *own_stages)}
+    readers = [source for method in timed for source in reading(method, plan.config).sources]
+    functions = dict.fromkeys(map(reference, (measure, *readers)))
+    last = plan.stage("table3", ", ".join(functions), numbers, *inputs.values())
+    return [*own_stages, replace(last, threads=0)]  # 0: it runs alone, with all cores
+
+
+def measure(context: StageContext) -> None:
+    """Time the rig and all methods."""
+    from replicate.targets.table3.timing_rows import write_all
+
+    write_all(context.config, context.inputs, context.progress, context.out)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Make the methods of every character, time them, publish the rows and print them."""
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    publish(make(options, lambda plan: stages(plan, methods(options, plan.config), now)))
+
+
+def publish(results: Sequence[CharacterResult]) -> None:
+    """Write Table 3 of some characters to the profile's folder, print it, and execute its notebook if it is stale."""
+    from replicate.engine.paths import PAPER, display_path
+    from replicate.report.results import read_results
+    from replicate.report.row_publication import publish_rows
+    from replicate.report.tables import as_text
+    from replicate.targets.table3.timing_tables import tables3
+
+    rows = publish_rows("table3", results)
+    for table in tables3(rows, read_results(PAPER / FILE)):
+        print(as_text(table))
+    print(f"written to {display_path(results_folder(results[0].config.profile))}: {FILE}, manifest.json")

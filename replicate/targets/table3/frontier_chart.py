@@ -1,0 +1,71 @@
+"""Error against milliseconds and megabytes: what a smaller error costs, every method a dot."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from replicate.drawing.panels import DPI, Words
+from replicate.drawing.style import WIDTH, enlarge, error_scale, tidy
+from replicate.methods.method_registry import in_order, method_named
+from replicate.report.results import Row, find
+from replicate.report.tables import round_off
+from replicate.targets.table3.timing_rows import ALL
+from replicate.timing.timed_names import NODES, RIG
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+ERROR = "normal_error_mean"
+AXES = ((f"time_{ALL}", "ms", "milliseconds a pose, all cores"), ("model_size", "MB", "size, MB"))
+HEIGHT = 5.2  # inches
+BACKGROUND = {"facecolor": "white", "edgecolor": "none", "pad": 1}  # of letters that lines would cross
+LINES = {NODES: "rig, node by node", RIG: "rig, compiled"}
+
+
+def frontier_chart(
+    times: Sequence[Row], errors: Sequence[Row], character: str
+) -> "tuple[matplotlib.figure.Figure, Words] | None":
+    """Return (figure, words): a character's normal errors against time and against size, on logarithmic axes.
+
+    times: rows of Table 3. errors: rows of Table 2. None where no method has both.
+    """
+    from matplotlib.figure import Figure
+
+    names = in_order(
+        row.method
+        for row in times
+        if row.character == character
+        and row.metric == AXES[0][0]
+        and find(errors, "table2", character, row.method, ERROR)
+    )
+    names = [name for name in names if find(times, "table3", character, name, "model_size")]
+    if not names:
+        return None
+    figure = Figure((WIDTH, HEIGHT), dpi=DPI, layout="constrained")
+    phrases = []
+    for axes, (metric, unit, label) in zip(figure.subplots(1, 2, sharey=True), AXES, strict=True):
+        for name in names:
+            method = method_named(name)
+            error = find(errors, "table2", character, name, ERROR).value
+            cost = find(times, "table3", character, name, metric).value
+            axes.plot(cost, error, "o", color=method.colour, markersize=10, zorder=3)
+            place = {"textcoords": "offset points", "ha": "center", "zorder": 2, "bbox": BACKGROUND}
+            axes.annotate(method.label, (cost, error), (0, 10), **place)
+            phrases.append(f"{method.label}: {round_off(cost, unit)} {unit}, {round_off(error, 'deg')}°")
+        for name, words in LINES.items() if unit == "ms" else ():
+            if row := find(times, "table3", character, name, metric):
+                axes.axvline(row.value, color="0.45", linestyle=":", zorder=1)
+                style = {"rotation": 90, "ha": "right", "va": "bottom", "color": "0.35"}
+                axes.annotate(words, (row.value, 0), (-3, 4), ("data", "axes fraction"), "offset points", **style)
+        axes.margins(x=0.22, y=0.16)
+        axes.set_xlabel(label)
+        error_scale(axes)
+        error_scale(axes, "y")
+        tidy(axes)
+        enlarge(axes)
+    figure.axes[0].set_ylabel("normal error, degrees")
+    enlarge(figure.axes[0])
+    return figure, Words(
+        f"Two dot charts for {character}, normal error against time and against size: {'; '.join(phrases)}.",
+        f"Error against time and size: {character}. The axes are logarithmic; lower and further left is better. "
+        "Dotted: the rig, whose error is zero.",
+    )

@@ -1,0 +1,104 @@
+"""One character's numbers of Table 3, from its rig and its methods' models."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import numpy as np
+
+from data_recipes.rig import Rig
+from replicate.approximation.evaluation import unique_poses
+from replicate.approximation.rigid import attach
+from replicate.artefacts import built_rig, drawn_samples, rigid_segments
+from replicate.engine.stage import stage_function
+from replicate.engine.store import read_manifest
+from replicate.methods.measurement import MeasurementNumbers, predictor
+from replicate.report.results import Row, write_results
+from replicate.report.run_name import run_name
+from replicate.targets.table3.timing_numbers import TimingNumbers
+from replicate.timing.cores import can_confine, core_total, one_core, threads
+from replicate.timing.plain_evaluation import plain_offsets
+from replicate.timing.single_poses import Times, Way, time_single_poses
+from replicate.timing.timed_names import NODES, PLAIN, RIG, RIGID_STEP
+
+ROWS = "table3.csv"
+NODES_EVERY = 10  # turns: node by node the rig takes as long as all else together
+ONE, ALL = "one_core", "all_cores"
+
+
+def write_all(settings: TimingNumbers, inputs: Mapping[str, Path], progress: Callable, out: Path) -> None:
+    """Write a character's rows to a folder. progress: (total, label) → a context manager."""
+    rig, samples = built_rig.load(inputs), drawn_samples.load(inputs)
+    poses = np.asarray(samples.test_params[unique_poses(samples.test_params)], np.float32)
+    ways = ways_of(settings, inputs, rig)
+    times = {}
+    for where, confined in settings_of_cores():
+        with progress(settings.turns, f"timing, {where.replace('_', ' ')}") as bar, confined:
+            times[where] = time_single_poses(ways, poses, settings.turns, bar.update)
+    facts = settings.profile, run_name(inputs)
+    numbers = [
+        (name, f"{metric}_{where}", "ms", value, one.evaluations)
+        for where, own in times.items()
+        for name, one in own.items()
+        for metric, value in metrics(one)
+    ]
+    numbers += [(RIG, "cores", "count", core_total(), None), *costs(settings, inputs)]
+    rows = [
+        Row("table3", settings.character, method, metric, unit, float(value), None, 1, evaluations, *facts)
+        for method, metric, unit, value, evaluations in numbers
+    ]
+    write_results(out / ROWS, rows)
+
+
+def settings_of_cores() -> Iterator[tuple[str, AbstractContextManager[None]]]:
+    """Yield what is measured, and the context that it is measured in: on all cores, and on one where that can be."""
+    yield ALL, threads(core_total())
+    if can_confine():
+        yield ONE, one_core()
+
+
+def metrics(times: Times) -> list[tuple[str, float]]:
+    """Return a way's numbers by the beginnings of their metrics' names."""
+    return [("time", times.mean), ("median", times.median), ("p05", times.p05), ("p95", times.p95)]
+
+
+def ways_of(settings: TimingNumbers, inputs: Mapping[str, Path], rig: Rig) -> dict[str, Way]:
+    """Return all that is timed by name: the rig compiled and, where it has nodes, node by node; every method; the plain
+    evaluation of those with deformation maps; and the rigid step alone, which all approximations contain.
+    """
+    mesh, attachments = rig.mesh, rigid_segments.load(inputs)
+    ways = {RIG: Way(rig)}
+    if run_nodes := getattr(rig, "run_nodes", None):
+        ways[NODES] = Way(run_nodes, NODES_EVERY)
+    models = dict(settings.models)
+    for numbers in settings.methods:
+        ways[numbers.method] = Way(_without_truth(numbers, inputs))
+        model = stage_function(models[numbers.method])(inputs) if numbers.method in models else None
+        offsets = plain_offsets(model) if model is not None else None
+        if offsets:
+            ways[numbers.method + PLAIN] = Way(
+                lambda params, offsets=offsets: attach(mesh, attachments, mesh.neutral + offsets(params))
+            )
+    posed = rig(rig.default[None])
+    ways[RIGID_STEP] = Way(lambda params: attach(mesh, attachments, posed))
+    return ways
+
+
+def costs(settings: TimingNumbers, inputs: Mapping[str, Path]) -> list[tuple[str, str, str, float, None]]:
+    """Return what else a pose costs: each method's multiplications, and its size where it has one."""
+    found = []
+    for numbers in settings.methods:
+        if numbers.multiplications:
+            count = stage_function(numbers.multiplications)(inputs, numbers.numbers)
+            found.append((numbers.method, "multiplications", "count", count, None))
+        own = inputs.get(numbers.method)
+        size = read_manifest(own)["notes"].get("size_mb") if own else None
+        if size is not None:
+            found.append((numbers.method, "model_size", "MB", size, None))
+    return found
+
+
+def _without_truth(numbers: MeasurementNumbers, inputs: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
+    predict = predictor(numbers, inputs)
+    nothing = np.zeros((1, 0, 3), np.float32)
+    return lambda params: predict(params, nothing)

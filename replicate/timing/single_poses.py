@@ -1,0 +1,77 @@
+"""The time of single poses, as §5.2 measures it: one pose a call, many calls, after a warm-up.
+
+The functions take turns, so that a busy machine slows all of them alike and their ratios stay.
+"""
+
+import gc
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+WARM_UP = 10  # turns that don't count
+DISTURBED = 1.5  # 95th percentile over median: beyond it something else ran on the machine
+
+Evaluate = Callable[[np.ndarray], object]  # parameters (1, m) → vertices
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to evaluate a pose. every: it takes part in each so-many-th turn, where it is slow."""
+
+    evaluate: Evaluate
+    every: int = 1
+
+
+@dataclass(frozen=True)
+class Times:
+    """What many evaluations of single poses take, in milliseconds."""
+
+    mean: float
+    median: float
+    p05: float
+    p95: float
+    evaluations: int
+
+    @property
+    def is_disturbed(self) -> bool:
+        """Whether the slow evaluations take so much longer than the usual ones that the mean says little."""
+        return self.p95 > DISTURBED * self.median
+
+
+def time_single_poses(
+    ways: Mapping[str, Way], params: Float[np.ndarray, "t m"], turns: int, advance: Callable[[int], object]
+) -> dict[str, Times]:
+    """Return the times of some ways to evaluate poses, by name.
+
+    params: poses, which are taken one after the other, from the first again after the last. turns: how often a way is
+    timed that takes part in all of them. advance: called with the number of turns that are done since its last call.
+    """
+    taken: dict[str, list[float]] = {name: [] for name in ways}
+    collecting = gc.isenabled()
+    gc.collect()
+    gc.disable()  # a collection would fall on whoever's turn it is
+    try:
+        for turn in range(-WARM_UP, turns):
+            pose = params[turn % len(params)][None]
+            for name, way in ways.items():
+                if turn % way.every == 0:
+                    start = time.perf_counter()
+                    way.evaluate(pose)
+                    elapsed = time.perf_counter() - start
+                    if turn >= 0:
+                        taken[name].append(1e3 * elapsed)
+            if turn >= 0:
+                advance(1)
+    finally:
+        if collecting:
+            gc.enable()
+    return {name: summary(values) for name, values in taken.items()}
+
+
+def summary(milliseconds: list[float]) -> Times:
+    """Return the mean, the median and the 5th and 95th percentile of some times in ms."""
+    p05, median, p95 = np.quantile(milliseconds, (0.05, 0.5, 0.95))
+    return Times(float(np.mean(milliseconds)), float(median), float(p05), float(p95), len(milliseconds))

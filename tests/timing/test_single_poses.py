@@ -1,0 +1,49 @@
+"""Times of single poses: who is timed how often, what is summarised, and when a time is called disturbed."""
+
+import gc
+import time
+
+import numpy as np
+import pytest
+
+from replicate.timing.single_poses import WARM_UP, Times, Way, summary, time_single_poses
+
+
+def test_ways_take_turns_on_the_same_poses_one_at_a_time():
+    calls = []
+    ways = {
+        name: Way(lambda pose, name=name: calls.append((name, pose.shape, float(pose[0, 0])))) for name in ("a", "b")
+    }
+    done = []
+    times = time_single_poses(ways, np.arange(6.0).reshape(3, 2), 5, done.append)
+    assert len(calls) == 2 * (WARM_UP + 5) and {shape for _, shape, _ in calls} == {(1, 2)}
+    assert calls[-10:] == [(name, (1, 2), pose) for pose in (0.0, 2.0, 4.0, 0.0, 2.0) for name in ("a", "b")]
+    assert sum(done) == 5 and {one.evaluations for one in times.values()} == {5}
+
+
+def test_a_slow_way_takes_part_in_fewer_turns_and_is_warm_before_the_first():
+    calls = []
+    times = time_single_poses({"slow": Way(calls.append, every=4)}, np.zeros((1, 1)), 8, lambda done: None)
+    assert times["slow"].evaluations == 2 and len(calls) > 2
+
+
+def test_the_garbage_collector_rests_meanwhile_and_works_again_after_an_error():
+    def fail(pose):
+        assert not gc.isenabled()
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        time_single_poses({"a": Way(fail)}, np.zeros((1, 1)), 1, lambda done: None)
+    assert gc.isenabled()
+
+
+def test_a_way_that_waits_takes_as_long_as_it_waits():
+    times = time_single_poses({"wait": Way(lambda pose: time.sleep(0.002))}, np.zeros((1, 1)), 5, lambda done: None)
+    assert times["wait"].p05 >= 2.0
+
+
+def test_times_are_summarised_and_a_wide_spread_is_called_disturbed():
+    even = summary([2.0] * 20)
+    assert even == Times(2.0, 2.0, 2.0, 2.0, 20) and not even.is_disturbed
+    wide = summary([1.0] * 17 + [9.0] * 3)
+    assert wide.median == 1.0 and wide.p95 == 9.0 and wide.mean == pytest.approx(2.2) and wide.is_disturbed
