@@ -73,8 +73,8 @@ def figure11(
     return face_sheet(cells, columns, LINES), Words(
         f"Clay renders of {settings.character} in {COUNT} poses, with control points in red; from left to right the "
         f"rig and its approximations. Mean errors: {errors}.",
-        f"Faces that inverse kinematics poses (after Fig. 11). Red: where the control points shall go. {how_many} of the "
-        f"{targets.shape[1]} are dragged, by up to 25 mm, which the rig can't always follow. All faces "
+        f"Faces that inverse kinematics poses (after Fig. 11). Red: where the control points shall go. {how_many} of "
+        f"the {targets.shape[1]} are dragged, by up to 25 mm, which the rig can't always follow. All faces "
         f"of a row have the parameters of the same IK networks, which are trained through the model {source}. Below: "
         "mean distance from the rig, and mean angle between normals (Eq. 11). What an approximation throws farther "
         f"than {FARTHEST_MM:g} mm is drawn at that distance.",
