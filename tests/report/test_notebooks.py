@@ -181,7 +181,7 @@ def test_the_claims_notebook_shows_every_claim_with_its_reasons(folder, monkeypa
     assert [table.title.partition(",")[0] for table in reasons] == [claim.name for claim in CLAIMS]
     assert own.body[0][1] == "not tested" and "no normal_error_mean of linear" in own.body[0][2]
     captions = [words.caption for words in outputs if hasattr(words, "caption")]
-    assert len(captions) == 10, "neither the paper nor these results have numbers on C11 and C12"
+    assert len(captions) == 10, "neither the paper nor these results have numbers on C11, C12 and C13"
 
 
 @pytest.mark.parametrize("target", "claims table1 figure05 figure07 figure08 rig_report bench_released".split())

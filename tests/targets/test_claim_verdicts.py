@@ -37,6 +37,7 @@ PAPERS_OWN = {
     "C10": ALL_HOLD,
     "C11": UNPRINTED,
     "C12": UNPRINTED,
+    "C13": UNPRINTED,
 }
 
 
@@ -217,3 +218,19 @@ def test_verdicts_are_read_back_as_they_are_and_pivot(tmp_path):
 def test_every_character_that_is_judged_on_sample_rows_gets_every_claim():
     verdicts = judge_all(Evidence(table2_rows(("teen", "mine"))), PAPER)
     assert len({(one.claim, one.character) for one in verdicts}) == len(verdicts) == 5 * len(CLAIMS)
+
+
+@pytest.mark.parametrize(
+    ("half", "quarter", "expected"), [(0.5, 0.4, "holds"), (0.5, 0.51, "fails"), (0.51, 0.4, "fails")]
+)
+def test_c13_compares_new_meshes_with_the_one_that_the_networks_are_trained_on(half, quarter, expected):
+    facts = None, 1, 40, "laptop", "b"
+    values = {"original": 0.5, "half": half, "quarter": quarter}
+    given = [
+        Row("figure13", "teen", "coarse", f"{kind}_error_mean[{mesh}]", unit, value, *facts)
+        for kind, unit in (("vertex", "mm"), ("normal", "deg"))
+        for mesh, value in values.items()
+    ]
+    baseline = [replace(row, method="deformation_transfer") for row in given]
+    one = judge(claim_named("C13"), "teen", Evidence([*given, *baseline]), PAPER)
+    assert one.verdict == expected and "sees the true mesh of each pose" in one.reason

@@ -20,6 +20,7 @@ from replicate.drawing.render import render
 from replicate.report.results import read_results
 from replicate.targets import figure13 as target
 from replicate.targets.figure13 import moved_meshes, new_meshes, transfer_sheet
+from replicate.targets.figure13.transfer_tables import LABELS, tables13
 from replicate.transfer.new_mesh_poses import WAYS
 
 NUMBERS = moved_meshes.MovedNumbers(0, 10, 0, shifts=(0.0, 1.0, 4.0), turns_deg=(5.0,), draws=2, moved_poses=99)
@@ -83,13 +84,16 @@ def test_the_figure_has_a_row_of_meshes_each_and_rows_of_the_same_numbers(inputs
     monkeypatch.setattr("replicate.artefacts.built_rig.load", lambda _: TheSmallFace())
     settings = target.TransferPicture("tiny", "quick")
     folder = run_stage(target.draw, inputs, "figure13", settings, tmp_path)[0]["figure13"]
-    rows = {(row.method, row.metric): row for row in read_results(folder / "figure13_tiny.csv")}
+    rows = {(row.method, row.metric): row for row in read_results(folder / "figure13.csv")}
     means = moved_meshes.load_means(inputs)
     assert len(rows) == 2 * len(means) and {row.table for row in rows.values()} == {"figure13"}
     half = next(mean for mean in means if (mean.mesh, mean.method, mean.charts) == ("half", "coarse", ""))
     assert rows["coarse", "vertex_error_mean[half]"].value == half.distance_mm
     assert rows["coarse", "normal_error_mean[half]"].unit == "deg"
     assert rows["coarse", "vertex_error_mean[half][shift 4 px]"].poses == 24
+    meshes, charts = tables13(list(rows.values()))
+    assert {line[0] for line in meshes.body if line} >= set(LABELS.values()) and set(LABELS) == set(WAYS)
+    assert [line[0] for line in charts.body] == ["shift 0 px", "shift 1 px", "shift 4 px", "turn 5 deg"]
     words = json.loads((folder / "figure13_tiny.json").read_text())
     assert f"{half.distance_mm:.2f} mm" in words["caption"] and "(after Fig. 13)" in words["caption"]
     posed, faces = moved_meshes.load_pose(inputs, "half"), new_meshes.load(inputs)["half"].mesh.faces

@@ -23,7 +23,6 @@ from replicate.targets.claims.verdict_rules import SPREADS, significant
 
 OF_TABLE2 = ("C1", "C2", "C3", "C4", "C5")
 CLOSE = 0.02  # share of a limit: a verdict of one seed that is nearer to it is marked
-LATER = "No rule judges C13 (transfer to another mesh) yet."
 
 
 def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequence[Claim] = CLAIMS) -> Table:
@@ -51,8 +50,6 @@ def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequen
     notes += line_notes(evidence, characters)
     if "–" in cells.values():
         notes.append("–: not tested yet.")
-    if claims is CLAIMS:
-        notes.append(LATER)
     header = ("", *(f"{name} ({STANDS_FOR[name]})" if name in STANDS_FOR else name for name in characters))
     title = "What the paper claims, on our characters"
     return Table(title, (header,), body, tuple(notes), text_columns=len(header))

@@ -9,7 +9,6 @@ from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import coarse, refined
 from replicate.methods.method import Method
-from replicate.report.publication import publish_pictures
 from replicate.targets.figure13 import moved_meshes, new_meshes
 from replicate.targets.options import OF_A_RUN
 from replicate.targets.running import make
@@ -17,6 +16,7 @@ from replicate.targets.running import make
 ABOUT = "the networks move meshes of another topology through texture coordinates, beside the truth"
 WRITES = "results/runs/<profile>/"
 OPTIONS = OF_A_RUN
+FILE = "figure13.csv"
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,20 @@ def draw(context: StageContext) -> None:
 
     character, inputs = context.config.character, context.inputs
     means = moved_meshes.load_means(inputs)
-    write_results(context.out / f"figure13_{character}.csv", rows_of(character, context.config.profile, inputs, means))
+    write_results(context.out / FILE, rows_of(character, context.config.profile, inputs, means))
     figure, words = figure13(character, shown_meshes(inputs), means)
     save_figure(figure, context.out / f"figure13_{character}.png", words)
 
 
 def run(options: argparse.Namespace) -> None:
-    """Draw the figure of every character and publish it."""
-    publish_pictures("figure13", make(options, stages), notebook=False)
+    """Draw the figure of every character, publish its rows and pictures, and print its numbers."""
+    from replicate.engine.paths import display_path
+    from replicate.report.publication import results_folder
+    from replicate.report.row_publication import publish_rows
+    from replicate.report.tables import as_text
+    from replicate.targets.figure13.transfer_tables import tables13
+
+    for table in tables13(publish_rows("figure13", make(options, stages))):
+        print(as_text(table))
+    folder = display_path(results_folder(options.profile))
+    print(f"written to {folder}: {FILE}, its pictures, manifest.json, and figure13.ipynb to read them in")
