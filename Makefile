@@ -90,7 +90,7 @@ $(TARGETS): $(ENVIRONMENT)
 
 $(BENCHMARKS): bench-%: $(ENVIRONMENT)
 	@exec $(RUN) -m replicate.benchmarks.bench_$* --from-make \
-	  $(call option,PROFILE) $(call option,CHARACTERS) $(if $(filter methods,$*),$(call option,METHODS))
+	  $(call option,PROFILE) $(call option,CHARACTERS) $(if $(filter ik,$*),$(call option,METHODS))
 
 test: $(ENVIRONMENT) ## run all tests
 	@exec $(RUN) -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder

@@ -18,9 +18,9 @@ from threadpoolctl import threadpool_limits
 from data_recipes.rig import Rig
 from replicate.artefacts import built_rig, control_influence
 from replicate.artefacts.plan import Plan, reference
-from replicate.benchmarks.bench_methods import time_ways
 from replicate.benchmarks.common import PROFILE, add_count, answer, artefacts_of, make_parser, publish, split_names
 from replicate.config import Config, resolve
+from replicate.engine.progress import progress
 from replicate.geometry.normals import vertex_normals
 from replicate.inverse import ik_stage
 from replicate.inverse.configurations import configurations
@@ -33,6 +33,7 @@ from replicate.methods.method import Method
 from replicate.methods.method_registry import choose, in_order, method_named, sections
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
+from replicate.timing.single_poses import Times, Way, time_single_poses
 
 ABOUT = "milliseconds of inverse kinematics: the networks, a whole update while dragging, and a solver"
 WRITES = "results/runs/bench/bench_ik.csv"
@@ -62,20 +63,26 @@ def measure(config: Config, words: Sequence[str], rounds: int) -> list[Row]:
     targets = configurations(rig, points, stream=TABLE, count=rounds)
     with threadpool_limits(1):
         networks, updates = ways_of(methods, plan, inputs, rig)
-        times = {"ik_ms": time_ways(networks, targets, rounds), "update_ms": time_ways(updates, targets, rounds)}
+        times = {"ik_ms": timed(networks, targets, rounds), "update_ms": timed(updates, targets, rounds)}
         solvers = solvers_of(methods, inputs, rig, points, ik_stage.section(plan))
-        times["solver_ms"] = time_ways(solvers, targets[:SOLVED], min(SOLVED, rounds))
+        times["solver_ms"] = timed(solvers, targets[:SOLVED], min(SOLVED, rounds))
     rows = []
     for method in updates:
-        medians = {metric: float(np.median(each[method])) for metric, each in times.items() if method in each}
+        medians = {metric: each[method].median for metric, each in times.items() if method in each}
         numbers = [(metric, "ms", value) for metric, value in medians.items()]
         if "ik_ms" in medians and "solver_ms" in medians:
             numbers.append(("solver_over_networks", "ratio", medians["solver_ms"] / medians["ik_ms"]))
         for metric, unit, value in numbers:
-            count = len(times[metric][method]) if metric in times else SOLVED
+            count = times[metric][method].evaluations if metric in times else SOLVED
             facts = (value, None, 1, count, PROFILE, plan.character)
             rows.append(Row(TABLE, plan.character, method, metric, unit, *facts))
     return rows
+
+
+def timed(ways: Mapping[str, Callable], targets: np.ndarray, rounds: int) -> dict[str, Times]:
+    """Return the times of some ways, by name, one configuration of control points a call."""
+    with progress(rounds, "timing") as bar:
+        return time_single_poses({name: Way(way) for name, way in ways.items()}, targets, rounds, bar.update)
 
 
 def ways_of(

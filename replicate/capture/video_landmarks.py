@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 
 from data_recipes.catalogue import FACE_LANDMARKS
 from replicate.capture.landmark_file import PIXELS, write_landmarks
+from replicate.engine.command_line import guard
 from replicate.engine.exceptions import InputError
 from replicate.engine.tidy_files import Column, read_csv
 from replicate.engine.user_files import check_output_file, is_file, shown_path
@@ -118,12 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("model", type=Path, help="MediaPipe's face_landmarker.task")
     parser.add_argument("out", type=Path, help="the CSV to write, for make capture LANDMARKS=")
     options = parser.parse_args(arguments)
-    try:
-        print(f"written to {options.out}: {track(options.video, options.model, options.out)}")
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 2
-    return 0
+    return guard(lambda: print(f"written to {options.out}: {track(options.video, options.model, options.out)}"))
 
 
 if __name__ == "__main__":

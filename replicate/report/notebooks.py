@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from replicate.drawing.panels import LARGEST_BYTES, Words, png
 from replicate.engine.atomic_files import write_text
 from replicate.engine.code_hash import code_digest
+from replicate.engine.command_line import guard
 from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.folders import short_temporary_folder
 from replicate.engine.paths import REFERENCE, ROOT, display_path, run_folder
@@ -270,12 +271,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("notebook", help="its name, for instance table2")
     parser.add_argument("results", help="reference, or the profile of a run of yours")
     options = parser.parse_args(arguments)
-    try:
-        print(run_notebook(options.notebook, options.results))
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 2
-    return 0
+    return guard(lambda: print(run_notebook(options.notebook, options.results)))
 
 
 if __name__ == "__main__":

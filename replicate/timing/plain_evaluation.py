@@ -30,6 +30,11 @@ def plain_offsets(model: Model) -> Callable[[np.ndarray], np.ndarray] | None:
     return offsets
 
 
+def read_full_maps(network: MapNetwork, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b k 3"]:
+    """Return the offsets that vertices read off maps which are computed in full, before any scaling (Fig. 3)."""
+    return sample(network.maps(params), network.pixels, network.shares)
+
+
 def _has_maps(model: SegmentedModel) -> bool:
     return all(isinstance(network, MapNetwork) for network in model.networks)
 
@@ -38,6 +43,5 @@ def _evaluate(model: SegmentedModel, params: torch.Tensor) -> torch.Tensor:
     scaled = params / model.scale
     out = torch.zeros(len(params), model.vertex_count, 3)
     for network, segment, length in zip(model.networks, model.segments, model.lengths, strict=True):
-        maps = network.maps(scaled[:, segment.parameters])
-        out[:, segment.vertices] = sample(maps, network.pixels, network.shares) * length
+        out[:, segment.vertices] = read_full_maps(network, scaled[:, segment.parameters]) * length
     return out

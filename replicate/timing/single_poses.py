@@ -14,7 +14,7 @@ from jaxtyping import Float
 WARM_UP = 10  # turns that don't count
 DISTURBED = 1.5  # 95th percentile over median: beyond it something else ran on the machine
 
-Evaluate = Callable[[np.ndarray], object]  # parameters (1, m) → vertices
+Evaluate = Callable[[np.ndarray], object]  # one pose, (1, …)
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class Times:
 
 
 def time_single_poses(
-    ways: Mapping[str, Way], params: Float[np.ndarray, "t m"], turns: int, advance: Callable[[int], object]
+    ways: Mapping[str, Way], poses: Float[np.ndarray, "t ..."], turns: int, advance: Callable[[int], object]
 ) -> dict[str, Times]:
     """Return the times of some ways to evaluate poses, by name.
 
-    params: poses, which are taken one after the other, from the first again after the last. turns: how often a way is
+    poses: what the ways are given, one after the other, from the first again after the last. turns: how often a way is
     timed that takes part in all of them. advance: called with the number of turns that are done since its last call.
     """
     taken: dict[str, list[float]] = {name: [] for name in ways}
@@ -55,7 +55,7 @@ def time_single_poses(
     gc.disable()  # a collection would fall on whoever's turn it is
     try:
         for turn in range(-WARM_UP, turns):
-            pose = params[turn % len(params)][None]
+            pose = poses[turn % len(poses)][None]
             for name, way in ways.items():
                 if turn % way.every == 0:
                     start = time.perf_counter()

@@ -8,16 +8,25 @@ from dataclasses import dataclass
 
 from replicate.benchmarks.training_table import BALANCED, RAW_ANIMATION
 from replicate.config import RigidConfig
-from replicate.report.cast import STANDS_FOR
+from replicate.targets.claims.application_rules import (
+    LEAST_SPEED_UP,
+    MOST_SPEED_UP,
+    beside_deformation_transfer,
+    cnn_better_under_ik,
+    cpu_beats_gpu,
+    dense_is_faster,
+    faster_than_the_rig,
+    moves_other_meshes,
+    posed_otherwise,
+    times_as_fast,
+)
 from replicate.targets.claims.evidence import QUANTITIES, SEGMENTS, Evidence, MissingNumber, stand_in
-from replicate.targets.claims.verdict_rules import Comparison, Number, significant
+from replicate.targets.claims.verdict_rules import Comparison, Number, Ways, significant
 from replicate.targets.table1.size_table import CLAIM as SIZES
 
 NETWORKS = ("coarse", "refined", "dense")
 SKINS = ("lbs16", "lbs24", "lbs32")
 TAU_MM = RigidConfig().tau_mm
-LEAST_SPEED_UP, MOST_SPEED_UP = 5, 17  # of the CNN over the rig, in the abstract
-Ways = tuple[tuple[Comparison, ...], ...]  # the claim holds if all comparisons of one of them are satisfied
 
 
 def no_remark(evidence: Evidence, character: str) -> str:
@@ -131,79 +140,6 @@ def _worst_rigid(evidence: Evidence, character: str) -> str:
     return f"The 95th percentile over their vertices and the test poses is {p95} mm, the maximum {most} mm."
 
 
-def _network_time(evidence: Evidence, character: str, method: str) -> Number:
-    """Return milliseconds a pose: ours on all cores, or what the paper prints for the characters of its own."""
-    metric = "time_high_end_cpu" if character in STANDS_FOR.values() else "time_all_cores"
-    return evidence.number("table3", character, method, metric)
-
-
-def _rig_times(evidence: Evidence, character: str) -> list[Number]:
-    """Return the rig's milliseconds a pose, node by node and compiled; the paper has one number."""
-    if character in STANDS_FOR.values():
-        return [evidence.number("table3", character, "rig", "time_cpu_engine", "the rig")]
-    names = {"rig_nodes": "the rig, node by node", "rig": "the rig, compiled"}
-    return [evidence.number("table3", character, method, "time_all_cores", name) for method, name in names.items()]
-
-
-def _faster_than_the_rig(evidence: Evidence, character: str) -> Ways:
-    slow = _network_time(evidence, character, "refined").times(LEAST_SPEED_UP, f"{LEAST_SPEED_UP} × the CNN")
-    return (tuple(Comparison("time", "ms", slow, rig, "at most") for rig in _rig_times(evidence, character)),)
-
-
-def _times_as_fast(evidence: Evidence, character: str) -> str:
-    """Return how many times as fast as the rig the CNN is, by each evaluation of the rig, and what else is."""
-    cnn = _network_time(evidence, character, "refined")
-    ratios = (
-        f"{significant(rig.value / cnn.value)} times as fast as {rig.name}" for rig in _rig_times(evidence, character)
-    )
-    return f"The CNN is {' and '.join(ratios)}."
-
-
-def _dense_is_faster(evidence: Evidence, character: str) -> Ways:
-    pairs = (("dense", "coarse"), ("dense", "refined"))
-    return (
-        tuple(Comparison("time", "ms", *(_network_time(evidence, character, name) for name in pair)) for pair in pairs),
-    )
-
-
-def _cpu_beats_gpu(evidence: Evidence, character: str) -> Ways:
-    if character not in STANDS_FOR.values():
-        raise MissingNumber("Our approximations are not timed on a GPU.")
-    comparisons = []
-    for method in ("coarse", "refined"):
-        graphics = evidence.number("table3", character, method, "time_high_end_gpu", f"{method} on a GPU")
-        comparisons.append(Comparison("time", "ms", _network_time(evidence, character, method), graphics))
-    return (tuple(comparisons),)
-
-
-def _posed(evidence: Evidence, character: str, suffix: str = "") -> Ways:
-    comparisons = []
-    for kind, (quantity, unit) in QUANTITIES.items():
-        metric = f"{kind}_error_mean{suffix}"
-        pair = (evidence.number("table4", character, name, metric) for name in ("refined", "dense"))
-        comparisons.append(Comparison(quantity, unit, *pair))
-    return (tuple(comparisons),)
-
-
-def _cnn_better_under_ik(evidence: Evidence, character: str) -> Ways:
-    return _posed(evidence, character)
-
-
-def _posed_otherwise(evidence: Evidence, character: str) -> str:
-    """Return how both compare in poses that favour neither, and at parameters within their controls' limits."""
-    sentences = []
-    for suffix, words in (
-        ("[rig]", "In poses of IK networks that are trained through the rig itself, which favour neither"),
-        ("_limited", "With each parameter within the limits of its control"),
-    ):
-        try:
-            (comparisons,) = _posed(evidence, character, suffix)
-        except MissingNumber:
-            continue
-        sentences.append(f"{words}: {'; '.join(map(str, comparisons))}.")
-    return " ".join(sentences)
-
-
 def _augmented_beats_raw(evidence: Evidence, character: str) -> Ways:
     if stand_in(character) == "Ray":
         raise MissingNumber(
@@ -218,30 +154,6 @@ def _augmented_beats_raw(evidence: Evidence, character: str) -> Ways:
         )
         comparisons.append(Comparison(quantity, unit, left, right))
     return (tuple(comparisons),)
-
-
-def _moves_other_meshes(evidence: Evidence, character: str) -> Ways:
-    comparisons = []
-    for mesh, words in (("half", "on half of the vertices"), ("quarter", "on a quarter")):
-        for kind, (quantity, unit) in QUANTITIES.items():
-            new, own = (
-                evidence.number("figure13", character, "coarse", f"{kind}_error_mean[{where}]", name)
-                for where, name in ((mesh, words), ("original", "on its own mesh"))
-            )
-            comparisons.append(Comparison(quantity, unit, new, own, "matches"))
-    return (tuple(comparisons),)
-
-
-def _beside_deformation_transfer(evidence: Evidence, character: str) -> str:
-    """Return the errors of the baseline that is handed the true mesh of each pose, on half of the vertices."""
-    errors = (
-        evidence.number("figure13", character, "deformation_transfer", f"{kind}_error_mean[half]")
-        for kind in QUANTITIES
-    )
-    distance, normal = (significant(error.value) for error in errors)
-    return (
-        f"Deformation transfer, which sees the true mesh of each pose, has {distance} mm and {normal}° on half of them."
-    )
 
 
 BOTH = tuple(QUANTITIES)
@@ -287,19 +199,19 @@ CLAIMS = (
         f"On all cores, the refined model with the rigid step is at least {LEAST_SPEED_UP} times as fast as the rig. "
         "Our rigs are evaluated node by node, and compiled as one function; the claim must hold for both. "
         f"More than {MOST_SPEED_UP} times is no failure.",
-        _faster_than_the_rig, _times_as_fast,
+        faster_than_the_rig, times_as_fast,
     ),
     Claim(
         "C8", "Dense networks are faster than the CNN", "Table 3",
         "On all cores, the dense networks take less time for a pose than the coarse and the refined model do, all "
         "with the rigid step.",
-        _dense_is_faster,
+        dense_is_faster,
     ),
     Claim(
         "C9", "For single poses a CPU beats the GPUs of the time", "Table 3",
         "The coarse and the refined model take less time for a pose on the CPU than on a GPU. The paper's GPUs are of "
         "2014 and 2016. Ours are not timed on a GPU.",
-        _cpu_beats_gpu,
+        cpu_beats_gpu,
     ),
     Claim(
         "C10", "Under inverse kinematics the CNN beats the dense networks in both errors", "Table 4",
@@ -307,7 +219,7 @@ CLAIMS = (
         "refined model's distance error and its normal error are both smaller than the dense model's. Both are "
         "compared with the rig at the same parameters. As in the paper, networks that are trained through the refined "
         "model give the parameters; on the dragon each model's own networks do.",
-        _cnn_better_under_ik, _posed_otherwise,
+        cnn_better_under_ik, posed_otherwise,
     ),
     Claim(
         "C11", f"Rigid segments follow their attachments to within {TAU_MM:g} mm", "§3.4",
@@ -327,7 +239,7 @@ CLAIMS = (
         "The coarse networks are read at the texture coordinates of new meshes with half and a quarter of the vertices "
         "(`make figure13`). Both errors there are no larger than on the mesh that they are trained on. The paper shows "
         "a picture and prints no number.",
-        _moves_other_meshes, _beside_deformation_transfer,
+        moves_other_meshes, beside_deformation_transfer,
     ),
 )  # fmt: skip
 

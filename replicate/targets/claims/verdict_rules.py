@@ -103,6 +103,9 @@ class Comparison:
         return first, second
 
 
+Ways = tuple[tuple[Comparison, ...], ...]  # a claim holds if all comparisons of one of them are satisfied
+
+
 def significant(value: float, digits: int = LEAST_DIGITS) -> str:
     """Return a number with so many significant digits, never with an exponent."""
     rounded = float(f"{value:.{digits - 1}e}")

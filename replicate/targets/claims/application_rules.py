@@ -1,0 +1,109 @@
+"""What the claims about the networks in use need of the numbers: speed (C7 to C9), posing (C10), other meshes (C13)."""
+
+from replicate.report.cast import STANDS_FOR
+from replicate.targets.claims.evidence import QUANTITIES, Evidence, MissingNumber
+from replicate.targets.claims.verdict_rules import Comparison, Number, Ways, significant
+
+LEAST_SPEED_UP, MOST_SPEED_UP = 5, 17  # of the CNN over the rig, in the abstract
+
+
+def _network_time(evidence: Evidence, character: str, method: str) -> Number:
+    """Return milliseconds a pose: ours on all cores, or what the paper prints for the characters of its own."""
+    metric = "time_high_end_cpu" if character in STANDS_FOR.values() else "time_all_cores"
+    return evidence.number("table3", character, method, metric)
+
+
+def _rig_times(evidence: Evidence, character: str) -> list[Number]:
+    """Return the rig's milliseconds a pose, node by node and compiled; the paper has one number."""
+    if character in STANDS_FOR.values():
+        return [evidence.number("table3", character, "rig", "time_cpu_engine", "the rig")]
+    names = {"rig_nodes": "the rig, node by node", "rig": "the rig, compiled"}
+    return [evidence.number("table3", character, method, "time_all_cores", name) for method, name in names.items()]
+
+
+def faster_than_the_rig(evidence: Evidence, character: str) -> Ways:
+    """Return what C7 needs: the CNN is so many times as fast as both evaluations of the rig."""
+    slow = _network_time(evidence, character, "refined").times(LEAST_SPEED_UP, f"{LEAST_SPEED_UP} × the CNN")
+    return (tuple(Comparison("time", "ms", slow, rig, "at most") for rig in _rig_times(evidence, character)),)
+
+
+def times_as_fast(evidence: Evidence, character: str) -> str:
+    """Return how many times as fast as the rig the CNN is, by each evaluation of the rig."""
+    cnn = _network_time(evidence, character, "refined")
+    ratios = (
+        f"{significant(rig.value / cnn.value)} times as fast as {rig.name}" for rig in _rig_times(evidence, character)
+    )
+    return f"The CNN is {' and '.join(ratios)}."
+
+
+def dense_is_faster(evidence: Evidence, character: str) -> Ways:
+    """Return what C8 needs: dense networks take less time than the coarse and the refined model."""
+    pairs = (("dense", "coarse"), ("dense", "refined"))
+    return (
+        tuple(Comparison("time", "ms", *(_network_time(evidence, character, name) for name in pair)) for pair in pairs),
+    )
+
+
+def cpu_beats_gpu(evidence: Evidence, character: str) -> Ways:
+    """Return what C9 needs: both take less time on a CPU. Raises MissingNumber for ours, which no GPU has run."""
+    if character not in STANDS_FOR.values():
+        raise MissingNumber("Our approximations are not timed on a GPU.")
+    comparisons = []
+    for method in ("coarse", "refined"):
+        graphics = evidence.number("table3", character, method, "time_high_end_gpu", f"{method} on a GPU")
+        comparisons.append(Comparison("time", "ms", _network_time(evidence, character, method), graphics))
+    return (tuple(comparisons),)
+
+
+def _posed(evidence: Evidence, character: str, suffix: str = "") -> Ways:
+    comparisons = []
+    for kind, (quantity, unit) in QUANTITIES.items():
+        metric = f"{kind}_error_mean{suffix}"
+        pair = (evidence.number("table4", character, name, metric) for name in ("refined", "dense"))
+        comparisons.append(Comparison(quantity, unit, *pair))
+    return (tuple(comparisons),)
+
+
+def cnn_better_under_ik(evidence: Evidence, character: str) -> Ways:
+    """Return what C10 needs: by the paper's protocol, both errors of the CNN are smaller than those of dense."""
+    return _posed(evidence, character)
+
+
+def posed_otherwise(evidence: Evidence, character: str) -> str:
+    """Return how both compare in poses that favour neither, and at parameters within their controls' limits."""
+    sentences = []
+    for suffix, words in (
+        ("[rig]", "In poses of IK networks that are trained through the rig itself, which favour neither"),
+        ("_limited", "With each parameter within the limits of its control"),
+    ):
+        try:
+            (comparisons,) = _posed(evidence, character, suffix)
+        except MissingNumber:
+            continue
+        sentences.append(f"{words}: {'; '.join(map(str, comparisons))}.")
+    return " ".join(sentences)
+
+
+def moves_other_meshes(evidence: Evidence, character: str) -> Ways:
+    """Return what C13 needs: errors on new meshes are no larger than on the mesh of the training."""
+    comparisons = []
+    for mesh, words in (("half", "on half of the vertices"), ("quarter", "on a quarter")):
+        for kind, (quantity, unit) in QUANTITIES.items():
+            new, own = (
+                evidence.number("figure13", character, "coarse", f"{kind}_error_mean[{where}]", name)
+                for where, name in ((mesh, words), ("original", "on its own mesh"))
+            )
+            comparisons.append(Comparison(quantity, unit, new, own, "matches"))
+    return (tuple(comparisons),)
+
+
+def beside_deformation_transfer(evidence: Evidence, character: str) -> str:
+    """Return the errors of the baseline that is handed the true mesh of each pose, on half of the vertices."""
+    errors = (
+        evidence.number("figure13", character, "deformation_transfer", f"{kind}_error_mean[half]")
+        for kind in QUANTITIES
+    )
+    distance, normal = (significant(error.value) for error in errors)
+    return (
+        f"Deformation transfer, which sees the true mesh of each pose, has {distance} mm and {normal}° on half of them."
+    )
