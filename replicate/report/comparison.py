@@ -33,7 +33,7 @@ def compare(paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row]
         unit = keys[character, method, metric]
         ratio = f"{new.value / old.value:.3f}" if old and new and old.value else "–"
         cells = (round_off(row.value, unit, row.sd) if row else "–" for row in (old, new))
-        label = f"{character}, {NO_METHODS.get(method) or label_of(method)}, {metric} [{unit}]"
+        label = f"{character}, {NO_METHODS.get(method) or label_of(method, marked=True)}, {metric} [{unit}]"
         body.append((label, paper_value(theirs), *cells, ratio))
     return Table(f"{table}: the paper's rig | the reference results | yours", (_header(reference, yours),), tuple(body))
 

@@ -10,13 +10,13 @@ RIGS = {NODES: "The rig, node by node", RIG: "The rig, compiled"}
 PARTS = {RIGID_STEP: "Rigid step alone"}
 
 
-def label_of(name: str) -> str:
-    """Return what tables call what is timed. Raises KeyError for a name that is none of it."""
+def label_of(name: str, marked: bool = False) -> str:
+    """Return what tables call what is timed. marked: with the mark of a method's footnote."""
     if name in (known := RIGS | PARTS):
         return known[name]
     if name.endswith(PLAIN):
         return f"{method_named(name.removesuffix(PLAIN)).label}, plain"
-    return method_named(name).title
+    return method_named(name).title if marked else method_named(name).label
 
 
 def in_table_order(present: Iterable[str]) -> list[str]:

@@ -72,4 +72,5 @@ def publish(results: Sequence[CharacterResult]) -> None:
     rows = publish_rows("table3", results)
     for table in tables3(rows, read_results(PAPER / FILE)):
         print(as_text(table))
-    print(f"written to {display_path(results_folder(results[0].config.profile))}: {FILE}, manifest.json")
+    folder = display_path(results_folder(results[0].config.profile))
+    print(f"written to {folder}: {FILE}, manifest.json, and table3.ipynb to read them in")
