@@ -1,0 +1,112 @@
+"""The vector kernel of the fast evaluation: eight pixels, wherever they lie, through all taps of a convolution.
+
+Like `approximation.kernels.tile_kernel.multiply` it keeps eight sums of 16 channels in registers, but its pixels need
+not be neighbours, so that a layer can leave out those that nothing reads; and it applies the leaky ReLU on the way out.
+`multiply_pixels_reference` says the same in NumPy.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.errors import TypingError
+from numba.core.typing.templates import Signature
+from numba.extending import intrinsic
+
+CHANNELS = 16  # of what is written, one vector
+TILE = 8  # pixels at a time
+
+_INDEX = ir.IntType(64)
+_VECTOR = ir.VectorType(ir.FloatType(), CHANNELS)
+
+
+def multiply_pixels_reference(
+    out: np.ndarray, targets: np.ndarray, image: np.ndarray, sources: np.ndarray, first: int,
+    offsets: np.ndarray, taps: np.ndarray, channels: int, bias: np.ndarray, slope: float,
+) -> None:  # fmt: skip
+    """Write leaky_relu(bias + Σ_t image[pixel + offsets[t]] @ taps[t]) for the pixels first … first + 7 of a list.
+
+    out, image: flat. targets, sources: where each pixel is written and read. offsets: (t,) int64. taps: (t, channels,
+    16), flat. bias: (16,). slope: between 0 and 1; 1 leaves the sum as it is.
+    """
+    weights = taps.reshape(len(offsets), channels, CHANNELS)
+    for k in range(first, first + TILE):
+        total = bias.copy()
+        for offset, weight in zip(offsets, weights, strict=True):
+            at = sources[k] + offset
+            total += image[at : at + channels] @ weight
+        out[targets[k] : targets[k] + CHANNELS] = np.maximum(total, np.float32(slope) * total)
+
+
+def _data(context, builder, kind, value):
+    if kind.layout != "C":
+        raise TypingError("the pixel kernel takes contiguous arrays only")
+    return context.make_array(kind)(context, builder, value).data
+
+
+def _at(builder, pointer, index):
+    return builder.gep(pointer, [index])
+
+
+def _vector(builder, pointer):
+    return builder.bitcast(pointer, _VECTOR.as_pointer())
+
+
+def _splat(builder, scalar):
+    one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
+    zeros = ir.Constant(ir.VectorType(ir.IntType(32), CHANNELS), [0] * CHANNELS)
+    return builder.shuffle_vector(one, ir.Constant(_VECTOR, ir.Undefined), zeros)
+
+
+def _call(builder, name, *args):
+    function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(_VECTOR, [_VECTOR] * len(args)), name)
+    return builder.call(function, args)
+
+
+@intrinsic
+def multiply_pixels(
+    typing: object, out: types.Type, targets: types.Type, image: types.Type, sources: types.Type, first: types.Type,
+    offsets: types.Type, taps: types.Type, channels: types.Type, bias: types.Type, slope: types.Type,
+) -> tuple[Signature, Callable]:  # fmt: skip
+    """Compile `multiply_pixels_reference`; channels is a multiple of 4."""
+
+    def generate(context, builder, signature, args):
+        kinds = signature.args
+        out, targets, image, sources, offsets, taps, bias = (
+            _data(context, builder, kinds[k], args[k]) for k in (0, 1, 2, 3, 5, 6, 8)
+        )
+        first, channels, slope = args[4], args[7], args[9]
+        count = builder.extract_value(context.make_array(kinds[5])(context, builder, args[5]).shape, 0)
+        places = [builder.add(first, ir.Constant(_INDEX, k)) for k in range(TILE)]
+        pixels = [_at(builder, image, builder.load(_at(builder, sources, place))) for place in places]
+        sums = [cgutils.alloca_once(builder, _VECTOR) for _ in range(TILE)]
+        start = builder.load(_vector(builder, bias), align=4)
+        for total in sums:
+            builder.store(start, total)
+        block = builder.mul(channels, ir.Constant(_INDEX, CHANNELS))
+        quarters = builder.lshr(channels, ir.Constant(_INDEX, 2))
+        with cgutils.for_range(builder, count, intp=_INDEX) as tap:
+            offset = builder.load(_at(builder, offsets, tap.index))
+            tap_first = builder.mul(tap.index, block)
+            with cgutils.for_range(builder, quarters, intp=_INDEX) as quarter:
+                for k in range(4):
+                    channel = builder.add(builder.mul(quarter.index, ir.Constant(_INDEX, 4)), ir.Constant(_INDEX, k))
+                    row = builder.add(tap_first, builder.mul(channel, ir.Constant(_INDEX, CHANNELS)))
+                    weight = builder.load(_vector(builder, _at(builder, taps, row)), align=4)
+                    at = builder.add(offset, channel)
+                    for pixel, total in zip(pixels, sums, strict=True):
+                        value = _splat(builder, builder.load(_at(builder, pixel, at)))
+                        builder.store(_call(builder, "llvm.fma.v16f32", value, weight, builder.load(total)), total)
+        fall = _splat(builder, slope)
+        for place, total in zip(places, sums, strict=True):
+            value = builder.load(total)
+            value = _call(builder, "llvm.maxnum.v16f32", value, builder.fmul(value, fall))
+            target = _at(builder, out, builder.load(_at(builder, targets, place)))
+            builder.store(value, _vector(builder, target), align=4)
+        return context.get_dummy_value()
+
+    index = types.int64
+    signature = types.void(out, targets, image, sources, index, offsets, taps, index, bias, types.float32)
+    return signature, generate
