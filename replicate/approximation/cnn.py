@@ -17,7 +17,7 @@ from torch.nn import functional
 
 from replicate.approximation.deformation_map import bilinear, sample
 from replicate.approximation.kernels.map_kernel import MapOffsets
-from replicate.approximation.kernels.tile_kernel import CHANNELS
+from replicate.approximation.kernels.vector_code import CHANNELS
 from replicate.approximation.model import SegmentedModel, load_model, save_model
 from replicate.approximation.segments import Segment
 from replicate.config import CoarseConfig, RefinementConfig

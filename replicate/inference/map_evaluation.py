@@ -6,11 +6,12 @@ from typing import no_type_check
 import numpy as np
 from numba import njit
 
+from replicate.approximation.kernels.map_kernel import REORDER, read_vertex
+from replicate.approximation.kernels.vector_code import CHANNELS
 from replicate.engine.jit_cache import KEEP_CODE
 from replicate.inference.map_plan import MapPlan
-from replicate.inference.pixel_kernel import CHANNELS, TILE, multiply_pixels
+from replicate.inference.pixel_kernel import TILE, multiply_pixels
 
-_REORDER = {"reassoc", "contract", "nsz"}  # sums may be reordered, so that they can be vectors
 BLOCK = 4  # inputs at a time, so that sums are loaded and stored less often
 
 
@@ -20,9 +21,9 @@ def scratch_of(plan: MapPlan) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray,
     return images, tuple(np.zeros(len(bias), np.float32) for bias in plan.weight_biases)
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", fastmath=_REORDER, nogil=True)
+@njit(cache=KEEP_CODE, error_model="numpy", fastmath=REORDER, nogil=True)
 @no_type_check
-def multiply_rows(x, weight, bias, out):
+def _multiply_rows(x, weight, bias, out):
     """Write bias + x @ weight to `out`; weight is [in, out]."""
     out[:] = bias
     whole = len(x) // BLOCK * BLOCK
@@ -43,7 +44,7 @@ def _activate(values, slope):
         values[k] = max(values[k], slope * values[k])
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", fastmath=_REORDER, nogil=True)
+@njit(cache=KEEP_CODE, error_model="numpy", fastmath=REORDER, nogil=True)
 @no_type_check
 def _read(image, plan, out):
     """Add to `out` (n, 3) what the vertices read bilinearly from an image, through the 1×1 convolution."""
@@ -51,13 +52,7 @@ def _read(image, plan, out):
     for i in range(len(plan.pixels)):
         at = plan.pixels[i]
         upper, lower = image[at : at + 2 * CHANNELS], image[at + below : at + below + 2 * CHANNELS]
-        s0, s1, s2, s3 = plan.shares[i, 0], plan.shares[i, 1], plan.shares[i, 2], plan.shares[i, 3]
-        x, y, z = np.float32(0), np.float32(0), np.float32(0)
-        for c in range(CHANNELS):
-            sample = upper[c] * s0 + upper[c + CHANNELS] * s1 + lower[c] * s2 + lower[c + CHANNELS] * s3
-            x += sample * weight[0, c]
-            y += sample * weight[1, c]
-            z += sample * weight[2, c]
+        x, y, z = read_vertex(upper, lower, plan.shares[i], weight)
         vertex = plan.vertices[i]
         out[vertex, 0] += x + bias[0]
         out[vertex, 1] += y + bias[1]
@@ -66,11 +61,11 @@ def _read(image, plan, out):
 
 @njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
 @no_type_check
-def add_offsets(plan, params, images, outputs, out):
+def _add_offsets(plan, params, images, outputs, out):
     """Add to `out` (n, 3) the offsets of a network's vertices, mm, for raw rig parameters (m,)."""
     x = params[plan.parameters]
     for layer in range(len(plan.weights)):
-        multiply_rows(x, plan.weights[layer], plan.weight_biases[layer], outputs[layer])
+        _multiply_rows(x, plan.weights[layer], plan.weight_biases[layer], outputs[layer])
         x = outputs[layer]
         if layer + 1 < len(plan.weights):
             _activate(x, plan.slope)
@@ -101,4 +96,4 @@ class FastMaps:
     def add(self, params: np.ndarray, out: np.ndarray) -> None:
         """Add all networks' offsets (mm) for raw rig parameters (m,) float32 to `out` (n, 3) float32."""
         for plan, images, outputs in self._parts:
-            add_offsets(plan, params, images, outputs, out)
+            _add_offsets(plan, params, images, outputs, out)

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from replicate.approximation.cnn import START, MapNetwork
-from replicate.inference.pixel_kernel import CHANNELS, TILE
+from replicate.approximation.kernels.map_kernel import fold
+from replicate.approximation.kernels.vector_code import CHANNELS
+from replicate.inference.pixel_kernel import TILE
 
-# _SHARE[p, t, k]: whether row k of a 3×3 kernel falls on the t-th of the two source rows that a row of parity p shows.
-_SHARE = np.array([[[1, 0, 0], [0, 1, 1]], [[1, 1, 0], [0, 0, 1]]], np.float32)
 PARITIES = 4
 
 
@@ -100,11 +100,6 @@ def plan_maps(
     )
 
 
-def fold(weight: Float[np.ndarray, "16 c 3 3"]) -> Float[np.ndarray, "4 4 c 16"]:
-    """Return the taps of nearest upsampling and a kernel after it, for each parity of row and column."""
-    return np.einsum("ptk,quj,ockj->pqtuco", _SHARE, _SHARE, weight).reshape(4, 4, -1, CHANNELS)
-
-
 def _last_layer(network: MapNetwork, needed: np.ndarray, side: int) -> tuple[np.ndarray, ...]:
     rows, columns = np.nonzero(needed)
     places = _whole_tiles(_flat(rows, columns, side, CHANNELS))
@@ -125,7 +120,7 @@ def _upsampled_layer(layer, needed: np.ndarray, side: int, depth: int) -> tuple[
         sources.append(_whole_tiles(_flat(rows, columns, side, depth)))
         targets.append(_whole_tiles(_flat(2 * rows + p[k, 0], 2 * columns + q[k, 0], 2 * side, CHANNELS)))
     ends = np.cumsum([len(places) for places in sources])
-    taps, bias = fold(layer.weight.detach().numpy()).ravel(), layer.bias.detach().numpy()
+    taps, bias = fold(layer.weight.detach().numpy())[:, :, :depth].ravel(), layer.bias.detach().numpy()
     return taps, bias, offsets, np.concatenate(sources), np.concatenate(targets), ends
 
 

@@ -11,15 +11,12 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.errors import TypingError
 from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
 
-CHANNELS = 16  # of what is written, one vector
-TILE = 8  # pixels at a time
+from replicate.approximation.kernels.vector_code import CHANNELS, INDEX, VECTOR, data, number_at, splat, vector
 
-_INDEX = ir.IntType(64)
-_VECTOR = ir.VectorType(ir.FloatType(), CHANNELS)
+TILE = 8  # pixels at a time
 
 
 def multiply_pixels_reference(
@@ -40,28 +37,8 @@ def multiply_pixels_reference(
         out[targets[k] : targets[k] + CHANNELS] = np.maximum(total, np.float32(slope) * total)
 
 
-def _data(context, builder, kind, value):
-    if kind.layout != "C":
-        raise TypingError("the pixel kernel takes contiguous arrays only")
-    return context.make_array(kind)(context, builder, value).data
-
-
-def _at(builder, pointer, index):
-    return builder.gep(pointer, [index])
-
-
-def _vector(builder, pointer):
-    return builder.bitcast(pointer, _VECTOR.as_pointer())
-
-
-def _splat(builder, scalar):
-    one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
-    zeros = ir.Constant(ir.VectorType(ir.IntType(32), CHANNELS), [0] * CHANNELS)
-    return builder.shuffle_vector(one, ir.Constant(_VECTOR, ir.Undefined), zeros)
-
-
 def _call(builder, name, *args):
-    function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(_VECTOR, [_VECTOR] * len(args)), name)
+    function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(VECTOR, [VECTOR] * len(args)), name)
     return builder.call(function, args)
 
 
@@ -75,36 +52,36 @@ def multiply_pixels(
     def generate(context, builder, signature, args):
         kinds = signature.args
         out, targets, image, sources, offsets, taps, bias = (
-            _data(context, builder, kinds[k], args[k]) for k in (0, 1, 2, 3, 5, 6, 8)
+            data(context, builder, kinds[k], args[k]) for k in (0, 1, 2, 3, 5, 6, 8)
         )
         first, channels, slope = args[4], args[7], args[9]
         count = builder.extract_value(context.make_array(kinds[5])(context, builder, args[5]).shape, 0)
-        places = [builder.add(first, ir.Constant(_INDEX, k)) for k in range(TILE)]
-        pixels = [_at(builder, image, builder.load(_at(builder, sources, place))) for place in places]
-        sums = [cgutils.alloca_once(builder, _VECTOR) for _ in range(TILE)]
-        start = builder.load(_vector(builder, bias), align=4)
+        places = [builder.add(first, ir.Constant(INDEX, k)) for k in range(TILE)]
+        pixels = [number_at(builder, image, builder.load(number_at(builder, sources, place))) for place in places]
+        sums = [cgutils.alloca_once(builder, VECTOR) for _ in range(TILE)]
+        start = builder.load(vector(builder, bias), align=4)
         for total in sums:
             builder.store(start, total)
-        block = builder.mul(channels, ir.Constant(_INDEX, CHANNELS))
-        quarters = builder.lshr(channels, ir.Constant(_INDEX, 2))
-        with cgutils.for_range(builder, count, intp=_INDEX) as tap:
-            offset = builder.load(_at(builder, offsets, tap.index))
+        block = builder.mul(channels, ir.Constant(INDEX, CHANNELS))
+        quarters = builder.lshr(channels, ir.Constant(INDEX, 2))
+        with cgutils.for_range(builder, count, intp=INDEX) as tap:
+            offset = builder.load(number_at(builder, offsets, tap.index))
             tap_first = builder.mul(tap.index, block)
-            with cgutils.for_range(builder, quarters, intp=_INDEX) as quarter:
+            with cgutils.for_range(builder, quarters, intp=INDEX) as quarter:
                 for k in range(4):
-                    channel = builder.add(builder.mul(quarter.index, ir.Constant(_INDEX, 4)), ir.Constant(_INDEX, k))
-                    row = builder.add(tap_first, builder.mul(channel, ir.Constant(_INDEX, CHANNELS)))
-                    weight = builder.load(_vector(builder, _at(builder, taps, row)), align=4)
+                    channel = builder.add(builder.mul(quarter.index, ir.Constant(INDEX, 4)), ir.Constant(INDEX, k))
+                    row = builder.add(tap_first, builder.mul(channel, ir.Constant(INDEX, CHANNELS)))
+                    weight = builder.load(vector(builder, number_at(builder, taps, row)), align=4)
                     at = builder.add(offset, channel)
                     for pixel, total in zip(pixels, sums, strict=True):
-                        value = _splat(builder, builder.load(_at(builder, pixel, at)))
+                        value = splat(builder, builder.load(number_at(builder, pixel, at)))
                         builder.store(_call(builder, "llvm.fma.v16f32", value, weight, builder.load(total)), total)
-        fall = _splat(builder, slope)
+        fall = splat(builder, slope)
         for place, total in zip(places, sums, strict=True):
             value = builder.load(total)
             value = _call(builder, "llvm.maxnum.v16f32", value, builder.fmul(value, fall))
-            target = _at(builder, out, builder.load(_at(builder, targets, place)))
-            builder.store(value, _vector(builder, target), align=4)
+            target = number_at(builder, out, builder.load(number_at(builder, targets, place)))
+            builder.store(value, vector(builder, target), align=4)
         return context.get_dummy_value()
 
     index = types.int64

@@ -82,6 +82,21 @@ def most_seeds(rows: Iterable[Row]) -> int:
     return max((row.seeds or 0 for row in rows), default=0)
 
 
+def seeds_in_words(counts: Iterable[int]) -> str:
+    """Return some numbers of seeds as "one seed", "3 seeds" or, where they differ, "2 to 3 seeds"; "" for none."""
+    each = sorted({count for count in counts if count})
+    if each in ([], [1]):
+        return "one seed" if each else ""
+    return f"{each[0]} to {each[-1]} seeds" if len(each) > 1 else f"{each[0]} seeds"
+
+
+def seeds_note(rows: Sequence[Row]) -> str:
+    """Return on how many seeds a table of some rows stands, character by character, and what its ± means."""
+    characters = {row.character for row in rows}
+    words = seeds_in_words(most_seeds(row for row in rows if row.character == name) for name in characters)
+    return f"{words}, ± their standard deviation" if most_seeds(rows) > 1 else words
+
+
 def over_seeds(runs: Sequence[Sequence[Row]]) -> list[Row]:
     """Return one row for each number of several runs that differ in their seeds alone: its mean and its spread.
 

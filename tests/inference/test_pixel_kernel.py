@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from replicate.inference.pixel_kernel import CHANNELS, TILE, multiply_pixels, multiply_pixels_reference
+from replicate.approximation.kernels.vector_code import CHANNELS
+from replicate.inference.pixel_kernel import TILE, multiply_pixels, multiply_pixels_reference
 
 
 @njit

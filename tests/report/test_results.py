@@ -6,7 +6,7 @@ import pytest
 
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import ROOT
-from replicate.report.results import COLUMNS, Row, find, over_seeds, read_results, write_results
+from replicate.report.results import COLUMNS, Row, find, over_seeds, read_results, seeds_note, write_results
 from replicate.report.seed_results import read_seeds, write_seeds
 from replicate.report.training_curves import read_curves, write_curves
 
@@ -142,3 +142,18 @@ def test_seeds_become_one_row_of_their_mean_and_standard_deviation():
     assert (alone.value, alone.sd, alone.seeds) == (5.0, None, 1)
     assert mean.run == alone.run and mean.run not in ("a", "b", "abc")
     assert over_seeds(runs[:1]) == runs[0]
+
+
+@pytest.mark.parametrize(
+    ("counts", "words"),
+    [
+        ((1, 1), "one seed"),
+        ((2, 2), "2 seeds, ± their standard deviation"),
+        ((3, 2), "2 to 3 seeds, ± their standard deviation"),
+        ((1, 3), "1 to 3 seeds, ± their standard deviation"),
+        ((None, None), ""),
+    ],
+)
+def test_a_note_says_on_how_many_seeds_each_character_stands(counts, words):
+    rows = [row_with(character=name, seeds=count) for name, count in zip(("teen", "dragon"), counts, strict=True)]
+    assert seeds_note([*rows, row_with(metric="texels_per_vertex", seeds=None)]) == words

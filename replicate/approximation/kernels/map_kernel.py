@@ -15,7 +15,8 @@ import numpy as np
 import torch
 from numba import njit
 
-from replicate.approximation.kernels.tile_kernel import CHANNELS, TILE, correlate, multiply
+from replicate.approximation.kernels.tile_kernel import TILE, correlate, multiply
+from replicate.approximation.kernels.vector_code import CHANNELS
 from replicate.engine.jit_cache import KEEP_CODE
 
 # _SHARE[p, t, k]: whether row k of a 3×3 kernel falls on the t-th of the two source rows that a row of parity p shows.
@@ -23,7 +24,7 @@ _SHARE = np.array([[[1, 0, 0], [0, 1, 1]], [[1, 1, 0], [0, 0, 1]]], np.float32)
 _SHARES = np.einsum("ptk,quj->pqtukj", _SHARE, _SHARE).reshape(16, 9)  # the same for rows and columns at once
 _NOTHING = np.zeros(CHANNELS, np.float32)
 _HERE = np.zeros(1, np.int64)
-_REORDER = {"reassoc", "contract", "nsz"}  # sums may be reordered, so that they can be vectors
+REORDER = {"reassoc", "contract", "nsz"}  # sums may be reordered, so that they can be vectors
 
 _free: dict[int, list[np.ndarray]] = {}  # images between two steps; their borders stay zero
 
@@ -105,7 +106,23 @@ def _deactivate(upstream, image, batch, size, slope):
     return sums
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", fastmath=_REORDER)
+@njit(cache=KEEP_CODE, inline="always", error_model="numpy")
+@no_type_check
+def read_vertex(
+    upper: np.ndarray, lower: np.ndarray, shares: np.ndarray, weight: np.ndarray
+) -> tuple[float, float, float]:
+    """Return a vertex's bilinear sample of two pairs of pixels through the 1×1 convolution, without its bias."""
+    s0, s1, s2, s3 = shares[0], shares[1], shares[2], shares[3]
+    x, y, z = np.float32(0), np.float32(0), np.float32(0)
+    for c in range(CHANNELS):
+        sample = upper[c] * s0 + upper[c + CHANNELS] * s1 + lower[c] * s2 + lower[c + CHANNELS] * s3
+        x += sample * weight[0, c]
+        y += sample * weight[1, c]
+        z += sample * weight[2, c]
+    return x, y, z
+
+
+@njit(cache=KEEP_CODE, error_model="numpy", fastmath=REORDER)
 @no_type_check
 def _read(image, size, pixels, shares, weight, bias, out):
     """Write to `out` (b, k, 3) what vertices read bilinearly from an image, through the last 1×1 convolution."""
@@ -113,17 +130,11 @@ def _read(image, size, pixels, shares, weight, bias, out):
     for b in range(len(out)):
         for i in range(len(pixels)):
             upper, lower = _pixels(image, b, pixels[i, 0], size, side)
-            s0, s1, s2, s3 = shares[i, 0], shares[i, 1], shares[i, 2], shares[i, 3]
-            x, y, z = np.float32(0), np.float32(0), np.float32(0)
-            for c in range(CHANNELS):
-                sample = upper[c] * s0 + upper[c + CHANNELS] * s1 + lower[c] * s2 + lower[c + CHANNELS] * s3
-                x += sample * weight[0, c]
-                y += sample * weight[1, c]
-                z += sample * weight[2, c]
+            x, y, z = read_vertex(upper, lower, shares[i], weight)
             out[b, i, 0], out[b, i, 1], out[b, i, 2] = x + bias[0], y + bias[1], z + bias[2]
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", fastmath=_REORDER)
+@njit(cache=KEEP_CODE, error_model="numpy", fastmath=REORDER)
 @no_type_check
 def _read_backward(image, size, pixels, shares, weight, upstream, out):
     """Write the gradient in the image to `out`; return those in the 1×1 convolution's weight and bias."""

@@ -11,16 +11,12 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.errors import TypingError
 from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
 
-CHANNELS = 16
-TILE = 8  # pixels at a time
+from replicate.approximation.kernels.vector_code import CHANNELS, INDEX, VECTOR, data, number_at, splat, vector
 
-_INDEX = ir.IntType(64)
-_FLOAT = ir.FloatType()
-_VECTOR = ir.VectorType(_FLOAT, CHANNELS)
+TILE = 8  # pixels at a time
 
 
 def multiply_reference(
@@ -52,34 +48,14 @@ def correlate_reference(
             gradient += np.outer(x[a : a + CHANNELS], y[b : b + CHANNELS])
 
 
-def _data(context, builder, kind, value):
-    if kind.layout != "C":
-        raise TypingError("the tile kernels take contiguous arrays only")
-    return context.make_array(kind)(context, builder, value).data
-
-
-def _at(builder, pointer, index):
-    return builder.gep(pointer, [index])
-
-
-def _vector(builder, pointer):
-    return builder.bitcast(pointer, _VECTOR.as_pointer())
-
-
-def _splat(builder, scalar):
-    one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
-    zeros = ir.Constant(ir.VectorType(ir.IntType(32), CHANNELS), [0] * CHANNELS)
-    return builder.shuffle_vector(one, ir.Constant(_VECTOR, ir.Undefined), zeros)
-
-
 def _add_product(builder, total, left, right):
-    kind = ir.FunctionType(_VECTOR, [_VECTOR] * 3)
+    kind = ir.FunctionType(VECTOR, [VECTOR] * 3)
     fma = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fma.v{CHANNELS}f32")
     builder.store(builder.call(fma, [left, right, builder.load(total)]), total)
 
 
 def _sums(builder, count):
-    return [cgutils.alloca_once(builder, _VECTOR) for _ in range(count)]
+    return [cgutils.alloca_once(builder, VECTOR) for _ in range(count)]
 
 
 @intrinsic
@@ -91,31 +67,31 @@ def multiply(
 
     def generate(context, builder, signature, args):
         kinds = signature.args
-        y, x, offsets, weights, start = (_data(context, builder, kinds[k], args[k]) for k in (0, 3, 6, 7, 8))
+        y, x, offsets, weights, start = (data(context, builder, kinds[k], args[k]) for k in (0, 3, 6, 7, 8))
         y_first, y_step, x_first, x_step = (args[k] for k in (1, 2, 4, 5))
         taps = builder.extract_value(context.make_array(kinds[6])(context, builder, args[6]).shape, 0)
         sums = _sums(builder, TILE)
-        initial = builder.load(_vector(builder, start), align=4)
+        initial = builder.load(vector(builder, start), align=4)
         for total in sums:
             builder.store(initial, total)
-        with cgutils.for_range(builder, taps, intp=_INDEX) as tap:
-            at = builder.add(x_first, builder.load(_at(builder, offsets, tap.index)))
+        with cgutils.for_range(builder, taps, intp=INDEX) as tap:
+            at = builder.add(x_first, builder.load(number_at(builder, offsets, tap.index)))
             pixels = []
             for _ in range(TILE):
-                pixels.append(_at(builder, x, at))
+                pixels.append(number_at(builder, x, at))
                 at = builder.add(at, x_step)
-            block = builder.mul(tap.index, ir.Constant(_INDEX, CHANNELS**2))
-            with cgutils.for_range(builder, ir.Constant(_INDEX, CHANNELS // 4), intp=_INDEX) as quarter:
+            block = builder.mul(tap.index, ir.Constant(INDEX, CHANNELS**2))
+            with cgutils.for_range(builder, ir.Constant(INDEX, CHANNELS // 4), intp=INDEX) as quarter:
                 for k in range(4):
-                    channel = builder.add(builder.mul(quarter.index, ir.Constant(_INDEX, 4)), ir.Constant(_INDEX, k))
-                    row = builder.add(block, builder.mul(channel, ir.Constant(_INDEX, CHANNELS)))
-                    weight = builder.load(_vector(builder, _at(builder, weights, row)), align=4)
+                    channel = builder.add(builder.mul(quarter.index, ir.Constant(INDEX, 4)), ir.Constant(INDEX, k))
+                    row = builder.add(block, builder.mul(channel, ir.Constant(INDEX, CHANNELS)))
+                    weight = builder.load(vector(builder, number_at(builder, weights, row)), align=4)
                     for pixel, total in zip(pixels, sums, strict=True):
-                        value = _splat(builder, builder.load(_at(builder, pixel, channel)))
+                        value = splat(builder, builder.load(number_at(builder, pixel, channel)))
                         _add_product(builder, total, value, weight)
         at = y_first
         for total in sums:
-            builder.store(builder.load(total), _vector(builder, _at(builder, y, at)), align=4)
+            builder.store(builder.load(total), vector(builder, number_at(builder, y, at)), align=4)
             at = builder.add(at, y_step)
         return context.get_dummy_value()
 
@@ -132,25 +108,25 @@ def correlate(
 
     def generate(context, builder, signature, args):
         kinds = signature.args
-        gradient, x, y = (_data(context, builder, kinds[k], args[k]) for k in (0, 1, 5))
+        gradient, x, y = (data(context, builder, kinds[k], args[k]) for k in (0, 1, 5))
         x_first, x_step, x_row, y_first, y_step, y_row, columns, rows = (args[k] for k in (2, 3, 4, 6, 7, 8, 9, 10))
         for half in (0, CHANNELS // 2):
             sums = _sums(builder, CHANNELS // 2)
             places = [
-                _vector(builder, _at(builder, gradient, ir.Constant(_INDEX, (half + k) * CHANNELS)))
+                vector(builder, number_at(builder, gradient, ir.Constant(INDEX, (half + k) * CHANNELS)))
                 for k in range(CHANNELS // 2)
             ]
             for place, total in zip(places, sums, strict=True):
                 builder.store(builder.load(place, align=4), total)
-            with cgutils.for_range(builder, rows, intp=_INDEX) as row:
+            with cgutils.for_range(builder, rows, intp=INDEX) as row:
                 a0 = builder.add(x_first, builder.mul(row.index, x_row))
                 b0 = builder.add(y_first, builder.mul(row.index, y_row))
-                with cgutils.for_range(builder, columns, intp=_INDEX) as column:
-                    a = _at(builder, x, builder.add(a0, builder.mul(column.index, x_step)))
-                    b = _at(builder, y, builder.add(b0, builder.mul(column.index, y_step)))
-                    right = builder.load(_vector(builder, b), align=4)
+                with cgutils.for_range(builder, columns, intp=INDEX) as column:
+                    a = number_at(builder, x, builder.add(a0, builder.mul(column.index, x_step)))
+                    b = number_at(builder, y, builder.add(b0, builder.mul(column.index, y_step)))
+                    right = builder.load(vector(builder, b), align=4)
                     for k, total in enumerate(sums):
-                        left = _splat(builder, builder.load(_at(builder, a, ir.Constant(_INDEX, half + k))))
+                        left = splat(builder, builder.load(number_at(builder, a, ir.Constant(INDEX, half + k))))
                         _add_product(builder, total, left, right)
             for place, total in zip(places, sums, strict=True):
                 builder.store(builder.load(total), place, align=4)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from replicate.report.cast import STANDS_FOR, characters_of, order_of
 from replicate.report.notebooks import folder_of
-from replicate.report.results import Row
+from replicate.report.results import Row, seeds_in_words
 from replicate.report.tables import Table
 from replicate.targets.claims.claim_verdicts import (
     FAILS,
@@ -89,14 +89,12 @@ def about(verdicts: Sequence[Verdict]) -> str:
     tested = [one for one in verdicts if one.verdict != NOT_TESTED]
     if not tested:
         return "Nothing is tested yet."
-    seeds = sorted({one.seeds for one in tested if one.seeds})
-    if seeds[-1:] in ([], [1]):
+    seeds = [one.seeds for one in tested if one.seeds]
+    if max(seeds, default=1) == 1:
         how = "one seed: numbers are compared as they are"
     else:
-        count = f"{seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"{seeds[0]}"
-        how = (
-            f"{count} seeds: a difference counts if it is larger than {SPREADS:g} times the summed standard deviations"
-        )
+        count = seeds_in_words(seeds)
+        how = f"{count}: a difference counts if it is larger than {SPREADS:g} times the summed standard deviations"
     return f"Profile {', '.join(sorted({one.profile for one in tested}))}; {how}."
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 
 from replicate.methods.method_registry import in_order
 from replicate.report.cast import characters_of
-from replicate.report.results import Row, find, most_seeds
+from replicate.report.results import Row, find, seeds_note
 from replicate.report.tables import Table, round_off
 from replicate.targets.figure12.capture_rows import TABLE, metric_name
 from replicate.targets.figure12.driven_motions import NEUTRAL, RIDGE
@@ -107,8 +107,8 @@ def capture_table(rows: Sequence[Row], character: str, actor: str) -> Table:
     scale = find(rows, TABLE, character, "scale", f"scale[{actor}]")
     whose = "by its own landmarks" if actor == character else f"by the landmarks of the {actor}"
     frames = f"{max(row.poses or 0 for row in rows)} frames; " + (f"scale {scale.value:.3g}; " if scale else "")
-    seeds, profiles = most_seeds(rows), ", ".join(sorted({row.profile for row in rows}))
-    about = f"{frames}{f'{seeds} seeds, ± their standard deviation' if seeds > 1 else 'one seed'}; profile {profiles}."
+    profiles = ", ".join(sorted({row.profile for row in rows}))
+    about = f"{frames}{seeds_note(rows)}; profile {profiles}."
     return Table(f"Figure 12: {character}, driven {whose}", (header,), tuple(body), (about, *NOTES))
 
 

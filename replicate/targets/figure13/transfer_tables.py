@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 
 from replicate.report.cast import characters_of
-from replicate.report.results import Row, find, most_seeds
+from replicate.report.results import Row, find, most_seeds, seeds_in_words
 from replicate.report.tables import Table, round_off
 
 MESHES = {"original": "its own mesh", "half": "half of the vertices", "quarter": "a quarter"}
@@ -74,5 +74,4 @@ def _amount(chart: str) -> tuple[str, float]:
 def _about(rows: Sequence[Row]) -> str:
     poses = max((row.poses or 0 for row in rows), default=0)
     profiles = ", ".join(sorted({row.profile for row in rows}))
-    seeds = most_seeds(rows)
-    return f"{poses} test poses; {f'{seeds} seeds' if seeds > 1 else 'one seed'}; profile {profiles}."
+    return f"{poses} test poses; {seeds_in_words([most_seeds(rows)])}; profile {profiles}."

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from replicate.approximation.model_size import cnn_size_mb, dense_vertices
 from replicate.config import CoarseConfig, RefinementConfig
 from replicate.report.cast import STANDS_FOR, characters_of
-from replicate.report.results import Row, find, most_seeds
+from replicate.report.results import Row, find, seeds_note
 from replicate.report.tables import Table, paper_value, round_off
 from replicate.targets.table1.size_rows import WIDTHS
 
@@ -35,7 +35,7 @@ def table1(ours: Iterable[Row], paper: Sequence[Row]) -> Table:
         cells = line and [line[1](source, name, source is paper) for _, source, name in whose]
         body.append(line and (line[0], *cells))
     profiles = sorted({row.profile for row in rows})
-    about = "; ".join([f"profile {', '.join(profiles)}", *_seeds(rows)])
+    about = "; ".join([f"profile {', '.join(profiles)}", seeds_note(rows)])
     header = ("", *(heading for heading, _, _ in whose))
     return Table("Table 1: the models of our characters beside the paper's", (header,), tuple(body), (*NOTES, about))
 
@@ -83,11 +83,6 @@ def _times(ratios: dict[str, float]) -> str:
 
 def _widths(method: str) -> str:
     return " and ".join(map(str, WIDTHS[method]))
-
-
-def _seeds(rows: Sequence[Row]) -> list[str]:
-    seeds = most_seeds(rows)
-    return [f"{seeds} seeds, ± their standard deviation"] if seeds > 1 else ["one seed"]
 
 
 def _number(method: str, metric: str) -> Callable:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 from replicate.methods.method_registry import in_order, method_named
 from replicate.report.cast import STANDS_FOR, characters_of
-from replicate.report.results import Row, find, most_seeds
+from replicate.report.results import Row, find, most_seeds, seeds_note
 from replicate.report.tables import Table, paper_value, round_off
 
 STATISTICS = ("mean", "p95", "max")
@@ -66,7 +66,7 @@ def _about(rows: Sequence[Row], theirs: str | None) -> str:
     if poses := _poses_in_words(rows):
         about.append(f"{poses} unique test poses" + (" or more a seed" if seeds > 1 else ""))
     if seeds:
-        about.append(f"{seeds} seeds, ± their standard deviation" if seeds > 1 else "one seed")
+        about.append(seeds_note(rows))
     about += [f"profile {name}" for name in sorted({row.profile for row in rows})]
     if theirs:
         about.append(f"{theirs} is another rig: compare orderings and ratios, not millimetres")

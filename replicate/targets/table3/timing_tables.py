@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from replicate.report.cast import STANDS_FOR, characters_of
-from replicate.report.results import Row, find, most_seeds
+from replicate.report.results import Row, find, most_seeds, seeds_note
 from replicate.report.tables import Table, paper_value, round_off
 from replicate.targets.table3.timing_rows import ALL, NODES_EVERY, ONE
 from replicate.timing.single_poses import DISTURBED
@@ -95,7 +95,6 @@ def _over(rig: float | None, time: float | None) -> str:
 
 def _about(rows: Sequence[Row]) -> str:
     counts = [row.poses or 0 for row in rows if row.metric == f"time_{ALL}" and row.method != NODES]
-    seeds = most_seeds(rows)
-    times = "" if seeds < 2 else f"; {seeds} seeds, ± their standard deviation"
+    times = "" if most_seeds(rows) < 2 else f"; {seeds_note(rows)}"
     many = f"{max(counts, default=0):,}"
     return f"Means of {many} evaluations of single poses, in turns; node by node every {NODES_EVERY}th turn{times}."

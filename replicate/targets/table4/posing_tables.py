@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from replicate.inverse.ik_stage import RIG
 from replicate.methods.method_registry import in_order, method_named
 from replicate.report.cast import STANDS_FOR, characters_of
-from replicate.report.results import Row, find, most_seeds
+from replicate.report.results import Row, find, seeds_note
 from replicate.report.tables import Table, paper_value, round_off
 from replicate.targets.table2.error_table import method_notes
 from replicate.targets.table4.posing_rows import LIMITED
@@ -108,8 +108,6 @@ def _sources(rows: Sequence[Row]) -> list[str]:
 
 
 def _about(rows: Sequence[Row]) -> str:
-    seeds = most_seeds(rows)
     poses = max((row.poses or 0 for row in rows if row.metric == "vertex_error_mean"), default=0)
     profiles = ", ".join(sorted({row.profile for row in rows}))
-    many = f"{seeds} seeds, ± their standard deviation" if seeds > 1 else "one seed"
-    return f"{poses} configurations of control points; {many}; profile {profiles}."
+    return f"{poses} configurations of control points; {seeds_note(rows)}; profile {profiles}."
