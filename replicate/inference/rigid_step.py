@@ -1,0 +1,145 @@
+"""The rigid step of one pose (§3.4), compiled: the best rotations by quaternions, written over the rigid segments.
+
+`geometry.alignment.align` takes the singular values of a stack of 3×3 matrices; in NumPy one pose of a hundred teeth
+costs more than all else. Here each rotation is Horn's unit quaternion, the eigenvector of the largest eigenvalue of a
+symmetric 4×4 matrix (Horn 1987, "Closed-form solution of absolute orientation using unit quaternions"): a rotation by
+construction, never a reflection. The matrix is made of the same regular one as there, so that points which leave a
+freedom turn the same way.
+"""
+
+from typing import NamedTuple, no_type_check
+
+import numpy as np
+from numba import njit
+
+from replicate.approximation.rigid import Attachments
+from replicate.engine.jit_cache import KEEP_CODE
+from replicate.geometry.mesh import Mesh
+
+SWEEPS = 20  # at most; four or five do
+ENOUGH = 1e-30  # the squares beside the diagonal over those on it, where the last sweep is
+REGULAR = 1e-12  # of a matrix's size along the identity, as in `alignment.nearest_rotation`
+TINY = float(np.finfo(np.float64).tiny)
+
+
+class RigidPlan(NamedTuple):
+    """r rigid segments, c carriers each: carriers (r, c) of the mesh, their places at rest about their mean (r, c, 3)
+    and that mean (r, 3); members (k,) of all segments in turn, their places at rest (k, 3), and ends (r,) of each.
+    """
+
+    carriers: np.ndarray
+    rest: np.ndarray
+    centres: np.ndarray
+    members: np.ndarray
+    places: np.ndarray
+    ends: np.ndarray
+
+
+def plan_rigid_step(mesh: Mesh, attachments: Attachments) -> RigidPlan:
+    """Return what the rigid step of a mesh needs."""
+    carriers = np.asarray(attachments.vertex, np.int64)
+    rest = mesh.neutral[carriers].astype(np.float64)
+    centres = rest.mean(1) if len(carriers) else np.zeros((0, 3))
+    members = [np.flatnonzero(mesh.segment == k) for k in attachments.segment]
+    all_members = np.concatenate([*members, np.zeros(0, np.int64)])
+    ends = np.cumsum([len(own) for own in members], dtype=np.int64)
+    places = mesh.neutral[all_members].astype(np.float64)
+    return RigidPlan(carriers, rest - centres[:, None], centres, all_members, places, ends)
+
+
+@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@no_type_check
+def _turn(a, vectors, p, q):
+    """Take a symmetric 4×4 matrix's entry (p, q) away by a rotation of both axes (Jacobi), and turn `vectors` along."""
+    if a[p, q] == 0.0:
+        return
+    height = a[q, q] - a[p, p]
+    twice = 2 * a[p, q]
+    tangent = twice / (abs(height) + np.hypot(height, twice))
+    if height < 0:
+        tangent = -tangent
+    c = 1 / np.sqrt(1 + tangent * tangent)
+    s = tangent * c
+    for k in range(4):
+        left, right = a[k, p], a[k, q]
+        a[k, p], a[k, q] = c * left - s * right, s * left + c * right
+    for k in range(4):
+        left, right = a[p, k], a[q, k]
+        a[p, k], a[q, k] = c * left - s * right, s * left + c * right
+        left, right = vectors[k, p], vectors[k, q]
+        vectors[k, p], vectors[k, q] = c * left - s * right, s * left + c * right
+
+
+@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@no_type_check
+def _best_quaternion(m, a, vectors, q):
+    """Write to q the unit quaternion of the rotation R that maximises tr(Rᵀ m), rotations acting on rows."""
+    a[0, 0], a[1, 1] = m[0, 0] + m[1, 1] + m[2, 2], m[0, 0] - m[1, 1] - m[2, 2]
+    a[2, 2], a[3, 3] = m[1, 1] - m[0, 0] - m[2, 2], m[2, 2] - m[0, 0] - m[1, 1]
+    a[0, 1], a[0, 2], a[0, 3] = m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]
+    a[1, 2], a[1, 3], a[2, 3] = m[0, 1] + m[1, 0], m[2, 0] + m[0, 2], m[1, 2] + m[2, 1]
+    for i in range(4):
+        for j in range(4):
+            vectors[i, j] = 1.0 if i == j else 0.0
+            if j < i:
+                a[i, j] = a[j, i]
+    for _ in range(SWEEPS):
+        on, beside = 0.0, 0.0
+        for i in range(4):
+            on += a[i, i] * a[i, i]
+            for j in range(i):
+                beside += a[i, j] * a[i, j]
+        if beside <= ENOUGH * on:
+            break
+        for i in range(3):
+            for j in range(i + 1, 4):
+                _turn(a, vectors, i, j)
+    best = 0
+    for k in range(1, 4):
+        if a[k, k] > a[best, best]:
+            best = k
+    for k in range(4):
+        q[k] = vectors[k, best]
+
+
+@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@no_type_check
+def place_rigid_segments(plan, posed):
+    """Write the rigid segments of a posed mesh (n, 3), float32 mm, where their carriers in it have moved to."""
+    m, a, vectors = np.empty((3, 3)), np.empty((4, 4)), np.empty((4, 4))
+    q, centre = np.empty(4), np.empty(3)
+    start = 0
+    for row in range(len(plan.ends)):
+        count = plan.carriers.shape[1]
+        centre[:] = 0.0
+        for k in range(count):
+            for j in range(3):
+                centre[j] += posed[plan.carriers[row, k], j]
+        centre /= count
+        m[:] = 0.0
+        for k in range(count):
+            for i in range(3):
+                for j in range(3):
+                    m[i, j] += plan.rest[row, k, i] * (posed[plan.carriers[row, k], j] - centre[j])
+        size = 0.0
+        for i in range(3):
+            for j in range(3):
+                size += m[i, j] * m[i, j]
+        for j in range(3):
+            m[j, j] += REGULAR * np.sqrt(size) + TINY
+        _best_quaternion(m, a, vectors, q)
+        w, x, y, z = q[0], q[1], q[2], q[3]
+        xx, yx, zx = w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)
+        xy, yy, zy = 2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)
+        xz, yz, zz = 2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z
+        ox, oy, oz = plan.centres[row, 0], plan.centres[row, 1], plan.centres[row, 2]
+        tx = centre[0] - ox * xx - oy * yx - oz * zx
+        ty = centre[1] - ox * xy - oy * yy - oz * zy
+        tz = centre[2] - ox * xz - oy * yz - oz * zz
+        for k in range(start, plan.ends[row]):
+            px, py, pz = plan.places[k, 0], plan.places[k, 1], plan.places[k, 2]
+            vertex = plan.members[k]
+            posed[vertex, 0] = px * xx + py * yx + pz * zx + tx
+            posed[vertex, 1] = px * xy + py * yy + pz * zy + ty
+            posed[vertex, 2] = px * xz + py * yz + pz * zz + tz
+        start = plan.ends[row]
