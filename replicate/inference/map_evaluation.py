@@ -1,59 +1,34 @@
-"""Map networks, one pose at a time on one thread: the rows that `MapPlan` lists, and nothing else."""
+"""Map networks, one pose at a time on one thread: the pixels that `MapPlan` lists, and nothing else."""
 
 from collections.abc import Sequence
 from typing import no_type_check
 
 import numpy as np
+from jaxtyping import Float32
 from numba import njit
 
+from replicate.approximation.cnn import START
 from replicate.approximation.kernels.map_kernel import REORDER, read_vertex
 from replicate.approximation.kernels.vector_code import CHANNELS
+from replicate.approximation.model import SegmentedModel
 from replicate.engine.jit_cache import KEEP_CODE
-from replicate.inference.map_plan import MapPlan
+from replicate.inference.map_plan import MapPlan, plan_maps
+from replicate.inference.map_program import program_of
 from replicate.inference.pixel_kernel import TILE, multiply_pixels
+from replicate.inference.row_products import add_products
 
-BLOCK = 4  # inputs at a time, so that sums are loaded and stored less often
-
-
-def scratch_of(plan: MapPlan) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """Return the images and the dense outputs that a plan is evaluated in; the images' borders stay zero."""
-    images = tuple(np.zeros(size, np.float32) for size in plan.sizes)
-    return images, tuple(np.zeros(len(bias), np.float32) for bias in plan.weight_biases)
+PIXELS = START**2
 
 
 @njit(cache=KEEP_CODE, error_model="numpy", fastmath=REORDER, nogil=True)
 @no_type_check
-def _multiply_rows(x, weight, bias, out):
-    """Write bias + x @ weight to `out`; weight is [in, out]."""
-    out[:] = bias
-    whole = len(x) // BLOCK * BLOCK
-    for i in range(0, whole, BLOCK):
-        a, b, c, d = x[i], x[i + 1], x[i + 2], x[i + 3]
-        wa, wb, wc, wd = weight[i], weight[i + 1], weight[i + 2], weight[i + 3]
-        for k in range(len(out)):
-            out[k] += a * wa[k] + b * wb[k] + c * wc[k] + d * wd[k]
-    for i in range(whole, len(x)):
-        for k in range(len(out)):
-            out[k] += x[i] * weight[i, k]
-
-
-@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
-@no_type_check
-def _activate(values, slope):
-    for k in range(len(values)):
-        values[k] = max(values[k], slope * values[k])
-
-
-@njit(cache=KEEP_CODE, error_model="numpy", fastmath=REORDER, nogil=True)
-@no_type_check
-def _read(image, plan, out):
-    """Add to `out` (n, 3) what the vertices read bilinearly from an image, through the 1×1 convolution."""
-    below, weight, bias = plan.below, plan.weight, plan.bias
-    for i in range(len(plan.pixels)):
-        at = plan.pixels[i]
+def _read(image, pixels, below, shares, weight, bias, vertices, out):
+    """Add to `out` (n, 3) what vertices read bilinearly from an image, through the 1×1 convolution."""
+    for i in range(len(pixels)):
+        at = pixels[i]
         upper, lower = image[at : at + 2 * CHANNELS], image[at + below : at + below + 2 * CHANNELS]
-        x, y, z = read_vertex(upper, lower, plan.shares[i], weight)
-        vertex = plan.vertices[i]
+        x, y, z = read_vertex(upper, lower, shares[i], weight)
+        vertex = vertices[i]
         out[vertex, 0] += x + bias[0]
         out[vertex, 1] += y + bias[1]
         out[vertex, 2] += z + bias[2]
@@ -61,39 +36,82 @@ def _read(image, plan, out):
 
 @njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
 @no_type_check
-def _add_offsets(plan, params, images, outputs, out):
-    """Add to `out` (n, 3) the offsets of a network's vertices, mm, for raw rig parameters (m,)."""
-    x = params[plan.parameters]
-    for layer in range(len(plan.weights)):
-        _multiply_rows(x, plan.weights[layer], plan.weight_biases[layer], outputs[layer])
-        x = outputs[layer]
-        if layer + 1 < len(plan.weights):
-            _activate(x, plan.slope)
-    for k in range(len(plan.starts)):
-        images[0][plan.starts[k] : plan.starts[k] + plan.depth] = x[k * plan.depth : (k + 1) * plan.depth]
-    for layer in range(len(plan.taps)):
-        channels = plan.depth if layer == 0 else CHANNELS
-        offsets, taps = plan.offsets[layer], plan.taps[layer]
-        block = offsets.shape[1] * channels * CHANNELS
-        first = 0
-        for parity in range(len(offsets)):
-            own = taps[parity * block : (parity + 1) * block]
-            for place in range(first, plan.ends[layer][parity], TILE):
-                multiply_pixels(
-                    images[layer + 1], plan.targets[layer], images[layer], plan.sources[layer], place,
-                    offsets[parity], own, channels, plan.biases[layer], plan.slope,
-                )  # fmt: skip
-            first = plan.ends[layer][parity]
-    _read(images[-1], plan, out)
+def _add_offsets(program, params, images, sums, rows, out):
+    """Add to `out` (n, 3) the offsets of all networks' vertices, mm, for raw rig parameters (m,).
+
+    images: scratch of `program.memory` zeros; their borders stay zero. sums: (2, widest), rows: as many as sums.
+    """
+    facts, numbers, places = program.facts, program.numbers, program.places
+    f, weight, n, p = 0, 0, 0, 0  # how far each of the arrays has been read
+    for network in range(len(program.slopes)):
+        slope = program.slopes[network]
+        inputs, layers = facts[f], facts[f + 1]
+        x = params[places[p : p + inputs]]
+        f, p = f + 2, p + inputs
+        for layer in range(layers):
+            width = facts[f]
+            y = sums[layer % 2, :width]
+            y[:] = numbers[n : n + width]
+            add_products(x, program.weights, weight, width, y, rows)
+            if layer + 1 < layers:
+                for k in range(width):
+                    y[k] = max(y[k], slope * y[k])
+            f, n, weight = f + 1, n + width, weight + len(x) * width
+            x = y
+        channels, first_image, layers = facts[f], facts[f + 1], facts[f + 2]
+        image = images[first_image:]
+        for k in range(PIXELS):
+            start = places[p + k]
+            image[start : start + channels] = x[k * channels : (k + 1) * channels]
+        f, p = f + 3, p + PIXELS
+        for _ in range(layers):
+            shown = images[facts[f] :]
+            parities, taps = facts[f + 1], facts[f + 2]
+            f += 3
+            block, count = taps * channels * CHANNELS, facts[f + parities - 1]
+            bias = numbers[n + parities * block : n + parities * block + CHANNELS]
+            sources = places[p + parities * taps : p + parities * taps + count]
+            targets = places[p + parities * taps + count : p + parities * taps + 2 * count]
+            first = 0
+            for parity in range(parities):
+                own = numbers[n + parity * block : n + (parity + 1) * block]
+                offsets = places[p + parity * taps : p + (parity + 1) * taps]
+                for place in range(first, facts[f + parity], TILE):
+                    multiply_pixels(shown, targets, image, sources, place, offsets, own, channels, bias, slope)
+                first = facts[f + parity]
+            f, n, p = f + parities, n + parities * block + CHANNELS, p + parities * taps + 2 * count
+            image, channels = shown, CHANNELS
+        count, below = facts[f], facts[f + 1]
+        weights = numbers[n : n + 3 * CHANNELS].reshape(3, CHANNELS)
+        n += 3 * CHANNELS
+        shares = numbers[n + 3 : n + 3 + 4 * count].reshape(count, 4)
+        vertices = places[p + count : p + 2 * count]
+        _read(image, places[p : p + count], below, shares, weights, numbers[n : n + 3], vertices, out)
+        f, n, p = f + 2, n + 3 + 4 * count, p + 2 * count
 
 
 class FastMaps:
     """The map networks of a coarse or refined model, side by side, one pose at a time."""
 
-    def __init__(self, plans: Sequence[MapPlan]):
-        self._parts = [(plan, *scratch_of(plan)) for plan in plans]
+    def __init__(self, plans: Sequence[MapPlan], halves: bool = False):
+        self._program = program_of(plans, halves)
+        self._images = np.zeros(self._program.memory, np.float32)
+        self._sums = np.zeros((2, self._program.widest), np.float32)
+        widest = max(self._program.widest, *(len(plan.parameters) for plan in plans), 0)
+        self._rows = np.zeros(widest, np.int64)
 
-    def add(self, params: np.ndarray, out: np.ndarray) -> None:
-        """Add all networks' offsets (mm) for raw rig parameters (m,) float32 to `out` (n, 3) float32."""
-        for plan, images, outputs in self._parts:
-            _add_offsets(plan, params, images, outputs, out)
+    def place(self, params: Float32[np.ndarray, " m"], out: Float32[np.ndarray, "n 3"]) -> None:
+        """Add all networks' offsets (mm) for raw rig parameters to `out`."""
+        _add_offsets(self._program, params, self._images, self._sums, self._rows, out)
+
+
+def fast_maps(models: Sequence[SegmentedModel], halves: bool = False) -> FastMaps:
+    """Return the fast evaluation of models of map networks, whose offsets add."""
+    parts = [
+        (model, *each) for model in models for each in zip(model.networks, model.segments, model.lengths, strict=True)
+    ]
+    plans = [
+        plan_maps(network, segment.parameters, segment.vertices, model.scale.numpy(), length)
+        for model, network, segment, length in parts
+    ]
+    return FastMaps(plans, halves)

@@ -107,7 +107,7 @@ def _last_layer(network: MapNetwork, needed: np.ndarray, side: int) -> tuple[np.
     offsets = (row * (side + 2) + column) * CHANNELS
     taps = np.ascontiguousarray(network.last.weight.detach().numpy().transpose(2, 3, 1, 0)).ravel()
     bias = network.last.bias.detach().numpy()
-    return taps, bias, offsets, places, places, np.array([len(places)])
+    return taps, bias, offsets.astype(np.int32), places, places, np.array([len(places)])
 
 
 def _upsampled_layer(layer, needed: np.ndarray, side: int, depth: int) -> tuple[np.ndarray, ...]:
@@ -121,7 +121,7 @@ def _upsampled_layer(layer, needed: np.ndarray, side: int, depth: int) -> tuple[
         targets.append(_whole_tiles(_flat(2 * rows + p[k, 0], 2 * columns + q[k, 0], 2 * side, CHANNELS)))
     ends = np.cumsum([len(places) for places in sources])
     taps, bias = fold(layer.weight.detach().numpy())[:, :, :depth].ravel(), layer.bias.detach().numpy()
-    return taps, bias, offsets, np.concatenate(sources), np.concatenate(targets), ends
+    return taps, bias, offsets.astype(np.int32), np.concatenate(sources), np.concatenate(targets), ends
 
 
 def _read_pixels(network: MapNetwork) -> Bool[np.ndarray, "s s"]:
@@ -146,7 +146,7 @@ def _shown(needed: Bool[np.ndarray, "s s"]) -> Bool[np.ndarray, "h h"]:
 
 def _flat(rows: np.ndarray, columns: np.ndarray, side: int, depth: int) -> Int[np.ndarray, " p"]:
     """Return where pixels lie in an image with a border."""
-    return np.asarray(((rows + 1) * (side + 2) + columns + 1) * depth, np.int64)
+    return np.asarray(((rows + 1) * (side + 2) + columns + 1) * depth, np.int32)
 
 
 def _whole_tiles(places: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:

@@ -11,6 +11,7 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.errors import TypingError
 from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
 
@@ -25,8 +26,8 @@ def multiply_pixels_reference(
 ) -> None:  # fmt: skip
     """Write leaky_relu(bias + Σ_t image[pixel + offsets[t]] @ taps[t]) for the pixels first … first + 7 of a list.
 
-    out, image: flat. targets, sources: where each pixel is written and read. offsets: (t,) int64. taps: (t, channels,
-    16), flat. bias: (16,). slope: between 0 and 1; 1 leaves the sum as it is.
+    out, image: flat. targets, sources: int32, where each pixel is written and read. offsets: (t,) int32. taps: (t,
+    channels, 16), flat. bias: (16,). slope: between 0 and 1; 1 leaves the sum as it is.
     """
     weights = taps.reshape(len(offsets), channels, CHANNELS)
     for k in range(first, first + TILE):
@@ -35,6 +36,11 @@ def multiply_pixels_reference(
             at = sources[k] + offset
             total += image[at : at + channels] @ weight
         out[targets[k] : targets[k] + CHANNELS] = np.maximum(total, np.float32(slope) * total)
+
+
+def _place(builder, array, index):
+    """Return a number of an int32 array, as an index."""
+    return builder.sext(builder.load(number_at(builder, array, index)), INDEX)
 
 
 def _call(builder, name, *args):
@@ -48,6 +54,8 @@ def multiply_pixels(
     offsets: types.Type, taps: types.Type, channels: types.Type, bias: types.Type, slope: types.Type,
 ) -> tuple[Signature, Callable]:  # fmt: skip
     """Compile `multiply_pixels_reference`; channels is a multiple of 4."""
+    if {targets.dtype, sources.dtype, offsets.dtype} != {types.int32}:
+        raise TypingError("places of pixels are int32")
 
     def generate(context, builder, signature, args):
         kinds = signature.args
@@ -57,7 +65,7 @@ def multiply_pixels(
         first, channels, slope = args[4], args[7], args[9]
         count = builder.extract_value(context.make_array(kinds[5])(context, builder, args[5]).shape, 0)
         places = [builder.add(first, ir.Constant(INDEX, k)) for k in range(TILE)]
-        pixels = [number_at(builder, image, builder.load(number_at(builder, sources, place))) for place in places]
+        pixels = [number_at(builder, image, _place(builder, sources, place)) for place in places]
         sums = [cgutils.alloca_once(builder, VECTOR) for _ in range(TILE)]
         start = builder.load(vector(builder, bias), align=4)
         for total in sums:
@@ -65,7 +73,7 @@ def multiply_pixels(
         block = builder.mul(channels, ir.Constant(INDEX, CHANNELS))
         quarters = builder.lshr(channels, ir.Constant(INDEX, 2))
         with cgutils.for_range(builder, count, intp=INDEX) as tap:
-            offset = builder.load(number_at(builder, offsets, tap.index))
+            offset = _place(builder, offsets, tap.index)
             tap_first = builder.mul(tap.index, block)
             with cgutils.for_range(builder, quarters, intp=INDEX) as quarter:
                 for k in range(4):
@@ -80,7 +88,7 @@ def multiply_pixels(
         for place, total in zip(places, sums, strict=True):
             value = builder.load(total)
             value = _call(builder, "llvm.maxnum.v16f32", value, builder.fmul(value, fall))
-            target = number_at(builder, out, builder.load(number_at(builder, targets, place)))
+            target = number_at(builder, out, _place(builder, targets, place))
             builder.store(value, vector(builder, target), align=4)
         return context.get_dummy_value()
 

@@ -29,7 +29,7 @@ def test_offsets_are_those_of_the_maps_in_full(map_size, hidden):
     fast = FastMaps([plan])
     for params in np.random.default_rng(1).uniform(-1, 1, (4, PARAMETERS)).astype(np.float32):
         out = np.zeros((VERTICES, 3), np.float32)
-        fast.add(params, out)
+        fast.place(params, out)
         with torch.no_grad():
             truth = 3.0 * network(torch.from_numpy(params / scale)[None, parameters])[0].numpy()
         assert np.abs(truth).max() > 0.01
@@ -41,9 +41,9 @@ def test_networks_add_to_what_is_there():
     parts = [planned(16, (64, 512), seed) for seed in (1, 2)]
     params = np.linspace(-1, 1, PARAMETERS, dtype=np.float32)
     both, apart = np.ones((VERTICES, 3), np.float32), np.ones((VERTICES, 3), np.float32)
-    FastMaps([part[1] for part in parts]).add(params, both)
+    FastMaps([part[1] for part in parts]).place(params, both)
     for part in parts:
-        FastMaps([part[1]]).add(params, apart)
+        FastMaps([part[1]]).place(params, apart)
     np.testing.assert_array_equal(both, apart)
     assert np.abs(both - 1).max() > 0.01
 

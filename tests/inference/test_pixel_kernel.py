@@ -17,9 +17,9 @@ def run(out, targets, image, sources, first, offsets, taps, channels, bias, slop
 def test_the_kernel_gives_what_its_reference_gives(channels):
     rng = np.random.default_rng(channels)
     image = rng.normal(size=100 * channels).astype(np.float32)
-    sources = channels * rng.permutation(90)[: 2 * TILE]
-    targets = CHANNELS * rng.permutation(40)[: 2 * TILE]
-    offsets = np.array([0, channels, 5 * channels])
+    sources = channels * rng.permutation(90)[: 2 * TILE].astype(np.int32)
+    targets = CHANNELS * rng.permutation(40)[: 2 * TILE].astype(np.int32)
+    offsets = np.array([0, channels, 5 * channels], np.int32)
     taps = rng.normal(size=3 * channels * CHANNELS).astype(np.float32)
     bias = rng.normal(size=CHANNELS).astype(np.float32)
     fast, clear = np.zeros(40 * CHANNELS, np.float32), np.zeros(40 * CHANNELS, np.float32)

@@ -1,0 +1,110 @@
+"""Dense networks and straight lines, a segment each, one pose at a time on one thread: a weight is read once."""
+
+from typing import NamedTuple, no_type_check
+
+import numpy as np
+from jaxtyping import Float32
+from numba import njit
+from torch import nn
+
+from replicate.approximation.dense import DenseNetwork
+from replicate.approximation.linear_skip import Line
+from replicate.approximation.model import SegmentedModel
+from replicate.engine.jit_cache import KEEP_CODE
+from replicate.inference.row_products import add_products, without_loss
+
+
+class DensePlan(NamedTuple):
+    """Of m parameters, s segments, h hidden layers and k vertices in all segments.
+
+    scale (m,): what parameters are divided by. segments (s, 2): how many parameters and how many vertices each has.
+    parameters: those of all segments in turn; vertices (k,) likewise. hidden (h,): widths of the hidden layers.
+    weights: flat, segment by segment each layer's [in, out], the length of offsets in mm folded in; biases: of the
+    hidden layers, flat. places (3k,): the vertices at rest with the last layer's bias, mm. slope: of the leaky ReLUs.
+    """
+
+    scale: np.ndarray
+    segments: np.ndarray
+    parameters: np.ndarray
+    vertices: np.ndarray
+    hidden: np.ndarray
+    weights: np.ndarray
+    biases: np.ndarray
+    places: np.ndarray
+    slope: np.float32
+
+
+def plan_dense(model: SegmentedModel, neutral: Float32[np.ndarray, "n 3"], halves: bool) -> DensePlan:
+    """Return what the evaluation of a model of dense networks, or of lines, on a mesh needs.
+
+    halves: weights are stored as float16, whatever that loses.
+    """
+    weights, biases, places = [], [], []
+    for network, segment, length in zip(model.networks, model.segments, model.lengths, strict=True):
+        matrices, constants = _layers(network)
+        matrices[-1], constants[-1] = matrices[-1] * np.float32(length), constants[-1] * np.float32(length)
+        weights += [matrix.ravel() for matrix in matrices]
+        biases += constants[:-1]
+        places.append(neutral[segment.vertices].ravel() + constants[-1])
+    first = model.networks[0]
+    hidden = [layer.out_features for layer in first.hidden] if isinstance(first, DenseNetwork) else []
+    return DensePlan(
+        model.scale.numpy(),
+        np.array([(len(s.parameters), len(s.vertices)) for s in model.segments], np.int64),
+        np.concatenate([s.parameters for s in model.segments]).astype(np.int64),
+        model.vertices.astype(np.int64),
+        np.array(hidden, np.int64),
+        without_loss(np.concatenate(weights), halves),
+        np.concatenate([*biases, np.zeros(0, np.float32)]),
+        np.concatenate(places).astype(np.float32),
+        np.float32(getattr(first, "slope", 1)),
+    )
+
+
+def _layers(network: nn.Module) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Return a network's weights, [in, out], and biases, layer by layer."""
+    if isinstance(network, Line):
+        return [network.weight.detach().numpy()], [network.bias.detach().numpy()]
+    layers = [*network.hidden, network.output]
+    return [layer.weight.detach().numpy().T for layer in layers], [layer.bias.detach().numpy() for layer in layers]
+
+
+@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@no_type_check
+def place_segments(plan, params, sums, moved, rows, out):
+    """Write the vertices of all segments (mm) for raw rig parameters (m,) to `out` (n, 3)."""
+    scaled = params / plan.scale
+    seen, start, weight, bias = 0, 0, 0, 0
+    for inputs, count in plan.segments:
+        x = scaled[plan.parameters[seen : seen + inputs]]
+        for layer in range(len(plan.hidden)):
+            width = plan.hidden[layer]
+            y = sums[layer % 2, :width]
+            y[:] = plan.biases[bias : bias + width]
+            add_products(x, plan.weights, weight, width, y, rows)
+            for k in range(width):
+                y[k] = max(y[k], plan.slope * y[k])
+            weight, bias = weight + len(x) * width, bias + width
+            x = y
+        y = moved[: 3 * count]
+        y[:] = plan.places[3 * start : 3 * (start + count)]
+        add_products(x, plan.weights, weight, 3 * count, y, rows)
+        for k in range(count):
+            vertex = plan.vertices[start + k]
+            out[vertex, 0], out[vertex, 1], out[vertex, 2] = y[3 * k], y[3 * k + 1], y[3 * k + 2]
+        seen, start, weight = seen + inputs, start + count, weight + len(x) * 3 * count
+
+
+class FastDense:
+    """A model of dense networks, or of lines, on a mesh, one pose at a time."""
+
+    def __init__(self, model: SegmentedModel, neutral: Float32[np.ndarray, "n 3"], halves: bool = False):
+        self.plan = plan_dense(model, neutral, halves)
+        widest = int(max((*self.plan.hidden, *self.plan.segments[:, 0])))
+        self._sums = np.zeros((2, widest), np.float32)
+        self._moved = np.zeros(3 * int(self.plan.segments[:, 1].max()), np.float32)
+        self._rows = np.zeros(widest, np.int64)
+
+    def place(self, params: Float32[np.ndarray, " m"], out: Float32[np.ndarray, "n 3"]) -> None:
+        """Write the vertices of all segments, mm, for raw rig parameters to `out`."""
+        place_segments(self.plan, params, self._sums, self._moved, self._rows, out)

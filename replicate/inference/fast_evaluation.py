@@ -1,0 +1,80 @@
+"""One door to the fast evaluation of trained models: rig parameters in, the whole posed mesh out, one pose a call."""
+
+from collections.abc import Callable
+from functools import singledispatch
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from replicate.approximation.cnn import MapNetwork
+from replicate.approximation.dense import DenseNetwork
+from replicate.approximation.linear_skip import Line
+from replicate.approximation.model import SegmentedModel
+from replicate.approximation.refinement import RefinedModel
+from replicate.approximation.regional_model import RegionalModel
+from replicate.approximation.rigid import Attachments
+from replicate.geometry.mesh import Mesh
+from replicate.inference.dense_evaluation import FastDense
+from replicate.inference.map_evaluation import fast_maps
+from replicate.inference.regional_evaluation import FastRegions
+from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
+
+Evaluate = Callable[[np.ndarray], np.ndarray]
+
+
+@runtime_checkable
+class Places(Protocol):
+    """Writes the vertices that a model moves, mm, to `out`, which holds the mesh at rest."""
+
+    def place(self, params: Float32[np.ndarray, " m"], out: Float32[np.ndarray, "n 3"]) -> None:
+        """Write them for raw rig parameters."""
+
+
+def fast_evaluation(model: object, mesh: Mesh, attachments: Attachments, halves: bool = False) -> Evaluate | None:
+    """Return parameters (1, m) → vertices (1, n, 3) float32 mm, the rigid segments placed (§3.4); one thread.
+
+    It gives what the model and `rigid.attach` give, to 1e-3 mm. halves: weights of dense layers are read as float16,
+    whatever that loses. None for a model that has no fast evaluation, or none with halves. Memory that it works in is
+    its own, so that two threads need two.
+    """
+    placing = _placing(model, mesh, halves)
+    if placing is None:
+        return None
+    rigid = plan_rigid_step(mesh, attachments)
+
+    def evaluate(params: Float[np.ndarray, "1 m"]) -> Float32[np.ndarray, "1 n 3"]:
+        out = np.array(mesh.neutral, np.float32)
+        placing.place(np.ascontiguousarray(params[0], np.float32), out)
+        place_rigid_segments(rigid, out)
+        return out[None]
+
+    return evaluate
+
+
+@singledispatch
+def _placing(model: object, mesh: Mesh, halves: bool) -> Places | None:
+    """Return what places the vertices of a model; None where nothing does."""
+    return None
+
+
+@_placing.register
+def _(model: RegionalModel, mesh: Mesh, halves: bool) -> Places | None:
+    return None if halves else FastRegions(model, mesh.neutral)  # its weights are halves already
+
+
+@_placing.register
+def _(model: SegmentedModel, mesh: Mesh, halves: bool) -> Places | None:
+    if _all_are(model, DenseNetwork) or _all_are(model, Line):
+        return FastDense(model, mesh.neutral, halves)
+    return fast_maps([model], halves) if _all_are(model, MapNetwork) else None
+
+
+@_placing.register
+def _(model: RefinedModel, mesh: Mesh, halves: bool) -> Places | None:
+    parts = [model.coarse, model.residual]
+    return fast_maps(parts, halves) if all(_all_are(part, MapNetwork) for part in parts) else None
+
+
+def _all_are(model: object, kind: type) -> bool:
+    return isinstance(model, SegmentedModel) and all(type(network) is kind for network in model.networks)

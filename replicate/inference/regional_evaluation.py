@@ -1,0 +1,126 @@
+"""Our regional model, one pose at a time on one thread: all weights and bases are read once, as they are stored."""
+
+from typing import NamedTuple, no_type_check
+
+import numpy as np
+from jaxtyping import Float32
+from numba import njit
+
+from replicate.approximation.gated_network import SLOPE
+from replicate.approximation.regional_model import RegionalModel
+from replicate.engine.jit_cache import KEEP_CODE
+from replicate.inference.row_products import add_products, without_loss
+
+
+class RegionalPlan(NamedTuple):
+    """Of m parameters, l hidden layers, Σ c coefficients, r regions and k vertices in all of them.
+
+    scale (m,): what parameters are divided by. widths (l + 2,): numbers before, between and after the layers. weights:
+    flat, each layer's [in, out], then the line's; biases: flat; gated, line: whether there are gates and a line.
+    steps (Σ c,): millimetres of a component's whole number 1, the coefficients' length folded in. rough, fine: all
+    bases, flat, [component, coordinate] region by region. regions (r, 4): vertices, components in 16 and in 8 bits, and
+    the first coefficient. vertices (k,); places (3k,): the vertices' at rest with the regions' means, mm.
+    """
+
+    scale: np.ndarray
+    widths: np.ndarray
+    weights: np.ndarray
+    biases: np.ndarray
+    gated: bool
+    line: bool
+    steps: np.ndarray
+    fine: np.ndarray
+    rough: np.ndarray
+    regions: np.ndarray
+    vertices: np.ndarray
+    places: np.ndarray
+
+
+def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> RegionalPlan:
+    """Return what the evaluation of a model on a mesh needs."""
+    network = model.network
+    layers = [*network.layers, network.output]
+    matrices = [layer.weight.detach().numpy().T for layer in layers]
+    if network.line is not None:
+        matrices.append(network.line.weight.detach().numpy().T)
+    regions, first = [], 0
+    for basis in model.bases:
+        regions.append((len(basis.vertices), len(basis.fine), len(basis.rough), first))
+        first += len(basis.steps)
+    means = np.concatenate([basis.mean.float().numpy() for basis in model.bases])
+    return RegionalPlan(
+        model.scale.numpy(),
+        np.array([layers[0].in_features, *(layer.in_features for layer in layers[1:]), layers[-1].out_features]),
+        without_loss(np.concatenate([matrix.ravel() for matrix in matrices])),
+        np.concatenate([layer.bias.detach().numpy() for layer in layers]),
+        network.is_gated,
+        network.line is not None,
+        np.concatenate([basis.steps.numpy() for basis in model.bases]) * np.float32(model.length),
+        np.concatenate([basis.fine.numpy().ravel() for basis in model.bases]),
+        np.concatenate([basis.rough.numpy().ravel() for basis in model.bases]),
+        np.array(regions, np.int64),
+        model.vertices.astype(np.int64),
+        (neutral[model.vertices] + means).astype(np.float32).ravel(),
+    )
+
+
+@njit(cache=KEEP_CODE, error_model="numpy", nogil=True, fastmath={"afn", "contract"})
+@no_type_check
+def _activate(values, gated):
+    """Make a layer's outputs of the sums in `values`, in its first numbers; return how many."""
+    if not gated:
+        for k in range(len(values)):
+            values[k] = max(values[k], np.float32(SLOPE) * values[k])
+        return len(values)
+    half = len(values) // 2
+    for k in range(half):
+        values[k] = values[k] / (np.float32(1) + np.exp(-values[k])) * values[half + k]
+    return half
+
+
+@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@no_type_check
+def place_regions(plan, params, sums, moved, rows, out):
+    """Write the vertices of all regions (mm) for raw rig parameters (m,) to `out` (n, 3)."""
+    scaled = params / plan.scale
+    x, first, bias = scaled, 0, 0
+    layers = len(plan.widths) - 1
+    for layer in range(layers):
+        inputs = plan.widths[layer]
+        last = layer + 1 == layers
+        width = plan.widths[layer + 1] * (2 if plan.gated and not last else 1)
+        y = sums[layer % 2, :width]
+        y[:] = plan.biases[bias : bias + width]
+        add_products(x[:inputs], plan.weights, first, width, y, rows)
+        first, bias = first + inputs * width, bias + width
+        if last and plan.line:
+            add_products(scaled, plan.weights, first, width, y, rows)
+        x = y if last else y[: _activate(y, plan.gated)]
+    coefficients = x
+    for k in range(len(coefficients)):
+        coefficients[k] *= plan.steps[k]
+    start, fine, rough = 0, 0, 0
+    for count, fines, roughs, c in plan.regions:
+        y = moved[: 3 * count]
+        y[:] = plan.places[3 * start : 3 * (start + count)]
+        add_products(coefficients[c : c + fines], plan.fine, fine, 3 * count, y, rows)
+        add_products(coefficients[c + fines : c + fines + roughs], plan.rough, rough, 3 * count, y, rows)
+        for k in range(count):
+            vertex = plan.vertices[start + k]
+            out[vertex, 0], out[vertex, 1], out[vertex, 2] = y[3 * k], y[3 * k + 1], y[3 * k + 2]
+        start, fine, rough = start + count, fine + 3 * count * fines, rough + 3 * count * roughs
+
+
+class FastRegions:
+    """A regional model on a mesh, one pose at a time."""
+
+    def __init__(self, model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]):
+        self.plan = plan_regions(model, neutral)
+        widest = int(max(self.plan.widths[-1], 2 * self.plan.widths.max()))
+        self._sums = np.zeros((2, widest), np.float32)
+        self._moved = np.zeros(3 * int(self.plan.regions[:, 0].max()), np.float32)
+        self._rows = np.zeros(max(widest, len(self.plan.scale)), np.int64)
+
+    def place(self, params: Float32[np.ndarray, " m"], out: Float32[np.ndarray, "n 3"]) -> None:
+        """Write the vertices of all regions, mm, for raw rig parameters to `out`."""
+        place_regions(self.plan, params, self._sums, self._moved, self._rows, out)
