@@ -3,8 +3,10 @@
 `geometry.alignment.align` takes the singular values of a stack of 3×3 matrices; in NumPy one pose of a hundred teeth
 costs more than all else. Here each rotation is Horn's unit quaternion, the eigenvector of the largest eigenvalue of a
 symmetric 4×4 matrix (Horn 1987, "Closed-form solution of absolute orientation using unit quaternions"): a rotation by
-construction, never a reflection. The matrix is made of the same regular one as there, so that points which leave a
-freedom turn the same way.
+construction, never a reflection. Where that eigenvalue stands well apart from the others, it is a root that Newton's
+method finds (Theobald 2005, "Rapid calculation of RMSDs using a quaternion-based characteristic polynomial"); elsewhere
+Jacobi's rotations find all of them. The matrix is made of the same regular one as in `align`, so that points which
+leave a freedom turn the same way.
 """
 
 from typing import NamedTuple, no_type_check
@@ -17,9 +19,10 @@ from replicate.engine.jit_cache import KEEP_CODE
 from replicate.geometry.mesh import Mesh
 
 SWEEPS = 20  # at most; four or five do
+STEPS = 30  # at most, of Newton's method; six to ten do
+APART = 1e-2  # the slope at the root, the product of its distances to the others: beyond it the root is exact
 ENOUGH = 1e-30  # the squares beside the diagonal over those on it, where the last sweep is
 REGULAR = 1e-12  # of a matrix's size along the identity, as in `alignment.nearest_rotation`
-TINY = float(np.finfo(np.float64).tiny)
 
 
 class RigidPlan(NamedTuple):
@@ -55,7 +58,7 @@ def _turn(a, vectors, p, q):
         return
     height = a[q, q] - a[p, p]
     twice = 2 * a[p, q]
-    tangent = twice / (abs(height) + np.hypot(height, twice))
+    tangent = twice / (abs(height) + np.sqrt(height * height + twice * twice))
     if height < 0:
         tangent = -tangent
     c = 1 / np.sqrt(1 + tangent * tangent)
@@ -72,17 +75,72 @@ def _turn(a, vectors, p, q):
 
 @njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
 @no_type_check
-def _best_quaternion(m, a, vectors, q):
-    """Write to q the unit quaternion of the rotation R that maximises tr(Rᵀ m), rotations acting on rows."""
+def _horn(m, a):
+    """Write to a (4, 4) the matrix whose first eigenvector is the quaternion of the rotation R with largest tr(Rᵀ m)."""
     a[0, 0], a[1, 1] = m[0, 0] + m[1, 1] + m[2, 2], m[0, 0] - m[1, 1] - m[2, 2]
     a[2, 2], a[3, 3] = m[1, 1] - m[0, 0] - m[2, 2], m[2, 2] - m[0, 0] - m[1, 1]
     a[0, 1], a[0, 2], a[0, 3] = m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]
     a[1, 2], a[1, 3], a[2, 3] = m[0, 1] + m[1, 0], m[2, 0] + m[0, 2], m[1, 2] + m[2, 1]
     for i in range(4):
+        for j in range(i):
+            a[i, j] = a[j, i]
+
+
+@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@no_type_check
+def _normal(a, row, q):
+    """Write to q (4,) a vector at right angles to all rows of a (4, 4) but one; return its squared length."""
+    r, s, t = (row + 1) % 4, (row + 2) % 4, (row + 3) % 4
+    length = 0.0
+    for k in range(4):
+        i, j, l = (k + 1) % 4, (k + 2) % 4, (k + 3) % 4  # noqa: E741
+        minor = a[r, i] * (a[s, j] * a[t, l] - a[s, l] * a[t, j])
+        minor -= a[r, j] * (a[s, i] * a[t, l] - a[s, l] * a[t, i])
+        minor += a[r, l] * (a[s, i] * a[t, j] - a[s, j] * a[t, i])
+        q[k] = minor if k % 2 == 0 else -minor
+        length += minor * minor
+    return length
+
+
+@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@no_type_check
+def _first_by_newton(m, a, q):
+    """Write the first eigenvector of `_horn`'s matrix to q, not of unit length; return whether it stands well apart.
+
+    m is of unit size: the eigenvalue is the largest root of λ⁴ − 2 ‖m‖² λ² − 8 det(m) λ + det(a), at most √3.
+    """
+    square, determinant = 0.0, 0.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        square += m[i, 0] * m[i, 0] + m[i, 1] * m[i, 1] + m[i, 2] * m[i, 2]
+        determinant += m[0, i] * (m[1, j] * m[2, k] - m[1, k] * m[2, j])
+    c2, c1 = -2 * square, -8 * determinant
+    _normal(a, 0, q)
+    c0 = a[0, 0] * q[0] + a[0, 1] * q[1] + a[0, 2] * q[2] + a[0, 3] * q[3]
+    root, slope = np.sqrt(3 * square), 0.0
+    for _ in range(STEPS):
+        slope = (4 * root * root + 2 * c2) * root + c1
+        step = (((root * root + c2) * root + c1) * root + c0) / slope
+        root -= step
+        if not abs(step) > 1e-15 * root:
+            break
+    if not slope > APART:
+        return False
+    for k in range(4):
+        a[k, k] -= root
+    for row in range(4):  # a row of the adjugate is its entry of the unit vector times the vector, times the slope
+        if 8 * _normal(a, row, q) > slope * slope:
+            return True
+    return False
+
+
+@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@no_type_check
+def _first_by_jacobi(a, vectors, q):
+    """Write the first eigenvector of `_horn`'s matrix to q; the matrix becomes diagonal."""
+    for i in range(4):
         for j in range(4):
             vectors[i, j] = 1.0 if i == j else 0.0
-            if j < i:
-                a[i, j] = a[j, i]
     for _ in range(SWEEPS):
         on, beside = 0.0, 0.0
         for i in range(4):
@@ -100,6 +158,20 @@ def _best_quaternion(m, a, vectors, q):
             best = k
     for k in range(4):
         q[k] = vectors[k, best]
+
+
+@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@no_type_check
+def best_quaternion(m, a, vectors, q):
+    """Write to q (4,) the unit quaternion of the rotation R that maximises tr(Rᵀ m), rotations acting on rows.
+
+    m (3, 3) is of unit size, or near it. a, vectors: scratch, (4, 4).
+    """
+    _horn(m, a)
+    if not _first_by_newton(m, a, q):
+        _horn(m, a)
+        _first_by_jacobi(a, vectors, q)
+    q /= np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
 
 
 @njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
@@ -125,9 +197,11 @@ def place_rigid_segments(plan, posed):
         for i in range(3):
             for j in range(3):
                 size += m[i, j] * m[i, j]
+        if size > 0:
+            m /= np.sqrt(size)
         for j in range(3):
-            m[j, j] += REGULAR * np.sqrt(size) + TINY
-        _best_quaternion(m, a, vectors, q)
+            m[j, j] += REGULAR
+        best_quaternion(m, a, vectors, q)
         w, x, y, z = q[0], q[1], q[2], q[3]
         xx, yx, zx = w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)
         xy, yy, zy = 2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)
