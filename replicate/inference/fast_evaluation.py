@@ -17,6 +17,7 @@ from replicate.approximation.rigid import Attachments
 from replicate.geometry.mesh import Mesh
 from replicate.inference.dense_evaluation import FastDense
 from replicate.inference.map_evaluation import fast_maps
+from replicate.inference.map_plan import has_plan
 from replicate.inference.regional_evaluation import FastRegions
 from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
 
@@ -67,14 +68,18 @@ def _(model: RegionalModel, mesh: Mesh, halves: bool) -> Places | None:
 def _(model: SegmentedModel, mesh: Mesh, halves: bool) -> Places | None:
     if _all_are(model, DenseNetwork) or _all_are(model, Line):
         return FastDense(model, mesh.neutral, halves)
-    return fast_maps([model], halves) if _all_are(model, MapNetwork) else None
+    return fast_maps([model], halves) if _has_maps(model) else None
 
 
 @_placing.register
 def _(model: RefinedModel, mesh: Mesh, halves: bool) -> Places | None:
     parts = [model.coarse, model.residual]
-    return fast_maps(parts, halves) if all(_all_are(part, MapNetwork) for part in parts) else None
+    return fast_maps(parts, halves) if all(map(_has_maps, parts)) else None
 
 
 def _all_are(model: object, kind: type) -> bool:
     return isinstance(model, SegmentedModel) and all(type(network) is kind for network in model.networks)
+
+
+def _has_maps(model: object) -> bool:
+    return _all_are(model, MapNetwork) and all(map(has_plan, model.networks))

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from replicate.approximation.cnn import START, MapNetwork
 from replicate.approximation.kernels.map_kernel import fold
 from replicate.approximation.kernels.vector_code import CHANNELS
-from replicate.inference.pixel_kernel import TILE
+from replicate.inference.pixel_kernel import STEP, TILE
 
 PARITIES = 4
 
@@ -22,7 +22,7 @@ class MapPlan(NamedTuple):
     """One network of j parameters and k vertices. Images are flat, [row, column, channel], with a border of zeros.
 
     Of the dense layers: parameters (j,) which of all; weights [in, out] and biases, the scale of parameters folded in;
-    starts (64,), where the pixels of the last one's output lie in the first image, and depth, its channels.
+    starts (64,), where the pixels of the last one's output lie in the first image, and depth, its channels, with zeros.
     Of the convolutions, a tuple over layers each; all but the last show an upsampled image: taps, flat, [parity, tap,
     channel in, 16]; their biases; offsets [parity, tap] of the taps; sources and targets, the pixels in lists of whole
     tiles; ends (4,), where each parity's part of the lists ends; sizes (layers + 1,), numbers in each image.
@@ -52,6 +52,11 @@ class MapPlan(NamedTuple):
     slope: np.float32
 
 
+def has_plan(network: MapNetwork) -> bool:
+    """Return whether the kernels take a network: of 16 channels, and no more in what the dense layers make."""
+    return network.last.out_channels == CHANNELS and network.dense[-1].out_features <= CHANNELS * START**2
+
+
 def plan_maps(
     network: MapNetwork,
     parameters: Int[np.ndarray, " j"],
@@ -66,7 +71,9 @@ def plan_maps(
     """
     weights = [layer.weight.detach().numpy().T for layer in network.dense]
     weights[0] = weights[0] / scale[parameters][:, None]
-    depth = network.dense[-1].out_features // START**2
+    biases = [layer.bias.detach().numpy() for layer in network.dense]
+    weights[-1], biases[-1] = (_whole_steps(values) for values in (weights[-1], biases[-1]))
+    depth = len(biases[-1]) // START**2
     side = network.map_size
     needed = _read_pixels(network)
     layers = [_last_layer(network, needed, side)]
@@ -85,7 +92,7 @@ def plan_maps(
     return MapPlan(
         parameters.astype(np.int64),
         tuple(np.ascontiguousarray(weight, np.float32) for weight in weights),
-        tuple(layer.bias.detach().numpy() for layer in network.dense),
+        tuple(biases),
         _flat(rows, columns, START, depth),
         depth,
         *zip(*layers, strict=True),
@@ -98,6 +105,13 @@ def plan_maps(
         vertices.astype(np.int64),
         np.float32(network.slope),
     )
+
+
+def _whole_steps(values: np.ndarray) -> np.ndarray:
+    """Return what the last dense layer makes, [..., pixel and channel], with channels of zeros up to whole steps."""
+    split = values.reshape(*values.shape[:-1], START**2, -1)
+    more = [(0, 0)] * (split.ndim - 1) + [(0, -split.shape[-1] % STEP)]
+    return np.pad(split, more).reshape(*values.shape[:-1], -1)
 
 
 def _last_layer(network: MapNetwork, needed: np.ndarray, side: int) -> tuple[np.ndarray, ...]:

@@ -18,6 +18,7 @@ from numba.extending import intrinsic
 from replicate.approximation.kernels.vector_code import CHANNELS, INDEX, VECTOR, data, number_at, splat, vector
 
 TILE = 8  # pixels at a time
+STEP = 4  # channels at a time
 
 
 def multiply_pixels_reference(
@@ -53,7 +54,7 @@ def multiply_pixels(
     typing: object, out: types.Type, targets: types.Type, image: types.Type, sources: types.Type, first: types.Type,
     offsets: types.Type, taps: types.Type, channels: types.Type, bias: types.Type, slope: types.Type,
 ) -> tuple[Signature, Callable]:  # fmt: skip
-    """Compile `multiply_pixels_reference`; channels is a multiple of 4."""
+    """Compile `multiply_pixels_reference`; channels is a multiple of STEP."""
     if {targets.dtype, sources.dtype, offsets.dtype} != {types.int32}:
         raise TypingError("places of pixels are int32")
 
@@ -71,13 +72,13 @@ def multiply_pixels(
         for total in sums:
             builder.store(start, total)
         block = builder.mul(channels, ir.Constant(INDEX, CHANNELS))
-        quarters = builder.lshr(channels, ir.Constant(INDEX, 2))
+        steps = builder.udiv(channels, ir.Constant(INDEX, STEP))
         with cgutils.for_range(builder, count, intp=INDEX) as tap:
             offset = _place(builder, offsets, tap.index)
             tap_first = builder.mul(tap.index, block)
-            with cgutils.for_range(builder, quarters, intp=INDEX) as quarter:
-                for k in range(4):
-                    channel = builder.add(builder.mul(quarter.index, ir.Constant(INDEX, 4)), ir.Constant(INDEX, k))
+            with cgutils.for_range(builder, steps, intp=INDEX) as step:
+                for k in range(STEP):
+                    channel = builder.add(builder.mul(step.index, ir.Constant(INDEX, STEP)), ir.Constant(INDEX, k))
                     row = builder.add(tap_first, builder.mul(channel, ir.Constant(INDEX, CHANNELS)))
                     weight = builder.load(vector(builder, number_at(builder, taps, row)), align=4)
                     at = builder.add(offset, channel)

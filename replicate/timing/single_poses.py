@@ -1,6 +1,8 @@
 """The time of single poses, as §5.2 measures it: one pose a call, many calls, after a warm-up.
 
-The functions take turns, so that a busy machine slows all of them alike and their ratios stay.
+The functions take turns, so that a busy machine slows all of them alike and their ratios stay. In a turn each evaluates
+some poses one after the other, as when a face is moved, so that it finds its own weights in the caches; a function that
+only ever follows other ones would be timed at fetching what they have displaced.
 """
 
 import gc
@@ -11,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-WARM_UP = 10  # turns that don't count
+WARM_UP = 10  # evaluations of each way that don't count
+TURN = 10  # evaluations of a way before the next one's turn; one more before them doesn't count
 DISTURBED = 1.5  # 95th percentile over median: beyond it something else ran on the machine
 
 Evaluate = Callable[[np.ndarray], object]  # one pose, (1, …)
@@ -19,7 +22,7 @@ Evaluate = Callable[[np.ndarray], object]  # one pose, (1, …)
 
 @dataclass(frozen=True)
 class Way:
-    """One way to evaluate a pose. every: it takes part in each so-many-th turn, where it is slow."""
+    """One way to evaluate a pose. every: it takes part in each so-many-th turn, for one that is slow."""
 
     evaluate: Evaluate
     every: int = 1
@@ -42,33 +45,43 @@ class Times:
 
 
 def time_single_poses(
-    ways: Mapping[str, Way], poses: Float[np.ndarray, "t ..."], turns: int, advance: Callable[[int], object]
+    ways: Mapping[str, Way], poses: Float[np.ndarray, "t ..."], evaluations: int, advance: Callable[[int], object]
 ) -> dict[str, Times]:
     """Return the times of some ways to evaluate poses, by name.
 
-    poses: what the ways are given, one after the other, from the first again after the last. turns: how often a way is
-    timed that takes part in all of them. advance: called with the number of turns that are done since its last call.
+    poses: what the ways are given, one after the other, from the first again after the last. evaluations: how many of a
+    way are timed that takes part in all turns. advance: called with the number of them that are done since its last
+    call.
     """
     taken: dict[str, list[float]] = {name: [] for name in ways}
     collecting = gc.isenabled()
     gc.collect()
     gc.disable()  # a collection would fall on whoever's turn it is
     try:
-        for turn in range(-WARM_UP, turns):
-            pose = poses[turn % len(poses)][None]
+        for way in ways.values():
+            for k in range(WARM_UP):
+                way.evaluate(poses[k % len(poses)][None])
+        for turn, first in enumerate(range(0, evaluations, TURN)):
+            last = min(first + TURN, evaluations)
             for name, way in ways.items():
                 if turn % way.every == 0:
-                    start = time.perf_counter()
-                    way.evaluate(pose)
-                    elapsed = time.perf_counter() - start
-                    if turn >= 0:
-                        taken[name].append(1e3 * elapsed)
-            if turn >= 0:
-                advance(1)
+                    taken[name] += _milliseconds(way.evaluate, poses, first, last)
+            advance(last - first)
     finally:
         if collecting:
             gc.enable()
     return {name: summary(values) for name, values in taken.items()}
+
+
+def _milliseconds(evaluate: Evaluate, poses: np.ndarray, first: int, last: int) -> list[float]:
+    """Return how long some poses take, one after the other; the pose before them is evaluated and doesn't count."""
+    taken = []
+    for k in range(first - 1, last):
+        pose = poses[k % len(poses)][None]
+        start = time.perf_counter()
+        evaluate(pose)
+        taken.append(1e3 * (time.perf_counter() - start))
+    return taken[1:]
 
 
 def summary(milliseconds: list[float]) -> Times:

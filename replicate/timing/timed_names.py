@@ -1,27 +1,37 @@
-"""What is timed, by the names that results have for it: methods, and what is none."""
+"""What is timed, by the names that results have for it: methods, other ways to evaluate them, and what is none."""
 
 from collections.abc import Iterable
 
 from replicate.methods.method_registry import in_order, method_named
 
 RIG, NODES, RIGID_STEP = "rig", "rig_nodes", "rigid_step"
-PLAIN = "_plain"  # the ending of a method's name where its networks are evaluated the plain way
+PLAIN, ONNX, FAST, HALF = "_plain", "_onnx", "_fast", "_half"  # endings of a method's name: how it is evaluated
+BACKENDS = {"": "the suite's", PLAIN: "plain", ONNX: "ONNX Runtime", FAST: "fast", HALF: "fast, 16 bits"}
+EXACT = ("", PLAIN, ONNX, FAST)  # of them: those that give the method's own vertices, but for rounding in float32
 RIGS = {NODES: "The rig, node by node", RIG: "The rig, compiled"}
 PARTS = {RIGID_STEP: "Rigid step alone"}
 
 
+def parted(name: str) -> tuple[str, str]:
+    """Return the method's name and the ending that says how it is evaluated, "" for none."""
+    for ending in filter(None, BACKENDS):
+        if name.endswith(ending):
+            return name.removesuffix(ending), ending
+    return name, ""
+
+
 def label_of(name: str, marked: bool = False) -> str:
     """Return what tables call what is timed. marked: with the mark of a method's footnote."""
-    if name in (known := RIGS | PARTS):
-        return known[name]
-    if name.endswith(PLAIN):
-        return f"{method_named(name.removesuffix(PLAIN)).label}, plain"
-    return method_named(name).title if marked else method_named(name).label
+    own, ending = parted(name)
+    known = RIGS | PARTS
+    if ending:
+        return f"{known.get(own) or method_named(own).label}, {BACKENDS[ending]}"
+    return known.get(own) or (method_named(own).title if marked else method_named(own).label)
 
 
 def in_table_order(present: Iterable[str]) -> list[str]:
-    """Return names in the order of tables: the rig, each method with its plain evaluation, the rigid step."""
+    """Return names in the order of tables: the rig, each method with its other evaluations, the rigid step."""
     names = set(present)
-    methods = in_order({name for name in names if name not in {*RIGS, *PARTS} and not name.endswith(PLAIN)})
-    both = [name for method in methods for name in (method, method + PLAIN) if name in names]
-    return [*(name for name in RIGS if name in names), *both, *(name for name in PARTS if name in names)]
+    methods = in_order({parted(name)[0] for name in names} - {*RIGS, *PARTS})
+    every = [own + ending for own in (*RIGS, *methods, *PARTS) for ending in BACKENDS]
+    return [name for name in every if name in names]

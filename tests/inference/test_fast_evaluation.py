@@ -110,5 +110,7 @@ def test_parameters_of_another_type_are_taken_as_float32():
 
 def test_a_model_without_a_fast_evaluation_gets_none():
     assert fast_evaluation(object(), MESH, ATTACHMENTS) is None
+    for other in ({"channels": 8}, {"hidden": [32, 2048]}):
+        assert fast_evaluation(of_networks(cnn.make_network, SEGMENTS, MAPS | other), MESH, ATTACHMENTS) is None
     wide = of_networks(lambda s, f: torch.nn.Linear(len(s.parameters), 3 * len(s.vertices)), SEGMENTS, {})
     assert fast_evaluation(wide, MESH, ATTACHMENTS) is None

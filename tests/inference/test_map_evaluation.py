@@ -23,7 +23,9 @@ def planned(map_size, hidden, seed, vertex_count=20):
     return network, plan_maps(network, parameters, vertices, scale, 3.0), parameters, vertices, scale
 
 
-@pytest.mark.parametrize(("map_size", "hidden"), [(16, (64, 512)), (32, (48, 256)), (64, (64, 512))])
+@pytest.mark.parametrize(
+    ("map_size", "hidden"), [(16, (64, 512)), (32, (48, 256)), (64, (64, 1024)), (32, (40, 128)), (16, (24, 384))]
+)
 def test_offsets_are_those_of_the_maps_in_full(map_size, hidden):
     network, plan, parameters, vertices, scale = planned(map_size, hidden, seed=map_size)
     fast = FastMaps([plan])

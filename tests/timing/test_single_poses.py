@@ -6,25 +6,28 @@ import time
 import numpy as np
 import pytest
 
-from replicate.timing.single_poses import WARM_UP, Times, Way, summary, time_single_poses
+from replicate.timing.single_poses import TURN, WARM_UP, Times, Way, summary, time_single_poses
 
 
-def test_ways_take_turns_on_the_same_poses_one_at_a_time():
+def test_ways_take_turns_of_some_poses_one_at_a_time():
     calls = []
     ways = {
         name: Way(lambda pose, name=name: calls.append((name, pose.shape, float(pose[0, 0])))) for name in ("a", "b")
     }
     done = []
-    times = time_single_poses(ways, np.arange(6.0).reshape(3, 2), 5, done.append)
-    assert len(calls) == 2 * (WARM_UP + 5) and {shape for _, shape, _ in calls} == {(1, 2)}
-    assert calls[-10:] == [(name, (1, 2), pose) for pose in (0.0, 2.0, 4.0, 0.0, 2.0) for name in ("a", "b")]
-    assert sum(done) == 5 and {one.evaluations for one in times.values()} == {5}
+    times = time_single_poses(ways, np.arange(6.0).reshape(3, 2), 12, done.append)
+    assert len(calls) == 2 * (WARM_UP + 1 + TURN + 1 + 2) and {shape for _, shape, _ in calls} == {(1, 2)}
+    last = [(name, (1, 2), pose) for name in ("a", "b") for pose in (0.0, 2.0, 4.0)]
+    assert calls[-6:] == last, "poses 9, 10 and 11 of three, of which the first does not count"
+    assert done == [10, 2] and {one.evaluations for one in times.values()} == {12}
 
 
 def test_a_slow_way_takes_part_in_fewer_turns_and_is_warm_before_the_first():
     calls = []
-    times = time_single_poses({"slow": Way(calls.append, every=4)}, np.zeros((1, 1)), 8, lambda done: None)
-    assert times["slow"].evaluations == 2 and len(calls) > 2
+    ways = {"slow": Way(calls.append, every=4), "other": Way(len)}
+    times = time_single_poses(ways, np.zeros((1, 1)), 8 * TURN, lambda done: None)
+    assert times["slow"].evaluations == 2 * TURN and len(calls) == WARM_UP + 2 * (TURN + 1)
+    assert times["other"].evaluations == 8 * TURN
 
 
 def test_the_garbage_collector_rests_meanwhile_and_works_again_after_an_error():

@@ -3,14 +3,17 @@
 from replicate.report.cast import STANDS_FOR
 from replicate.targets.claims.evidence import QUANTITIES, Evidence, MissingNumber
 from replicate.targets.claims.verdict_rules import Comparison, Number, Ways, significant
+from replicate.targets.table3.best_times import best_row
 
 LEAST_SPEED_UP, MOST_SPEED_UP = 5, 17  # of the CNN over the rig, in the abstract
 
 
 def _network_time(evidence: Evidence, character: str, method: str) -> Number:
-    """Return milliseconds a pose: ours on all cores, or what the paper prints for the characters of its own."""
-    metric = "time_high_end_cpu" if character in STANDS_FOR.values() else "time_all_cores"
-    return evidence.number("table3", character, method, metric)
+    """Return milliseconds a pose: of the best evaluation of ours on all cores, or what the paper prints for its own."""
+    if character in STANDS_FOR.values():
+        return evidence.number("table3", character, method, "time_high_end_cpu")
+    best = best_row(evidence.rows.values(), character, method, "all_cores")
+    return evidence.number("table3", character, best.method if best else method, "time_all_cores", method)
 
 
 def _rig_times(evidence: Evidence, character: str) -> list[Number]:

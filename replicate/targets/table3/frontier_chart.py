@@ -8,8 +8,9 @@ from replicate.drawing.style import WIDTH, enlarge, error_scale, tidy
 from replicate.methods.method_registry import in_order, method_named
 from replicate.report.results import Row, find
 from replicate.report.tables import round_off
+from replicate.targets.table3.best_times import best_row
 from replicate.targets.table3.timing_rows import ALL
-from replicate.timing.timed_names import NODES, RIG
+from replicate.timing.timed_names import NODES, RIG, parted
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -31,11 +32,11 @@ def frontier_chart(
     from matplotlib.figure import Figure
 
     names = in_order(
-        row.method
+        parted(row.method)[0]
         for row in times
         if row.character == character
         and row.metric == AXES[0][0]
-        and find(errors, "table2", character, row.method, ERROR)
+        and find(errors, "table2", character, parted(row.method)[0], ERROR)
     )
     names = [name for name in names if find(times, "table3", character, name, "model_size")]
     if not names:
@@ -46,7 +47,7 @@ def frontier_chart(
         for name in names:
             method = method_named(name)
             error = find(errors, "table2", character, name, ERROR).value
-            cost = find(times, "table3", character, name, metric).value
+            cost = _cost(times, character, name, metric)
             axes.plot(cost, error, "o", color=method.colour, markersize=10, zorder=3)
             place = {"textcoords": "offset points", "ha": "center", "zorder": 2, "bbox": BACKGROUND}
             axes.annotate(method.label, (cost, error), (0, 10), **place)
@@ -69,3 +70,8 @@ def frontier_chart(
         f"Error against time and size: {character}. The axes are logarithmic; lower and further left is better. "
         "Dotted: the rig, whose error is zero.",
     )
+
+
+def _cost(times: Sequence[Row], character: str, name: str, metric: str) -> float:
+    row = find(times, "table3", character, name, metric)
+    return (best_row(times, character, name, ALL) if metric == AXES[0][0] else row).value

@@ -16,13 +16,14 @@ from replicate.methods.measurement import MeasurementNumbers, predictor
 from replicate.report.results import Row, write_results
 from replicate.report.run_name import run_name
 from replicate.targets.table3.timing_numbers import TimingNumbers
+from replicate.timing.backends import fast_rigid_step, largest_difference, other_backends
 from replicate.timing.cores import can_confine, core_total, one_core, threads
-from replicate.timing.plain_evaluation import plain_offsets
 from replicate.timing.single_poses import Times, Way, time_single_poses
-from replicate.timing.timed_names import NODES, PLAIN, RIG, RIGID_STEP
+from replicate.timing.timed_names import FAST, NODES, RIG, RIGID_STEP, parted
 
 ROWS = "table3.csv"
 NODES_EVERY = 10  # turns: node by node the rig takes as long as all else together
+COMPARED = 20  # poses in which every backend is compared with the method's own prediction
 ONE, ALL = "one_core", "all_cores"
 
 
@@ -43,6 +44,7 @@ def write_all(settings: TimingNumbers, inputs: Mapping[str, Path], progress: Cal
         for metric, value in metrics(one)
     ]
     numbers += [(RIG, "cores", "count", core_total(), None), *costs(settings, inputs)]
+    numbers += differences(ways, poses[:: -(-len(poses) // COMPARED)])
     rows = [
         Row("table3", settings.character, method, metric, unit, float(value), None, 1, evaluations, *facts)
         for method, metric, unit, value, evaluations in numbers
@@ -63,8 +65,8 @@ def metrics(times: Times) -> list[tuple[str, float]]:
 
 
 def ways_of(settings: TimingNumbers, inputs: Mapping[str, Path], rig: Rig) -> dict[str, Way]:
-    """Return all that is timed by name: the rig compiled and, where it has nodes, node by node; every method; the plain
-    evaluation of those with deformation maps; and the rigid step alone, which all approximations contain.
+    """Return all that is timed by name: the rig compiled and, where it has nodes, node by node; every method, as the
+    suite evaluates it and by all other backends; and the rigid step alone, which all approximations contain.
     """
     mesh, attachments = rig.mesh, rigid_segments.load(inputs)
     ways = {RIG: Way(rig)}
@@ -74,13 +76,12 @@ def ways_of(settings: TimingNumbers, inputs: Mapping[str, Path], rig: Rig) -> di
     for numbers in settings.methods:
         ways[numbers.method] = Way(_without_truth(numbers, inputs))
         model = stage_function(models[numbers.method])(inputs) if numbers.method in models else None
-        offsets = plain_offsets(model) if model is not None else None
-        if offsets:
-            ways[numbers.method + PLAIN] = Way(
-                lambda params, offsets=offsets: attach(mesh, attachments, mesh.neutral + offsets(params))
-            )
+        if model is not None:
+            backends = other_backends(model, mesh, attachments)
+            ways |= {numbers.method + ending: Way(evaluate) for ending, evaluate in backends.items()}
     posed = rig(rig.default[None])
     ways[RIGID_STEP] = Way(lambda params: attach(mesh, attachments, posed))
+    ways[RIGID_STEP + FAST] = Way(fast_rigid_step(mesh, attachments, posed))
     return ways
 
 
@@ -95,6 +96,17 @@ def costs(settings: TimingNumbers, inputs: Mapping[str, Path]) -> list[tuple[str
         size = read_manifest(own)["notes"].get("size_mb") if own else None
         if size is not None:
             found.append((numbers.method, "model_size", "MB", size, None))
+    return found
+
+
+def differences(ways: Mapping[str, Way], poses: np.ndarray) -> list[tuple[str, str, str, float, int]]:
+    """Return how far each backend's vertices are at most from the method's own, in mm."""
+    found = []
+    for name, way in ways.items():
+        method, ending = parted(name)
+        if ending and method in ways:
+            value = largest_difference(way.evaluate, ways[method].evaluate, poses)
+            found.append((name, "largest_difference", "mm", value, len(poses)))
     return found
 
 

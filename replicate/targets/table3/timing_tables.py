@@ -5,28 +5,33 @@ from collections.abc import Iterable, Sequence
 from replicate.report.cast import STANDS_FOR, characters_of
 from replicate.report.results import Row, find, most_seeds, seeds_note
 from replicate.report.tables import Table, paper_value, round_off
+from replicate.targets.table3.backend_tables import backends_tables
+from replicate.targets.table3.best_times import best_row, cell
 from replicate.targets.table3.timing_rows import ALL, NODES_EVERY, ONE
-from replicate.timing.single_poses import DISTURBED
-from replicate.timing.timed_names import NODES, PLAIN, RIG, RIGS, in_table_order, label_of
+from replicate.timing.single_poses import DISTURBED, TURN
+from replicate.timing.timed_names import NODES, RIG, RIGS, in_table_order, label_of, parted
 
 PAPER_CPU = {NODES: ("rig", "time_cpu_engine")}  # else (method, time_high_end_cpu)
 MILLION = 1e6
 
 
 def tables3(ours: Iterable[Row], paper: Sequence[Row]) -> list[Table]:
-    """Return all tables: the paper's Table 3 with ours, then one for each character."""
+    """Return all tables: the paper's Table 3 with ours, then for each character its backends and its details."""
     rows = [row for row in ours if row.table == "table3"]
-    return [timing_table(rows, paper), *(details_table(rows, character) for character in characters_of(rows))]
+    tables = [timing_table(rows, paper)]
+    for character in characters_of(rows):
+        tables += [*backends_tables(rows, character), details_table(rows, character)]
+    return tables
 
 
 def timing_table(rows: Sequence[Row], paper: Sequence[Row]) -> Table:
-    """Return mean milliseconds a pose of the rig and all methods, every character beside the paper's."""
+    """Return mean milliseconds a pose of the rig and of every method's best evaluation, beside the paper's."""
     characters = characters_of(rows)
     body = []
     for name in names_in(rows):
         cells = [label_of(name)]
         for character in characters:
-            cells += [_cell(rows, character, name, where) for where in (ONE, ALL)]
+            cells += [cell(rows, best_row(rows, character, name, where), where) for where in (ONE, ALL)]
             method, metric = PAPER_CPU.get(name, (name, "time_high_end_cpu"))
             cells.append(paper_value(find(paper, "table3", STANDS_FOR.get(character, ""), method, metric)))
         body.append(tuple(cells))
@@ -34,8 +39,7 @@ def timing_table(rows: Sequence[Row], paper: Sequence[Row]) -> Table:
     columns = ("one core", "all cores", "paper, CPU") * len(characters)
     notes = (
         _about(rows),
-        "Every approximation contains the rigid step, which runs on the CPU as in the paper.",
-        "Plain: the same networks, evaluated by torch as Fig. 3 draws them, a module a segment.",
+        "Of each method it is the best of all evaluations of the same weights, to 1e-3 mm, with the rigid step.",
         "Node by node: the deformers one after the other, as an animation package runs a rig. Compiled: all of them as "
         "one function, which no closed rig allows.",
         "The paper's: a 28-thread Xeon E5-2697 v3, rigs in DreamWorks' multithreaded engine Libee.",
@@ -54,17 +58,17 @@ def details_table(rows: Sequence[Row], character: str) -> Table:
 
     body = []
     for name in names_in(own):
-        time = value(name, f"time_{ALL}")
-        ratios = [_over(value(rig, f"time_{ALL}"), time) for rig in RIGS]
-        spread = [round_off(value(name, f"{kind}_{ALL}"), "ms") for kind in ("p05", "median", "p95")]
-        count = value(name.removesuffix(PLAIN), "multiplications")
+        best = best_row(own, character, name, ALL)
+        ratios = [_over(value(rig, f"time_{ALL}"), best and best.value) for rig in RIGS]
+        spread = [round_off(value(best.method, f"{kind}_{ALL}"), "ms") for kind in ("p05", "median", "p95")]
+        count = value(name, "multiplications")
         millions = "–" if count is None else f"{count / MILLION:,.1f}"
         body.append((label_of(name), *ratios, *spread, millions, round_off(value(name, "model_size"), "MB")))
     cores = value(RIG, "cores")
     header = ("", "× node by node", "× compiled", "5 %", "median", "95 %", "million multiplications", "MB")
     notes = (
-        "×: how many times as fast as the rig, by the means on all cores. 5 %, median, 95 %: milliseconds there, "
-        f"on {cores:.0f} cores."
+        "×: how many times as fast as the rig the best evaluation is, by the means on all cores. 5 %, median, 95 %: "
+        f"milliseconds there, on {cores:.0f} cores."
         if cores
         else "×: how many times as fast as the rig.",
         _about(own),
@@ -73,20 +77,8 @@ def details_table(rows: Sequence[Row], character: str) -> Table:
 
 
 def names_in(rows: Sequence[Row]) -> list[str]:
-    """Return what is timed, in the order of tables."""
-    return in_table_order(row.method for row in rows if row.metric == f"time_{ALL}")
-
-
-def is_disturbed(rows: Sequence[Row], character: str, name: str, where: str) -> bool:
-    """Return whether the slow evaluations took so much longer than the usual ones that the mean says little."""
-    median, p95 = (find(rows, "table3", character, name, f"{kind}_{where}") for kind in ("median", "p95"))
-    return bool(median and p95 and p95.value > DISTURBED * median.value)
-
-
-def _cell(rows: Sequence[Row], character: str, name: str, where: str) -> str:
-    row = find(rows, "table3", character, name, f"time_{where}")
-    mark = "~" if is_disturbed(rows, character, name, where) else ""
-    return mark + round_off(row.value, "ms", row.sd) if row else "–"
+    """Return the rigs, methods and parts that are timed, in the order of tables."""
+    return in_table_order({parted(row.method)[0] for row in rows if row.metric == f"time_{ALL}"})
 
 
 def _over(rig: float | None, time: float | None) -> str:
@@ -97,4 +89,6 @@ def _about(rows: Sequence[Row]) -> str:
     counts = [row.poses or 0 for row in rows if row.metric == f"time_{ALL}" and row.method != NODES]
     times = "" if most_seeds(rows) < 2 else f"; {seeds_note(rows)}"
     many = f"{max(counts, default=0):,}"
-    return f"Means of {many} evaluations of single poses, in turns; node by node every {NODES_EVERY}th turn{times}."
+    return (
+        f"Means of {many} evaluations of single poses, {TURN} in turn; node by node every {NODES_EVERY}th turn{times}."
+    )

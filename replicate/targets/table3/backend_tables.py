@@ -1,0 +1,50 @@
+"""Table 3's second question: the same weights, evaluated in several ways. What does each take?"""
+
+from collections.abc import Sequence
+
+from replicate.report.results import Row, find
+from replicate.report.tables import Table
+from replicate.targets.table3.best_times import best_row, cell
+from replicate.targets.table3.timing_rows import ALL, ONE
+from replicate.timing.timed_names import BACKENDS, EXACT, FAST, HALF, ONNX, PLAIN, in_table_order, label_of, parted
+
+COLUMNS = (PLAIN, "", ONNX, FAST, HALF)
+ABOUT = {
+    "": "The suite's: what its errors are measured with; torch, with a kernel of our own for maps.",
+    PLAIN: "Plain: torch's own operations, a module a segment, maps as Fig. 3 draws them.",
+    ONNX: "ONNX Runtime: the file that `make deploy` writes, on one thread that does not spin.",
+    FAST: "Fast: the suite's evaluation of single poses, compiled, on one thread (replicate/inference).",
+    HALF: "16 bits: the same with weights of dense layers rounded to float16; vertices move by up to {} mm for it.",
+}
+
+
+def backends_tables(rows: Sequence[Row], character: str) -> list[Table]:
+    """Return a table of one character's milliseconds a pose by backend, or none where there is one backend only."""
+    where = ONE if any(row.metric == f"time_{ONE}" for row in rows) else ALL
+    own = [row for row in rows if row.table == "table3" and row.character == character]
+    timed = [row for row in own if row.metric == f"time_{where}"]
+    several = {parted(row.method)[0] for row in timed if parted(row.method)[1]}
+    columns = [ending for ending in COLUMNS if any(name + ending in {row.method for row in timed} for name in several)]
+    if not several:
+        return []
+    body = []
+    for name in in_table_order(several):
+        times = [find(timed, "table3", character, name + ending, f"time_{where}") for ending in columns]
+        eager = next(row for row in times if row)  # plain torch where it differs from the suite's
+        best = best_row(timed, character, name, where)
+        body.append((label_of(name), *(cell(own, row, where) for row in times), f"{eager.value / best.value:.1f}"))
+    header = ("", *(BACKENDS[ending] for ending in columns), "best over torch")
+    notes = (
+        f"Means on {where.replace('_', ' ').removesuffix('s')}{'s' if where == ALL else ''}, the rigid step with them.",
+        *(ABOUT[ending].format(_largest(own, ending)) for ending in columns),
+        f"Best over torch: plain torch, or the suite's where there is none, over the best that keeps within "
+        f"{_largest(own, *filter(None, EXACT))} mm of the suite's vertices.",
+    )
+    title = f"Backends: milliseconds a pose by way to evaluate the same weights: {character}"
+    return [Table(title, (header,), tuple(body), notes)]
+
+
+def _largest(rows: Sequence[Row], *endings: str) -> str:
+    """Return the largest difference from the suite's vertices that some backends have."""
+    differences = [row.value for row in rows if row.metric == "largest_difference" and parted(row.method)[1] in endings]
+    return f"{max(differences):.1g}" if differences else "1e-3"

@@ -1,0 +1,52 @@
+"""All ways to evaluate the same trained model, with the rigid step: what a table of backends compares."""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from replicate.approximation.rigid import Attachments, attach
+from replicate.geometry.mesh import Mesh
+from replicate.inference.fast_evaluation import fast_evaluation
+from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
+from replicate.methods.method import Model
+from replicate.timing.onnx_evaluation import onnx_evaluation
+from replicate.timing.plain_evaluation import plain_offsets
+from replicate.timing.timed_names import FAST, HALF, ONNX, PLAIN
+
+
+def other_backends(model: Model, mesh: Mesh, attachments: Attachments) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
+    """Return by `timed_names`' endings the ways (1, m) → (1, n, 3) mm to evaluate a model, besides its own."""
+    plain = plain_offsets(model)
+
+    def by_torch(params: Float[np.ndarray, "b m"]) -> Float[np.ndarray, "b n 3"]:
+        return attach(mesh, attachments, mesh.neutral + plain(params))
+
+    found = {
+        PLAIN: by_torch if plain else None,
+        ONNX: onnx_evaluation(model, mesh, attachments),
+        FAST: fast_evaluation(model, mesh, attachments),
+        HALF: fast_evaluation(model, mesh, attachments, halves=True),
+    }
+    return {ending: evaluate for ending, evaluate in found.items() if evaluate}
+
+
+def fast_rigid_step(
+    mesh: Mesh, attachments: Attachments, posed: Float[np.ndarray, "1 n 3"]
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Return parameters, which count for nothing, → the fast rigid step of one pose, as `attach` does it."""
+    plan = plan_rigid_step(mesh, attachments)
+
+    def place(params: np.ndarray) -> np.ndarray:
+        out = np.array(posed, np.float32)
+        place_rigid_segments(plan, out[0])
+        return out
+
+    return place
+
+
+def largest_difference(
+    one: Callable[[np.ndarray], np.ndarray], other: Callable[[np.ndarray], np.ndarray], poses: Float[np.ndarray, "t m"]
+) -> float:
+    """Return the largest difference of a coordinate between two ways to evaluate some poses, mm."""
+    return max(float(np.abs(one(pose[None]) - other(pose[None])).max()) for pose in poses)

@@ -1,0 +1,56 @@
+"""The ways to evaluate the same weights: which there are for a model, and how far apart they are."""
+
+import sys
+
+import numpy as np
+import pytest
+from small_face import pose_offsets
+from untrained_models import MESH, MODELS
+
+from replicate.approximation.rigid import attach, find_attachments
+from replicate.timing.backends import fast_rigid_step, largest_difference, other_backends
+from replicate.timing.onnx_evaluation import onnx_evaluation
+from replicate.timing.timed_names import FAST, HALF, ONNX, PLAIN, in_table_order, label_of, parted
+
+POSES = np.random.default_rng(0).uniform(-1, 1, (5, 12)).astype(np.float32)
+ATTACHMENTS = find_attachments(MESH, MESH.neutral + pose_offsets(MESH, POSES), 0.3, 4)
+
+
+@pytest.mark.parametrize(
+    ("name", "endings"),
+    [("refined", (PLAIN, ONNX, FAST, HALF)), ("dense", (ONNX, FAST, HALF)), ("PCA", (ONNX,))],
+)
+def test_all_backends_of_a_model_give_its_vertices(name, endings):
+    model = MODELS[name]()
+    found = other_backends(model, MESH, ATTACHMENTS)
+    assert tuple(found) == endings
+    for ending, evaluate in found.items():
+        own = lambda params: attach(MESH, ATTACHMENTS, MESH.neutral + model.offsets(params))  # noqa: E731
+        assert largest_difference(evaluate, own, POSES) < (0.02 if ending == HALF else 1e-3), ending
+    assert largest_difference(own, lambda params: MESH.neutral, POSES) > 0.1
+
+
+def test_a_model_that_nothing_writes_has_no_onnx_evaluation():
+    assert onnx_evaluation(object(), MESH, ATTACHMENTS) is None
+
+
+def test_without_the_runtime_there_is_no_onnx_evaluation(monkeypatch):
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    assert onnx_evaluation(MODELS["dense"](), MESH, ATTACHMENTS) is None
+
+
+def test_the_fast_rigid_step_is_timed_on_its_own():
+    posed = MESH.neutral[None] + pose_offsets(MESH, POSES[:1])
+    before = posed.copy()
+    np.testing.assert_allclose(
+        fast_rigid_step(MESH, ATTACHMENTS, posed)(POSES[:1]), attach(MESH, ATTACHMENTS, posed), atol=1e-3
+    )
+    np.testing.assert_array_equal(posed, before)
+
+
+def test_names_say_method_and_backend():
+    assert parted("dense_small") == ("dense_small", "") and parted("dense_small_fast") == ("dense_small", FAST)
+    names = ["dense_fast", "rigid_step_fast", "coarse", "rig", "dense", "coarse_plain", "rigid_step"]
+    ordered = ["rig", "coarse", "coarse_plain", "dense", "dense_fast", "rigid_step", "rigid_step_fast"]
+    assert in_table_order(names) == ordered
+    assert label_of("dense_half") == "Dense, fast, 16 bits"
