@@ -8,7 +8,7 @@ from replicate.report.tables import Table, paper_value, round_off
 from replicate.targets.table3.backend_tables import backends_tables
 from replicate.targets.table3.best_times import best_row, cell
 from replicate.targets.table3.timing_rows import ALL, NODES_EVERY, ONE
-from replicate.timing.single_poses import DISTURBED, TURN
+from replicate.timing.single_poses import DISTURBED
 from replicate.timing.timed_names import NODES, RIG, RIGS, in_table_order, label_of, parted
 
 PAPER_CPU = {NODES: ("rig", "time_cpu_engine")}  # else (method, time_high_end_cpu)
@@ -89,6 +89,4 @@ def _about(rows: Sequence[Row]) -> str:
     counts = [row.poses or 0 for row in rows if row.metric == f"time_{ALL}" and row.method != NODES]
     times = "" if most_seeds(rows) < 2 else f"; {seeds_note(rows)}"
     many = f"{max(counts, default=0):,}"
-    return (
-        f"Means of {many} evaluations of single poses, {TURN} in turn; node by node every {NODES_EVERY}th turn{times}."
-    )
+    return f"Means of {many} evaluations of single poses, in turns; node by node every {NODES_EVERY}th turn{times}."
