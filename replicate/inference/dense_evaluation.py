@@ -71,8 +71,13 @@ def _layers(network: nn.Module) -> tuple[list[np.ndarray], list[np.ndarray]]:
 
 @njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
 @no_type_check
-def place_segments(plan, params, sums, moved, rows, out):
-    """Write the vertices of all segments (mm) for raw rig parameters (m,) to `out` (n, 3)."""
+def place_segments(
+    plan: DensePlan, params: np.ndarray, sums: np.ndarray, moved: np.ndarray, rows: np.ndarray, out: np.ndarray
+) -> None:
+    """Write the vertices of all segments (mm) for raw rig parameters (m,) to `out` (n, 3).
+
+    sums, moved, rows: scratch for hidden layers (2, widest), the widest output and the indices of the widest input.
+    """
     scaled = params / plan.scale
     seen, start, weight, bias = 0, 0, 0, 0
     for inputs, count in plan.segments:

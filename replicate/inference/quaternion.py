@@ -131,7 +131,7 @@ def _first_by_jacobi(a, vectors, q):
 
 @njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
 @no_type_check
-def best_quaternion(m, a, vectors, q):
+def best_quaternion(m: np.ndarray, a: np.ndarray, vectors: np.ndarray, q: np.ndarray) -> None:
     """Write to q (4,) the unit quaternion of the rotation R that maximises tr(Rᵀ m), rotations acting on rows.
 
     m (3, 3) is of unit size, or near it. a, vectors: scratch, (4, 4).

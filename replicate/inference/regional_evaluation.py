@@ -80,8 +80,13 @@ def _activate(values, gated):
 
 @njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
 @no_type_check
-def place_regions(plan, params, sums, moved, rows, out):
-    """Write the vertices of all regions (mm) for raw rig parameters (m,) to `out` (n, 3)."""
+def place_regions(
+    plan: RegionalPlan, params: np.ndarray, sums: np.ndarray, moved: np.ndarray, rows: np.ndarray, out: np.ndarray
+) -> None:
+    """Write the vertices of all regions (mm) for raw rig parameters (m,) to `out` (n, 3).
+
+    sums, moved, rows: scratch for layers (2, widest), the largest region and the indices of the widest input.
+    """
     scaled = params / plan.scale
     x, first, bias = scaled, 0, 0
     layers = len(plan.widths) - 1

@@ -45,7 +45,7 @@ def plan_rigid_step(mesh: Mesh, attachments: Attachments) -> RigidPlan:
 
 @njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
 @no_type_check
-def place_rigid_segments(plan, posed):
+def place_rigid_segments(plan: RigidPlan, posed: np.ndarray) -> None:
     """Write the rigid segments of a posed mesh (n, 3), float32 mm, where their carriers in it have moved to."""
     m, a, vectors = np.empty((3, 3)), np.empty((4, 4)), np.empty((4, 4))
     q, centre = np.empty(4), np.empty(3)

@@ -57,7 +57,7 @@ def as_float32(typing: object, value: types.Type) -> tuple[Signature, Callable]:
 
 @njit(cache=KEEP_CODE, error_model="numpy", fastmath=REORDER, nogil=True)
 @no_type_check
-def add_products(x, weights, first, width, out, rows):
+def add_products(x: np.ndarray, weights: np.ndarray, first: int, width: int, out: np.ndarray, rows: np.ndarray) -> None:
     """Add x @ w to `out` (width,), where w are the rows of `width` numbers that lie in flat `weights` from `first` on.
 
     rows: scratch for as many indices as x has numbers.
