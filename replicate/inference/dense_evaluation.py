@@ -12,6 +12,7 @@ from replicate.approximation.linear_skip import Line
 from replicate.approximation.model import SegmentedModel
 from replicate.engine.jit_cache import KEEP_CODE
 from replicate.inference.row_products import add_products, without_loss
+from replicate.inference.work import Work, of_layers, total
 
 
 class DensePlan(NamedTuple):
@@ -113,3 +114,12 @@ class FastDense:
     def place(self, params: Float32[np.ndarray, " m"], out: Float32[np.ndarray, "n 3"]) -> None:
         """Write the vertices of all segments, mm, for raw rig parameters to `out`."""
         place_segments(self.plan, params, self._sums, self._moved, self._rows, out)
+
+    def work(self, params: Float32[np.ndarray, " m"]) -> Work:
+        """Return what the pose of some raw rig parameters costs."""
+        plan, ends = self.plan, np.cumsum(self.plan.segments[:, 0])
+        seen = np.split(params[plan.parameters], ends[:-1])
+        return total(
+            of_layers(inputs, (*plan.hidden, 3 * count), plan.weights.itemsize)
+            for inputs, count in zip(seen, plan.segments[:, 1], strict=True)
+        )

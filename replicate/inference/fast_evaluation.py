@@ -20,16 +20,20 @@ from replicate.inference.map_evaluation import fast_maps
 from replicate.inference.map_plan import has_plan
 from replicate.inference.regional_evaluation import FastRegions
 from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
+from replicate.inference.work import Work
 
 Evaluate = Callable[[np.ndarray], np.ndarray]
 
 
 @runtime_checkable
 class Places(Protocol):
-    """Writes the vertices that a model moves, mm, to `out`, which holds the mesh at rest."""
+    """The fast evaluation of a model's own vertices, the rigid segments left out."""
 
     def place(self, params: Float32[np.ndarray, " m"], out: Float32[np.ndarray, "n 3"]) -> None:
-        """Write them for raw rig parameters."""
+        """Move the vertices of `out`, the mesh at rest in mm, for raw rig parameters."""
+
+    def work(self, params: Float32[np.ndarray, " m"]) -> Work:
+        """Return what the pose of some raw rig parameters costs."""
 
 
 def fast_evaluation(model: object, mesh: Mesh, attachments: Attachments, halves: bool = False) -> Evaluate | None:
@@ -39,7 +43,7 @@ def fast_evaluation(model: object, mesh: Mesh, attachments: Attachments, halves:
     whatever that loses. None for a model that has no fast evaluation, or none with halves. Memory that it works in is
     its own, so that two threads need two.
     """
-    placing = _placing(model, mesh, halves)
+    placing = placing_of(model, mesh, halves)
     if placing is None:
         return None
     rigid = plan_rigid_step(mesh, attachments)
@@ -54,24 +58,24 @@ def fast_evaluation(model: object, mesh: Mesh, attachments: Attachments, halves:
 
 
 @singledispatch
-def _placing(model: object, mesh: Mesh, halves: bool) -> Places | None:
-    """Return what places the vertices of a model; None where nothing does."""
+def placing_of(model: object, mesh: Mesh, halves: bool = False) -> Places | None:
+    """Return what places the vertices of a model; None where nothing does. halves: as for `fast_evaluation`."""
     return None
 
 
-@_placing.register
+@placing_of.register
 def _(model: RegionalModel, mesh: Mesh, halves: bool) -> Places | None:
     return None if halves else FastRegions(model, mesh.neutral)  # its weights are halves already
 
 
-@_placing.register
+@placing_of.register
 def _(model: SegmentedModel, mesh: Mesh, halves: bool) -> Places | None:
     if _all_are(model, DenseNetwork) or _all_are(model, Line):
         return FastDense(model, mesh.neutral, halves)
     return fast_maps([model], halves) if _has_maps(model) else None
 
 
-@_placing.register
+@placing_of.register
 def _(model: RefinedModel, mesh: Mesh, halves: bool) -> Places | None:
     parts = [model.coarse, model.residual]
     return fast_maps(parts, halves) if all(map(_has_maps, parts)) else None

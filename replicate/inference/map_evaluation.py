@@ -16,6 +16,7 @@ from replicate.inference.map_plan import MapPlan, plan_maps
 from replicate.inference.map_program import program_of
 from replicate.inference.pixel_kernel import TILE, multiply_pixels
 from replicate.inference.row_products import add_products
+from replicate.inference.work import Work, of_layers, total
 
 PIXELS = START**2
 
@@ -94,7 +95,7 @@ class FastMaps:
     """The map networks of a coarse or refined model, side by side, one pose at a time."""
 
     def __init__(self, plans: Sequence[MapPlan], halves: bool = False):
-        self._program = program_of(plans, halves)
+        self._plans, self._program = tuple(plans), program_of(plans, halves)
         self._images = np.zeros(self._program.memory, np.float32)
         self._sums = np.zeros((2, self._program.widest), np.float32)
         widest = max(self._program.widest, *(len(plan.parameters) for plan in plans), 0)
@@ -103,6 +104,18 @@ class FastMaps:
     def place(self, params: Float32[np.ndarray, " m"], out: Float32[np.ndarray, "n 3"]) -> None:
         """Add all networks' offsets (mm) for raw rig parameters to `out`."""
         _add_offsets(self._program, params, self._images, self._sums, self._rows, out)
+
+    def work(self, params: Float32[np.ndarray, " m"]) -> Work:
+        """Return what the pose of some raw rig parameters costs."""
+        program, size = self._program, self._program.weights.itemsize
+        parts = [Work(0, program.numbers.nbytes + program.places.nbytes)]
+        for plan in self._plans:
+            parts.append(of_layers(params[plan.parameters], [len(bias) for bias in plan.weight_biases], size))
+            depths = [plan.depth, *[CHANNELS] * (len(plan.taps) - 1)]
+            pixels = zip(plan.sources, plan.offsets, depths, strict=True)
+            products = sum(len(places) * offsets.shape[1] * depth * CHANNELS for places, offsets, depth in pixels)
+            parts.append(Work(products + len(plan.vertices) * (4 + 3) * CHANNELS, 0))
+        return total(parts)
 
 
 def fast_maps(models: Sequence[SegmentedModel], halves: bool = False) -> FastMaps:

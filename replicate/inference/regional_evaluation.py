@@ -10,6 +10,7 @@ from replicate.approximation.gated_network import SLOPE
 from replicate.approximation.regional_model import RegionalModel
 from replicate.engine.jit_cache import KEEP_CODE
 from replicate.inference.row_products import add_products, without_loss
+from replicate.inference.work import Work, of_layers, total
 
 
 class RegionalPlan(NamedTuple):
@@ -129,3 +130,14 @@ class FastRegions:
     def place(self, params: Float32[np.ndarray, " m"], out: Float32[np.ndarray, "n 3"]) -> None:
         """Write the vertices of all regions, mm, for raw rig parameters to `out`."""
         place_regions(self.plan, params, self._sums, self._moved, self._rows, out)
+
+    def work(self, params: Float32[np.ndarray, " m"]) -> Work:
+        """Return what the pose of some raw rig parameters costs."""
+        plan, size = self.plan, self.plan.weights.itemsize
+        hidden, outputs = plan.widths[1:-1], plan.widths[-1]
+        first, *others = (1 + plan.gated) * hidden
+        layers = of_layers(params, (first,), size)
+        between = sum(int(a) * int(b) for a, b in zip(hidden, (*others, outputs), strict=True))
+        line = of_layers(params, (outputs,), size) if plan.line else Work(0, 0)
+        bases = Work(len(plan.fine) + len(plan.rough), plan.fine.nbytes + plan.rough.nbytes)
+        return total((layers, Work(between, size * between), line, bases))

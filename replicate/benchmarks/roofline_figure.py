@@ -1,0 +1,90 @@
+"""The roofline as a figure: multiplications a second against multiplications a byte, every backend a dot."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from replicate.drawing.panels import DPI, Words
+from replicate.drawing.style import WIDTH, enlarge, tidy
+from replicate.methods.method_registry import method_named
+from replicate.report.results import Row, find
+from replicate.timing.timed_names import BACKENDS, FAST, HALF, ONNX, PLAIN, in_table_order, parted
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+TABLE, MACHINE = "bench_roofline", "machine"
+HEIGHT = 6.4  # inches
+BILLION = 1e9
+MARKERS = {PLAIN: "v", "": "^", ONNX: "s", FAST: "o", HALF: "D"}
+ROOFS = (("bytes_per_s[cache]", "caches", "-"), ("bytes_per_s[memory]", "memory", ":"))
+
+
+def roofline_figure(rows: Sequence[Row], character: str) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words): what each way to evaluate the networks of a character reaches of the core's peaks."""
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+    own = [row for row in rows if row.character == character]
+
+    def value(name: str, metric: str) -> float:
+        return find(own, TABLE, character, name, metric).value
+
+    names = in_table_order({row.method for row in own} - {MACHINE})
+    dots = {name: _dot(value, name) for name in names}
+    peak = value(MACHINE, "multiply_adds_per_s") / BILLION
+    low, high = min(x for x, _ in dots.values()) / 2, max(x for x, _ in dots.values()) * 3
+    bottom = min(y for _, y in dots.values()) / 2
+    figure = Figure((WIDTH, HEIGHT), dpi=DPI, layout="constrained")
+    axes = figure.subplots()
+    across = np.geomspace(low, high, 200)
+    for metric, label, style in ROOFS:
+        slope = value(MACHINE, metric) / BILLION
+        axes.plot(across, np.minimum(peak, slope * across), style, color="0.35", linewidth=1.5, zorder=1)
+        corner = peak / slope
+        at = max(low * 1.15, min(corner / 2.2, bottom * 2 / slope))
+        axes.annotate(
+            f"{label}, {slope:.0f} GB/s", (at, slope * at), (-8, 4), textcoords="offset points", rotation_mode="anchor",
+            rotation=45, transform_rotates_text=True, color="0.35", ha="left", va="bottom",
+        )  # fmt: skip
+    axes.annotate(
+        f"peak: {peak:.0f} billion a second",
+        (high, peak),
+        (-4, 6),
+        textcoords="offset points",
+        color="0.35",
+        ha="right",
+    )
+    for name, (x, y) in dots.items():
+        method, ending = parted(name)
+        style = {"color": method_named(method).colour, "markersize": 11, "markeredgecolor": "white", "zorder": 3}
+        axes.plot(x, y, MARKERS[ending], **style)
+    for method in dict.fromkeys(parted(name)[0] for name in names):
+        own_dots = [dots[name] for name in names if parted(name)[0] == method]
+        x, y = max(own_dots, key=lambda dot: dot[1])
+        place = {"textcoords": "offset points", "ha": "right", "va": "bottom", "color": method_named(method).colour}
+        axes.annotate(method_named(method).label, (x, y), (-8, 6), **place)
+    axes.set(xscale="log", yscale="log", xlim=(low, high), ylim=(bottom, peak * 2))
+    axes.set_xlabel("multiplications a byte of weights")
+    axes.set_ylabel("billion multiplications a second")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")
+    present = [ending for ending in MARKERS if any(parted(name)[1] == ending for name in names)]
+    keys = [Line2D([], [], marker=MARKERS[e], color="0.35", linestyle="", markersize=10) for e in present]
+    axes.legend(keys, [BACKENDS[ending] for ending in present], loc="lower right", frameon=False)
+    tidy(axes)
+    enlarge(axes)
+    labels = {name: f"{method_named(parted(name)[0]).label}, {BACKENDS[parted(name)[1]]}" for name in names}
+    phrases = [f"{labels[name]}: {y:.2g} billion a second at {x:.2g} a byte" for name, (x, y) in dots.items()]
+    return figure, Words(
+        f"A roofline chart for {character}, with a peak of {peak:.0f} billion a second: {'; '.join(phrases)}.",
+        f"Roofline of one core: {character}. A dot is one way to evaluate one method's networks. No dot can lie above "
+        "the flat line, the core's arithmetic; below the slopes weights come from caches or from memory fast enough.",
+    )
+
+
+def _dot(value: object, name: str) -> tuple[float, float]:
+    """Return multiplications a byte, and billions of them a second."""
+    count = value(name, "multiplications")
+    return count / (1e6 * value(name, "read")), count / value(name, "network") / 1e6
