@@ -148,16 +148,7 @@ def roofline_table(rows: Sequence[Row], character: str) -> Table:
                 f"{100 * value(name, 'share_of_peak'):.0f} %", f"{100 * value(name, 'share_of_roof'):.0f} %",
             )
         )  # fmt: skip
-    header = (
-        "",
-        "ms",
-        "× torch",
-        "million multiplications",
-        "MB read",
-        "billion a second",
-        "of the peak",
-        "of the roof",
-    )
+    header = ("", "ms", "× torch", "million products", "MB read", "billion a second", "of the peak", "of the roof")
     peak, cache, memory = (value(MACHINE, metric) / BILLION for metric in (PEAK, CACHE, MEMORY))
     notes = (
         f"One core: {peak:.1f} billion multiply-adds of float32 a second; it reads {cache:.0f} GB/s from its caches "

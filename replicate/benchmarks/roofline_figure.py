@@ -18,7 +18,12 @@ TABLE, MACHINE = "bench_roofline", "machine"
 HEIGHT = 6.4  # inches
 BILLION = 1e9
 MARKERS = {PLAIN: "v", "": "^", ONNX: "s", FAST: "o", HALF: "D"}
-ROOFS = (("bytes_per_s[cache]", "caches", "-"), ("bytes_per_s[memory]", "memory", ":"))
+KEYS = {PLAIN: "plain torch", "": "the suite's torch"}
+ROOFS = (
+    ("bytes_per_s[cache]", "caches", "-", "bottom", (-2, 4)),
+    ("bytes_per_s[memory]", "memory", ":", "top", (2, -4)),
+)
+BACKGROUND = {"facecolor": "white", "edgecolor": "none", "pad": 1}  # of letters that lines would cross
 
 
 def roofline_figure(rows: Sequence[Row], character: str) -> "tuple[matplotlib.figure.Figure, Words]":
@@ -39,32 +44,25 @@ def roofline_figure(rows: Sequence[Row], character: str) -> "tuple[matplotlib.fi
     figure = Figure((WIDTH, HEIGHT), dpi=DPI, layout="constrained")
     axes = figure.subplots()
     across = np.geomspace(low, high, 200)
-    for metric, label, style in ROOFS:
+    for metric, _, style, *_ in ROOFS:
         slope = value(MACHINE, metric) / BILLION
         axes.plot(across, np.minimum(peak, slope * across), style, color="0.35", linewidth=1.5, zorder=1)
-        corner = peak / slope
-        at = max(low * 1.15, min(corner / 2.2, bottom * 2 / slope))
-        axes.annotate(
-            f"{label}, {slope:.0f} GB/s", (at, slope * at), (-8, 4), textcoords="offset points", rotation_mode="anchor",
-            rotation=45, transform_rotates_text=True, color="0.35", ha="left", va="bottom",
-        )  # fmt: skip
-    axes.annotate(
-        f"peak: {peak:.0f} billion a second",
-        (high, peak),
-        (-4, 6),
-        textcoords="offset points",
-        color="0.35",
-        ha="right",
-    )
+    place = {"textcoords": "offset points", "ha": "right", "color": "0.35"}
+    axes.annotate(f"peak: {peak:.0f} billion a second", (high, peak), (-4, 6), **place)
     for name, (x, y) in dots.items():
         method, ending = parted(name)
-        style = {"color": method_named(method).colour, "markersize": 11, "markeredgecolor": "white", "zorder": 3}
+        style = {"color": method_named(method).colour, "markersize": 11, "markeredgecolor": "white"}
+        style["zorder"] = 4 if ending in (FAST, HALF) else 3
         axes.plot(x, y, MARKERS[ending], **style)
     for method in dict.fromkeys(parted(name)[0] for name in names):
-        own_dots = [dots[name] for name in names if parted(name)[0] == method]
-        x, y = max(own_dots, key=lambda dot: dot[1])
-        place = {"textcoords": "offset points", "ha": "right", "va": "bottom", "color": method_named(method).colour}
-        axes.annotate(method_named(method).label, (x, y), (-8, 6), **place)
+        colour = method_named(method).colour
+        own_dots = [dots[method + ending] for ending in MARKERS if method + ending in dots]
+        axes.plot(*zip(*own_dots, strict=True), color=colour, linewidth=1, alpha=0.35, zorder=2)
+        x, y = dots.get(method + FAST, own_dots[-1])
+        right = x < np.sqrt(low * high)
+        place = {"textcoords": "offset points", "ha": "left" if right else "right", "va": "center", "color": colour}
+        place |= {"bbox": BACKGROUND, "zorder": 2.5}
+        axes.annotate(method_named(method).label, (x, y), (11 if right else -11, 0), **place)
     axes.set(xscale="log", yscale="log", xlim=(low, high), ylim=(bottom, peak * 2))
     axes.set_xlabel("multiplications a byte of weights")
     axes.set_ylabel("billion multiplications a second")
@@ -72,7 +70,15 @@ def roofline_figure(rows: Sequence[Row], character: str) -> "tuple[matplotlib.fi
         axis.set_major_formatter("{x:g}")
     present = [ending for ending in MARKERS if any(parted(name)[1] == ending for name in names)]
     keys = [Line2D([], [], marker=MARKERS[e], color="0.35", linestyle="", markersize=10) for e in present]
-    axes.legend(keys, [BACKENDS[ending] for ending in present], loc="lower right", frameon=False)
+    axes.legend(keys, [KEYS.get(ending, BACKENDS[ending]) for ending in present], loc="lower right", frameon=False)
+    figure.draw_without_rendering()  # the layout decides how steep a slope is
+    for metric, label, _, side, offset in ROOFS:
+        slope = value(MACHINE, metric) / BILLION
+        at = max(1.1 * low, peak / slope / 9)
+        (x0, y0), (x1, y1) = axes.transData.transform([(at, slope * at), (2 * at, slope * 2 * at)])
+        place = {"rotation": np.degrees(np.arctan2(y1 - y0, x1 - x0)), "rotation_mode": "anchor", "va": side}
+        words = f"{label}, {slope:.0f} GB/s"
+        axes.annotate(words, (at, slope * at), offset, textcoords="offset points", color="0.35", **place)
     tidy(axes)
     enlarge(axes)
     labels = {name: f"{method_named(parted(name)[0]).label}, {BACKENDS[parted(name)[1]]}" for name in names}

@@ -120,6 +120,6 @@ class FastDense:
         plan, ends = self.plan, np.cumsum(self.plan.segments[:, 0])
         seen = np.split(params[plan.parameters], ends[:-1])
         return total(
-            of_layers(inputs, (*plan.hidden, 3 * count), plan.weights.itemsize)
-            for inputs, count in zip(seen, plan.segments[:, 1], strict=True)
+            of_layers(inputs, (*plan.hidden.tolist(), 3 * count), plan.weights.itemsize)
+            for inputs, count in zip(seen, plan.segments[:, 1].tolist(), strict=True)
         )

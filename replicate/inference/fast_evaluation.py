@@ -64,19 +64,19 @@ def placing_of(model: object, mesh: Mesh, halves: bool = False) -> Places | None
 
 
 @placing_of.register
-def _(model: RegionalModel, mesh: Mesh, halves: bool) -> Places | None:
+def _(model: RegionalModel, mesh: Mesh, halves: bool = False) -> Places | None:
     return None if halves else FastRegions(model, mesh.neutral)  # its weights are halves already
 
 
 @placing_of.register
-def _(model: SegmentedModel, mesh: Mesh, halves: bool) -> Places | None:
+def _(model: SegmentedModel, mesh: Mesh, halves: bool = False) -> Places | None:
     if _all_are(model, DenseNetwork) or _all_are(model, Line):
         return FastDense(model, mesh.neutral, halves)
     return fast_maps([model], halves) if _has_maps(model) else None
 
 
 @placing_of.register
-def _(model: RefinedModel, mesh: Mesh, halves: bool) -> Places | None:
+def _(model: RefinedModel, mesh: Mesh, halves: bool = False) -> Places | None:
     parts = [model.coarse, model.residual]
     return fast_maps(parts, halves) if all(map(_has_maps, parts)) else None
 

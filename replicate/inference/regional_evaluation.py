@@ -134,10 +134,9 @@ class FastRegions:
     def work(self, params: Float32[np.ndarray, " m"]) -> Work:
         """Return what the pose of some raw rig parameters costs."""
         plan, size = self.plan, self.plan.weights.itemsize
-        hidden, outputs = plan.widths[1:-1], plan.widths[-1]
-        first, *others = (1 + plan.gated) * hidden
-        layers = of_layers(params, (first,), size)
-        between = sum(int(a) * int(b) for a, b in zip(hidden, (*others, outputs), strict=True))
+        _, *hidden, outputs = plan.widths.tolist()
+        made = [(1 + plan.gated) * width for width in hidden]  # gates and values
+        products = sum(a * b for a, b in zip(hidden, (*made[1:], outputs), strict=True))
         line = of_layers(params, (outputs,), size) if plan.line else Work(0, 0)
         bases = Work(len(plan.fine) + len(plan.rough), plan.fine.nbytes + plan.rough.nbytes)
-        return total((layers, Work(between, size * between), line, bases))
+        return total((of_layers(params, made[:1], size), Work(products, size * products), line, bases))

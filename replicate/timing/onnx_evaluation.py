@@ -10,10 +10,12 @@ from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
 
-def onnx_evaluation(model: object, mesh: Mesh, attachments: Attachments) -> Callable[[np.ndarray], np.ndarray] | None:
+def onnx_evaluation(
+    model: object, mesh: Mesh, attachments: Attachments | None
+) -> Callable[[np.ndarray], np.ndarray] | None:
     """Return parameters (b, m) → vertices (b, n, 3) mm by ONNX Runtime, on one thread that does not spin.
 
-    None where the runtime is not installed, and for a model that can't be written as ONNX.
+    attachments: None for no rigid step. None where the runtime is not installed, and for a model that can't be written as ONNX.
     """
     try:
         import onnxruntime

@@ -1,0 +1,83 @@
+"""The roofline: what it counts, on models that are known, its table and its figure."""
+
+import numpy as np
+import pytest
+from untrained_models import MESH, MODELS
+
+from replicate.approximation import multiplications
+from replicate.benchmarks.bench_roofline import architecture_work, roofline_table, ways_of
+from replicate.benchmarks.roofline_figure import roofline_figure
+from replicate.methods.method import Method
+from replicate.report.results import Row
+
+POSES = np.random.default_rng(0).uniform(-1, 1, (3, 12)).astype(np.float32)
+
+
+def rows():
+    def row(method, metric, unit, value):
+        return Row("bench_roofline", "teen", method, metric, unit, value, None, 1, 200, "bench", "teen")
+
+    peaks = {"multiply_adds_per_s": 50e9, "bytes_per_s[cache]": 100e9, "bytes_per_s[memory]": 10e9}
+    made = [row("machine", metric, "count", value) for metric, value in peaks.items()]
+    for name, ms, count, megabytes in (("dense", 4.0, 1e7, 40.0), ("dense_fast", 1.0, 1e7, 40.0)):
+        made += [
+            row(name, "network", "ms", ms),
+            row(name, "multiplications", "count", count),
+            row(name, "read", "MB", megabytes),
+            row(name, "share_of_peak", "ratio", 0.2 / ms),
+            row(name, "share_of_roof", "ratio", 0.4 / ms),
+            row(name, "times_as_fast_as_torch", "ratio", 4.0 / ms),
+        ]
+    return made
+
+
+def test_all_ways_give_the_models_offsets_and_the_fast_one_does_less():
+    model = MODELS["refined"]()
+    method = Method("refined", "Refined", lambda plan: (), model=lambda inputs: model)
+    ways, works = ways_of([method], {}, MESH, POSES)
+    assert list(ways) == ["refined_plain", "refined", "refined_onnx", "refined_fast", "refined_half"] == list(works)
+    expected = model.offsets(POSES[:1])
+    np.testing.assert_allclose(ways["refined_fast"](POSES[:1]) - MESH.neutral, expected[0], atol=1e-3)
+    np.testing.assert_allclose(ways["refined_onnx"](POSES[:1]) - MESH.neutral, expected, atol=1e-3)
+    assert works["refined"] == works["refined_plain"] == works["refined_onnx"]
+    assert works["refined"].multiplications == multiplications.of_model(model)
+    assert works["refined_fast"].multiplications < 0.6 * works["refined"].multiplications
+    assert works["refined_half"].read_bytes < works["refined_fast"].read_bytes
+
+
+def test_a_second_pose_is_placed_from_rest():
+    method = Method("linear", "Linear", lambda plan: (), model=lambda inputs: MODELS["linear"]())
+    evaluate = ways_of([method], {}, MESH, POSES)[0]["linear_fast"]
+    first = evaluate(POSES[:1]).copy()
+    evaluate(POSES[1:2])
+    np.testing.assert_array_equal(evaluate(POSES[:1]), first)
+
+
+@pytest.mark.parametrize("name", ["dense", "regional"])
+def test_every_weight_of_a_dense_layer_is_read_once(name):
+    count, size = architecture_work(MODELS[name]())
+    assert 3.5 * count < size < 5 * count
+
+
+def test_the_table_has_shares_and_a_rule_between_methods():
+    given = rows()
+    more = [Row(**{**vars(row), "method": "linear"}) for row in given if row.method == "dense"]
+    table = roofline_table([*given, *more], "teen")
+    assert [line and line[0] for line in table.body] == [
+        "Dense: the suite's",
+        "Dense: fast",
+        None,
+        "Linear: the suite's",
+    ]
+    assert table.body[1][1:] == ("1.00", "4.0", "10.0", "40.0", "10.0", "20 %", "40 %")
+    assert "50.0 billion" in table.notes[0] and "100 GB/s" in table.notes[0]
+
+
+def test_the_figure_has_both_roofs_and_every_dot():
+    figure, words = roofline_figure(rows(), "teen")
+    (axes,) = figure.axes
+    texts = {text.get_text() for text in axes.texts}
+    assert {"caches, 100 GB/s", "memory, 10 GB/s", "peak: 50 billion a second", "Dense"} == texts
+    assert "Dense, fast: 10 billion a second at 0.25 a byte" in words.alt
+    low, high = axes.get_ylim()
+    assert low < 2.5 and high > 50
