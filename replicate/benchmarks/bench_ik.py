@@ -16,12 +16,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from data_recipes.rig import Rig
-from replicate.artefacts import built_rig, control_influence
+from replicate.artefacts import built_rig, control_influence, rigid_segments
 from replicate.artefacts.plan import Plan, reference
 from replicate.benchmarks.common import PROFILE, add_count, answer, artefacts_of, make_parser, publish, split_names
 from replicate.config import Config, resolve
 from replicate.engine.progress import progress
 from replicate.geometry.normals import vertex_normals
+from replicate.inference.fast_evaluation import fast_evaluation
 from replicate.inverse import ik_stage
 from replicate.inverse.configurations import configurations
 from replicate.inverse.control_points import ControlPoints, control_points
@@ -93,6 +94,7 @@ def ways_of(
     The rig's update takes the networks of the first method.
     """
     faces, nothing = rig.mesh.faces, np.zeros((1, 0, 3), np.float32)
+    attachments = rigid_segments.load(inputs)
     networks: dict[str, Callable] = {m.name: ik_stage.load(inputs, m.name).solve for m in methods}
 
     def update(network: Callable, predict: Callable) -> Callable:
@@ -100,8 +102,11 @@ def ways_of(
 
     updates: dict[str, Callable] = {RIG: update(networks[methods[0].name], rig)}
     for method in methods:
-        predict = measurement.predictor(measurement.numbers_of(method, plan.config), inputs)
-        updates[method.name] = update(networks[method.name], lambda params, own=predict: own(params, nothing))
+        predict = fast_evaluation(method.model(inputs), rig.mesh, attachments)
+        if predict is None:
+            slow = measurement.predictor(measurement.numbers_of(method, plan.config), inputs)
+            predict = lambda params, own=slow: own(params, nothing)  # noqa: E731
+        updates[method.name] = update(networks[method.name], predict)
     return networks, updates
 
 
@@ -128,7 +133,8 @@ def ik_table(rows: Sequence[Row], character: str) -> Table:
         body.append((label, *(round_off(cell.value, cell.unit) if cell else "–" for cell in cells)))
     notes = (
         "One configuration of control points a call, on one thread; medians over turns.",
-        "An update is what a dragged point costs: IK networks, mesh with rigid segments, normals of all vertices.",
+        "An update is what a dragged point costs: IK networks, mesh with rigid segments, by the fast evaluation "
+        "where there is one, and normals of all vertices.",
         "The solver minimises Eq. 8 for each configuration anew (L-BFGS), through the method or the rig itself.",
     )
     return Table(f"Inverse kinematics: {character}", (("", *(words for _, words in COLUMNS)),), tuple(body), notes)

@@ -11,7 +11,7 @@ from replicate.approximation.dense import DenseNetwork
 from replicate.approximation.linear_skip import Line
 from replicate.approximation.model import SegmentedModel
 from replicate.engine.jit_cache import KEEP_CODE
-from replicate.inference.row_products import add_products, without_loss
+from replicate.inference.row_products import NOTHING, add_products, without_loss
 from replicate.inference.work import Work, of_layers, total
 
 
@@ -80,7 +80,7 @@ def place_segments(
     sums, moved, rows: scratch for hidden layers (2, widest), the widest output and the indices of the widest input.
     """
     scaled = params / plan.scale
-    seen, start, weight, bias = 0, 0, 0, 0
+    seen, start, weight, bias = NOTHING, NOTHING, NOTHING, NOTHING
     for inputs, count in plan.segments:
         x = scaled[plan.parameters[seen : seen + inputs]]
         for layer in range(len(plan.hidden)):

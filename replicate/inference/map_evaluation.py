@@ -15,7 +15,7 @@ from replicate.engine.jit_cache import KEEP_CODE
 from replicate.inference.map_plan import MapPlan, plan_maps
 from replicate.inference.map_program import program_of
 from replicate.inference.pixel_kernel import TILE, multiply_pixels
-from replicate.inference.row_products import add_products
+from replicate.inference.row_products import NOTHING, add_products
 from replicate.inference.work import Work, of_layers, total
 
 PIXELS = START**2
@@ -43,7 +43,7 @@ def _add_offsets(program, params, images, sums, rows, out):
     images: scratch of `program.memory` zeros; their borders stay zero. sums: (2, widest), rows: as many as sums.
     """
     facts, numbers, places = program.facts, program.numbers, program.places
-    f, weight, n, p = 0, 0, 0, 0  # how far each of the arrays has been read
+    f, weight, n, p = NOTHING, NOTHING, NOTHING, NOTHING  # how far each of the arrays has been read
     for network in range(len(program.slopes)):
         slope = program.slopes[network]
         inputs, layers = facts[f], facts[f + 1]

@@ -9,7 +9,7 @@ from numba import njit
 from replicate.approximation.gated_network import SLOPE
 from replicate.approximation.regional_model import RegionalModel
 from replicate.engine.jit_cache import KEEP_CODE
-from replicate.inference.row_products import add_products, without_loss
+from replicate.inference.row_products import NOTHING, add_products, without_loss
 from replicate.inference.work import Work, of_layers, total
 
 
@@ -89,7 +89,7 @@ def place_regions(
     sums, moved, rows: scratch for layers (2, widest), the largest region and the indices of the widest input.
     """
     scaled = params / plan.scale
-    x, first, bias = scaled, 0, 0
+    x, first, bias = scaled, NOTHING, NOTHING
     layers = len(plan.widths) - 1
     for layer in range(layers):
         inputs = plan.widths[layer]
@@ -105,7 +105,7 @@ def place_regions(
     coefficients = x
     for k in range(len(coefficients)):
         coefficients[k] *= plan.steps[k]
-    start, fine, rough = 0, 0, 0
+    start, fine, rough = NOTHING, NOTHING, NOTHING
     for count, fines, roughs, c in plan.regions:
         y = moved[: 3 * count]
         y[:] = plan.places[3 * start : 3 * (start + count)]

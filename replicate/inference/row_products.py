@@ -21,6 +21,7 @@ from replicate.engine.jit_cache import KEEP_CODE
 
 ROWS = 8  # at a time, so that sums are loaded and stored less often
 COLUMNS = 4_096  # at a time, so that sums stay in the nearest cache
+NOTHING = np.int64(0)  # where a place starts: the literal 0 would have functions compiled once more for it
 
 
 def has_halves() -> bool:

@@ -44,7 +44,9 @@ def answers(face: PosedFace, rng: np.random.Generator) -> Answers:
 
 
 def posed_vertices(face: PosedFace, params: Float[np.ndarray, "b m"]) -> Float32[np.ndarray, "b n 3"]:
-    """Return our method's face with its rigid segments in place, mm."""
+    """Return our method's face with its rigid segments in place, mm; a single pose by the fast evaluation."""
+    if len(params) == 1:
+        return face.evaluate(params)
     mesh = face.rig.mesh
     return attach(mesh, face.attachments, mesh.neutral + face.model.offsets(params))
 

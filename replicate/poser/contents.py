@@ -1,6 +1,8 @@
 """What a page carries of a character: mesh, our method's model, the rigid step, the IK networks and the controls."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool
@@ -11,6 +13,7 @@ from replicate.approximation.regional_model import RegionalModel
 from replicate.approximation.rigid import Attachments
 from replicate.drawing.characters import colours_by_segment
 from replicate.drawing.scene import PORTRAIT
+from replicate.inference.fast_evaluation import fast_evaluation
 from replicate.inverse.control_points import ControlPoints, control_points
 from replicate.inverse.ik_network import IkModel
 from replicate.poser.pack import indices
@@ -31,6 +34,11 @@ class PosedFace:
     attachments: Attachments
     ik: IkModel
     influence: Bool[np.ndarray, "n m"]
+
+    @cached_property
+    def evaluate(self) -> Callable[[np.ndarray], np.ndarray]:
+        """Raw rig parameters (1, m) → the whole posed mesh (1, n, 3), mm, as fast as the suite can."""
+        return fast_evaluation(self.model, self.rig.mesh, self.attachments)
 
 
 def face_contents(face: PosedFace) -> Parts:

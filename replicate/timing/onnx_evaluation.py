@@ -15,7 +15,8 @@ def onnx_evaluation(
 ) -> Callable[[np.ndarray], np.ndarray] | None:
     """Return parameters (b, m) → vertices (b, n, 3) mm by ONNX Runtime, on one thread that does not spin.
 
-    attachments: None for no rigid step. None where the runtime is not installed, and for a model that can't be written as ONNX.
+    attachments: None for no rigid step. Returns None where the runtime is not installed, and for a model that can't be
+    written as ONNX.
     """
     try:
         import onnxruntime

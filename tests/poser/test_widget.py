@@ -162,3 +162,10 @@ def test_the_face_follows_the_kernel(tab):
     tab.evaluate("document.querySelectorAll('details').forEach((group) => (group.open = true))")
     told = f"model.set('params', {wanted}), model.tell('targets', model.get('targets'))"  # heard when no answer is due
     tab.wait(f"({told}, Math.abs(document.querySelector('label input').value - {float(SOME[0])}) < 0.01)")
+
+
+def test_a_single_pose_is_the_models_own():
+    params = np.clip(FACE.rig.default + 0.2, FACE.rig.lower, FACE.rig.upper)[None].astype(np.float32)
+    both = posed_vertices(FACE, np.concatenate([params, params]))
+    np.testing.assert_allclose(posed_vertices(FACE, params)[0], both[1], atol=1e-3)
+    assert np.abs(both[0] - FACE.rig.mesh.neutral).max() > 0.01
