@@ -29,6 +29,7 @@ NEAR_MM = 30.0  # skin this near to the pieces is looked at
 REACH_MM = 25.0  # how far back a ray looks for skin
 FACING = 0.3  # cosine above which skin faces the ray's way
 NEIGHBOURS = 24  # of a vertex, over which its direction is the mean
+SKIN_NEAR = 64  # triangles of skin that a vertex may face, its nearest ones
 LOLLS = "tongue"
 KINDS = {"tooth": "teeth", "teeth": "teeth", "gum": "gums", "tongue": "tongue"}  # by a segment's beginning
 GUM_MM = 5.0  # from a vertex of a gum to the nearest tooth, in the median; a tongue's are further away
@@ -103,11 +104,15 @@ def _edges_between(faces: np.ndarray, points: np.ndarray, inside: np.ndarray) ->
 def _outward(x: np.ndarray, points: np.ndarray, skin: np.ndarray) -> Float[np.ndarray, "k 3"]:
     """Return the mean normal of the outer skin that each vertex and its neighbours face: skin turned away from them."""
     normals, centres = face_normals(x, skin), x[skin].mean(1)
-    distance, near = cKDTree(centres).query(x[points], min(64, len(skin)))
-    towards = centres[near] - x[points][:, None]
-    faces_out = (normals[near] * towards).sum(-1) > 0.5 * distance
-    weight = np.where(faces_out, 1 / (1 + distance), 1e-9)
-    own = (normals[near] * weight[..., None]).sum(1)
+    tree, own = cKDTree(centres), np.zeros((len(points), 3))
+    rest, count = np.arange(len(points)), SKIN_NEAR
+    while len(rest):  # the lining of lips may hide the skin behind it, which is turned away: then further ones count
+        distance, near = tree.query(x[points[rest]], min(count, len(skin)))
+        towards = centres[near] - x[points[rest]][:, None]
+        faces_out = (normals[near] * towards).sum(-1) > 0.5 * distance
+        weight = np.where(faces_out, 1 / (1 + distance), 1e-9)
+        own[rest] = (normals[near] * weight[..., None]).sum(1)
+        rest, count = rest[~faces_out.any(1)] if count < len(skin) else rest[:0], 2 * count
     own /= np.linalg.norm(own, axis=1, keepdims=True)
     _, around = cKDTree(x[points]).query(x[points], min(NEIGHBOURS, len(points)))
     mean = own[around].mean(1)

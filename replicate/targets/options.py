@@ -119,7 +119,10 @@ def methods(options: argparse.Namespace, config: Config) -> Sequence[Method]:
 
 
 def workers(options: argparse.Namespace) -> int:
-    """Return how many processes work side by side."""
+    """Return how many processes work side by side on this machine."""
     if options.jobs is not None and options.jobs < 1:
         raise InputError(f"jobs is {options.jobs}: allowed is a whole number of at least 1")
+    if options.jobs is not None and getattr(options, "cluster", None):
+        jobs, cluster = f"JOBS={options.jobs}", f"CLUSTER={options.cluster}"
+        raise InputError(f"{jobs} counts processes on this machine, and with {cluster} none works here: leave JOBS out")
     return options.jobs or core_count()

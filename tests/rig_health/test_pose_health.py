@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import rigs
 import trimesh
+from plane import flat_grid
 
 from data_recipes.controls import Control
 from data_recipes.function_rig import FunctionRig
@@ -173,6 +174,26 @@ def test_a_tongue_that_lolls_over_the_lip_is_not_through_it_and_one_that_pierces
     assert deepest(mouth, depths(mouth, lolling))["tongue"] == 0
     stiff = replace(mouth, lolling=mouth.lolling[:0])
     assert deepest(mouth, depths(stiff, lolling))["tongue"] > 3, "its tip is in front of the lip"
+
+
+def test_a_tooth_behind_a_fine_lining_of_the_lip_faces_the_skin_and_not_the_lining():
+    mesh, side = sheet(), np.arange(34, 47)
+    lining, backwards = flat_grid(side, side, -3)
+    first, middle = len(mesh.neutral) - 3, 40  # the tooth comes last; the lining joins the sheet at its middle
+    lining_faces = backwards[:, ::-1] + first
+    lining_faces[lining_faces == first] = middle
+    tooth = np.float32([[40, 40, -8], [42, 40, -8], [40, 42, -8]])
+    neutral = np.concatenate([mesh.neutral[:first], lining, tooth])
+    own = np.array([[len(neutral) - 3, len(neutral) - 2, len(neutral) - 1]])
+    faces = np.concatenate([mesh.faces[:-1], lining_faces, own])
+    segment = np.repeat([0, 1], [len(neutral) - 3, 3])
+    flat = np.zeros((len(neutral), 2), np.float32)
+    mouth = find_mouth(Mesh(neutral, np.int32(faces), flat, np.int32(segment), mesh.segment_names))
+    assert (mouth.outward[:, 2] > 0.9).all()
+    moved = neutral.copy()
+    moved[-3:, 2] += 10
+    assert deepest(mouth, depths(mouth, moved))["teeth"] == pytest.approx(2, abs=0.2)
+    assert deepest(mouth, depths(mouth, neutral - [0, 0, 1]))["teeth"] == 0
 
 
 def test_a_mesh_without_teeth_has_no_mouth():

@@ -10,6 +10,8 @@ from data_recipes.catalogue import build_rig
 from replicate.approximation.rigid import find_attachments, segment_errors
 from replicate.drawing.scene import forehead_faces
 from replicate.geometry.normals import face_normals
+from replicate.rig_health.mouth_contents import deepest, depths, find_mouth
+from replicate.rig_health.pose_health import each_alone
 
 TAU_MM = 0.3  # the paper's threshold of Eq. 3
 REAL = os.environ.get("ICT_FACEKIT", "").strip()
@@ -51,3 +53,9 @@ def test_the_models_brows_fold_its_forehead(ict):
     rest, raised = (face_normals(v, faces) for v in (ict.mesh.neutral, ict(pose_of(ict, browInnerUp=1, browOuterUp=1))))
     turn = np.degrees(np.arccos(np.clip((rest * raised).sum(-1), -1, 1)))
     assert 5 < turn.mean() < 20
+
+
+def test_the_models_teeth_and_gums_stay_behind_its_skin_whatever_a_control_does(ict):
+    mouth = find_mouth(ict.mesh)
+    _, poses = each_alone(ict)
+    assert max(max(deepest(mouth, depths(mouth, ict(pose))).values()) for pose in poses) < 0.5  # mm
