@@ -8,7 +8,7 @@ from replicate.report.tables import as_text
 from replicate.targets.table3.backend_tables import backends_tables
 from replicate.targets.table3.best_times import best_row
 from replicate.targets.table3.frontier_chart import frontier_chart
-from replicate.targets.table3.timing_tables import details_table, label_of, tables3, timing_table
+from replicate.targets.table3.timing_tables import details_table, label_of, speed_table, tables3, timing_table
 
 MS = {
     "rig_nodes": 60.0, "rig": 6.0, "coarse": 4.0, "coarse_plain": 8.0, "dense": 2.0, "dense_fast": 1.0,
@@ -54,6 +54,15 @@ def test_speed_ups_are_over_both_evaluations_of_the_rig():
     assert body["Coarse"][5:] == ("50.0", "5.00")
     assert len(tables3([*rows(), *rows("toon")], [])) == 5
     assert all(as_text(each) for each in tables3(rows(), []))
+
+
+def test_the_speed_ups_are_those_of_every_methods_best_evaluation():
+    table = speed_table([*rows(), *rows("toon")])
+    assert table.headers[0] == ("", "teen", "", "toon", "")
+    assert table.body[1] == ("Dense", "60.00", "6.00", "60.00", "6.00")
+    assert [line[0] for line in table.body] == ["Coarse", "Dense"]
+    alone = [row for row in rows() if row.method != "rig_nodes"]
+    assert speed_table(alone).body[0] == ("Coarse", "–", "1.50"), "a rig without nodes"
 
 
 def test_backends_stand_side_by_side_and_the_best_exact_one_counts():

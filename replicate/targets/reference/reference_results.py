@@ -28,7 +28,7 @@ from replicate.targets.rig_report.report_tables import report_card
 from replicate.targets.table2.error_table import table2_overview
 from replicate.targets.table2.ratio_tables import table2_questions
 from replicate.targets.table2.table2_figures import redraw_charts
-from replicate.targets.table3.timing_tables import timing_table
+from replicate.targets.table3.timing_tables import speed_table, timing_table
 from replicate.targets.target_table import target_table
 
 KINDS = (".csv", ".json", ".npz", ".png")
@@ -117,6 +117,7 @@ def tables_in_texts() -> dict[str, tuple[Path, str, Callable[[Path], Table]]]:
         "claims": (README, "claims.csv", overview),
         "table2_ratios": (README, "table2.csv", lambda file: table2_questions(read_results(file), paper)),
         "table2": (README, "table2.csv", lambda file: table2_overview(read_results(file), paper)),
+        "table3_speed": (README, "table3.csv", lambda file: speed_table(read_results(file))),
         "table3": (README, "table3.csv", lambda file: timing_table(read_results(file), times)),
         "bench_poses": (DATA_CARD, "bench_poses.csv", lambda file: health_card(read_results(file))),
         "bench_rig": (REPRODUCING, "bench_rig.csv", lambda file: speed_card(read_results(file))),

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
+from replicate.methods.method_registry import method_named
 from replicate.report.cast import STANDS_FOR, characters_of
 from replicate.report.results import Row, find, most_seeds, seeds_note
 from replicate.report.tables import Table, paper_value, round_off
@@ -9,7 +10,7 @@ from replicate.targets.table3.backend_tables import backends_tables
 from replicate.targets.table3.best_times import best_row, cell
 from replicate.targets.table3.timing_rows import ALL, NODES_EVERY, ONE
 from replicate.timing.single_poses import DISTURBED
-from replicate.timing.timed_names import NODES, RIG, RIGS, in_table_order, label_of, parted
+from replicate.timing.timed_names import NODES, PARTS, RIG, RIGS, in_table_order, label_of, parted
 
 PAPER_CPU = {NODES: ("rig", "time_cpu_engine")}  # else (method, time_high_end_cpu)
 MILLION = 1e6
@@ -46,6 +47,27 @@ def timing_table(rows: Sequence[Row], paper: Sequence[Row]) -> Table:
         f"~: disturbed; the 95th percentile is more than {DISTURBED:g} times the median.",
     )
     return Table("Table 3: milliseconds that one pose takes", (("", *spans), ("", *columns)), tuple(body), notes)
+
+
+def speed_table(rows: Sequence[Row]) -> Table:
+    """Return how many times as fast as both evaluations of the rig every method's best one is, on all cores."""
+    rows = [row for row in rows if row.table == "table3"]
+    characters = characters_of(rows)
+    body = []
+    for name in names_in(rows):
+        if name in RIGS or name in PARTS or not method_named(name).in_charts:
+            continue
+        cells = [label_of(name)]
+        for character in characters:
+            times = [best_row(rows, character, each, ALL) for each in (*RIGS, name)]
+            nodes, compiled, own = (row.value if row else None for row in times)
+            cells += [_over(nodes, own), _over(compiled, own)]
+        body.append(tuple(cells))
+    spans = [text for who in characters for text in (who, "")]
+    columns = ("node by node", "compiled") * len(characters)
+    notes = ("By the means on all cores. Each method's best evaluation, with the rigid step, over the rig's two.",)
+    title = "Table 3 as speed-ups: how many times as fast as the rig"
+    return Table(title, (("", *spans), ("", *columns)), tuple(body), notes)
 
 
 def details_table(rows: Sequence[Row], character: str) -> Table:
