@@ -33,11 +33,14 @@ def has_halves() -> bool:
 def without_loss(weights: Float[np.ndarray, "..."], halves: bool | None = None) -> np.ndarray:
     """Return weights as the products read them: the bits of float16 where that loses nothing, else float32.
 
-    halves: True for float16 whatever it loses. A processor that can't read float16 gets float32.
+    halves: True for float16 whatever it loses, if all fit into its range. A processor that can't read float16 gets
+    float32.
     """
     exact = np.asarray(weights, np.float32)
-    short = exact.astype(np.float16)
-    return short.view(np.uint16) if has_halves() and (halves or (short == exact).all()) else exact
+    with np.errstate(over="ignore"):
+        short = exact.astype(np.float16)
+    fits = np.isfinite(short).all() if halves else (short == exact).all()
+    return short.view(np.uint16) if has_halves() and fits else exact
 
 
 @intrinsic
