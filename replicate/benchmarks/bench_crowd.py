@@ -1,0 +1,125 @@
+"""Frames a second for 1, 10 and 100 characters at once, each in a pose of its own, on one core.
+
+`make bench-crowd` makes what is missing of the methods. The fast evaluation poses one character after the other; torch
+and ONNX Runtime get all poses of a frame as one batch, which is what they are made for.
+"""
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from replicate.approximation.evaluation import unique_poses
+from replicate.approximation.rigid import Attachments, attach
+from replicate.artefacts import built_rig, drawn_samples, rigid_segments
+from replicate.artefacts.plan import Plan
+from replicate.benchmarks.common import PROFILE, answer, artefacts_of, make_parser, publish, split_names
+from replicate.config import Config, resolve
+from replicate.engine.progress import progress
+from replicate.geometry.mesh import Mesh
+from replicate.inference.fast_evaluation import fast_evaluation
+from replicate.methods.method import Method, Model
+from replicate.methods.method_registry import choose, sections
+from replicate.report.results import Row, find
+from replicate.report.tables import Table
+from replicate.timing.cores import can_confine, one_core, threads
+from replicate.timing.onnx_evaluation import onnx_evaluation
+from replicate.timing.single_poses import Evaluate, Way, time_single_poses
+from replicate.timing.timed_names import BACKENDS, FAST, ONNX, in_table_order, label_of, parted
+
+ABOUT = "frames a second for 1, 10 and 100 characters at once, by method and by way to evaluate it"
+WRITES = "results/runs/bench/bench_crowd.csv"
+TABLE = "bench_crowd"
+FRAMES = {1: 50, 10: 20, 100: 5}  # by the number of characters, how many frames are timed
+
+
+def measure(config: Config, words: Sequence[str]) -> list[Row]:
+    """Make what is missing of one character's methods, time frames of several characters, and return the rows."""
+    plan = Plan(config)
+    methods = [method for method in choose(words, config) if method.model]
+    shared = [module.stage(plan) for module in (built_rig, drawn_samples, rigid_segments)]
+    inputs = artefacts_of(TABLE, config, [*shared, *(stage for method in methods for stage in method.stages(plan))])
+    samples = drawn_samples.load(inputs)
+    poses = np.asarray(samples.test_params[unique_poses(samples.test_params)], np.float32)
+    ways = ways_of(methods, inputs, built_rig.load_mesh(inputs), rigid_segments.load(inputs))
+    rows = []
+    with one_core() if can_confine() else threads(1), progress(sum(FRAMES.values()), "timing") as bar:
+        for characters, frames in FRAMES.items():
+            for name, time in time_single_poses(ways, crowd(poses, characters, frames), frames, bar.update).items():
+                facts = (None, 1, time.evaluations, PROFILE, plan.character)
+                for metric, unit, value in (("frame", "ms", time.median), ("frames_per_s", "count", 1e3 / time.median)):
+                    rows.append(Row(TABLE, plan.character, name, f"{metric}[{characters}]", unit, value, *facts))
+    return rows
+
+
+def crowd(poses: Float[np.ndarray, "t m"], characters: int, frames: int) -> Float[np.ndarray, "f c m"]:
+    """Return frames of several characters, each at another place of the same poses, in which all go on."""
+    places = np.arange(frames)[:, None] + np.arange(characters) * 7
+    return poses[places % len(poses)]
+
+
+def ways_of(
+    methods: Sequence[Method], inputs: Mapping[str, Path], mesh: Mesh, attachments: Attachments
+) -> dict[str, Way]:
+    """Return by name, method and ending, the ways to pose the characters of a frame, (1, c, m) parameters."""
+    ways = {}
+    for method in methods:
+        model = method.model(inputs)
+        found = {"": _by_torch(model, mesh, attachments), ONNX: onnx_evaluation(model, mesh, attachments)}
+        if alone := fast_evaluation(model, mesh, attachments):
+            found[FAST] = _one_by_one(alone)
+        ways |= {method.name + ending: Way(_of_frame(evaluate)) for ending, evaluate in found.items() if evaluate}
+    return ways
+
+
+def _by_torch(model: Model, mesh: Mesh, attachments: Attachments) -> Evaluate:
+    return lambda params: attach(mesh, attachments, mesh.neutral + model.offsets(params))
+
+
+def _one_by_one(evaluate: Evaluate) -> Evaluate:
+    return lambda params: np.concatenate([evaluate(each[None]) for each in params])
+
+
+def _of_frame(evaluate: Evaluate) -> Evaluate:
+    return lambda frame: evaluate(frame[0])
+
+
+def crowd_table(rows: Sequence[Row], character: str) -> Table:
+    """Return one character's frames a second by method, way and number of characters."""
+    body, last = [], ""
+    for name in in_table_order({row.method for row in rows if row.character == character}):
+        method, ending = parted(name)
+        if last and method != last:
+            body.append(None)
+        found = [find(rows, TABLE, character, name, f"frames_per_s[{many}]") for many in FRAMES]
+        body.append((label_of(method), BACKENDS[ending], *(f"{row.value:,.1f}" if row else "–" for row in found)))
+        last = method
+    header = ("", "", *(f"{many} character{'s' if many > 1 else ''}" for many in FRAMES))
+    notes = (
+        "Frames a second on one core, by the median, the rigid step with them; every character in another pose.",
+        "The fast evaluation poses one after the other, the others all of a frame as one batch.",
+    )
+    return Table(f"Frames a second: {character}", (header,), tuple(body), notes, text_columns=2)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the benchmark from the command line; return the exit code."""
+    parser = make_parser(TABLE, "Time frames of several characters.", profile="whose trainings are timed")
+    parser.add_argument("--methods", nargs="+", default=["standard"], help="as for table3 (default: standard)")
+    return answer(parser, _run, arguments)
+
+
+def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
+    words = split_names(" ".join(options.methods))
+    choose(words)
+    for character in split_names(options.characters):
+        config = resolve(character, options.profile, sections=sections(options.profile))
+        rows = measure(config, words)
+        publish(TABLE, rows, [crowd_table(rows, rows[0].character)], command_line)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
