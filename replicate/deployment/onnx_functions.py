@@ -1,0 +1,138 @@
+"""Any small torch network as ONNX operators: the functions of torch that it calls are written down while it runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import torch
+from torch import nn
+from torch.overrides import TorchFunctionMode
+
+from replicate.deployment.onnx_graph import OnnxGraph
+from replicate.engine.exceptions import InputError
+
+POSES = 2  # that a network is run on; no shape in the graph depends on it
+
+
+def recorded(network: nn.Module, graph: OnnxGraph, params: str, count: int) -> str:
+    """Return the value of what a network gives for scaled parameters (b, count), the value `params`.
+
+    Raises InputError for a network that calls a function of torch that `CONVERTERS` lacks.
+    """
+    example = torch.zeros(POSES, count)
+    with torch.no_grad(), _Recorder(graph, type(network).__name__) as recorder:
+        recorder.follow(example, params)
+        return recorder.value(network(example))
+
+
+class _Recorder(TorchFunctionMode):
+    """Hears of every function of torch, and adds those that depend on the parameters to a graph."""
+
+    def __init__(self, graph: OnnxGraph, name: str):
+        super().__init__()
+        self.graph, self._name = graph, name
+        self._values: dict[int, str] = {}  # of what depends on the parameters, by the tensor's id
+        self._tensors: list[torch.Tensor] = []  # so that none is freed, and no other gets its id
+
+    def follow(self, tensor: torch.Tensor, value: str) -> None:
+        self._values[id(tensor)] = value
+        self._tensors.append(tensor)
+
+    def value(self, operand: torch.Tensor | float) -> str:
+        """Return the value of a tensor or a number; what depends on no parameter is a weight."""
+        if id(operand) in self._values:
+            return self._values[id(operand)]
+        if isinstance(operand, torch.Tensor):
+            return self.graph.weight(operand.detach().cpu().numpy())
+        return self.graph.number(float(operand))
+
+    def __torch_function__(self, function: Callable, types: object, args: tuple = (), kwargs: dict | None = None):
+        kwargs = kwargs or {}
+        result = function(*args, **kwargs)
+        if any(id(tensor) in self._values for tensor in _tensors((*args, *kwargs.values()))):
+            results = _tensors((result,))
+            if results and not any(tensor.dtype.is_floating_point for tensor in results):
+                raise self._unknown(function)
+            if results:
+                name = getattr(function, "__name__", "").strip("_")
+                if name not in CONVERTERS:
+                    raise self._unknown(function)
+                values = CONVERTERS[name](self, *args, **kwargs)
+                for tensor, value in zip(results, [values] if isinstance(values, str) else values, strict=True):
+                    self.follow(tensor, value)
+        return result
+
+    def _unknown(self, function: Callable) -> InputError:
+        known = ", ".join(sorted(CONVERTERS))
+        name = getattr(function, "__name__", str(function))
+        return InputError(f"{self._name} calls torch's {name}, which has no ONNX operator here: allowed are {known}")
+
+
+def _tensors(values: Sequence[object]) -> list[torch.Tensor]:
+    found = []
+    for value in values:
+        found += _tensors(value) if isinstance(value, list | tuple) else [value]
+    return [value for value in found if isinstance(value, torch.Tensor)]
+
+
+def _linear(recorder: _Recorder, x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor | None = None) -> str:
+    ends = () if bias is None else (recorder.value(bias),)
+    return recorder.graph.node("Gemm", recorder.value(x), recorder.value(weight), *ends, transB=1)
+
+
+def _addmm(recorder: _Recorder, bias: torch.Tensor, x: torch.Tensor, matrix: torch.Tensor) -> str:
+    return recorder.graph.node("Gemm", *map(recorder.value, (x, matrix, bias)))
+
+
+def _leaky_relu(recorder: _Recorder, x: torch.Tensor, negative_slope: float = 0.01, inplace: bool = False) -> str:
+    return recorder.graph.node("LeakyRelu", recorder.value(x), alpha=float(negative_slope))
+
+
+def _silu(recorder: _Recorder, x: torch.Tensor, inplace: bool = False) -> str:
+    value = recorder.value(x)
+    return recorder.graph.node("Mul", value, recorder.graph.node("Sigmoid", value))
+
+
+def _square(recorder: _Recorder, x: torch.Tensor) -> str:
+    value = recorder.value(x)
+    return recorder.graph.node("Mul", value, value)
+
+
+def _unflatten(recorder: _Recorder, x: torch.Tensor, dim: int, sizes: Sequence[int]) -> str:
+    before, after = [0] * dim, list(x.shape[dim + 1 :])
+    return recorder.graph.reshape(recorder.value(x), [*before, *sizes, *after])
+
+
+def _chunk(recorder: _Recorder, x: torch.Tensor, chunks: int, dim: int = 0) -> tuple[str, ...]:
+    width = math.ceil(x.shape[dim] / chunks)
+    lengths = [min(width, x.shape[dim] - first) for first in range(0, x.shape[dim], width)]
+    return recorder.graph.nodes(
+        "Split", len(lengths), recorder.value(x), recorder.graph.whole(np.array(lengths)), axis=dim
+    )
+
+
+def _cat(recorder: _Recorder, tensors: Sequence[torch.Tensor], dim: int = 0) -> str:
+    return recorder.graph.node("Concat", *map(recorder.value, tensors), axis=dim)
+
+
+def _pointwise(operator: str) -> Callable:
+    def convert(recorder: _Recorder, *operands: torch.Tensor | float) -> str:
+        return recorder.graph.node(operator, *map(recorder.value, operands))
+
+    return convert
+
+
+CONVERTERS = {
+    "linear": _linear,
+    "addmm": _addmm,
+    "leaky_relu": _leaky_relu,
+    "silu": _silu,
+    "square": _square,
+    "unflatten": _unflatten,
+    "chunk": _chunk,
+    "cat": _cat,
+    **{name: _pointwise(name.capitalize()) for name in ("add", "mul", "sub", "div", "abs", "tanh", "sigmoid", "relu")},
+    "matmul": _pointwise("MatMul"),
+}

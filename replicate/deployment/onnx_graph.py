@@ -1,0 +1,94 @@
+"""A graph of ONNX operators while it is put together: numbers go in, names of values come out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import onnx
+from onnx import helper, numpy_helper
+
+OPSET = 18  # the first whose reductions all take their axes as an input
+IR_VERSION = 9  # runtimes since 2023 read it
+
+
+class OnnxGraph:
+    """Operators and weights in the order in which they are added; a value goes by its name.
+
+    half: whether weights are stored in 16 bits. They become 32 again before anything is computed, once, when a runtime
+    folds constants, so that sums lose nothing.
+    """
+
+    def __init__(self, half: bool = False):
+        self._half = half
+        self._nodes: list[onnx.NodeProto] = []
+        self._weights: list[onnx.TensorProto] = []
+
+    def weight(self, values: np.ndarray) -> str:
+        """Return the value of a trained array, which is float32 wherever it is used.
+
+        Arrays of int8 and int16 are stored as they are.
+        """
+        values = np.asarray(values)
+        if values.dtype.kind == "f":
+            values = values.astype(np.float16 if self._half else np.float32)
+        name = self._store(values)
+        return name if values.dtype == np.float32 else self.cast(name)
+
+    def number(self, values: np.ndarray | Sequence[float] | float) -> str:
+        """Return the value of an array that geometry or a runtime's arithmetic depends on: always float32."""
+        return self._store(np.asarray(values, np.float32))
+
+    def whole(self, values: np.ndarray | Sequence[int]) -> str:
+        """Return the value of whole numbers: indices, axes, shapes."""
+        return self._store(np.asarray(values, np.int64))
+
+    def cast(self, value: str) -> str:
+        """Return a value as float32."""
+        return self.node("Cast", value, to=onnx.TensorProto.FLOAT)
+
+    def node(self, operator: str, *inputs: str, **attributes: object) -> str:
+        """Add an operator of one output; return that output."""
+        (output,) = self.nodes(operator, 1, *inputs, **attributes)
+        return output
+
+    def nodes(self, operator: str, outputs: int, *inputs: str, **attributes: object) -> tuple[str, ...]:
+        """Add an operator; return its outputs."""
+        first = len(self._nodes)
+        names = tuple(f"{operator.lower()}_{first}{f'_{k}' if outputs > 1 else ''}" for k in range(outputs))
+        self._nodes.append(helper.make_node(operator, inputs, names, f"{operator}_{first}", **attributes))
+        return names
+
+    def reshape(self, value: str, shape: list[int]) -> str:
+        """Return a value in another shape; 0 keeps a dimension, −1 is what is left."""
+        return self.node("Reshape", value, self.whole(shape))
+
+    def gather(self, value: str, indices: np.ndarray, axis: int) -> str:
+        """Return some entries of a value along an axis."""
+        return self.node("Gather", value, self.whole(indices), axis=axis)
+
+    def sum(self, value: str, axis: int) -> str:
+        """Return sums along an axis, which stays, of length 1."""
+        return self.node("ReduceSum", value, self.whole([axis]), keepdims=1)
+
+    def model(
+        self, source: tuple[str, list], result: str, target: tuple[str, list], about: dict[str, str], words: str
+    ) -> onnx.ModelProto:
+        """Return the whole graph, checked.
+
+        source, target: name and shape of the input and of the output, where a word is a dimension that is free. result:
+        the value that becomes the output. about: metadata. words: what it is, in a sentence.
+        """
+        self._nodes.append(helper.make_node("Identity", [result], [target[0]], "result"))
+        ends = [helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, shape) for name, shape in (source, target)]
+        graph = helper.make_graph(self._nodes, "approximation", ends[:1], ends[1:], self._weights, words)
+        opset = helper.make_opsetid("", OPSET)
+        model = helper.make_model(graph, opset_imports=[opset], ir_version=IR_VERSION, producer_name="replicate")
+        helper.set_model_props(model, about)
+        onnx.checker.check_model(model, full_check=True)
+        return model
+
+    def _store(self, values: np.ndarray) -> str:
+        name = f"weight_{len(self._weights)}"
+        self._weights.append(numpy_helper.from_array(np.ascontiguousarray(values), name))
+        return name

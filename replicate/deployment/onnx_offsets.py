@@ -1,0 +1,89 @@
+"""A whole model as ONNX operators: raw rig parameters (b, m) → offsets in mm of the vertices that it moves."""
+
+from dataclasses import dataclass
+from functools import singledispatch
+
+import numpy as np
+
+from replicate.approximation.model import SegmentedModel
+from replicate.approximation.refinement import RefinedModel
+from replicate.approximation.regional_model import RegionalModel, StoredBasis
+from replicate.deployment.onnx_functions import recorded
+from replicate.deployment.onnx_graph import OnnxGraph
+from replicate.deployment.onnx_networks import add_network
+from replicate.engine.exceptions import InputError
+
+
+@dataclass(frozen=True)
+class Moved:
+    """What a model moves. offsets: a value (b, v, 3), mm. vertices: (v,), which of the mesh, each once."""
+
+    offsets: str
+    vertices: np.ndarray
+
+
+@singledispatch
+def add_offsets(model: object, graph: OnnxGraph, params: str) -> Moved:
+    """Return the offsets that a model gives for raw rig parameters, the value `params` (b, m).
+
+    Raises InputError for a model of a class that nothing here knows, and as `onnx_functions.recorded` does.
+    """
+    raise InputError(
+        f"{type(model).__name__} can't be written as ONNX: allowed are SegmentedModel, RefinedModel and RegionalModel"
+    )
+
+
+@add_offsets.register
+def _(model: SegmentedModel, graph: OnnxGraph, params: str) -> Moved:
+    scale = model.scale.cpu().numpy()
+    scaled = graph.node("Div", params, graph.number(scale))
+    parts = []
+    for network, segment, length in zip(model.networks, model.segments, model.lengths, strict=True):
+        seen = segment.parameters
+        whole = np.array_equal(seen, np.arange(len(scale)))
+        inputs = scaled if whole else graph.gather(scaled, seen, 1)
+        offsets = add_network(network, graph, inputs, len(seen))
+        parts.append(offsets if length == 1 else graph.node("Mul", offsets, graph.number(length)))
+    return Moved(graph.node("Concat", *parts, axis=1), model.vertices)
+
+
+@add_offsets.register
+def _(model: RefinedModel, graph: OnnxGraph, params: str) -> Moved:
+    coarse, residual = add_offsets(model.coarse, graph, params), add_offsets(model.residual, graph, params)
+    place = places(residual.vertices, coarse.vertices)
+    more = graph.gather(padded(graph, residual.offsets, 1), place, 1)
+    return Moved(graph.node("Add", coarse.offsets, more), coarse.vertices)
+
+
+@add_offsets.register
+def _(model: RegionalModel, graph: OnnxGraph, params: str) -> Moved:
+    scale, counts = model.scale.numpy(), [len(basis.steps) for basis in model.bases]
+    scaled = graph.node("Div", params, graph.number(scale))
+    coefficients = graph.node("Mul", recorded(model.network, graph, scaled, len(scale)), graph.number(model.length))
+    shares = [coefficients]
+    if len(counts) > 1:
+        shares = graph.nodes("Split", len(counts), coefficients, graph.whole(counts), axis=1)
+    parts = [_region(basis, graph, share) for basis, share in zip(model.bases, shares, strict=True)]
+    return Moved(graph.reshape(graph.node("Concat", *parts, axis=1), [0, -1, 3]), model.vertices)
+
+
+def _region(basis: StoredBasis, graph: OnnxGraph, coefficients: str) -> str:
+    """Return a region's offsets (b, 3k), mm; its basis is stored in its few bits."""
+    steps = basis.steps.numpy()
+    stored = [part.flatten(1).numpy() for part in (basis.fine, basis.rough) if len(part)]
+    whole = [graph.weight(part) for part in stored]
+    whole = whole[0] if len(whole) == 1 else graph.node("Concat", *whole, axis=0)
+    components = graph.node("Mul", whole, graph.number(steps[:, None]))
+    return graph.node("Gemm", coefficients, components, graph.weight(basis.mean.float().flatten().numpy()))
+
+
+def padded(graph: OnnxGraph, values: str, count: int) -> str:
+    """Return values (b, v, 3) with `count` rows of zeros behind them."""
+    return graph.node("Pad", values, graph.whole([0, 0, 0, 0, count, 0])) if count else values
+
+
+def places(vertices: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Return where each of the `wanted` vertices stands among `vertices`; their number where it doesn't."""
+    place = np.full(max(vertices.max(initial=-1), wanted.max(initial=-1)) + 1, len(vertices))
+    place[vertices] = np.arange(len(vertices))
+    return place[wanted]

@@ -1,0 +1,134 @@
+"""The rigid step (§3.4) as ONNX operators: the best rotation of a segment's carriers by Horn's quaternion, in float32.
+
+There is no SVD in ONNX. Horn (1987, "Closed-form solution of absolute orientation using unit quaternions") has the
+best rotation as the eigenvector of a symmetric 4×4 matrix for its largest eigenvalue. Squaring that matrix again and
+again leaves this eigenvector alone. Two steps of Newton's method then take away what rounding leaves: they see
+residuals of Eq. 3, and not differences of large sums. All is a fixed number of products, for all segments at once.
+"""
+
+import numpy as np
+
+from replicate.approximation.rigid import Attachments
+from replicate.deployment.onnx_graph import OnnxGraph
+from replicate.deployment.quaternions import FROM_PRODUCTS, HORN, PRODUCT, axial
+from replicate.geometry.mesh import Mesh
+
+SQUARINGS = 20  # carriers nearly on a line leave two eigenvalues close: the 2²⁰th power parts them
+UNSCALED = 5  # squarings after each other before numbers are scaled again: entries up to 4³² fit into float32
+STEPS = 2  # of Newton's method
+NEAREST = 16.0  # by which the identity is preferred where carriers leave a freedom, as `geometry.alignment` does
+DAMPING = 1e-5  # of a step, in units of the carriers' spread: where they leave a freedom, rounding must not use it
+LEAST_DETERMINANT = 1e-6
+TINY = 1e-30  # so that nothing is divided by zero
+
+CURVATURE = np.array([np.trace(s) * np.eye(3) - (s + s.T) / 2 for s in np.eye(9).reshape(9, 3, 3)]).reshape(9, 9)
+AXIAL = np.array([axial(s) for s in np.eye(9).reshape(9, 3, 3)])
+
+
+def add_rigid_segments(graph: OnnxGraph, mesh: Mesh, attachments: Attachments, carriers: str) -> str:
+    """Return the vertices (b, k, 3), mm, of all rigid segments one after the other, as their carriers place them.
+
+    carriers: a value (b, r·c, 3), mm, the vertices `attachments.vertex` as they are posed.
+    """
+    count, each = attachments.vertex.shape
+    rest = mesh.neutral[attachments.vertex].astype(np.float64)
+    centre = rest.mean(1, keepdims=True)
+    posed = graph.reshape(carriers, [0, count, each, 3])
+    posed_centre = graph.node("ReduceMean", posed, graph.whole([2]), keepdims=1)  # (b, r, 1, 3)
+    rotation = add_rotations(graph, rest - centre, graph.node("Sub", posed, posed_centre))
+    parts = []
+    for row, k in enumerate(attachments.segment):
+        members = mesh.neutral[mesh.segment == k] - centre[row]
+        turn, shift = (graph.node("Squeeze", graph.gather(value, np.array([row]), 1), graph.whole([1]))
+                       for value in (rotation, posed_centre))  # fmt: skip
+        parts.append(graph.node("Add", graph.node("MatMul", graph.number(members), turn), shift))
+    return graph.node("Concat", *parts, axis=1)
+
+
+def add_rotations(graph: OnnxGraph, rest: np.ndarray, posed: str) -> str:
+    """Return the rotations (b, r, 3, 3) of row vectors that best turn the carriers of r segments (Eq. 3).
+
+    rest: (r, c, 3) mm about their mean; posed: a value (b, r, c, 3) likewise. Where carriers lie on a line, or in one
+    place, many rotations are equally good: it is one near the identity.
+    """
+    covariance = graph.node("MatMul", graph.number(rest.transpose(0, 2, 1)), posed)  # (b, r, 3, 3): Σ xᵀ y
+    quaternion = _dominant(graph, covariance)
+    for _ in range(STEPS):
+        quaternion = _improved(graph, quaternion, covariance, graph.number(rest), posed)
+    return _matrix(graph, quaternion)
+
+
+def _dominant(graph: OnnxGraph, covariance: str) -> str:
+    """Return the unit quaternion (b, r, 1, 4) of the largest eigenvalue of Horn's matrix, roughly."""
+    flat = _unit(graph, graph.reshape(covariance, [0, 0, 1, 9]))
+    flat = graph.node("MatMul", flat, graph.number(HORN / 4))
+    shift = np.sqrt(3) / 4 * np.eye(4)  # all eigenvalues are between 0 and 1 then
+    matrix = graph.node("Add", graph.reshape(flat, [0, 0, 4, 4]), graph.number(shift))
+    for k in range(SQUARINGS):
+        matrix = graph.node("MatMul", matrix, matrix)
+        if k % UNSCALED == UNSCALED - 1:  # the largest entry of such a matrix is on its diagonal
+            matrix = graph.node("Div", matrix, graph.node("ReduceMax", matrix, graph.whole([2, 3]), keepdims=1))
+    weighted = graph.node("Mul", matrix, graph.number(np.diag([NEAREST, 1, 1, 1])))
+    diagonal = graph.node("ReduceMax", weighted, graph.whole([3]), keepdims=0)
+    row = graph.node(
+        "OneHot", graph.node("ArgMax", diagonal, axis=2, keepdims=1), graph.whole([4]), graph.number([0, 1])
+    )
+    return _unit(graph, graph.node("MatMul", row, matrix))
+
+
+def _improved(graph: OnnxGraph, quaternion: str, covariance: str, rest: str, posed: str) -> str:
+    """Return a quaternion after a step of Newton's method.
+
+    It turns by ω = (tr(M) I − sym(M))⁻¹ Σ x R × (y − x R) with M = Rᵀ Σ xᵀ y.
+    """
+    matrix = _matrix(graph, quaternion)
+    turned = graph.node("MatMul", rest, matrix)
+    moment = graph.node("MatMul", _transposed(graph, turned), graph.node("Sub", posed, turned))
+    gradient = graph.node("MatMul", graph.reshape(moment, [0, 0, 1, 9]), graph.number(AXIAL))  # (b, r, 1, 3)
+    curvature = graph.reshape(graph.node("MatMul", _transposed(graph, matrix), covariance), [0, 0, 1, 9])
+    curvature = graph.node("MatMul", curvature, graph.number(CURVATURE))
+    size = graph.node("Add", graph.node("ReduceL2", curvature, graph.whole([3])), graph.number(TINY))
+    gradient = graph.node("Div", gradient, size)
+    curvature = graph.reshape(graph.node("Div", curvature, size), [0, 0, 3, 3])
+    damped = graph.node("Add", curvature, graph.number(DAMPING * np.eye(3)))
+    turn = graph.node("Clip", _solved(graph, damped, gradient), graph.number(-1), graph.number(1))
+    half = graph.node("MatMul", turn, graph.number(np.eye(3, 4, 1) / 2))
+    half = graph.node("Add", half, graph.number([1, 0, 0, 0]))
+    return _unit(graph, graph.node("MatMul", _products(graph, half, quaternion), graph.number(PRODUCT)))
+
+
+def _solved(graph: OnnxGraph, matrix: str, right: str) -> str:
+    """Return right · matrix⁻¹ for symmetric matrices (b, r, 3, 3), by adj A = A² − tr(A) A + ½ (tr(A)² − tr(A²)) I."""
+    square = graph.node("MatMul", matrix, matrix)
+    trace, trace_of_square = (_trace(graph, value) for value in (matrix, square))
+    rest = graph.node("Sub", graph.node("Mul", trace, trace), trace_of_square)
+    adjugate = graph.node("Sub", square, graph.node("Mul", trace, matrix))
+    adjugate = graph.node("Add", adjugate, graph.node("Mul", rest, graph.number(np.eye(3) / 2)))
+    threefold = graph.node("ReduceSum", graph.node("Mul", matrix, adjugate), graph.whole([2, 3]), keepdims=1)
+    determinant = graph.node("Max", graph.node("Mul", threefold, graph.number(1 / 3)), graph.number(LEAST_DETERMINANT))
+    return graph.node("Div", graph.node("MatMul", right, adjugate), determinant)
+
+
+def _trace(graph: OnnxGraph, matrix: str) -> str:
+    diagonal = graph.node("Mul", matrix, graph.number(np.eye(3)))
+    return graph.node("ReduceSum", diagonal, graph.whole([2, 3]), keepdims=1)
+
+
+def _matrix(graph: OnnxGraph, quaternion: str) -> str:
+    """Return the rotation (b, r, 3, 3) of row vectors of a unit quaternion (b, r, 1, 4)."""
+    flat = graph.node("MatMul", _products(graph, quaternion, quaternion), graph.number(FROM_PRODUCTS))
+    return graph.reshape(flat, [0, 0, 3, 3])
+
+
+def _products(graph: OnnxGraph, one: str, other: str) -> str:
+    """Return all products (b, r, 1, 16) of the entries of two quaternions (b, r, 1, 4)."""
+    return graph.reshape(graph.node("MatMul", _transposed(graph, one), other), [0, 0, 1, 16])
+
+
+def _transposed(graph: OnnxGraph, value: str) -> str:
+    return graph.node("Transpose", value, perm=[0, 1, 3, 2])
+
+
+def _unit(graph: OnnxGraph, value: str) -> str:
+    size = graph.node("ReduceL2", value, graph.whole([3]))
+    return graph.node("Div", value, graph.node("Add", size, graph.number(TINY)))

@@ -1,0 +1,98 @@
+"""An approximation as one ONNX model: onnxruntime gives Python's vertices, those of rigid segments too."""
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+import torch
+from posed_face import posed_face
+from small_face import M
+from torch import nn
+from untrained_models import MESH, MODELS, SCALE, SEGMENTS, coarse_model, linear_model
+
+from replicate.approximation.model import SegmentedModel
+from replicate.approximation.rigid import attach
+from replicate.deployment.onnx_model import onnx_model
+from replicate.engine.exceptions import InputError
+
+ATTACHMENTS = posed_face().attachments
+POSES = np.random.default_rng(0).uniform(-3, 3, (100, M)).astype(np.float32)  # the limits are −1 and 2
+
+
+def run(model, params):
+    session = onnxruntime.InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"])
+    return session.run(None, {"parameters": params})[0]
+
+
+def wanted(model, attachments=ATTACHMENTS):
+    with torch.no_grad():
+        vertices = MESH.neutral + model.offsets(POSES)
+    return attach(MESH, attachments, vertices) if attachments else vertices
+
+
+def furthest(one, other):
+    return float(np.linalg.norm(one - other, axis=-1).max())
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_onnxruntime_gives_pythons_vertices_beyond_the_limits_too(kind):
+    model = MODELS[kind]()
+    written = onnx_model(model, MESH, ATTACHMENTS)
+    found = run(written, POSES)
+    assert found.dtype == np.float32 and furthest(found, wanted(model)) < 1e-3
+    assert furthest(found, MESH.neutral) > 1, "nothing moves, and the test says nothing"
+    assert furthest(run(written, POSES[3:4]), found[3:4]) < 1e-4, "a pose depends on its neighbours"
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_weights_of_16_bits_cost_some_thousandths_of_the_movement_at_most(kind):
+    model = MODELS[kind]()
+    whole, half = (onnx_model(model, MESH, ATTACHMENTS, half) for half in (False, True))
+    reach = np.linalg.norm(model.offsets(POSES), axis=-1).max()
+    assert half.ByteSize() < whole.ByteSize()
+    assert furthest(run(half, POSES), wanted(model)) < 5e-3 * reach
+
+
+def test_our_method_loses_nothing_in_16_bits():
+    model = MODELS["regional"]()
+    whole, half = (run(onnx_model(model, MESH, ATTACHMENTS, half), POSES) for half in (False, True))
+    np.testing.assert_allclose(half, whole, atol=1e-4)
+
+
+def test_without_the_rigid_step_rigid_segments_stay():
+    model = linear_model()
+    found = run(onnx_model(model, MESH, None), POSES)
+    assert furthest(found, wanted(model, None)) < 1e-3
+    rigid = MESH.segment == 2
+    np.testing.assert_array_equal(found[:, rigid], np.broadcast_to(MESH.neutral[rigid], (100, 4, 3)))
+
+
+def test_a_model_says_what_it_is():
+    model = onnx_model(linear_model(), MESH, ATTACHMENTS, about={"units": "mm"}, words="A straight line.")
+    assert {entry.key: entry.value for entry in model.metadata_props} == {"units": "mm"}
+    assert model.graph.doc_string == "A straight line."
+    (source,), (target,) = model.graph.input, model.graph.output
+    assert [d.dim_param or d.dim_value for d in source.type.tensor_type.shape.dim] == ["poses", M]
+    assert [d.dim_param or d.dim_value for d in target.type.tensor_type.shape.dim] == ["poses", len(MESH.neutral), 3]
+    assert source.type.tensor_type.elem_type == target.type.tensor_type.elem_type == onnx.TensorProto.FLOAT
+
+
+def test_a_wrong_shape_is_refused_by_the_runtime_in_words():
+    written = onnx_model(coarse_model(), MESH, ATTACHMENTS)
+    with pytest.raises(Exception, match=f"(?s)invalid dimensions.*parameters.*Got: 5 Expected: {M}"):
+        run(written, np.zeros((2, 5), np.float32))
+    with pytest.raises(Exception, match="Invalid rank for input: parameters Got: 1 Expected: 2"):
+        run(written, np.zeros(M, np.float32))
+
+
+class Cosine(nn.Module):
+    def forward(self, params):
+        return params.cos()[:, :, None].expand(-1, -1, 3)
+
+
+def test_what_has_no_operator_is_refused_in_a_sentence():
+    network = SegmentedModel([Cosine()], SEGMENTS[:1], SCALE, [1.0], len(MESH.neutral))
+    with pytest.raises(InputError, match="Cosine calls torch's cos, which has no ONNX operator here: allowed are "):
+        onnx_model(network, MESH, ATTACHMENTS)
+    with pytest.raises(InputError, match="PosedFace can't be written as ONNX: allowed are SegmentedModel, "):
+        onnx_model(posed_face(), MESH, ATTACHMENTS)
