@@ -30,20 +30,19 @@ def onnx_model(
     """
     graph = OnnxGraph(half)
     moved = add_offsets(model, graph, PARAMETERS)
-    still = np.setdiff1d(np.arange(len(mesh.neutral)), moved.vertices)
-    rigid = np.zeros(0, np.int64)
-    if attachments is not None and len(attachments.segment):
-        rigid = np.concatenate([np.flatnonzero(mesh.segment == k) for k in attachments.segment])
-        still = np.setdiff1d(still, rigid)
+    is_rigid = np.zeros(len(mesh.neutral), bool)
+    if attachments is not None:
+        is_rigid = np.isin(mesh.segment, attachments.segment)
+    still = np.setdiff1d(np.flatnonzero(~is_rigid), moved.vertices)
     order = np.concatenate([moved.vertices, still])
-    offsets = padded(graph, moved.offsets, len(still))
-    posed = graph.node("Add", offsets, graph.number(mesh.neutral[order]))
-    if len(rigid):
-        carriers = graph.gather(posed, places(order, attachments.vertex.ravel()), 1)
-        posed = graph.node("Concat", posed, add_rigid_segments(graph, mesh, attachments, carriers), axis=1)
+    posed = graph.node("Add", padded(graph, moved.offsets, len(still)), graph.number(mesh.neutral[order]))
     place = places(order, np.arange(len(mesh.neutral)))
-    place[rigid] = len(order) + np.arange(len(rigid))
-    vertices = graph.gather(posed, place, 1)
+    if is_rigid.any():
+        carriers = graph.gather(posed, places(order, attachments.vertex.ravel()), 1)
+        placed = add_rigid_segments(graph, mesh, attachments, carriers)
+        posed = graph.node("Concat", posed, placed.vertices, axis=1)
+        place[placed.members] = len(order) + placed.rows
+    vertices = posed if np.array_equal(place, np.arange(len(order))) else graph.gather(posed, place, 1)
     source, target = (PARAMETERS, [POSES, _parameter_count(model)]), (VERTICES, [POSES, len(mesh.neutral), 3])
     return graph.model(source, vertices, target, dict(about or {}), words)
 

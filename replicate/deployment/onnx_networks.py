@@ -28,7 +28,7 @@ def _(network: WithLine, graph: OnnxGraph, params: str, count: int) -> str:
 
 @add_network.register
 def _(network: MapNetwork, graph: OnnxGraph, params: str, count: int) -> str:
-    """Fig. 3 as it is drawn, but for its end: vertices read the maps before the 1×1 convolution, which is as linear."""
+    """Fig. 3 as it is drawn, layer by layer, and the four pixels that each vertex reads."""
     x = _start(network, graph, params)
     for layer in network.upsampled:
         x = graph.node(
@@ -37,12 +37,14 @@ def _(network: MapNetwork, graph: OnnxGraph, params: str, count: int) -> str:
         )  # fmt: skip
         x = _convolution(layer, graph, x, network.slope)
     x = _convolution(network.last, graph, x, network.slope)
-    x = graph.node("Transpose", graph.reshape(x, [0, 0, -1]), perm=[0, 2, 1])  # (b, size², channels)
-    pixels, shares = network.pixels.numpy(), network.shares.numpy()
-    corners = [graph.node("Mul", graph.gather(x, pixels[:, i], 1), graph.number(shares[:, i, None])) for i in range(4)]
-    read = graph.node("Sum", *corners)  # (b, k, channels)
-    weight, bias = _arrays(network.output)
-    return graph.node("Add", graph.node("MatMul", read, graph.weight(weight[:, :, 0, 0].T)), graph.weight(bias))
+    x = graph.node("Conv", x, *map(graph.weight, _arrays(network.output)), kernel_shape=[1, 1])
+    maps = graph.node("Transpose", graph.reshape(x, [0, 0, -1]), perm=[0, 2, 1])  # (b, size², 3)
+    read = graph.gather(maps, network.pixels.numpy().T, 1)  # (b, 4, k, 3)
+    shares = network.shares.numpy().T[:, :, None]
+    shares = graph.node(
+        "Expand", graph.number(shares), graph.whole([*shares.shape[:2], 3])
+    )  # at once, and not each time
+    return graph.node("ReduceSum", graph.node("Mul", read, shares), graph.whole([1]), keepdims=0)
 
 
 def _start(network: MapNetwork, graph: OnnxGraph, params: str) -> str:

@@ -6,7 +6,10 @@ again leaves this eigenvector alone. Two steps of Newton's method then take away
 residuals of Eq. 3, and not differences of large sums. All is a fixed number of products, for all segments at once.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
+from jaxtyping import Int
 
 from replicate.approximation.rigid import Attachments
 from replicate.deployment.onnx_graph import OnnxGraph
@@ -25,8 +28,17 @@ CURVATURE = np.array([np.trace(s) * np.eye(3) - (s + s.T) / 2 for s in np.eye(9)
 AXIAL = np.array([axial(s) for s in np.eye(9).reshape(9, 3, 3)])
 
 
-def add_rigid_segments(graph: OnnxGraph, mesh: Mesh, attachments: Attachments, carriers: str) -> str:
-    """Return the vertices (b, k, 3), mm, of all rigid segments one after the other, as their carriers place them.
+@dataclass(frozen=True)
+class Placed:
+    """What the rigid step places. vertices: a value (b, k, 3), mm. rows: which of them are the mesh's `members`."""
+
+    vertices: str
+    rows: Int[np.ndarray, " v"]
+    members: Int[np.ndarray, " v"]
+
+
+def add_rigid_segments(graph: OnnxGraph, mesh: Mesh, attachments: Attachments, carriers: str) -> Placed:
+    """Return the vertices of all rigid segments as their carriers place them.
 
     carriers: a value (b, r·c, 3), mm, the vertices `attachments.vertex` as they are posed.
     """
@@ -36,13 +48,14 @@ def add_rigid_segments(graph: OnnxGraph, mesh: Mesh, attachments: Attachments, c
     posed = graph.reshape(carriers, [0, count, each, 3])
     posed_centre = graph.node("ReduceMean", posed, graph.whole([2]), keepdims=1)  # (b, r, 1, 3)
     rotation = add_rotations(graph, rest - centre, graph.node("Sub", posed, posed_centre))
-    parts = []
-    for row, k in enumerate(attachments.segment):
-        members = mesh.neutral[mesh.segment == k] - centre[row]
-        turn, shift = (graph.node("Squeeze", graph.gather(value, np.array([row]), 1), graph.whole([1]))
-                       for value in (rotation, posed_centre))  # fmt: skip
-        parts.append(graph.node("Add", graph.node("MatMul", graph.number(members), turn), shift))
-    return graph.node("Concat", *parts, axis=1)
+    members = [np.flatnonzero(mesh.segment == k) for k in attachments.segment]
+    most = max(map(len, members))  # segments are filled up to the largest, so that one product places them all
+    arms = np.zeros((count, most, 3))
+    for row, vertices in enumerate(members):
+        arms[row, : len(vertices)] = mesh.neutral[vertices] - centre[row]
+    placed = graph.node("Add", graph.node("MatMul", graph.number(arms), rotation), posed_centre)
+    rows = np.concatenate([row * most + np.arange(len(vertices)) for row, vertices in enumerate(members)])
+    return Placed(graph.reshape(placed, [0, -1, 3]), rows, np.concatenate(members))
 
 
 def add_rotations(graph: OnnxGraph, rest: np.ndarray, posed: str) -> str:
