@@ -1,0 +1,48 @@
+/* $about
+
+   $guard.h and its .c need C99 and libm alone. Nothing is allocated, nothing is kept between calls: threads may pose
+   at once. A call needs about ${stack_kb} kB of stack.
+
+   Parameters are raw rig parameters without a unit, in the order of `${name}_controls`. What lies outside a control's
+   limits is not clamped: the face is evaluated there as it is, as in Python. Training saw such poses (Eq. 5), but not
+   far beyond them.
+
+   Vertices are in millimetres, x to the character's left, y up, z forward, x y z of one vertex after the other, in the
+   order of the mesh in $mesh.
+
+   $licence */
+
+#ifndef $guard
+#define $guard
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define ${upper}_CONTROLS $controls
+#define ${upper}_VERTICES $vertices
+#define ${upper}_SEGMENTS $segments
+
+typedef struct {
+    const char *name;
+    const char *region;
+    float lower, at_rest, upper;
+} ${name}_control;
+
+extern const ${name}_control ${name}_controls[${upper}_CONTROLS];
+
+extern const char *const ${name}_segments[${upper}_SEGMENTS]; /* names of the mesh's segments */
+
+/* Where a control stands among the parameters. */
+enum {
+$enum
+};
+
+/* Write the vertices of one pose, in mm. parameters: ${upper}_CONTROLS numbers; vertices: 3 * ${upper}_VERTICES. */
+void ${name}_pose(const float *parameters, float *vertices);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,206 @@
+"""Our regional method of one character as a C99 file and its header: no library but libm, and nothing is allocated.
+
+Weights are the 16-bit floats, and bases the 8 and 16 bits, that the model has on disk. As floats of 32 bits they would
+take three times the memory and no less time: most of a pose's time goes into reading these numbers.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from string import Template
+
+import numpy as np
+from torch import nn
+
+from data_recipes.controls import Control
+from replicate.approximation.gated_network import SLOPE
+from replicate.approximation.regional_model import RegionalModel, StoredBasis
+from replicate.approximation.rigid import Attachments
+from replicate.deployment.c_literals import (
+    byte_rows,
+    float_list,
+    float_number,
+    in_comment,
+    index_list,
+    quoted,
+    structures,
+)
+from replicate.geometry.mesh import Mesh
+
+TEMPLATES = Path(__file__).parent / "c"
+HEADER, SOURCE = TEMPLATES / "face.h", TEMPLATES / "face.c"
+LETTER = 79  # small numbers of 8 bits become capitals, which take one character where others take four
+HALF_BIAS = 112  # the exponent of a float less that of a 16-bit float
+LARGEST_HALF = 65504.0
+
+
+@dataclass(frozen=True)
+class CFace:
+    """What is written of a character. name: it becomes part of C's names. mesh_file: where the mesh lies, in words.
+
+    about: what it is, licence: what may be done with it, in a few lines each.
+    """
+
+    name: str
+    controls: Sequence[Control]
+    mesh: Mesh
+    attachments: Attachments
+    model: RegionalModel
+    mesh_file: str
+    about: str
+    licence: str
+
+
+def c_files(face: CFace, stem: str) -> dict[str, str]:
+    """Return the texts of the header and of the source by their names, stem.h and stem.c."""
+    words = _words(face, stem)
+    files = {f"{stem}{template.suffix}": template for template in (HEADER, SOURCE)}
+    return {name: Template(file.read_text(encoding="ascii")).substitute(words) for name, file in files.items()}
+
+
+def identifier(text: str) -> str:
+    """Return a text as a name in C: letters, digits and _, no digit first."""
+    word = re.sub(r"\W", "_", text, flags=re.ASCII)
+    return f"_{word}" if word[:1].isdigit() else word
+
+
+def _words(face: CFace, stem: str) -> dict[str, object]:
+    name, network, mesh = identifier(face.name).lower(), face.model.network, face.mesh
+    layers, numbers = _layers(face.model)
+    regions, shapes = _regions(face)
+    rigid, placed = _rigid(mesh, face.attachments)
+    widths = [layer.out_features for layer in (*network.layers, network.output)]
+    longest = 3 * max(region[0] for region in regions)
+    numbers += [*shapes, *placed, *_tables(layers, regions, rigid)]
+    limits = [(c.lower, c.default, c.upper) for c in face.controls]
+    return {
+        "name": name,
+        "upper": name.upper(),
+        "guard": f"{identifier(stem).upper()}_H",
+        "header": f"{stem}.h",
+        "source": f"{stem}.c",
+        "mesh": face.mesh_file,
+        "about": in_comment(face.about),
+        "licence": in_comment(face.licence),
+        "controls": len(face.controls),
+        "vertices": len(mesh.neutral),
+        "segments": len(mesh.segment_names),
+        "enum": ",\n".join(f"    {n}" for n in _enumerators(name.upper(), face.controls)),
+        "stack_kb": -(-4 * (len(face.controls) + 2 * max(widths) + widths[-1] + longest) // 1000),
+        "letter": LETTER,
+        "gated": int(network.is_gated),
+        "slope": float_number(SLOPE),
+        "layers": len(network.layers),
+        "coefficients": widths[-1],
+        "regions": len(regions),
+        "rigid": len(face.attachments.segment),
+        "widest": max(widths),
+        "longest": longest,
+        "control_table": structures(
+            (quoted(control.name), quoted(control.region), *map(float_number, own))
+            for control, own in zip(face.controls, limits, strict=True)
+        ),
+        "segment_names": ",\n".join(f"    {quoted(segment)}" for segment in mesh.segment_names),
+        "numbers": "\n".join(numbers),
+    }
+
+
+def _enumerators(prefix: str, controls: Sequence[Control]) -> list[str]:
+    """Return a name for each control; those that C can't tell apart get their numbers too."""
+    names = [f"{prefix}_{identifier(control.name).upper()}" for control in controls]
+    taken = {f"{prefix}_{word}" for word in ("CONTROLS", "VERTICES", "SEGMENTS", "DEMO")}
+    return [f"{name}_{i}" if names.count(name) > 1 or name in taken else name for i, name in enumerate(names)]
+
+
+def _layers(model: RegionalModel) -> tuple[list[list[str]], list[str]]:
+    """Return the rows of C's layers, the line's last, and the arrays that they point to."""
+    network = model.network
+    rows, arrays = [], [float_list("scale", model.scale.numpy())]
+    names = [*(f"layer_{k}" for k in range(len(network.layers))), "last", "line"]
+    for name, layer in zip(names, [*network.layers, network.output, network.line], strict=True):
+        if layer is None:
+            rows.append(["0", "0", "0.0f", "0", "0", "0"])
+            continue
+        row, own = _layer(name, layer)
+        rows.append(row)
+        arrays += own
+    return rows, arrays
+
+
+def _layer(name: str, layer: nn.Linear) -> tuple[list[str], list[str]]:
+    """Return a layer's row and arrays. Weights, [in, out], are scaled by a power of two, so that none is subnormal."""
+    weight = layer.weight.detach().cpu().numpy().astype(np.float32).T
+    largest = float(np.abs(weight).max(initial=0.0)) or 1.0
+    exponent = int(np.floor(np.log2(LARGEST_HALF / largest)))
+    bits = np.ldexp(weight, exponent).astype(np.float16).view(np.uint16)
+    arrays = [byte_rows(f"{name}_high", (bits >> 8).astype(np.uint8)), byte_rows(f"{name}_low", bits.astype(np.uint8))]
+    bias = "0"
+    if layer.bias is not None:
+        bias = f"{name}_bias"
+        arrays.append(float_list(bias, layer.bias.detach().cpu().numpy()))
+    unit = float_number(2.0 ** (HALF_BIAS - exponent))
+    row = [str(layer.in_features), str(layer.out_features), unit, bias, f"{name}_high[0]", f"{name}_low[0]"]
+    return row, arrays
+
+
+def _regions(face: CFace) -> tuple[list[tuple], list[str]]:
+    """Return the rows of C's regions and their arrays; vertices that nothing moves are a region without shapes."""
+    neutral, model, steps = face.mesh.neutral, face.model, []
+    rows, arrays = [], []
+    for k, basis in enumerate(model.bases):
+        members = basis.vertices.numpy()
+        start = neutral[members] + basis.mean.float().numpy()
+        shapes, own = _shapes(k, basis)
+        counts = (len(members), len(basis.fine), len(basis.rough))
+        rows.append((*counts, f"members_{k}", f"start_{k}", *shapes))
+        arrays += [index_list(f"members_{k}", members), float_list(f"start_{k}", start), *own]
+        steps.append(basis.steps.numpy() * np.float32(model.length))
+    rigid = np.isin(face.mesh.segment, face.attachments.segment)
+    still = np.setdiff1d(np.flatnonzero(~rigid), model.vertices)
+    if len(still):
+        rows.append((len(still), 0, 0, "still", "still_start", "0", "0", "0"))
+        arrays += [index_list("still", still), float_list("still_start", neutral[still])]
+    return rows, [*arrays, float_list("steps", np.concatenate(steps))]
+
+
+def _shapes(k: int, basis: StoredBasis) -> tuple[list[str], list[str]]:
+    pointers, arrays = ["0", "0", "0"], []
+    if len(basis.fine):
+        bits = basis.fine.flatten(1).numpy().view(np.uint16)
+        pointers[:2] = [f"high_{k}[0]", f"low_{k}[0]"]
+        arrays += [byte_rows(f"high_{k}", (bits >> 8).astype(np.uint8)), byte_rows(f"low_{k}", bits.astype(np.uint8))]
+    if len(basis.rough):
+        pointers[2] = f"eight_{k}[0]"
+        arrays.append(byte_rows(f"eight_{k}", basis.rough.flatten(1).numpy().view(np.uint8) + np.uint8(LETTER)))
+    return pointers, arrays
+
+
+def _rigid(mesh: Mesh, attachments: Attachments) -> tuple[list[list[str]], list[str]]:
+    rows, arrays = [], []
+    for k, (segment, carriers) in enumerate(zip(attachments.segment, attachments.vertex, strict=True)):
+        members = np.flatnonzero(mesh.segment == segment)
+        rest = mesh.neutral[carriers].astype(np.float64)
+        centre = rest.mean(0)
+        rows.append(
+            [str(len(carriers)), str(len(members)), *(f"{n}_{k}" for n in ("carriers", "placed", "rest", "arms"))]
+        )
+        arrays += [
+            index_list(f"carriers_{k}", carriers),
+            index_list(f"placed_{k}", members),
+            float_list(f"rest_{k}", rest - centre),
+            float_list(f"arms_{k}", mesh.neutral[members] - centre),
+        ]
+    return rows, arrays
+
+
+def _tables(layers: list[list[str]], regions: list[tuple], rigid: list[list[str]]) -> list[str]:
+    *hidden, last, line = layers
+    nothing = [["0"]]  # C has no arrays of no elements
+    return [
+        f"static const layer layers[] = {{\n{structures(hidden or nothing)}}};\n",
+        f"static const layer last = {{{', '.join(last)}}};",
+        f"static const layer line = {{{', '.join(line)}}};\n",
+        f"static const moving_region regions[] = {{\n{structures(map(str, row) for row in regions)}}};\n",
+        f"static const rigid_segment rigid[] = {{\n{structures(rigid or nothing)}}};",
+    ]

@@ -1,0 +1,80 @@
+"""What a model that leaves the suite says of itself: names, units, limits, errors, and what may be done with it."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from data_recipes.controls import Control
+from replicate.approximation.evaluation import Errors
+from replicate.approximation.metrics import summary
+
+PARAMETERS = "raw rig parameters without a unit, in the order of controls; the neutral pose is every control's default"
+VERTICES = (
+    "millimetres, x to the character's left, y up, z forward, in the order of the vertices in the GLB beside this file"
+)
+OUT_OF_RANGE = (
+    "Parameters beyond lower and upper are not clamped: the model is evaluated there as it is. It was trained on poses "
+    "that leave the limits a little (Eq. 5); the further out, the less it is to be trusted."
+)
+LICENCE = "MIT licence for the code that wrote this file."
+PATENTS = (
+    "The method of the paper is patented: DreamWorks holds US 11,348,314 B2 and its family, and Pixar's related "
+    "FaceBaker is US 11,941,739. No right to either is granted. For research and teaching."
+)
+HALF = "float16, computed in float32"
+
+
+@dataclass(frozen=True)
+class FaceFacts:
+    """What all models of a character share. rigid: which segments the rigid step places. made_by: a command."""
+
+    character: str
+    controls: Sequence[Control]
+    segments: Sequence[str]
+    rigid: Sequence[str]
+    made_by: str
+
+
+def about_model(face: FaceFacts, method: str, title: str, errors: Errors, half: bool) -> dict[str, str]:
+    """Return the metadata of one model; lists and tables are JSON.
+
+    method, title: the method's name and label. errors: its own on held-out poses. half: whether weights have 16 bits.
+    """
+    controls = [
+        {"name": c.name, "region": c.region, "lower": c.lower, "default": c.default, "upper": c.upper}
+        for c in face.controls
+    ]
+    return {
+        "character": face.character,
+        "method": method,
+        "title": title,
+        "parameters": PARAMETERS,
+        "vertices": VERTICES,
+        "out_of_range": OUT_OF_RANGE,
+        "controls": json.dumps(controls),
+        "segments": json.dumps([*face.segments]),
+        "rigid_segments": json.dumps([*face.rigid]),
+        "weights": HALF if half else "float32",
+        "held_out_errors": json.dumps(_held_out(errors)),
+        "licence": LICENCE,
+        "patents": PATENTS,
+        "made_by": face.made_by,
+    }
+
+
+def in_words(face: FaceFacts, title: str, errors: Errors) -> str:
+    """Return what a model is, in a sentence or two."""
+    known = _held_out(errors)
+    distance, angle = (known[kind]["mean"] for kind in ("distance_mm", "normal_deg"))
+    return (
+        f"The face {face.character} as the method {title!r} approximates it. On {known['poses']} held-out poses its "
+        f"vertices are {distance:.2g} mm off on average, its normals {angle:.2g} degrees."
+    )
+
+
+def _held_out(errors: Errors) -> dict[str, object]:
+    """Return a method's errors over all vertices, or faces, of all held-out poses."""
+    kinds = {"distance_mm": summary(errors.vertex), "normal_deg": summary(errors.normal)}
+    return {"poses": len(errors.pose_mm)} | {
+        name: {"mean": own.mean, "p95": own.p95, "max": own.max} for name, own in kinds.items()
+    }
