@@ -13,6 +13,8 @@ from replicate.approximation.linear_skip import add_line, line_model
 from replicate.approximation.model import SegmentedModel, fresh_model
 from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.segments import Segment, coarse_segments, make_segment
+from replicate.approximation.skinning.bone_network import BoneNetwork
+from replicate.approximation.skinning.ssdr import Skin
 from replicate.config import CoarseConfig, DenseConfig
 from replicate.methods import pca
 
@@ -57,6 +59,17 @@ def whole_face(make):
     return SegmentedModel([network], [segment], SCALE, [1.0], len(MESH.neutral))
 
 
+def driven_model():
+    rng, vertices = np.random.default_rng(5), np.arange(len(MESH.neutral), dtype=np.int32)
+    weights = rng.uniform(size=(len(vertices), 2)).astype(np.float32)
+    bones = rng.integers(3, size=weights.shape).astype(np.int32)
+    skin = Skin(MESH.neutral, bones, weights / weights.sum(1, keepdims=True), 3)
+    torch.manual_seed(6)
+    network = BoneNetwork(M, skin, (16, 8), 0.2)
+    segment = Segment("skin", vertices, np.zeros((len(vertices), 2), np.float32), np.arange(M, dtype=np.int32))
+    return SegmentedModel([network], [segment], SCALE, [1.0], len(MESH.neutral))
+
+
 MODELS = {
     "coarse": coarse_model,
     "refined": refined_model,
@@ -65,5 +78,6 @@ MODELS = {
     "coarse beside a line": lambda: add_line(coarse_model(), linear_model()),
     "PCA": lambda: whole_face(pca.make_network),
     "PCA beside a line": lambda: whole_face(CoefficientsBesideLine),
+    "driven": driven_model,
     "regional": lambda: posed_face().model,
 }

@@ -33,6 +33,6 @@ def posed(model: onnx.ModelProto, params: Float32[np.ndarray, "b m"], threads: i
     return session.run([VERTICES], {PARAMETERS: params})[0]
 
 
-def largest_distance(one: Float[np.ndarray, "b n 3"], other: Float[np.ndarray, "b n 3"]) -> float:
-    """Return the largest distance between vertices of the same poses, mm."""
+def largest_distance(one: Float[np.ndarray, "*#b n 3"], other: Float[np.ndarray, "*#b n 3"]) -> float:
+    """Return the largest distance between vertices of the same poses, or of poses and a mesh, mm."""
     return float(np.linalg.norm(one - other, axis=-1).max())

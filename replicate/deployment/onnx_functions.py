@@ -53,20 +53,18 @@ class _Recorder(TorchFunctionMode):
         result = function(*args, **kwargs)
         if any(id(tensor) in self._values for tensor in _tensors((*args, *kwargs.values()))):
             results = _tensors((result,))
-            if results and not any(tensor.dtype.is_floating_point for tensor in results):
-                raise self._unknown(function)
             if results:
                 name = getattr(function, "__name__", "").strip("_")
                 if name not in CONVERTERS:
-                    raise self._unknown(function)
+                    raise self.unknown(name)
                 values = CONVERTERS[name](self, *args, **kwargs)
                 for tensor, value in zip(results, [values] if isinstance(values, str) else values, strict=True):
                     self.follow(tensor, value)
         return result
 
-    def _unknown(self, function: Callable) -> InputError:
+    def unknown(self, name: str) -> InputError:
+        """Return the error of a function that has no operator here."""
         known = ", ".join(sorted(CONVERTERS))
-        name = getattr(function, "__name__", str(function))
         return InputError(f"{self._name} calls torch's {name}, which has no ONNX operator here: allowed are {known}")
 
 
@@ -113,8 +111,57 @@ def _chunk(recorder: _Recorder, x: torch.Tensor, chunks: int, dim: int = 0) -> t
     )
 
 
+def _unbind(recorder: _Recorder, x: torch.Tensor, dim: int = 0) -> tuple[str, ...]:
+    dim %= x.ndim
+    parts = recorder.graph.nodes("Split", x.shape[dim], recorder.value(x), axis=dim, num_outputs=x.shape[dim])
+    return tuple(recorder.graph.node("Squeeze", part, recorder.graph.whole([dim])) for part in parts)
+
+
 def _cat(recorder: _Recorder, tensors: Sequence[torch.Tensor], dim: int = 0) -> str:
     return recorder.graph.node("Concat", *map(recorder.value, tensors), axis=dim)
+
+
+def _stack(recorder: _Recorder, tensors: Sequence[torch.Tensor], dim: int = 0) -> str:
+    place = recorder.graph.whole([dim])
+    parts = [recorder.graph.node("Unsqueeze", recorder.value(tensor), place) for tensor in tensors]
+    return recorder.graph.node("Concat", *parts, axis=dim)
+
+
+def _getitem(recorder: _Recorder, x: torch.Tensor, index: object) -> str:
+    """Only new dimensions, as x[:, None] or x[..., None], are known."""
+    index = index if isinstance(index, tuple) else (index,)
+    if not all(entry is None or entry is Ellipsis or entry == slice(None) for entry in index):
+        raise recorder.unknown("getitem, but to add dimensions")
+    after = index.index(Ellipsis) if Ellipsis in index else len(index)
+    left = x.ndim - sum(entry == slice(None) for entry in index)
+    whole = [*index[:after], *[slice(None)] * left, *index[after + 1 :]]
+    axes = [place for place, entry in enumerate(whole) if entry is None]
+    return recorder.graph.node("Unsqueeze", recorder.value(x), recorder.graph.whole(axes))
+
+
+def _squeeze(recorder: _Recorder, x: torch.Tensor, dim: int) -> str:
+    return recorder.graph.node("Squeeze", recorder.value(x), recorder.graph.whole([dim]))
+
+
+def _flatten(recorder: _Recorder, x: torch.Tensor, start_dim: int = 0, end_dim: int = -1) -> str:
+    end_dim %= x.ndim
+    return recorder.graph.reshape(recorder.value(x), [*[0] * start_dim, -1, *x.shape[end_dim + 1 :]])
+
+
+def _sum(recorder: _Recorder, x: torch.Tensor, dim: int) -> str:
+    return recorder.graph.node("ReduceSum", recorder.value(x), recorder.graph.whole([dim]), keepdims=0)
+
+
+def _ones_like(recorder: _Recorder, x: torch.Tensor) -> str:
+    return recorder.graph.node("Add", _zeros_like(recorder, x), recorder.graph.number(1))
+
+
+def _zeros_like(recorder: _Recorder, x: torch.Tensor) -> str:
+    return recorder.graph.node("Mul", recorder.value(x), recorder.graph.number(0))
+
+
+def _from_right(recorder: _Recorder, x: torch.Tensor, other: torch.Tensor | float) -> str:
+    return recorder.graph.node("Sub", recorder.value(other), recorder.value(x))
 
 
 def _pointwise(operator: str) -> Callable:
@@ -124,6 +171,7 @@ def _pointwise(operator: str) -> Callable:
     return convert
 
 
+ALIKE = ("add", "mul", "sub", "div", "neg", "pow", "abs", "sqrt", "sin", "cos", "tanh", "sigmoid", "relu", "where")
 CONVERTERS = {
     "linear": _linear,
     "addmm": _addmm,
@@ -131,8 +179,18 @@ CONVERTERS = {
     "silu": _silu,
     "square": _square,
     "unflatten": _unflatten,
+    "flatten": _flatten,
     "chunk": _chunk,
+    "unbind": _unbind,
     "cat": _cat,
-    **{name: _pointwise(name.capitalize()) for name in ("add", "mul", "sub", "div", "abs", "tanh", "sigmoid", "relu")},
+    "stack": _stack,
+    "getitem": _getitem,
+    "squeeze": _squeeze,
+    "sum": _sum,
+    "ones_like": _ones_like,
+    "zeros_like": _zeros_like,
+    "rsub": _from_right,
+    "lt": _pointwise("Less"),
     "matmul": _pointwise("MatMul"),
+    **{name: _pointwise(name.capitalize()) for name in ALIKE},
 }

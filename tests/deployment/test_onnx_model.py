@@ -85,14 +85,26 @@ def test_a_wrong_shape_is_refused_by_the_runtime_in_words():
         run(written, np.zeros(M, np.float32))
 
 
-class Cosine(nn.Module):
+class Arctangent(nn.Module):
     def forward(self, params):
-        return params.cos()[:, :, None].expand(-1, -1, 3)
+        return params.atan()[:, :, None].expand(-1, -1, 3)
 
 
-def test_what_has_no_operator_is_refused_in_a_sentence():
-    network = SegmentedModel([Cosine()], SEGMENTS[:1], SCALE, [1.0], len(MESH.neutral))
-    with pytest.raises(InputError, match="Cosine calls torch's cos, which has no ONNX operator here: allowed are "):
-        onnx_model(network, MESH, ATTACHMENTS)
+class FirstOnly(nn.Module):
+    def forward(self, params):
+        return params[:1]
+
+
+@pytest.mark.parametrize(
+    ("network", "words"),
+    [(Arctangent, "atan"), (FirstOnly, "getitem, but to add dimensions")],
+)
+def test_what_has_no_operator_is_refused_in_a_sentence(network, words):
+    model = SegmentedModel([network()], SEGMENTS[:1], SCALE, [1.0], len(MESH.neutral))
+    with pytest.raises(InputError, match=f"{network.__name__} calls torch's {words}, which has no ONNX operator here"):
+        onnx_model(model, MESH, ATTACHMENTS)
+
+
+def test_what_is_no_model_is_refused_in_a_sentence():
     with pytest.raises(InputError, match="PosedFace can't be written as ONNX: allowed are SegmentedModel, "):
         onnx_model(posed_face(), MESH, ATTACHMENTS)

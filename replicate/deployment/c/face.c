@@ -1,5 +1,5 @@
 /* $about
-   $guard.h says how it is used. Below are its arithmetic, which is the same for all faces, and its numbers.
+   $header says how it is used. Below are its arithmetic, which is the same for all faces, and its numbers.
 
    $licence */
 
@@ -9,7 +9,7 @@
 #include <stdint.h>
 
 /* Shapes are stored in 8 bits, the first of each region in 16; weights are floats of 16 bits. They stand in strings,
-   which compilers read ten times faster than lists of numbers. Each row ends with a zero that nobody reads. */
+   which compilers read far faster than lists of numbers. Each row ends with a zero that nobody reads. */
 typedef unsigned char byte;
 
 enum {
@@ -254,7 +254,7 @@ void ${name}_pose(const float *parameters, float *vertices)
         place(own, vertices);
 }
 
-#ifdef ${upper}_DEMO /* cc -std=c99 -O3 -D${upper}_DEMO $source -lm, then ./a.out a_control=0.7 ... > vertices.txt */
+#ifdef ${upper}_DEMO /* cc -O3 -std=c99 -D${upper}_DEMO $source -lm, then ./a.out a_control=0.7 ... > vertices.txt */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,0 +1,121 @@
+"""Our method in C99: it compiles without a warning, gives Python's vertices, and says which controls there are."""
+
+import dataclasses
+import subprocess
+
+import numpy as np
+import pytest
+import torch
+from c_compiler import compiled, library, posed_by
+from posed_face import posed_face
+from small_face import M
+
+from data_recipes.controls import Control
+from replicate.approximation.gated_network import GatedNetwork
+from replicate.approximation.regional_model import RegionalModel, halve
+from replicate.approximation.rigid import Attachments, attach
+from replicate.deployment.c_face import CFace, c_files, identifier
+
+FACE = posed_face()
+MESH = FACE.rig.mesh
+POSES = np.random.default_rng(0).uniform(-3, 3, (100, M)).astype(np.float32)  # the limits are −1 and 2
+POSES[:2] = 0
+
+
+def c_face(**changes):
+    words = ("small.glb", "A face.", "For research /* and teaching */ alone.")
+    return dataclasses.replace(CFace("small", FACE.rig.controls, MESH, FACE.attachments, FACE.model, *words), **changes)
+
+
+def write(face, folder):
+    for name, text in c_files(face, "my_face").items():
+        (folder / name).write_text(text, encoding="ascii")
+    return folder / "my_face.c"
+
+
+def furthest_from_python(face, folder):
+    found = posed_by(library(write(face, folder), folder).small_pose, POSES, len(MESH.neutral))
+    wanted = attach(MESH, face.attachments, MESH.neutral + face.model.offsets(POSES))
+    assert np.abs(wanted - MESH.neutral).max() > 1, "nothing moves, and the test says nothing"
+    return float(np.linalg.norm(found - wanted, axis=-1).max())
+
+
+def other_model(**fields):
+    """Return the face's model with a network of another kind."""
+    count = FACE.model.network.output.out_features
+    network = GatedNetwork(M, (8, 16), count, **fields)
+    network.start(np.random.default_rng(2).normal(size=(M + 1, count)), torch.Generator().manual_seed(1))
+    halve(network)
+    return RegionalModel(network, FACE.model.bases, FACE.model.scale.numpy(), 3.0, len(MESH.neutral))
+
+
+def without_small_shapes():
+    """Return the model of a single region without shapes of 8 bits, so that the other region's vertices stay."""
+    basis = FACE.model.bases[0]
+    twin = type(basis)(basis.vertices, basis.mean, basis.fine, basis.rough[:0], basis.steps[: len(basis.fine)])
+    network = GatedNetwork(M, (8,), len(twin.steps))
+    network.start(np.random.default_rng(3).normal(size=(M + 1, len(twin.steps))), torch.Generator().manual_seed(1))
+    halve(network)
+    return RegionalModel(network, [twin], np.ones(M), 5.0, len(MESH.neutral))
+
+
+def attached(segments, carriers):
+    """Return attachments of some segments to rows of carriers."""
+    zeros = np.zeros(carriers.shape)
+    return Attachments(np.array(segments, int), carriers, zeros, zeros[:, 0], zeros[:, :3])
+
+
+ON_A_LINE = attached([2], np.flatnonzero(MESH.segment == 0)[None, 16:26])  # but for a bend, and as they are posed
+NONE = attached([], np.zeros((0, 10), int))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"model": other_model(gated=False)},
+        {"model": other_model(line=False)},
+        {"model": without_small_shapes()},
+        {"attachments": ON_A_LINE},
+        {"attachments": NONE},
+    ],
+    ids=["ours", "leaky ReLUs", "no line", "one region, 16 bits", "carriers on a line", "nothing rigid"],
+)
+def test_c_gives_pythons_vertices_beyond_the_limits_too(changes, tmp_path):
+    assert furthest_from_python(c_face(**changes), tmp_path) < 1e-3
+
+
+def test_the_demo_takes_controls_by_name_and_refuses_others_in_a_sentence(tmp_path):
+    demo = compiled(write(c_face(), tmp_path), tmp_path / "demo", "-DSMALL_DEMO")
+    done = subprocess.run([demo, "c0=1.5", "c11=-1"], capture_output=True, text=True)
+    params = np.zeros((1, M), np.float32)
+    params[0, [0, 11]] = 1.5, -1
+    wanted = attach(MESH, FACE.attachments, MESH.neutral + FACE.model.offsets(params))[0]
+    np.testing.assert_allclose(np.loadtxt(done.stdout.splitlines()), wanted, atol=1e-3)
+    refused = subprocess.run([demo, "c1"], capture_output=True, text=True)
+    assert refused.returncode == 2 and refused.stderr.startswith("c1: control=value is allowed")
+
+
+def test_the_header_says_counts_units_limits_and_a_name_for_every_control(tmp_path):
+    text = c_files(c_face(), "my_face")["my_face.h"]
+    for words in (
+        "#define SMALL_CONTROLS 12",
+        "#define SMALL_VERTICES 341",
+        "in millimetres",
+        "not clamped",
+        "MY_FACE_H",
+    ):
+        assert words in text
+    assert "    SMALL_C0,\n    SMALL_C1,\n" in text and text.count("*/") == text.count("/*")
+    assert '{"c0", "mouth", -1.0f, 0.0f, 2.0f}' in c_files(c_face(), "my_face")["my_face.c"]
+
+
+def test_names_that_c_can_not_tell_apart_or_say_get_numbers(tmp_path):
+    names = ["lip up", "lip-up", 'say "a??/"', "controls", *map(str, range(M - 4))]
+    controls = tuple(Control(name, -1.0, 0.0, 2.0, "mouth") for name in names)
+    face = c_face(controls=controls, name="3rd face")
+    text = c_files(face, "my_face")["my_face.h"]
+    for name in ("LIP_UP_0", "LIP_UP_1", "SAY__A____", "CONTROLS_3", "_0"):
+        assert f"    _3RD_FACE_{name}," in text
+    compiled(write(face, tmp_path), tmp_path / "face.o", "-c")
+    assert identifier("2x-y") == "_2x_y"

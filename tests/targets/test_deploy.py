@@ -1,0 +1,147 @@
+"""`make deploy` on the stand-in face: models that say what they are, a mesh, a C file, and an example that runs."""
+
+import json
+import re
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import onnx
+import pytest
+import trimesh
+from c_compiler import library, posed_by
+from posed_face import PosedRig, posed_face
+from small_artefacts import run_stage, write_artefacts
+from untrained_models import MESH, coarse_model
+
+from replicate.approximation import cnn, regional_model
+from replicate.approximation.rigid import attach
+from replicate.artefacts import rigid_segments
+from replicate.config import CoarseConfig, resolve
+from replicate.deployment.agreement import drawn_poses, largest_distance, posed
+from replicate.deployment.model_facts import PATENTS
+from replicate.engine.exceptions import InputError
+from replicate.engine.paths import ROOT
+from replicate.methods import coarse, linear, measurement, neutral_pose, regional, skinned
+from replicate.targets import deploy
+from replicate.targets.deploy.deploy_settings import DeployedMethod, DeploySettings
+
+MODELS = {"coarse": coarse_model(), "regional": posed_face().model}
+METHODS = (
+    DeployedMethod("coarse", "Coarse", "replicate.methods.coarse:load_model", True),
+    DeployedMethod("regional", "Regional (ours)", "replicate.methods.regional:load_model", True),
+)
+EXAMPLE = ROOT / "examples" / "pose_onnx.py"
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    """The folders of all that the target reads, with networks of drawn weights."""
+    folder = tmp_path_factory.mktemp("deploy")
+    inputs = write_artefacts(folder) | {name: folder / name for name in MODELS}
+    for name in MODELS:
+        inputs[name].mkdir()
+        (inputs[name] / "manifest.json").write_text(json.dumps({"notes": {}}))
+    shape = replace(CoarseConfig(), map_size=16, hidden=(32, 128))
+    cnn.save(MODELS["coarse"], inputs["coarse"], shape)
+    regional_model.save(MODELS["regional"], inputs["regional"])
+    for method in (coarse.METHOD, regional.METHOD):
+        numbers = measurement.numbers_of(method, resolve("tiny", "quick"))
+        inputs, _ = run_stage(measurement.measure, inputs, f"errors_{method.name}", numbers, folder)
+    return inputs
+
+
+@pytest.fixture(scope="module")
+def deployed(inputs, tmp_path_factory):
+    """The folder that the target writes, and what it notes."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("replicate.artefacts.built_rig.load", lambda _: PosedRig())
+        settings = DeploySettings("small", "quick", 0, METHODS)
+        folders, notes = run_stage(deploy.write, inputs, "deploy", settings, tmp_path_factory.mktemp("out"))
+    return folders["deploy"], notes
+
+
+def wanted(inputs, name, params):
+    return attach(MESH, rigid_segments.load(inputs), MESH.neutral + MODELS[name].offsets(params))
+
+
+def test_every_file_is_there_and_said_what_it_is(deployed):
+    folder, notes = deployed
+    models = [f"deploy_small_{name}{ending}.onnx" for name in MODELS for ending in ("", "_float16")]
+    files = {"deploy_small.c", "deploy_small.h", "deploy_small.glb", *models}
+    assert {file.name for file in folder.iterdir()} == files == set(notes["files"])
+    assert re.fullmatch(r"Coarse, float32; \d\.\d MB, within \de-0[5-7] mm of Python", notes["files"][models[0]])
+
+
+def test_models_give_pythons_vertices_and_say_names_units_limits_and_errors(deployed, inputs):
+    params = drawn_poses(PosedRig.controls, 100, np.random.default_rng(1))
+    assert (params > 2).any() and (params < -1).any(), "poses leave the limits"
+    for name in MODELS:
+        model = onnx.load(deployed[0] / f"deploy_small_{name}.onnx")
+        assert largest_distance(posed(model, params), wanted(inputs, name, params)) < 1e-3
+        about = {entry.key: entry.value for entry in model.metadata_props}
+        control = {"name": "c0", "region": "mouth", "lower": -1.0, "default": 0.0, "upper": 2.0}
+        assert json.loads(about["controls"])[0] == control and len(json.loads(about["controls"])) == 12
+        assert json.loads(about["segments"]) == ["face", "neck", "tooth"]
+        assert json.loads(about["rigid_segments"]) == ["tooth"]
+        errors = json.loads(about["held_out_errors"])
+        measured = measurement.load_errors(inputs[f"errors_{name}"])
+        assert errors["poses"] == 24 and errors["distance_mm"]["mean"] == pytest.approx(
+            measured.pose_mm.mean(), rel=1e-4
+        )
+        assert "not clamped" in about["out_of_range"] and "millimetres" in about["vertices"]
+        assert float(about["largest_difference_mm"]) < 1e-3 and "make deploy CHARACTERS=small" in about["made_by"]
+        assert f"{errors['distance_mm']['mean']:.2g} mm off" in model.graph.doc_string
+
+
+def test_the_c_file_gives_pythons_vertices(deployed, inputs, tmp_path):
+    params = drawn_poses(PosedRig.controls, 100, np.random.default_rng(2))
+    found = posed_by(library(deployed[0] / "deploy_small.c", tmp_path).small_pose, params, len(MESH.neutral))
+    assert largest_distance(found, wanted(inputs, "regional", params)) < 1e-3
+
+
+def test_the_mesh_is_the_neutral_one_in_metres_with_charts(deployed):
+    (mesh,) = trimesh.load(deployed[0] / "deploy_small.glb", process=False).geometry.values()
+    np.testing.assert_allclose(mesh.vertices, MESH.neutral / 1000, atol=1e-6)
+    np.testing.assert_allclose(mesh.visual.uv, MESH.uv, atol=1e-6)
+    np.testing.assert_array_equal(mesh.faces, MESH.faces)
+
+
+def example(folder, *words):
+    return subprocess.run([sys.executable, EXAMPLE, *words], cwd=folder, capture_output=True, text=True)
+
+
+def test_the_example_runs_as_reproducing_shows_it(deployed, inputs, tmp_path):
+    assert f"```python\n{EXAMPLE.read_text('utf-8')}```\n" in (ROOT / "REPRODUCING.md").read_text("utf-8")
+    imports = re.findall(r"^import (\w+)", EXAMPLE.read_text("utf-8"), re.MULTILINE)
+    assert imports == ["json", "sys", "numpy", "onnxruntime"]
+    done = example(tmp_path, deployed[0] / "deploy_small_coarse.onnx", "c0=1.5", "c7=-0.5")
+    assert done.returncode == 0, done.stderr
+    params = np.zeros((1, 12), np.float32)
+    params[0, [0, 7]] = 1.5, -0.5
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "vertices.txt"), wanted(inputs, "coarse", params)[0], atol=1e-3)
+    refused = example(tmp_path, deployed[0] / "deploy_small_coarse.onnx", "nose=1")
+    assert refused.returncode == 1 and refused.stderr.startswith("no control {'nose'}: allowed are c0, c1, ")
+
+
+def test_a_model_that_is_off_is_not_written(inputs, tmp_path, monkeypatch):
+    monkeypatch.setattr("replicate.artefacts.built_rig.load", lambda _: PosedRig())
+    monkeypatch.setattr("replicate.targets.deploy.deployed_files.posed", lambda model, params: np.zeros((32, 341, 3)))
+    with pytest.raises(RuntimeError, match=r"coarse as ONNX is .* mm off, where 0.001 mm are allowed"):
+        run_stage(deploy.write, inputs, "deploy", DeploySettings("small", "quick", 0, METHODS), tmp_path)
+
+
+def test_methods_without_a_model_are_left_out_of_many_and_refused_by_name():
+    many = (coarse.METHOD, neutral_pose.METHOD, linear.METHOD)
+    assert deploy.deployable(many, "all") == [coarse.METHOD, linear.METHOD]
+    with pytest.raises(InputError, match="method 'neutral' has no model to write: it is no function of rig parameters"):
+        deploy.deployable(many, ["coarse,neutral"])
+    with pytest.raises(InputError, match="method 'lbs16' has no model to write"):
+        deploy.deployable(skinned.methods_of(None)[:1], "lbs")
+
+
+def test_the_note_on_patents_is_that_of_the_readme():
+    readme = " ".join((ROOT / "README.md").read_text("utf-8").split())
+    for words in ("US 11,348,314 B2 and its family", "Pixar's related FaceBaker is US 11,941,739"):
+        assert words in readme and words in PATENTS
