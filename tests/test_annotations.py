@@ -11,6 +11,7 @@ FOLDERS = (
     "artefacts",
     "benchmarks",
     "capture",
+    "deployment",
     "drawing",
     "engine",
     "export",

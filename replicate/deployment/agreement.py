@@ -6,7 +6,7 @@ import numpy as np
 import onnx
 from jaxtyping import Float, Float32
 
-from data_recipes.controls import Control
+from data_recipes.rig import Control
 from replicate.deployment.onnx_model import PARAMETERS, VERTICES
 
 SHARE = 0.3  # of the controls that a pose moves

@@ -7,13 +7,11 @@ take three times the memory and no less time: most of a pose's time goes into re
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from string import Template
 
 import numpy as np
 from torch import nn
 
-from data_recipes.controls import Control
+from data_recipes.rig import Control
 from replicate.approximation.gated_network import SLOPE
 from replicate.approximation.regional_model import RegionalModel, StoredBasis
 from replicate.approximation.rigid import Attachments
@@ -26,10 +24,9 @@ from replicate.deployment.c_literals import (
     quoted,
     structures,
 )
+from replicate.deployment.c_templates import filled
 from replicate.geometry.mesh import Mesh
 
-TEMPLATES = Path(__file__).parent / "c"
-HEADER, SOURCE = TEMPLATES / "face.h", TEMPLATES / "face.c"
 LETTER = 79  # small numbers of 8 bits become capitals, which take one character where others take four
 HALF_BIAS = 112  # the exponent of a float less that of a 16-bit float
 LARGEST_HALF = 65504.0
@@ -54,9 +51,7 @@ class CFace:
 
 def c_files(face: CFace, stem: str) -> dict[str, str]:
     """Return the texts of the header and of the source by their names, stem.h and stem.c."""
-    words = _words(face, stem)
-    files = {f"{stem}{template.suffix}": template for template in (HEADER, SOURCE)}
-    return {name: Template(file.read_text(encoding="ascii")).substitute(words) for name, file in files.items()}
+    return filled(stem, _words(face, stem))
 
 
 def identifier(text: str) -> str:

@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from data_recipes.controls import Control
+from data_recipes.rig import Control
 from replicate.approximation.evaluation import Errors
 from replicate.approximation.metrics import summary
 

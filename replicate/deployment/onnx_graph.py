@@ -39,7 +39,7 @@ class OnnxGraph:
         """Return the value of an array that geometry or a runtime's arithmetic depends on: always float32."""
         return self._store(np.asarray(values, np.float32))
 
-    def whole(self, values: np.ndarray | Sequence[int]) -> str:
+    def whole(self, values: np.ndarray | Sequence[int] | int) -> str:
         """Return the value of whole numbers: indices, axes, shapes."""
         return self._store(np.asarray(values, np.int64))
 
@@ -90,5 +90,5 @@ class OnnxGraph:
 
     def _store(self, values: np.ndarray) -> str:
         name = f"weight_{len(self._weights)}"
-        self._weights.append(numpy_helper.from_array(np.ascontiguousarray(values), name))
+        self._weights.append(numpy_helper.from_array(np.asarray(values, order="C"), name))
         return name

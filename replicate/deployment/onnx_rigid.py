@@ -83,9 +83,8 @@ def _dominant(graph: OnnxGraph, covariance: str) -> str:
             matrix = graph.node("Div", matrix, graph.node("ReduceMax", matrix, graph.whole([2, 3]), keepdims=1))
     weighted = graph.node("Mul", matrix, graph.number(np.diag([NEAREST, 1, 1, 1])))
     diagonal = graph.node("ReduceMax", weighted, graph.whole([3]), keepdims=0)
-    row = graph.node(
-        "OneHot", graph.node("ArgMax", diagonal, axis=2, keepdims=1), graph.whole([4]), graph.number([0, 1])
-    )
+    best = graph.node("ArgMax", diagonal, axis=2, keepdims=1)
+    row = graph.reshape(graph.cast(graph.node("Equal", best, graph.whole(range(4)))), [0, 0, 1, 4])
     return _unit(graph, graph.node("MatMul", row, matrix))
 
 

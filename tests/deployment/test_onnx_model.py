@@ -5,6 +5,7 @@ import onnx
 import onnxruntime
 import pytest
 import torch
+from onnx.reference import ReferenceEvaluator
 from posed_face import posed_face
 from small_face import M
 from torch import nn
@@ -51,6 +52,13 @@ def test_weights_of_16_bits_cost_some_thousandths_of_the_movement_at_most(kind):
     reach = np.linalg.norm(model.offsets(POSES), axis=-1).max()
     assert half.ByteSize() < whole.ByteSize()
     assert furthest(run(half, POSES), wanted(model)) < 5e-3 * reach
+
+
+@pytest.mark.parametrize("kind", ["coarse", "regional"])
+def test_the_reference_runtime_gives_the_same_so_that_nothing_hangs_on_onnxruntime(kind):
+    model = MODELS[kind]()
+    (found,) = ReferenceEvaluator(onnx_model(model, MESH, ATTACHMENTS, True)).run(None, {"parameters": POSES[:2]})
+    np.testing.assert_allclose(found, run(onnx_model(model, MESH, ATTACHMENTS, True), POSES[:2]), atol=1e-3)
 
 
 def test_our_method_loses_nothing_in_16_bits():

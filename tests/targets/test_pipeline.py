@@ -66,12 +66,12 @@ ALL = ("--methods", "all")
 SHORT = ("--numbers-only", "--methods", "coarse", "linear", "neutral")  # what is disturbed: a part of the rows
 
 
-def start(folder: Path, extra: tuple[str, ...] = ()) -> subprocess.Popen:
-    """Start `table2` on the tiny rig with a cache and results of its own."""
+def start(folder: Path, extra: tuple[str, ...] = (), target: str = "table2") -> subprocess.Popen:
+    """Start a target on the tiny rig with a cache and results of its own."""
     config = folder / "numbers.toml"
     folder.mkdir(parents=True, exist_ok=True)
     config.write_text(NUMBERS)
-    command = [sys.executable, "-m", "replicate", "table2", "--profile", "quick", "--characters", "tiny"]
+    command = [sys.executable, "-m", "replicate", target, "--profile", "quick", "--characters", "tiny"]
     places = {"REPLICATE_CACHE": str(folder / "cache"), "REPLICATE_RESULTS": str(folder / "results")}
     return subprocess.Popen(
         [*command, "--config", str(config), *extra],
@@ -83,9 +83,9 @@ def start(folder: Path, extra: tuple[str, ...] = ()) -> subprocess.Popen:
     )
 
 
-def finish(folder: Path, extra: tuple[str, ...] = ()) -> tuple[str, str]:
-    """Run `table2` to its end and return what it printed; it must succeed."""
-    process = start(folder, extra)
+def finish(folder: Path, extra: tuple[str, ...] = (), target: str = "table2") -> tuple[str, str]:
+    """Run a target to its end and return what it printed; it must succeed."""
+    process = start(folder, extra, target)
     out, err = process.communicate(timeout=900)
     assert process.returncode == 0, err + out
     return out, err
@@ -178,6 +178,16 @@ def test_results_name_the_run_that_made_them(undisturbed):
     assert runs == {manifest["characters"]["tiny"]["run"]}
     assert manifest["characters"]["tiny"]["stages"]["coarse-tiny"]["wall_s"] > 0
     assert "--profile quick" in manifest["command"]
+
+
+def test_every_method_with_a_model_leaves_the_suite_and_nothing_is_trained_for_it(undisturbed):
+    folder, _ = undisturbed
+    printed, _ = finish(folder, ALL, "deploy")
+    assert "made 1 of " in printed
+    names = [name for name, method in methods().items() if method.model]
+    models = {f"deploy_tiny_{name}{precision}.onnx" for name in names for precision in ("", "_float16")}
+    files = {file.name for file in (folder / "results" / "quick").glob("deploy_*")}
+    assert len(names) >= 10 and files == models | {f"deploy_tiny.{ending}" for ending in ("c", "h", "glb")}
 
 
 def test_kill_9_at_ten_random_moments_changes_no_digit(short, tmp_path):

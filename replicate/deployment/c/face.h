@@ -1,6 +1,6 @@
 /* $about
 
-   $header and its .c need C99 and libm alone. Nothing is allocated, nothing is kept between calls: threads may pose
+   $header and its .c need C99 and libm alone. Nothing is allocated and no state is kept: threads may pose
    at once. A call needs about ${stack_kb} kB of stack.
 
    Parameters are raw rig parameters without a unit, in the order of `${name}_controls`. What lies outside a control's

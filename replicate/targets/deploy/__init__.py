@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from replicate.artefacts import built_rig, rigid_segments
 from replicate.artefacts.plan import Plan, reference
+from replicate.deployment.c_templates import TEMPLATES
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.engine.stage import Stage, StageContext
@@ -23,16 +24,18 @@ METHODS = tuple(module.METHOD.name for module in (coarse, refined, dense_network
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
-    """Return the stages of one character's models, those that train first; each model is measured too."""
-    from replicate.deployment.c_face import HEADER, SOURCE
+    """Return the stages of one character's models, those that train first; each model is measured too.
 
+    Methods without a model are left out.
+    """
+    methods = [method for method in methods if method.model]
     slow = [stage for method in methods for stage in method.stages(plan)]
     measured = [measurement.stage(plan, method) for method in methods]
     inputs = {stage.title: stage for stage in (built_rig.stage(plan), rigid_segments.stage(plan), *slow, *measured)}
     written = tuple(DeployedMethod(m.name, m.label, reference(m.model), m.rigid_step) for m in methods)
     settings = DeploySettings(plan.character, plan.config.profile, plan.config.seed, written)
     functions = ", ".join(dict.fromkeys([reference(write), *(one.model for one in written)]))
-    return [*inputs.values(), plan.stage("deploy", functions, settings, *inputs.values(), files=(HEADER, SOURCE))]
+    return [*inputs.values(), plan.stage("deploy", functions, settings, *inputs.values(), files=TEMPLATES)]
 
 
 def write(context: StageContext) -> None:
