@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
-from data_recipes.recipe_paths import character_names, recipe_file, split_character
+from data_recipes.recipe_paths import character_names, recipe_file, sample_folder, split_character
 from replicate.engine.exceptions import InputError
 from replicate.engine.schema import LONGEST, Checked, naming, number, read_table, shown
 from replicate.engine.user_files import is_file, read_toml, shown_path
@@ -226,11 +226,14 @@ class Config(Checked):
 
     def __post_init__(self):
         super().__post_init__()
+        if folder := sample_folder(self.character):
+            _check_folder(folder)
+            return
         recipe, (name, _) = recipe_file(self.character), split_character(self.character)
         if not is_file(recipe) and not name.endswith(".toml"):
             raise InputError(
                 f"character {shown(name)} has no recipe: allowed are {', '.join(character_names())}, "
-                "or the path of a .toml recipe"
+                "or the path of a .toml recipe or of a folder of samples"
             )
         if not re.fullmatch(r"[\w.-]+", recipe.stem) or len(os.fsencode(recipe.stem)) > LONGEST:
             raise InputError(
@@ -239,6 +242,19 @@ class Config(Checked):
             )
         if not is_file(recipe):
             raise InputError(f"{shown_path(recipe)}: there is no such recipe file")
+
+
+def _check_folder(folder: Path) -> None:
+    """Raise InputError for a folder of samples that is not there, or whose name can't name results."""
+    if not re.fullmatch(r"[\w.-]+", folder.name) or len(os.fsencode(folder.name)) > LONGEST:
+        raise InputError(
+            f"folder {shown_path(folder)}: the name {shown(folder.name)} can't name results: allowed are letters, digits, "
+            f"_, . and -, {LONGEST} of them at most"
+        )
+    if not is_file(recipe_file(str(folder))):
+        raise InputError(
+            f"{shown_path(recipe_file(str(folder)))}: there is no such file, which a folder of samples has"
+        )
 
 
 def with_sections(sections: Mapping[str, Checked]) -> type[Config]:
@@ -265,7 +281,7 @@ def resolve(
 ) -> Config:
     """Return the configuration of one character: the paper's values, then the profile, a file, and single values.
 
-    character: a name from `recipe_paths.character_names()`, or the path of a recipe. overrides: a nested dict as a TOML
+    character: a name from `recipe_paths.character_names()`, or the path of a recipe or a folder of samples. overrides: a nested dict as a TOML
     file would give. file: a TOML file of overrides. sections: more sections by name, with the profile's values.
     values: top-level fields, e.g. `seed=3`; None leaves a field.
     Raises InputError for an unknown profile or key and for a value out of range.
