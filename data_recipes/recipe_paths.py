@@ -65,7 +65,7 @@ def absolute(character: str) -> str:
 def recipe_file(character: str) -> Path:
     """Return the recipe of a character, given by its name or as the path of a `.toml` file of one's own.
 
-    What follows an @ says which variant of it, and leads to the same file. Of a folder of samples it is its `face.toml`.
+    What follows an @ says which variant of it, and leads to the same file. Of a folder of samples it is its face.toml.
     """
     if folder := sample_folder(character):
         return folder / FACE_FILE

@@ -248,8 +248,8 @@ def _check_folder(folder: Path) -> None:
     """Raise InputError for a folder of samples that is not there, or whose name can't name results."""
     if not re.fullmatch(r"[\w.-]+", folder.name) or len(os.fsencode(folder.name)) > LONGEST:
         raise InputError(
-            f"folder {shown_path(folder)}: the name {shown(folder.name)} can't name results: allowed are letters, digits, "
-            f"_, . and -, {LONGEST} of them at most"
+            f"folder {shown_path(folder)}: the name {shown(folder.name)} can't name results: allowed are letters, "
+            f"digits, _, . and -, {LONGEST} of them at most"
         )
     if not is_file(recipe_file(str(folder))):
         raise InputError(
@@ -281,10 +281,10 @@ def resolve(
 ) -> Config:
     """Return the configuration of one character: the paper's values, then the profile, a file, and single values.
 
-    character: a name from `recipe_paths.character_names()`, or the path of a recipe or a folder of samples. overrides: a nested dict as a TOML
-    file would give. file: a TOML file of overrides. sections: more sections by name, with the profile's values.
-    values: top-level fields, e.g. `seed=3`; None leaves a field.
-    Raises InputError for an unknown profile or key and for a value out of range.
+    character: a name from `recipe_paths.character_names()`, or the path of a recipe or a folder of samples. overrides:
+    a nested dict as a TOML file would give. file: a TOML file of overrides. sections: more sections by name, with the
+    profile's values. values: top-level fields, e.g. `seed=3`; None leaves a field. Raises InputError for an unknown
+    profile or key and for a value out of range.
     """
     check_profile(profile)
     config = read_table(with_sections(sections or {})(character=character, profile=profile), PROFILES[profile])

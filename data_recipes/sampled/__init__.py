@@ -1,1 +1,1 @@
-"""Rigs that are known by their samples alone: a folder with a mesh, a list of controls, and poses with their vertices."""
+"""Rigs that are known by their samples alone: a folder with a mesh, a list of controls, and poses with vertices."""

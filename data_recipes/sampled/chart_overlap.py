@@ -16,7 +16,7 @@ def covered_and_doubled(corners: Float[np.ndarray, "f 3 2"]) -> tuple[float, flo
     low = np.clip(np.ceil(places.min(axis=1)).astype(int), 0, TEXELS)
     high = np.clip(np.floor(places.max(axis=1)).astype(int) + 1, 0, TEXELS)
     for triangle in np.flatnonzero((high > low).all(axis=1)):
-        (left, lower), (right, upper) = low[triangle], high[triangle]
+        (left, lower), (right, upper) = low[triangle].tolist(), high[triangle].tolist()
         counts[lower:upper, left:right] += _inside(places[triangle], left, right, lower, upper)
     covered = counts > 0
     return float(covered.mean()), float((counts > 1).sum() / max(covered.sum(), 1))

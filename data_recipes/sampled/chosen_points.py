@@ -1,8 +1,8 @@
 """Landmarks and control points for a face that names none: vertices that are far apart and move much.
 
 Half of the vertices, those that move more than the median one, are candidates. The first point is the one that moves
-most, each further one that which lies farthest from all before it, at rest. The region of a control point is that of the
-controls which move it most, by a straight line through the poses.
+most, each further one that which lies farthest from all before it, at rest. The region of a control point is that of
+the controls which move it most, by a straight line through the poses.
 """
 
 from __future__ import annotations

@@ -101,7 +101,7 @@ class FaceFile(Checked):
 
 
 def read_face(folder: Path) -> FaceFile:
-    """Return what a folder's `face.toml` says. Raises InputError, naming file and key, for anything that is not allowed."""
+    """Return what a folder's `face.toml` says. Raises InputError, naming file and key, for what is not allowed."""
     file = folder / FACE_FILE
     table = read_toml(file)
     with naming(shown_path(file)):

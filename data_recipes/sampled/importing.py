@@ -1,4 +1,4 @@
-"""From a folder of samples to a rig: the mesh in mm and in its place, its charts, its points, and all poses in one place."""
+"""From a folder of samples to a rig: the mesh in mm and in its place, its charts and points, all poses in one place."""
 
 from __future__ import annotations
 
@@ -37,8 +37,9 @@ def import_rig(
 ) -> SampledRig:
     """Return the rig of a folder's files (mesh, controls, shards); its poses are written into a folder `target`.
 
-    progress: (total, label, initial) → a context manager with update(k). Raises InputError, naming file, pose and vertex,
-    for vertices that are not finite or not of this mesh, and for two poses with the same parameters that differ.
+    progress: (total, label, initial) → a context manager with update(k). Raises InputError, naming file, pose and
+    vertex, for vertices that are not finite or not of this mesh, and for two poses with the same parameters that
+    differ.
     """
     mesh_file, _, *shards = files
     found = read_folder(mesh_file.parent, recipe.face, shards)
@@ -117,8 +118,8 @@ def _check_repeated(found: SampleFolder, known: KnownPoses) -> None:
             off = float(np.abs(known.offsets(k) - known.offsets(first)).max())
             if off > tolerance:
                 raise InputError(
-                    f"{found.where}: two poses have the same parameters and vertices that differ by {off:.3g} mm: allowed "
-                    f"are {tolerance:.2g} mm; does the face depend on more than its controls?"
+                    f"{found.where}: two poses have the same parameters and vertices that differ by {off:.3g} mm: "
+                    f"allowed are {tolerance:.2g} mm; does the face depend on more than its controls?"
                 )
 
 

@@ -19,9 +19,9 @@ NAMES = ("frame_params", "frame_offsets", "drawn_params", *ROUNDED, "drawn_sourc
 class KnownPoses:
     """Frames of clips, from which test poses are taken, and poses that are drawn at random, rounded as in D4.
 
-    frame_params (a, m), frame_offsets (a, n, 3) float32 mm; drawn_params (d, m), drawn_whole (d, n, 3) int16 in steps of
-    drawn_steps (d,) mm; drawn_source (d,): the frame that each was drawn from, or −1. Of a rig without clips all poses
-    stand among the frames.
+    frame_params (a, m), frame_offsets (a, n, 3) float32 mm; drawn_params (d, m), drawn_whole (d, n, 3) int16 in steps
+    of drawn_steps (d,) mm; drawn_source (d,): the frame that each was drawn from, or −1. Of a rig without clips all
+    poses stand among the frames.
     """
 
     frame_params: np.ndarray

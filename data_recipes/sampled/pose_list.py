@@ -1,4 +1,4 @@
-"""The poses of all shards as one list: their parameters, and which of them are frames of clips, in an order of their own.
+"""The poses of all shards as one list: their parameters, and which of them are frames of clips, in their order.
 
 Frames stand in the order of their clips' names and their own numbers, whatever shard they are in; poses drawn at random
 in the order of the shards.

@@ -1,4 +1,4 @@
-"""A folder of samples as it is when a command starts: read, and checked against itself before anything is made of it."""
+"""A folder of samples as it is when a command starts: read, and checked against itself before it is used."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from data_recipes.sampled.pose_list import PoseList, list_poses
 from data_recipes.sampled.segment_charts import check_segments
 from data_recipes.sampled.shards import FOLDER, Shard, read_shards, shard_files
 from replicate.engine.exceptions import InputError
+from replicate.engine.schema import shown
 from replicate.engine.user_files import shown_path
 
 SIZE_MM = (50.0, 1000.0)  # the largest side of the box around a neutral face
@@ -116,8 +117,10 @@ def check_size(found: SampleFolder) -> None:
 
 
 def check_vertices(found: SampleFolder, index: int, vertices: Float[np.ndarray, "t n 3"]) -> None:
-    """Raise InputError for vertices of a shard that are not finite, of another size or order than the mesh's, or not the
-    mesh at the default pose. index: of the shard."""
+    """Raise InputError for bad vertices of a shard, of that index among the folder's.
+
+    They are not finite, of another size or order than the mesh's, or at all defaults another shape than the mesh.
+    """
     shard, size = found.shards[index], size_mm(found) / found.face.mm  # in the file's unit
     where = f"{found.where}/{shard.name}"
     if not np.isfinite(vertices).all():
@@ -128,8 +131,8 @@ def check_vertices(found: SampleFolder, index: int, vertices: Float[np.ndarray, 
     extent = np.median(np.ptp(vertices.astype(np.float64), axis=1).max(axis=1))
     if not size / EXTENT <= extent <= size * EXTENT:
         raise InputError(
-            f"{where}: its poses are {extent / size:.3g} times as large as the mesh: allowed are positions in the mesh's "
-            "own unit"
+            f"{where}: its poses are {extent / size:.3g} times as large as the mesh: allowed are positions in the "
+            "mesh's own unit"
         )
     some = np.linspace(0, len(vertices) - 1, min(32, len(vertices))).astype(int)
     offsets = vertices[some].astype(np.float64) - neutral
@@ -146,8 +149,8 @@ def check_vertices(found: SampleFolder, index: int, vertices: Float[np.ndarray, 
         off = np.abs(vertices[pose].astype(np.float64) - neutral).max(axis=1)
         if off.max() > NEUTRAL * size:
             raise InputError(
-                f"{where}: pose {pose} is at all defaults, and its vertex {off.argmax()} is {off.max() / size:.2%} of the "
-                f"face's size from the mesh: allowed are {NEUTRAL:.1%}"
+                f"{where}: pose {pose} is at all defaults, and its vertex {off.argmax()} is {off.max() / size:.2%} of "
+                f"the face's size from the mesh: allowed are {NEUTRAL:.1%}"
             )
 
 
@@ -156,5 +159,6 @@ def _check_points(face: FaceFile, count: int, folder: Path) -> None:
     for name, vertices in every.items():
         if too_large := next((vertex for vertex in vertices if vertex >= count), None):
             raise InputError(
-                f"{shown_path(folder / FACE_FILE)}: points, {name}: found vertex {too_large}: allowed are 0 to {count - 1}"
+                f"{shown_path(folder / FACE_FILE)}: points, {shown(name)}: found vertex {too_large}: allowed are 0 to "
+                f"{count - 1}"
             )

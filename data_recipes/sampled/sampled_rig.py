@@ -1,4 +1,4 @@
-"""A rig that is known by its samples alone: it keeps the Rig contract, and its function is defined at known poses only."""
+"""A rig that is known by its samples alone: it keeps the Rig contract, with a function of known poses only."""
 
 from __future__ import annotations
 
@@ -105,5 +105,6 @@ class SampledRig:
         if np.array_equal(params, self.default):
             return np.zeros_like(self.mesh.neutral)
         raise UnknownPoseError(
-            f"rig '{self.name}': it is known by its samples alone, and this pose is none of the {len(self.known_poses):,}."
+            f"rig '{self.name}': it is known by its samples alone, and this pose is none of these "
+            f"{len(self.known_poses):,}."
         )

@@ -1,9 +1,9 @@
 """From a mesh file to our mesh: a segment and one place in a chart for every vertex, with new charts where needed.
 
-A vertex belongs to the segment of most of its faces, unless a group of an OBJ names it. It takes the texture coordinates
-that most of its corners in faces of that segment have, so vertices on a seam are not split: they lie on one side of it,
-and the mesh keeps the order and the number of vertices of the poses. Charts are stretched over the unit square, but for
-those that nearly fill it.
+A vertex belongs to the segment of most of its faces, unless a group of an OBJ names it. It takes the texture
+coordinates that most of its corners in faces of that segment have, so vertices on a seam are not split: they lie on one
+side of it, and the mesh keeps the order and the number of vertices of the poses. Charts are stretched over the unit
+square, but for those that nearly fill it.
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from io import BufferedIOBase
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
@@ -41,6 +41,10 @@ WORDS = {
 _PAIR = re.compile(r"(.+)\.(" + "|".join(ARRAYS) + r")\.npy")
 DAMAGE = (OSError, EOFError, ValueError, KeyError, RuntimeError, NotImplementedError, struct.error, zlib.error,
           zipfile.BadZipFile)  # fmt: skip
+
+
+class _UnfitError(ValueError):
+    """An array is whole and not allowed."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +77,7 @@ class Shard:
         return tuple(dict.fromkeys(self.files.values()))
 
     def read(self, name: str) -> np.ndarray:
-        """Return one of its arrays. Raises InputError for a file that is damaged, or has changed since it was listed."""
+        """Return one of its arrays. Raises InputError for a file that is damaged, or has changed since."""
         file = self.files[name]
         with _reading(file, name), _stream(file, name) as (stream, size):
             header = _header(stream, size)
@@ -90,8 +94,8 @@ class Shard:
 def shard_files(folder: Path) -> tuple[Path, ...]:
     """Return the files of a folder's `poses` that belong to shards, by name.
 
-    Those that end in .part, and those whose names begin with a dot, are left out. Raises InputError, naming the file, for
-    any other that is no npz or npy, or no regular file.
+    Those that end in .part, and those whose names begin with a dot, are left out. Raises InputError, naming the file,
+    for any other that is no npz or npy, or no regular file.
     """
     place = folder / FOLDER
     where = shown_path(place)
@@ -160,14 +164,14 @@ def _shard(name: str, files: dict[str, Path], controls: int, vertices: int) -> S
     t = headers["params"].shape[0] if headers["params"].shape else 0
     shapes = {"params": (t, controls), "vertices": (t, vertices, 3)}
     about = {
-        "params": f" ({controls} controls)",
-        "vertices": f" (as many poses as params, {vertices} vertices of the mesh)",
+        "params": f": {controls} controls",
+        "vertices": f": as many poses as params, {vertices} vertices of the mesh",
     }
     for array, header in headers.items():
         expectation = shapes.get(array, (t,))
         if header.shape != expectation or t == 0:
             allowed = "one pose at least" if t == 0 else f"{expectation}{about.get(array, ', one a pose')}"
-            raise InputError(f"{where}: {array} has the shape {shown(header.shape)}: allowed is {allowed}")
+            raise InputError(f"{where}: {array} has the shape {cut(str(header.shape))}: allowed is {allowed}")
         kind, size = KINDS[array], header.dtype.itemsize
         if header.dtype.kind not in kind or (kind == "f" and size > 8) or (kind == "U" and size > 4 * LONGEST_CLIP):
             raise InputError(f"{where}: {array} holds {header.dtype}: allowed are {WORDS[kind]}")
@@ -178,13 +182,13 @@ def _shard(name: str, files: dict[str, Path], controls: int, vertices: int) -> S
     return Shard(name, files, headers)
 
 
-def _open(file: Path) -> BinaryIO:
+def _open(file: Path) -> BufferedIOBase:
     descriptor = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     return open(descriptor, "rb")
 
 
 @contextmanager
-def _stream(file: Path, name: str) -> Iterator[tuple[BinaryIO, int]]:
+def _stream(file: Path, name: str) -> Iterator[tuple[BufferedIOBase, int]]:
     """Yield an array's bytes and their number."""
     with _open(file) as plain:
         if not file.name.endswith(".npz"):
@@ -196,7 +200,7 @@ def _stream(file: Path, name: str) -> Iterator[tuple[BinaryIO, int]]:
                 yield stream, info.file_size
 
 
-def _read_header(stream: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype]:
+def _read_header(stream: BufferedIOBase) -> tuple[tuple[int, ...], bool, np.dtype]:
     version = np.lib.format.read_magic(stream)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version not in readers:
@@ -204,16 +208,16 @@ def _read_header(stream: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype]:
     return readers[version](stream)
 
 
-def _header(stream: BinaryIO, size: int) -> Header:
+def _header(stream: BufferedIOBase, size: int) -> Header:
     """Return the header at a stream's place, which is then behind it. size: the bytes of header and array together."""
     shape, _, dtype = _read_header(stream)
     if dtype.hasobject:
-        raise ValueError("it holds Python objects")
+        raise _UnfitError("it holds Python objects: allowed are numbers and texts")
     length = dtype.itemsize
     for number in shape:
         length *= number
     if length > MOST_BYTES:
-        raise ValueError(
+        raise _UnfitError(
             f"it has {length / 1e9:.1f} GB, where {MOST_BYTES / 1e9:g} GB are allowed: write smaller shards"
         )
     if stream.tell() + length != size:
@@ -231,9 +235,11 @@ def _reading(file: Path, array: str) -> Iterator[None]:
     """Turn what a damaged file raises into one sentence."""
     try:
         yield
+    except InputError:
+        raise
+    except _UnfitError as error:
+        raise InputError(f"{shown_path(file)}: {array}: {error}") from None
     except DAMAGE as error:
-        if isinstance(error, InputError):
-            raise
         what = f"{array} of the shard" if array else "the shard"
         text = cut(" ".join(str(error).split())) or type(error).__name__
         raise InputError(f"{shown_path(file)}: {what} can't be read ({text}); is it half-written?") from None

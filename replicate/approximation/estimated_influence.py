@@ -1,8 +1,8 @@
 """Which control can move which vertex, where no control can be tried: estimated from training poses (DEVIATIONS D7).
 
 A ridge regression of all offsets on every control and its square says how far each control moves each vertex: the root
-mean square of its two terms over the poses. What such a regression makes of nothing at all is measured along with it:
-every control has a shadow, its own values in other poses, whose effects are noise. A control moves a vertex if its effect
+mean square of its two terms over the poses. What such a regression makes of nothing is measured along with it: every
+control has a shadow, its own values in other poses, whose effects are noise. A control moves a vertex if its effect
 there is larger than TIMES those of all shadows, and than a floor. Whatever controls only do together, which a sum of
 single effects doesn't hold, counts as that noise: so an estimate misses weak effects of controls that act in few poses.
 """
