@@ -6,6 +6,7 @@ here for names and files alone.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -32,6 +33,7 @@ __all__ = [
     "build_rig",
     "character_parts",
     "expression_poses",
+    "forget_folders",
     "import_sampled",
     "load_rig",
     "performance",
@@ -126,6 +128,12 @@ def sampled_parts(folder: Path) -> tuple[SampledRecipe, tuple[Path, ...]]:
 
     found = open_folder(folder)
     return SampledRecipe(found.face), found.files
+
+
+def forget_folders() -> None:
+    """Forget what folders of samples hold, so that shards which came since are seen."""
+    if reader := sys.modules.get("data_recipes.sampled.sample_folder"):  # a second's work to import
+        reader.open_folder.cache_clear()
 
 
 def import_sampled(recipe: SampledRecipe, files: Sequence[Path], target: Path, progress: Callable) -> Rig:

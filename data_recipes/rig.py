@@ -115,6 +115,11 @@ def has_function(rig: Rig) -> bool:
     return getattr(rig, "known_poses", None) is None
 
 
+def frames_per_second(rig: Rig) -> float:
+    """Return how fast a rig's clips are played: 24 frames a second, unless it says otherwise."""
+    return getattr(rig, "frames_per_second", 24.0)
+
+
 def check_rig(rig: Rig, tolerance_mm: float = 1e-3) -> Rig:
     """Return the rig, if its function gives finite vertices of the right shape, and the neutral at the default pose.
 

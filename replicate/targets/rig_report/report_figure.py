@@ -138,6 +138,9 @@ def _draw_controls(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
 
 
 def _draw_face(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes", mesh: Mesh, numbers, renderer) -> None:
+    if numbers.value("pairs", "pairs") is None:
+        _say_unknown(axes, "Where controls interact")
+        return
     corners = numbers.ratio[mesh.faces]
     finite = np.isfinite(corners).any(1)
     ratio = np.full(len(corners), np.nan)
@@ -151,6 +154,9 @@ def _draw_face(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes",
 
 def _draw_pairs(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     lines = numbers.pairs
+    if numbers.value("pairs", "pairs") is None:
+        _say_unknown(axes, "Which controls interact most")
+        return
     axes.barh(range(len(lines)), [line[4] for line in lines], color=SECOND)
     axes.set_yticks(range(len(lines)), [f"{_spoken(line[0])}\n× {_spoken(line[1])}" for line in lines])
     axes.invert_yaxis()
@@ -158,6 +164,13 @@ def _draw_pairs(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     axes.set_xlabel(f"largest mixed difference, mm\n(over 0.1 mm: {100 * share:.0f} % of {count:,.0f} pairs)")
     axes.set_title("Which controls interact most", fontsize=TITLE_PT)
     tidy(axes)
+
+
+def _say_unknown(axes: "matplotlib.axes.Axes", title: str) -> None:
+    axes.set_axis_off()
+    axes.set_title(title, fontsize=TITLE_PT)
+    axes.text(0.5, 0.5, "not known: this rig is known\nby its samples alone", ha="center", va="center",
+              fontsize=SIZE_PT, color=LINE, transform=axes.transAxes)  # fmt: skip
 
 
 def _spoken(control: str) -> str:
@@ -204,12 +217,17 @@ def _words(mesh: Mesh, numbers: Measurements) -> Words:
         for name in BARS
     )
     share, ratio = (numbers.value("pairs", name) or 0.0 for name in ("interacting_share", "mixed_over_single"))
+    tried = (
+        f"{100 * share:.0f} % of the pairs tried change each other's effect by more than 0.1 mm somewhere.",
+        f"Mixed differences of two controls are {100 * ratio:.1f} % of the single ones (root mean squares; grey: no "
+        "pair of the draw moves it).",
+    )
+    if numbers.value("pairs", "pairs") is None:
+        tried = ("How its controls interact is not known.",) * 2
     return Words(
         f"Six panels about the rig {numbers.character}. Mean errors of held-out poses: {fits}. A vertex is moved by "
-        f"{np.median(numbers.controls):.0f} controls (median). {100 * share:.0f} % of the pairs tried change each "
-        "other's effect by more than 0.1 mm somewhere.",
+        f"{np.median(numbers.controls):.0f} controls (median). {tried[0]}",
         f"How hard {numbers.character}'s rig is. Fits see rig parameters and predict coefficients of a PCA basis; "
-        f"{features_text(numbers.value)} The basis alone is what no such fit can beat. Mixed differences of two "
-        f"controls are {100 * ratio:.1f} % of the single ones (root mean squares; grey: no pair of the draw moves it). "
-        "Maps hold the true offsets by least squares.",
+        f"{features_text(numbers.value)} The basis alone is what no such fit can beat. {tried[1]} Maps hold the true "
+        "offsets by least squares.",
     )

@@ -11,6 +11,7 @@ from replicate.timing.timed_names import NODES, PLAIN, RIG, RIGS, in_table_order
 
 PAPER_CPU = {NODES: ("rig", "time_cpu_engine")}  # else (method, time_high_end_cpu)
 MILLION = 1e6
+NO_RIG = "–: a rig that is known by its samples alone; it has no function that could be timed."
 
 
 def tables3(ours: Iterable[Row], paper: Sequence[Row]) -> list[Table]:
@@ -34,6 +35,7 @@ def timing_table(rows: Sequence[Row], paper: Sequence[Row]) -> Table:
     columns = ("one core", "all cores", "paper, CPU") * len(characters)
     notes = (
         _about(rows),
+        *((NO_RIG,) if without_time(rows) else ()),
         "Every approximation contains the rigid step, which runs on the CPU as in the paper.",
         "Plain: the same networks, evaluated by torch as Fig. 3 draws them, a module a segment.",
         "Node by node: the deformers one after the other, as an animation package runs a rig. Compiled: all of them as "
@@ -68,13 +70,21 @@ def details_table(rows: Sequence[Row], character: str) -> Table:
         if cores
         else "×: how many times as fast as the rig.",
         _about(own),
+        *((NO_RIG,) if without_time(own) else ()),
     )
     return Table(f"Times and costs of one pose: {character}", (header,), tuple(body), notes)
 
 
 def names_in(rows: Sequence[Row]) -> list[str]:
-    """Return what is timed, in the order of tables."""
-    return in_table_order(row.method for row in rows if row.metric == f"time_{ALL}")
+    """Return what is timed, in the order of tables; and the rig where it can't be."""
+    timed = {row.method for row in rows if row.metric == f"time_{ALL}"}
+    return in_table_order(timed | ({RIG} if without_time(rows) else set()))
+
+
+def without_time(rows: Sequence[Row]) -> set[str]:
+    """Return the characters that are known by their samples alone: their rig was not timed, and all else was."""
+    timed = {row.character for row in rows if row.method == RIG and row.metric == f"time_{ALL}"}
+    return {row.character for row in rows if row.metric == f"time_{ALL}"} - timed
 
 
 def is_disturbed(rows: Sequence[Row], character: str, name: str, where: str) -> bool:
