@@ -79,9 +79,7 @@ def recipe_file(character: str) -> Path:
 def drags_file(character: str) -> Path:
     """Return the file of a character's drags of control points: drags/<name>.csv beside its recipe, whatever variant.
 
-    Of a folder of samples it is the `drags.csv` in it. A character may have none.
+    A character may have none.
     """
-    if folder := sample_folder(character):
-        return folder / "drags.csv"
     recipe = recipe_file(character)
     return recipe.parent / "drags" / f"{recipe.stem}.csv"
