@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 import rigs
 
-from data_recipes.catalogue import forget_folders, import_sampled, sampled_parts
+from data_recipes.catalogue import expression_poses, forget_folders, import_sampled, sampled_parts
 from replicate import __main__ as cli
+from replicate.approximation.interaction import no_interaction
 from replicate.approximation.samples import SampleSet, choose_poses, write_samples
 from replicate.config import SamplesConfig
+from replicate.drawing.rig_views import open_mouth
 from replicate.engine.exceptions import InputError
 from replicate.engine.progress import progress
 from replicate.engine.stage import stream_rng
 from replicate.export.sample_folder import write_sample_folder
 from replicate.report.results import find, read_results
+from replicate.targets.rig_report import control_pairs
 
 NUMBERS = SamplesConfig(count=200, validation=8)
 CONFIG = """
@@ -120,6 +123,21 @@ def test_what_asks_the_rig_itself_says_so_in_a_sentence(capfd, cache, folder, ta
     assert cli.main([target, "--characters", str(folder)]) == 2
     errors = capfd.readouterr().err.strip().splitlines()
     assert len(errors) == 1 and f"make {target} asks the rig" in errors[0] and not cache.exists()
+
+
+def test_status_knows_of_all_that_such_a_rig_has(capfd, cache, folder):
+    assert cli.main(["status", "--profile", "quick", "--characters", str(folder)]) == 0
+    lines = capfd.readouterr().out
+    assert "table2-tiny_again" in lines and "table4-tiny_again" not in lines
+
+
+def test_expressions_are_known_frames_and_no_pair_of_controls_can_be_tried(again):
+    shown = expression_poses(again)
+    assert list(shown)[0] == "neutral" and len(shown) > 5
+    assert again(np.stack(list(shown.values()))).shape == (len(shown), *again.mesh.neutral.shape)
+    assert control_pairs.strongest_pairs(again, no_interaction(918, len(again.controls))) == []
+    opened = open_mouth(again)
+    assert again.known_poses.find(opened) is not None and np.abs(opened - again.default).max() > 0.3
 
 
 def test_a_place_with_anything_in_it_is_left_alone(tmp_path, tiny):

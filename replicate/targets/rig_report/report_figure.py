@@ -56,18 +56,24 @@ class Measurements:
 def report_figure(
     mesh: Mesh, numbers: Measurements, renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): errors of fits, components, controls a vertex, interaction twice, and map sizes."""
+    """Return (figure, words): errors of fits, components, controls a vertex, map sizes, and interaction twice.
+
+    Without pairs that were tried, the last two are left out.
+    """
     from matplotlib.figure import Figure
 
-    figure = Figure(SIZE, dpi=DPI, layout="constrained")
-    rows = figure.subfigures(3, 1, height_ratios=ROWS)  # each finds room for its own names
-    (errors, components), (controls, maps), (face, pairs) = (row.subplots(1, 2) for row in rows)
+    tried = numbers.value("pairs", "pairs") is not None  # not of a rig that is known by its samples alone
+    heights = ROWS if tried else ROWS[:2]
+    figure = Figure((SIZE[0], SIZE[1] * sum(heights) / sum(ROWS)), dpi=DPI, layout="constrained")
+    rows = figure.subfigures(len(heights), 1, height_ratios=heights)  # each finds room for its own names
+    (errors, components), (controls, maps), *more = (row.subplots(1, 2) for row in rows)
     _draw_errors(errors, numbers)
     _draw_components(components, numbers)
     _draw_controls(controls, numbers)
-    _draw_face(figure, face, mesh, numbers, renderer)
-    _draw_pairs(pairs, numbers)
     _draw_maps(maps, numbers)
+    for face, pairs in more:
+        _draw_face(figure, face, mesh, numbers, renderer)
+        _draw_pairs(pairs, numbers)
     for axes in figure.axes:
         axes.tick_params(which="both", labelsize=SIZE_PT)
         for label in (axes.xaxis.label, axes.yaxis.label):
@@ -138,9 +144,6 @@ def _draw_controls(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
 
 
 def _draw_face(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes", mesh: Mesh, numbers, renderer) -> None:
-    if numbers.value("pairs", "pairs") is None:
-        _say_unknown(axes, "Where controls interact")
-        return
     corners = numbers.ratio[mesh.faces]
     finite = np.isfinite(corners).any(1)
     ratio = np.full(len(corners), np.nan)
@@ -154,9 +157,6 @@ def _draw_face(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes",
 
 def _draw_pairs(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     lines = numbers.pairs
-    if numbers.value("pairs", "pairs") is None:
-        _say_unknown(axes, "Which controls interact most")
-        return
     axes.barh(range(len(lines)), [line[4] for line in lines], color=SECOND)
     axes.set_yticks(range(len(lines)), [f"{_spoken(line[0])}\n× {_spoken(line[1])}" for line in lines])
     axes.invert_yaxis()
@@ -164,13 +164,6 @@ def _draw_pairs(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     axes.set_xlabel(f"largest mixed difference, mm\n(over 0.1 mm: {100 * share:.0f} % of {count:,.0f} pairs)")
     axes.set_title("Which controls interact most", fontsize=TITLE_PT)
     tidy(axes)
-
-
-def _say_unknown(axes: "matplotlib.axes.Axes", title: str) -> None:
-    axes.set_axis_off()
-    axes.set_title(title, fontsize=TITLE_PT)
-    axes.text(0.5, 0.5, "not known: this rig is known\nby its samples alone", ha="center", va="center",
-              fontsize=SIZE_PT, color=LINE, transform=axes.transAxes)  # fmt: skip
 
 
 def _spoken(control: str) -> str:
@@ -222,11 +215,11 @@ def _words(mesh: Mesh, numbers: Measurements) -> Words:
         f"Mixed differences of two controls are {100 * ratio:.1f} % of the single ones (root mean squares; grey: no "
         "pair of the draw moves it).",
     )
-    if numbers.value("pairs", "pairs") is None:
-        tried = ("How its controls interact is not known.",) * 2
+    if untried := numbers.value("pairs", "pairs") is None:
+        tried = ("How its controls interact is not known: this rig is known by its samples alone.",) * 2
     return Words(
-        f"Six panels about the rig {numbers.character}. Mean errors of held-out poses: {fits}. A vertex is moved by "
-        f"{np.median(numbers.controls):.0f} controls (median). {tried[0]}",
+        f"{'Four' if untried else 'Six'} panels about the rig {numbers.character}. Mean errors of held-out poses: {fits}. "
+        f"A vertex is moved by {np.median(numbers.controls):.0f} controls (median). {tried[0]}",
         f"How hard {numbers.character}'s rig is. Fits see rig parameters and predict coefficients of a PCA basis; "
         f"{features_text(numbers.value)} The basis alone is what no such fit can beat. {tried[1]} Maps hold the true "
         "offsets by least squares.",
