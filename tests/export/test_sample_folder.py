@@ -133,7 +133,7 @@ def test_status_knows_of_all_that_such_a_rig_has(capfd, cache, folder):
 
 def test_expressions_are_known_frames_and_no_pair_of_controls_can_be_tried(again):
     shown = expression_poses(again)
-    assert list(shown)[0] == "neutral" and len(shown) > 5
+    assert next(iter(shown)) == "neutral" and len(shown) > 5
     assert again(np.stack(list(shown.values()))).shape == (len(shown), *again.mesh.neutral.shape)
     assert control_pairs.strongest_pairs(again, no_interaction(918, len(again.controls))) == []
     opened = open_mouth(again)

@@ -217,8 +217,9 @@ def _words(mesh: Mesh, numbers: Measurements) -> Words:
     )
     if untried := numbers.value("pairs", "pairs") is None:
         tried = ("How its controls interact is not known: this rig is known by its samples alone.",) * 2
+    panels = "Four" if untried else "Six"
     return Words(
-        f"{'Four' if untried else 'Six'} panels about the rig {numbers.character}. Mean errors of held-out poses: {fits}. "
+        f"{panels} panels about the rig {numbers.character}. Mean errors of held-out poses: {fits}. "
         f"A vertex is moved by {np.median(numbers.controls):.0f} controls (median). {tried[0]}",
         f"How hard {numbers.character}'s rig is. Fits see rig parameters and predict coefficients of a PCA basis; "
         f"{features_text(numbers.value)} The basis alone is what no such fit can beat. {tried[1]} Maps hold the true "
