@@ -7,7 +7,7 @@ here for names and files alone.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,6 +32,7 @@ __all__ = [
     "build_from_parts",
     "build_rig",
     "character_parts",
+    "check_empty",
     "expression_poses",
     "forget_folders",
     "import_sampled",
@@ -42,6 +43,7 @@ __all__ = [
     "sampled_parts",
     "save_rig",
     "with_face_landmarks",
+    "write_folder",
 ]
 
 
@@ -145,6 +147,22 @@ def import_sampled(recipe: SampledRecipe, files: Sequence[Path], target: Path, p
     rig = import_rig(recipe, files, target, progress)
     sampled_rig_file.save_rig(rig, target)
     return rig
+
+
+def write_folder(
+    rig: Rig, folder: Path, total: int, shards: Iterable[Mapping[str, np.ndarray]], progress: Callable | None = None
+) -> None:
+    """Write a rig as a folder of samples (see sampled/writing.py). Raises InputError for a folder that is not empty."""
+    from data_recipes.sampled import writing
+
+    writing.write_folder(rig, folder, total, shards, progress)
+
+
+def check_empty(folder: Path) -> None:
+    """Raise InputError for a place where `write_folder` can't write."""
+    from data_recipes.sampled import writing
+
+    writing.check_empty(folder)
 
 
 def load_rig(folder: Path) -> Rig:

@@ -5,7 +5,10 @@ Light: command lines read it before anything is built.
 
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
+
+from replicate.engine.exceptions import InputError
 
 RECIPES = Path(__file__).resolve().parent
 FACE_FILE = "face.toml"  # of a folder of samples
@@ -74,6 +77,16 @@ def recipe_file(character: str) -> Path:
         return Path(os.path.abspath(name))
     inner = RECIPES / name / f"{name}.toml"  # of a character whose data lies elsewhere
     return inner if name in OUTSIDE and inner.is_file() else RECIPES / f"{name}.toml"
+
+
+def check_function(characters: Sequence[str], command: str, purpose: str) -> None:
+    """Raise InputError for a character that is known by its samples alone, where a command asks rigs for more."""
+    for character in characters:
+        if sample_folder(character):
+            raise InputError(
+                f"{character_label(character)} is known by its samples alone, and {command} asks the rig {purpose}: "
+                "allowed are characters with a function"
+            )
 
 
 def drags_file(character: str) -> Path:

@@ -14,8 +14,11 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
 from data_recipes.controls import Control
+from data_recipes.known_poses import KnownPoses
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
+
+__all__ = ["Clip", "KnownPoses", "Prop", "Rig", "check_rig", "frames_per_second", "has_function"]
 
 Prop = tuple[str, np.ndarray, np.ndarray, np.ndarray]  # name, vertices (k, 3), faces (f, 3), colours (k, 3) uint8
 

@@ -226,35 +226,21 @@ class Config(Checked):
 
     def __post_init__(self):
         super().__post_init__()
-        if folder := sample_folder(self.character):
-            _check_folder(folder)
-            return
-        recipe, (name, _) = recipe_file(self.character), split_character(self.character)
-        if not is_file(recipe) and not name.endswith(".toml"):
+        recipe, folder = recipe_file(self.character), sample_folder(self.character)
+        name, stem = split_character(self.character)[0], folder.name if folder else recipe.stem
+        if not is_file(recipe) and not folder and not name.endswith(".toml"):
             raise InputError(
                 f"character {shown(name)} has no recipe: allowed are {', '.join(character_names())}, "
                 "or the path of a .toml recipe or of a folder of samples"
             )
-        if not re.fullmatch(r"[\w.-]+", recipe.stem) or len(os.fsencode(recipe.stem)) > LONGEST:
+        if not re.fullmatch(r"[\w.-]+", stem) or len(os.fsencode(stem)) > LONGEST:
             raise InputError(
-                f"recipe {shown_path(recipe)}: the name {shown(recipe.stem)} can't name folders: allowed are letters, "
-                f"digits, _, . and -, {LONGEST} of them at most"
+                f"{'folder' if folder else 'recipe'} {shown_path(folder or recipe)}: the name {shown(stem)} can't name "
+                f"folders: allowed are letters, digits, _, . and -, {LONGEST} of them at most"
             )
         if not is_file(recipe):
-            raise InputError(f"{shown_path(recipe)}: there is no such recipe file")
-
-
-def _check_folder(folder: Path) -> None:
-    """Raise InputError for a folder of samples that is not there, or whose name can't name results."""
-    if not re.fullmatch(r"[\w.-]+", folder.name) or len(os.fsencode(folder.name)) > LONGEST:
-        raise InputError(
-            f"folder {shown_path(folder)}: the name {shown(folder.name)} can't name results: allowed are letters, "
-            f"digits, _, . and -, {LONGEST} of them at most"
-        )
-    if not is_file(recipe_file(str(folder))):
-        raise InputError(
-            f"{shown_path(recipe_file(str(folder)))}: there is no such file, which a folder of samples has"
-        )
+            kind = "file, which a folder of samples has" if folder else "recipe file"
+            raise InputError(f"{shown_path(recipe)}: there is no such {kind}")
 
 
 def with_sections(sections: Mapping[str, Checked]) -> type[Config]:

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Float64
 
+from data_recipes.known_poses import INT16_MAX, KnownPoses, create
 from data_recipes.rig import Clip
 from data_recipes.sampled.chosen_points import CONTROL_POINTS, LANDMARKS, POSES, motion_mm, regions_of, spread_out
 from data_recipes.sampled.face_file import FaceFile
-from data_recipes.sampled.known_poses import INT16_MAX, KnownPoses, create
 from data_recipes.sampled.sample_folder import NEUTRAL, SampleFolder, check_size, check_vertices, read_folder
 from data_recipes.sampled.sampled_rig import SampledRig
 from data_recipes.sampled.segment_charts import make_mesh

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from data_recipes.controls import Control
 from data_recipes.function_rig import check_parts
+from data_recipes.known_poses import KnownPoses
 from data_recipes.rig import Clip, Prop
-from data_recipes.sampled.known_poses import KnownPoses
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 

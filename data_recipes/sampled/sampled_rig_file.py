@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from data_recipes.controls import Control
+from data_recipes.known_poses import KnownPoses
 from data_recipes.rig import Clip
-from data_recipes.sampled.known_poses import KnownPoses
 from data_recipes.sampled.sampled_rig import SampledRig
 from replicate.engine.atomic_files import write_text
 from replicate.engine.exceptions import InputError

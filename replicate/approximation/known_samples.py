@@ -10,8 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float32
 
-from data_recipes.rig import Clip
-from data_recipes.sampled.known_poses import KnownPoses
+from data_recipes.rig import Clip, KnownPoses
 from replicate.approximation.sampling import hold_out, split_clips, split_frames
 from replicate.config import SamplesConfig
 from replicate.engine.exceptions import InputError

@@ -19,7 +19,6 @@ from replicate.engine.word_lists import words
 from replicate.report import manifest
 from replicate.report.results import Row, read_results, write_results
 from replicate.report.tables import Table, as_text
-from replicate.targets.options import check_function
 
 PROFILE = "bench"  # the folder's name, and what rows say that no profile made
 
@@ -77,7 +76,7 @@ def split_names(characters: str, asks_the_rig: str = "") -> list[str]:
     if not names:
         raise InputError(f"no character is named: allowed are {', '.join(recipe_paths.character_names())}")
     if asks_the_rig:
-        check_function(names, "this benchmark", asks_the_rig)
+        recipe_paths.check_function(names, "this benchmark", asks_the_rig)
     return names
 
 

@@ -6,11 +6,11 @@ import textwrap
 from collections.abc import Sequence
 
 from data_recipes.catalogue import forget_folders
-from data_recipes.recipe_paths import OUTSIDE
+from data_recipes.recipe_paths import OUTSIDE, check_function
 from replicate.engine.exceptions import InputError
 from replicate.engine.make_options import without_foreign
 from replicate.engine.paths import settle_folders
-from replicate.targets.options import OPTIONS, characters, check_function
+from replicate.targets.options import OPTIONS, characters
 from replicate.targets.target_registry import Target, targets
 
 EPILOG = """\

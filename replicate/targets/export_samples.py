@@ -16,9 +16,10 @@ OPTIONS = ("profile", "characters", "seed", "config", "split", "to")
 
 def run(options: argparse.Namespace) -> None:
     """Write a folder of samples of every character."""
+    from data_recipes.catalogue import check_empty, write_folder
     from replicate.artefacts.built_rig import rig_of
     from replicate.engine.progress import progress
-    from replicate.export.sample_folder import check_empty, write_sample_folder
+    from replicate.export.drawn_shards import drawn_shards
 
     names = characters(options)
     if options.to is not None and len(names) > 1:
@@ -31,5 +32,7 @@ def run(options: argparse.Namespace) -> None:
         usual = paths.run_folder("export") / f"{character_label(character)}_samples"
         folder = Path(options.to).absolute() if options.to is not None else usual
         check_empty(folder)
-        count = write_sample_folder(rig_of(character), folder, config.samples, config.seed, progress)
+        rig = rig_of(character)
+        count, shards = drawn_shards(rig, config.samples, config.seed)
+        write_folder(rig, folder, count, shards, progress)
         print(f"written to {paths.display_path(folder)}: {count:,} poses; `make table2 CHARACTERS={folder}` reads them")

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from data_recipes.recipe_paths import OUTSIDE, character_label, character_names, recipe_file, sample_folder
+from data_recipes.recipe_paths import OUTSIDE, character_label, character_names, recipe_file
 from replicate.capture.capture_config import own as capture_section
 from replicate.config import LARGEST_SEED, Config, resolve
 from replicate.engine import paths
@@ -106,16 +106,6 @@ def characters(options: argparse.Namespace) -> list[str]:
     if not recipes:
         raise InputError(f"no character is named: allowed are {', '.join(character_names())}")
     return [character for _, character in recipes.values()]
-
-
-def check_function(characters: Sequence[str], command: str, purpose: str) -> None:
-    """Raise InputError for a character that is known by its samples alone, where a command asks rigs for more."""
-    for character in characters:
-        if sample_folder(character):
-            raise InputError(
-                f"{character_label(character)} is known by its samples alone, and {command} asks the rig {purpose}: "
-                "allowed are characters with a function"
-            )
 
 
 def seeds(options: argparse.Namespace) -> list[int]:

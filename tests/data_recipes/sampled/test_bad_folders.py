@@ -5,7 +5,8 @@ import time
 
 import numpy as np
 import pytest
-from sample_folders import FACE, faults, obj, shard, vertices_at, write
+from sample_folders import FACE, obj, shard, vertices_at, write
+from spoilt_folders import faults
 
 from data_recipes.sampled.importing import SampledRecipe, import_rig
 from data_recipes.sampled.sample_folder import open_folder, read_folder

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import rigs
 
-from data_recipes.catalogue import expression_poses, forget_folders, import_sampled, sampled_parts
+from data_recipes.catalogue import expression_poses, forget_folders, import_sampled, sampled_parts, write_folder
 from replicate import __main__ as cli
 from replicate.approximation.interaction import no_interaction
 from replicate.approximation.samples import SampleSet, choose_poses, write_samples
@@ -17,7 +17,7 @@ from replicate.drawing.rig_views import open_mouth
 from replicate.engine.exceptions import InputError
 from replicate.engine.progress import progress
 from replicate.engine.stage import stream_rng
-from replicate.export.sample_folder import write_sample_folder
+from replicate.export.drawn_shards import drawn_shards
 from replicate.report.results import find, read_results
 from replicate.targets.rig_report import control_pairs
 
@@ -36,6 +36,13 @@ test_poses = 40
 def rng(stream: str) -> np.random.Generator:
     """Return the generator of a stream of the stage "samples"."""
     return stream_rng(0, "samples", stream)
+
+
+def write_sample_folder(rig, folder, numbers, seed) -> int:
+    """Write a rig's samples; return the number of poses."""
+    count, shards = drawn_shards(rig, numbers, seed)
+    write_folder(rig, folder, count, shards)
+    return count
 
 
 @pytest.fixture(scope="module")
