@@ -27,7 +27,7 @@ PYTHON     ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 # An active environment is used as it is if it has all packages, and .venv otherwise.
 MODULES := anywidget beartype dask_jobqueue distributed filelock ipykernel jax jaxtyping jupyter matplotlib \
 	nbclient nbformat numba numpy onnx onnxruntime pandas PIL psutil pytest xdist pyvista ruff safetensors \
-	sklearn scipy threadpoolctl torch tqdm trimesh
+	sklearn scipy threadpoolctl torch tqdm trimesh xatlas
 COMPLETE := import sys, importlib.util as u; \
 	print(*["yes"] * (sys.version_info >= (3, 11) and all(u.find_spec(m) for m in sys.argv[1:])))
 ACTIVE := $(or $(VIRTUAL_ENV),$(CONDA_PREFIX))
@@ -71,8 +71,8 @@ help: ## print this help
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  %-14s %s\n", $$1, $$2 }' Makefile
 	@echo
 	@echo "  PROFILE=$(PROFILE)    quick, laptop or paper: how many samples and steps"
-	@echo "  CHARACTERS=     names, or paths of .toml recipes, separated by commas or spaces (default: teen;"
-	@echo "                  for what trains nothing, all of teen woman dragon toon)"
+	@echo "  CHARACTERS=     names, or paths of .toml recipes or of folders of samples, separated by commas or spaces"
+	@echo "                  (default: teen; for what trains nothing, all of teen woman dragon toon)"
 	@echo "  METHODS=        the rows of tables: names, or paths of .py files with a method of your own; all for all"
 	@echo "  SEED=  JOBS=  DEVICE=  CONFIG=  SPLIT=  CLUSTER=   as \`python -m replicate table2 --help\` says"
 	@echo "  POSE=  CLIP=  PARAMS=  TO=  TOLERANCE=   as \`python -m replicate export --help\` says"

@@ -6,9 +6,11 @@ here for names and files alone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float32
@@ -22,18 +24,26 @@ from data_recipes.recipe.reading import Recipe, load_recipe, with_clips, without
 from data_recipes.recipe_paths import character_names
 from data_recipes.rig import Rig
 
+if TYPE_CHECKING:
+    from data_recipes.sampled.importing import SampledRecipe
+
 __all__ = [
     "FACE_LANDMARKS",
     "build_from_parts",
     "build_rig",
     "character_parts",
+    "check_empty",
     "expression_poses",
+    "forget_folders",
+    "import_sampled",
     "load_rig",
     "performance",
     "read_clip",
     "rig_names",
+    "sampled_parts",
     "save_rig",
     "with_face_landmarks",
+    "write_folder",
 ]
 
 
@@ -109,11 +119,59 @@ def performance(rig: Rig) -> Float32[np.ndarray, "t m"]:
     return perform_afresh(rig)
 
 
-def load_rig(folder: Path) -> Rig:
-    """Return the rig that `save_rig` wrote. Raises InputError for a damaged or missing one."""
-    from data_recipes import rig_file
+def sampled_parts(folder: Path) -> tuple[SampledRecipe, tuple[Path, ...]]:
+    """Return what the rig of a folder of samples is made from: what its `face.toml` says, and its other files.
 
-    return rig_file.load_rig(Path(folder))
+    Raises InputError for a folder that contradicts itself. What it holds is read once a process: shards that come later
+    belong to the next run.
+    """
+    from data_recipes.sampled.importing import SampledRecipe
+    from data_recipes.sampled.sample_folder import open_folder
+
+    found = open_folder(folder)
+    return SampledRecipe(found.face), found.files
+
+
+def forget_folders() -> None:
+    """Forget what folders of samples hold, so that shards which came since are seen."""
+    if reader := sys.modules.get("data_recipes.sampled.sample_folder"):  # a second's work to import
+        reader.open_folder.cache_clear()
+
+
+def import_sampled(recipe: SampledRecipe, files: Sequence[Path], target: Path, progress: Callable) -> Rig:
+    """Return the rig of what `sampled_parts` gives, and write it into a folder. Raises InputError for bad poses."""
+    from data_recipes.sampled import sampled_rig_file
+    from data_recipes.sampled.importing import import_rig
+
+    target.mkdir(parents=True, exist_ok=True)
+    rig = import_rig(recipe, files, target, progress)
+    sampled_rig_file.save_rig(rig, target)
+    return rig
+
+
+def write_folder(
+    rig: Rig, folder: Path, total: int, shards: Iterable[Mapping[str, np.ndarray]], progress: Callable | None = None
+) -> None:
+    """Write a rig as a folder of samples (see sampled/writing.py). Raises InputError for a folder that is not empty."""
+    from data_recipes.sampled import writing
+
+    writing.write_folder(rig, folder, total, shards, progress)
+
+
+def check_empty(folder: Path) -> None:
+    """Raise InputError for a place where `write_folder` can't write."""
+    from data_recipes.sampled import writing
+
+    writing.check_empty(folder)
+
+
+def load_rig(folder: Path) -> Rig:
+    """Return the rig that `save_rig` or `import_sampled` wrote. Raises InputError for a damaged or missing one."""
+    from data_recipes import rig_file
+    from data_recipes.sampled import sampled_rig_file
+
+    kind = sampled_rig_file if sampled_rig_file.is_sampled(Path(folder)) else rig_file
+    return kind.load_rig(Path(folder))
 
 
 def save_rig(rig: Rig, folder: Path) -> None:

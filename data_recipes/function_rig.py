@@ -12,7 +12,7 @@ from jaxtyping import Float, Float32, Int, UInt8
 from numpy.typing import ArrayLike
 
 from data_recipes.controls import Control
-from data_recipes.rig import Clip, Prop
+from data_recipes.rig import Clip, Prop, Rig
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
@@ -48,7 +48,7 @@ class FunctionRig:
             object.__setattr__(self, "face_mark_regions", self.control_point_regions)
         for field in POINTS:
             object.__setattr__(self, field, np.asarray(getattr(self, field), np.int32))
-        _check(self)
+        check_parts(self)
 
     def __call__(self, params: ArrayLike) -> np.ndarray:
         """Return the vertices (n, 3) or (b, n, 3), float32 mm, of one pose (m,) or a batch (b, m)."""
@@ -122,7 +122,8 @@ class FunctionRig:
         return np.moveaxis(np.concatenate(parts)[:k], 0, 2)
 
 
-def _check(rig: FunctionRig) -> None:
+def check_parts(rig: Rig) -> None:
+    """Raise InputError for a rig whose parts don't fit together: points, regions and clips of other sizes."""
     where, n, m = f"rig '{rig.name}'", len(rig.mesh.neutral), len(rig.controls)
     if m == 0:
         raise InputError(f"{where}: it has no controls, where at least one is needed.")

@@ -1,10 +1,17 @@
-"""Where recipes lie, by the names of their characters. Light: command lines read it before anything is built."""
+"""Where recipes and folders of samples lie, by the names of their characters.
+
+Light: command lines read it before anything is built.
+"""
 
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
+from replicate.engine.exceptions import InputError
+
 RECIPES = Path(__file__).resolve().parent
+FACE_FILE = "face.toml"  # of a folder of samples
 OUTSIDE = {"ict": "ICT_FACEKIT"}  # characters whose data is not in the project → the variable that names its folder
 
 
@@ -14,19 +21,46 @@ def character_names() -> tuple[str, ...]:
     return (*sorted(path.stem for path in RECIPES.glob("*.toml")), *outside)
 
 
+def sample_folder(character: str) -> Path | None:
+    """Return the folder of samples that a character is named by: a path with a slash, or a folder with a `face.toml`.
+
+    None for a character's name and for a recipe. The folder need not be there.
+    """
+    if re.fullmatch(r".*\.toml(@.*)?", character, re.DOTALL) or _is_there(RECIPES / f"{character}.toml"):
+        return None
+    folder = Path(os.path.abspath(character))
+    return folder if "/" in character or _is_there(folder / FACE_FILE) else None
+
+
+def _is_there(file: Path) -> bool:
+    try:
+        return file.exists()
+    except (OSError, ValueError):  # a name that no file can have
+        return False
+
+
 def split_character(character: str) -> tuple[str, tuple[str, ...]]:
-    """Return a character's name or path, and its variants: "teen@one_face" → ("teen", ("one_face",))."""
+    """Return a character's name or path, and its variants: "teen@one_face" → ("teen", ("one_face",)).
+
+    A folder of samples has no variants.
+    """
+    if sample_folder(character):
+        return character, ()
     path, variants = re.fullmatch(r"(.*\.toml|[^@]*)((?:@.*)?)", character, re.DOTALL).groups()
     return path, tuple(variants.split("@")[1:])
 
 
 def character_label(character: str) -> str:
-    """Return what results call a character: the stem of its recipe's file, and its variants."""
+    """Return what results call a character: the stem of its recipe's file, and its variants; a folder's name."""
+    if folder := sample_folder(character):
+        return folder.name
     return "@".join([recipe_file(character).stem, *split_character(character)[1]])
 
 
 def absolute(character: str) -> str:
     """Return a character as it is named from any folder: a path is made absolute, a name stays."""
+    if folder := sample_folder(character):
+        return str(folder)
     name, variants = split_character(character)
     return "@".join([os.path.abspath(name) if name.endswith(".toml") else name, *variants])
 
@@ -34,13 +68,25 @@ def absolute(character: str) -> str:
 def recipe_file(character: str) -> Path:
     """Return the recipe of a character, given by its name or as the path of a `.toml` file of one's own.
 
-    What follows an @ says which variant of it, and leads to the same file.
+    What follows an @ says which variant of it, and leads to the same file. Of a folder of samples it is its face.toml.
     """
+    if folder := sample_folder(character):
+        return folder / FACE_FILE
     name, _ = split_character(character)
     if name.endswith(".toml"):
         return Path(os.path.abspath(name))
     inner = RECIPES / name / f"{name}.toml"  # of a character whose data lies elsewhere
     return inner if name in OUTSIDE and inner.is_file() else RECIPES / f"{name}.toml"
+
+
+def check_function(characters: Sequence[str], command: str, purpose: str) -> None:
+    """Raise InputError for a character that is known by its samples alone, where a command asks rigs for more."""
+    for character in characters:
+        if sample_folder(character):
+            raise InputError(
+                f"{character_label(character)} is known by its samples alone, and {command} asks the rig {purpose}: "
+                "allowed are characters with a function"
+            )
 
 
 def drags_file(character: str) -> Path:

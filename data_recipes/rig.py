@@ -1,7 +1,8 @@
 """The Rig contract: what a character is to the rest of the suite, whoever brings it.
 
 A rig is a mesh, named controls, and a function r(p) from a batch of parameters (b, m) to vertices (b, n, 3) in mm.
-`FunctionRig` makes one of any such function; those that come with the suite are built by `catalogue.build_rig`.
+`FunctionRig` makes one of any such function; those that come with the suite are built by `catalogue.build_rig`. A rig
+whose function stays in another program is known by its samples: `sampled.SampledRig`.
 """
 
 from __future__ import annotations
@@ -13,8 +14,11 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
 from data_recipes.controls import Control
+from data_recipes.known_poses import KnownPoses
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
+
+__all__ = ["Clip", "KnownPoses", "Prop", "Rig", "check_rig", "frames_per_second", "has_function"]
 
 Prop = tuple[str, np.ndarray, np.ndarray, np.ndarray]  # name, vertices (k, 3), faces (f, 3), colours (k, 3) uint8
 
@@ -107,6 +111,16 @@ class Rig(Protocol):
 
     def pose_props(self, params: Float[np.ndarray, " m"]) -> list[Prop]:
         """Return the display-only meshes (eyeballs, brows, …) in the pose (m,), or none."""
+
+
+def has_function(rig: Rig) -> bool:
+    """Return whether a rig gives vertices at any pose; one that is known by its samples does so at these alone."""
+    return getattr(rig, "known_poses", None) is None
+
+
+def frames_per_second(rig: Rig) -> float:
+    """Return how fast a rig's clips are played: 24 frames a second, unless it says otherwise."""
+    return getattr(rig, "frames_per_second", 24.0)
 
 
 def check_rig(rig: Rig, tolerance_mm: float = 1e-3) -> Rig:

@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
-from data_recipes.recipe_paths import character_names, recipe_file, split_character
+from data_recipes.recipe_paths import character_names, recipe_file, sample_folder, split_character
 from replicate.engine.exceptions import InputError
 from replicate.engine.schema import LONGEST, Checked, naming, number, read_table, shown
 from replicate.engine.user_files import is_file, read_toml, shown_path
@@ -226,19 +226,21 @@ class Config(Checked):
 
     def __post_init__(self):
         super().__post_init__()
-        recipe, (name, _) = recipe_file(self.character), split_character(self.character)
-        if not is_file(recipe) and not name.endswith(".toml"):
+        recipe, folder = recipe_file(self.character), sample_folder(self.character)
+        name, stem = split_character(self.character)[0], folder.name if folder else recipe.stem
+        if not is_file(recipe) and not folder and not name.endswith(".toml"):
             raise InputError(
                 f"character {shown(name)} has no recipe: allowed are {', '.join(character_names())}, "
-                "or the path of a .toml recipe"
+                "or the path of a .toml recipe or of a folder of samples"
             )
-        if not re.fullmatch(r"[\w.-]+", recipe.stem) or len(os.fsencode(recipe.stem)) > LONGEST:
+        if not re.fullmatch(r"[\w.-]+", stem) or len(os.fsencode(stem)) > LONGEST:
             raise InputError(
-                f"recipe {shown_path(recipe)}: the name {shown(recipe.stem)} can't name folders: allowed are letters, "
-                f"digits, _, . and -, {LONGEST} of them at most"
+                f"{'folder' if folder else 'recipe'} {shown_path(folder or recipe)}: the name {shown(stem)} can't name "
+                f"folders: allowed are letters, digits, _, . and -, {LONGEST} of them at most"
             )
         if not is_file(recipe):
-            raise InputError(f"{shown_path(recipe)}: there is no such recipe file")
+            kind = "file, which a folder of samples has" if folder else "recipe file"
+            raise InputError(f"{shown_path(recipe)}: there is no such {kind}")
 
 
 def with_sections(sections: Mapping[str, Checked]) -> type[Config]:
@@ -265,10 +267,10 @@ def resolve(
 ) -> Config:
     """Return the configuration of one character: the paper's values, then the profile, a file, and single values.
 
-    character: a name from `recipe_paths.character_names()`, or the path of a recipe. overrides: a nested dict as a TOML
-    file would give. file: a TOML file of overrides. sections: more sections by name, with the profile's values.
-    values: top-level fields, e.g. `seed=3`; None leaves a field.
-    Raises InputError for an unknown profile or key and for a value out of range.
+    character: a name from `recipe_paths.character_names()`, or the path of a recipe or a folder of samples. overrides:
+    a nested dict as a TOML file would give. file: a TOML file of overrides. sections: more sections by name, with the
+    profile's values. values: top-level fields, e.g. `seed=3`; None leaves a field. Raises InputError for an unknown
+    profile or key and for a value out of range.
     """
     check_profile(profile)
     config = read_table(with_sections(sections or {})(character=character, profile=profile), PROFILES[profile])

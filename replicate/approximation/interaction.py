@@ -51,6 +51,13 @@ class Interaction:
         return float((self.mixed_mm[poses].max(0) > limit_mm).mean()) if len(self.pairs) else 0.0
 
 
+def no_interaction(vertices: int, controls: int) -> Interaction:
+    """Return what is known of pairs that nobody can try: nothing."""
+    pairs, alone = np.zeros((0, 2), np.int64), np.zeros((0, controls))
+    nothing = np.zeros((0, vertices))
+    return Interaction(pairs, np.zeros((0, 0)), np.zeros((0, 0), np.int64), alone, nothing, nothing)
+
+
 def acting_steps(rig: Rig, poses: Float[np.ndarray, "b m"]) -> Float64[np.ndarray, " m"]:
     """Return each control's usual step, to the side of its default that poses use more.
 

@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32, Int, Int16
 
-from data_recipes.rig import Rig
+from data_recipes.rig import Rig, has_function
+from replicate.approximation.known_samples import choose_known
 from replicate.approximation.samples_scratch import Scratch
 from replicate.approximation.sampling import (
     augment,
@@ -118,8 +119,11 @@ def choose_poses(
     """Return a rig's poses by part: "training", "validation" and "test".
 
     With clips, the training part is Eq. 5 on the training animation, less the poses held out for validation; without,
-    all three are uniform. rng: a stream's name → its generator.
+    all three are uniform. Of a rig that is known by its samples, all are among these. rng: a stream's name → its
+    generator.
     """
+    if not has_function(rig):
+        return choose_known(rig.known_poses, rig.clips, config, rng)
     if rig.clips is None:
         counts = {"uniform": config.count, "uniform_validation": config.validation, "uniform_test": config.uniform_test}
         poses = [sample_uniform(rig.lower, rig.upper, count, rng(stream)) for stream, count in counts.items()]

@@ -1,11 +1,12 @@
-"""The artefact "rig": a character, built from its recipe, and its mesh alone for those who need no rig."""
+"""The artefact "rig": a character, built from its recipe or read from its samples, and its mesh alone."""
 
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from data_recipes.catalogue import character_parts
+from data_recipes.catalogue import character_parts, sampled_parts
+from data_recipes.recipe_paths import sample_folder
 from data_recipes.rig import Rig
 from replicate.artefacts.plan import Plan
 from replicate.config import resolve
@@ -16,7 +17,7 @@ from replicate.geometry.mesh import Mesh
 
 @dataclass(frozen=True)
 class Character:
-    """Which rig to build: a recipe, free of the place that it lies at."""
+    """Which rig to build: a recipe, or what a folder of samples says, free of the place that it lies at."""
 
     recipe: object
 
@@ -25,6 +26,9 @@ def stage(plan: Plan) -> Stage:
     """Return the stage that builds the plan's character. Raises InputError for a bad recipe."""
     if "rig" in plan:
         return plan["rig"]
+    if folder := sample_folder(plan.config.character):
+        settings, files = sampled_parts(folder)
+        return plan.stage("rig", make_sampled, Character(settings), files=files, per_seed=False)
     recipe, files = character_parts(plan.config.character)
     return plan.stage("rig", make, Character(recipe), files=files, per_seed=False)
 
@@ -37,6 +41,16 @@ def make(context: StageContext) -> None:
     save_rig(rig, context.out / "rig")
     rig.mesh.save(context.out / "mesh.npz")
     context.note(vertices=len(rig.mesh.neutral), faces=len(rig.mesh.faces), parameters=len(rig.controls))
+
+
+def make_sampled(context: StageContext) -> None:
+    """Read the samples of a rig that is known by these alone, and write them with its mesh."""
+    from data_recipes.catalogue import import_sampled
+
+    rig = import_sampled(context.config.recipe, context.files, context.out / "rig", context.progress)
+    rig.mesh.save(context.out / "mesh.npz")
+    sizes = {"vertices": len(rig.mesh.neutral), "faces": len(rig.mesh.faces), "parameters": len(rig.controls)}
+    context.note(**sizes, poses=len(rig.known_poses), source=rig.source, licence=rig.licence)
 
 
 def load(inputs: Mapping[str, Path]) -> Rig:

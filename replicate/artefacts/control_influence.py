@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool
 
-from replicate.artefacts import built_rig
+from data_recipes.recipe_paths import sample_folder
+from replicate.artefacts import built_rig, drawn_samples
 from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
 
@@ -14,7 +15,13 @@ FILE = "influence.npy"
 
 
 def stage(plan: Plan) -> Stage:
-    """Return the stage that tries every control: a fact about the rig, so at poses of its own draw."""
+    """Return the stage that tries every control: a fact about the rig, so at poses of its own draw.
+
+    Of a rig that is known by its samples it is estimated from these.
+    """
+    if sample_folder(plan.config.character):
+        inputs = (built_rig.stage(plan), drawn_samples.stage(plan))
+        return plan.stage("influence", make_estimate, plan.numbers(None), *inputs)
     return plan.stage("influence", make, plan.numbers(plan.config.samples), built_rig.stage(plan))
 
 
@@ -29,6 +36,16 @@ def make(context: StageContext) -> None:
     moves = influence(rig, poses, progress=context.progress)
     np.save(context.out / FILE, moves)
     context.note(poses=len(poses), idle_controls=[rig.controls[k].name for k in np.flatnonzero(~moves.any(0))])
+
+
+def make_estimate(context: StageContext) -> None:
+    """Estimate what every control moves from the training poses (DEVIATIONS D7)."""
+    from replicate.approximation.estimated_influence import estimate_influence
+
+    rig, samples = built_rig.load(context.inputs), drawn_samples.load(context.inputs)
+    moves = estimate_influence(samples, rig.default, context.rng("shadows"), context.progress)
+    np.save(context.out / FILE, moves)
+    context.note(idle_controls=[rig.controls[k].name for k in np.flatnonzero(~moves.any(0))])
 
 
 def load(inputs: Mapping[str, Path]) -> Bool[np.ndarray, "n m"]:

@@ -151,7 +151,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     words = split_names(" ".join(options.methods))
     choose(words)
-    for character in split_names(options.characters):
+    for character in split_names(options.characters, "for vertices and derivatives"):
         config = resolve(character, options.profile, sections=sections(options.profile))
         rows = measure(config, words, options.rounds)
         publish(TABLE, rows, [ik_table(rows, rows[0].character)], command_line)

@@ -123,7 +123,7 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
 
     if any(method not in lbs_fits.OURS for method in options.methods):
         solver_class()
-    for character in split_names(options.characters):
+    for character in split_names(options.characters, "for vertices in poses of its own"):
         rows = rows_of_character(character, options, bench_folder() / f"{TABLE}.csv")
         print(as_text(lbs_table(rows, rows[0].character)) + "\n")
         note(TABLE, [rows[0].character], command_line, options.seeds)

@@ -183,7 +183,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    table_rows = [row for name in split_names(options.characters) for row in _rows_of(name, options, command_line)]
+    table_rows = [
+        row
+        for name in split_names(options.characters, "for vertices in poses of its own")
+        for row in _rows_of(name, options, command_line)
+    ]
     print(as_text(summary(table_rows)))
 
 

@@ -189,7 +189,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     table_rows: list[Row] = []
-    for character in split_names(options.characters):
+    for character in split_names(options.characters, "for its time"):
         rig = rig_of(character)
         table_rows += rows(rig.name, bench(rig, frames_of(rig), options.rounds))
     publish("bench_rig", table_rows, tables(table_rows, options.rounds), command_line)

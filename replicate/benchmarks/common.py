@@ -66,11 +66,17 @@ def answer(parser: argparse.ArgumentParser, body: Callable, arguments: Sequence[
     return guard(lambda: body(*parse(parser, arguments)))
 
 
-def split_names(characters: str) -> list[str]:
-    """Return the characters that a text names, separated by commas or spaces. Raises InputError if there are none."""
+def split_names(characters: str, asks_the_rig: str = "") -> list[str]:
+    """Return the characters that a text names, separated by commas or spaces.
+
+    asks_the_rig: what for the benchmark evaluates rigs at poses of its own. Raises InputError if there are none, and
+    for one that is known by its samples alone where the rig is asked.
+    """
     names = list(dict.fromkeys(words(characters)))
     if not names:
         raise InputError(f"no character is named: allowed are {', '.join(recipe_paths.character_names())}")
+    if asks_the_rig:
+        recipe_paths.check_function(names, "this benchmark", asks_the_rig)
     return names
 
 

@@ -7,10 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from data_recipes.catalogue import character_parts
+from data_recipes.recipe_paths import sample_folder
 from data_recipes.rig import Rig
 from replicate.artefacts import built_rig
 from replicate.artefacts.built_rig import Character
 from replicate.artefacts.plan import Plan
+from replicate.engine.exceptions import InputError
 from replicate.engine.stage import Stage, StageContext
 
 NAME = "landmark_rig"
@@ -20,6 +22,10 @@ def stage(plan: Plan) -> Stage:
     """Return the stage that finds the landmarks on the plan's character."""
     if NAME in plan:
         return plan[NAME]
+    if sample_folder(plan.config.character):
+        raise InputError(
+            f"{plan.character} is known by its samples alone: allowed are characters whose 54 landmarks are known"
+        )
     recipe, files = character_parts(plan.config.character)
     return plan.stage(NAME, make, Character(recipe), built_rig.stage(plan), files=files, per_seed=False)
 

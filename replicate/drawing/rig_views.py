@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from data_recipes.rig import Rig
+from data_recipes.rig import Rig, has_function
 from replicate.drawing.face_sheet import LETTER, WIDE, WIDTH, Cell, cell_width, face_sheet
 from replicate.drawing.panels import DPI
 from replicate.drawing.prop_surfaces import prop_surfaces
@@ -36,12 +36,20 @@ TALL = 1.05  # a view's height over its width
 
 
 def open_mouth(rig: Rig) -> Float32[np.ndarray, " m"]:
-    """Return the parameters of a wide open mouth; the neutral pose for a rig without controls of such names."""
+    """Return the parameters of a wide open mouth; the neutral pose for a rig without controls of such names.
+
+    Of a rig that is known by its samples it is that of them which is nearest to it.
+    """
     shares = (
         next((share for start, share in OPEN.items() if control.name.startswith(start)), 0.0)
         for control in rig.controls
     )
-    return rig.default + np.fromiter(shares, np.float32) * (rig.upper - rig.default)
+    ideal = rig.default + np.fromiter(shares, np.float32) * (rig.upper - rig.default)
+    if has_function(rig) or (ideal == rig.default).all():
+        return ideal
+    known = np.asarray(rig.known_poses.frame_params)
+    away = np.square((known - ideal) / (rig.upper - rig.lower)).sum(axis=1)
+    return known[np.argmin(away)].astype(np.float32)
 
 
 def coloured_views(

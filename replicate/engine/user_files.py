@@ -41,6 +41,8 @@ def read_bytes(file: Path, most_bytes: int) -> bytes:
         raise InputError(f"{name}: there is no such file") from None
     except OSError as error:
         raise InputError(f"{name}: found no readable file ({error.strerror})") from None
+    except InputError:
+        raise
     except ValueError as error:  # a NUL, or what no file system can encode
         raise InputError(f"{name}: no file can have this name ({error})") from None
     if len(data) > most_bytes:

@@ -1,4 +1,4 @@
-"""A clip as glTF: each part gets morph targets, and one animation drives their weights, 24 times a second."""
+"""A clip as glTF: each part gets morph targets, and one animation drives their weights."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +27,11 @@ class Track:
 
 
 def animated_glb(
-    rest: Sequence[Part], frames: Sequence[Float32[np.ndarray, "t _ 3"]], about: dict, tolerance_mm: float
+    rest: Sequence[Part],
+    frames: Sequence[Float32[np.ndarray, "t _ 3"]],
+    about: dict,
+    tolerance_mm: float,
+    frames_per_second: float = FRAMES_PER_SECOND,
 ) -> tuple[bytes, list[Track]]:
     """Return a GLB that plays a clip, and each part's track.
 
@@ -41,7 +45,8 @@ def animated_glb(
             bar.update(1)
 
     def finish(buffers, tree) -> None:
-        _Writer(buffers, tree).animate({part.name: track for part, track in zip(rest, tracks, strict=True)})
+        own = {part.name: track for part, track in zip(rest, tracks, strict=True)}
+        _Writer(buffers, tree).animate(own, frames_per_second)
 
     return glb(rest, about, finish), tracks
 
@@ -61,10 +66,10 @@ class _Writer:
     def __init__(self, buffers, tree: dict):
         self.buffers, self.tree = buffers, tree
 
-    def animate(self, tracks: dict[str, Track]) -> None:
+    def animate(self, tracks: dict[str, Track], frames_per_second: float) -> None:
         """Give every part that moves its targets, a sampler and a channel; all share the frames' times."""
         length = max(len(track.weights) for track in tracks.values())
-        times = self.add(np.arange(length, dtype=np.float32) / np.float32(FRAMES_PER_SECOND), "SCALAR")
+        times = self.add(np.arange(length, dtype=np.float32) / np.float32(frames_per_second), "SCALAR")
         samplers, channels = [], []
         for index, mesh in enumerate(self.tree["meshes"]):
             track = tracks[mesh["name"]]

@@ -7,12 +7,12 @@ import numpy as np
 from jaxtyping import Float32
 
 from data_recipes.catalogue import expression_poses, read_clip
-from data_recipes.rig import Rig
+from data_recipes.rig import Rig, frames_per_second
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.engine.schema import shown
 from replicate.engine.user_files import as_whole_number, check_output_file
-from replicate.export.animation import FRAMES_PER_SECOND, animated_glb
+from replicate.export.animation import animated_glb
 from replicate.export.files import glb, obj, write_whole
 from replicate.export.parts import by_material, moving_parts, posed_parts
 from replicate.poser.saved_pose import read_pose
@@ -81,10 +81,10 @@ def export(rig: Rig, request: Request) -> tuple[list[Path], str]:
         if file.suffix.lower() == ".obj":
             raise InputError(f"{file} can hold one pose, and {name} has {len(poses)}: allowed for a clip is .glb")
         rest, frames = moving_parts(rig, poses)
-        about |= {"clip": about.pop("pose"), "frames_per_second": FRAMES_PER_SECOND}
-        data, tracks = animated_glb(rest, frames, about, request.tolerance_mm)
+        about |= {"clip": about.pop("pose"), "frames_per_second": frames_per_second(rig)}
+        data, tracks = animated_glb(rest, frames, about, request.tolerance_mm, frames_per_second(rig))
         write_whole(file, data)
-        return [file], _summary(poses, tracks, len(data))
+        return [file], _summary(poses, tracks, len(data), frames_per_second(rig))
     head, *props = posed_parts(rig, poses[0])
     words = f"{len(head.vertices):,} vertices and {len(props)} props"
     if file.suffix.lower() == ".glb":
@@ -97,10 +97,10 @@ def export(rig: Rig, request: Request) -> tuple[list[Path], str]:
     return [file, material], words
 
 
-def _summary(poses: np.ndarray, tracks: list, size_bytes: int) -> str:
+def _summary(poses: np.ndarray, tracks: list, size_bytes: int, rate: float) -> str:
     head, worst = len(tracks[0].shapes), max(track.error_mm for track in tracks)
     return (
-        f"{len(poses)} frames at {FRAMES_PER_SECOND} a second; {head} morph targets for the head, "
+        f"{len(poses)} frames at {rate:g} a second; {head} morph targets for the head, "
         f"no vertex more than {worst:.3f} mm off; {size_bytes / 1e6:.1f} MB"
     )
 

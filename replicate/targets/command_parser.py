@@ -5,11 +5,12 @@ import sys
 import textwrap
 from collections.abc import Sequence
 
-from data_recipes.recipe_paths import OUTSIDE
+from data_recipes.catalogue import forget_folders
+from data_recipes.recipe_paths import OUTSIDE, check_function
 from replicate.engine.exceptions import InputError
 from replicate.engine.make_options import without_foreign
 from replicate.engine.paths import settle_folders
-from replicate.targets.options import OPTIONS
+from replicate.targets.options import OPTIONS, characters
 from replicate.targets.target_registry import Target, targets
 
 EPILOG = """\
@@ -37,7 +38,11 @@ def command(arguments: Sequence[str] | None = None) -> None:
     own = without_foreign(words, {f"--{option}" for option in target.options} if target else ())
     options = parser().parse_args(own)
     options.command_line = ["python", "-m", "replicate", *own]
-    targets()[options.target].run(options)
+    forget_folders()  # what they hold now is what this command sees of them
+    target = targets()[options.target]
+    if target.asks_the_rig:
+        check_function(characters(options), f"make {target.name}", target.asks_the_rig)
+    target.run(options)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -2,6 +2,7 @@
 
 import argparse
 
+from data_recipes.recipe_paths import sample_folder
 from replicate.engine import paths
 from replicate.targets.options import OF_A_RUN, configurations, methods
 
@@ -18,7 +19,9 @@ def run(options: argparse.Namespace) -> None:
 
     for config in configurations(options):
         plan, rows = Plan(config), methods(options, config)
-        graphs = [target.stages(plan, rows) for target in targets().values() if target.stages]
+        known_by_samples = sample_folder(config.character) is not None
+        fitting = [one for one in targets().values() if one.stages and not (known_by_samples and one.asks_the_rig)]
+        graphs = [target.stages(plan, rows) for target in fitting]
         for stage, state in states([stage for graph in graphs for stage in graph]):
             print(f"{stage.title:28} {stage.key}  {state}")
     entries = inventory()

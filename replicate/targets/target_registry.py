@@ -18,7 +18,8 @@ class Target:
     about: what it makes, for lists. writes: where. options: those of `options.OPTIONS` that it takes. characters: those
     that it takes if none is named; methods: likewise, None for the standard ones. run: does it. stages: (plan, methods)
     → its graph for one character, its result last; None for a target without one. in_comparison: whether `make compare`
-    shows its CSV.
+    shows its CSV. asks_the_rig: what for it evaluates rigs at poses of its own, which a rig that is known by its
+    samples can't bear; "" if it doesn't.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Target:
     run: Callable[[argparse.Namespace], None]
     stages: Callable | None
     in_comparison: bool
+    asks_the_rig: str
 
 
 def one_character() -> tuple[str, ...]:
@@ -55,5 +57,6 @@ def targets() -> dict[str, Target]:
                 module.run,
                 getattr(module, "stages", None),
                 getattr(module, "IN_COMPARISON", False),
+                getattr(module, "ASKS_THE_RIG", ""),
             )
     return dict(sorted(registry.items(), key=lambda item: (item[1].stages is None, not item[1].in_comparison, item[0])))

@@ -9,6 +9,7 @@ from replicate.targets.options import characters
 ABOUT = "a notebook that takes a rig apart: layers, wrinkles, sliders, derivatives, speed"
 WRITES = "results/runs/tour/"
 OPTIONS = ("characters",)
+ASKS_THE_RIG = "for its layers and its derivative"
 
 
 def run(options: argparse.Namespace) -> None:

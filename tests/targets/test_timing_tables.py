@@ -8,7 +8,14 @@ from replicate.report.tables import as_text
 from replicate.targets.table3.backend_tables import backends_tables
 from replicate.targets.table3.best_times import best_row
 from replicate.targets.table3.frontier_chart import frontier_chart
-from replicate.targets.table3.timing_tables import details_table, label_of, speed_table, tables3, timing_table
+from replicate.targets.table3.timing_tables import (
+    NO_RIG,
+    details_table,
+    label_of,
+    speed_table,
+    tables3,
+    timing_table,
+)
 
 MS = {
     "rig_nodes": 60.0, "rig": 6.0, "coarse": 4.0, "coarse_plain": 8.0, "dense": 2.0, "dense_fast": 1.0,
@@ -46,6 +53,17 @@ def test_a_disturbed_time_is_marked():
     body = {line[0]: line[1] for line in timing_table(rows(p95=1.6), []).body}
     assert body["Dense"] == "~1.50"
     assert "~" not in "".join(map("".join, timing_table(rows(), []).body))
+
+
+def test_a_rig_without_a_function_has_a_dash_and_a_note_says_why():
+    known_by_samples = [row for row in rows("mine") if row.method not in ("rig", "rig_nodes") or row.metric == "cores"]
+    first, *_, details = tables3(known_by_samples, [])
+    for table in (first, details):
+        body = {line[0]: line[1:] for line in table.body}
+        assert set(body["The rig, compiled"]) == {"–"} and NO_RIG in table.notes
+    both = timing_table([*rows(), *known_by_samples], [])
+    assert {line[0]: line[4] for line in both.body}["The rig, compiled"] == "–"
+    assert NO_RIG not in timing_table(rows(), []).notes
 
 
 def test_speed_ups_are_over_both_evaluations_of_the_rig():

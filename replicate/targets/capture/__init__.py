@@ -30,6 +30,7 @@ from replicate.targets.running import make
 ABOUT = "landmarks of an actor's face, as CSV, drive a character: an animated GLB, parameters, and a strip of frames"
 WRITES = "results/runs/capture/"
 OPTIONS = (*OF_A_RUN, "landmarks")
+ASKS_THE_RIG = "where its 54 landmarks are"
 
 
 def stages(plan: Plan, methods: Sequence[Method] = (), landmarks: Path | None = None) -> list[Stage]:

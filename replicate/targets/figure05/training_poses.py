@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Int
 
-from data_recipes.rig import Clip, Rig
+from data_recipes.rig import Clip, Rig, frames_per_second
 from replicate.drawing.panels import Words, panel_grid, save_figure
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 POSES = 8
 FRAMES = 10
-FRAMES_PER_SECOND = 24
 LARGEST_BYTES = 95_000  # seven of these pictures, for four characters, make one notebook of less than 1 MB
 POSES_HEADER = ("pose", "sample", "control", "value", "lower", "upper")
 CLIPS_HEADER = ("kind", "clip", "frames", "shown_frame", "time_s")
@@ -93,16 +92,14 @@ def clip_strips(
     rig: Rig, width: int = 122, height: int = 150, renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): a strip of frames of the first clip of each kind, in clay."""
-    kinds, titles = clip_kinds(rig.clips), []
+    kinds, titles, rate = clip_kinds(rig.clips), [], frames_per_second(rig)
     posed = [[_surfaces(rig, clip.values[k]) for k in shown_frames(clip)] for clip in kinds.values()]
     view = _view_of_all(rig, [surfaces for strip in posed for surfaces in strip], width / height)
     rows = [[render(surfaces, view, width, height, renderer=renderer) for surfaces in strip] for strip in posed]
     for clip in kinds.values():
         frames = shown_frames(clip)
-        titles.append([f"{k / FRAMES_PER_SECOND:.1f} s" for k in frames])
-    strips = ", ".join(
-        f"{kind} ({clip.name}, {len(clip.values) / FRAMES_PER_SECOND:.1f} s)" for kind, clip in kinds.items()
-    )
+        titles.append([f"{k / rate:.1f} s" for k in frames])
+    strips = ", ".join(f"{kind} ({clip.name}, {len(clip.values) / rate:.1f} s)" for kind, clip in kinds.items())
     return panel_grid(rows, titles, tuple(kinds)), Words(
         f"{len(kinds)} strips of clay renders of {rig.name}, {FRAMES} frames each, time from left to right: {strips}.",
         f"The animation of {rig.name} that Eq. 5 multiplies: the first clip of each kind, {FRAMES} frames spread "
@@ -124,7 +121,7 @@ def save_clips(rig: Rig, stem: Path) -> None:
     figure, words = clip_strips(rig)
     save_figure(figure, stem.with_suffix(".png"), words, LARGEST_BYTES)
     lines = (
-        (kind, clip.name, len(clip.values), k, k / FRAMES_PER_SECOND)
+        (kind, clip.name, len(clip.values), k, k / frames_per_second(rig))
         for kind, clip in clip_kinds(rig.clips).items()
         for k in shown_frames(clip)
     )

@@ -19,6 +19,7 @@ from replicate.targets.running import make
 ABOUT = "faces that inverse kinematics poses for dragged control points: the rig and its approximations"
 WRITES = "results/runs/<profile>/"
 OPTIONS = OF_A_RUN
+ASKS_THE_RIG = "for vertices in the poses that inverse kinematics finds"
 SHOWN = ("refined", "dense", "regional")
 
 

@@ -22,6 +22,7 @@ from replicate.targets.running import make
 ABOUT = "performance capture where the truth is known: a rig's landmarks, with noise, drive itself and another face"
 WRITES = "results/runs/<profile>/"
 OPTIONS = (*OF_A_RUN, "methods")
+ASKS_THE_RIG = "to perform, and for vertices in the poses that drive it"
 METHODS = (refined.METHOD.name,)
 ACTORS = ("woman", "teen")  # who performs besides: the first that is another character
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from data_recipes.rig import Rig
+from data_recipes.rig import Rig, has_function
 from replicate.artefacts import built_rig, control_influence, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
@@ -35,14 +35,22 @@ def stage(plan: Plan) -> Stage:
 
 
 def make(context: StageContext) -> None:
-    """Measure how pairs of controls that move one segment interact, from the default pose and from some test poses."""
+    """Measure how pairs of controls that move one segment interact, from the default pose and from some test poses.
+
+    A rig that is known by its samples alone can't be tried.
+    """
     from replicate.approximation.evaluation import unique_poses
-    from replicate.approximation.interaction import acting_steps, draw_pairs, interaction
+    from replicate.approximation.interaction import acting_steps, draw_pairs, interaction, no_interaction
 
     section, inputs = context.config.section, context.inputs
     rig, samples, influence = built_rig.load(inputs), drawn_samples.load(inputs), control_influence.load(inputs)
     frames = samples.test_params[unique_poses(samples.test_params)]
     some = context.rng("poses").choice(len(frames), min(section.poses, len(frames)), replace=False)
+    if not has_function(rig):
+        differences = no_interaction(len(rig.mesh.neutral), len(rig.controls))
+        np.savez(context.out / FILE, **{entry.name: getattr(differences, entry.name) for entry in fields(differences)})
+        context.note(pairs=0, poses=0)
+        return
     segments = rigid_segments.load_coarse_segments(inputs, rig.mesh)
     pairs = draw_pairs([segment.parameters for segment in segments], section.count, context.rng("pairs"))
     poses = np.concatenate([rig.default[None], frames[np.sort(some)]])
@@ -64,6 +72,8 @@ def strongest_pairs(rig: Rig, pairs: "replicate.approximation.interaction.Intera
 
     The lengths are the largest of any vertex: of the mixed difference, and of either control alone from that pose.
     """
+    if not len(pairs.mixed_mm):
+        return []
     row = pairs.mixed_mm.argmax(0)  # (q,), the pose
     largest = pairs.mixed_mm.max(0)
     lines = []

@@ -56,18 +56,24 @@ class Measurements:
 def report_figure(
     mesh: Mesh, numbers: Measurements, renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): errors of fits, components, controls a vertex, interaction twice, and map sizes."""
+    """Return (figure, words): errors of fits, components, controls a vertex, map sizes, and interaction twice.
+
+    Without pairs that were tried, the last two are left out.
+    """
     from matplotlib.figure import Figure
 
-    figure = Figure(SIZE, dpi=DPI, layout="constrained")
-    rows = figure.subfigures(3, 1, height_ratios=ROWS)  # each finds room for its own names
-    (errors, components), (controls, maps), (face, pairs) = (row.subplots(1, 2) for row in rows)
+    tried = numbers.value("pairs", "pairs") is not None  # not of a rig that is known by its samples alone
+    heights = ROWS if tried else ROWS[:2]
+    figure = Figure((SIZE[0], SIZE[1] * sum(heights) / sum(ROWS)), dpi=DPI, layout="constrained")
+    rows = figure.subfigures(len(heights), 1, height_ratios=heights)  # each finds room for its own names
+    (errors, components), (controls, maps), *more = (row.subplots(1, 2) for row in rows)
     _draw_errors(errors, numbers)
     _draw_components(components, numbers)
     _draw_controls(controls, numbers)
-    _draw_face(figure, face, mesh, numbers, renderer)
-    _draw_pairs(pairs, numbers)
     _draw_maps(maps, numbers)
+    for face, pairs in more:
+        _draw_face(figure, face, mesh, numbers, renderer)
+        _draw_pairs(pairs, numbers)
     for axes in figure.axes:
         axes.tick_params(which="both", labelsize=SIZE_PT)
         for label in (axes.xaxis.label, axes.yaxis.label):
@@ -204,12 +210,18 @@ def _words(mesh: Mesh, numbers: Measurements) -> Words:
         for name in BARS
     )
     share, ratio = (numbers.value("pairs", name) or 0.0 for name in ("interacting_share", "mixed_over_single"))
+    tried = (
+        f"{100 * share:.0f} % of the pairs tried change each other's effect by more than 0.1 mm somewhere.",
+        f"Mixed differences of two controls are {100 * ratio:.1f} % of the single ones (root mean squares; grey: no "
+        "pair of the draw moves it).",
+    )
+    if untried := numbers.value("pairs", "pairs") is None:
+        tried = ("How its controls interact is not known: this rig is known by its samples alone.",) * 2
+    panels = "Four" if untried else "Six"
     return Words(
-        f"Six panels about the rig {numbers.character}. Mean errors of held-out poses: {fits}. A vertex is moved by "
-        f"{np.median(numbers.controls):.0f} controls (median). {100 * share:.0f} % of the pairs tried change each "
-        "other's effect by more than 0.1 mm somewhere.",
+        f"{panels} panels about the rig {numbers.character}. Mean errors of held-out poses: {fits}. "
+        f"A vertex is moved by {np.median(numbers.controls):.0f} controls (median). {tried[0]}",
         f"How hard {numbers.character}'s rig is. Fits see rig parameters and predict coefficients of a PCA basis; "
-        f"{features_text(numbers.value)} The basis alone is what no such fit can beat. Mixed differences of two "
-        f"controls are {100 * ratio:.1f} % of the single ones (root mean squares; grey: no pair of the draw moves it). "
-        "Maps hold the true offsets by least squares.",
+        f"{features_text(numbers.value)} The basis alone is what no such fit can beat. {tried[1]} Maps hold the true "
+        "offsets by least squares.",
     )

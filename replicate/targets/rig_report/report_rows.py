@@ -89,6 +89,8 @@ def _control_entries(influence: np.ndarray, vertices: Mapping[str, np.ndarray]) 
 
 def _pair_entries(pairs: "replicate.approximation.interaction.Interaction") -> Iterator[Entry]:
     poses = len(pairs.mixed_mm)
+    if not poses:
+        return  # of a rig that can't be tried
     yield Entry("pairs", "pairs", "count", len(pairs.pairs))
     kinds = {"": slice(None), "[default]": slice(0, 1), "[animation]": slice(1, None)}
     for kind, rows in kinds.items():

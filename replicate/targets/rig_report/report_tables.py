@@ -13,6 +13,7 @@ from replicate.targets.rig_report.method_names import LABELS, features_text
 TABLE = "rig_report"
 STATISTICS = ("mean", "p95", "max")
 KINDS = (("vertex", "mm", "Distance error, mm"), ("normal", "deg", "Normal angle error, degrees"))
+UNTRIED = "–: a rig that is known by its samples alone; no pair of its controls can be tried."
 COUNTS = {
     "99 % of variance": "99 % of the variance",
     "99.9 % of variance": "99.9 %",
@@ -44,7 +45,9 @@ def report_table(rows: Sequence[Row]) -> Table:
         _line(rows, characters, f"{size}×{size} texels a segment", "maps", f"normal_error_mean[{size}]", "deg")
         for size in map_sizes(rows)
     ]
-    return Table("How hard is a rig?", (("", *characters),), tuple(body), (_about(rows),))
+    tried = {row.character for row in rows if row.method == "pairs"}
+    notes = (_about(rows), *((UNTRIED,) if set(characters) - tried else ()))
+    return Table("How hard is a rig?", (("", *characters),), tuple(body), notes)
 
 
 def errors_table(rows: Sequence[Row], character: str) -> Table:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from data_recipes.catalogue import expression_poses
-from data_recipes.rig import Rig
+from data_recipes.rig import Rig, has_function
 from replicate.drawing.characters import expression_sheet
 from replicate.drawing.panels import save_figure
 from replicate.targets.rigs.rig_sheet import line_up, rig_sheet
@@ -19,7 +19,8 @@ COLUMNS = 6
 def draw_sheets(rig: Rig, folder: Path, renderer: str | None = None) -> list[Path]:
     """Draw a rig's two sheets into a folder and return the files; `rig`: any that keeps the Rig contract."""
     poses = expression_poses(rig)
-    selection = {name: poses[name] for name in EXPRESSIONS if name in poses}
+    own = EXPRESSIONS if has_function(rig) else poses
+    selection = {name: poses[name] for name in own if name in poses}
     sheets = {
         "sheet": rig_sheet(rig, renderer=renderer),
         "expressions": expression_sheet(rig, selection, COLUMNS, width=240, height=262, renderer=renderer),

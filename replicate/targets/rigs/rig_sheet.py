@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from data_recipes.rig import Rig
+from data_recipes.rig import Rig, has_function
 from replicate.drawing.characters import BACKGROUND, character_surfaces
 from replicate.drawing.panels import DPI, GAP, MARGIN, TITLE, Words, panel_grid
 from replicate.drawing.prop_surfaces import prop_surfaces
@@ -78,10 +78,10 @@ def line_up(
     """Return (figure, words): the rigs side by side at rest, from the front and from three quarters."""
     rows = [[_portrait(rig, view, width, height, renderer) for rig in rigs] for view in ("front", "three_quarter")]
     words = ", ".join(rig.name for rig in rigs)
+    kind = ", procedural heads" if all(map(has_function, rigs)) else ""
     return panel_grid(rows, [rig.name for rig in rigs]), Words(
         f"Renders of {len(rigs)} characters at rest, from the front and from three quarters: {words}.",
-        f"The characters, procedural heads, at rest: {words}. Paint, hair, brows, horns and eyeballs are for display "
-        "only.",
+        f"The characters{kind}, at rest: {words}. Paint, hair, brows, horns and eyeballs are for display only.",
     )
 
 

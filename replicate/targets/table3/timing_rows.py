@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from data_recipes.rig import Rig
+from data_recipes.rig import Rig, has_function
 from replicate.approximation.evaluation import unique_poses
 from replicate.approximation.rigid import attach
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments
@@ -67,9 +67,11 @@ def metrics(times: Times) -> list[tuple[str, float]]:
 def ways_of(settings: TimingNumbers, inputs: Mapping[str, Path], rig: Rig) -> dict[str, Way]:
     """Return all that is timed by name: the rig compiled and, where it has nodes, node by node; every method, as the
     suite evaluates it and by all other backends; and the rigid step alone, which all approximations contain.
+
+    A rig that is known by its samples alone has no time.
     """
     mesh, attachments = rig.mesh, rigid_segments.load(inputs)
-    ways = {RIG: Way(rig)}
+    ways = {RIG: Way(rig)} if has_function(rig) else {}
     if run_nodes := getattr(rig, "run_nodes", None):
         ways[NODES] = Way(run_nodes, NODES_EVERY)
     models = dict(settings.models)

@@ -14,6 +14,8 @@ from replicate.timing.timed_names import NODES, PARTS, RIG, RIGS, in_table_order
 
 PAPER_CPU = {NODES: ("rig", "time_cpu_engine")}  # else (method, time_high_end_cpu)
 MILLION = 1e6
+PERCENTILES = ("p05", "median", "p95")
+NO_RIG = "–: a rig that is known by its samples alone; it has no function that could be timed."
 
 
 def tables3(ours: Iterable[Row], paper: Sequence[Row]) -> list[Table]:
@@ -40,6 +42,7 @@ def timing_table(rows: Sequence[Row], paper: Sequence[Row]) -> Table:
     columns = ("one core", "all cores", "paper, CPU") * len(characters)
     notes = (
         _about(rows),
+        *((NO_RIG,) if without_time(rows) else ()),
         "Of each method it is the best of all evaluations of the same weights, to 1e-3 mm, with the rigid step.",
         "Node by node: the deformers one after the other, as an animation package runs a rig. Compiled: all of them as "
         "one function, which no closed rig allows.",
@@ -82,7 +85,7 @@ def details_table(rows: Sequence[Row], character: str) -> Table:
     for name in names_in(own):
         best = best_row(own, character, name, ALL)
         ratios = [_over(value(rig, f"time_{ALL}"), best and best.value) for rig in RIGS]
-        spread = [round_off(value(best.method, f"{kind}_{ALL}"), "ms") for kind in ("p05", "median", "p95")]
+        spread = [round_off(value(best.method if best else name, f"{kind}_{ALL}"), "ms") for kind in PERCENTILES]
         count = value(name, "multiplications")
         millions = "–" if count is None else f"{count / MILLION:,.1f}"
         body.append((label_of(name), *ratios, *spread, millions, round_off(value(name, "model_size"), "MB")))
@@ -94,13 +97,21 @@ def details_table(rows: Sequence[Row], character: str) -> Table:
         if cores
         else "×: how many times as fast as the rig.",
         _about(own),
+        *((NO_RIG,) if without_time(own) else ()),
     )
     return Table(f"Times and costs of one pose: {character}", (header,), tuple(body), notes)
 
 
 def names_in(rows: Sequence[Row]) -> list[str]:
-    """Return the rigs, methods and parts that are timed, in the order of tables."""
-    return in_table_order({parted(row.method)[0] for row in rows if row.metric == f"time_{ALL}"})
+    """Return the rigs, methods and parts that are timed, in the order of tables; and the rig where it can't be."""
+    timed = {parted(row.method)[0] for row in rows if row.metric == f"time_{ALL}"}
+    return in_table_order(timed | ({RIG} if without_time(rows) else set()))
+
+
+def without_time(rows: Sequence[Row]) -> set[str]:
+    """Return the characters that are known by their samples alone: their rig was not timed, and all else was."""
+    timed = {row.character for row in rows if row.method == RIG and row.metric == f"time_{ALL}"}
+    return {row.character for row in rows if row.metric == f"time_{ALL}"} - timed
 
 
 def _over(rig: float | None, time: float | None) -> str:

@@ -19,6 +19,7 @@ from replicate.targets.table4.posing_numbers import PosingNumbers, Source
 ABOUT = "Table 4: errors of every method in poses that inverse kinematics finds for dragged control points"
 WRITES = "results/runs/<profile>/"
 OPTIONS = (*OF_A_RUN, "methods")
+ASKS_THE_RIG = "for vertices in the poses that inverse kinematics finds"
 IN_COMPARISON = True
 FILE = "table4.csv"
 OWN_GRADIENTS = ("Toothless",)  # of the paper's characters: each method is fed by networks trained through itself

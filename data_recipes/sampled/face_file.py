@@ -1,0 +1,108 @@
+"""What `face.toml` says of a folder of samples: name, unit, axes, segments, and where the eyes and the points are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from replicate.engine.exceptions import InputError
+from replicate.engine.schema import Checked, identifier, naming, number, numbers, read_table, shown
+from replicate.engine.user_files import read_toml, shown_path
+
+FACE_FILE = "face.toml"
+MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
+MESH_ENDINGS = (".obj", ".glb")
+FAR = 1e6  # in the file's unit: where no point of a face is
+LONGEST_TEXT = 500  # characters of a note
+MOST_POINTS = 100
+LANDMARKS_AT_LEAST = 3
+
+
+@dataclass(frozen=True)
+class Points(Checked):
+    """Vertices by index, from 0: those that samples are balanced by, and those that inverse kinematics drags.
+
+    control_points: region → vertices. What is empty is chosen by a rule.
+    """
+
+    landmarks: tuple[int, ...] = field(default=(), metadata={"range": (0, None), "optional": True})
+    control_points: dict = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.landmarks and not LANDMARKS_AT_LEAST <= len(self.landmarks) <= MOST_POINTS:
+            raise InputError(
+                f"landmarks has {len(self.landmarks)} vertices: allowed are {LANDMARKS_AT_LEAST} to {MOST_POINTS}"
+            )
+        for region, vertices in self.control_points.items():
+            if not region.isprintable() or not _is_list_of_vertices(vertices):
+                requirement = f"one to {MOST_POINTS} different vertices for each region"
+                raise InputError(f"control_points.{shown(region)} is {shown(vertices)}: allowed are {requirement}")
+        every = [vertex for vertices in self.control_points.values() for vertex in vertices]
+        for name, indices in (("landmarks", self.landmarks), ("control_points", every)):
+            if twice := next((vertex for vertex in indices if list(indices).count(vertex) > 1), None):
+                raise InputError(f"{name} has vertex {twice} twice: allowed is once")
+        # lists as tuples, so that what is stored and read again is equal
+        own = {region: tuple(vertices) for region, vertices in self.control_points.items()}
+        object.__setattr__(self, "control_points", own)
+
+
+def _is_list_of_vertices(value: Any) -> bool:
+    return (
+        isinstance(value, (list, tuple))
+        and 0 < len(value) <= MOST_POINTS
+        and all(isinstance(item, int) and not isinstance(item, bool) and 0 <= item < 2**31 for item in value)
+    )
+
+
+@dataclass(frozen=True)
+class FaceFile(Checked):
+    """A folder's `face.toml`.
+
+    unit, up: of mesh and poses alike. mesh: a file of the folder. segments: what of the mesh they are. eyes: the middle
+    between the eyeballs, in the file's unit and axes, or () for a place that its size suggests.
+    """
+
+    name: str = identifier()
+    unit: Literal["mm", "cm", "m", "in"] = field()
+    up: Literal["y", "z"] = field()
+    mesh: str = field()
+    segments: Literal["groups", "materials", "islands"] = field()
+    frames_per_second: float = number(24.0, 1.0, 1_000.0)
+    source: str = ""
+    licence: str = ""
+    eyes: tuple[float, ...] = numbers((), 3, -FAR, FAR, optional=True)
+    points: Points = Points()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.mesh != Path(self.mesh).name or Path(self.mesh).suffix.lower() not in MESH_ENDINGS:
+            endings = " or ".join(MESH_ENDINGS)
+            raise InputError(f"mesh is {shown(self.mesh)}: allowed is the name of a file of this folder, {endings}")
+        for name in ("source", "licence"):
+            text = getattr(self, name)
+            if not (text.isprintable() and len(text) <= LONGEST_TEXT):
+                raise InputError(f"{name} is {shown(text)}: allowed is one line of {LONGEST_TEXT} characters at most")
+
+    @property
+    def mm(self) -> float:
+        """How many millimetres the unit has."""
+        return MM[self.unit]
+
+    def to_ours(self, points: Float[np.ndarray, "*b 3"]) -> Float[np.ndarray, "*b 3"]:
+        """Return points of the files in mm and our axes: y up, z forwards. Nothing is moved."""
+        if self.up == "z":  # the face looks along -y
+            points = np.stack([points[..., 0], points[..., 2], -points[..., 1]], axis=-1)
+        return points * self.mm
+
+
+def read_face(folder: Path) -> FaceFile:
+    """Return what a folder's `face.toml` says. Raises InputError, naming file and key, for what is not allowed."""
+    file = folder / FACE_FILE
+    table = read_toml(file)
+    with naming(shown_path(file)):
+        return read_table(FaceFile, table)

@@ -1,0 +1,183 @@
+"""From a mesh file to our mesh: a segment and one place in a chart for every vertex, with new charts where needed.
+
+A vertex belongs to the segment of most of its faces, unless a group of an OBJ names it. It takes the texture
+coordinates that most of its corners in faces of that segment have, so vertices on a seam are not split: they lie on one
+side of it, and the mesh keeps the order and the number of vertices of the poses. Charts are stretched over the unit
+square, but for those that nearly fill it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from data_recipes.sampled.chart_overlap import covered_and_doubled
+from data_recipes.sampled.mesh_file import NO_LABEL, NeutralFile
+from replicate.engine.exceptions import InputError
+from replicate.geometry.mesh import Mesh
+from replicate.geometry.normals import degenerate_faces
+
+MOST_SEGMENTS = 300
+MOST_OVERLAP = 0.02  # of the texels that a segment covers: how many may be covered twice
+FULL = 0.9  # of the unit square, along an axis: what needs no stretching
+LEAST_COVER = 0.15  # of the unit square: what a segment's charts cover at least
+LONGEST_NAME = 60
+WITHOUT_NAME = "rest"
+
+
+def make_mesh(neutral: NeutralFile, segments: str, vertices_mm: Float[np.ndarray, "n 3"], where: str) -> Mesh:
+    """Return the mesh of a file. segments: "groups", "materials" or "islands". vertices_mm: in our axes.
+
+    Faces without an area in the neutral pose are left out. Raises InputError, beginning with `where`, for islands of a
+    mesh without texture coordinates, for too many segments, and for a mesh without a face that has an area.
+    """
+    check_segments(neutral, segments, where)
+    vertices = np.asarray(vertices_mm, np.float32)
+    solid = ~degenerate_faces(vertices, neutral.faces.astype(np.int32))
+    every_label, names = face_segments(neutral, segments)
+    faces, labels = neutral.faces[solid], every_label[solid]
+    if not len(faces):
+        raise InputError(f"{where}: no face has an area: allowed is a surface")
+    segment = _most(faces, labels, len(vertices))
+    alone = segment < 0  # only in faces without an area
+    segment[alone] = _most(neutral.faces, every_label, len(vertices))[alone]
+    if segments == "groups":
+        for name, members in neutral.members.items():
+            if name in names:
+                segment[members] = names.index(name)
+    uv = np.empty((len(vertices), 2))
+    for k in np.unique(segment):
+        own = np.flatnonzero(segment == k)
+        uv[own] = _chart(neutral, vertices, np.flatnonzero(solid)[labels == k], own)
+    used, segment = np.unique(segment, return_inverse=True)
+    clean = _clean_names([names[k] for k in used])
+    return Mesh(vertices, faces.astype(np.int32), uv.astype(np.float32), segment.astype(np.int32), clean)
+
+
+def check_segments(neutral: NeutralFile, segments: str, where: str) -> None:
+    """Raise InputError where a mesh can't have such segments."""
+    if segments == "islands" and neutral.uv is None:
+        raise InputError(
+            f'{where}: it has no texture coordinates, which segments = "islands" needs: allowed are "groups" and '
+            '"materials", whose charts are then made, or a mesh with them'
+        )
+    count = len(face_segments(neutral, segments)[1])
+    if count > MOST_SEGMENTS:
+        raise InputError(f"{where}: found {count} {segments}: allowed are {MOST_SEGMENTS} segments at most")
+
+
+def face_segments(neutral: NeutralFile, segments: str) -> tuple[Int[np.ndarray, " f"], list[str]]:
+    """Return each face's segment and the segments' names, in the order of the file; islands the largest first."""
+    if segments == "islands":
+        return _islands(neutral)
+    labels = neutral.groups if segments == "groups" else neutral.materials
+    names = list(dict.fromkeys(labels))
+    place = {name: k for k, name in enumerate(names)}
+    return np.array([place[label] for label in labels], np.int64), names
+
+
+def _islands(neutral: NeutralFile) -> tuple[Int[np.ndarray, " f"], list[str]]:
+    """Return the connected parts of the texture's layout: faces that share an edge there are in one."""
+    corners = neutral.uv_faces
+    edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]])
+    graph = coo_array((np.ones(len(edges)), edges.T), shape=(len(neutral.uv), len(neutral.uv)))
+    _, island = connected_components(graph, directed=False)
+    used, of_face, sizes = np.unique(island[corners[:, 0]], return_inverse=True, return_counts=True)
+    order = np.argsort(-sizes, kind="stable")
+    rank = np.empty(len(used), np.int64)
+    rank[order] = np.arange(len(used))
+    return rank[of_face], [f"island_{k + 1:02d}" for k in range(len(used))]
+
+
+def _most(faces: np.ndarray, labels: np.ndarray, count: int) -> np.ndarray:
+    """Return the label that most of a vertex's faces have; −1 for a vertex without a face."""
+    width = int(labels.max()) + 1
+    votes = coo_array((np.ones(faces.size, np.int64), (faces.ravel(), np.repeat(labels, 3))), shape=(count, width))
+    votes = votes.tocsr()
+    best = np.full(count, -1, np.int64)
+    for vertex in np.flatnonzero(np.diff(votes.indptr)):
+        own = slice(votes.indptr[vertex], votes.indptr[vertex + 1])
+        numbers, columns = votes.data[own], votes.indices[own]
+        best[vertex] = columns[numbers == numbers.max()].min()
+    return best
+
+
+def _chart(
+    neutral: NeutralFile, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, " g"], own: Int[np.ndarray, " k"]
+) -> Float[np.ndarray, "k 2"]:
+    """Return the places of a segment's vertices in the unit square. faces: indices of its faces; own: its vertices."""
+    if not len(faces):
+        return np.full((len(own), 2), 0.5)
+    if neutral.uv is not None:
+        corners, places = neutral.uv[neutral.uv_faces[faces]], neutral.uv_faces[faces]
+        is_own = np.isin(neutral.faces[faces], own)  # of other segments' vertices a chart needn't know
+        if is_own.any():
+            corners = stretched(corners, corners[is_own])
+            covered, doubled = covered_and_doubled(corners[is_own.all(axis=1)])
+            if not is_own.all(axis=1).any() or (doubled <= MOST_OVERLAP and covered >= LEAST_COVER):
+                return one_place(neutral.faces[faces][is_own], places[is_own], corners[is_own], own)
+    return made_chart(vertices, neutral.faces[faces], own)
+
+
+def stretched(uv: Float[np.ndarray, "*b 2"], box: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "*b 2"]:
+    """Return texture coordinates in the unit square, stretched along each axis so that those of `box` fill it.
+
+    A box within the unit square that spans FULL of it along both axes stays as it is.
+    """
+    low, high = box.min(axis=0), box.max(axis=0)
+    if not ((low >= 0).all() and (high <= 1).all() and (high - low >= FULL).all()):
+        uv = (uv - low) / np.where(high > low, high - low, 1.0)
+    return np.clip(uv, 0.0, 1.0)
+
+
+def one_place(
+    vertex: Int[np.ndarray, " c"],
+    place: Int[np.ndarray, " c"],
+    uv: Float[np.ndarray, "c 2"],
+    own: Int[np.ndarray, " k"],
+) -> Float[np.ndarray, "k 2"]:
+    """Return for each of some vertices the coordinates that most of its corners have, the first of the file on a tie.
+
+    vertex, uv: of each corner. place: equal where corners have the same coordinates. A vertex of no corner gets the
+    middle.
+    """
+    pairs, first, counts = np.unique(np.stack([vertex, place], 1), axis=0, return_index=True, return_counts=True)
+    order = np.lexsort((first, -counts, pairs[:, 0]))
+    best, at = np.unique(pairs[order, 0], return_index=True)
+    result = np.full((int(max(own.max(), vertex.max())) + 1, 2), 0.5)
+    result[best] = uv[first[order][at]]
+    return result[own]
+
+
+def made_chart(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "g 3"], own: Int[np.ndarray, " k"]
+) -> Float[np.ndarray, "k 2"]:
+    """Return places in charts that xatlas makes and packs into the unit square (the faces of one segment)."""
+    import xatlas  # not for those whose mesh has charts
+
+    used, inner = np.unique(faces, return_inverse=True)
+    inner = inner.reshape(-1, 3).astype(np.uint32)
+    of_new, corners, uv = xatlas.parametrize(np.ascontiguousarray(vertices[used], np.float32), inner)
+    places = np.asarray(corners, np.int64).reshape(-1, 3)
+    if not len(places):
+        return np.full((len(own), 2), 0.5)
+    corners = np.asarray(uv, float)[places].reshape(-1, 2)
+    return one_place(used[of_new[places]].ravel(), places.ravel(), stretched(corners, corners), own)
+
+
+def _clean_names(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names of letters, digits, _ and - that differ."""
+    clean: list[str] = []
+    for name in names:
+        stem = re.sub(r"[^\w-]+", "_", name, flags=re.ASCII).strip("_")[:LONGEST_NAME] if name != NO_LABEL else ""
+        own, k = stem or WITHOUT_NAME, 1
+        while own in clean:
+            k += 1
+            own = f"{stem or WITHOUT_NAME}_{k}"
+        clean.append(own)
+    return tuple(clean)

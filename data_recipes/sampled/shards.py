@@ -1,0 +1,245 @@
+"""The shards of a folder of samples: files of poses with their vertices, checked by their headers before any is read.
+
+A shard is an npz, or a set of npy files NAME.params.npy, NAME.vertices.npy and so on. Nothing of them is unpickled, and
+no array is allocated before its size is known to agree with its file's.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import BufferedIOBase
+from pathlib import Path
+
+import numpy as np
+
+from replicate.engine.exceptions import InputError
+from replicate.engine.schema import cut, shown
+from replicate.engine.user_files import shown_path
+
+FOLDER = "poses"
+NEEDED, OPTIONAL = ("params", "vertices"), ("clip", "frame", "drawn")
+ARRAYS = (*NEEDED, *OPTIONAL)
+UNFINISHED = ".part"
+MOST_FILES = 20_000
+MOST_BYTES = 1_000_000_000  # of an array: it is read as a whole
+LONGEST_CLIP = 100  # letters of a clip's name
+KINDS = {"params": "f", "vertices": "f", "clip": "U", "frame": "iu", "drawn": "b"}
+WORDS = {
+    "f": "numbers of float16, float32 or float64",
+    "U": f"texts of {LONGEST_CLIP} letters at most",
+    "iu": "whole numbers",
+    "b": "true or false (bool)",
+}
+_PAIR = re.compile(r"(.+)\.(" + "|".join(ARRAYS) + r")\.npy")
+DAMAGE = (OSError, EOFError, ValueError, KeyError, RuntimeError, NotImplementedError, struct.error, zlib.error,
+          zipfile.BadZipFile)  # fmt: skip
+
+
+class _UnfitError(ValueError):
+    """An array is whole and not allowed."""
+
+
+@dataclass(frozen=True)
+class Header:
+    """An array's shape and type, as its file states them."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype
+
+
+@dataclass(frozen=True)
+class Shard:
+    """A file of poses, or several that belong together.
+
+    name: of the file, or the NAME of several. files: by array, one npz for all of them. headers: by array. poses: t.
+    """
+
+    name: str
+    files: Mapping[str, Path]
+    headers: Mapping[str, Header]
+
+    @property
+    def poses(self) -> int:
+        """How many poses it has."""
+        return self.headers["params"].shape[0]
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """Its files, each once."""
+        return tuple(dict.fromkeys(self.files.values()))
+
+    def read(self, name: str) -> np.ndarray:
+        """Return one of its arrays. Raises InputError for a file that is damaged, or has changed since."""
+        file = self.files[name]
+        with _reading(file, name), _stream(file, name) as (stream, size):
+            header = _header(stream, size)
+            if header != self.headers[name]:
+                raise ValueError("it has changed since the run was started")
+            count = int(np.prod(header.shape))
+            data = stream.read(count * header.dtype.itemsize + 1)
+            if len(data) != count * header.dtype.itemsize:
+                raise ValueError("it ends too early")
+            order = "F" if _is_fortran(file, name) else "C"
+            return np.frombuffer(data, header.dtype).reshape(header.shape, order=order)
+
+
+def shard_files(folder: Path) -> tuple[Path, ...]:
+    """Return the files of a folder's `poses` that belong to shards, by name.
+
+    Those that end in .part, and those whose names begin with a dot, are left out. Raises InputError, naming the file,
+    for any other that is no npz or npy, or no regular file.
+    """
+    place = folder / FOLDER
+    where = shown_path(place)
+    try:
+        names = sorted(entry.name for entry in os.scandir(place))
+    except OSError as error:
+        raise InputError(f"{where}: found no readable folder of poses ({error.strerror})") from None
+    names = [name for name in names if not name.startswith(".") and not name.endswith(UNFINISHED)]
+    if len(names) > MOST_FILES:
+        raise InputError(f"{where}: found {len(names):,} files: allowed are {MOST_FILES:,} at most")
+    for name in names:
+        if not (name.endswith(".npz") or _PAIR.fullmatch(name)):
+            endings = f"NAME.npz, NAME.params.npy with NAME.vertices.npy, and names that end in {UNFINISHED}"
+            raise InputError(f"{where}: found {shown(name)}: allowed are {endings}")
+        _check_kind(place / name)
+    if not names:
+        raise InputError(f"{where}: found no shard of poses: allowed is one at least, NAME.npz")
+    return tuple(place / name for name in names)
+
+
+def read_shards(files: Sequence[Path], controls: int, vertices: int) -> tuple[Shard, ...]:
+    """Return the shards that files are, by name, after their headers.
+
+    controls, vertices: m and n. Raises InputError, naming the file and the array, for anything that is no shard of such
+    a rig.
+    """
+    groups: dict[str, dict[str, Path]] = {}
+    for file in files:
+        if pair := _PAIR.fullmatch(file.name):
+            groups.setdefault(pair[1], {})[pair[2]] = file
+        else:
+            groups[file.name] = dict.fromkeys(_names_in(file), file)
+            if not groups[file.name]:
+                raise InputError(f"{shown_path(file)}: it is empty: allowed are shards with params and vertices")
+    return tuple(_shard(name, own, controls, vertices) for name, own in groups.items())
+
+
+def _check_kind(file: Path) -> None:
+    try:
+        mode = os.stat(file).st_mode
+    except OSError as error:
+        raise InputError(f"{shown_path(file)}: found no readable file ({error.strerror})") from None
+    if not stat.S_ISREG(mode):
+        raise InputError(f"{shown_path(file)} is no regular file: allowed are regular files")
+
+
+def _names_in(file: Path) -> list[str]:
+    with _reading(file, ""), zipfile.ZipFile(_open(file)) as archive:
+        names = [info.filename.removesuffix(".npy") for info in archive.infolist()]
+    wrong = next((name for name in names if name not in ARRAYS or names.count(name) > 1), None)
+    if wrong is not None:
+        raise InputError(
+            f"{shown_path(file)}: found the array {shown(wrong)}: allowed are {', '.join(ARRAYS)}, each once"
+        )
+    return names
+
+
+def _shard(name: str, files: dict[str, Path], controls: int, vertices: int) -> Shard:
+    where = shown_path(next(iter(files.values()), Path(name)).parent / name)
+    if missing := [array for array in NEEDED if array not in files]:
+        raise InputError(f"{where}: it has no array {missing[0]}: allowed are shards with params and vertices")
+    headers = {}
+    for array, file in files.items():
+        with _reading(file, array), _stream(file, array) as (stream, size):
+            headers[array] = _header(stream, size)
+    t = headers["params"].shape[0] if headers["params"].shape else 0
+    shapes = {"params": (t, controls), "vertices": (t, vertices, 3)}
+    about = {
+        "params": f": {controls} controls",
+        "vertices": f": as many poses as params, {vertices} vertices of the mesh",
+    }
+    for array, header in headers.items():
+        expectation = shapes.get(array, (t,))
+        if header.shape != expectation or t == 0:
+            allowed = "one pose at least" if t == 0 else f"{expectation}{about.get(array, ', one a pose')}"
+            raise InputError(f"{where}: {array} has the shape {cut(str(header.shape))}: allowed is {allowed}")
+        kind, size = KINDS[array], header.dtype.itemsize
+        if header.dtype.kind not in kind or (kind == "f" and size > 8) or (kind == "U" and size > 4 * LONGEST_CLIP):
+            raise InputError(f"{where}: {array} holds {header.dtype}: allowed are {WORDS[kind]}")
+    if ("clip" in headers) != ("frame" in headers):
+        raise InputError(f"{where}: it has only one of clip and frame: allowed are both or neither")
+    if "drawn" in headers and "clip" not in headers:
+        raise InputError(f"{where}: it has drawn without clip and frame: allowed is drawn beside them")
+    return Shard(name, files, headers)
+
+
+def _open(file: Path) -> BufferedIOBase:
+    descriptor = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    return open(descriptor, "rb")
+
+
+@contextmanager
+def _stream(file: Path, name: str) -> Iterator[tuple[BufferedIOBase, int]]:
+    """Yield an array's bytes and their number."""
+    with _open(file) as plain:
+        if not file.name.endswith(".npz"):
+            yield plain, os.fstat(plain.fileno()).st_size
+            return
+        with zipfile.ZipFile(plain) as archive:
+            info = archive.getinfo(f"{name}.npy")
+            with archive.open(info) as stream:
+                yield stream, info.file_size
+
+
+def _read_header(stream: BufferedIOBase) -> tuple[tuple[int, ...], bool, np.dtype]:
+    version = np.lib.format.read_magic(stream)
+    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    if version not in readers:
+        raise ValueError(f"its format is {version}")
+    return readers[version](stream)
+
+
+def _header(stream: BufferedIOBase, size: int) -> Header:
+    """Return the header at a stream's place, which is then behind it. size: the bytes of header and array together."""
+    shape, _, dtype = _read_header(stream)
+    if dtype.hasobject:
+        raise _UnfitError("it holds Python objects: allowed are numbers and texts")
+    length = dtype.itemsize
+    for number in shape:
+        length *= number
+    if length > MOST_BYTES:
+        raise _UnfitError(
+            f"it has {length / 1e9:.1f} GB, where {MOST_BYTES / 1e9:g} GB are allowed: write smaller shards"
+        )
+    if stream.tell() + length != size:
+        raise ValueError("its file is shorter or longer than its header says")
+    return Header(tuple(shape), dtype)
+
+
+def _is_fortran(file: Path, name: str) -> bool:
+    with _stream(file, name) as (stream, _):
+        return _read_header(stream)[1]
+
+
+@contextmanager
+def _reading(file: Path, array: str) -> Iterator[None]:
+    """Turn what a damaged file raises into one sentence."""
+    try:
+        yield
+    except InputError:
+        raise
+    except _UnfitError as error:
+        raise InputError(f"{shown_path(file)}: {array}: {error}") from None
+    except DAMAGE as error:
+        what = f"{array} of the shard" if array else "the shard"
+        text = cut(" ".join(str(error).split())) or type(error).__name__
+        raise InputError(f"{shown_path(file)}: {what} can't be read ({text}); is it half-written?") from None

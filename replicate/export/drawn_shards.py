@@ -1,0 +1,56 @@
+"""The poses of a rig that is written as a folder of samples (data_recipes/sampled).
+
+They are those of §3.5: every frame of the clips, and poses that Eq. 5 draws from the training frames of a split,
+each with the frame that it was drawn from. Read with the same seed, split and configuration, they give the same
+training, validation and test poses as the rig itself.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float32, Int
+
+from data_recipes.rig import Rig
+from replicate.approximation.samples import PARTS, choose_poses
+from replicate.config import SamplesConfig
+from replicate.engine.stage import stream_rng
+
+POSES_A_SHARD = 256
+STAGE = "samples"  # whose random streams the poses are drawn from
+
+
+def drawn_shards(rig: Rig, config: SamplesConfig, seed: int) -> tuple[int, Iterator[dict[str, np.ndarray]]]:
+    """Return the number of a rig's samples, and the arrays of each shard without its vertices.
+
+    seed: that whose poses they are.
+    """
+    parts = choose_poses(rig, config, lambda stream: stream_rng(seed, STAGE, stream))
+    if rig.clips is None:
+        every = np.concatenate([parts[part] for part in PARTS])
+        return len(every), _in_shards({"params": every})
+    clips = [np.asarray(clip.values, np.float32) + np.float32(0) for clip in rig.clips]
+    frames = np.concatenate(clips)
+    names = np.repeat([clip.name for clip in rig.clips], [len(values) for values in clips])
+    numbers = np.concatenate([np.arange(len(values)) for values in clips])
+    drawn = parts["training"]
+    source = _sources(frames, parts, config, seed)
+    acted = {"params": frames, "clip": names, "frame": numbers}
+    random = {"params": drawn, "clip": names[source], "frame": numbers[source], "drawn": np.ones(len(drawn), bool)}
+    return len(frames) + len(drawn), (shard for arrays in (acted, random) for shard in _in_shards(arrays))
+
+
+def _sources(
+    frames: Float32[np.ndarray, "a m"], parts: dict[str, np.ndarray], config: SamplesConfig, seed: int
+) -> Int[np.ndarray, " count"]:
+    """Return which frame each training pose was drawn from.
+
+    Eq. 5 takes the frames first thing from its stream, out of the animation less what is held out: the same draw again.
+    """
+    held_out = {pose.tobytes() for part in PARTS[1:] for pose in parts[part]}
+    kept = np.flatnonzero([pose.tobytes() not in held_out for pose in frames])
+    return kept[stream_rng(seed, STAGE, "augment").integers(len(kept), size=len(parts["training"]))]
+
+
+def _in_shards(arrays: dict[str, np.ndarray]) -> Iterator[dict[str, np.ndarray]]:
+    for first in range(0, len(arrays["params"]), POSES_A_SHARD):
+        yield {name: array[first : first + POSES_A_SHARD] for name, array in arrays.items()}

@@ -1,0 +1,38 @@
+"""A rig as a folder of samples, which other programs can read, and this one: the format of rigs without a function."""
+
+import argparse
+from pathlib import Path
+
+from data_recipes.recipe_paths import character_label
+from replicate.config import resolve
+from replicate.engine import paths
+from replicate.engine.exceptions import InputError
+from replicate.targets.options import characters, seeds
+
+ABOUT = "a rig as a folder of samples: mesh, controls, clips and poses drawn as training draws them"
+WRITES = "results/runs/export/, or TO"
+OPTIONS = ("profile", "characters", "seed", "config", "split", "to")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Write a folder of samples of every character."""
+    from data_recipes.catalogue import check_empty, write_folder
+    from replicate.artefacts.built_rig import rig_of
+    from replicate.engine.progress import progress
+    from replicate.export.drawn_shards import drawn_shards
+
+    names = characters(options)
+    if options.to is not None and len(names) > 1:
+        raise InputError(f"{len(names)} characters can't all be written to {options.to}: name one, or leave out to")
+    if len(seeds(options)) > 1:
+        raise InputError("several seeds are named: allowed is one, whose poses are written")
+    file, overrides = Path(options.config) if options.config else None, {"samples": {"split": options.split}}
+    for character in names:
+        config = resolve(character, options.profile, overrides if options.split else None, file, seed=seeds(options)[0])
+        usual = paths.run_folder("export") / f"{character_label(character)}_samples"
+        folder = Path(options.to).absolute() if options.to is not None else usual
+        check_empty(folder)
+        rig = rig_of(character)
+        count, shards = drawn_shards(rig, config.samples, config.seed)
+        write_folder(rig, folder, count, shards, progress)
+        print(f"written to {paths.display_path(folder)}: {count:,} poses; `make table2 CHARACTERS={folder}` reads them")

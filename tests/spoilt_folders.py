@@ -1,0 +1,304 @@
+"""What can be wrong with a folder of samples, by the hundred: functions that spoil a good one."""
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from sample_folders import CONTROLS, FACE, neutral, obj, shard
+
+HUGE = "9" * 400
+Fault = Callable[[Path], None]
+
+
+def _text(name: str, old: str, new: str) -> Fault:
+    def fault(folder: Path) -> None:
+        text = (folder / name).read_text()
+        assert old in text, (name, old)
+        (folder / name).write_text(text.replace(old, new, 1))
+
+    return fault
+
+
+def _bytes(name: str, data: bytes) -> Fault:
+    return lambda folder: (folder / name).write_bytes(data) and None
+
+
+def _arrays(change: Callable[[dict], None], name: str = "001.npz") -> Fault:
+    def fault(folder: Path) -> None:
+        file = folder / "poses" / name
+        with np.load(file) as stored:
+            arrays = dict(stored)
+        change(arrays)
+        np.savez(file, **arrays)
+
+    return fault
+
+
+def _set(name: str, value: Callable[[np.ndarray], np.ndarray]) -> Fault:
+    return _arrays(lambda arrays: arrays.__setitem__(name, value(arrays[name])))
+
+
+def _put(array: np.ndarray, place: tuple, value: float) -> np.ndarray:
+    array = array.copy()
+    array[place] = value
+    return array
+
+
+def _instead(name: str, make: Callable[[Path], None]) -> Fault:
+    def fault(folder: Path) -> None:
+        file = folder / name
+        shutil.rmtree(file) if file.is_dir() else file.unlink()
+        make(file)
+
+    return fault
+
+
+def _cut(name: str, share: float) -> Fault:
+    def fault(folder: Path) -> None:
+        data = (folder / name).read_bytes()
+        (folder / name).write_bytes(data[: int(len(data) * share)])
+
+    return fault
+
+
+def _pair(**arrays: np.ndarray) -> Fault:
+    def fault(folder: Path) -> None:
+        for name, array in arrays.items():
+            np.save(folder / "poses" / f"pair.{name}.npy", array)
+
+    return fault
+
+
+SPECIAL = {
+    "a folder": lambda file: file.mkdir(),
+    "a pipe": lambda file: os.mkfifo(file),
+    "a device": lambda file: file.symlink_to("/dev/zero"),
+    "a loop": lambda file: file.symlink_to(file),
+    "missing": lambda file: None,
+    "a link to nothing": lambda file: file.symlink_to("nowhere"),
+}
+
+
+def _special() -> dict[str, Fault]:
+    names = ("face.toml", "controls.csv", "mesh.obj", "poses/001.npz")
+    pairs = [(name, what) for name in names for what in SPECIAL]
+    pairs.remove(("poses/001.npz", "missing"))  # a shard less is no fault
+    return {f"{name} is {what}": _instead(name, SPECIAL[what]) for name, what in pairs}
+
+
+def _toml() -> dict[str, Fault]:
+    values = {
+        "name": ('""', '"a b"', "3", '"' + "n" * 300 + '"'),
+        "unit": ('"km"', "10", '"MM"', "nan"),
+        "up": ('"x"', "2"),
+        "mesh": ('"mesh.fbx"', '"../mesh.obj"', '"/etc/mesh.obj"', "[]", '"other.obj"', '"mesh\\u0000.obj"'),
+        "segments": ('"parts"', "true"),
+    }
+    faults = {
+        f"{key} = {value[:20]}": _text(
+            "face.toml", next(x for x in FACE.splitlines() if x.startswith(key)), f"{key} = {value}"
+        )
+        for key, options in values.items()
+        for value in options
+    }
+    for line in FACE.splitlines():
+        faults[f"without {line}"] = _text("face.toml", line, "")
+    more = {
+        "an unknown key": "units = 3",
+        "no frames a second": "frames_per_second = 0",
+        "frames a second as text": 'frames_per_second = "24"',
+        "eyes of two numbers": "eyes = [0, 1]",
+        "eyes that are NaN": "eyes = [0, 1, nan]",
+        "two lines of licence": 'licence = "a\\nb"',
+        "a long source": f'source = "{"s" * 600}"',
+        "a landmark that is no vertex": "[points]\nlandmarks = [1, 2, 30]",
+        "a landmark below zero": "[points]\nlandmarks = [1, 2, -1]",
+        "two landmarks": "[points]\nlandmarks = [1, 2]",
+        "a landmark twice": "[points]\nlandmarks = [1, 2, 2]",
+        "landmarks in fractions": "[points]\nlandmarks = [1, 2, 2.5]",
+        "control points that are a list": "[points]\ncontrol_points = [1, 2]",
+        "control points without vertices": "[points.control_points]\nmouth = []",
+        "a control point that is no vertex": "[points.control_points]\nmouth = [30]",
+        "a control point of two regions": "[points.control_points]\nmouth = [3]\nbrows = [3]",
+        "a control point by name": '[points.control_points]\nmouth = ["chin"]',
+        "no TOML": "= =",
+    }
+    return faults | {what: _text("face.toml", FACE, f"{FACE}{text}\n") for what, text in more.items()}
+
+
+def _csv() -> dict[str, Fault]:
+    line = "jaw,0,0,1,mouth"
+    cases = {
+        "another header": ("name,lower,default,upper,region", "name,min,default,max,region"),
+        "no header": ("name,lower,default,upper,region\n", ""),
+        "a control twice": ("smile,", "jaw,"),
+        "an empty range": (line, "jaw,1,1,1,mouth"),
+        "a range upside down": (line, "jaw,1,0,0,mouth"),
+        "a default out of range": (line, "jaw,0,2,1,mouth"),
+        "a text in a number": (line, "jaw,zero,0,1,mouth"),
+        "a limit that is NaN": (line, "jaw,nan,0,1,mouth"),
+        "a limit that is infinite": (line, "jaw,0,0,inf,mouth"),
+        "a limit beyond all": (line, f"jaw,0,0,{HUGE},mouth"),
+        "four columns": (line, "jaw,0,0,1"),
+        "six columns": (line, "jaw,0,0,1,mouth,x"),
+        "no name": (line, ",0,0,1,mouth"),
+        "a long name": (line, f"{'j' * 70},0,0,1,mouth"),
+        "a control too few": (line + "\n", ""),
+        "a control too many": (line, line + "\nnod,0,0,1,head"),
+        "a quote without end": (line, '"jaw,0,0,1,mouth'),
+        "a name with a tab": (line, "ja\tw,0,0,1,mouth"),
+    }
+    faults = {f"controls: {what}": _text("controls.csv", *pair) for what, pair in cases.items()}
+    return faults | {
+        "controls: empty": _bytes("controls.csv", b""),
+        "controls: no UTF-8": _bytes("controls.csv", CONTROLS.encode("utf-16")),
+        "controls: a header alone": _bytes("controls.csv", CONTROLS.splitlines()[0].encode()),
+    }
+
+
+def _mesh() -> dict[str, Fault]:
+    quad = "f 1/1 2/2 7/7 6/6"
+    cases = {
+        "a face out of range": (quad, "f 1/1 2/2 31/7 6/6"),
+        "a face of vertex 0": (quad, "f 0/1 2/2 7/7 6/6"),
+        "a face before all vertices": (quad, "f -31/1 2/2 7/7 6/6"),
+        "a UV out of range": (quad, "f 1/1 2/2 7/31 6/6"),
+        "a corner without UV": (quad, "f 1 2/2 7/7 6/6"),
+        "a polygon without UVs": (quad, "f 1 2 7 6"),
+        "a vertex twice in a polygon": (quad, "f 1/1 1/1 7/7 6/6"),
+        "a polygon of two corners": (quad, "f 1/1 2/2"),
+        "a vertex in no face": ("vt 0.0 0.0", "v 1 2 3\nvt 0.0 0.0"),
+        "a coordinate as text": ("v -90.0 -100.0", "v west -100.0"),
+        "a coordinate that is NaN": ("v -90.0 -100.0", "v nan -100.0"),
+        "a coordinate beyond all": ("v -90.0 -100.0", f"v {HUGE} -100.0"),
+        "two coordinates": ("v -90.0 -100.0 24.0", "v -90.0 -100.0"),
+        "a UV that is infinite": ("vt 0.0 0.0", "vt inf 0.0"),
+        "a UV of one number": ("vt 0.0 0.0", "vt 0.0"),
+        "a point that is no vertex": ("g lower", "g lower\np 99"),
+        "a vertex number in words": (quad, "f one/1 2/2 7/7 6/6"),
+    }
+    faults = {f"mesh: {what}": _text("mesh.obj", *pair) for what, pair in cases.items()}
+    no_uv = obj(with_uv=False).encode()
+
+    def islands(folder: Path) -> None:
+        (folder / "mesh.obj").write_bytes(no_uv)
+        _text("face.toml", '"groups"', '"islands"')(folder)
+
+    def glb(data: bytes) -> Fault:
+        def fault(folder: Path) -> None:
+            (folder / "mesh.glb").write_bytes(data)
+            _text("face.toml", "mesh.obj", "mesh.glb")(folder)
+
+        return fault
+
+    return faults | {
+        "mesh: islands without UVs": islands,
+        "mesh: empty": _bytes("mesh.obj", b""),
+        "mesh: vertices alone": _bytes("mesh.obj", b"v 0 0 0\nv 1 0 0\n"),
+        "mesh: binary": _bytes("mesh.obj", b"\x89PNG\r\n\x1a\n\xff\xfe"),
+        "mesh: a GLB that is none": glb(b"not a GLB"),
+        "mesh: a GLB that is cut": glb(b"glTF\x02\0\0\0\xff\xff\0\0"),
+        "mesh: an empty GLB": glb(b""),
+    }
+
+
+def _shards() -> dict[str, Fault]:
+    big = np.zeros((4, 30, 3), np.float32)
+    return {
+        "NaN in vertices": _set("vertices", lambda v: _put(v, (3, 4, 1), np.nan)),
+        "infinity in vertices": _set("vertices", lambda v: _put(v, (3, 4, 1), np.inf)),
+        "NaN in params": _set("params", lambda p: _put(p, (3, 1), np.nan)),
+        "infinity in params": _set("params", lambda p: _put(p, (3, 1), -np.inf)),
+        "huge params": _set("params", lambda p: _put(p, (3, 1), 1e6)),
+        "vertices of another mesh": _set("vertices", lambda v: v[:, :-1]),
+        "vertices in two dimensions": _set("vertices", lambda v: v[..., :2]),
+        "vertices as a table": _set("vertices", lambda v: v.reshape(len(v), -1)),
+        "a control too few in params": _set("params", lambda p: p[:, :-1]),
+        "a control too many in params": _set("params", lambda p: np.concatenate([p, p[:, :1]], axis=1)),
+        "a pose too few in params": _set("params", lambda p: p[:-1]),
+        "a pose too few in vertices": _set("vertices", lambda v: v[:-1]),
+        "params of one dimension": _set("params", lambda p: p[:, 0]),
+        "params of none": _set("params", lambda p: p[0, 0]),
+        "no poses": _arrays(lambda a: a.update({name: array[:0] for name, array in a.items()})),
+        "whole numbers for params": _set("params", lambda p: p.astype(int)),
+        "texts for params": _set("params", lambda p: p.astype(str)),
+        "complex vertices": _set("vertices", lambda v: v.astype(complex)),
+        "Python objects": _set("clip", lambda c: c.astype(object)),
+        "bytes for clips": _set("clip", lambda c: c.astype(bytes)),
+        "a clip's name of a thousand letters": _set("clip", lambda c: np.array(["c" * 1000] * len(c))),
+        "frames in fractions": _set("frame", lambda f: f + 0.5),
+        "frames below zero": _set("frame", lambda f: f - 100),
+        "frames too few": _set("frame", lambda f: f[:-1]),
+        "drawn as numbers": _set("drawn", lambda d: d.astype(int)),
+        "a clip without frames": _arrays(lambda a: a.pop("frame")),
+        "drawn without clips": _arrays(lambda a: (a.pop("frame"), a.pop("clip"))),
+        "a frame twice": _set("frame", lambda f: f - 20),
+        "no params": _arrays(lambda a: a.pop("params")),
+        "no vertices": _arrays(lambda a: a.pop("vertices")),
+        "an unknown array": _arrays(lambda a: a.update(normals=a["vertices"])),
+        "an empty npz": _arrays(lambda a: a.clear()),
+        "another unit by 10": _set("vertices", lambda v: v * 10),
+        "another unit by 1,000": _set("vertices", lambda v: v / 1000),
+        "offsets for positions": _set("vertices", lambda v: v - neutral().astype(np.float32)),
+        "another order of vertices": _set("vertices", lambda v: v[:, ::-1]),
+        "other axes": _set("vertices", lambda v: v[..., [0, 2, 1]]),
+        "a pose at rest that is not the mesh": _arrays(
+            lambda a: a.update(params=_put(a["params"], (3,), 0.0), vertices=_put(a["vertices"], (3, 4, 1), 0.0))
+        ),
+        "a mesh of another unit, by 10": _text("face.toml", '"mm"', '"cm"'),
+        "a mesh of another unit, by 1,000": _text("face.toml", '"mm"', '"m"'),
+        "a mesh of inches": _text("face.toml", '"mm"', '"in"'),
+        "a text beside the shards": _bytes("poses/notes.txt", b"hello"),
+        "a shard of nothing": _bytes("poses/002.npz", b""),
+        "a shard that is no zip": _bytes("poses/002.npz", b"PK\x03\x04" + b"\0" * 99),
+        "half a shard": _cut("poses/001.npz", 0.5),
+        "a shard less its last byte": _cut("poses/001.npz", 0.999),
+        "params alone in a pair": _pair(params=np.zeros((4, 3), np.float32)),
+        "vertices alone in a pair": _pair(vertices=big),
+        "a pair of two lengths": _pair(params=np.zeros((3, 3), np.float32), vertices=big),
+        "no folder of poses": lambda folder: shutil.rmtree(folder / "poses"),
+        "no shards": lambda folder: [file.unlink() for file in (folder / "poses").iterdir()] and None,
+        "an unfinished shard alone": _only_unfinished,
+        "too few frames": _too_few,
+        "a file in the place of poses": _instead("poses", lambda file: file.write_text("")),
+        "half an npy": _half_npy,
+        "an npy that promises too much": _promise,
+        "damage within a shard": _damage,
+    }
+
+
+def _only_unfinished(folder: Path) -> None:
+    (folder / "poses" / "001.npz").unlink()
+    (folder / "poses" / "000.npz").rename(folder / "poses" / "000.npz.part")
+
+
+def _too_few(folder: Path) -> None:
+    (folder / "poses" / "001.npz").unlink()
+    np.savez(folder / "poses" / "000.npz", **shard(0, 8))
+
+
+def _half_npy(folder: Path) -> None:
+    _pair(params=np.zeros((4, 3), np.float32), vertices=np.zeros((4, 30, 3), np.float32))(folder)
+    _cut("poses/pair.vertices.npy", 0.5)(folder)
+
+
+def _promise(folder: Path) -> None:
+    _pair(params=np.zeros((4, 3), np.float32), vertices=np.zeros((4, 30, 3), np.float32))(folder)
+    with open(folder / "poses" / "pair.vertices.npy", "wb") as stream:
+        header = {"descr": "<f4", "fortran_order": False, "shape": (10**15, 30, 3)}
+        np.lib.format.write_array_header_1_0(stream, header)
+
+
+def _damage(folder: Path) -> None:
+    file = folder / "poses" / "001.npz"
+    data = bytearray(file.read_bytes())
+    place = bytes(data).index(b"vertices.npy") + 500
+    data[place] ^= 0xFF
+    file.write_bytes(bytes(data))
+
+
+def faults() -> dict[str, Fault]:
+    """Return, by what is wrong, functions that spoil a good folder."""
+    return _special() | _toml() | _csv() | _mesh() | _shards()
