@@ -10,6 +10,8 @@ from jaxtyping import Float, Int
 from data_recipes.head.neutral_head import Eye, Head
 from data_recipes.rigify.head_joints import Joints, fit_joints
 
+HANGING_RINGS = 5  # of the mouth's bag, that follow the lips less and less
+BETWEEN_JAWS_MM = 24.0  # the height over which the bag goes from the lower teeth to the upper ones
 EYE_ROWS, EYE_COLUMNS = 14, 24  # of an eyeball's vertices
 
 
@@ -37,20 +39,37 @@ def write_head_file(head: Head, metarig: Joints, path: Path) -> None:
         uv=np.concatenate(uv),
         parts=np.concatenate(parts),
         labels=np.array(labels),
+        bag=mouth_bag(head),
         joint_names=np.array(list(joints)),
         joints_mm=np.array(list(joints.values())),
     )
+
+
+def mouth_bag(head: Head) -> Float[np.ndarray, "k 4"]:
+    """Return how the mouth's bag hangs on the lips and the teeth, a vertex a row.
+
+    Columns: the vertex; the lip's vertex it hangs on; how much it follows that one; how much of the rest goes with the
+    upper teeth.
+    """
+    x, rings, seam = head.vertices, head.grids["mouth_bag"], head.grids["mouth"][0]
+    own = np.flatnonzero(np.array(head.part_names)[head.part] == "mouth_bag")
+    share, lip = np.zeros(len(x)), np.full(len(x), seam[0])
+    for number, ring in enumerate(rings):
+        share[ring] = np.interp(number, [0, HANGING_RINGS], [1.0, 0.0])
+        lip[ring] = seam
+    upper = np.clip((x[:, 1] - x[seam, 1].mean()) / BETWEEN_JAWS_MM + 0.5, 0.0, 1.0)
+    return np.stack([own, lip[own], share[own], upper[own]], axis=1)
 
 
 def eyeball(eye: Eye) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "f 3"], Float[np.ndarray, "k 2"]]:
     """Return the vertices (mm), triangles and chart of a ball with its poles in front and behind; behind it is open."""
     turn = np.linspace(0, 2 * np.pi, EYE_COLUMNS, endpoint=False)
     away = np.linspace(0, 0.8 * np.pi, EYE_ROWS)[1:]  # radians from the gaze
-    rings = np.stack(np.broadcast_arrays(np.sin(away)[:, None] * np.cos(turn), np.sin(away)[:, None] * np.sin(turn)), -1)
-    local = np.concatenate([rings, np.broadcast_to(np.cos(away)[:, None, None], (*rings.shape[:2], 1))], -1)
-    local = np.concatenate([[[0.0, 0, 1]], local.reshape(-1, 3)])
-    flat = away[:, None, None] / (0.8 * np.pi) * np.stack([np.cos(turn), np.sin(turn)], -1)
-    uv = 0.5 + 0.49 * np.concatenate([[[0.0, 0]], flat.reshape(-1, 2)])
+    a, t = (grid.ravel() for grid in np.meshgrid(away, turn, indexing="ij"))
+    rings = np.stack([np.sin(a) * np.cos(t), np.sin(a) * np.sin(t), np.cos(a)], -1)
+    local = np.concatenate([[[0.0, 0, 1]], rings])
+    flat = (a / (0.8 * np.pi))[:, None] * np.stack([np.cos(t), np.sin(t)], -1)
+    uv = 0.5 + 0.49 * np.concatenate([[[0.0, 0]], flat])
     i, j = np.meshgrid(np.arange(len(away) - 1), np.arange(EYE_COLUMNS), indexing="ij")
     k = (j + 1) % EYE_COLUMNS
     a, b, c, d = (1 + row * EYE_COLUMNS + column for row, column in ((i, j), (i, k), (i + 1, j), (i + 1, k)))

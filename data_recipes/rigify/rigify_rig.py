@@ -3,7 +3,8 @@
     python rigify_rig.py metarig joints.json           the joints of the face's bones, as Rigify's metarig has them
     python rigify_rig.py build head.npz face.blend     the rig on the head, bound, with its animation
 
-head.npz: what `head_file.py` writes. Bones are weighted by Blender's own heat, teeth and eyeballs follow a bone each.
+head.npz: what `head_file.py` writes. The skin is
+weighted by Blender's bone heat; teeth, gums and eyeballs follow a bone each, the tongue its three.
 """
 
 from __future__ import annotations
@@ -16,14 +17,21 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))
-import face_acting  # noqa: E402: the file beside this one; Blender's Python doesn't know the project
+sys.path.insert(0, str(Path(__file__).parent))  # Blender's Python doesn't know the project, but the files beside this
+import face_acting
 
 SPINE = "spine.004"  # the metarig's bone from which neck, head and face grow
 SEED = 2020
 EYES_APART_MM = 67.0  # of the face that moves in `face_acting` are meant for
 SKIN_BONE = "DEF-spine.006"
-RIGID = {"tooth_upper": "ORG-teeth.T", "tooth_lower": "ORG-teeth.B", "eye_": SKIN_BONE}  # what follows one bone
+INSIDE = {  # what bone heat can't see from outside: the start of a part's name → the bones that move it
+    "tooth_upper": ["ORG-teeth.T"],
+    "gum_upper": ["ORG-teeth.T"],
+    "tooth_lower": ["ORG-teeth.B"],
+    "gum_lower": ["ORG-teeth.B"],
+    "tongue": ["DEF-tongue", "DEF-tongue.001", "DEF-tongue.002"],
+    "eye_": [SKIN_BONE],  # a ball looks the same however it turns
+}
 FINE = ("Face (Primary)", "Face (Secondary)")
 
 
@@ -100,8 +108,13 @@ def add_mesh(name: str, vertices_mm: np.ndarray, faces: np.ndarray, uv: np.ndarr
     return obj
 
 
-def bind(rig: object, obj: object, part_of_vertex: np.ndarray) -> None:
-    """Bind a mesh by bone heat, and what is rigid to one bone. Raises RuntimeError for vertices that no bone moves."""
+def bind(rig: object, obj: object, part_of_vertex: np.ndarray, bag: np.ndarray) -> None:
+    """Bind a mesh by bone heat, and what lies inside by bones that are named.
+
+    part_of_vertex: names of parts (n,). bag: of vertices of the mouth's bag, columns (vertex, the lip's vertex that it
+    hangs on, how much it follows that one, how much of the rest goes with the upper teeth). Raises RuntimeError for
+    vertices that no bone moves.
+    """
     import bpy
 
     bpy.ops.object.select_all(action="DESELECT")
@@ -109,18 +122,45 @@ def bind(rig: object, obj: object, part_of_vertex: np.ndarray) -> None:
     rig.select_set(True)
     bpy.context.view_layer.objects.active = rig
     bpy.ops.object.parent_set(type="ARMATURE_AUTO")
-    for start, bone in RIGID.items():
+    places = np.array([vertex.co for vertex in obj.data.vertices])
+    for start, bones in INSIDE.items():
         own = np.flatnonzero(np.char.startswith(part_of_vertex, start)).tolist()
-        if not own:
-            continue
-        for group in obj.vertex_groups:
-            group.remove(own)
-        group = obj.vertex_groups.get(bone) or obj.vertex_groups.new(name=bone)
-        group.add(own, 1.0, "REPLACE")
-        rig.data.bones[bone].use_deform = True
+        weights = closeness(places[own], [rig.data.bones[bone] for bone in bones])
+        set_weights(obj, {v: dict(zip(bones, row, strict=True)) for v, row in zip(own, weights.tolist(), strict=True)})
+        for bone in bones:
+            rig.data.bones[bone].use_deform = True
+    names = [group.name for group in obj.vertex_groups]
+    hanging = {}
+    for vertex, lip, share, upper in bag.tolist():
+        weights = {names[g.group]: share * g.weight for g in obj.data.vertices[int(lip)].groups}
+        for bone, part in (("ORG-teeth.T", upper), ("ORG-teeth.B", 1.0 - upper)):
+            weights[bone] = weights.get(bone, 0.0) + (1.0 - share) * part
+        hanging[int(vertex)] = weights
+    set_weights(obj, hanging)
     lost = sum(not vertex.groups for vertex in obj.data.vertices)
     if lost:
         raise RuntimeError(f"bone heat finds no bone for {lost} vertices of {obj.name}")
+
+
+def set_weights(obj: object, weights: dict[int, dict[str, float]]) -> None:
+    """Set the weights of some vertices, by vertex and bone, in place of what they have."""
+    for group in obj.vertex_groups:
+        group.remove(list(weights))
+    for vertex, of_vertex in weights.items():
+        for bone, weight in of_vertex.items():
+            group = obj.vertex_groups.get(bone) or obj.vertex_groups.new(name=bone)
+            group.add([vertex], weight, "REPLACE")
+
+
+def closeness(places: np.ndarray, bones: list) -> np.ndarray:
+    """Return weights (k, b) by the inverse square of the distances of places (k, 3) from bones; rows sum to 1."""
+    distances = []
+    for bone in bones:
+        head, tail = np.array(bone.head_local), np.array(bone.tail_local)
+        along = np.clip((places - head) @ (tail - head) / ((tail - head) @ (tail - head)), 0.0, 1.0)
+        distances.append(np.linalg.norm(places - head - along[:, None] * (tail - head), axis=1))
+    weights = 1.0 / np.maximum(np.stack(distances, axis=1), 1e-4) ** 2
+    return weights / weights.sum(axis=1, keepdims=True)
 
 
 def closing_lids(joints: dict[str, np.ndarray]) -> face_acting.Pose:
@@ -130,7 +170,7 @@ def closing_lids(joints: dict[str, np.ndarray]) -> face_acting.Pose:
         upper, lower = joints[f"lid.T.L.{i:03d}:head"], joints[f"lid.B.L.{4 - i:03d}:head"]
         moves[f"lid.T.L.{i:03d}"] = 0.80 * (lower - upper)
         moves[f"lid.B.L.{4 - i:03d}"] = 0.20 * (upper - lower)
-    middle_up, middle_down = moves["lid.T.L.002"], moves["lid.B.L.002"]  # the middle takes a part of its neighbours along
+    middle_up, middle_down = moves["lid.T.L.002"], moves["lid.B.L.002"]  # it takes its neighbours half the way along
     for i in (1, 3):
         moves[f"lid.T.L.{i:03d}"] = moves[f"lid.T.L.{i:03d}"] - 0.5 * middle_up
         moves[f"lid.B.L.{i:03d}"] = moves[f"lid.B.L.{i:03d}"] - 0.5 * middle_down
@@ -181,9 +221,10 @@ def build(head_file: Path, blend: Path) -> None:
 
     with np.load(head_file) as data:
         joints = dict(zip(data["joint_names"].tolist(), data["joints_mm"], strict=True))
-        arrays, labels, parts = [data[key] for key in ("vertices_mm", "faces", "uv")], data["labels"].tolist(), data["parts"]
+        arrays, inside = [data[key] for key in ("vertices_mm", "faces", "uv")], (data["parts"], data["bag"])
+        labels = data["labels"].tolist()
     rig = generate_rig(add_metarig(), joints)
-    bind(rig, add_mesh("Head", *arrays, labels), parts)
+    bind(rig, add_mesh("Head", *arrays, labels), *inside)
     scale = float(np.linalg.norm(joints["eye.L:head"] - joints["eye.R:head"])) / EYES_APART_MM
     lids = {name: move / scale for name, move in closing_lids(joints).items()}
     animate(rig, face_acting.clips(SEED, fine_controls(rig), lids), scale)
