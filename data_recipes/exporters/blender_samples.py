@@ -21,6 +21,7 @@ import os
 import re
 import sys
 import time
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -268,7 +269,7 @@ def export(rig: SampledRig, options: argparse.Namespace) -> None:
             draw_pose(rig.controls, frames, options.seed, i) if drawn else (frames[i].astype(np.float32), i)
             for i in range(start, end)
         ]
-        vertices = np.stack([rig.evaluate(params) for params, _ in poses]).astype(np.float32)
+        vertices = np.stack([rig.evaluate(params).astype(np.float32) for params, _ in poses])
         if not np.isfinite(vertices).all():
             bad = start + int(np.argmin(np.isfinite(vertices).all(axis=(1, 2))))
             raise Refusal(f"pose {bad} of the {kind} has vertices that are no numbers: the rig can't bear it")
@@ -707,6 +708,12 @@ if __name__ == "__main__":
         code = main()
     except SystemExit as end:  # of argparse
         code = end.code if isinstance(end.code, int) else 2
+    except KeyboardInterrupt:
+        say("stopped: the same call goes on from here")
+        code = 130
+    except BaseException:
+        traceback.print_exc()
+        code = 1
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code or 0)  # not through the clean-up of bpy, which complains of blocks that are still there

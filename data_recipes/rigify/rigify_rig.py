@@ -13,6 +13,7 @@ import importlib
 import json
 import os
 import sys
+import traceback
 from pathlib import Path
 
 import numpy as np
@@ -250,6 +251,9 @@ if __name__ == "__main__":
     except (RuntimeError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         code = 2
+    except BaseException:
+        traceback.print_exc()
+        code = 1
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)  # not through the clean-up of bpy, which complains of blocks that are still there
