@@ -26,7 +26,8 @@ def sheet():
     obj.location = (0.0, 0.0, 0.5)
     obj.shape_key_add(name="Basis")
     for name, axis in (("Puff", 1), ("Lift", 2)):
-        key = obj.shape_key_add(name=name)
+        key = obj.shape_key_add(name=name, from_mix=False)
+        key.value = 0.0  # not so by itself in every Blender
         for i, point in enumerate(key.data):
             point.co[axis] += 0.02 * (1 - 100 * vertices[i, 0] ** 2)
     obj.data.shape_keys.name = "Keys"
