@@ -34,15 +34,15 @@ import numpy as np
 SHARD = 250  # poses in a file
 LOW, HIGH = 0.25, 3.0  # Eq. 5
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
-REGIONS = {  # words in a control's name, in the order in which they are looked for, and its region
-    "brow|forehead": "brows",
-    "lid|blink|eye|squint": "eyes",
-    "nos|sneer": "nose",
+REGIONS = {  # how words of a control's name begin, in the order in which they are looked for, and its region
+    "brow|eyebrow|forehead": "brows",
+    "lid|eyelid|upperlid|lowerlid|blink|eye|squint": "eyes",
+    "nose|nostril|nasal|sneer": "nose",
     "tongue": "tongue",
-    "lip|mouth|smile|frown|pucker|teeth|tooth": "mouth",
+    "lip|upperlip|lowerlip|mouth|smile|frown|pucker|teeth|tooth": "mouth",
     "jaw|chin": "jaw",
     "cheek|puff": "cheeks",
-    r"\bear": "ears",
+    "ears?(?![a-z])": "ears",
     "neck|head": "neck",
 }
 
@@ -96,7 +96,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def region(name: str) -> str:
     """Return the region of the face that a control belongs to, by its name."""
-    return next((found for words, found in REGIONS.items() if re.search(words, name.lower())), "face")
+    words = re.sub("(?<=[a-z])(?=[A-Z])", " ", name).lower()
+    return next((found for starts, found in REGIONS.items() if re.search(f"(?<![a-z])(?:{starts})", words)), "face")
 
 
 def names_of_controls(names: Sequence[str]) -> list[str]:
@@ -207,7 +208,7 @@ def check(rig: SampledRig, options: argparse.Namespace, name: str) -> tuple[int,
     size = np.ptp(rig.neutral, axis=0).max() * UNITS_MM[rig.unit]
     if not 50 <= size <= 1000:
         raise Refusal(
-            f"the mesh is {size:.4g} mm large, where 50 to 1,000 mm is a face's size: say by --unit what a unit is"
+            f"the mesh is {size:,.0f} mm large, where 50 to 1,000 mm are allowed: say by --unit what a unit is"
         )
     if options.points and not Path(options.points).is_file():
         raise Refusal(f"{options.points}, the file of --points, is not there")

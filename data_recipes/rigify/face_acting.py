@@ -133,7 +133,8 @@ SOUNDS = {  # mouths of speech
     "ll": {"tongue_up": 0.9},
     "ss": {"grin": 0.35, "part": 0.2},
 }
-SPEECH_FRAMES = (3, 6)
+TAKES, TAKES_FOR_ALL, SPEECHES = 10, 5, 8  # all feelings come in five takes, and once more in the next five
+SPEECH_FRAMES = (3, 6)  # from key to key
 TAKE_FRAMES = (7, 16)
 
 
@@ -166,11 +167,13 @@ def clips(seed: int, fine: list[str], lids: Pose) -> dict[str, list[tuple[int, P
     fine: the controls that are nudged at random besides, so that an animation uses all of them.
     """
     generator = np.random.default_rng(seed)
-    names, made = list(FEELINGS), {}
-    for number in range(5):
-        chosen = [names[i] for i in (3 * number, 3 * number + 1, 3 * number + 2)]
-        made[f"take_{number + 1}"] = _take(generator, chosen, fine, lids)
-    for number in range(4):
+    made = {}
+    for round_of_takes in range(TAKES // TAKES_FOR_ALL):
+        names = [str(name) for name in generator.permutation(list(FEELINGS))]
+        for number in range(TAKES_FOR_ALL):
+            name = f"take_{round_of_takes * TAKES_FOR_ALL + number + 1}"
+            made[name] = _take(generator, names[number::TAKES_FOR_ALL], fine, lids)
+    for number in range(SPEECHES):
         made[f"speech_{number + 1}"] = _speech(generator, fine, lids)
     made["exercise"] = _exercise(generator, lids)
     return made

@@ -1,0 +1,28 @@
+"""A rig that nobody here made: samples of Blender's Rigify face rig on a head of ours, and its Table 2."""
+
+import argparse
+
+from replicate.config import SamplesConfig
+from replicate.engine import paths
+from replicate.profiles import PROFILES
+from replicate.targets import table2
+from replicate.targets.options import OF_A_RUN, workers
+
+ABOUT = "samples of Blender's Rigify face rig on the woman's head, then its Table 2; it needs bpy or Blender"
+WRITES = "results/runs/samples/rigify/, and as table2"
+OPTIONS = (*(option for option in OF_A_RUN if option != "characters"), "methods", "numbers-only")
+HEAD = "woman"
+SPARE = 1.25  # poses for each that trains: those drawn from frames that are held out can't
+
+
+def run(options: argparse.Namespace) -> None:
+    """Write the samples that are missing, then make Table 2 of them."""
+    from data_recipes.rigify.rigify_face import write_folder
+    from replicate.profiles import check_profile
+
+    check_profile(options.profile)
+    folder = paths.run_folder("samples") / "rigify"
+    count = PROFILES[options.profile].get("samples", {}).get("count", SamplesConfig().count)
+    write_folder(folder, HEAD, round(SPARE * count), 0, workers(options), "rigify")
+    options.characters = [str(folder)]
+    table2.run(options)
