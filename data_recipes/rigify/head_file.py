@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from data_recipes.head.neutral_head import Eye, Head
 from data_recipes.rigify.head_joints import Joints, fit_joints
 
-HANGING_RINGS = 5  # of the mouth's bag, that follow the lips less and less
+HANGING = 0.5  # the share of the mouth's bag that follows the lips, less and less
 BETWEEN_JAWS_MM = 24.0  # the height over which the bag goes from the lower teeth to the upper ones
 EYE_ROWS, EYE_COLUMNS = 14, 24  # of an eyeball's vertices
 
@@ -55,7 +55,7 @@ def mouth_bag(head: Head) -> Float[np.ndarray, "k 4"]:
     own = np.flatnonzero(np.array(head.part_names)[head.part] == "mouth_bag")
     share, lip = np.zeros(len(x)), np.full(len(x), seam[0])
     for number, ring in enumerate(rings):
-        share[ring] = np.interp(number, [0, HANGING_RINGS], [1.0, 0.0])
+        share[ring] = np.interp(number / (len(rings) - 1), [0, HANGING], [1.0, 0.0])
         lip[ring] = seam
     upper = np.clip((x[:, 1] - x[seam, 1].mean()) / BETWEEN_JAWS_MM + 0.5, 0.0, 1.0)
     return np.stack([own, lip[own], share[own], upper[own]], axis=1)

@@ -123,7 +123,8 @@ def _inside(head: Head) -> Joints:
         joints[f"{bone}:head"] = np.array([0, height, teeth[:, 2].max()])
         joints[f"{bone}:tail"] = np.array([0, height, teeth[:, 2].min()])
     rings = x[head.grids["tongue"]].mean(axis=1) * (0, 1, 1)  # from the root to the tip
-    tongue = rings[[-1, 2 * len(rings) // 3, len(rings) // 3, 0]]
+    steps = np.arange(len(rings)) / (len(rings) - 1)
+    tongue = np.stack([np.interp([1, 2 / 3, 1 / 3, 0], steps, column) for column in rings.T], axis=1)
     for i in range(3):
         joints[f"tongue{_number(i)}:head"] = tongue[i]
         joints[f"tongue{_number(i)}:tail"] = tongue[i + 1]
@@ -173,17 +174,21 @@ def _lip(head: Head, side: str) -> tuple[Place, Place]:
 
 def _beside(head: Head, place: Place) -> Place:
     """Return the skin's point beside a place of the middle plane, on the left."""
-    skin = _skin(head)
+    skin = head.vertices[_skin(head)]
     skin = skin[skin[:, 0] > 20.0]
     return skin[np.argmin(np.linalg.norm(skin[:, 1:] - place[1:], axis=1))]
 
 
-def _skin(head: Head) -> Float[np.ndarray, "k 3"]:
-    parts = np.array(head.part_names)[head.part]
-    return head.vertices[np.isin(parts, SKIN)]
+def _skin(head: Head) -> np.ndarray:
+    """Return the vertices of the skin."""
+    return np.flatnonzero(np.isin(np.array(head.part_names)[head.part], SKIN))
 
 
 def _on_skin(head: Head, place: Place) -> Place:
-    """Return the vertex of the skin that is nearest to a place."""
+    """Return the place's foot on the plane that touches the skin at its nearest vertex."""
     skin = _skin(head)
-    return skin[np.argmin(np.linalg.norm(skin - place, axis=1))].copy()
+    nearest = skin[np.argmin(np.linalg.norm(head.vertices[skin] - place, axis=1))]
+    a, b, c = head.vertices[head.faces[(head.faces == nearest).any(axis=1)]].transpose(1, 0, 2)
+    normal = np.cross(b - a, c - a).sum(axis=0)
+    normal /= np.linalg.norm(normal)
+    return place + ((head.vertices[nearest] - place) @ normal) * normal
