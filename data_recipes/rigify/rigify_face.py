@@ -65,8 +65,13 @@ def _recipe(character: str) -> Recipe:
     return recipe
 
 
-def write_folder(folder: Path, character: str, poses: int, seed: int, jobs: int, name: str | None) -> None:
-    """Write the samples of Rigify's face rig on a character's head into a folder. Raises InputError."""
+def write_folder(
+    folder: Path, character: str, poses: int, seed: int, jobs: int, name: str | None, clips: str = "*"
+) -> None:
+    """Write the samples of Rigify's face rig on a character's head into a folder. Raises InputError.
+
+    poses: to draw, beside all frames. jobs: processes side by side. clips: a pattern of names of `face_acting.clips`.
+    """
     python = blender_python()
     blend = folder.with_name(f"{folder.name}.blend")
     if not blend.exists():
@@ -77,7 +82,7 @@ def write_folder(folder: Path, character: str, poses: int, seed: int, jobs: int,
         points.write_text(points_text(build_rig(character), (0.0, *_recipe(character).eyes.centre[1:])), "utf-8")
         options = [str(blend), "--mesh", "Head", "--collections", "Face*", "--keyed", "--out", str(folder)]
         options += ["--name", name or folder.name, "--points", str(points)]
-        options += ["--poses", str(poses), "--seed", str(seed)]
+        options += ["--poses", str(poses), "--seed", str(seed), "--actions", clips]
         options += ["--source", SOURCE.format(head=character), "--licence", LICENCE]
         run_scripts(python, EXPORTER, [[*options, "--share", f"{i + 1}/{jobs}"] for i in range(jobs)], quiet=True)
 

@@ -107,7 +107,7 @@ def test_without_blender_one_sentence_says_how_to_get_it(tmp_path, monkeypatch, 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Return the samples of the rig on the smallest head (40 s); skipped where neither bpy nor Blender is."""
+    """Return the samples of the rig on the smallest head (20 s); skipped where neither bpy nor Blender is."""
     try:
         blender_python()
     except InputError as error:
@@ -115,7 +115,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("rigify") / "tiny"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rigify_face, "build_rig", lambda character: rigs.rig(character))
-        rigify_face.write_folder(folder, "tiny", 40, 0, 1, None)
+        rigify_face.write_folder(folder, "tiny", 40, 0, 1, None, clips="exercise")
     return folder
 
 
