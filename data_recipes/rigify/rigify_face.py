@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from data_recipes.catalogue import build_rig
+from data_recipes.deformers.face_points import control_points
+from data_recipes.deformers.sculpting import Sculptor
 from data_recipes.exporters.blender_python import blender_python, run_scripts
-from data_recipes.head.neutral_head import build_head
+from data_recipes.head.neutral_head import Head, build_head
 from data_recipes.recipe.reading import Recipe, load_recipe
-from data_recipes.rig import Rig
 from data_recipes.rigify.head_file import write_head_file
 from replicate.engine.command_line import guard
 from replicate.engine.exceptions import InputError
@@ -31,9 +31,8 @@ SOURCE = "Blender's add-on Rigify generated the rig, its metarig of the human fa
 LICENCE = "head: MIT, as the suite; Rigify, the program: GPL 2 or later, of which nothing is in this folder"
 
 
-def make_blend(character: str, blend: Path, python: Path) -> None:
-    """Write a Blender file with Rigify's face rig on a character's head (half a minute). Raises InputError."""
-    head = build_head(_recipe(character))
+def make_blend(head: Head, blend: Path, python: Path) -> None:
+    """Write a Blender file with Rigify's face rig on a head of ours (half a minute). Raises InputError."""
     blend.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         joints, head_file = Path(folder) / "metarig.json", Path(folder) / "head.npz"
@@ -47,13 +46,15 @@ def make_blend(character: str, blend: Path, python: Path) -> None:
         os.replace(beside, blend)
 
 
-def points_text(rig: Rig, between_eyes_mm: Sequence[float]) -> str:
+def points_text(head: Head) -> str:
     """Return what face.toml says of a head of ours besides: where the eyes are, in Blender's axes, and its points."""
+    _, vertices, own = control_points(Sculptor(head), head.recipe.control_points)
     regions: dict[str, list[int]] = {}
-    for region, vertex in zip(rig.control_point_regions, rig.control_points.tolist(), strict=True):
+    for region, vertex in zip(own, vertices.tolist(), strict=True):
         regions.setdefault(region, []).append(vertex)
-    x, y, z = (value / 1000.0 for value in between_eyes_mm)
-    lines = [f"eyes = {[x, -z, y]}", "[points]", f"landmarks = {rig.landmarks.tolist()}", "[points.control_points]"]
+    _, y, z = (float(value) / 1000.0 for value in head.eyes["left"].centre)
+    landmarks = list(head.landmarks.values())
+    lines = [f"eyes = {[0.0, -z, y]}", "[points]", f"landmarks = {landmarks}", "[points.control_points]"]
     return "\n".join([*lines, *(f"{region} = {vertices}" for region, vertices in regions.items())]) + "\n"
 
 
@@ -73,13 +74,14 @@ def write_folder(
     poses: to draw, beside all frames. jobs: processes side by side. clips: a pattern of names of `face_acting.clips`.
     """
     python = blender_python()
+    head = build_head(_recipe(character))
     blend = folder.with_name(f"{folder.name}.blend")
     if not blend.exists():
         print(f"making {blend}: Rigify's face rig on the head of {character}, in half a minute", flush=True)
-        make_blend(character, blend, python)
+        make_blend(head, blend, python)
     with tempfile.TemporaryDirectory() as temporary:
         points = Path(temporary) / "points.toml"
-        points.write_text(points_text(build_rig(character), (0.0, *_recipe(character).eyes.centre[1:])), "utf-8")
+        points.write_text(points_text(head), "utf-8")
         options = [str(blend), "--mesh", "Head", "--collections", "Face*", "--keyed", "--out", str(folder)]
         options += ["--name", name or folder.name, "--points", str(points)]
         options += ["--poses", str(poses), "--seed", str(seed), "--actions", clips]

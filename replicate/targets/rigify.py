@@ -2,9 +2,10 @@
 
 import argparse
 
+from data_recipes.catalogue import write_rigify_samples
 from replicate.config import SamplesConfig
 from replicate.engine import paths
-from replicate.profiles import PROFILES
+from replicate.profiles import PROFILES, check_profile
 from replicate.targets import table2
 from replicate.targets.options import OF_A_RUN, workers
 
@@ -17,12 +18,9 @@ SPARE = 1.25  # poses for each that trains: those drawn from frames that are hel
 
 def run(options: argparse.Namespace) -> None:
     """Write the samples that are missing, then make Table 2 of them."""
-    from data_recipes.rigify.rigify_face import write_folder
-    from replicate.profiles import check_profile
-
     check_profile(options.profile)
     folder = paths.run_folder("samples") / "rigify"
     count = PROFILES[options.profile].get("samples", {}).get("count", SamplesConfig().count)
-    write_folder(folder, HEAD, round(SPARE * count), 0, workers(options), "rigify")
+    write_rigify_samples(folder, HEAD, round(SPARE * count), workers(options), folder.name)
     options.characters = [str(folder)]
     table2.run(options)
