@@ -296,40 +296,39 @@ def say(sentence: str) -> None:
 
 AXES = "xyz"
 REACH = {"rotation": 15.0, "scale": 0.1}  # of channels without limits, about the default; location: see `bone_controls`
-CURVES = {"location": ("location",), "scale": ("scale",)}
-MAKES_FACES = ("SUBSURF", "MULTIRES")
+SUBDIVIDE = ("SUBSURF", "MULTIRES")
+PARTS = {"QUATERNION": 4, "AXIS_ANGLE": 4}  # of a rotation; Euler angles have three
 
 
 class Channel(NamedTuple):
-    """What a control sets: `kind` is location, rotation, scale, key or property; `owner` a bone, a key or a block."""
+    """What a control sets: `kind` is location, rotation, scale, key or property.
+
+    block: the data block; owner: a bone, a shape key, or the block itself; item: an axis, or a property's name.
+    """
 
     kind: str
     block: object
     owner: object
     item: str | int
 
-    def names(self, block: object, path: str, index: int) -> bool:
-        """Tell whether a curve of a data block moves this channel."""
-        if block != self.block:
-            return False
-        if self.kind == "property":
-            return path == f"{base_path(self)}[{json.dumps(self.item)}]"
+    def curves(self) -> list[tuple[str, int]]:
+        """Return path and index of all curves that move it: a quaternion's parts turn a bone about all three axes."""
+        base = "" if self.owner == self.block else self.owner.path_from_id()
         if self.kind == "key":
-            return path == f"{base_path(self)}.value"
-        of_rotation = path.startswith(f"{base_path(self)}.rotation_")
-        if self.kind == "rotation":  # a quaternion's parts move all three
-            return of_rotation and (turns_by_euler(self.owner) is False or index == self.item)
-        return path == f"{base_path(self)}.{self.kind}" and index == self.item
-
-
-def base_path(channel: Channel) -> str:
-    """Return the path of a channel's owner below its data block, as curves name it."""
-    return "" if channel.owner == channel.block else channel.owner.path_from_id()
+            return [(f"{base}.value", 0)]
+        if self.kind == "property":
+            return [(f"{base}[{json.dumps(self.item, ensure_ascii=False)}]", 0)]
+        if self.kind != "rotation":
+            return [(f"{base}.{self.kind}", self.item)]
+        if turns_by_euler(self.owner):
+            return [(f"{base}.rotation_euler", self.item)]
+        mode = self.owner.rotation_mode
+        return [(f"{base}.rotation_{mode.lower()}", i) for i in range(PARTS[mode])]
 
 
 def turns_by_euler(bone: object) -> bool:
     """Tell whether a bone turns by Euler angles."""
-    return bone.rotation_mode not in ("QUATERNION", "AXIS_ANGLE")
+    return bone.rotation_mode not in PARTS
 
 
 def pick_meshes(options: argparse.Namespace) -> list:
@@ -344,8 +343,11 @@ def pick_meshes(options: argparse.Namespace) -> list:
         chosen.append(bpy.data.objects[name])
     for obj in chosen:
         obj.hide_viewport, obj.show_only_shape_key = False, False
+        obj.hide_set(False)
+        if not obj.visible_get():
+            raise Refusal(f"the mesh '{obj.name}' is in a hidden collection, where nothing is evaluated: show it")
         for modifier in obj.modifiers:
-            if modifier.type in MAKES_FACES and modifier.show_viewport:
+            if modifier.type in SUBDIVIDE and modifier.show_viewport:
                 modifier.show_viewport = False
                 say(f"{obj.name}: its modifier {modifier.name} is switched off, since it makes new vertices")
     return chosen
@@ -394,7 +396,7 @@ def bone_controls(armature: object, options: argparse.Namespace, every: bool) ->
         for kind in options.channels.split(","):
             for axis in range(3):
                 channel = Channel(kind, armature, bone, axis)
-                if getattr(bone, f"lock_{kind}")[axis] or any(channel.names(armature, *curve) for curve in taken):
+                if getattr(bone, f"lock_{kind}")[axis] or not taken.isdisjoint(channel.curves()):
                     continue
                 default = 1.0 if kind == "scale" else 0.0
                 reach = REACH.get(kind, 0.25 * bone.length) * options.reach
@@ -417,31 +419,30 @@ def limit_of(limit: object, kind: str, axis: int) -> tuple[float, float, bool] |
     return *(float(np.degrees(side)) if degrees else side for side in sides), True
 
 
-def key_controls(mesh: object, options: argparse.Namespace, every: bool) -> Iterator[tuple[Control, Channel]]:
+def key_controls(keys: object, options: argparse.Namespace, every: bool) -> Iterator[tuple[Control, Channel]]:
     """Yield the shape keys of a mesh that are named and not driven."""
-    keys = mesh.data.shape_keys
-    taken = {path for path, _ in driven(keys)}
-    for key in keys.key_blocks[1:] if keys else ():
+    taken = driven(keys)
+    for key in keys.key_blocks[1:]:
+        channel = Channel("key", keys, key, key.name)
         named = matches(key.name, options.shape_keys) or every
-        if named and not key.mute and f"{key.path_from_id()}.value" not in taken:
+        if named and not key.mute and taken.isdisjoint(channel.curves()):
             lower, upper = key.slider_min, key.slider_max
-            yield Control(key.name, lower, min(max(0.0, lower), upper), upper), Channel("key", keys, key, key.name)
+            yield Control(key.name, lower, min(max(0.0, lower), upper), upper), channel
 
 
 def property_controls(block: object, options: argparse.Namespace, every: bool) -> Iterator[tuple[Control, Channel]]:
     """Yield the custom properties with limits, of an object and of its bones, that are named and not driven."""
-    taken = {path for path, _ in driven(block)}
+    taken = driven(block)
     for owner in (block, *(block.pose.bones if block.type == "ARMATURE" else ())):
         for name, value in owner.items():
             if not isinstance(value, (int, float)):
                 continue
             channel = Channel("property", block, owner, name)
             full = name if owner == block else f"{owner.name}.{name}"
-            about = owner.id_properties_ui(name).as_dict()
+            about = owner.id_properties_ui(name).as_dict() | ({"min": 0, "max": 1} if isinstance(value, bool) else {})
             lower, upper, default = (float(about.get(key, 0.0)) for key in ("min", "max", "default"))
             named = matches(name, options.properties) or matches(full, options.properties) or every
-            free = f"{base_path(channel)}[{json.dumps(name)}]" not in taken
-            if named and free and lower < upper and upper - lower < 1e6:
+            if named and taken.isdisjoint(channel.curves()) and lower < upper and upper - lower < 1e6:
                 default = min(max(default, lower), upper)
                 yield Control(full, lower, default, upper, whole=not isinstance(value, float)), channel
 
@@ -458,33 +459,33 @@ def curves_of(action: object) -> Iterator[tuple[str, str, object]]:
                 yield from ((slot.target_id_type, slot.name_display, curve) for curve in (bag.fcurves if bag else ()))
 
 
-def read_action(action: object, channels: Sequence[Channel]) -> dict[int, list]:
-    """Return the curves of an action that move channels, by the channel's number."""
-    found: dict[int, list] = {}
+def read_action(action: object, channels: Sequence[Channel]) -> dict[int, dict[int, object]]:
+    """Return the curves of an action that move channels: the channel's number → index → curve."""
+    moved: dict[tuple, list[int]] = {}
+    for number, channel in enumerate(channels):
+        for path, index in channel.curves():
+            moved.setdefault((channel.block.id_type, path, index), []).append(number)
+    found: dict[int, dict[int, object]] = {}
     for kind, slot, curve in curves_of(action):
-        blocks = {c.block for c in channels if c.block.id_type == kind}
-        blocks = {b for b in blocks if b.name == slot} or blocks
-        for number, channel in enumerate(channels):
-            if any(channel.names(block, curve.data_path, curve.array_index) for block in blocks):
-                found.setdefault(number, []).append(curve)
+        numbers = moved.get((kind, curve.data_path, curve.array_index), ())
+        own = [number for number in numbers if channels[number].block.name == slot] or numbers
+        for number in () if curve.mute else own:
+            found.setdefault(number, {})[curve.array_index] = curve
     return found
 
 
-def value_at(channel: Channel, curves: Sequence, frame: float) -> float:
+def value_at(channel: Channel, curves: dict[int, object], frame: float) -> float:
     """Return a channel's value in a frame: degrees for rotations, of a quaternion those of its rotation vector."""
     if channel.kind != "rotation":
-        return curves[0].evaluate(frame)
-    kind = channel.owner.rotation_mode
+        return next(iter(curves.values())).evaluate(frame)
     if turns_by_euler(channel.owner):
-        chosen = [c for c in curves if c.data_path.endswith("rotation_euler")]
-        return float(np.degrees(chosen[0].evaluate(frame))) if chosen else 0.0
+        return float(np.degrees(curves[channel.item].evaluate(frame)))
     from mathutils import Quaternion
 
-    parts = np.array([1.0, 0, 0, 0]) if kind == "QUATERNION" else np.array([0.0, 0, 1, 0])
-    for curve in curves:
-        if curve.data_path.endswith(f"rotation_{kind.lower()}"):
-            parts[curve.array_index] = curve.evaluate(frame)
-    turn = Quaternion(parts) if kind == "QUATERNION" else Quaternion(parts[1:], parts[0])
+    by_quaternion = channel.owner.rotation_mode == "QUATERNION"
+    parts = [1.0, 0.0, 0.0, 0.0] if by_quaternion else [0.0, 0.0, 1.0, 0.0]
+    parts = [curves[i].evaluate(frame) if i in curves else part for i, part in enumerate(parts)]
+    turn = Quaternion(parts) if by_quaternion else Quaternion(parts[1:], parts[0])
     return float(np.degrees(rotation_vector(turn)[channel.item]))
 
 
@@ -525,8 +526,8 @@ def find_controls(meshes: Sequence, options: argparse.Namespace) -> tuple[list[C
     armatures, found = pick_armatures(options, meshes), []
     for armature in armatures:
         found += bone_controls(armature, options, not any_named)
-    for mesh in meshes:
-        found += key_controls(mesh, options, not any_named)
+    for keys in dict.fromkeys(mesh.data.shape_keys for mesh in meshes if mesh.data.shape_keys):
+        found += key_controls(keys, options, not any_named)
     for block in dict.fromkeys((*armatures, *meshes)):
         found += property_controls(block, options, not any_named)
     controls, channels = [list(column) for column in zip(*found)] or ([], [])  # noqa: B905
