@@ -222,22 +222,21 @@ def begin(rig: SampledRig, folder: Path, options: argparse.Namespace, name: str)
     record = {key: hashlib.sha256(text.encode()).hexdigest() for key, text in texts.items()}
     record |= {"frames": hashlib.sha256(frames).hexdigest(), "seed": options.seed, "poses in a file": SHARD}
     mark = folder / ".export.json"
-    if mark.exists():
+    foreign = folder.exists() and any(not path.name.startswith(".") for path in folder.iterdir())
+    if mark.exists():  # looked for after the rest: what another process writes now, it writes after the mark
         there = json.loads(mark.read_text("utf-8"))
         other = [key for key in record if record[key] != there.get(key)]
         if other:
             raise Refusal(f"{folder} holds an export with other {', '.join(other)}: name another folder, or remove it")
-        return
-    if folder.exists() and any(not path.name.startswith(".") for path in folder.iterdir()):
+    elif foreign:
         raise Refusal(f"{folder} has files that no exporter wrote: name another folder")
-    (folder / "poses").mkdir(parents=True, exist_ok=True)
-    texts = {
-        "mesh.obj": mesh_text(rig, name),
-        "controls.csv": texts["controls"],
-        "face.toml": face_text(rig, options, name),
-    }
-    for file, text in (*texts.items(), (mark.name, json.dumps(record, indent=1))):
-        write_whole(folder / file, lambda handle, text=text: handle.write(text.encode()))
+    folder.mkdir(parents=True, exist_ok=True)
+    files = {mark.name: json.dumps(record, indent=1), "mesh.obj": mesh_text(rig, name)}
+    files |= {"controls.csv": texts["controls"], "face.toml": face_text(rig, options, name)}
+    for file, text in files.items():
+        if not (folder / file).exists():
+            write_whole(folder / file, lambda handle, text=text: handle.write(text.encode()))
+    (folder / "poses").mkdir(exist_ok=True)
 
 
 def check_unchanged(rig: SampledRig, shards: Sequence[Path]) -> None:

@@ -29,8 +29,14 @@ EXPRESSIONS: dict[str, dict[str, tuple[float, float, float]]] = {
         "lip.B": (0, -3, 0),
         "cheek.B.L.001": (2, 3, 2),
     },
-    "open": {"jaw_master:turn": (20, 0, 0), "lip.B.L.001": (2, -3, 0), "lip.T.L.001": (1, 1, 0), "lips.L": (-1, -1, 0)},
-    "part": {"jaw_master:turn": (8, 0, 0)},
+    "open": {
+        "jaw_master:turn": (18, 0, 0),
+        "jaw_master": (0, 0, 8),
+        "lip.B.L.001": (2, -2, 0),
+        "lip.T.L.001": (1, 1, 0),
+        "lips.L": (-1, -1, 0),
+    },
+    "part": {"jaw_master:turn": (8, 0, 0), "jaw_master": (0, 0, 3)},
     "pucker": {
         "lips.L": (-5, 0, 3),
         "lip.T.L.001": (-1, 0.5, 3.5),

@@ -154,6 +154,29 @@ def test_two_shares_make_what_one_process_makes(module, tmp_path):
     assert same(arrays(whole), arrays(parts))
 
 
+def test_processes_that_begin_at_the_same_time_take_each_other_s_files_for_their_own(module, tmp_path, monkeypatch):
+    folder, written, write_whole = tmp_path / "square", [], module.write_whole
+
+    def write(path, *words):
+        write_whole(path, *words)
+        written.append(path.name)
+        if len(written) < 4:  # another process begins after each file
+            module.begin(small_rig(module)[0], folder, options(module, folder), "square")
+
+    monkeypatch.setattr(module, "write_whole", write)
+    module.begin(small_rig(module)[0], folder, options(module, folder), "square")
+    assert written[0] == ".export.json" and {"mesh.obj", "controls.csv", "face.toml"} <= set(written)
+
+
+def test_a_description_that_was_not_finished_is_finished(module, tmp_path):
+    folder = tmp_path / "square"
+    module.export(small_rig(module)[0], options(module, folder, "--poses", "0"))
+    whole = (folder / "face.toml").read_text()
+    (folder / "face.toml").unlink()
+    module.export(small_rig(module)[0], options(module, folder, "--poses", "0"))
+    assert (folder / "face.toml").read_text() == whole
+
+
 def test_more_poses_are_added_and_none_that_is_there_changes(module, tmp_path):
     folder = tmp_path / "square"
     module.export(small_rig(module)[0], options(module, folder, "--poses", "60"))
