@@ -67,14 +67,14 @@ EXPRESSIONS: dict[str, dict[str, tuple[float, float, float]]] = {
     },
     "snarl": {"lip.T.L.001": (1, 5, 1), "nose.L.001": (1, 3, 0), "lip.B.L.001": (1, -4, 0), "lip.B": (0, -4, 0)},
     "brows_up": {
-        "brow.T.L.001": (0, 4, 0),
-        "brow.T.L.002": (0, 5.5, 0),
-        "brow.T.L.003": (0, 5, 0),
+        "brow.T.L.001": (0, 3, 0),
+        "brow.T.L.002": (0, 4.5, 0),
+        "brow.T.L.003": (0, 4, 0),
         "brow.B.L.001": (0, 1.5, 0),
         "brow.B.L.002": (0, 2, 0),
         "brow.B.L.003": (0, 2, 0),
     },
-    "brows_worry": {"brow.T.L.003": (-2, 7, 0.5), "brow.T.L.002": (-1, 2, 0), "brow.T.L.001": (0, -2, 0)},
+    "brows_worry": {"brow.T.L.003": (-1.5, 4.5, 0.5), "brow.T.L.002": (-1, 1, 0), "brow.T.L.001": (0, -2, 0)},
     "brows_down": {
         "brow.T.L.001": (0, -2, 0),
         "brow.T.L.002": (-2, -5, 1),
