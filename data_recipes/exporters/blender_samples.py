@@ -6,7 +6,7 @@ One file that needs Blender (4.2 or newer) or the `bpy` package, and numpy; copy
     python blender_samples.py face.blend --mesh Head --out myface
 
 Controls are channels of pose bones, values of shape keys, and custom properties with limits; which of them, --bones,
---collections, --shape-keys and --properties say by patterns, and without any of these all that some action keys.
+--collections, --shape-keys and --properties say by patterns, and without any of these all that some action moves.
 Actions are clips: all their frames are written, then poses drawn from them by Eq. 5; without actions, poses are drawn
 uniformly within limits. A second call goes on where the first one stopped.
 """
@@ -498,7 +498,7 @@ def rotation_vector(turn: object) -> np.ndarray:
 def read_clips(
     controls: Sequence[Control], channels: Sequence[Channel], options: argparse.Namespace
 ) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], set[int]]:
-    """Return the actions as clips, and the numbers of the controls that some action keys."""
+    """Return the actions as clips, and the numbers of the controls that some action moves."""
     import bpy
 
     clips, keyed = {}, set()
@@ -515,7 +515,7 @@ def read_clips(
         for number, of_channel in curves.items():
             values[:, number] = [value_at(channels[number], of_channel, frame) for frame in numbers.tolist()]
         clips[action.name] = numbers, np.where([c.whole for c in controls], np.round(values), values)
-        keyed |= set(curves)
+        keyed |= {number for number in curves if np.abs(values[:, number] - default[number]).max() > 1e-6}
     return clips, keyed
 
 
@@ -532,7 +532,7 @@ def find_controls(meshes: Sequence, options: argparse.Namespace) -> tuple[list[C
     controls, channels = [list(column) for column in zip(*found)] or ([], [])  # noqa: B905
     clips, keyed = read_clips(controls, channels, options)
     if not any_named and not keyed:
-        raise Refusal("no action keys anything, so say what the controls are: --bones, --collections, --shape-keys …")
+        raise Refusal("no action moves anything, so say what the controls are: --bones, --collections, --shape-keys …")
     if keyed and (options.keyed or not any_named):
         kept = sorted(keyed)
         controls, channels = ([column[i] for i in kept] for column in (controls, channels))
@@ -671,7 +671,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         text = f"{kind.replace('-', ' ')} that are controls, by name; * stands for anything; again for more"
         parser.add_argument(f"--{kind}", action="append", default=[], metavar="PATTERN", help=text)
     parser.add_argument("--channels", default="location,rotation,scale", help="of bones (default: all three)")
-    parser.add_argument("--keyed", action="store_true", help="of these, only what some action keys")
+    parser.add_argument("--keyed", action="store_true", help="of these, only what some action moves")
     parser.add_argument(
         "--actions", action="append", metavar="PATTERN", help="the actions that are clips (default: all)"
     )

@@ -175,12 +175,12 @@ def test_a_second_call_goes_on_and_changes_nothing(moving, blend, call):
     assert before.items() <= after.items() and len(after) == len(before) + 1
 
 
-def test_without_patterns_what_actions_key_are_the_controls(blend, call, tmp_path):
+def test_without_patterns_what_actions_move_are_the_controls(blend, call, tmp_path):
     code, lines = call(blend("moving"), tmp_path / "sheet", "--poses", "0")
     assert code == 0, lines
     names = set(controls_of(tmp_path / "sheet"))
     assert {"Puff", "lift", "left.rotation_x", "right.location_x", "right.rotation_y"} <= names
-    assert not any("scale" in name for name in names)
+    assert not any("scale" in name for name in names) and "left.location_y" not in names  # keyed, but never moved
 
 
 def test_without_animation_poses_are_uniform_within_limits(blend, call, tmp_path):
@@ -209,7 +209,7 @@ def test_a_subdivision_is_switched_off_and_said(blend, call, tmp_path):
         ("moving", ("--bones", "nobody"), "no control is left"),
         ("moving", (*ALL, "--unit", "in"), "say by --unit"),
         ("moving", ("--share", "3/2"), "--share 3/2"),
-        ("still", (), "no action keys anything"),
+        ("still", (), "no action moves anything"),
     ],
 )
 def test_what_cannot_be_exported_is_refused_in_one_sentence(extra, options, words, blend, call, tmp_path):
