@@ -44,6 +44,7 @@ __all__ = [
     "save_rig",
     "with_face_landmarks",
     "write_folder",
+    "write_rigify_samples",
 ]
 
 
@@ -190,3 +191,13 @@ def read_clip(rig: Rig, file: Path) -> Float32[np.ndarray, "t m"]:
     Raises InputError, naming file, line and control, for anything else (see clip_file.py).
     """
     return clip_file.read_clip(file, rig.controls)
+
+
+def write_rigify_samples(folder: Path, character: str, poses: int, jobs: int, name: str) -> None:
+    """Write the samples of Blender's Rigify face rig on a character's head into a folder, or what of them is missing.
+
+    poses: to draw, beside all frames. Raises InputError, as where neither bpy nor Blender is there.
+    """
+    from data_recipes.rigify.rigify_face import write_folder
+
+    write_folder(folder, character, poses, 0, jobs, name)

@@ -1,0 +1,720 @@
+"""Write a rig of a Blender file as a folder of samples: a mesh, its controls, and poses with their vertices (§3.5).
+
+One file that needs Blender (4.2 or newer) or the `bpy` package, and numpy; copy it wherever you like.
+
+    blender --background face.blend --python blender_samples.py -- --mesh Head --out myface
+    python blender_samples.py face.blend --mesh Head --out myface
+
+Controls are channels of pose bones, values of shape keys, and custom properties with limits; which of them, --bones,
+--collections, --shape-keys and --properties say by patterns, and without any of these all that some action moves.
+Actions are clips: all their frames are written, then poses drawn from them by Eq. 5; without actions, poses are drawn
+uniformly within limits. A second call goes on where the first one stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fnmatch
+import hashlib
+import json
+import os
+import re
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+# ---- The same text in every exporter, from here to the next such line: poses are drawn, and a folder is written. ----
+SHARD = 250  # poses in a file
+LOW, HIGH = 0.25, 3.0  # Eq. 5
+UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
+REGIONS = {  # how words of a control's name begin, in the order in which they are looked for, and its region
+    "brow|eyebrow|forehead": "brows",
+    "lid|eyelid|upperlid|lowerlid|blink|eye|squint": "eyes",
+    "nose|nostril|nasal|sneer": "nose",
+    "tongue": "tongue",
+    "lip|upperlip|lowerlip|mouth|smile|frown|pucker|teeth|tooth": "mouth",
+    "jaw|chin": "jaw",
+    "cheek|puff": "cheeks",
+    "ears?(?![a-z])": "ears",
+    "neck|head": "neck",
+}
+
+
+class Refusal(Exception):
+    """What can't be done, in one sentence."""
+
+
+class Control(NamedTuple):
+    """A control: its limits, or where the rig has none the range that it is used in; `whole`: of whole numbers."""
+
+    name: str
+    lower: float
+    default: float
+    upper: float
+    limited: bool = True
+    whole: bool = False
+
+
+class SampledRig(NamedTuple):
+    """A rig as a program gives it; n vertices, m controls, in `unit`, with the axis `up`.
+
+    faces: (name of the group, of the material, vertices of the corners, rows of `uvs` of the corners or None);
+    clips: name → (numbers of the frames, parameters (t, m)); evaluate: parameters (m,) → vertices (n, 3).
+    """
+
+    neutral: np.ndarray
+    faces: list[tuple[str, str, Sequence[int], Sequence[int] | None]]
+    uvs: np.ndarray
+    controls: list[Control]
+    clips: dict[str, tuple[np.ndarray, np.ndarray]]
+    evaluate: Callable[[np.ndarray], np.ndarray]
+    unit: str
+    up: str
+    frames_per_second: float
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that all exporters share."""
+    parser.add_argument("--out", required=True, help="the folder that is written, or that goes on growing")
+    parser.add_argument("--name", help="the character's name (default: the folder's)")
+    parser.add_argument("--poses", type=int, default=10_000, help="poses to draw, beside all frames (default: 10000)")
+    parser.add_argument("--seed", type=int, default=0, help="where random numbers start (default: 0)")
+    parser.add_argument("--share", default="1/1", help="do a part, as 1/2 and 2/2 in two processes (default: 1/1)")
+    parser.add_argument("--unit", choices=list(UNITS_MM), help="what one unit of the scene is")
+    parser.add_argument("--segments", choices=["groups", "materials", "islands"], help="what a segment of the mesh is")
+    parser.add_argument("--source", default="", help="a line on whose rig this is")
+    parser.add_argument("--licence", default="", help="a line on its licence")
+    parser.add_argument("--points", help="a file of TOML, [points] and so on, that is added to face.toml")
+
+
+def region(name: str) -> str:
+    """Return the region of the face that a control belongs to, by its name."""
+    words = re.sub("(?<=[a-z])(?=[A-Z])", " ", name).lower()
+    return next((found for starts, found in REGIONS.items() if re.search(f"(?<![a-z])(?:{starts})", words)), "face")
+
+
+def names_of_controls(names: Sequence[str]) -> list[str]:
+    """Return names that a table takes: without commas or what can't be printed, 63 bytes at most, each once."""
+    taken: list[str] = []
+    for name in names:
+        clean = "".join(c if c.isprintable() and c not in ',"' else "_" for c in name).strip() or "control"
+        number, chosen = 1, clean.encode()[:63].decode(errors="ignore")
+        while chosen in taken:
+            number += 1
+            chosen = clean.encode()[: 62 - len(str(number))].decode(errors="ignore") + f"~{number}"
+        taken.append(chosen)
+    return taken
+
+
+def draw_pose(controls: Sequence[Control], frames: np.ndarray, seed: int, index: int) -> tuple[np.ndarray, int]:
+    """Return the parameters of a drawn pose (Eq. 5), and the frame it was drawn from, or -1 (uniform in the limits).
+
+    frames: (a, m), or none of them. Factors multiply distances from the defaults; limits hold where the rig has them.
+    Pose `index` of a seed is always the same one, whatever was drawn before.
+    """
+    generator = np.random.default_rng([seed, index])
+    lower, default, upper = (np.array([c[i] for c in controls]) for i in (1, 2, 3))
+    if len(frames):
+        source = int(generator.integers(len(frames)))
+        params = default + generator.uniform(LOW, HIGH, len(controls)) * (frames[source] - default)
+        limited = np.array([c.limited for c in controls])
+        params = np.where(limited, np.clip(params, lower, upper), params)
+    else:
+        source, params = -1, generator.uniform(lower, upper)
+    return np.where([c.whole for c in controls], np.round(params), params).astype(np.float32), source
+
+
+def pieces_to_write(names: Sequence[str], kind: str, total: int, share: tuple[int, int]) -> Iterator[tuple[int, int]]:
+    """Yield the first pose, and the one after the last, of each file that is still to be written, SHARD poses at most.
+
+    names: of the files that are there; share: (i, k), every k-th file, from the i-th. More poses than last time: what
+    is there stays, and the rest of its last file becomes a file of its own.
+    """
+    pattern = re.compile(rf"{kind}-(\d+)-(\d+)\.npz")
+    there = [(int(m[1]), int(m[2])) for m in map(pattern.fullmatch, names) if m]
+    for start in range(0, total, SHARD):
+        done = max((last for first, last in there if first // SHARD == start // SHARD), default=start)
+        end = min(start + SHARD, total)
+        if start // SHARD % share[1] == share[0] - 1 and done < end:
+            yield done, end
+
+
+def write_whole(path: Path, write: Callable) -> None:
+    """Write a file under a name that ends in .part and rename it once it is whole."""
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    with open(part, "wb") as file:
+        write(file)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(part, path)
+
+
+def mesh_text(rig: SampledRig, name: str) -> str:
+    """Return the neutral mesh as an OBJ, its corners with UVs, its faces by groups and materials."""
+    lines = [f"# {name}"] + [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in rig.neutral.tolist()]
+    lines += [f"vt {u:.9g} {v:.9g}" for u, v in rig.uvs.tolist()]
+    group = material = None
+    for of_group, of_material, corners, uvs in rig.faces:
+        if of_group != group:
+            group = of_group
+            lines.append(f"g {group}")
+        if of_material != material:
+            material = of_material
+            lines.append(f"usemtl {material}")
+        at = [f"{v + 1}" for v in corners] if uvs is None else [f"{v + 1}/{t + 1}" for v, t in zip(corners, uvs)]  # noqa: B905
+        lines.append("f " + " ".join(at))
+    return "\n".join(lines) + "\n"
+
+
+def face_text(rig: SampledRig, options: argparse.Namespace, name: str) -> str:
+    """Return the text of face.toml."""
+    groups, materials = ({face[i] for face in rig.faces} for i in (0, 1))
+    segments = options.segments or ("materials" if len(materials) > 1 else "groups" if len(groups) > 1 else "islands")
+    if segments == "islands" and not len(rig.uvs):
+        segments = "groups"
+    values = {"name": name, "unit": rig.unit, "up": rig.up, "mesh": "mesh.obj", "segments": segments}
+    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in values.items()]
+    lines += [f"frames_per_second = {rig.frames_per_second:g}"] if rig.clips else []
+    lines += [f"{k} = {json.dumps(v, ensure_ascii=False)}" for k in ("source", "licence") if (v := getattr(options, k))]
+    return "\n".join(lines) + "\n" + (Path(options.points).read_text("utf-8") if options.points else "")
+
+
+def controls_text(controls: Sequence[Control]) -> str:
+    """Return the text of controls.csv."""
+    rows = [f"{c.name},{c.lower:.9g},{c.default:.9g},{c.upper:.9g},{region(c.name)}" for c in controls]
+    return "\n".join(["name,lower,default,upper,region", *rows]) + "\n"
+
+
+def check(rig: SampledRig, options: argparse.Namespace, name: str) -> tuple[int, int]:
+    """Return the share of the work that is asked for. Raises Refusal for what no folder can be made of."""
+    share = re.fullmatch(r"([1-9]\d*)/([1-9]\d*)", options.share)
+    if not share or int(share[1]) > int(share[2]):
+        raise Refusal(f"--share {options.share} is no share: allowed are 1/2, 2/2 and the like")
+    if not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", name):
+        raise Refusal(f"'{name}' is no name for a character: allowed are 40 letters, digits, _ and -; give --name")
+    if not rig.controls:
+        raise Refusal("no control is left: the patterns match none that is free to move")
+    if options.poses < 0 or options.seed < 0:
+        raise Refusal("--poses and --seed are 0 or more")
+    if not rig.clips and options.poses < 20:
+        raise Refusal("there is no animation, and without it a folder has at least 20 poses: give --poses")
+    size = np.ptp(rig.neutral, axis=0).max() * UNITS_MM[rig.unit]
+    if not 50 <= size <= 1000:
+        raise Refusal(
+            f"the mesh is {size:,.0f} mm large, where 50 to 1,000 mm are allowed: say by --unit what a unit is"
+        )
+    if options.points and not Path(options.points).is_file():
+        raise Refusal(f"{options.points}, the file of --points, is not there")
+    return int(share[1]), int(share[2])
+
+
+def begin(rig: SampledRig, folder: Path, options: argparse.Namespace, name: str) -> None:
+    """Write what describes the folder, or check that it is the same rig's. Raises Refusal where it isn't."""
+    frames = b"".join(n.tobytes() + p.astype(np.float32).tobytes() for n, p in rig.clips.values())
+    texts = {"mesh": repr(rig.faces), "controls": controls_text(rig.controls), "clips": repr(list(rig.clips))}
+    record = {key: hashlib.sha256(text.encode()).hexdigest() for key, text in texts.items()}
+    record |= {"frames": hashlib.sha256(frames).hexdigest(), "seed": options.seed, "poses in a file": SHARD}
+    mark = folder / ".export.json"
+    foreign = folder.exists() and any(not path.name.startswith(".") for path in folder.iterdir())
+    if mark.exists():  # looked for after the rest: what another process writes now, it writes after the mark
+        there = json.loads(mark.read_text("utf-8"))
+        other = [key for key in record if record[key] != there.get(key)]
+        if other:
+            raise Refusal(f"{folder} holds an export with other {', '.join(other)}: name another folder, or remove it")
+    elif foreign:
+        raise Refusal(f"{folder} has files that no exporter wrote: name another folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    files = {mark.name: json.dumps(record, indent=1), "mesh.obj": mesh_text(rig, name)}
+    files |= {"controls.csv": texts["controls"], "face.toml": face_text(rig, options, name)}
+    for file, text in files.items():
+        if not (folder / file).exists():
+            write_whole(folder / file, lambda handle, text=text: handle.write(text.encode()))
+    (folder / "poses").mkdir(exist_ok=True)
+
+
+def check_unchanged(rig: SampledRig, shards: Sequence[Path]) -> None:
+    """Raise Refusal if a pose that is there comes out otherwise now."""
+    for path in shards[:1]:
+        with np.load(path) as there:
+            far = np.abs(rig.evaluate(there["params"][-1]) - there["vertices"][-1]).max()
+        if not far <= 1e-3 * np.ptp(rig.neutral, axis=0).max():
+            raise Refusal(f"the last pose of {path} comes out otherwise now: the rig has changed; name another folder")
+
+
+def export(rig: SampledRig, options: argparse.Namespace) -> None:
+    """Write the folder, file by file, going on where an earlier call stopped. Raises Refusal."""
+    folder = Path(options.out)
+    name = options.name or folder.resolve().name
+    share = check(rig, options, name)
+    begin(rig, folder, options, name)
+    frames = np.concatenate([np.zeros((0, len(rig.controls)))] + [values for _, values in rig.clips.values()])
+    origin = [(clip, int(number)) for clip, (numbers, _) in rig.clips.items() for number in numbers]
+    shards = sorted((folder / "poses").glob("*.npz"))
+    check_unchanged(rig, shards)
+    names = [path.name for path in shards]
+    work = [("frames", *piece) for piece in pieces_to_write(names, "frames", len(frames), share)]
+    work += [("drawn", *piece) for piece in pieces_to_write(names, "drawn", options.poses, share)]
+    total, done, started = sum(end - start for _, start, end in work), 0, time.monotonic()
+    say(
+        f"{len(rig.neutral):,} vertices, {len(rig.controls)} controls, {len(rig.clips)} clips of {len(frames):,} frames"
+    )
+    for kind, start, end in work:
+        drawn = kind == "drawn"
+        poses = [
+            draw_pose(rig.controls, frames, options.seed, i) if drawn else (frames[i].astype(np.float32), i)
+            for i in range(start, end)
+        ]
+        vertices = np.stack([rig.evaluate(params).astype(np.float32) for params, _ in poses])
+        if not np.isfinite(vertices).all():
+            bad = start + int(np.argmin(np.isfinite(vertices).all(axis=(1, 2))))
+            raise Refusal(f"pose {bad} of the {kind} has vertices that are no numbers: the rig can't bear it")
+        arrays = {"params": np.stack([params for params, _ in poses]), "vertices": vertices}
+        if origin:
+            clips, numbers = zip(*(origin[source] for _, source in poses))  # noqa: B905
+            arrays |= {"clip": np.array(clips), "frame": np.array(numbers), "drawn": np.full(end - start, drawn)}
+        path = folder / "poses" / f"{kind}-{start:07d}-{end:07d}.npz"
+        write_whole(path, lambda file, arrays=arrays: np.savez(file, **arrays))
+        done += end - start
+        rate = done / (time.monotonic() - started)
+        say(f"{done:,} of {total:,} poses, {rate:.3g} a second, {(total - done) / rate / 60:.1f} minutes left")
+    say(f"{folder} has all of its poses" if not total else f"written to {folder}")
+
+
+def say(sentence: str) -> None:
+    """Print a line at once."""
+    print(sentence, file=sys.stderr, flush=True)
+
+
+# ---- The end of the text that is the same in every exporter. ----
+
+
+AXES = "xyz"
+REACH = {"rotation": 15.0, "scale": 0.1}  # of channels without limits, about the default; location: see `bone_controls`
+SUBDIVIDE = ("SUBSURF", "MULTIRES")
+PARTS = {"QUATERNION": 4, "AXIS_ANGLE": 4}  # of a rotation; Euler angles have three
+
+
+class Channel(NamedTuple):
+    """What a control sets: `kind` is location, rotation, scale, key or property.
+
+    block: the data block; owner: a bone, a shape key, or the block itself; item: an axis, or a property's name.
+    """
+
+    kind: str
+    block: object
+    owner: object
+    item: str | int
+
+    def curves(self) -> list[tuple[str, int]]:
+        """Return path and index of all curves that move it: a quaternion's parts turn a bone about all three axes."""
+        base = "" if self.owner == self.block else self.owner.path_from_id()
+        if self.kind == "key":
+            return [(f"{base}.value", 0)]
+        if self.kind == "property":
+            return [(f"{base}[{json.dumps(self.item, ensure_ascii=False)}]", 0)]
+        if self.kind != "rotation":
+            return [(f"{base}.{self.kind}", self.item)]
+        if turns_by_euler(self.owner):
+            return [(f"{base}.rotation_euler", self.item)]
+        mode = self.owner.rotation_mode
+        return [(f"{base}.rotation_{mode.lower()}", i) for i in range(PARTS[mode])]
+
+
+def turns_by_euler(bone: object) -> bool:
+    """Tell whether a bone turns by Euler angles."""
+    return bone.rotation_mode not in PARTS
+
+
+def pick_meshes(options: argparse.Namespace) -> list:
+    """Return the mesh objects that are named, ready to be evaluated. Raises Refusal for a name that is none."""
+    import bpy
+
+    every = [o.name for o in bpy.context.view_layer.objects if o.type == "MESH"]
+    chosen = []
+    for name in options.mesh:
+        if name not in every:
+            raise Refusal(f"there is no mesh '{name}' in the view layer: there are {', '.join(every[:20]) or 'none'}")
+        chosen.append(bpy.data.objects[name])
+    for obj in chosen:
+        obj.hide_viewport, obj.show_only_shape_key = False, False
+        obj.hide_set(False)
+        if not obj.visible_get():
+            raise Refusal(f"the mesh '{obj.name}' is in a hidden collection, where nothing is evaluated: show it")
+        for modifier in obj.modifiers:
+            if modifier.type in SUBDIVIDE and modifier.show_viewport:
+                modifier.show_viewport = False
+                say(f"{obj.name}: its modifier {modifier.name} is switched off, since it makes new vertices")
+    return chosen
+
+
+def pick_armatures(options: argparse.Namespace, meshes: Sequence) -> list:
+    """Return the armatures whose bones are controls: those that are named, that move the meshes, or all."""
+    import bpy
+
+    every = [o for o in bpy.context.view_layer.objects if o.type == "ARMATURE"]
+    if options.armature:
+        missing = [name for name in options.armature if name not in [o.name for o in every]]
+        if missing:
+            raise Refusal(
+                f"there is no armature '{missing[0]}': there are {', '.join(o.name for o in every) or 'none'}"
+            )
+        every = [o for o in every if o.name in options.armature]
+    else:
+        move = {m.object for o in meshes for m in o.modifiers if m.type == "ARMATURE"} | {o.parent for o in meshes}
+        every = [o for o in every if o in move] or every
+    for armature in every:
+        armature.data.pose_position = "POSE"
+    return every
+
+
+def matches(name: str, patterns: Sequence[str]) -> bool:
+    """Tell whether a name is one of some patterns, in which * stands for anything; [ and ] are letters as others."""
+    return any(fnmatch.fnmatchcase(name, pattern.replace("[", "[[]")) for pattern in patterns)
+
+
+def driven(block: object) -> set[tuple[str, int]]:
+    """Return the path and index of all that drivers of a data block set: these are no controls."""
+    data = getattr(block, "animation_data", None)
+    return {(curve.data_path, curve.array_index) for curve in data.drivers} if data else set()
+
+
+def bone_controls(armature: object, options: argparse.Namespace, every: bool) -> Iterator[tuple[Control, Channel]]:
+    """Yield the free channels of an armature's bones that are named, with the limits that constraints set."""
+    taken = driven(armature)
+    for bone in armature.pose.bones:
+        collections = [collection.name for collection in bone.bone.collections]
+        named = matches(bone.name, options.bones) or any(matches(name, options.collections) for name in collections)
+        if not (named or every):
+            continue
+        limits = {c.type: c for c in bone.constraints if c.type.startswith("LIMIT_") and c.owner_space == "LOCAL"}
+        for kind in options.channels.split(","):
+            for axis in range(3):
+                channel = Channel(kind, armature, bone, axis)
+                if getattr(bone, f"lock_{kind}")[axis] or not taken.isdisjoint(channel.curves()):
+                    continue
+                default = 1.0 if kind == "scale" else 0.0
+                reach = REACH.get(kind, 0.25 * bone.length) * options.reach
+                lower, upper, limited = default - reach, default + reach, False
+                limit = limits.get(f"LIMIT_{kind.upper()}")
+                if limit is not None and not limit.mute:
+                    lower, upper, limited = limit_of(limit, kind, axis) or (lower, upper, False)
+                name = f"{bone.name}.{kind}_{AXES[axis]}"
+                yield Control(name, min(lower, default), default, max(upper, default), limited), channel
+
+
+def limit_of(limit: object, kind: str, axis: int) -> tuple[float, float, bool] | None:
+    """Return the limits of a channel that a constraint sets on both sides, or None."""
+    letter, degrees = AXES[axis], kind == "rotation"
+    below = getattr(limit, f"use_limit_{letter}" if degrees else f"use_min_{letter}")
+    above = getattr(limit, f"use_limit_{letter}" if degrees else f"use_max_{letter}")
+    sides = [getattr(limit, f"{side}_{letter}") for side in ("min", "max")]
+    if not (below and above and sides[0] < sides[1]):
+        return None
+    return *(float(np.degrees(side)) if degrees else side for side in sides), True
+
+
+def key_controls(keys: object, options: argparse.Namespace, every: bool) -> Iterator[tuple[Control, Channel]]:
+    """Yield the shape keys of a mesh that are named and not driven."""
+    taken = driven(keys)
+    for key in keys.key_blocks[1:]:
+        channel = Channel("key", keys, key, key.name)
+        named = matches(key.name, options.shape_keys) or every
+        if named and not key.mute and taken.isdisjoint(channel.curves()):
+            lower, upper = key.slider_min, key.slider_max
+            yield Control(key.name, lower, min(max(0.0, lower), upper), upper), channel
+
+
+def property_controls(block: object, options: argparse.Namespace, every: bool) -> Iterator[tuple[Control, Channel]]:
+    """Yield the custom properties with limits, of an object and of its bones, that are named and not driven."""
+    taken = driven(block)
+    for owner in (block, *(block.pose.bones if block.type == "ARMATURE" else ())):
+        for name, value in owner.items():
+            if not isinstance(value, (int, float)):
+                continue
+            channel = Channel("property", block, owner, name)
+            full = name if owner == block else f"{owner.name}.{name}"
+            about = owner.id_properties_ui(name).as_dict() | ({"min": 0, "max": 1} if isinstance(value, bool) else {})
+            lower, upper, default = (float(about.get(key, 0.0)) for key in ("min", "max", "default"))
+            named = matches(name, options.properties) or matches(full, options.properties) or every
+            if named and taken.isdisjoint(channel.curves()) and lower < upper and upper - lower < 1e6:
+                default = min(max(default, lower), upper)
+                yield Control(full, lower, default, upper, whole=not isinstance(value, float)), channel
+
+
+def curves_of(action: object) -> Iterator[tuple[str, str, object]]:
+    """Yield (kind of block, name of the slot or nothing, curve) of an action, of Blender before and after layers."""
+    if getattr(action, "slots", None) is None:
+        yield from ((action.id_root, "", curve) for curve in action.fcurves)
+        return
+    for layer in action.layers:
+        for strip in layer.strips:
+            for slot in action.slots:
+                bag = strip.channelbag(slot)
+                yield from ((slot.target_id_type, slot.name_display, curve) for curve in (bag.fcurves if bag else ()))
+
+
+def read_action(action: object, channels: Sequence[Channel]) -> dict[int, dict[int, object]]:
+    """Return the curves of an action that move channels: the channel's number → index → curve."""
+    moved: dict[tuple, list[int]] = {}
+    for number, channel in enumerate(channels):
+        for path, index in channel.curves():
+            moved.setdefault((channel.block.id_type, path, index), []).append(number)
+    found: dict[int, dict[int, object]] = {}
+    for kind, slot, curve in curves_of(action):
+        numbers = moved.get((kind, curve.data_path, curve.array_index), ())
+        own = [number for number in numbers if channels[number].block.name == slot] or numbers
+        for number in () if curve.mute else own:
+            found.setdefault(number, {})[curve.array_index] = curve
+    return found
+
+
+def value_at(channel: Channel, curves: dict[int, object], frame: float) -> float:
+    """Return a channel's value in a frame: degrees for rotations, of a quaternion those of its rotation vector."""
+    if channel.kind != "rotation":
+        return next(iter(curves.values())).evaluate(frame)
+    if turns_by_euler(channel.owner):
+        return float(np.degrees(curves[channel.item].evaluate(frame)))
+    from mathutils import Quaternion
+
+    by_quaternion = channel.owner.rotation_mode == "QUATERNION"
+    parts = [1.0, 0.0, 0.0, 0.0] if by_quaternion else [0.0, 0.0, 1.0, 0.0]
+    parts = [curves[i].evaluate(frame) if i in curves else part for i, part in enumerate(parts)]
+    turn = Quaternion(parts) if by_quaternion else Quaternion(parts[1:], parts[0])
+    return float(np.degrees(rotation_vector(turn)[channel.item]))
+
+
+def rotation_vector(turn: object) -> np.ndarray:
+    """Return a quaternion's rotation vector, radians, half a turn at most."""
+    turn = turn.normalized()
+    turn = -turn if turn.w < 0 else turn
+    return np.array(turn.to_exponential_map())
+
+
+def read_clips(
+    controls: Sequence[Control], channels: Sequence[Channel], options: argparse.Namespace
+) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], set[int]]:
+    """Return the actions as clips, and the numbers of the controls that some action moves."""
+    import bpy
+
+    clips, keyed = {}, set()
+    default = np.array([c.default for c in controls])
+    for action in sorted(bpy.data.actions, key=lambda action: action.name):
+        if not matches(action.name, options.actions):
+            continue
+        curves = read_action(action, channels)
+        if not curves:
+            continue
+        first, last = (round(float(end)) for end in action.frame_range)
+        numbers = np.arange(first, last + 1)
+        values = np.tile(default, (len(numbers), 1))
+        for number, of_channel in curves.items():
+            values[:, number] = [value_at(channels[number], of_channel, frame) for frame in numbers.tolist()]
+        clips[action.name] = numbers, np.where([c.whole for c in controls], np.round(values), values)
+        keyed |= {number for number in curves if np.abs(values[:, number] - default[number]).max() > 1e-6}
+    return clips, keyed
+
+
+def find_controls(meshes: Sequence, options: argparse.Namespace) -> tuple[list[Control], list[Channel], dict]:
+    """Return the controls, what they set, and the clips. Raises Refusal if nothing is named."""
+    any_named = any((options.bones, options.collections, options.shape_keys, options.properties))
+    armatures, found = pick_armatures(options, meshes), []
+    for armature in armatures:
+        found += bone_controls(armature, options, not any_named)
+    for keys in dict.fromkeys(mesh.data.shape_keys for mesh in meshes if mesh.data.shape_keys):
+        found += key_controls(keys, options, not any_named)
+    for block in dict.fromkeys((*armatures, *meshes)):
+        found += property_controls(block, options, not any_named)
+    controls, channels = [list(column) for column in zip(*found)] or ([], [])  # noqa: B905
+    clips, keyed = read_clips(controls, channels, options)
+    if not any_named and not keyed:
+        raise Refusal("no action moves anything, so say what the controls are: --bones, --collections, --shape-keys …")
+    if keyed and (options.keyed or not any_named):
+        kept = sorted(keyed)
+        controls, channels = ([column[i] for i in kept] for column in (controls, channels))
+        clips = {name: (numbers, values[:, kept]) for name, (numbers, values) in clips.items()}
+    names = names_of_controls([control.name for control in controls])
+    controls = [control._replace(name=name) for control, name in zip(controls, names)]  # noqa: B905
+    return [in_use(control, i, clips) for i, control in enumerate(controls)], channels, clips
+
+
+def in_use(control: Control, i: int, clips: dict) -> Control:
+    """Return a control without limits with the range of its values in the clips, where these use it."""
+    values = [control.default, *(v for _, clip in clips.values() for v in (clip[:, i].min(), clip[:, i].max()))]
+    if control.limited or min(values) == max(values):
+        return control
+    return control._replace(lower=float(min(values)), upper=float(max(values)))
+
+
+class Scene:
+    """The meshes of a scene, posed by values of channels."""
+
+    def __init__(self, meshes: Sequence, channels: Sequence[Channel]):
+        """Take the scene over: animation of what controls set no longer plays."""
+        import bpy
+
+        self.meshes, self.channels = meshes, channels
+        self.turning = {}  # bone → the numbers of the channels that turn it about x, y and z
+        for number, channel in enumerate(channels):
+            if channel.kind == "rotation":
+                self.turning.setdefault(channel.owner.path_from_id(), (channel.owner, {}))[1][channel.item] = number
+            data = channel.block.animation_data
+            if data and data.action:
+                data.action = None
+            for track in data.nla_tracks if data else ():
+                track.mute = True
+        self.graph = bpy.context.evaluated_depsgraph_get()
+
+    def __call__(self, params: np.ndarray) -> np.ndarray:
+        """Return the vertices (n, 3) of a pose, in the axes of the scene."""
+        import bpy
+
+        for channel, value in zip(self.channels, params.tolist()):  # noqa: B905
+            if channel.kind in ("location", "scale"):
+                getattr(channel.owner, channel.kind)[channel.item] = value
+            elif channel.kind == "key":
+                channel.owner.value = value
+            elif channel.kind == "property":
+                whole = isinstance(channel.owner[channel.item], int)
+                channel.owner[channel.item] = type(channel.owner[channel.item])(round(value) if whole else value)
+        for block in {channel.block for channel in self.channels}:
+            block.update_tag()
+        for bone, axes in self.turning.values():
+            turn_bone(bone, np.radians([params[axes[i]] if i in axes else 0.0 for i in range(3)]))
+        bpy.context.view_layer.update()
+        return np.concatenate([self.vertices(obj) for obj in self.meshes])
+
+    def vertices(self, obj: object) -> np.ndarray:
+        """Return the vertices of a mesh as it is posed. Raises Refusal if they are not those of the mesh."""
+        evaluated = obj.evaluated_get(self.graph)
+        count = len(evaluated.data.vertices)
+        if count != len(obj.data.vertices):
+            raise Refusal(
+                f"{obj.name} has {len(obj.data.vertices)} vertices, and {count} behind its modifiers "
+                f"({', '.join(m.name for m in obj.modifiers if m.show_viewport)}): switch off what makes new ones"
+            )
+        flat = np.empty(3 * count, np.float32)
+        evaluated.data.vertices.foreach_get("co", flat)
+        world = np.array(evaluated.matrix_world, dtype=np.float64)
+        return flat.reshape(-1, 3) @ world[:3, :3].T + world[:3, 3]
+
+
+def turn_bone(bone: object, angles: np.ndarray) -> None:
+    """Turn a bone by Euler angles, if that is its mode, or by a rotation vector; radians."""
+    from mathutils import Quaternion, Vector
+
+    if turns_by_euler(bone):
+        bone.rotation_euler = angles
+        return
+    turn = Quaternion(Vector(angles)) if np.any(angles) else Quaternion()
+    if bone.rotation_mode == "QUATERNION":
+        bone.rotation_quaternion = turn
+    else:
+        axis, angle = turn.to_axis_angle()
+        bone.rotation_axis_angle = (angle, *axis)
+
+
+def read_faces(meshes: Sequence) -> tuple[list[tuple[str, str, list[int], list[int] | None]], np.ndarray]:
+    """Return the polygons of all meshes with groups and materials, and their UVs. Raises Refusal for loose vertices."""
+    faces, uvs, first, corner = [], [], 0, 0
+    has_uvs = all(obj.data.uv_layers.active for obj in meshes)
+    for obj in meshes:
+        mesh = obj.data
+        used = np.zeros(len(mesh.vertices), dtype=bool)
+        names = ["_".join(slot.name.split()) or "none" for slot in obj.material_slots] or ["none"]
+        for polygon in mesh.polygons:
+            corners = list(polygon.vertices)
+            used[corners] = True
+            loops = [corner + i for i in polygon.loop_indices] if has_uvs else None
+            material = names[min(polygon.material_index, len(names) - 1)]
+            faces.append(("_".join(obj.name.split()), material, [first + v for v in corners], loops))
+        if not used.all():
+            raise Refusal(f"{obj.name} has {int((~used).sum())} vertices without a face: delete them (loose geometry)")
+        if has_uvs:
+            flat = np.empty(2 * len(mesh.loops), np.float32)
+            mesh.uv_layers.active.data.foreach_get("uv", flat)
+            uvs.append(flat.reshape(-1, 2))
+        first, corner = first + len(mesh.vertices), corner + len(mesh.loops)
+    return faces, np.concatenate(uvs) if uvs else np.zeros((0, 2), np.float32)
+
+
+def read_rig(options: argparse.Namespace) -> SampledRig:
+    """Return the rig of the open file that the options name. Raises Refusal."""
+    import bpy
+
+    if bpy.context.mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+    meshes = pick_meshes(options)
+    faces, uvs = read_faces(meshes)
+    controls, channels, clips = find_controls(meshes, options)
+    scale = bpy.context.scene.unit_settings.scale_length
+    unit = options.unit or next((unit for unit, mm in UNITS_MM.items() if abs(mm / 1000 / scale - 1) < 1e-4), None)
+    if unit is None:
+        raise Refusal(f"a unit of this scene is {scale:g} m: say by --unit what it is")
+    evaluate = Scene(meshes, channels)
+    neutral = evaluate(np.array([control.default for control in controls]))
+    render = bpy.context.scene.render
+    return SampledRig(neutral, faces, uvs, controls, clips, evaluate, unit, "z", render.fps / render.fps_base)
+
+
+def parse(arguments: Sequence[str]) -> argparse.Namespace:
+    """Return the options of a command line."""
+    parser = argparse.ArgumentParser("blender_samples.py", description=__doc__.split("\n\n")[0])
+    parser.add_argument("file", nargs="?", help="a .blend file (default: what Blender has opened)")
+    parser.add_argument("--mesh", action="append", required=True, help="a mesh object; again for more of them")
+    parser.add_argument("--armature", action="append", default=[], help="whose bones (default: what moves the meshes)")
+    for kind in ("bones", "collections", "shape-keys", "properties"):
+        text = f"{kind.replace('-', ' ')} that are controls, by name; * stands for anything; again for more"
+        parser.add_argument(f"--{kind}", action="append", default=[], metavar="PATTERN", help=text)
+    parser.add_argument("--channels", default="location,rotation,scale", help="of bones (default: all three)")
+    parser.add_argument("--keyed", action="store_true", help="of these, only what some action moves")
+    parser.add_argument(
+        "--actions", action="append", metavar="PATTERN", help="the actions that are clips (default: all)"
+    )
+    parser.add_argument("--reach", type=float, default=1.0, help="how far bones without limits go, without animation")
+    add_options(parser)
+    options = parser.parse_args(arguments)
+    options.actions = options.actions or ["*"]
+    if not set(options.channels.split(",")) <= {"location", "rotation", "scale"}:
+        parser.error(f"--channels {options.channels}: allowed are location, rotation and scale, with commas between")
+    return options
+
+
+def main() -> int:
+    """Export as the command line says; return the exit code."""
+    arguments = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
+    options = parse(arguments)
+    try:
+        try:
+            import bpy
+        except ImportError:
+            raise Refusal("this Python has no bpy: run the script in Blender, or after pip install bpy") from None
+        if options.file:
+            if not Path(options.file).is_file():
+                raise Refusal(f"there is no file {options.file}")
+            bpy.ops.wm.open_mainfile(filepath=str(Path(options.file).resolve()))
+        export(read_rig(options), options)
+    except (Refusal, OSError, RuntimeError) as error:
+        say(f"error: {str(error).strip()}")
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    try:
+        code = main()
+    except SystemExit as end:  # of argparse
+        code = end.code if isinstance(end.code, int) else 2
+    except KeyboardInterrupt:
+        say("stopped: the same call goes on from here")
+        code = 130
+    except BaseException:
+        traceback.print_exc()
+        code = 1
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code or 0)  # not through the clean-up of bpy, which complains of blocks that are still there

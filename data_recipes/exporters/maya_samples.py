@@ -1,0 +1,512 @@
+"""Write a rig of a Maya scene as a folder of samples: a mesh, its controls, and poses with their vertices (§3.5).
+
+One file for Maya's own Python (2022 or newer, which has numpy by `mayapy -m pip install numpy`). UNTRIED: it was
+written from Maya's reference without a Maya to run it in. What it shares with `blender_samples.py` is tested.
+
+    mayapy maya_samples.py face.mb --mesh head --controls "*_ctrl" --out myface
+
+or in the script editor, on the scene that is open, which loses its animation thereby (save it first):
+
+    import maya_samples; maya_samples.main(["--mesh", "head", "--controls", "*_ctrl", "--out", "/tmp/myface"])
+
+Controls are the keyable attributes, neither locked nor driven, of the nodes that --controls names; a blendShape node is
+such a node too. The timeline, or the parts of it that --clip names, is the animation: all frames are written, then
+poses drawn from them by Eq. 5. If no control has keys, poses are drawn uniformly within limits, which all of them must
+have. A second call goes on where the first one stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import re
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+# ---- The same text in every exporter, from here to the next such line: poses are drawn, and a folder is written. ----
+SHARD = 250  # poses in a file
+LOW, HIGH = 0.25, 3.0  # Eq. 5
+UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
+REGIONS = {  # how words of a control's name begin, in the order in which they are looked for, and its region
+    "brow|eyebrow|forehead": "brows",
+    "lid|eyelid|upperlid|lowerlid|blink|eye|squint": "eyes",
+    "nose|nostril|nasal|sneer": "nose",
+    "tongue": "tongue",
+    "lip|upperlip|lowerlip|mouth|smile|frown|pucker|teeth|tooth": "mouth",
+    "jaw|chin": "jaw",
+    "cheek|puff": "cheeks",
+    "ears?(?![a-z])": "ears",
+    "neck|head": "neck",
+}
+
+
+class Refusal(Exception):
+    """What can't be done, in one sentence."""
+
+
+class Control(NamedTuple):
+    """A control: its limits, or where the rig has none the range that it is used in; `whole`: of whole numbers."""
+
+    name: str
+    lower: float
+    default: float
+    upper: float
+    limited: bool = True
+    whole: bool = False
+
+
+class SampledRig(NamedTuple):
+    """A rig as a program gives it; n vertices, m controls, in `unit`, with the axis `up`.
+
+    faces: (name of the group, of the material, vertices of the corners, rows of `uvs` of the corners or None);
+    clips: name → (numbers of the frames, parameters (t, m)); evaluate: parameters (m,) → vertices (n, 3).
+    """
+
+    neutral: np.ndarray
+    faces: list[tuple[str, str, Sequence[int], Sequence[int] | None]]
+    uvs: np.ndarray
+    controls: list[Control]
+    clips: dict[str, tuple[np.ndarray, np.ndarray]]
+    evaluate: Callable[[np.ndarray], np.ndarray]
+    unit: str
+    up: str
+    frames_per_second: float
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that all exporters share."""
+    parser.add_argument("--out", required=True, help="the folder that is written, or that goes on growing")
+    parser.add_argument("--name", help="the character's name (default: the folder's)")
+    parser.add_argument("--poses", type=int, default=10_000, help="poses to draw, beside all frames (default: 10000)")
+    parser.add_argument("--seed", type=int, default=0, help="where random numbers start (default: 0)")
+    parser.add_argument("--share", default="1/1", help="do a part, as 1/2 and 2/2 in two processes (default: 1/1)")
+    parser.add_argument("--unit", choices=list(UNITS_MM), help="what one unit of the scene is")
+    parser.add_argument("--segments", choices=["groups", "materials", "islands"], help="what a segment of the mesh is")
+    parser.add_argument("--source", default="", help="a line on whose rig this is")
+    parser.add_argument("--licence", default="", help="a line on its licence")
+    parser.add_argument("--points", help="a file of TOML, [points] and so on, that is added to face.toml")
+
+
+def region(name: str) -> str:
+    """Return the region of the face that a control belongs to, by its name."""
+    words = re.sub("(?<=[a-z])(?=[A-Z])", " ", name).lower()
+    return next((found for starts, found in REGIONS.items() if re.search(f"(?<![a-z])(?:{starts})", words)), "face")
+
+
+def names_of_controls(names: Sequence[str]) -> list[str]:
+    """Return names that a table takes: without commas or what can't be printed, 63 bytes at most, each once."""
+    taken: list[str] = []
+    for name in names:
+        clean = "".join(c if c.isprintable() and c not in ',"' else "_" for c in name).strip() or "control"
+        number, chosen = 1, clean.encode()[:63].decode(errors="ignore")
+        while chosen in taken:
+            number += 1
+            chosen = clean.encode()[: 62 - len(str(number))].decode(errors="ignore") + f"~{number}"
+        taken.append(chosen)
+    return taken
+
+
+def draw_pose(controls: Sequence[Control], frames: np.ndarray, seed: int, index: int) -> tuple[np.ndarray, int]:
+    """Return the parameters of a drawn pose (Eq. 5), and the frame it was drawn from, or -1 (uniform in the limits).
+
+    frames: (a, m), or none of them. Factors multiply distances from the defaults; limits hold where the rig has them.
+    Pose `index` of a seed is always the same one, whatever was drawn before.
+    """
+    generator = np.random.default_rng([seed, index])
+    lower, default, upper = (np.array([c[i] for c in controls]) for i in (1, 2, 3))
+    if len(frames):
+        source = int(generator.integers(len(frames)))
+        params = default + generator.uniform(LOW, HIGH, len(controls)) * (frames[source] - default)
+        limited = np.array([c.limited for c in controls])
+        params = np.where(limited, np.clip(params, lower, upper), params)
+    else:
+        source, params = -1, generator.uniform(lower, upper)
+    return np.where([c.whole for c in controls], np.round(params), params).astype(np.float32), source
+
+
+def pieces_to_write(names: Sequence[str], kind: str, total: int, share: tuple[int, int]) -> Iterator[tuple[int, int]]:
+    """Yield the first pose, and the one after the last, of each file that is still to be written, SHARD poses at most.
+
+    names: of the files that are there; share: (i, k), every k-th file, from the i-th. More poses than last time: what
+    is there stays, and the rest of its last file becomes a file of its own.
+    """
+    pattern = re.compile(rf"{kind}-(\d+)-(\d+)\.npz")
+    there = [(int(m[1]), int(m[2])) for m in map(pattern.fullmatch, names) if m]
+    for start in range(0, total, SHARD):
+        done = max((last for first, last in there if first // SHARD == start // SHARD), default=start)
+        end = min(start + SHARD, total)
+        if start // SHARD % share[1] == share[0] - 1 and done < end:
+            yield done, end
+
+
+def write_whole(path: Path, write: Callable) -> None:
+    """Write a file under a name that ends in .part and rename it once it is whole."""
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    with open(part, "wb") as file:
+        write(file)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(part, path)
+
+
+def mesh_text(rig: SampledRig, name: str) -> str:
+    """Return the neutral mesh as an OBJ, its corners with UVs, its faces by groups and materials."""
+    lines = [f"# {name}"] + [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in rig.neutral.tolist()]
+    lines += [f"vt {u:.9g} {v:.9g}" for u, v in rig.uvs.tolist()]
+    group = material = None
+    for of_group, of_material, corners, uvs in rig.faces:
+        if of_group != group:
+            group = of_group
+            lines.append(f"g {group}")
+        if of_material != material:
+            material = of_material
+            lines.append(f"usemtl {material}")
+        at = [f"{v + 1}" for v in corners] if uvs is None else [f"{v + 1}/{t + 1}" for v, t in zip(corners, uvs)]  # noqa: B905
+        lines.append("f " + " ".join(at))
+    return "\n".join(lines) + "\n"
+
+
+def face_text(rig: SampledRig, options: argparse.Namespace, name: str) -> str:
+    """Return the text of face.toml."""
+    groups, materials = ({face[i] for face in rig.faces} for i in (0, 1))
+    segments = options.segments or ("materials" if len(materials) > 1 else "groups" if len(groups) > 1 else "islands")
+    if segments == "islands" and not len(rig.uvs):
+        segments = "groups"
+    values = {"name": name, "unit": rig.unit, "up": rig.up, "mesh": "mesh.obj", "segments": segments}
+    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in values.items()]
+    lines += [f"frames_per_second = {rig.frames_per_second:g}"] if rig.clips else []
+    lines += [f"{k} = {json.dumps(v, ensure_ascii=False)}" for k in ("source", "licence") if (v := getattr(options, k))]
+    return "\n".join(lines) + "\n" + (Path(options.points).read_text("utf-8") if options.points else "")
+
+
+def controls_text(controls: Sequence[Control]) -> str:
+    """Return the text of controls.csv."""
+    rows = [f"{c.name},{c.lower:.9g},{c.default:.9g},{c.upper:.9g},{region(c.name)}" for c in controls]
+    return "\n".join(["name,lower,default,upper,region", *rows]) + "\n"
+
+
+def check(rig: SampledRig, options: argparse.Namespace, name: str) -> tuple[int, int]:
+    """Return the share of the work that is asked for. Raises Refusal for what no folder can be made of."""
+    share = re.fullmatch(r"([1-9]\d*)/([1-9]\d*)", options.share)
+    if not share or int(share[1]) > int(share[2]):
+        raise Refusal(f"--share {options.share} is no share: allowed are 1/2, 2/2 and the like")
+    if not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", name):
+        raise Refusal(f"'{name}' is no name for a character: allowed are 40 letters, digits, _ and -; give --name")
+    if not rig.controls:
+        raise Refusal("no control is left: the patterns match none that is free to move")
+    if options.poses < 0 or options.seed < 0:
+        raise Refusal("--poses and --seed are 0 or more")
+    if not rig.clips and options.poses < 20:
+        raise Refusal("there is no animation, and without it a folder has at least 20 poses: give --poses")
+    size = np.ptp(rig.neutral, axis=0).max() * UNITS_MM[rig.unit]
+    if not 50 <= size <= 1000:
+        raise Refusal(
+            f"the mesh is {size:,.0f} mm large, where 50 to 1,000 mm are allowed: say by --unit what a unit is"
+        )
+    if options.points and not Path(options.points).is_file():
+        raise Refusal(f"{options.points}, the file of --points, is not there")
+    return int(share[1]), int(share[2])
+
+
+def begin(rig: SampledRig, folder: Path, options: argparse.Namespace, name: str) -> None:
+    """Write what describes the folder, or check that it is the same rig's. Raises Refusal where it isn't."""
+    frames = b"".join(n.tobytes() + p.astype(np.float32).tobytes() for n, p in rig.clips.values())
+    texts = {"mesh": repr(rig.faces), "controls": controls_text(rig.controls), "clips": repr(list(rig.clips))}
+    record = {key: hashlib.sha256(text.encode()).hexdigest() for key, text in texts.items()}
+    record |= {"frames": hashlib.sha256(frames).hexdigest(), "seed": options.seed, "poses in a file": SHARD}
+    mark = folder / ".export.json"
+    foreign = folder.exists() and any(not path.name.startswith(".") for path in folder.iterdir())
+    if mark.exists():  # looked for after the rest: what another process writes now, it writes after the mark
+        there = json.loads(mark.read_text("utf-8"))
+        other = [key for key in record if record[key] != there.get(key)]
+        if other:
+            raise Refusal(f"{folder} holds an export with other {', '.join(other)}: name another folder, or remove it")
+    elif foreign:
+        raise Refusal(f"{folder} has files that no exporter wrote: name another folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    files = {mark.name: json.dumps(record, indent=1), "mesh.obj": mesh_text(rig, name)}
+    files |= {"controls.csv": texts["controls"], "face.toml": face_text(rig, options, name)}
+    for file, text in files.items():
+        if not (folder / file).exists():
+            write_whole(folder / file, lambda handle, text=text: handle.write(text.encode()))
+    (folder / "poses").mkdir(exist_ok=True)
+
+
+def check_unchanged(rig: SampledRig, shards: Sequence[Path]) -> None:
+    """Raise Refusal if a pose that is there comes out otherwise now."""
+    for path in shards[:1]:
+        with np.load(path) as there:
+            far = np.abs(rig.evaluate(there["params"][-1]) - there["vertices"][-1]).max()
+        if not far <= 1e-3 * np.ptp(rig.neutral, axis=0).max():
+            raise Refusal(f"the last pose of {path} comes out otherwise now: the rig has changed; name another folder")
+
+
+def export(rig: SampledRig, options: argparse.Namespace) -> None:
+    """Write the folder, file by file, going on where an earlier call stopped. Raises Refusal."""
+    folder = Path(options.out)
+    name = options.name or folder.resolve().name
+    share = check(rig, options, name)
+    begin(rig, folder, options, name)
+    frames = np.concatenate([np.zeros((0, len(rig.controls)))] + [values for _, values in rig.clips.values()])
+    origin = [(clip, int(number)) for clip, (numbers, _) in rig.clips.items() for number in numbers]
+    shards = sorted((folder / "poses").glob("*.npz"))
+    check_unchanged(rig, shards)
+    names = [path.name for path in shards]
+    work = [("frames", *piece) for piece in pieces_to_write(names, "frames", len(frames), share)]
+    work += [("drawn", *piece) for piece in pieces_to_write(names, "drawn", options.poses, share)]
+    total, done, started = sum(end - start for _, start, end in work), 0, time.monotonic()
+    say(
+        f"{len(rig.neutral):,} vertices, {len(rig.controls)} controls, {len(rig.clips)} clips of {len(frames):,} frames"
+    )
+    for kind, start, end in work:
+        drawn = kind == "drawn"
+        poses = [
+            draw_pose(rig.controls, frames, options.seed, i) if drawn else (frames[i].astype(np.float32), i)
+            for i in range(start, end)
+        ]
+        vertices = np.stack([rig.evaluate(params).astype(np.float32) for params, _ in poses])
+        if not np.isfinite(vertices).all():
+            bad = start + int(np.argmin(np.isfinite(vertices).all(axis=(1, 2))))
+            raise Refusal(f"pose {bad} of the {kind} has vertices that are no numbers: the rig can't bear it")
+        arrays = {"params": np.stack([params for params, _ in poses]), "vertices": vertices}
+        if origin:
+            clips, numbers = zip(*(origin[source] for _, source in poses))  # noqa: B905
+            arrays |= {"clip": np.array(clips), "frame": np.array(numbers), "drawn": np.full(end - start, drawn)}
+        path = folder / "poses" / f"{kind}-{start:07d}-{end:07d}.npz"
+        write_whole(path, lambda file, arrays=arrays: np.savez(file, **arrays))
+        done += end - start
+        rate = done / (time.monotonic() - started)
+        say(f"{done:,} of {total:,} poses, {rate:.3g} a second, {(total - done) / rate / 60:.1f} minutes left")
+    say(f"{folder} has all of its poses" if not total else f"written to {folder}")
+
+
+def say(sentence: str) -> None:
+    """Print a line at once."""
+    print(sentence, file=sys.stderr, flush=True)
+
+
+# ---- The end of the text that is the same in every exporter. ----
+
+
+TRANSFORMS = {  # attributes of a transform whose limits Maya keeps apart, and the flags that ask for them
+    f"{long}{axis}": (f"{long}{axis}", f"enable{long[0].upper()}{long[1:]}{axis}")
+    for long in ("translate", "rotate", "scale")
+    for axis in "XYZ"
+}
+FRAMES_PER_SECOND = {"game": 15.0, "film": 24.0, "pal": 25.0, "ntsc": 30.0, "show": 48.0, "palf": 50.0, "ntscf": 60.0}
+
+
+def find_meshes(names: Sequence[str]) -> list:
+    """Return Maya's mesh functions of the shapes that are named. Raises Refusal for a name that is no mesh."""
+    from maya import cmds
+    from maya.api import OpenMaya
+
+    meshes = []
+    for name in names:
+        shapes = cmds.ls(name, type="mesh") or cmds.listRelatives(name, shapes=True, type="mesh", path=True) or []
+        shapes = [shape for shape in shapes if not cmds.getAttr(f"{shape}.intermediateObject")]
+        if len(shapes) != 1:
+            raise Refusal(f"'{name}' stands for {len(shapes)} meshes, where one is allowed: give a longer path")
+        found = OpenMaya.MSelectionList()
+        found.add(shapes[0])
+        meshes.append(OpenMaya.MFnMesh(found.getDagPath(0)))
+    return meshes
+
+
+def limits_of(node: str, attribute: str) -> tuple[float, float] | None:
+    """Return both limits of an attribute, or None if it lacks one."""
+    from maya import cmds
+
+    if attribute in TRANSFORMS and cmds.objectType(node, isAType="transform"):
+        limit, enabled = TRANSFORMS[attribute]
+        if not all(cmds.transformLimits(node, query=True, **{enabled: True})):
+            return None
+        lower, upper = cmds.transformLimits(node, query=True, **{limit: True})
+        return (lower, upper) if lower < upper else None
+    if cmds.objectType(node) == "blendShape":
+        return 0.0, 1.0
+    asked = {"node": node, "minExists": True}, {"node": node, "maxExists": True}
+    if not all(cmds.attributeQuery(attribute, **flags) for flags in asked):
+        return None
+    lower = cmds.attributeQuery(attribute, node=node, minimum=True)[0]
+    upper = cmds.attributeQuery(attribute, node=node, maximum=True)[0]
+    return (lower, upper) if lower < upper else None
+
+
+def is_driven(plug: str) -> bool:
+    """Tell whether something other than keys sets an attribute."""
+    from maya import cmds
+
+    return any(not cmds.objectType(node, isAType="animCurve") for node in cmds.listConnections(plug, d=False) or [])
+
+
+def find_controls(patterns: Sequence[str]) -> list[tuple[Control, str]]:
+    """Return the controls that are named, each with its plug. Raises Refusal for a pattern that matches nothing."""
+    from maya import cmds
+
+    found = []
+    for pattern in patterns:
+        nodes = cmds.ls(pattern)
+        if not nodes:
+            raise Refusal(f"no node matches '{pattern}' of --controls")
+        for node in nodes:
+            shapes = cmds.objectType(node) == "blendShape"
+            names = cmds.listAttr(f"{node}.w", multi=True) if shapes else None
+            names = names or cmds.listAttr(node, keyable=True, unlocked=True, scalar=True) or []
+            for attribute in names:
+                plug = f"{node}.{attribute}"
+                if attribute == "visibility" or cmds.getAttr(plug, lock=True) or is_driven(plug):
+                    continue
+                default = 0.0 if shapes else float(cmds.attributeQuery(attribute, node=node, listDefault=True)[0])
+                limits = limits_of(node, attribute)
+                lower, upper = limits or (default, default)
+                whole = cmds.getAttr(plug, type=True) in ("long", "short", "byte", "bool", "enum")
+                control = Control(plug, min(lower, default), default, max(upper, default), limits is not None, whole)
+                if plug not in [other for _, other in found]:
+                    found.append((control, plug))
+    return found
+
+
+def read_clips(plugs: Sequence[str], ranges: Sequence[str]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return the animation of attributes; ranges: "name=first:last", or none for the whole timeline, if it has keys."""
+    from maya import cmds
+
+    if not any(cmds.keyframe(plug, query=True, keyframeCount=True) for plug in plugs):
+        return {}
+    if not ranges:
+        first, last = (cmds.playbackOptions(query=True, **{end: True}) for end in ("minTime", "maxTime"))
+        ranges = [f"timeline={round(first)}:{round(last)}"]
+    clips = {}
+    for text in ranges:
+        match = re.fullmatch(r"([^=]+)=(-?\d+):(-?\d+)", text)
+        if not match or int(match[3]) < int(match[2]):
+            raise Refusal(f"--clip {text} is no part of the timeline: allowed is name=first:last")
+        numbers = np.arange(int(match[2]), int(match[3]) + 1)
+        values = [[float(cmds.getAttr(plug, time=frame)) for plug in plugs] for frame in numbers.tolist()]
+        clips[match[1]] = numbers, np.array(values)
+    return clips
+
+
+def in_use(control: Control, i: int, clips: dict) -> Control:
+    """Return a control without limits with the range of its values in the clips."""
+    if control.limited:
+        return control
+    values = [control.default, *(v for _, clip in clips.values() for v in (clip[:, i].min(), clip[:, i].max()))]
+    return control._replace(lower=float(min(values)), upper=float(max(values)))
+
+
+class Scene:
+    """The meshes of a scene, posed by values of attributes."""
+
+    def __init__(self, meshes: Sequence, plugs: Sequence[str]):
+        """Take the scene over: keys are cut off the attributes."""
+        from maya import cmds
+
+        self.meshes, self.plugs = meshes, plugs
+        cmds.undoInfo(state=False)
+        for plug in plugs:
+            for source in cmds.listConnections(plug, d=False, plugs=True) or []:
+                cmds.disconnectAttr(source, plug)
+
+    def __call__(self, params: np.ndarray) -> np.ndarray:
+        """Return the vertices (n, 3) of a pose in the world, which Maya counts in centimetres."""
+        from maya import cmds
+        from maya.api import OpenMaya
+
+        for plug, value in zip(self.plugs, params.tolist()):  # noqa: B905
+            cmds.setAttr(plug, value)
+        points = [np.array(mesh.getPoints(OpenMaya.MSpace.kWorld), dtype=np.float64)[:, :3] for mesh in self.meshes]
+        return np.concatenate(points)
+
+
+def read_faces(meshes: Sequence) -> tuple[list[tuple[str, str, list[int], list[int] | None]], np.ndarray]:
+    """Return the polygons of all meshes with groups and materials, and their UVs."""
+    from maya.api import OpenMaya
+
+    faces, uvs, first, first_uv = [], [], 0, 0
+    counted = [mesh.getAssignedUVs() for mesh in meshes]
+    has_uvs = all(len(ids) and all(counts) for counts, ids in counted)
+    for mesh, (_, ids) in zip(meshes, counted):  # noqa: B905
+        shaders, of_face = mesh.getConnectedShaders(0)
+        names = [OpenMaya.MFnDependencyNode(shader).name().replace(" ", "_") for shader in shaders]
+        corner = 0
+        for i in range(mesh.numPolygons):
+            corners = [first + v for v in mesh.getPolygonVertices(i)]
+            own = [first_uv + ids[corner + k] for k in range(len(corners))] if has_uvs else None
+            material = names[of_face[i]] if of_face[i] >= 0 else "none"
+            faces.append((mesh.name().replace(" ", "_"), material, corners, own))
+            corner += len(corners)
+        if has_uvs:
+            uvs.append(np.stack([np.array(column) for column in mesh.getUVs()], axis=1))
+            first_uv += len(uvs[-1])
+        first += mesh.numVertices
+    return faces, np.concatenate(uvs) if uvs else np.zeros((0, 2))
+
+
+def read_rig(options: argparse.Namespace) -> SampledRig:
+    """Return the rig of the open scene that the options name. Raises Refusal."""
+    from maya import cmds
+
+    meshes = find_meshes(options.mesh)
+    faces, uvs = read_faces(meshes)
+    found = find_controls(options.controls)
+    clips = read_clips([plug for _, plug in found], options.clip)
+    controls = [in_use(control, i, clips) for i, (control, _) in enumerate(found)]
+    kept = [i for i, control in enumerate(controls) if control.lower < control.upper]
+    if not clips and len(kept) < len(controls):
+        lost = next(control.name for control in controls if control.lower == control.upper)
+        raise Refusal(f"there are no keys, and {lost} has no limits: set limits, key it, or leave it out of --controls")
+    clips = {name: (numbers, values[:, kept]) for name, (numbers, values) in clips.items()}
+    names = names_of_controls([controls[i].name for i in kept])
+    controls = [controls[i]._replace(name=name) for i, name in zip(kept, names)]  # noqa: B905
+    evaluate = Scene(meshes, [found[i][1] for i in kept])
+    neutral = evaluate(np.array([control.default for control in controls]))
+    rate = cmds.currentUnit(query=True, time=True)
+    per_second = FRAMES_PER_SECOND.get(rate) or float(rate[:-3] if rate.endswith("fps") else 24)
+    up = cmds.upAxis(query=True, axis=True)
+    return SampledRig(neutral, faces, uvs, controls, clips, evaluate, options.unit or "cm", up, per_second)
+
+
+def parse(arguments: Sequence[str]) -> argparse.Namespace:
+    """Return the options of a command line."""
+    parser = argparse.ArgumentParser("maya_samples.py", description=__doc__.split("\n\n")[0])
+    parser.add_argument("file", nargs="?", help="a scene to open (default: the one that is open)")
+    parser.add_argument("--mesh", action="append", required=True, help="a mesh, or its transform; again for more")
+    parser.add_argument("--controls", action="append", required=True, help="nodes by name, * for anything; again …")
+    parser.add_argument("--clip", action="append", default=[], help="a part of the timeline, as nod=1:100; again …")
+    add_options(parser)
+    return parser.parse_args(arguments)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Export as the arguments say; return the exit code."""
+    options = parse(sys.argv[1:] if arguments is None else arguments)
+    try:
+        try:
+            from maya import cmds
+        except ImportError:
+            raise Refusal("this Python has no maya.cmds: run the script by mayapy or in Maya") from None
+        if arguments is None:
+            import maya.standalone
+
+            maya.standalone.initialize()
+        if options.file:
+            if not Path(options.file).is_file():
+                raise Refusal(f"there is no file {options.file}")
+            cmds.file(str(Path(options.file).resolve()), open=True, force=True)
+        export(read_rig(options), options)
+    except (Refusal, OSError, RuntimeError) as error:
+        say(f"error: {str(error).strip()}")
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

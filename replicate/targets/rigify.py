@@ -1,0 +1,26 @@
+"""A rig that nobody here made: samples of Blender's Rigify face rig on a head of ours, and its Table 2."""
+
+import argparse
+
+from data_recipes.catalogue import write_rigify_samples
+from replicate.config import SamplesConfig
+from replicate.engine import paths
+from replicate.profiles import PROFILES, check_profile
+from replicate.targets import table2
+from replicate.targets.options import OF_A_RUN, workers
+
+ABOUT = "samples of Blender's Rigify face rig on the woman's head, then its Table 2; it needs bpy or Blender"
+WRITES = "results/runs/samples/rigify/, and as table2"
+OPTIONS = (*(option for option in OF_A_RUN if option != "characters"), "methods", "numbers-only")
+HEAD = "woman"
+SPARE = 1.25  # poses for each that trains: those drawn from frames that are held out can't
+
+
+def run(options: argparse.Namespace) -> None:
+    """Write the samples that are missing, then make Table 2 of them."""
+    check_profile(options.profile)
+    folder = paths.run_folder("samples") / "rigify"
+    count = PROFILES[options.profile].get("samples", {}).get("count", SamplesConfig().count)
+    write_rigify_samples(folder, HEAD, round(SPARE * count), workers(options), folder.name)
+    options.characters = [str(folder)]
+    table2.run(options)
