@@ -2,8 +2,8 @@
 
 With clips, test and validation poses are frames that are held out as of any animation (D3). Training poses are those
 that whoever brought the rig has drawn (Eq. 5), less those drawn from a frame that is held out, as far as it is known
-what each was drawn from. Where they are fewer than half of what the configuration asks for, training frames join them; not
-where they are more, since frames are nearer to the test poses than what Eq. 5 draws, and errors would be smaller.
+what each was drawn from. Where they are fewer than half of what the configuration asks for, training frames join them;
+not where they are more, since frames are nearer to the test poses than what Eq. 5 draws, and errors would be smaller.
 """
 
 from collections.abc import Callable, Sequence
