@@ -141,7 +141,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    for character in split_names(options.characters):
+    for character in split_names(options.characters, "where its skin wrinkles"):
         rows = readings(resolve(character, options.profile))
         publish(TABLE, rows, [selection_table(rows, rows[0].character)], command_line)
 

@@ -46,6 +46,12 @@ def test_no_training_pose_is_drawn_from_a_frame_that_is_held_out(split):
     assert len(found["training"]) == 200 - len(left_out) + 100 - len(held_out)  # training frames fill up
 
 
+def test_frames_do_not_join_where_enough_poses_are_drawn():
+    poses, clips = known()
+    training = parts(poses, clips, count=250)["training"]
+    assert len(training) < 200 and not rows(training) & rows(poses.frame_params)
+
+
 def test_whole_clips_are_held_out():
     poses, clips = known()
     test = rows(parts(poses, clips, split="clips")["test"])

@@ -90,7 +90,10 @@ def test_training_validation_and_test_poses_are_the_same(tiny, again):
             np.testing.assert_array_equal(ours["training"], theirs["training"])
     other = choose_poses(again, NUMBERS, lambda stream: stream_rng(1, "samples", stream))
     held_out = {pose.tobytes() for part in ("validation", "test") for pose in other[part]}
-    assert not held_out & {pose.tobytes() for pose in other["training"]} and len(other["training"]) == NUMBERS.count
+    assert (
+        not held_out & {pose.tobytes() for pose in other["training"]}
+        and 0.7 * NUMBERS.count < len(other["training"]) < NUMBERS.count
+    )
 
 
 def test_vertices_are_the_same_to_rounding(tmp_path, tiny, again):
