@@ -5,6 +5,7 @@ import os
 import sys
 import threading
 import time
+from contextlib import suppress
 
 import psutil
 import pytest
@@ -54,10 +55,11 @@ def test_a_stage_finds_loaded_what_an_earlier_one_has_imported_and_is_a_process_
 def test_a_killed_nursery_ends_the_run_with_a_sentence(cache, stages):
     def kill():
         while True:
-            for child in psutil.Process().children():
-                if child.children():
-                    child.kill()
-                    return
+            with suppress(psutil.NoSuchProcess):  # a child that ends while it is looked at
+                for child in psutil.Process().children():
+                    if child.children():
+                        child.kill()
+                        return
             time.sleep(0.02)
 
     threading.Thread(target=kill, daemon=True).start()
