@@ -47,7 +47,8 @@ def timing_table(rows: Sequence[Row], paper: Sequence[Row]) -> Table:
         "Node by node: the deformers one after the other, as an animation package runs a rig. Compiled: all of them as "
         "one function, which no closed rig allows.",
         "The paper's: a 28-thread Xeon E5-2697 v3, rigs in DreamWorks' multithreaded engine Libee.",
-        f"~: disturbed; the 95th percentile is more than {DISTURBED:g} times the median.",
+        f"~: the 95th percentile is more than {DISTURBED:g} times the median. The machine was disturbed, or poses that "
+        "move more controls take longer.",
     )
     return Table("Table 3: milliseconds that one pose takes", (("", *spans), ("", *columns)), tuple(body), notes)
 
