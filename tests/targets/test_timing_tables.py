@@ -117,6 +117,21 @@ def test_the_chart_has_what_has_error_time_and_size():
     assert frontier_chart(rows(), [], "teen") is None
 
 
+def test_labels_of_near_dots_stand_on_either_side_of_them():
+    near = [
+        Row(table, "teen", "refined", metric, unit, value, None, 1, 1_000, "laptop", "r")
+        for table, metric, unit, value in (
+            ("table3", "time_all_cores", "ms", 5.0),
+            ("table3", "model_size", "MB", 50.0),
+            ("table2", "normal_error_mean", "deg", 1.01),
+        )
+    ]
+    figure, _ = frontier_chart([*rows(), *near], [*rows(), *near], "teen")
+    times, sizes = ({text.get_text(): text.xyann[1] for text in axes.texts} for axes in figure.axes)
+    assert times["Coarse"] < 0 < times["Refined"] and times["Dense"] > 0
+    assert sizes["Coarse"] < 0 < sizes["Dense"] and sizes["Refined"] > 0, "of the same size"
+
+
 @pytest.mark.parametrize(
     ("name", "label"),
     [

@@ -1,7 +1,9 @@
 """Error against milliseconds and megabytes: what a smaller error costs, every method a dot."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from replicate.drawing.panels import DPI, Words
 from replicate.drawing.style import WIDTH, enlarge, error_scale, tidy
@@ -19,7 +21,12 @@ ERROR = "normal_error_mean"
 AXES = ((f"time_{ALL}", "ms", "milliseconds a pose, all cores"), ("model_size", "MB", "size, MB"))
 HEIGHT = 5.2  # inches
 BACKGROUND = {"facecolor": "white", "edgecolor": "none", "pad": 1}  # of letters that lines would cross
-LINES = {NODES: "rig, node by node", RIG: "rig, compiled"}
+LINES = {
+    NODES: ("rig, node by node", "left", 4),
+    RIG: ("rig, compiled", "right", -3),
+}  # words, beside which their line is
+ABOVE, BELOW = 10, -25  # a dot, in points
+NEAR = (0.45, 0.05)  # of two dots, in shares of all dots' costs and in powers of ten of errors: their labels would meet
 
 
 def frontier_chart(
@@ -44,19 +51,21 @@ def frontier_chart(
     figure = Figure((WIDTH, HEIGHT), dpi=DPI, layout="constrained")
     phrases = []
     for axes, (metric, unit, label) in zip(figure.subplots(1, 2, sharey=True), AXES, strict=True):
-        for name in names:
+        dots = {
+            name: (_cost(times, character, name, metric), find(errors, "table2", character, name, ERROR).value)
+            for name in names
+        }
+        for name, (cost, error) in dots.items():
             method = method_named(name)
-            error = find(errors, "table2", character, name, ERROR).value
-            cost = _cost(times, character, name, metric)
             axes.plot(cost, error, "o", color=method.colour, markersize=10, zorder=3)
             place = {"textcoords": "offset points", "ha": "center", "zorder": 2, "bbox": BACKGROUND}
-            axes.annotate(method.label, (cost, error), (0, 10), **place)
+            axes.annotate(method.label, (cost, error), (0, BELOW if _is_crowded(name, dots) else ABOVE), **place)
             phrases.append(f"{method.label}: {round_off(cost, unit)} {unit}, {round_off(error, 'deg')}°")
-        for name, words in LINES.items() if unit == "ms" else ():
+        for name, (words, side, aside) in LINES.items() if unit == "ms" else ():
             if row := find(times, "table3", character, name, metric):
                 axes.axvline(row.value, color="0.45", linestyle=":", zorder=1)
-                style = {"rotation": 90, "ha": "right", "va": "bottom", "color": "0.35"}
-                axes.annotate(words, (row.value, 0), (-3, 4), ("data", "axes fraction"), "offset points", **style)
+                style = {"rotation": 90, "ha": side, "va": "bottom", "color": "0.35"}
+                axes.annotate(words, (row.value, 0), (aside, 4), ("data", "axes fraction"), "offset points", **style)
         axes.margins(x=0.22, y=0.16)
         axes.set_xlabel(label)
         error_scale(axes)
@@ -70,6 +79,17 @@ def frontier_chart(
         f"Error against time and size: {character}. The axes are logarithmic; lower and further left is better. "
         "Dotted: the rig, whose error is zero.",
     )
+
+
+def _is_crowded(name: str, dots: Mapping[str, tuple[float, float]]) -> bool:
+    """Return whether another dot is so near that labels would meet; of both the one of the smaller cost says so."""
+    places = {each: np.log10(dot) for each, dot in dots.items()}
+    span = np.ptp([cost for cost, _ in places.values()])
+    for other, place in places.items():
+        cost, error = place - places[name]
+        if (cost, other) > (0, name) and cost <= NEAR[0] * span and abs(error) < NEAR[1]:
+            return True
+    return False
 
 
 def _cost(times: Sequence[Row], character: str, name: str, metric: str) -> float:
