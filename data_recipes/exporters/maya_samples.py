@@ -7,7 +7,7 @@ written from Maya's reference without a Maya to run it in. What it shares with `
 
 or in the script editor, on the scene that is open, which loses its animation thereby (save it first):
 
-    import maya_samples; maya_samples.main(["--mesh", "head", "--controls", "*_ctrl", "--out", "/tmp/myface"])
+    import maya_samples; maya_samples.main(["--mesh", "head", "--controls", "*_ctrl", "--out", "myface"])
 
 Controls are the keyable attributes, neither locked nor driven, of the nodes that --controls names; a blendShape node is
 such a node too. The timeline, or the parts of it that --clip names, is the animation: all frames are written, then
