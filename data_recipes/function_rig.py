@@ -8,20 +8,23 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, UInt8
+from jaxtyping import Float, Float32, Int
 from numpy.typing import ArrayLike
 
+from data_recipes.controlled_rig import ControlledRig
 from data_recipes.controls import Control
-from data_recipes.rig import Clip, Prop, Rig
+from data_recipes.rig import Clip, Rig
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
 POINTS = ("landmarks", "control_points", "face_marks")
-BATCH = 32  # poses evaluated at once; larger calls go through in parts, so that a function compiles for few sizes
+# Poses evaluated at once; larger calls go through in parts, so that a function compiles for few sizes. The working
+# memory of 24 film faces stays below 32 MiB: more would be taken from the system and given back at each call.
+BATCH = 24
 
 
 @dataclass(frozen=True)
-class FunctionRig:
+class FunctionRig(ControlledRig):
     """A character whose poses a function gives; the other fields are the contract's (see `rig.Rig`).
 
     function: (b, m) → (b, n, 3) mm, of parameters in float32. face_marks: the control points unless they are given.
@@ -65,35 +68,6 @@ class FunctionRig:
             padded = np.concatenate([part, np.repeat(part[-1:], BATCH - len(part), axis=0)])
             out[first : first + BATCH] = np.asarray(self.function(padded), np.float32)[: len(part)]
         return out
-
-    @property
-    def lower(self) -> Float32[np.ndarray, " m"]:
-        """The controls' lower limits."""
-        return np.array([c.lower for c in self.controls], np.float32)
-
-    @property
-    def default(self) -> Float32[np.ndarray, " m"]:
-        """The controls' defaults: the neutral pose."""
-        return np.array([c.default for c in self.controls], np.float32)
-
-    @property
-    def upper(self) -> Float32[np.ndarray, " m"]:
-        """The controls' upper limits."""
-        return np.array([c.upper for c in self.controls], np.float32)
-
-    @property
-    def nodes(self) -> tuple:
-        """The deformers that can be run one by one: none, since the function is all that is known."""
-        return ()
-
-    @property
-    def paint(self) -> UInt8[np.ndarray, "n 3"] | None:
-        """A colour for each vertex: None."""
-        return None
-
-    def pose_props(self, params: Float[np.ndarray, " m"]) -> list[Prop]:
-        """Return the display-only meshes in the pose (m,): none."""
-        return []
 
     @cached_property
     def _tangents(self) -> Callable:

@@ -21,7 +21,7 @@ from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
 DESCRIPTION, ARRAYS = "rig.json", "rig.npz"
-FORMAT = 4
+FORMAT = 5
 POINT_LABELS = ("landmark_names", "control_point_names", "control_point_regions", "face_mark_regions")
 MESH = ("neutral", "faces", "uv", "segment")
 CHAINS = {chain.name: chain for chain in (*LADDER.values(), FACEKIT)}

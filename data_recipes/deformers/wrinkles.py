@@ -32,6 +32,7 @@ DIFFUSION_MM2 = 30.0
 MEMBRANE_MM2 = 0.10
 BENDING_MM4 = 0.06
 SMALLEST_THRESHOLD = 0.012  # ε below this would leave wrinkles at rest
+GROUPS = 6  # of the bending's sums, by length
 NEGLIGIBLE = 1e-6  # entries of the bending's inverse below this share of its largest are left out
 
 # Of the whole layer; a tree of arrays: see `prepare`.
@@ -103,8 +104,9 @@ def prepare(regions: list[Region], neutral: Float[np.ndarray, "n 3"], faces: Int
 
     used (q,): the mesh's vertices that the layer reads, in whose numbering `corners` are; vertices (s,): mesh indices.
     strain: faces of all regions, with the sum that takes them to vertices. diffuse: a matrix by region. threshold (s,).
-    gain_columns (g,), gain_weights (s, g). raise: the sum from √c₊·gain to heights on the v vertices of the union.
-    normals: faces around the union, and each vertex's slots of them; place (n,): see planes.place_of.
+    gain_columns (g,), gain_weights (s, g). raise: the sums from √c₊·gain to heights on the v vertices of the union, in
+    GROUPS parts; the union is sorted by how many terms these sums have, so that little of them is padding. normals:
+    faces around the union, and each vertex's slots of them; place (n,): see planes.place_of.
     """
     if not regions:
         return {"threshold": np.zeros(0, np.float32)}
@@ -112,12 +114,15 @@ def prepare(regions: list[Region], neutral: Float[np.ndarray, "n 3"], faces: Int
     regions = sorted(regions, key=lambda region: region.name)  # the order in which compiled functions see dictionaries
     operators = [region_operators(region, neutral, faces) for region in regions]
     vertices = np.concatenate([region.vertices for region in regions])
+    raise_ = sp.block_diag([_without_negligible(each.raise_) for each in operators])
     union = np.unique(vertices)
+    gather = sp.csr_matrix((np.ones(len(vertices)), (place_of(union, n)[vertices], np.arange(len(vertices)))))
+    to_heights = (gather @ raise_).tocsr()
+    order = np.argsort(np.diff(to_heights.indptr), kind="stable")
+    union, to_heights = union[order], to_heights[order]
     around = faces[np.isin(faces, union).any(axis=1)]
     used = np.unique(around)
     number = place_of(used, n)
-    raise_ = sp.block_diag([_without_negligible(each.raise_) for each in operators])
-    gather = sp.csr_matrix((np.ones(len(vertices)), (place_of(union, n)[vertices], np.arange(len(vertices)))))
     incident = sp.csr_matrix(
         (np.ones(around.size), (place_of(union, n)[around].ravel(), np.repeat(np.arange(len(around)), 3))),
         shape=(len(union) + 1, len(around)),
@@ -138,7 +143,10 @@ def prepare(regions: list[Region], neutral: Float[np.ndarray, "n 3"], faces: Int
         ),
         "gain_columns": np.concatenate([region.gain_columns for region in regions]).astype(np.int32),
         "gain_weights": sp.block_diag([region.gain_weights.T for region in regions]).toarray().astype(np.float32),
-        "raise": padded_rows((gather @ raise_).tocsr()),
+        "raise": {
+            str(k): padded_rows(to_heights[rows])
+            for k, rows in enumerate(np.array_split(np.arange(len(union)), GROUPS))
+        },
         "normals": {"corners": number[around].T.astype(np.int32)} | padded_rows(incident),
         "place": place_of(union, n),
     }
@@ -191,6 +199,12 @@ def amplitudes(
     return root * (jnp.asarray(constants["gain_weights"]) @ gains(u, constants["gain_columns"]).T)
 
 
+def heights(constants: WrinkleConstants, amplitude: Float[Array, "s b"]) -> Float[Array, "v b"]:
+    """Return the heights h (mm) on the union of the regions, of √c₊·gain: the solution of the bending."""
+    parts = constants["raise"]
+    return jnp.concatenate([sum_rows(parts[k], amplitude) for k in sorted(parts)])
+
+
 def normals(constants: WrinkleConstants, rows: Float[Array, "q 3 b"]) -> Float[Array, "v 3 b"]:
     """Return unit vertex normals on the union of the regions, area-weighted over the incident faces."""
     a, b, c = (pick(rows, corners) for corners in constants["normals"]["corners"])
@@ -206,7 +220,7 @@ def wrinkle(constants: WrinkleConstants, x: Float[Values, "b 3 n"], u: Float[Val
         return x
     rows = rows_at(x, constants["used"])
     beyond = excess(compression(constants, rows), constants["threshold"])
-    height = sum_rows(constants["raise"], amplitudes(constants, beyond, u))
+    height = heights(constants, amplitudes(constants, beyond, u))
     return add_rows(x, height[:, None] * normals(constants, rows), constants["place"])
 
 
@@ -238,7 +252,7 @@ def region_states(
     for name in sorted(constants["diffuse"]):
         own = slice(first, first := first + len(constants["diffuse"][name]))
         alone = jnp.zeros_like(amplitude).at[own].set(amplitude[own])
-        height = np.asarray(sum_rows(constants["raise"], alone))[place[vertices[own]], 0]
+        height = np.asarray(heights(constants, alone))[place[vertices[own]], 0]
         parts = (np.asarray(values)[own, 0] for values in (shorter, beyond))
         states[name] = RegionState(vertices[own], threshold[own], *parts, height)
     return states

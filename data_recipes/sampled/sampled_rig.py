@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float32
 from numpy.typing import ArrayLike
 
+from data_recipes.controlled_rig import ControlledRig
 from data_recipes.controls import Control
 from data_recipes.function_rig import check_parts
 from data_recipes.known_poses import KnownPoses
-from data_recipes.rig import Clip, Prop
+from data_recipes.rig import Clip
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
@@ -21,7 +22,7 @@ class UnknownPoseError(InputError):
 
 
 @dataclass(frozen=True)
-class SampledRig:
+class SampledRig(ControlledRig):
     """A character of which there are poses and no function; the fields are the contract's (see `rig.Rig`).
 
     known_poses: all that there are. frames_per_second: of its clips. source, licence: texts of whoever brought it.
@@ -58,35 +59,6 @@ class SampledRig:
     def face_mark_regions(self) -> tuple[str, ...]:
         """The region of each control point."""
         return self.control_point_regions
-
-    @property
-    def lower(self) -> Float32[np.ndarray, " m"]:
-        """The controls' lower limits."""
-        return np.array([c.lower for c in self.controls], np.float32)
-
-    @property
-    def default(self) -> Float32[np.ndarray, " m"]:
-        """The controls' defaults: the neutral pose."""
-        return np.array([c.default for c in self.controls], np.float32)
-
-    @property
-    def upper(self) -> Float32[np.ndarray, " m"]:
-        """The controls' upper limits."""
-        return np.array([c.upper for c in self.controls], np.float32)
-
-    @property
-    def nodes(self) -> tuple:
-        """The deformers that can be run one by one: none are known."""
-        return ()
-
-    @property
-    def paint(self) -> UInt8[np.ndarray, "n 3"] | None:
-        """A colour for each vertex: None."""
-        return None
-
-    def pose_props(self, params: Float[np.ndarray, " m"]) -> list[Prop]:
-        """Return the display-only meshes in the pose (m,): none."""
-        return []
 
     def __call__(self, params: ArrayLike) -> np.ndarray:
         """Return the vertices (n, 3) or (b, n, 3), float32 mm, of one known pose (m,) or a batch (b, m)."""

@@ -26,7 +26,7 @@ from replicate.report.tables import Table
 
 ABOUT = "poses per second of all rigs, batched and one at a time, and each deformer's share"
 WRITES = "results/runs/bench/bench_rig.csv"
-BATCH = 32
+BATCH = 24
 APART = 4  # poses that a round evaluates one by one
 ROUNDS = 15
 POSES = {"batched": BATCH, "single": APART, "nodes": APART, "nodes_batched": BATCH}  # that each way evaluates a round
