@@ -2,18 +2,25 @@
 
 A face action moves each vertex along a parabola through the neutral (u = 0), the half pose and the full pose:
 X += u·D₁ + 4u(1 − u)·D₂. A corrective adds its field times the product of two or three controls. Since all of it is
-linear in the coefficients, one matrix product moves the whole batch.
+linear in the coefficients, matrix products move the whole batch: one for each block of vertices that much the same
+fields move, since most fields move a small part of the face.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
+from sklearn.cluster import KMeans
 
 from data_recipes.deformers.planes import Constants, Values, place_of, spread
+
+BLOCKS = 12  # of vertices
+SMALLEST_BLOCK = 50  # vertices to a block, on average
 
 
 @dataclass
@@ -44,25 +51,39 @@ class PoseFields:
     def constants(self, columns: int) -> dict[str, np.ndarray]:
         """Return the arrays that `coefficients` and `move` need; `columns` is m.
 
-        factor (k, 3): columns of [p, 1] whose product drives field k; between (k,): 1 where 4u(1 − u) does;
-        fields (k, 3 s): displacements of the support's vertices; place (n,): see planes.place_of.
+        factor (k, 3): columns of [p, 1] whose product drives field k; between (k,): 1 where 4u(1 − u) does; blocks: for
+        each the fields (q,) that move it, and their displacements (q, 3 s); place (n,): see planes.place_of.
         """
         if not self.vectors:
             return {
                 "factor": np.zeros((0, 3), np.int32),
                 "between": np.zeros(0, np.float32),
-                "fields": np.zeros((0, 3), np.float32),
-                "place": np.ones(self.n, np.int32),
+                "place": np.zeros(self.n, np.int32),
             }
         stacked = np.stack(self.vectors)
         support = np.flatnonzero(np.abs(stacked).max(axis=(0, 2)) > 1e-4)
+        moved = np.abs(stacked[:, support]).max(axis=2) > 0
+        blocks = [support[block] for block in alike(moved.T)]
         factor = np.array([list(d) + [columns] * (3 - len(d)) for d in self.drivers], np.int32)
         return {
             "factor": factor,
             "between": np.asarray(self.between, np.float32),
-            "fields": np.ascontiguousarray(stacked[:, support].transpose(0, 2, 1)).reshape(len(stacked), -1),
-            "place": place_of(support, self.n),
+            "blocks": {f"{i:02d}": _block(stacked[:, vertices]) for i, vertices in enumerate(blocks)},
+            "place": place_of(np.concatenate(blocks), self.n),
         }
+
+
+def _block(vectors: Float[np.ndarray, "k s 3"]) -> dict[str, np.ndarray]:
+    used = np.flatnonzero(np.abs(vectors).max(axis=(1, 2)) > 0)
+    fields = np.ascontiguousarray(vectors[used].transpose(0, 2, 1)).reshape(len(used), -1)
+    return {"used": used.astype(np.int32), "fields": fields}
+
+
+def alike(moved: Bool[np.ndarray, "s k"]) -> list[Int[np.ndarray, " b"]]:
+    """Return the rows in blocks that are true in much the same columns, by k-means."""
+    count = min(BLOCKS, max(1, len(moved) // SMALLEST_BLOCK))
+    label = KMeans(count, n_init=1, random_state=0).fit_predict(moved.astype(np.float32))
+    return [block for block in (np.flatnonzero(label == i) for i in range(count)) if len(block)]
 
 
 def coefficients(constants: Constants, u: Float[Values, "b m"]) -> Float[Values, "b k"]:
@@ -73,7 +94,12 @@ def coefficients(constants: Constants, u: Float[Values, "b m"]) -> Float[Values,
     return jnp.where(constants["between"] > 0, 4 * first * (1 - first), product)
 
 
-def move(constants: Constants, u: Float[Values, "b m"]) -> Float[Values, "b 3 n"]:
+def move(constants: Mapping[str, Any], u: Float[Values, "b m"]) -> Float[Values, "b 3 n"]:
     """Return the displacement that the fields give every vertex at controls u."""
-    flat = coefficients(constants, u) @ constants["fields"]
-    return spread(flat.reshape(len(u), 3, -1), constants["place"])
+    if "blocks" not in constants:
+        return jnp.zeros((len(u), 3, len(constants["place"])), u.dtype)
+    amount, blocks = coefficients(constants, u), constants["blocks"]
+    moved = [
+        (amount[:, blocks[name]["used"]] @ blocks[name]["fields"]).reshape(len(u), 3, -1) for name in sorted(blocks)
+    ]
+    return spread(jnp.concatenate(moved, axis=2), constants["place"])

@@ -28,7 +28,7 @@ def measurement():
 
 def test_a_row_holds_the_number_of_poses_and_ratios_are_those_of_the_times(measurement):
     by_metric = {(row.method, row.metric): row for row in rows("teen", measurement)}
-    for way, poses in {"batched": 32, "single": 4, "nodes": 4, "nodes_batched": 32}.items():
+    for way, poses in {"batched": BATCH, "single": 4, "nodes": 4, "nodes_batched": BATCH}.items():
         assert by_metric[way, "time_per_pose"].poses == poses
     assert by_metric["single/batched", "time_ratio"].poses == 4
     single, batched = (by_metric[way, "time_per_pose"].value for way in ("single", "batched"))

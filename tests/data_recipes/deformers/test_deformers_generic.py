@@ -55,6 +55,24 @@ def test_a_combination_corrective_acts_only_when_all_its_controls_do():
     np.testing.assert_allclose(moved[:, 0, 0], [0, 0.2], rtol=1e-6)
 
 
+def test_blocks_of_vertices_add_up_to_all_fields_and_leave_the_rest_of_the_face_alone():
+    vectors = RNG.normal(size=(9, 400, 3)) * (RNG.random((9, 400, 1)) < 0.2)
+    vectors[:, 300:] = 0
+    fields = pose_curves.PoseFields(400)
+    for column, vector in enumerate(vectors):
+        fields.add((column,), vector)
+    constants = fields.constants(9)
+    u = RNG.normal(size=(5, 9)).astype(np.float32)
+    moved = np.asarray(pose_curves.move(constants, jnp.asarray(u)))
+    np.testing.assert_allclose(moved, np.einsum("bk,knc->bcn", u, vectors), atol=1e-5)
+    assert len(constants["blocks"]) > 1 and not moved[:, :, 300:].any()
+
+
+def test_a_face_without_fields_stays_as_it_is():
+    moved = pose_curves.move(pose_curves.PoseFields(6).constants(2), jnp.ones((3, 2)))
+    assert moved.shape == (3, 3, 6) and not np.any(moved)
+
+
 def test_skin_that_slides_over_a_sphere_stays_on_it():
     radius = 80.0
     directions = RNG.normal(size=(50, 3))
