@@ -151,12 +151,17 @@ def import_sampled(recipe: SampledRecipe, files: Sequence[Path], target: Path, p
 
 
 def write_folder(
-    rig: Rig, folder: Path, total: int, shards: Iterable[Mapping[str, np.ndarray]], progress: Callable | None = None
+    rig: Rig,
+    folder: Path,
+    total: int,
+    shards: Iterable[Mapping[str, np.ndarray]],
+    progress: Callable | None = None,
+    moves: np.ndarray | None = None,
 ) -> None:
     """Write a rig as a folder of samples (see sampled/writing.py). Raises InputError for a folder that is not empty."""
     from data_recipes.sampled import writing
 
-    writing.write_folder(rig, folder, total, shards, progress)
+    writing.write_folder(rig, folder, total, shards, progress, moves)
 
 
 def check_empty(folder: Path) -> None:

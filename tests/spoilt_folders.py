@@ -269,6 +269,33 @@ def _shards() -> dict[str, Fault]:
     }
 
 
+def _influence() -> dict[str, Fault]:
+    vertices, controls = len(neutral()), CONTROLS.count("\n") - 1
+
+    def save(array: np.ndarray) -> Fault:
+        return lambda folder: np.save(folder / "influence.npy", array)
+
+    def promise(folder: Path) -> None:
+        with open(folder / "influence.npy", "wb") as stream:
+            header = {"descr": "|b1", "fortran_order": False, "shape": (10**15, controls)}
+            np.lib.format.write_array_header_1_0(stream, header)
+
+    cases = {
+        "numbers": save(np.ones((vertices, controls))),
+        "turned": save(np.ones((controls, vertices), bool)),
+        "of another mesh": save(np.ones((vertices + 1, controls), bool)),
+        "without a true": save(np.zeros((vertices, controls), bool)),
+        "objects": save(np.full((vertices, controls), None)),
+        "a promise": promise,
+        "text": _bytes("influence.npy", b"jaw moves the chin\n"),
+        "empty": _bytes("influence.npy", b""),
+        "half": lambda folder: (save(np.ones((vertices, controls), bool))(folder), _cut("influence.npy", 0.6)(folder)),
+        **{what: lambda folder, make=make: make(folder / "influence.npy")
+           for what, make in SPECIAL.items() if what != "missing"},
+    }  # fmt: skip
+    return {f"influence: {what}": fault for what, fault in cases.items()}
+
+
 def _only_unfinished(folder: Path) -> None:
     (folder / "poses" / "001.npz").unlink()
     (folder / "poses" / "000.npz").rename(folder / "poses" / "000.npz.part")
@@ -301,4 +328,4 @@ def _damage(folder: Path) -> None:
 
 def faults() -> dict[str, Fault]:
     """Return, by what is wrong, functions that spoil a good folder."""
-    return _special() | _toml() | _csv() | _mesh() | _shards()
+    return _special() | _toml() | _csv() | _mesh() | _shards() | _influence()

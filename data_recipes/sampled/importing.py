@@ -14,6 +14,7 @@ from data_recipes.known_poses import INT16_MAX, KnownPoses, create
 from data_recipes.rig import Clip
 from data_recipes.sampled.chosen_points import CONTROL_POINTS, LANDMARKS, POSES, motion_mm, regions_of, spread_out
 from data_recipes.sampled.face_file import FaceFile
+from data_recipes.sampled.influence_file import INFLUENCE_FILE
 from data_recipes.sampled.sample_folder import NEUTRAL, SampleFolder, check_size, check_vertices, read_folder
 from data_recipes.sampled.sampled_rig import SampledRig
 from data_recipes.sampled.segment_charts import make_mesh
@@ -35,14 +36,15 @@ class SampledRecipe:
 def import_rig(
     recipe: SampledRecipe, files: Sequence[Path], target: Path, progress: Callable | None = None
 ) -> SampledRig:
-    """Return the rig of a folder's files (mesh, controls, shards); its poses are written into a folder `target`.
+    """Return the rig of a folder's files (mesh, controls, shards …); its poses are written into a folder `target`.
 
     progress: (total, label, initial) → a context manager with update(k). Raises InputError, naming file, pose and
     vertex, for vertices that are not finite or not of this mesh, and for two poses with the same parameters that
     differ.
     """
-    mesh_file, _, *shards = files
-    found = read_folder(mesh_file.parent, recipe.face, shards)
+    mesh_file, _, *others = files
+    shards = [file for file in others if file.name != INFLUENCE_FILE]
+    found = read_folder(mesh_file.parent, recipe.face, shards, influence=len(shards) < len(others))
     check_size(found)
     shift = placement(found.vertices_mm, recipe.face)
     mesh = make_mesh(found.neutral, recipe.face.segments, found.vertices_mm + shift, shown_path(mesh_file))
@@ -68,6 +70,7 @@ def import_rig(
         face.frames_per_second,
         face.source,
         face.licence,
+        moves=found.moves,
     )
 
 

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from data_recipes.controls import Control
 from data_recipes.sampled.control_file import CONTROL_FILE, read_controls
 from data_recipes.sampled.face_file import FACE_FILE, FaceFile, read_face
+from data_recipes.sampled.influence_file import influence_file, read_influence
 from data_recipes.sampled.mesh_file import NeutralFile, read_mesh
 from data_recipes.sampled.pose_list import PoseList, list_poses
 from data_recipes.sampled.segment_charts import check_segments
@@ -31,7 +32,10 @@ LOOKED_AT_BYTES = 200_000_000  # of vertices, before anything else is done
 
 @dataclass(frozen=True)
 class SampleFolder:
-    """What a folder holds. neutral: the mesh as its file has it. vertices_mm: (n, 3), in our axes, not yet moved."""
+    """What a folder holds. neutral: the mesh as its file has it. vertices_mm: (n, 3), in our axes, not yet moved.
+
+    moves: which control moves which vertex, (n, m), where the folder says so.
+    """
 
     folder: Path
     face: FaceFile
@@ -40,14 +44,16 @@ class SampleFolder:
     vertices_mm: np.ndarray
     shards: tuple[Shard, ...]
     poses: PoseList
+    moves: np.ndarray | None
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """All files that its content is in: mesh, controls and shards."""
+        """All files that its content is in: mesh, controls, shards, and `influence.npy` where it is."""
         return (
             self.folder / self.face.mesh,
             self.folder / CONTROL_FILE,
             *(file for shard in self.shards for file in shard.paths),
+            *(influence_file(self.folder) if self.moves is not None else ()),
         )
 
     @property
@@ -82,10 +88,13 @@ def open_folder(folder: Path) -> SampleFolder:
     return found
 
 
-def read_folder(folder: Path, face: FaceFile | None = None, shards: Sequence[Path] | None = None) -> SampleFolder:
+def read_folder(
+    folder: Path, face: FaceFile | None = None, shards: Sequence[Path] | None = None, influence: bool = True
+) -> SampleFolder:
     """Return a folder's content: its texts, its mesh and the parameters of its poses. Raises InputError as they do.
 
-    face, shards: what `face.toml` says and the files of its shards, where both are known from before.
+    face, shards: what `face.toml` says and the files of its shards, where both are known from before. influence:
+    whether an `influence.npy` counts.
     """
     face = read_face(folder) if face is None else face
     controls = read_controls(folder)
@@ -97,7 +106,9 @@ def read_folder(folder: Path, face: FaceFile | None = None, shards: Sequence[Pat
     found = read_shards(files, len(controls), len(neutral.vertices))
     limits = (np.array([getattr(c, name) for c in controls]) for name in ("lower", "default", "upper"))
     poses = list_poses(found, shown_path(folder / FOLDER), *limits)
-    return SampleFolder(folder, face, controls, neutral, face.to_ours(neutral.vertices), found, poses)
+    stated = influence_file(folder) if influence else ()
+    moves = read_influence(stated[0], len(neutral.vertices), len(controls)) if stated else None
+    return SampleFolder(folder, face, controls, neutral, face.to_ours(neutral.vertices), found, poses, moves)
 
 
 def size_mm(found: SampleFolder) -> float:

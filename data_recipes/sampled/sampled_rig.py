@@ -26,6 +26,7 @@ class SampledRig(ControlledRig):
     """A character of which there are poses and no function; the fields are the contract's (see `rig.Rig`).
 
     known_poses: all that there are. frames_per_second: of its clips. source, licence: texts of whoever brought it.
+    moves: which control moves which vertex, (n, m), where whoever brought it knows.
 
     It is called like any rig, for the default pose and for poses that are among its samples, to the bit; any other one
     raises UnknownPoseError. It has no derivative. Raises InputError as a `FunctionRig` does.
@@ -44,6 +45,7 @@ class SampledRig(ControlledRig):
     licence: str = ""
     landmark_names: tuple[str, ...] = ()
     control_point_names: tuple[str, ...] = ()
+    moves: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         for field in ("landmarks", "control_points"):

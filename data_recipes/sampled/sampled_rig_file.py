@@ -16,8 +16,8 @@ from replicate.engine.atomic_files import write_text
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
-DESCRIPTION, MESH, POINTS = "sampled_rig.json", "mesh.npz", "points.npz"
-FORMAT = 1
+DESCRIPTION, MESH, POINTS, MOVES = "sampled_rig.json", "mesh.npz", "points.npz", "moves.npy"
+FORMAT = 2
 TEXTS = ("frames_per_second", "source", "licence", "control_point_regions")
 
 
@@ -30,11 +30,14 @@ def save_rig(rig: SampledRig, folder: Path) -> None:
     """Write a rig into the folder that has its poses; the description goes last."""
     rig.mesh.save(folder / MESH)
     np.savez(folder / POINTS, landmarks=rig.landmarks, control_points=rig.control_points)
+    if rig.moves is not None:
+        np.save(folder / MOVES, rig.moves)
     description = {
         "format": FORMAT,
         "name": rig.name,
         "controls": [[c.name, c.lower, c.default, c.upper, c.region] for c in rig.controls],
         "clips": None if rig.clips is None else [[clip.name, len(clip.values)] for clip in rig.clips],
+        "has_moves": rig.moves is not None,
         **{name: getattr(rig, name) for name in TEXTS},
     }
     write_text(folder / DESCRIPTION, json.dumps(description, indent=1) + "\n")
@@ -65,6 +68,7 @@ def load_rig(folder: Path) -> SampledRig:
             frames_per_second=about["frames_per_second"],
             source=about["source"],
             licence=about["licence"],
+            moves=np.load(folder / MOVES, allow_pickle=False) if about["has_moves"] else None,
         )
     except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
         if isinstance(error, InputError):

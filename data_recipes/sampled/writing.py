@@ -7,11 +7,13 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Bool
 
 from data_recipes.rig import Rig
 from data_recipes.sampled.control_file import CONTROL_FILE, HEADER
 from data_recipes.sampled.face_file import FACE_FILE
 from data_recipes.sampled.importing import EYES_MM
+from data_recipes.sampled.influence_file import INFLUENCE_FILE
 from data_recipes.sampled.shards import FOLDER, UNFINISHED
 from replicate.engine.atomic_files import write_text
 from replicate.engine.exceptions import InputError
@@ -22,18 +24,26 @@ MESH_FILE = "mesh.obj"
 
 
 def write_folder(
-    rig: Rig, folder: Path, total: int, shards: Iterable[Mapping[str, np.ndarray]], progress: Callable | None = None
+    rig: Rig,
+    folder: Path,
+    total: int,
+    shards: Iterable[Mapping[str, np.ndarray]],
+    progress: Callable | None = None,
+    moves: Bool[np.ndarray, "n m"] | None = None,
 ) -> None:
     """Write a rig as a folder of samples.
 
     folder: empty, or not there yet. total: how many poses there are. shards: the arrays of each, without its vertices,
-    which the rig gives. progress: (total, label) → a context manager with update(k). `face.toml` goes last: a folder
-    without it is not whole. Raises InputError for a folder with anything in it.
+    which the rig gives. progress: (total, label) → a context manager with update(k). moves: which control moves which
+    vertex, if the folder is to say so. `face.toml` goes last: a folder without it is not whole. Raises InputError for a
+    folder with anything in it.
     """
     check_empty(folder)
     (folder / FOLDER).mkdir(parents=True, exist_ok=True)
     write_text(folder / MESH_FILE, _obj(rig.mesh))
     write_text(folder / CONTROL_FILE, _controls(rig))
+    if moves is not None:
+        np.save(folder / INFLUENCE_FILE, moves)
     with progress(total, "poses") if progress else nullcontext() as bar:
         for number, arrays in enumerate(shards, start=1):
             file = folder / FOLDER / f"{number:05d}.npz"

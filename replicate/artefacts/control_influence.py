@@ -17,7 +17,7 @@ FILE = "influence.npy"
 def stage(plan: Plan) -> Stage:
     """Return the stage that tries every control: a fact about the rig, so at poses of its own draw.
 
-    Of a rig that is known by its samples it is estimated from these.
+    Of a rig that is known by its samples it is what these samples' folder says, or estimated from them.
     """
     if sample_folder(plan.config.character):
         inputs = (built_rig.stage(plan), drawn_samples.stage(plan))
@@ -39,13 +39,14 @@ def make(context: StageContext) -> None:
 
 
 def make_estimate(context: StageContext) -> None:
-    """Estimate what every control moves from the training poses (DEVIATIONS D7)."""
+    """Take what the folder says that every control moves, or estimate it from the training poses (DEVIATIONS D7)."""
     from replicate.approximation.estimated_influence import estimate_influence
 
     rig, samples = built_rig.load(context.inputs), drawn_samples.load(context.inputs)
-    moves = estimate_influence(samples, rig.default, context.rng("shadows"), context.progress)
+    stated = rig.moves is not None
+    moves = rig.moves if stated else estimate_influence(samples, rig.default, context.rng("shadows"), context.progress)
     np.save(context.out / FILE, moves)
-    context.note(idle_controls=[rig.controls[k].name for k in np.flatnonzero(~moves.any(0))])
+    context.note(stated=stated, idle_controls=[rig.controls[k].name for k in np.flatnonzero(~moves.any(0))])
 
 
 def load(inputs: Mapping[str, Path]) -> Bool[np.ndarray, "n m"]:

@@ -5,18 +5,20 @@ each with the frame that it was drawn from. Read with the same seed, split and c
 training, validation and test poses as the rig itself.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
-from jaxtyping import Float32, Int
+from jaxtyping import Bool, Float32, Int
 
 from data_recipes.rig import Rig
+from replicate.approximation.influence import influence, influence_poses
 from replicate.approximation.samples import PARTS, choose_poses
 from replicate.config import SamplesConfig
 from replicate.engine.stage import stream_rng
 
 POSES_A_SHARD = 256
 STAGE = "samples"  # whose random streams the poses are drawn from
+INFLUENCE = "influence"  # the same of the poses from which controls are tried
 
 
 def drawn_shards(rig: Rig, config: SamplesConfig, seed: int) -> tuple[int, Iterator[dict[str, np.ndarray]]]:
@@ -37,6 +39,16 @@ def drawn_shards(rig: Rig, config: SamplesConfig, seed: int) -> tuple[int, Itera
     acted = {"params": frames, "clip": names, "frame": numbers}
     random = {"params": drawn, "clip": names[source], "frame": numbers[source], "drawn": np.ones(len(drawn), bool)}
     return len(frames) + len(drawn), (shard for arrays in (acted, random) for shard in _in_shards(arrays))
+
+
+def tried_influence(
+    rig: Rig, config: SamplesConfig, seed: int, progress: Callable | None = None
+) -> Bool[np.ndarray, "n m"]:
+    """Return which control moves which vertex, found by trying as the artefact "influence" does (DEVIATIONS D7)."""
+    rng = lambda stream: stream_rng(seed, INFLUENCE, stream)  # noqa: E731
+    return influence(
+        rig, influence_poses(rig, choose_poses(rig, config, rng)["training"], rng("poses")), progress=progress
+    )
 
 
 def _sources(

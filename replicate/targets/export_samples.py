@@ -19,7 +19,7 @@ def run(options: argparse.Namespace) -> None:
     from data_recipes.catalogue import check_empty, write_folder
     from replicate.artefacts.built_rig import rig_of
     from replicate.engine.progress import progress
-    from replicate.export.drawn_shards import drawn_shards
+    from replicate.export.drawn_shards import drawn_shards, tried_influence
 
     names = characters(options)
     if options.to is not None and len(names) > 1:
@@ -34,5 +34,6 @@ def run(options: argparse.Namespace) -> None:
         check_empty(folder)
         rig = rig_of(character)
         count, shards = drawn_shards(rig, config.samples, config.seed)
-        write_folder(rig, folder, count, shards, progress)
+        moves = tried_influence(rig, config.samples, config.seed, progress)
+        write_folder(rig, folder, count, shards, progress, moves)
         print(f"written to {paths.display_path(folder)}: {count:,} poses; `make table2 CHARACTERS={folder}` reads them")

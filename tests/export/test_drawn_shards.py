@@ -8,16 +8,28 @@ import numpy as np
 import pytest
 import rigs
 
-from data_recipes.catalogue import expression_poses, forget_folders, import_sampled, sampled_parts, write_folder
+from data_recipes.catalogue import (
+    expression_poses,
+    forget_folders,
+    import_sampled,
+    load_rig,
+    sampled_parts,
+    write_folder,
+)
 from replicate import __main__ as cli
+from replicate.approximation.influence import influence, influence_poses
 from replicate.approximation.interaction import no_interaction
 from replicate.approximation.samples import SampleSet, choose_poses, write_samples
-from replicate.config import SamplesConfig
+from replicate.artefacts import control_influence
+from replicate.artefacts.plan import Plan
+from replicate.config import SamplesConfig, resolve
 from replicate.drawing.rig_views import open_mouth
 from replicate.engine.exceptions import InputError
 from replicate.engine.progress import progress
+from replicate.engine.provenance import provenance
+from replicate.engine.scheduler import run
 from replicate.engine.stage import stream_rng
-from replicate.export.drawn_shards import drawn_shards
+from replicate.export.drawn_shards import drawn_shards, tried_influence
 from replicate.report.results import find, read_results
 from replicate.targets.rig_report import control_pairs
 
@@ -38,10 +50,10 @@ def rng(stream: str) -> np.random.Generator:
     return stream_rng(0, "samples", stream)
 
 
-def write_sample_folder(rig, folder, numbers, seed) -> int:
+def write_sample_folder(rig, folder, numbers, seed, moves=None) -> int:
     """Write a rig's samples; return the number of poses."""
     count, shards = drawn_shards(rig, numbers, seed)
-    write_folder(rig, folder, count, shards)
+    write_folder(rig, folder, count, shards, moves=moves)
     return count
 
 
@@ -56,7 +68,7 @@ def tiny():
 def folder(tmp_path_factory, tiny):
     """Tiny as a folder of samples."""
     folder = tmp_path_factory.mktemp("written") / "tiny_again"
-    write_sample_folder(tiny, folder, NUMBERS, 0)
+    write_sample_folder(tiny, folder, NUMBERS, 0, tried_influence(tiny, NUMBERS, 0))
     return folder
 
 
@@ -94,6 +106,32 @@ def test_training_validation_and_test_poses_are_the_same(tiny, again):
         not held_out & {pose.tobytes() for pose in other["training"]}
         and 0.7 * NUMBERS.count < len(other["training"]) < NUMBERS.count
     )
+
+
+def test_the_folder_says_which_control_moves_which_vertex_and_loading_keeps_it(tmp_path, tiny, again, folder):
+    assert again.moves.shape == (len(tiny.mesh.neutral), len(tiny.controls)) and again.moves.dtype == bool
+    poses = influence_poses(tiny, choose_poses(tiny, NUMBERS, lambda s: stream_rng(0, "influence", s))["training"],
+                            stream_rng(0, "influence", "poses"))  # fmt: skip
+    np.testing.assert_array_equal(again.moves, influence(tiny, poses))
+    shutil.copytree(folder, bare := tmp_path / "tiny_again")
+    (bare / "influence.npy").unlink()
+    forget_folders()
+    recipe, files = sampled_parts(bare)
+    assert "influence.npy" not in {file.name for file in files}
+    assert import_sampled(recipe, files, tmp_path / "rig", progress).moves is None
+    assert load_rig(tmp_path / "rig").moves is None
+
+
+def test_networks_see_the_controls_that_the_folder_names(cache, tmp_path, folder):
+    shutil.copytree(folder, own := tmp_path / "tiny_again")
+    moves = np.zeros_like(np.load(own / "influence.npy"))
+    moves[7, 3] = True
+    np.save(own / "influence.npy", moves)
+    forget_folders()
+    (tmp_path / "numbers.toml").write_text(CONFIG)
+    stage = control_influence.stage(Plan(resolve(str(own), "quick", None, tmp_path / "numbers.toml", seed=0)))
+    made = run([stage], facts=provenance(["a test"], "quick", [], 1))
+    np.testing.assert_array_equal(control_influence.load({"influence": made[stage.title]}), moves)
 
 
 def test_vertices_are_the_same_to_rounding(tmp_path, tiny, again):
