@@ -12,7 +12,7 @@ from replicate.report.cast import order_of
 from replicate.report.comparison import compare, compare_folders
 from replicate.report.results import Row, read_results, write_results
 from replicate.report.tables import Table, as_latex, as_markdown, as_text, paper_value, round_off, unbroken
-from replicate.targets.table2.error_table import table2, table2_overview
+from replicate.targets.table2.error_table import other_rigs, table2, table2_overview
 from replicate.targets.table2.ratio_tables import table2_questions, table2_ratios, table2_segments
 
 
@@ -131,6 +131,16 @@ def test_poses_are_counted_character_by_character_where_they_differ():
     rows = [replace(row, poses=7) if row.character == "toon" else row for row in table2_rows(("teen", "toon"))]
     assert "\n1,234 (teen) and 7 (toon) unique test poses;" in as_text(table2_overview(rows, PAPER_ROWS))
     assert "\n1,234 unique test poses;" in as_text(table2_overview(table2_rows(), PAPER_ROWS))
+
+
+def test_rigs_of_others_have_a_table_of_their_own():
+    rows = table2_rows(("teen", "teen@3", "ict", "rigify"))
+    table = other_rigs(rows)
+    assert table.headers[0] == ("", "ict, mm", "ict, degrees", "rigify, mm", "rigify, degrees")
+    assert table.body[0] == ("Coarse", "0.11", "1.20", "0.11", "1.20")
+    counted = [replace(row, poses=7, profile="laptop") if row.character == "ict" else row for row in rows]
+    text = as_text(table2_overview(counted, PAPER_ROWS))
+    assert "rigify" not in text and "laptop" not in text, "they are no part of the table of the paper's characters"
 
 
 def test_variants_stand_behind_the_characters_in_their_order():

@@ -49,6 +49,14 @@ def test_the_table_marks_what_qualifies_a_verdict():
     assert "Nothing is tested" in as_text(claims_table(judge_all(Evidence([]), PAPER), Evidence([])))
 
 
+def test_a_column_says_its_profile_where_others_were_trained_otherwise():
+    short = mean_rows(normal={"refined": 0.5}, character="mine")
+    alone, beside = Evidence(short), Evidence([*short, *(replace(row, profile="laptop") for row in mean_rows())])
+    headers = [claims_table(judge_all(evidence, PAPER), evidence).headers[0] for evidence in (alone, beside)]
+    assert [header[-1] for header in headers] == ["mine", "mine (quick)"]
+    assert headers[1][1] == "teen (Hiccup)"
+
+
 def test_reasons_stand_beside_the_papers_own_verdict():
     verdicts = judge_all(Evidence(mean_rows()), PAPER)
     table = reasons_table(verdicts, "C4")

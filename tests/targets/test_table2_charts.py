@@ -27,6 +27,9 @@ def test_the_chart_of_table_2_shows_ours_and_the_papers():
     assert (0.11, 0) in points and (0.36, 0) in points  # coarse: ours, Hiccup's
     assert len(figure.axes[0].lines) == 9 + 6  # ours, the driven skin among them, and the paper's
     assert "Refined 0.22 mm" in words.alt and "Hiccup" in words.caption
+    named = [text.get_text() for text in figure.legends[0].get_texts()]
+    alone = table2_chart(table2_rows(("mine",)), PAPER_ROWS, "mine")[0].legends[0].get_texts()
+    assert named == ["teen (ours)", "Hiccup (the paper’s)"] and [text.get_text() for text in alone] == ["mine"]
     assert [axes.get_xlabel() for axes in figure.axes] == ["distance error, mm", "normal angle error, degrees"]
 
 

@@ -50,9 +50,23 @@ def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequen
     notes += line_notes(evidence, characters)
     if "–" in cells.values():
         notes.append("–: not tested yet.")
-    header = ("", *(f"{name} ({STANDS_FOR[name]})" if name in STANDS_FOR else name for name in characters))
+    header = ("", *(_heading(name, list(by_key.values())) for name in characters))
     title = "What the paper claims, on our characters"
     return Table(title, (header,), body, tuple(notes), text_columns=len(header))
+
+
+def _heading(character: str, verdicts: Sequence[Verdict]) -> str:
+    """Return a column's heading: whom a character stands for, or on which profile it was run where others ran on more.
+
+    A short training decides less than a long one, so that a reader must see which it was.
+    """
+    if character in STANDS_FOR:
+        return f"{character} ({STANDS_FOR[character]})"
+    own, every = (
+        {one.profile for one in verdicts if one.verdict != NOT_TESTED and one.character in who}
+        for who in ([character], [one.character for one in verdicts])
+    )
+    return f"{character} ({', '.join(sorted(own))})" if own and own != every else character
 
 
 def verdicts_of_table2(name: str) -> Table:

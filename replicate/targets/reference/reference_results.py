@@ -25,7 +25,7 @@ from replicate.targets.claims.claims_table import overview
 from replicate.targets.claims.evidence import gather
 from replicate.targets.reference import committed_seeds
 from replicate.targets.rig_report.report_tables import report_card
-from replicate.targets.table2.error_table import table2_overview
+from replicate.targets.table2.error_table import other_rigs, table2_overview
 from replicate.targets.table2.ratio_tables import table2_questions
 from replicate.targets.table2.table2_figures import redraw_charts
 from replicate.targets.table3.timing_tables import speed_table, timing_table
@@ -116,6 +116,7 @@ def tables_in_texts() -> dict[str, tuple[Path, str, Callable[[Path], Table]]]:
     return {
         "claims": (README, "claims.csv", overview),
         "table2_ratios": (README, "table2.csv", lambda file: table2_questions(read_results(file), paper)),
+        "table2_others": (README, "table2.csv", lambda file: other_rigs(read_results(file))),
         "table2": (README, "table2.csv", lambda file: table2_overview(read_results(file), paper)),
         "table3_speed": (README, "table3.csv", lambda file: speed_table(read_results(file))),
         "table3": (README, "table3.csv", lambda file: timing_table(read_results(file), times)),

@@ -55,7 +55,9 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str) -> "
         error_scale(axes)
         tidy(axes)
         enlarge(axes)
-    dot = Line2D([], [], marker="o", linestyle="", color=OURS, markersize=8, label=f"{character} (ours)")
+    dot = Line2D(
+        [], [], marker="o", linestyle="", color=OURS, markersize=8, label=f"{character} (ours)" if theirs else character
+    )
     ring = Line2D([], [], marker="o", linestyle="", color=THEIRS, markersize=13, label=f"{theirs} (the paper’s)")
     ring.set_markerfacecolor("none")
     handles = [dot, ring] if theirs else [dot]

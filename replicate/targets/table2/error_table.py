@@ -31,7 +31,7 @@ def table2_overview(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
     """Return the paper's Table 2: the means of every character beside those of the one that it stands for."""
     rows = [row for row in ours if row.table == "table2"]
     characters = [c for c in STANDS_FOR if any(row.character == c for row in rows)]
-    present = in_order({row.method for row in rows})
+    present = in_order({row.method for row in rows if row.character in characters})
     body: list[tuple[str, ...] | None] = []
     for kind, unit, words in (("vertex", "mm", "Distance error, mm"), ("normal", "deg", "Normal angle error, degrees")):
         body += [None] if body else []
@@ -45,8 +45,27 @@ def table2_overview(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
             body.append(tuple(cells))
     header = ("", *(name for c in characters for name in (c, STANDS_FOR[c])))
     heading = "Table 2: mean errors of our characters beside the paper's"
-    about = _about(rows, "each of the paper's characters")
-    return Table(heading, (header,), tuple(body), (about, *_notes(rows, present)))
+    own = [row for row in rows if row.character in characters]
+    about = _about(own, "each of the paper's characters")
+    return Table(heading, (header,), tuple(body), (about, *_notes(own, present)))
+
+
+def other_rigs(ours: Sequence[Row]) -> Table:
+    """Return the mean errors on rigs that stand for none of the paper's characters, variants of ours left out."""
+    rows = [row for row in ours if row.table == "table2" and row.character not in STANDS_FOR]
+    rows = [row for row in rows if "@" not in row.character]
+    characters, present = characters_of(rows), in_order({row.method for row in rows})
+    body = []
+    for method in present:
+        cells = [method_named(method).title]
+        for character in characters:
+            for kind, unit in (("vertex", "mm"), ("normal", "deg")):
+                mine = find(rows, "table2", character, method, f"{kind}_error_mean")
+                cells.append(round_off(mine.value, unit, mine.sd) if mine else "–")
+        body.append(tuple(cells))
+    header = ("", *(f"{who}, {unit}" for who in characters for unit in ("mm", "degrees")))
+    heading = "Mean errors on rigs that others wrote: distance (mm) and normal angle (degrees)"
+    return Table(heading, (header,), tuple(body), (_about(rows, None), *_notes(rows, present)))
 
 
 def _line(rows, paper, character: str, theirs: str | None, method: str) -> tuple[str, ...]:
