@@ -39,11 +39,12 @@ from replicate.methods.method_registry import choose, sections
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
 from replicate.timing.cores import can_confine, one_core, threads
+from replicate.timing.jax_evaluation import jax_evaluation
 from replicate.timing.machine_peaks import CACHE_BYTES, bytes_per_s, multiply_adds_per_s
 from replicate.timing.onnx_evaluation import onnx_evaluation
 from replicate.timing.plain_evaluation import plain_offsets
 from replicate.timing.single_poses import Evaluate, Way, time_single_poses
-from replicate.timing.timed_names import BACKENDS, FAST, HALF, ONNX, PLAIN, in_table_order, label_of, parted
+from replicate.timing.timed_names import BACKENDS, FAST, HALF, JAX, ONNX, PLAIN, in_table_order, label_of, parted
 
 ABOUT = "how near each evaluation of the networks comes to the peaks of one core's arithmetic and memory"
 WRITES = "results/runs/bench/bench_roofline.csv, bench_roofline_<character>.png"
@@ -96,7 +97,8 @@ def ways_of(
     works: dict[str, Work] = {}
     for method in methods:
         model = method.model(inputs)
-        found = {PLAIN: plain_offsets(model), "": model.offsets, ONNX: onnx_evaluation(model, mesh, None)}
+        found = {PLAIN: plain_offsets(model), "": model.offsets}
+        found |= {JAX: jax_evaluation(model, mesh, None), ONNX: onnx_evaluation(model, mesh, None)}
         for ending, way in found.items():
             if way:
                 ways[method.name + ending], works[method.name + ending] = way, architecture_work(model)

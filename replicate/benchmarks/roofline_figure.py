@@ -9,7 +9,7 @@ from replicate.drawing.panels import DPI, Words
 from replicate.drawing.style import WIDTH, enlarge, tidy
 from replicate.methods.method_registry import method_named
 from replicate.report.results import Row, find
-from replicate.timing.timed_names import BACKENDS, FAST, HALF, ONNX, PLAIN, in_table_order, parted
+from replicate.timing.timed_names import BACKENDS, FAST, HALF, JAX, ONNX, PLAIN, in_table_order, parted
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 TABLE, MACHINE = "bench_roofline", "machine"
 HEIGHT = 6.4  # inches
 BILLION = 1e9
-MARKERS = {PLAIN: "v", "": "^", ONNX: "s", FAST: "o", HALF: "D"}
+MARKERS = {PLAIN: "v", "": "^", JAX: "P", ONNX: "s", FAST: "o", HALF: "D"}
 KEYS = {PLAIN: "plain torch", "": "the suite's torch"}
 ROOFS = (
     ("bytes_per_s[cache]", "caches", "-", "bottom", (-2, 4)),

@@ -10,9 +10,10 @@ from replicate.geometry.mesh import Mesh
 from replicate.inference.fast_evaluation import fast_evaluation
 from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
 from replicate.methods.method import Model
+from replicate.timing.jax_evaluation import jax_evaluation
 from replicate.timing.onnx_evaluation import onnx_evaluation
 from replicate.timing.plain_evaluation import plain_offsets
-from replicate.timing.timed_names import FAST, HALF, ONNX, PLAIN
+from replicate.timing.timed_names import FAST, HALF, JAX, ONNX, PLAIN
 
 
 def other_backends(model: Model, mesh: Mesh, attachments: Attachments) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
@@ -24,6 +25,7 @@ def other_backends(model: Model, mesh: Mesh, attachments: Attachments) -> dict[s
 
     found = {
         PLAIN: by_torch if plain else None,
+        JAX: jax_evaluation(model, mesh, attachments),
         ONNX: onnx_evaluation(model, mesh, attachments),
         FAST: fast_evaluation(model, mesh, attachments),
         HALF: fast_evaluation(model, mesh, attachments, halves=True),

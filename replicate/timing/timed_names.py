@@ -5,9 +5,9 @@ from collections.abc import Iterable
 from replicate.methods.method_registry import in_order, method_named
 
 RIG, NODES, RIGID_STEP = "rig", "rig_nodes", "rigid_step"
-PLAIN, ONNX, FAST, HALF = "_plain", "_onnx", "_fast", "_half"  # endings of a method's name: how it is evaluated
-BACKENDS = {"": "the suite's", PLAIN: "plain", ONNX: "ONNX Runtime", FAST: "fast", HALF: "fast, 16 bits"}
-EXACT = ("", PLAIN, ONNX, FAST)  # of them: those that give the method's own vertices, but for rounding in float32
+PLAIN, JAX, ONNX, FAST, HALF = "_plain", "_jax", "_onnx", "_fast", "_half"  # endings of a method's name: how evaluated
+BACKENDS = {"": "the suite's", PLAIN: "plain", JAX: "JAX", ONNX: "ONNX Runtime", FAST: "fast", HALF: "fast, 16 bits"}
+EXACT = ("", PLAIN, JAX, ONNX, FAST)  # of them: those that give the method's own vertices, but for rounding in float32
 RIGS = {NODES: "The rig, node by node", RIG: "The rig, compiled"}
 PARTS = {RIGID_STEP: "Rigid step alone"}
 

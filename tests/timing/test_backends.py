@@ -10,7 +10,7 @@ from untrained_models import MESH, MODELS
 from replicate.approximation.rigid import attach, find_attachments
 from replicate.timing.backends import fast_rigid_step, largest_difference, other_backends
 from replicate.timing.onnx_evaluation import onnx_evaluation
-from replicate.timing.timed_names import FAST, HALF, ONNX, PLAIN, in_table_order, label_of, parted
+from replicate.timing.timed_names import FAST, HALF, JAX, ONNX, PLAIN, in_table_order, label_of, parted
 
 POSES = np.random.default_rng(0).uniform(-1, 1, (5, 12)).astype(np.float32)
 ATTACHMENTS = find_attachments(MESH, MESH.neutral + pose_offsets(MESH, POSES), 0.3, 4)
@@ -18,7 +18,7 @@ ATTACHMENTS = find_attachments(MESH, MESH.neutral + pose_offsets(MESH, POSES), 0
 
 @pytest.mark.parametrize(
     ("name", "endings"),
-    [("refined", (PLAIN, ONNX, FAST, HALF)), ("dense", (ONNX, FAST, HALF)), ("PCA", (ONNX,))],
+    [("refined", (PLAIN, JAX, ONNX, FAST, HALF)), ("dense", (JAX, ONNX, FAST, HALF)), ("PCA", (ONNX,))],
 )
 def test_all_backends_of_a_model_give_its_vertices(name, endings):
     model = MODELS[name]()

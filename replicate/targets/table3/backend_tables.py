@@ -6,12 +6,13 @@ from replicate.report.results import Row, find
 from replicate.report.tables import Table
 from replicate.targets.table3.best_times import best_row, cell
 from replicate.targets.table3.timing_rows import ALL, ONE
-from replicate.timing.timed_names import BACKENDS, EXACT, FAST, HALF, ONNX, PLAIN, in_table_order, label_of, parted
+from replicate.timing.timed_names import BACKENDS, EXACT, FAST, HALF, JAX, ONNX, PLAIN, in_table_order, label_of, parted
 
-COLUMNS = (PLAIN, "", ONNX, FAST, HALF)
+COLUMNS = (PLAIN, "", JAX, ONNX, FAST, HALF)
 ABOUT = {
     "": "The suite's: what its errors are measured with; torch, with a kernel of our own for maps.",
     PLAIN: "Plain: torch's own operations, a module a segment, maps as Fig. 3 draws them.",
+    JAX: "JAX: the networks as one function that XLA compiles, with the suite's compiled rigid step.",
     ONNX: "ONNX Runtime: the file that `make deploy` writes, on one thread that does not spin.",
     FAST: "Fast: the suite's evaluation of single poses, compiled, on one thread (replicate/inference).",
     HALF: "16 bits: the same with weights of dense layers rounded to float16; vertices move by up to {} mm for it.",

@@ -1,0 +1,221 @@
+"""A trained model evaluated by JAX: its weights in functions that XLA compiles as one, the maps as Fig. 3 draws them.
+
+XLA has no rigid step that float32 is enough for, so that this step is the suite's compiled one. How many threads XLA
+has is fixed at start; `cores.one_core` keeps all of them on one core.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import singledispatch
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from torch import nn
+
+from replicate.approximation.cnn import START, MapNetwork
+from replicate.approximation.dense import DenseNetwork
+from replicate.approximation.gated_network import SLOPE, GatedNetwork
+from replicate.approximation.linear_skip import Line, WithLine
+from replicate.approximation.model import SegmentedModel
+from replicate.approximation.refinement import RefinedModel
+from replicate.approximation.regional_model import RegionalModel
+from replicate.approximation.rigid import Attachments
+from replicate.geometry.mesh import Mesh
+from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
+
+if TYPE_CHECKING:
+    import jax
+
+
+class Traced(NamedTuple):
+    """What JAX compiles. weights: nested lists of arrays. function: (weights, one pose's numbers) → an array."""
+
+    weights: list
+    function: "Callable[[list, jax.Array], jax.Array]"
+
+
+def jax_evaluation(
+    model: object, mesh: Mesh, attachments: Attachments | None
+) -> Callable[[np.ndarray], np.ndarray] | None:
+    """Return parameters (1, m) → vertices (1, n, 3) float32 mm by JAX; None for a model with a network unknown here.
+
+    attachments: None for no rigid step.
+    """
+    parts = traced_parts(model)
+    if parts is None:
+        return None
+    import jax
+
+    neutral = np.asarray(mesh.neutral, np.float32)
+
+    def vertices(weights: list, params: "jax.Array") -> "jax.Array":
+        moved = [part.function(own, params) for part, own in zip(parts, weights[1:], strict=True)]
+        return weights[0] + sum(moved)
+
+    compiled = jax.jit(vertices)
+    weights = jax.device_put([neutral, *(part.weights for part in parts)], jax.devices("cpu")[0])
+    rigid = plan_rigid_step(mesh, attachments) if attachments else None
+
+    def evaluate(params: Float[np.ndarray, "1 m"]) -> Float[np.ndarray, "1 n 3"]:
+        out = np.array(compiled(weights, np.asarray(params[0], np.float32)))
+        if rigid:
+            place_rigid_segments(rigid, out)
+        return out[None]
+
+    return evaluate
+
+
+@singledispatch
+def traced_parts(model: object) -> list[Traced] | None:
+    """Return what JAX compiles of a model, raw parameters (m,) → offsets (n, 3) in mm, which add; None for nothing."""
+    return None
+
+
+@traced_parts.register
+def _(model: RefinedModel) -> list[Traced] | None:
+    coarse, residual = traced_parts(model.coarse), traced_parts(model.residual)
+    return coarse + residual if coarse and residual else None
+
+
+@traced_parts.register
+def _(model: SegmentedModel) -> list[Traced] | None:
+    networks = [traced(network) for network in model.networks]
+    if not all(networks):
+        return None
+    seen = [segment.parameters for segment in model.segments]
+    lengths, place = model.lengths, _places(model.vertices, model.vertex_count)
+
+    def offsets(weights: list, params: "jax.Array") -> "jax.Array":
+        scaled = params / weights[0]
+        each = zip(networks, weights[1:], seen, lengths, strict=True)
+        return _spread([network.function(own, scaled[j]) * length for network, own, j, length in each], place)
+
+    return [Traced([model.scale.cpu().numpy(), *(network.weights for network in networks)], offsets)]
+
+
+@traced_parts.register
+def _(model: RegionalModel) -> list[Traced]:
+    network = traced(model.network)
+    ends = np.cumsum([len(basis.steps) for basis in model.bases])[:-1]
+    place, length = _places(model.vertices, model.vertex_count), model.length
+    bases = [[basis.components().numpy(), basis.mean.float().flatten().numpy()] for basis in model.bases]
+
+    def offsets(weights: list, params: "jax.Array") -> "jax.Array":
+        import jax.numpy as jnp
+
+        scale, own, stored = weights
+        shares = jnp.split(network.function(own, params / scale) * length, ends)
+        moved = [(mean + c @ components).reshape(-1, 3) for c, (components, mean) in zip(shares, stored, strict=True)]
+        return _spread(moved, place)
+
+    return [Traced([model.scale.numpy(), network.weights, bases], offsets)]
+
+
+@singledispatch
+def traced(network: nn.Module) -> Traced | None:
+    """Return what JAX compiles of a network, scaled parameters (j,) → (k, 3) or (d,); None for one unknown here."""
+    return None
+
+
+@traced.register
+def _(network: Line) -> Traced:
+    return Traced(_arrays(network.weight, network.bias), lambda w, x: (x @ w[0] + w[1]).reshape(-1, 3))
+
+
+@traced.register
+def _(network: WithLine) -> Traced | None:
+    parts = [traced(network.network), traced(network.line)]
+    if not all(parts):
+        return None
+    return Traced(
+        [part.weights for part in parts],
+        lambda w, x: sum(part.function(own, x) for part, own in zip(parts, w, strict=True)),
+    )
+
+
+@traced.register
+def _(network: DenseNetwork) -> Traced:
+    layers = [*network.hidden, network.output]
+    slope = network.slope
+    return Traced(list(map(_transposed, layers)), lambda w, x: _layers(w, x, slope).reshape(-1, 3))
+
+
+@traced.register
+def _(network: GatedNetwork) -> Traced:
+    layers, gated = [_transposed(layer) for layer in (*network.layers, network.output)], network.is_gated
+    line = [] if network.line is None else [network.line.weight.detach().numpy().T.copy()]
+
+    def outputs(weights: list, params: "jax.Array") -> "jax.Array":
+        import jax
+
+        *hidden, (last, constant), lines = weights
+        x = params
+        for weight, bias in hidden:
+            x = x @ weight + bias
+            if gated:
+                gate, value = x.reshape(2, -1)
+                x = jax.nn.silu(gate) * value
+            else:
+                x = jax.nn.leaky_relu(x, SLOPE)
+        return x @ last + constant + sum(params @ skip for skip in lines)
+
+    return Traced([*layers, line], outputs)
+
+
+@traced.register
+def _(network: MapNetwork) -> Traced:
+    dense = [_transposed(layer) for layer in network.dense]
+    kernels = [
+        [layer.weight.detach().numpy().transpose(2, 3, 1, 0).copy(), layer.bias.detach().numpy()]  # HWIO
+        for layer in (*network.upsampled, network.last)
+    ]
+    output = [network.output.weight.detach().numpy()[:, :, 0, 0].T.copy(), network.output.bias.detach().numpy()]
+    pixels, shares, slope = network.pixels.numpy(), network.shares.numpy(), network.slope
+
+    def offsets(weights: list, params: "jax.Array") -> "jax.Array":
+        import jax
+
+        dense, kernels, (weight, bias), shares = weights
+        x = _layers(dense, params, slope).reshape(1, START, START, -1)
+        for k, (kernel, constant) in enumerate(kernels):
+            if k + 1 < len(kernels):  # the last convolution keeps the map's size
+                x = x.repeat(2, axis=1).repeat(2, axis=2)
+            x = jax.lax.conv_general_dilated(x, kernel, (1, 1), "SAME", dimension_numbers=("NHWC", "HWIO", "NHWC"))
+            x = jax.nn.leaky_relu(x + constant, slope)
+        maps = x.reshape(-1, x.shape[-1]) @ weight + bias  # (size², 3)
+        return (maps[pixels] * shares[:, :, None]).sum(1)
+
+    return Traced([dense, kernels, output, shares], offsets)
+
+
+def _layers(weights: list, x: "jax.Array", slope: float) -> "jax.Array":
+    """Return what dense layers give, all but the last followed by a leaky ReLU."""
+    import jax
+
+    for weight, bias in weights[:-1]:
+        x = jax.nn.leaky_relu(x @ weight + bias, slope)
+    return x @ weights[-1][0] + weights[-1][1]
+
+
+def _spread(parts: "Sequence[jax.Array]", place: np.ndarray) -> "jax.Array":
+    """Return the mesh's offsets (n, 3) of those of all segments in turn; `place` is past their end for no segment."""
+    import jax.numpy as jnp
+
+    return jnp.concatenate([*parts, jnp.zeros((1, 3), jnp.float32)])[place]
+
+
+def _places(vertices: np.ndarray, count: int) -> np.ndarray:
+    """Return where each of a mesh's vertices stands among those of all segments; their number where it doesn't."""
+    place = np.full(count, len(vertices))
+    place[vertices] = np.arange(len(vertices))
+    return place
+
+
+def _transposed(layer: nn.Linear) -> list[np.ndarray]:
+    """Return a layer's weight [in, out] and bias."""
+    weight, bias = _arrays(layer.weight, layer.bias)
+    return [np.ascontiguousarray(weight.T), bias]
+
+
+def _arrays(*tensors: "nn.Parameter") -> list[np.ndarray]:
+    return [tensor.detach().cpu().numpy() for tensor in tensors]
