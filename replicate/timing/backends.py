@@ -10,15 +10,19 @@ from replicate.geometry.mesh import Mesh
 from replicate.inference.fast_evaluation import fast_evaluation
 from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
 from replicate.methods.method import Model
+from replicate.timing.cores import core_total
 from replicate.timing.jax_evaluation import jax_evaluation
-from replicate.timing.onnx_evaluation import onnx_evaluation
+from replicate.timing.onnx_evaluation import onnx_bytes, run_by_onnx
 from replicate.timing.plain_evaluation import plain_offsets
-from replicate.timing.timed_names import FAST, HALF, JAX, ONNX, PLAIN
+from replicate.timing.timed_names import FAST, HALF, JAX, ONNX, ONNX_SPINNING, ONNX_THREADS, PLAIN
 
 
 def other_backends(model: Model, mesh: Mesh, attachments: Attachments) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
-    """Return by `timed_names`' endings the ways (1, m) → (1, n, 3) mm to evaluate a model, besides its own."""
-    plain = plain_offsets(model)
+    """Return by `timed_names`' endings the ways (1, m) → (1, n, 3) mm to evaluate a model, besides its own.
+
+    Those of several threads are there where the process has several cores.
+    """
+    plain, written, cores = plain_offsets(model), onnx_bytes(model, mesh, attachments), core_total()
 
     def by_torch(params: Float[np.ndarray, "b m"]) -> Float[np.ndarray, "b n 3"]:
         return attach(mesh, attachments, mesh.neutral + plain(params))
@@ -26,7 +30,9 @@ def other_backends(model: Model, mesh: Mesh, attachments: Attachments) -> dict[s
     found = {
         PLAIN: by_torch if plain else None,
         JAX: jax_evaluation(model, mesh, attachments),
-        ONNX: onnx_evaluation(model, mesh, attachments),
+        ONNX: run_by_onnx(written) if written else None,
+        ONNX_THREADS: run_by_onnx(written, cores) if written and cores > 1 else None,
+        ONNX_SPINNING: run_by_onnx(written, cores, spins=True) if written and cores > 1 else None,
         FAST: fast_evaluation(model, mesh, attachments),
         HALF: fast_evaluation(model, mesh, attachments, halves=True),
     }

@@ -9,26 +9,44 @@ from replicate.approximation.rigid import Attachments
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
+Evaluate = Callable[[np.ndarray], np.ndarray]
 
-def onnx_evaluation(
-    model: object, mesh: Mesh, attachments: Attachments | None
-) -> Callable[[np.ndarray], np.ndarray] | None:
-    """Return parameters (b, m) → vertices (b, n, 3) mm by ONNX Runtime, on one thread that does not spin.
+
+def onnx_evaluation(model: object, mesh: Mesh, attachments: Attachments | None) -> Evaluate | None:
+    """Return parameters (b, m) → vertices (b, n, 3) mm by ONNX Runtime, on one thread.
 
     attachments: None for no rigid step. Returns None where the runtime is not installed, and for a model that can't be
     written as ONNX.
     """
+    written = onnx_bytes(model, mesh, attachments)
+    return run_by_onnx(written) if written else None
+
+
+def onnx_bytes(model: object, mesh: Mesh, attachments: Attachments | None) -> bytes | None:
+    """Return a model as an ONNX file; None where `onnx_evaluation` gives None."""
     try:
-        import onnxruntime
+        import onnxruntime  # noqa: F401 — a file that nothing here can run is of no use
 
-        from replicate.deployment.onnx_model import PARAMETERS, onnx_model
+        from replicate.deployment.onnx_model import onnx_model
 
-        written = onnx_model(model, mesh, attachments).SerializeToString()
+        return onnx_model(model, mesh, attachments).SerializeToString()
     except (ImportError, InputError):
         return None
+
+
+def run_by_onnx(written: bytes, threads: int = 1, spins: bool = False) -> Evaluate:
+    """Return parameters (b, m) → vertices (b, n, 3) mm of an ONNX file.
+
+    threads: among which an operator is divided. spins: whether threads that wait for the next operator keep their cores
+    busy, so that they start at once; one thread waits for none.
+    """
+    import onnxruntime
+
+    from replicate.deployment.onnx_model import PARAMETERS
+
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    options.add_session_config_entry("session.intra_op.allow_spinning", str(int(spins)))
     options.log_severity_level = 3
     session = onnxruntime.InferenceSession(written, options, providers=["CPUExecutionProvider"])
 

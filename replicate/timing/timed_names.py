@@ -5,9 +5,20 @@ from collections.abc import Iterable
 from replicate.methods.method_registry import in_order, method_named
 
 RIG, NODES, RIGID_STEP = "rig", "rig_nodes", "rigid_step"
-PLAIN, JAX, ONNX, FAST, HALF = "_plain", "_jax", "_onnx", "_fast", "_half"  # endings of a method's name: how evaluated
-BACKENDS = {"": "the suite's", PLAIN: "plain", JAX: "JAX", ONNX: "ONNX Runtime", FAST: "fast", HALF: "fast, 16 bits"}
-EXACT = ("", PLAIN, JAX, ONNX, FAST)  # of them: those that give the method's own vertices, but for rounding in float32
+PLAIN, JAX, FAST, HALF = "_plain", "_jax", "_fast", "_half"  # endings of a method's name: how it is evaluated
+ONNX, ONNX_THREADS, ONNX_SPINNING = "_onnx", "_onnx_threads", "_onnx_spinning"
+BACKENDS = {
+    "": "the suite's",
+    PLAIN: "plain",
+    JAX: "JAX",
+    ONNX: "ONNX Runtime",
+    ONNX_THREADS: "ONNX, all threads",
+    ONNX_SPINNING: "ONNX, spinning",
+    FAST: "fast",
+    HALF: "fast, 16 bits",
+}
+THREADED = (ONNX_THREADS, ONNX_SPINNING)  # of them: those that are none on one core
+EXACT = ("", PLAIN, JAX, ONNX, *THREADED, FAST)  # those that give the method's own vertices, but for float32's rounding
 RIGS = {NODES: "The rig, node by node", RIG: "The rig, compiled"}
 PARTS = {RIGID_STEP: "Rigid step alone"}
 

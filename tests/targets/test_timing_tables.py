@@ -94,6 +94,14 @@ def test_backends_stand_side_by_side_and_the_best_exact_one_counts():
     assert "up to 0.004 mm" in notes and "within 0.0002 mm" in notes and "ONNX" not in notes
 
 
+def test_all_cores_have_a_table_of_backends_too_where_one_divides_its_work():
+    threaded = Row("table3", "teen", "dense_onnx_spinning", "time_all_cores", "ms", 0.9, None, 1, 1_000, "laptop", "r")
+    one, both = backends_tables([*rows(), threaded], "teen")
+    assert one.headers == backends_tables(rows(), "teen")[0].headers and one.notes[0].startswith("Means on one core,")
+    assert "ONNX, spinning" in both.headers[0] and both.notes[0].startswith("Means on all cores,")
+    assert {line[0]: line[1:] for line in both.body}["Dense"] == ("–", "2.00", "0.90", "1.00", "0.50", "2.2")
+
+
 def test_results_of_one_backend_have_no_table_of_backends():
     alone = [row for row in rows() if row.method in ("rig", "coarse")]
     assert backends_tables(alone, "teen") == [] and len(tables3(alone, [])) == 2

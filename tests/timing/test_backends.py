@@ -8,9 +8,11 @@ from small_face import pose_offsets
 from untrained_models import MESH, MODELS
 
 from replicate.approximation.rigid import attach, find_attachments
+from replicate.targets.table3.timing_rows import ways_on
 from replicate.timing.backends import fast_rigid_step, largest_difference, other_backends
 from replicate.timing.onnx_evaluation import onnx_evaluation
-from replicate.timing.timed_names import FAST, HALF, JAX, ONNX, PLAIN, in_table_order, label_of, parted
+from replicate.timing.single_poses import Way
+from replicate.timing.timed_names import FAST, HALF, JAX, ONNX, PLAIN, THREADED, in_table_order, label_of, parted
 
 POSES = np.random.default_rng(0).uniform(-1, 1, (5, 12)).astype(np.float32)
 ATTACHMENTS = find_attachments(MESH, MESH.neutral + pose_offsets(MESH, POSES), 0.3, 4)
@@ -18,16 +20,28 @@ ATTACHMENTS = find_attachments(MESH, MESH.neutral + pose_offsets(MESH, POSES), 0
 
 @pytest.mark.parametrize(
     ("name", "endings"),
-    [("refined", (PLAIN, JAX, ONNX, FAST, HALF)), ("dense", (JAX, ONNX, FAST, HALF)), ("PCA", (ONNX,))],
+    [
+        ("refined", (PLAIN, JAX, ONNX, *THREADED, FAST, HALF)),
+        ("dense", (JAX, ONNX, *THREADED, FAST, HALF)),
+        ("PCA", (ONNX, *THREADED)),
+    ],
 )
-def test_all_backends_of_a_model_give_its_vertices(name, endings):
+def test_all_backends_of_a_model_give_its_vertices(name, endings, monkeypatch):
     model = MODELS[name]()
+    monkeypatch.setattr("replicate.timing.backends.core_total", lambda: 2)
     found = other_backends(model, MESH, ATTACHMENTS)
     assert tuple(found) == endings
     for ending, evaluate in found.items():
         own = lambda params: attach(MESH, ATTACHMENTS, MESH.neutral + model.offsets(params))  # noqa: E731
         assert largest_difference(evaluate, own, POSES) < (0.02 if ending == HALF else 1e-3), ending
     assert largest_difference(own, lambda params: MESH.neutral, POSES) > 0.1
+
+
+def test_one_core_has_no_evaluation_that_is_divided_among_threads(monkeypatch):
+    monkeypatch.setattr("replicate.timing.backends.core_total", lambda: 1)
+    assert set(other_backends(MODELS["linear"](), MESH, ATTACHMENTS)).isdisjoint(THREADED)
+    ways = dict.fromkeys(("linear_onnx", "linear_onnx_threads", "linear_onnx_spinning", "rig"), Way(abs))
+    assert list(ways_on("one_core", ways)) == ["linear_onnx", "rig"] and ways_on("all_cores", ways) == ways
 
 
 def test_a_model_that_nothing_writes_has_no_onnx_evaluation():
@@ -53,4 +67,4 @@ def test_names_say_method_and_backend():
     names = ["dense_fast", "rigid_step_fast", "coarse", "rig", "dense", "coarse_plain", "rigid_step"]
     ordered = ["rig", "coarse", "coarse_plain", "dense", "dense_fast", "rigid_step", "rigid_step_fast"]
     assert in_table_order(names) == ordered
-    assert label_of("dense_half") == "Dense, fast, 16 bits"
+    assert label_of("dense_half") == "Dense, fast, 16 bits" and parted("dense_onnx_threads") == ("dense", THREADED[0])

@@ -6,28 +6,54 @@ from replicate.report.results import Row, find
 from replicate.report.tables import Table
 from replicate.targets.table3.best_times import best_row, cell
 from replicate.targets.table3.timing_rows import ALL, ONE
-from replicate.timing.timed_names import BACKENDS, EXACT, FAST, HALF, JAX, ONNX, PLAIN, in_table_order, label_of, parted
+from replicate.timing.timed_names import (
+    BACKENDS,
+    EXACT,
+    FAST,
+    HALF,
+    JAX,
+    ONNX,
+    ONNX_SPINNING,
+    ONNX_THREADS,
+    PLAIN,
+    THREADED,
+    in_table_order,
+    label_of,
+    parted,
+)
 
-COLUMNS = (PLAIN, "", JAX, ONNX, FAST, HALF)
+COLUMNS = (PLAIN, "", JAX, ONNX, ONNX_THREADS, ONNX_SPINNING, FAST, HALF)
 ABOUT = {
     "": "The suite's: what its errors are measured with; torch, with a kernel of our own for maps.",
     PLAIN: "Plain: torch's own operations, a module a segment, maps as Fig. 3 draws them.",
     JAX: "JAX: the networks as one function that XLA compiles, with the suite's compiled rigid step.",
     ONNX: "ONNX Runtime: the file that `make deploy` writes, on one thread that does not spin.",
+    ONNX_THREADS: "All threads: the same file on a thread a core. They rest while they wait; one alone never waits.",
+    ONNX_SPINNING: "Spinning: these threads keep their cores busy while they wait, which is the runtime's default.",
     FAST: "Fast: the suite's evaluation of single poses, compiled, on one thread (replicate/inference).",
     HALF: "16 bits: the same with weights of dense layers rounded to float16; vertices move by up to {} mm for it.",
 }
 
 
 def backends_tables(rows: Sequence[Row], character: str) -> list[Table]:
-    """Return a table of one character's milliseconds a pose by backend, or none where there is one backend only."""
-    where = ONE if any(row.metric == f"time_{ONE}" for row in rows) else ALL
+    """Return tables of one character's milliseconds a pose by backend, or none where there is one backend only.
+
+    The first is that of one core, where it is measured. That of all cores is there too if a backend divides its work.
+    """
     own = [row for row in rows if row.table == "table3" and row.character == character]
+    several = {where: {row.method for row in own if row.metric == f"time_{where}"} for where in (ONE, ALL)}
+    divided = any(parted(name)[1] in THREADED for name in several[ALL])
+    shown = [ONE, ALL] if several[ONE] and divided else [ONE if several[ONE] else ALL]
+    tables = (_backends_table(own, character, where) for where in shown)
+    return [table for table in tables if table]
+
+
+def _backends_table(own: Sequence[Row], character: str, where: str) -> Table | None:
     timed = [row for row in own if row.metric == f"time_{where}"]
     several = {parted(row.method)[0] for row in timed if parted(row.method)[1]}
     columns = [ending for ending in COLUMNS if any(name + ending in {row.method for row in timed} for name in several)]
     if not several:
-        return []
+        return None
     body = []
     for name in in_table_order(several):
         times = [find(timed, "table3", character, name + ending, f"time_{where}") for ending in columns]
@@ -42,7 +68,7 @@ def backends_tables(rows: Sequence[Row], character: str) -> list[Table]:
         f"{_largest(own, *filter(None, EXACT))} mm of the suite's vertices.",
     )
     title = f"Backends: milliseconds a pose by way to evaluate the same weights: {character}"
-    return [Table(title, (header,), tuple(body), notes)]
+    return Table(title, (header,), tuple(body), notes)
 
 
 def _largest(rows: Sequence[Row], *endings: str) -> str:

@@ -19,7 +19,7 @@ from replicate.targets.table3.timing_numbers import TimingNumbers
 from replicate.timing.backends import fast_rigid_step, largest_difference, other_backends
 from replicate.timing.cores import can_confine, core_total, one_core, threads
 from replicate.timing.single_poses import Times, Way, time_single_poses
-from replicate.timing.timed_names import FAST, NODES, RIG, RIGID_STEP, parted
+from replicate.timing.timed_names import FAST, NODES, RIG, RIGID_STEP, THREADED, parted
 
 ROWS = "table3.csv"
 NODES_EVERY = 10  # turns: node by node the rig takes as long as all else together
@@ -35,7 +35,7 @@ def write_all(settings: TimingNumbers, inputs: Mapping[str, Path], progress: Cal
     times = {}
     for where, confined in settings_of_cores():
         with progress(settings.turns, f"timing, {where.replace('_', ' ')}") as bar, confined:
-            times[where] = time_single_poses(ways, poses, settings.turns, bar.update)
+            times[where] = time_single_poses(ways_on(where, ways), poses, settings.turns, bar.update)
     facts = settings.profile, run_name(inputs)
     numbers = [
         (name, f"{metric}_{where}", "ms", value, one.evaluations)
@@ -57,6 +57,11 @@ def settings_of_cores() -> Iterator[tuple[str, AbstractContextManager[None]]]:
     yield ALL, threads(core_total())
     if can_confine():
         yield ONE, one_core()
+
+
+def ways_on(where: str, ways: Mapping[str, Way]) -> dict[str, Way]:
+    """Return what is timed on one core or on all of them; a way that divides its work among threads is none on one."""
+    return {name: way for name, way in ways.items() if where == ALL or parted(name)[1] not in THREADED}
 
 
 def metrics(times: Times) -> list[tuple[str, float]]:
