@@ -1,0 +1,98 @@
+"""Models of any size with weights drawn at random, for times alone: what a network multiplies does not change them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from replicate.approximation import cnn, dense
+from replicate.approximation.gated_network import GatedNetwork
+from replicate.approximation.linear_skip import Line
+from replicate.approximation.model import SegmentedModel
+from replicate.approximation.regional_model import RegionalModel, StoredBasis
+from replicate.approximation.segments import Segment
+from replicate.config import CoarseConfig, DenseConfig
+from replicate.geometry.mesh import Mesh
+
+COARSE, DENSE, LINEAR, OURS = "coarse", "dense", "linear", "regional"
+PARAMETERS, SEEN = 256, 100  # of the rig, and by each segment's network
+REGIONS, FINE, HIDDEN = 16, 16, (384, 384)  # of ours, as its own section of the configuration has them
+
+
+@dataclass(frozen=True)
+class Face:
+    """What is varied; by default about what `teen` has."""
+
+    vertices: int = 11_200
+    segments: int = 8
+    map_size: int = 32
+    components: int = 96
+
+
+def models_of(face: Face, names: tuple[str, ...]) -> dict[str, SegmentedModel | RegionalModel]:
+    """Return the models of a face by method: networks of the usual widths, vertices dealt evenly to all segments.
+
+    The charts' vertices lie anywhere in them, so that a map's pixels are read evenly.
+    """
+    torch.manual_seed(0)
+    rng = np.random.default_rng(0)
+    parts = np.array_split(np.arange(face.vertices, dtype=np.int32), face.segments)
+    segments = [
+        Segment(
+            f"segment {k}",
+            own,
+            rng.uniform(size=(len(own), 2)).astype(np.float32),
+            np.sort(rng.choice(PARAMETERS, SEEN, replace=False)).astype(np.int32),
+        )
+        for k, own in enumerate(parts)
+    ]
+    maps = cnn.shape_facts(CoarseConfig(map_size=face.map_size))
+    make = {
+        COARSE: lambda: _segmented([cnn.make_network(s, maps) for s in segments], segments, face),
+        DENSE: lambda: _segmented(
+            [dense.make_network(s, dense.shape_facts(DenseConfig())) for s in segments], segments, face
+        ),
+        LINEAR: lambda: _segmented([_line(s) for s in segments], segments, face),
+        OURS: lambda: _regional(face, rng),
+    }
+    return {name: make[name]() for name in names}
+
+
+def flat_mesh(vertices: int) -> Mesh:
+    """Return a mesh of so many vertices anywhere; nothing here needs its triangles."""
+    places = np.random.default_rng(1).normal(size=(vertices, 3)).astype(np.float32)
+    faces, uv = np.array([[0, 1, 2]], np.int32), np.zeros((vertices, 2), np.float32)
+    return Mesh(places, faces, uv, np.zeros(vertices, np.int32), ("face",))
+
+
+def _segmented(networks: list, segments: list[Segment], face: Face) -> SegmentedModel:
+    scale = np.ones(PARAMETERS, np.float32)
+    return SegmentedModel(networks, segments, scale, [1.0] * len(segments), face.vertices)
+
+
+def _line(segment: Segment) -> Line:
+    line = Line(len(segment.parameters), len(segment.vertices))
+    line.weight.normal_()
+    return line
+
+
+def _regional(face: Face, rng: np.random.Generator) -> RegionalModel:
+    bases = list(_bases(face, rng))
+    network = GatedNetwork(PARAMETERS, HIDDEN, REGIONS * face.components)
+    with torch.no_grad():
+        for weight in network.parameters():  # in 16 bits, as trainings leave them
+            weight.copy_(weight.half().float())
+    return RegionalModel(network, bases, np.ones(PARAMETERS, np.float32), 1.0, face.vertices)
+
+
+def _bases(face: Face, rng: np.random.Generator) -> Iterator[StoredBasis]:
+    fine = min(FINE, face.components)
+    for own in np.array_split(np.arange(face.vertices, dtype=np.int32), REGIONS):
+        yield StoredBasis(
+            torch.from_numpy(own),
+            torch.zeros(len(own), 3, dtype=torch.float16),
+            torch.from_numpy(rng.integers(-9999, 9999, (fine, len(own), 3)).astype(np.int16)),
+            torch.from_numpy(rng.integers(-99, 99, (face.components - fine, len(own), 3)).astype(np.int8)),
+            torch.full((face.components,), 1e-4),
+        )
