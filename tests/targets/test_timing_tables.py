@@ -2,7 +2,7 @@
 
 import pytest
 
-from replicate.engine.paths import PAPER
+from replicate.engine.paths import PAPER, REFERENCE
 from replicate.report.results import Row, read_results
 from replicate.report.tables import as_text
 from replicate.targets.table3.backend_tables import backends_tables
@@ -16,6 +16,7 @@ from replicate.targets.table3.timing_tables import (
     tables3,
     timing_table,
 )
+from replicate.timing.timed_names import parted
 
 MS = {
     "rig_nodes": 60.0, "rig": 6.0, "coarse": 4.0, "coarse_plain": 8.0, "dense": 2.0, "dense_fast": 1.0,
@@ -111,6 +112,17 @@ def test_the_best_evaluation_is_the_fastest_exact_one():
     assert best_row(rows(), "teen", "dense", "all_cores").method == "dense_fast"
     assert best_row(rows(), "teen", "coarse", "one_core").value == 6.0
     assert best_row(rows(), "teen", "refined", "one_core") is None
+
+
+def test_in_the_committed_table_the_coarse_model_never_costs_more_than_the_refined_one_that_contains_it():
+    costs = {row.key: row.value for row in read_results(REFERENCE / "table3.csv") if row.metric != "largest_difference"}
+    pairs = [
+        (key, ("table3", who, "refined" + parted(method)[1], metric))
+        for key in costs
+        for _, who, method, metric in (key,)
+        if parted(method)[0] == "coarse"
+    ]
+    assert len(pairs) > 100 and [key for key, refined in pairs if costs[key] > costs[refined]] == []
 
 
 def test_the_chart_has_what_has_error_time_and_size():
