@@ -5,7 +5,7 @@ from small_face import pose_offsets
 from untrained_models import MESH, MODELS
 
 from replicate.approximation.rigid import find_attachments
-from replicate.benchmarks.bench_crowd import TABLE, crowd, crowd_table, ways_of
+from replicate.benchmarks.bench_crowd import TABLE, crowd, crowd_table, start_table, ways_of
 from replicate.methods.method import Method
 from replicate.report.results import Row
 
@@ -40,3 +40,18 @@ def test_the_table_has_a_column_for_each_number_of_characters():
     assert table.headers[0][2:] == ("1 character", "10 characters", "100 characters")
     assert table.body[0] == ("Dense", "the suite's", "1,234.5", "–", "12.0")
     assert table.body[1][:2] == ("Dense", "fast") and table.body[2] is None and table.body[3][0] == "Linear"
+
+
+def test_what_a_method_needs_until_its_first_pose_has_a_table_of_its_own():
+    numbers = (
+        ("dense", "first_pose", "s", 2.5),
+        ("dense", "peak_memory", "MB", 300.0),
+        ("dense", "model_size", "MB", 4.0),
+    )
+    numbers += (("dense_onnx", "first_pose", "s", 0.5),)
+    rows = [Row(TABLE, "teen", *number, None, 1, 2, "bench", "teen") for number in numbers]
+    table = start_table(rows, "teen")
+    assert [line[:2] for line in table.body] == [("Dense", "the suite's"), ("Dense", "ONNX Runtime")]
+    assert table.body[0][3] == "2.5" and table.body[1][3] == "0.5"
+    assert table.body[0][2] == table.body[1][2] != "–", "both ways evaluate the same model"
+    assert table.body[1][4] == "–" and start_table([], "teen") is None
