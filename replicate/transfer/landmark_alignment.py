@@ -118,7 +118,7 @@ def _places(source: Mesh, ours: Face, bent: np.ndarray, theirs: Face, marks: Mar
     group = np.where(side > CLEAR_MM, 1, np.where(side < -CLEAR_MM, -1, 0))
     for which in np.unique(group):
         chosen = group == which
-        allowed = ours.whole[which * side_of_face >= -CLEAR_MM]
+        allowed = ours.whole[which * side_of_face >= 0]
         found = nearest_places(points[chosen], source.neutral, allowed, normals[chosen])
         corners[chosen], shares[chosen] = found.corners, found.shares
     return Places(corners, shares)

@@ -52,7 +52,7 @@ def sheet_of_others(
         "whose forehead folds most. A thin-plate spline through landmarks that both have brings the other face to the "
         f"charts; offsets are scaled by the ratio of distances between landmarks. {' '.join(told)} Another person's "
         "own rig is no truth: it says how that person would do the same, with other folds and proportions. † Each "
-        "triangle follows its nearest one on the rig's own posed mesh (Sumner and Popović 2004), aligned in the same way.",
+        "triangle follows its nearest one on the rig's own posed mesh (Sumner and Popović 2004), aligned alike.",
     )
 
 
