@@ -18,6 +18,7 @@ POSE       ?=
 CLIP       ?=
 PARAMS     ?=
 LANDMARKS  ?=
+ONTO       ?=
 TO         ?=
 TOLERANCE  ?=
 RECENT     := import sys; sys.exit(sys.version_info < (3, 11))
@@ -52,7 +53,7 @@ BENCHMARKS := $(patsubst replicate/benchmarks/bench_%.py,bench-%,$(shell grep -l
 
 # The variables that are set, as options; what a target doesn't take, it leaves out.
 VARIABLES := PROFILE CHARACTERS METHODS SEED JOBS CLUSTER DEVICE CONFIG SPLIT LATEX ADD_SEEDS POSE CLIP PARAMS TO \
-	TOLERANCE LANDMARKS
+	TOLERANCE LANDMARKS ONTO
 SWITCHES := LATEX ADD_SEEDS
 option = $(if $($(1)),--$(shell echo $(1) | tr A-Z_ a-z-)$(if $(filter $(SWITCHES),$(1)),, '$(subst ','\'',$($(1)))'))
 OPTIONS = $(foreach name,$(VARIABLES),$(call option,$(name)))
@@ -77,6 +78,7 @@ help: ## print this help
 	@echo "  SEED=  JOBS=  DEVICE=  CONFIG=  SPLIT=  CLUSTER=   as \`python -m replicate table2 --help\` says"
 	@echo "  POSE=  CLIP=  PARAMS=  TO=  TOLERANCE=   as \`python -m replicate export --help\` says"
 	@echo "  LANDMARKS=      for capture: a CSV file of an actor's landmarks, as \`python -m replicate capture --help\` says"
+	@echo "  ONTO=           for figure13: other characters whose faces the networks move as well"
 	@echo "  ADD_SEEDS=1     \`make reference\` adds a run's seeds to those that are committed"
 	@echo "  LATEX=1         \`make compare\` and \`make claims\` in LaTeX"
 	@echo "  ICT_FACEKIT=    the folder of ICT-FaceKit, for CHARACTERS=ict: a face that nobody here made"

@@ -21,8 +21,8 @@ from replicate.artefacts.plan import Plan, reference
 from replicate.benchmarks.common import PROFILE, add_count, answer, artefacts_of, make_parser, publish, split_names
 from replicate.config import Config, resolve
 from replicate.engine.progress import progress
-from replicate.geometry.normals import vertex_normals
 from replicate.inference.fast_evaluation import fast_evaluation
+from replicate.inference.vertex_normals import fast_vertex_normals
 from replicate.inverse import ik_stage
 from replicate.inverse.configurations import configurations
 from replicate.inverse.control_points import ControlPoints, control_points
@@ -98,7 +98,7 @@ def ways_of(
     networks: dict[str, Callable] = {m.name: ik_stage.load(inputs, m.name).solve for m in methods}
 
     def update(network: Callable, predict: Callable) -> Callable:
-        return lambda points: vertex_normals(predict(network(points)), faces)
+        return lambda points: fast_vertex_normals(predict(network(points))[0], faces)
 
     updates: dict[str, Callable] = {RIG: update(networks[methods[0].name], rig)}
     for method in methods:
@@ -134,7 +134,7 @@ def ik_table(rows: Sequence[Row], character: str) -> Table:
     notes = (
         "One configuration of control points a call, on one thread; medians over turns.",
         "An update is what a dragged point costs: IK networks, mesh with rigid segments, by the fast evaluation "
-        "where there is one, and normals of all vertices.",
+        "where there is one, and normals of all vertices, compiled.",
         "The solver minimises Eq. 8 for each configuration anew (L-BFGS), through the method or the rig itself.",
     )
     return Table(f"Inverse kinematics: {character}", (("", *(words for _, words in COLUMNS)),), tuple(body), notes)

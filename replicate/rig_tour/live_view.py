@@ -12,7 +12,7 @@ from jaxtyping import UInt8
 from replicate.drawing.render import plotter_of, working_renderer
 from replicate.drawing.scene import PORTRAIT, WHITE, Camera, Lighting, Surface
 from replicate.drawing.software_rasteriser import rasterise
-from replicate.geometry.normals import vertex_normals
+from replicate.inference.vertex_normals import fast_vertex_normals
 
 
 class LiveView:
@@ -42,7 +42,7 @@ class LiveView:
         for mesh, surface in zip(self._meshes, surfaces, strict=True):
             mesh.points = np.asarray(surface.vertices, np.float32)
             if surface.smooth:
-                mesh.point_data["Normals"] = vertex_normals(mesh.points, surface.faces)
+                mesh.point_data["Normals"] = fast_vertex_normals(np.asarray(mesh.points), surface.faces)
         self._plotter.renderer.ResetCameraClippingRange()
         self._plotter.render()  # a screenshot alone would show the points as they were
         return np.array(self._plotter.screenshot(return_img=True))[..., :3]

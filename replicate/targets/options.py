@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from data_recipes.recipe_paths import OUTSIDE, character_label, character_names, recipe_file
+from replicate.artefacts.plan import Plan
 from replicate.capture.capture_config import own as capture_section
 from replicate.config import LARGEST_SEED, Config, resolve
 from replicate.engine import paths
@@ -58,6 +59,11 @@ OPTIONS = {
         "metavar": "FILE",
         "help": "a CSV file whose header names controls: one row is a pose, several are a clip of 24 frames a second; "
         "or a .json that the posing page saved",
+    },
+    "onto": {
+        "nargs": "+",
+        "default": [],
+        "help": "other characters whose faces the networks move as well: names or recipes, as for --characters",
     },
     "landmarks": {
         "metavar": "FILE",
@@ -116,6 +122,12 @@ def seeds(options: argparse.Namespace) -> list[int]:
 def methods(options: argparse.Namespace, config: Config) -> Sequence[Method]:
     """Return the methods that are named, for one configuration, in the order of the tables."""
     return registry.choose(words(options.methods), config)
+
+
+def others(options: argparse.Namespace, plan: Plan) -> list[str]:
+    """Return the characters that `onto` names, each once, without the plan's own."""
+    named = {character_label(character): character for character in words(options.onto)}
+    return [character for label, character in named.items() if label != plan.character]
 
 
 def workers(options: argparse.Namespace) -> int:

@@ -1,6 +1,7 @@
 """Figure 13: errors of every way to move new meshes, rows and a sheet that have the same numbers."""
 
 import json
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -9,8 +10,9 @@ import torch
 from PIL import Image
 from plain_rig import PlainRig
 from small_artefacts import run_stage, write_artefacts
-from small_face import M, small_influence, small_mesh
+from small_face import M, pose_offsets, small_influence, small_mesh
 
+from data_recipes.controls import Control
 from replicate.approximation import cnn
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import square_segments
@@ -19,7 +21,8 @@ from replicate.config import CoarseConfig, RefinementConfig
 from replicate.drawing.render import render
 from replicate.report.results import read_results
 from replicate.targets import figure13 as target
-from replicate.targets.figure13 import moved_meshes, new_meshes, transfer_sheet
+from replicate.targets.figure13 import moved_meshes, new_meshes, other_faces, other_sheet, transfer_sheet
+from replicate.targets.figure13.transfer_rows import rows_of
 from replicate.targets.figure13.transfer_tables import LABELS, tables13
 from replicate.transfer.new_mesh_poses import WAYS
 
@@ -100,3 +103,42 @@ def test_the_figure_has_a_row_of_meshes_each_and_rows_of_the_same_numbers(inputs
     shown = np.linalg.norm(posed["coarse"] - posed["truth"], axis=1)[np.unique(faces)].mean()
     assert f"coarse networks on half of the vertices, {shown:.2f} mm" in words["alt"]
     assert Image.open(folder / "figure13_tiny.png").text["Description"] == words["alt"]
+
+
+class Actor(PlainRig):
+    """The small face as a rig that moves, of some size, with some controls and landmarks by name."""
+
+    def __init__(self, name, size, controls):
+        mesh = small_mesh()
+        self.name, self.size, self.mesh = name, size, replace(mesh, neutral=np.float32(size) * mesh.neutral)
+        self.controls = tuple(Control(control, -1.0, 0.0, 1.0, "mouth") for control in controls)
+        self.lower, self.default, self.upper = (np.full(M, value, np.float32) for value in (-1, 0, 1))
+        self.landmarks = np.array([0, 7, 15, 34, 60, 100, 118, 150, 199, 240, 247, 255], np.int32)
+        self.landmark_names = tuple(f"mark_{k}" for k in range(len(self.landmarks)))
+
+    def __call__(self, params):
+        return self.mesh.neutral + np.float32(self.size) * pose_offsets(self.mesh, params)
+
+
+NAMES = [f"control_{j}" for j in range(M)]
+OTHERS = {"twice": Actor("twice", 2, NAMES), "stranger": Actor("stranger", 1, [f"other_{j}" for j in range(M)])}
+
+
+def test_other_faces_are_measured_against_their_rigs_where_controls_have_the_same_names(inputs, tmp_path, monkeypatch):
+    rigs = {"tiny": Actor("tiny", 1, NAMES), **OTHERS}
+    folders = inputs | {f"landmark_rig-{name}": tmp_path / name for name in rigs}
+    monkeypatch.setattr("replicate.capture.landmark_rig.load", lambda own: rigs[own["landmark_rig"].name])
+    for name in OTHERS:
+        numbers = other_faces.OtherNumbers("tiny", name, 0, 10, 0)
+        folders, notes = run_stage(other_faces.make, folders, f"onto_{name}", numbers, tmp_path)
+        assert notes["landmarks"] == 12 and notes["scale"] == pytest.approx(rigs[name].size)
+    distance = {mean.method: mean.distance_mm for mean in other_faces.load_means(folders["onto_twice"])}
+    assert set(distance) == set(WAYS) and distance["deformation_transfer"] < 0.01 < distance["neutral"]
+    assert distance["coarse"] == pytest.approx(distance["coarse_carried"], rel=0.01)
+    assert other_faces.load_means(folders["onto_stranger"]) == []
+    monkeypatch.setattr(other_sheet, "render", partial(render, renderer="software"))
+    _, words = other_sheet.sheet_of_others("tiny", folders, {n: folders[f"onto_{n}"] for n in OTHERS}, 40)
+    assert "twice: 12 landmarks, scale 2.00, 12 controls" in words.caption
+    assert "no control of the same name" in words.caption.split("stranger:")[1]
+    (table,) = tables13(rows_of("tiny", "quick", {}, other_faces.load_means(folders["onto_twice"])))[2:]
+    assert table.headers[0][1] == "twice" and table.body[0][1] == f"{distance['coarse']:.2f}"

@@ -23,12 +23,22 @@ NOTES = (
     "Carried: the networks' movement of the own mesh, taken to the new vertices by the same coordinates as the truth.",
     "† Sumner and Popović 2004; it is handed the true mesh of each pose, which the networks are not.",
 )
+OTHER_NOTES = (
+    "Networks of one character move another one's face, aligned by landmarks, offsets scaled by the distances between "
+    "them. The numbers are differences from the other's own rig at the same numbers of the same controls.",
+    "That rig is no truth: it is another person, who folds elsewhere. A difference of zero is out of reach.",
+    NOTES[-1],
+)
 
 
 def tables13(ours: Sequence[Row]) -> list[Table]:
-    """Return for each character a table of every way on every mesh, and one of charts that are off."""
+    """Return for each character a table of every way on every mesh and one of charts that are off.
+
+    Tables of other characters' faces follow, where any have been moved and measured.
+    """
     rows = [row for row in ours if row.table == "figure13"]
-    return [make(rows, character) for character in characters_of(rows) for make in (meshes_table, charts_table)]
+    tables = [make(rows, character) for character in characters_of(rows) for make in (meshes_table, charts_table)]
+    return tables + [table for character in characters_of(rows) if (table := others_table(rows, character))]
 
 
 def meshes_table(rows: Sequence[Row], character: str) -> Table:
@@ -64,6 +74,27 @@ def charts_table(rows: Sequence[Row], character: str) -> Table:
     return Table(
         f"Charts that are off: {character}", (spans, ("", "mm", "degrees", "mm", "degrees")), tuple(body), notes
     )
+
+
+def others_table(rows: Sequence[Row], character: str) -> Table | None:
+    """Return one character's mean differences of every way to move other characters' faces from these one's rigs."""
+    pattern = re.compile(r"vertex_error_mean\[([^\]]+)\]")
+    own = [row for row in rows if row.character == character]
+    named = dict.fromkeys(match[1] for row in own if (match := pattern.fullmatch(row.metric)))
+    others = [name for name in named if name not in MESHES]
+    if not others:
+        return None
+    body = []
+    for way in LABELS:
+        cells = []
+        for other in others:
+            for kind, unit, _ in KINDS:
+                row = find(rows, "figure13", character, way, f"{kind}_error_mean[{other}]")
+                cells.append(round_off(row.value, unit, row.sd) if row else "–")
+        body.append((LABELS[way], *cells))
+    spans = ("", *(cell for other in others for cell in (other, "")))
+    units = ("", *("mm", "degrees") * len(others))
+    return Table(f"Faces of other characters: {character}", (spans, units), tuple(body), (*OTHER_NOTES, _about(own)))
 
 
 def _amount(chart: str) -> tuple[str, float]:
