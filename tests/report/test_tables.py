@@ -138,6 +138,7 @@ def test_rigs_of_others_have_a_table_of_their_own():
     table = other_rigs(rows)
     assert table.headers[0] == ("", "ict, mm", "ict, degrees", "rigify, mm", "rigify, degrees")
     assert table.body[0] == ("Coarse", "0.11", "1.20", "0.11", "1.20")
+    assert "There are no results of such a rig." in as_markdown(other_rigs(table2_rows()))
     counted = [replace(row, poses=7, profile="laptop") if row.character == "ict" else row for row in rows]
     text = as_text(table2_overview(counted, PAPER_ROWS))
     assert "rigify" not in text and "laptop" not in text, "they are no part of the table of the paper's characters"

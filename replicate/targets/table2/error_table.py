@@ -65,7 +65,8 @@ def other_rigs(ours: Sequence[Row]) -> Table:
         body.append(tuple(cells))
     header = ("", *(f"{who}, {unit}" for who in characters for unit in ("mm", "degrees")))
     heading = "Mean errors on rigs that others wrote: distance (mm) and normal angle (degrees)"
-    return Table(heading, (header,), tuple(body), (_about(rows, None), *_notes(rows, present)))
+    about = (_about(rows, None), *_notes(rows, present)) if rows else ("There are no results of such a rig.",)
+    return Table(heading, (header,), tuple(body), about)
 
 
 def _line(rows, paper, character: str, theirs: str | None, method: str) -> tuple[str, ...]:
