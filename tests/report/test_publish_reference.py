@@ -53,7 +53,7 @@ def test_results_benchmarks_manifest_and_readme_are_written(folders):
     assert manifest.targets(reference_folder) == ["table2", "bench_floors"]
     assert notebook_names == ["claims", "rig_tour", "table2"]
     text = reference.README.read_text()
-    assert text.startswith("before\n") and text.endswith("after\n") and text.count("old") == len(TABLES) - 3
+    assert text.startswith("before\n") and text.endswith("after\n") and text.count("old") == len(TABLES) - 4
     assert "| Coarse | 0.50 |" in text and "| teen (Hiccup) |" in text
     verdicts = {one.results for one in read_verdicts(reference_folder / "claims.csv")}
     assert verdicts <= {"", "reference"}, "they are of the committed rows, not of the run's"
