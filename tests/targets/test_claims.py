@@ -72,7 +72,7 @@ def test_a_chart_has_a_panel_for_each_character_with_numbers_of_ours_or_the_pape
         "● teen, ours\n○ Hiccup, paper",
         "woman: not tested\n○ Valka, paper",
         "toon: not tested\n○ Ray, paper",
-        "● ict, ours\npaper: no number",
+        "● ict\npaper: no number",
         "dragon: not tested\n○ Toothless, paper",
     ]
     assert "teen, normal error: refined < dense: 0.50" in words.alt and "C2" in words.caption

@@ -84,7 +84,7 @@ def _draw(axes, names: list[str], pairs: Pairs, character: str, limits: tuple[fl
             phrases.append(f"{character}, {name}: {significant(ours.ratio, 2)}")
     film = stand_in(character)
     has = [any(pair[k] for pair in pairs.values()) for k in (0, 1)]
-    ours = f"● {character}, ours" if has[0] else f"{character}: not tested"
+    ours = f"● {character}{', ours' if film else ''}" if has[0] else f"{character}: not tested"
     theirs = f"○ {film}, paper" if has[1] else "paper: no number"
     axes.set_title(f"{ours}\n{theirs}", fontsize=TITLE_PT, loc="left")
     axes.set_xscale("log")

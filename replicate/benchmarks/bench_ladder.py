@@ -1,0 +1,87 @@
+"""On which rigs would the claims hold? Table 2's errors on rigs of one head, from an easy one to a hard one.
+
+`make bench-ladder` goes up a character's ladder (`data_recipes/README.md`): the same head and controls, with more
+deformers at each step, and at last uniform poses in the place of its animation. On each rig it trains the paper's
+networks, the straight line and our method for a part of the profile's steps, and measures them on the test poses as
+Table 2 does. Nothing is chosen by these numbers. Trainings go through the cache like any stage, so that a stopped run
+goes on.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+
+from data_recipes.recipe_paths import split_character
+from replicate.artefacts.plan import Plan
+from replicate.benchmarks.common import add_count, answer, artefacts_of, bench_folder, make_parser, publish, split_names
+from replicate.benchmarks.ladder_tables import RUNGS, TABLE, ladder_tables
+from replicate.config import Config, resolve
+from replicate.engine import paths
+from replicate.engine.exceptions import InputError
+from replicate.methods import measurement
+from replicate.methods.method_registry import choose, sections
+from replicate.report.error_rows import error_rows
+from replicate.report.results import Row
+from replicate.report.tables import as_text
+
+ABOUT = "on which rigs the claims would hold: Table 2's errors from an easy rig of a head to a hard one"
+WRITES = "results/runs/bench/bench_ladder.csv, bench_ladder_<character>.png"
+PART = 5
+METHODS = ("coarse", "refined", "dense", "lbs32", "regional", "linear", "neutral")
+TRAINED = ("coarse", "refinement", "dense", "regional")  # sections of the configuration with a training
+SHOWN = ("vertex_error_mean", "vertex_error_p95", "normal_error_mean", "normal_error_p95")
+
+
+def rung_config(character: str, profile: str, part: int) -> Config:
+    """Return the configuration of one rig, whose networks train for one `part`-th of the profile's steps."""
+    own = sections(profile)
+    usual = resolve(character, profile, sections=own)
+    short = {name: {"training": {"steps": max(1, getattr(usual, name).training.steps // part)}} for name in TRAINED}
+    return resolve(character, profile, short, sections=own)
+
+
+def measure(character: str, profile: str, part: int) -> list[Row]:
+    """Train and measure all methods on one rig, and return its rows of the table."""
+    config = rung_config(character, profile, part)
+    plan = Plan(config)
+    stages = [measurement.stage(plan, method) for method in choose(METHODS, config)]
+    folders = measurement.error_folders(artefacts_of(TABLE, config, stages))
+    errors = {name: measurement.load_errors(folder) for name, folder in folders.items()}
+    rows = error_rows(plan.character, errors, profile, TABLE.replace("_", "-"))
+    return [replace(row, table=TABLE) for row in rows if row.table == "table2" and row.metric in SHOWN]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the comparison from the command line; return the exit code."""
+    parser = make_parser(TABLE, __doc__, profile="whose samples and numbers")
+    parser.add_argument("--rungs", default=",".join(RUNGS), help=f"which rigs of the head (default: {','.join(RUNGS)})")
+    add_count(parser, "part", PART, "a training takes so many times fewer steps than the profile's")
+    return answer(parser, _run, arguments)
+
+
+def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
+    from replicate.benchmarks.ladder_figure import ladder_figure
+    from replicate.drawing.panels import save_figure
+
+    rungs = options.rungs.replace(",", " ").split()
+    if not rungs or set(rungs) - set(RUNGS):
+        raise InputError(f"rungs are {options.rungs!r}: allowed are {', '.join(RUNGS)}")
+    for head in split_names(options.characters):
+        if split_character(head)[1]:
+            raise InputError(f"character {head!r} is one rig of a ladder: name its head, {split_character(head)[0]!r}")
+        rows = []
+        for rung in rungs:
+            new = measure(f"{head}@{rung}", options.profile, options.part)
+            rows += new
+            publish(TABLE, new, [], command_line)
+        for table in ladder_tables(rows, head):
+            print(as_text(table))
+        file = bench_folder() / f"{TABLE}_{head}.png"
+        figure, words = ladder_figure(rows, head)
+        save_figure(figure, file, words)
+        print(f"written to {paths.display_path(file.parent)}: {file.name}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
