@@ -1,14 +1,14 @@
-"""Frames a second for 1, 10 and 100 characters at once, each in a pose of its own, on one core.
+"""Frames a second for 1, 10 and 100 characters at once, each in a pose of its own, on one core; and their energy.
 
-Beside it stands what a method needs before that: its size, and the seconds and the memory of a fresh process until its
-first pose. `make bench-crowd` makes what is missing of the methods. The fast evaluation poses one character after the
-other; torch and ONNX Runtime get all poses of a frame as one batch, which is what they are made for.
+`make bench-crowd` makes what is missing of the methods. The fast evaluation poses one character after the other; torch
+and ONNX Runtime get all poses of a frame as one batch, which is what they are made for. Where the machine counts the
+energy of its processor, that of a thousand poses stands beside the frames.
 """
 
 import argparse
 import sys
-import tempfile
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,6 @@ from replicate.approximation.evaluation import unique_poses
 from replicate.approximation.rigid import Attachments, attach
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks import first_pose
 from replicate.benchmarks.common import PROFILE, answer, artefacts_of, make_parser, publish, split_names
 from replicate.config import Config, resolve
 from replicate.engine.progress import progress
@@ -27,17 +26,18 @@ from replicate.inference.fast_evaluation import fast_evaluation
 from replicate.methods.method import Method, Model
 from replicate.methods.method_registry import choose, sections
 from replicate.report.results import Row, find
-from replicate.report.tables import Table, round_off
+from replicate.report.tables import Table
 from replicate.timing.cores import can_confine, one_core, threads
-from replicate.timing.onnx_evaluation import onnx_bytes, onnx_evaluation
+from replicate.timing.energy import counters, energy_j, why_no_energy
+from replicate.timing.onnx_evaluation import onnx_evaluation
 from replicate.timing.single_poses import Evaluate, Way, time_single_poses
 from replicate.timing.timed_names import BACKENDS, FAST, ONNX, in_table_order, label_of, parted
 
-ABOUT = "frames a second for 1, 10 and 100 characters at once; memory and seconds until the first pose"
+ABOUT = "frames a second for 1, 10 and 100 characters at once, and the energy of a thousand poses"
 WRITES = "results/runs/bench/bench_crowd.csv"
 TABLE = "bench_crowd"
 FRAMES = {1: 50, 10: 20, 100: 5}  # by the number of characters, how many frames are timed
-FRESH = 2  # processes that are started of each way; the quicker counts
+ENERGY, POSES = "energy_of_1000_poses", 1_000
 
 
 def measure(config: Config, words: Sequence[str]) -> list[Row]:
@@ -56,46 +56,17 @@ def measure(config: Config, words: Sequence[str]) -> list[Row]:
                 facts = (None, 1, time.evaluations, PROFILE, plan.character)
                 for metric, unit, value in (("frame", "ms", time.p05), ("frames_per_s", "count", 1e3 / time.p05)):
                     rows.append(Row(TABLE, plan.character, name, f"{metric}[{characters}]", unit, value, *facts))
-    return [*rows, *first_poses(plan.character, methods, ways, inputs, poses[0])]
+        rows += energy_rows(ways, poses, plan.character)
+    return rows
 
 
-def first_poses(
-    character: str,
-    methods: Sequence[Method],
-    ways: Collection[str],
-    inputs: Mapping[str, Path],
-    pose: Float[np.ndarray, " m"],
-) -> list[Row]:
-    """Return the size of each method's model, and what a fresh process needs until it has posed it once, by each way.
-
-    ways: names of those that there are, as `ways_of` has them.
-    """
-    folders = {name: str(Path(folder).absolute()) for name, folder in inputs.items()}
-    own = [(method, method.name + ending, ending) for method in methods for ending in ("", ONNX, FAST)]
-    own = [(method, name, ending) for method, name, ending in own if name in ways]
-    numbers = []
-    with tempfile.TemporaryDirectory() as scratch, progress(FRESH * len(own), "fresh processes") as bar:
-        for method, name, ending in own:
-            model = {"method": method.name, "inputs": folders}
-            if ending == ONNX:
-                file = Path(scratch) / f"{name}.onnx"
-                loaded = method.model(inputs)
-                file.write_bytes(onnx_bytes(loaded, built_rig.load_mesh(inputs), rigid_segments.load(inputs)))
-                model = {"file": str(file)}
-            found = []
-            for _ in range(FRESH):
-                found.append(first_pose.first_pose(ending, pose.tolist(), model))
-                bar.update(1)
-            best = min(found, key=lambda one: one["seconds"])
-            numbers.append((name, "first_pose", "s", best["seconds"], FRESH))
-            if best["peak_mb"] is not None:
-                numbers.append((name, "peak_memory", "MB", best["peak_mb"], FRESH))
-            if not ending:
-                numbers.append((name, "model_size", "MB", method.model(inputs).size_mb(), None))
-    return [
-        Row(TABLE, character, name, metric, unit, float(value), None, 1, count, PROFILE, character)
-        for name, metric, unit, value, count in numbers
-    ]
+def energy_rows(ways: Mapping[str, Way], poses: Float[np.ndarray, "t m"], character: str) -> list[Row]:
+    """Return the energy of a thousand poses by each way, of one character; nothing where the machine does not tell."""
+    rows, over = [], counters()
+    for name, way in ways.items() if over else ():
+        joules, count = energy_j(partial(way.evaluate, poses[:1][None]), over)
+        rows.append(Row(TABLE, character, name, ENERGY, "J", POSES * joules, None, 1, count, PROFILE, character))
+    return rows
 
 
 def crowd(poses: Float[np.ndarray, "t m"], characters: int, frames: int) -> Float[np.ndarray, "f c m"]:
@@ -131,52 +102,31 @@ def _of_frame(evaluate: Evaluate) -> Evaluate:
 
 
 def crowd_table(rows: Sequence[Row], character: str) -> Table:
-    """Return one character's frames a second by method, way and number of characters."""
+    """Return one character's frames a second by method, way and number of characters, and the energy if it is there.
+
+    A note says why there is none on this machine.
+    """
     body, last = [], ""
+    measured = any(row.metric == ENERGY and row.character == character for row in rows)
     for name in in_table_order({row.method for row in rows if row.character == character}):
         method, ending = parted(name)
         if last and method != last:
             body.append(None)
         found = [find(rows, TABLE, character, name, f"frames_per_s[{many}]") for many in FRAMES]
+        found += [find(rows, TABLE, character, name, ENERGY)] if measured else []
         body.append((label_of(method), BACKENDS[ending], *(f"{row.value:,.1f}" if row else "–" for row in found)))
         last = method
-    header = ("", "", *(f"{many} character{'s' if many > 1 else ''}" for many in FRAMES))
+    energy = ("J a 1,000 poses",) if measured else ()
+    header = ("", "", *(f"{many} character{'s' if many > 1 else ''}" for many in FRAMES), *energy)
     notes = (
         "Frames a second on one core, the rigid step with them, by the 5th percentile of the times, since other work "
         "only adds to them. Every character is in another pose.",
         "The fast evaluation poses one after the other, the others all of a frame as one batch.",
+        "Energy: of the whole processor while one core poses one character; what it uses at rest counts too."
+        if measured
+        else why_no_energy(counters()),
     )
     return Table(f"Frames a second: {character}", (header,), tuple(body), notes, text_columns=2)
-
-
-def start_table(rows: Sequence[Row], character: str) -> Table | None:
-    """Return what one character's methods need until the first pose, by way; None where it is not measured."""
-    metrics = (("model_size", "MB"), ("first_pose", "s"), ("peak_memory", "MB"))
-    names = in_table_order({row.method for row in rows if row.character == character and row.metric == "first_pose"})
-    body = []
-    for name in names:
-        method, ending = parted(name)
-        found = [
-            (find(rows, TABLE, character, method if metric == "model_size" else name, metric), unit)
-            for metric, unit in metrics
-        ]
-        cells = (_cell(row, unit) for row, unit in found)
-        body.append((label_of(method), BACKENDS[ending], *cells))
-    header = ("", "", "model, MB", "first pose, s", "peak memory, MB")
-    notes = (
-        "First pose: from the first import of a fresh process until a face is posed; libraries and the model are "
-        f"loaded meanwhile. The quicker of {FRESH} processes, which find all files in the system's memory.",
-        "Peak memory: all that the process has had resident, libraries too. ONNX Runtime loads the file that leaves "
-        "the suite; torch and the fast evaluation load a trained model by torch.",
-        "The fast evaluation compiles its kernels then, unless NUMBA_CACHE_DIR names a folder where they are.",
-    )
-    return Table(f"Until the first pose: {character}", (header,), tuple(body), notes, text_columns=2) if body else None
-
-
-def _cell(row: Row | None, unit: str) -> str:
-    if row is None:
-        return "–"
-    return f"{row.value:.1f}" if unit == "s" else round_off(row.value, unit)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -192,8 +142,7 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     for character in split_names(options.characters):
         config = resolve(character, options.profile, sections=sections(options.profile))
         rows = measure(config, words)
-        tables = [make(rows, rows[0].character) for make in (crowd_table, start_table)]
-        publish(TABLE, rows, filter(None, tables), command_line)
+        publish(TABLE, rows, [crowd_table(rows, rows[0].character)], command_line)
 
 
 if __name__ == "__main__":

@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from data_recipes.recipe.reading import UNIFORM
-from replicate.benchmarks.ladder_tables import RUNGS, TABLE, rungs_of
+from replicate.benchmarks.ladder_tables import RUNGS, TABLE, UNIFORM, rungs_of
 from replicate.drawing.panels import DPI, Words
 from replicate.drawing.style import LETTER_PT, MEASURES, WIDTH, enlarge, error_scale, tidy
 from replicate.methods.method_registry import in_order, method_named

@@ -2,16 +2,19 @@
 
 from collections.abc import Sequence
 
-from data_recipes.recipe.reading import STEPS, UNIFORM
 from replicate.methods.method_registry import in_order, method_named
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
 
 TABLE = "bench_ladder"
+UNIFORM = "uniform"
 RUNGS = {  # of a ladder → what its rig adds to the one before, or what its poses are
-    **dict(
-        zip(STEPS, ("targets", "+ pairs", "+ turns", "+ flesh", "+ wrinkles", "shorter wrinkles"), strict=True),
-    ),
+    "1": "targets",
+    "2": "+ pairs",
+    "3": "+ turns",
+    "4": "+ flesh",
+    "5": "+ wrinkles",
+    "6": "shorter wrinkles",
     UNIFORM: "uniform poses",
 }
 ERRORS = {"vertex_error_mean": ("mm", "Distance error, mm"), "normal_error_mean": ("deg", "Normal error, degrees")}

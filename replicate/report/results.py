@@ -12,7 +12,7 @@ from replicate.engine.tidy_files import Column, read_csv, write_csv
 if TYPE_CHECKING:
     import pandas
 
-UNITS = ("mm", "deg", "ms", "s", "MB", "count", "ratio")
+UNITS = ("mm", "deg", "ms", "s", "J", "MB", "count", "ratio")
 KEY = ("table", "character", "method", "metric")  # what a number is
 SCHEMA = (
     *map(Column, KEY),

@@ -5,9 +5,11 @@ from small_face import pose_offsets
 from untrained_models import MESH, MODELS
 
 from replicate.approximation.rigid import find_attachments
-from replicate.benchmarks.bench_crowd import TABLE, crowd, crowd_table, start_table, ways_of
+from replicate.benchmarks import bench_crowd
+from replicate.benchmarks.bench_crowd import TABLE, crowd, crowd_table, energy_rows, ways_of
 from replicate.methods.method import Method
 from replicate.report.results import Row
+from replicate.timing.single_poses import Way
 
 POSES = np.random.default_rng(0).uniform(-1, 1, (9, 12)).astype(np.float32)
 ATTACHMENTS = find_attachments(MESH, MESH.neutral + pose_offsets(MESH, POSES), 0.3, 4)
@@ -42,16 +44,19 @@ def test_the_table_has_a_column_for_each_number_of_characters():
     assert table.body[1][:2] == ("Dense", "fast") and table.body[2] is None and table.body[3][0] == "Linear"
 
 
-def test_what_a_method_needs_until_its_first_pose_has_a_table_of_its_own():
-    numbers = (
-        ("dense", "first_pose", "s", 2.5),
-        ("dense", "peak_memory", "MB", 300.0),
-        ("dense", "model_size", "MB", 4.0),
-    )
-    numbers += (("dense_onnx", "first_pose", "s", 0.5),)
-    rows = [Row(TABLE, "teen", *number, None, 1, 2, "bench", "teen") for number in numbers]
-    table = start_table(rows, "teen")
-    assert [line[:2] for line in table.body] == [("Dense", "the suite's"), ("Dense", "ONNX Runtime")]
-    assert table.body[0][3] == "2.5" and table.body[1][3] == "0.5"
-    assert table.body[0][2] == table.body[1][2] != "–", "both ways evaluate the same model"
-    assert table.body[1][4] == "–" and start_table([], "teen") is None
+def test_energy_has_a_column_where_it_is_measured_and_a_sentence_where_it_is_not(monkeypatch):
+    def row(metric, unit, value):
+        return Row(TABLE, "teen", "dense", metric, unit, value, None, 1, 5, "bench", "teen")
+
+    ways = {"dense": Way(lambda frame: frame)}
+    monkeypatch.setattr(bench_crowd, "counters", list)
+    assert energy_rows(ways, POSES, "teen") == []
+    frames = row("frames_per_s[1]", "count", 100.0)
+    without = crowd_table([frames], "teen")
+    assert len(without.headers[0]) == 5 and any("Energy is not measured" in note for note in without.notes)
+    monkeypatch.setattr(bench_crowd, "counters", lambda: ["a counter"])
+    monkeypatch.setattr(bench_crowd, "energy_j", lambda call, over: (0.002, len(call()) + 6))
+    (energy,) = energy_rows(ways, POSES, "teen")
+    assert energy.value == 2.0 and energy.unit == "J" and energy.poses == 7
+    measured = crowd_table([frames, energy], "teen")
+    assert measured.headers[0][-1] == "J a 1,000 poses" and measured.body[0][-1] == "2.0"

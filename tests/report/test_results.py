@@ -67,7 +67,7 @@ def test_a_committed_table_is_written_again_byte_for_byte(tmp_path, file):
     [
         ([row_with(value=float("nan"))], "value is 'nan', where only a finite number"),
         ([row_with(sd=float("inf"))], "sd is 'inf', where only a finite number"),
-        ([row_with(unit="furlong")], "unit is 'furlong', where only mm, deg, ms, s, MB, count, ratio are allowed"),
+        ([row_with(unit="furlong")], "unit is 'furlong', where only mm, deg, ms, s, J, MB, count, ratio are allowed"),
         ([row_with(method="")], "method is ''"),
         ([ROW, row_with(value=2.0)], "a second row for"),
     ],

@@ -61,13 +61,14 @@ def _backends_table(own: Sequence[Row], character: str, where: str) -> Table | N
         best = best_row(timed, character, name, where)
         body.append((label_of(name), *(cell(own, row, where) for row in times), f"{eager.value / best.value:.1f}"))
     header = ("", *(BACKENDS[ending] for ending in columns), "best over torch")
+    cores = "all cores" if where == ALL else "one core"
     notes = (
-        f"Means on {where.replace('_', ' ').removesuffix('s')}{'s' if where == ALL else ''}, the rigid step with them.",
+        f"Means on {cores}, the rigid step with them.",
         *(ABOUT[ending].format(_largest(own, ending)) for ending in columns),
         f"Best over torch: plain torch, or the suite's where there is none, over the best that keeps within "
         f"{_largest(own, *filter(None, EXACT))} mm of the suite's vertices.",
     )
-    title = f"Backends: milliseconds a pose by way to evaluate the same weights: {character}"
+    title = f"Backends of {character} on {cores}: milliseconds a pose by way to evaluate the same weights"
     return Table(title, (header,), tuple(body), notes)
 
 

@@ -1,0 +1,111 @@
+"""What a method needs before it can pose: the size of its model, and a fresh process's seconds and memory.
+
+`make bench-start` makes what is missing of the methods. Then it starts new processes, each of which loads one model,
+poses one face by one way and says what that took (`first_pose`).
+"""
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from replicate.artefacts import built_rig, drawn_samples, rigid_segments
+from replicate.artefacts.plan import Plan
+from replicate.benchmarks import first_pose
+from replicate.benchmarks.common import PROFILE, answer, artefacts_of, make_parser, publish, split_names
+from replicate.config import Config, resolve
+from replicate.engine.progress import progress
+from replicate.inference.fast_evaluation import fast_evaluation
+from replicate.methods.method_registry import choose, sections
+from replicate.report.results import Row, find
+from replicate.report.tables import Table, round_off
+from replicate.timing.onnx_evaluation import onnx_bytes
+from replicate.timing.timed_names import BACKENDS, FAST, ONNX, in_table_order, label_of, parted
+
+ABOUT = "seconds and memory of a fresh process until its first pose, by method and way to evaluate it"
+WRITES = "results/runs/bench/bench_start.csv"
+TABLE = "bench_start"
+FRESH = 2  # processes that are started of each way; the quicker counts
+COLUMNS = (("model_size", "MB"), ("first_pose", "s"), ("peak_memory", "MB"))
+
+
+def measure(config: Config, words: Sequence[str]) -> list[Row]:
+    """Make what is missing of one character's methods, let fresh processes pose it once, and return the rows."""
+    plan = Plan(config)
+    methods = [method for method in choose(words, config) if method.model]
+    shared = [module.stage(plan) for module in (built_rig, drawn_samples, rigid_segments)]
+    inputs = artefacts_of(TABLE, config, [*shared, *(stage for method in methods for stage in method.stages(plan))])
+    pose = np.asarray(drawn_samples.load(inputs).test_params[0], np.float32).tolist()
+    mesh, attachments = built_rig.load_mesh(inputs), rigid_segments.load(inputs)
+    folders = {name: str(Path(folder).absolute()) for name, folder in inputs.items()}
+    numbers = []
+    with tempfile.TemporaryDirectory() as scratch, progress(len(methods), "fresh processes") as bar:
+        for method in methods:
+            model, asked = method.model(inputs), {"method": method.name, "inputs": folders}
+            numbers.append((method.name, "model_size", "MB", model.size_mb(), None))
+            ways = {"": asked} | ({FAST: asked} if fast_evaluation(model, mesh, attachments) else {})
+            if written := onnx_bytes(model, mesh, attachments):
+                file = Path(scratch) / f"{method.name}.onnx"
+                file.write_bytes(written)
+                ways[ONNX] = {"file": str(file)}
+            for ending, what in ways.items():
+                runs = [first_pose.first_pose(ending, pose, what) for _ in range(FRESH)]
+                best = min(runs, key=lambda one: one["seconds"])
+                numbers.append((method.name + ending, "first_pose", "s", best["seconds"], FRESH))
+                if best["peak_mb"] is not None:
+                    numbers.append((method.name + ending, "peak_memory", "MB", best["peak_mb"], FRESH))
+            bar.update(1)
+    return [
+        Row(TABLE, plan.character, name, metric, unit, float(value), None, 1, count, PROFILE, plan.character)
+        for name, metric, unit, value, count in numbers
+    ]
+
+
+def start_table(rows: Sequence[Row], character: str) -> Table:
+    """Return what one character's methods need until the first pose, by way."""
+    body = []
+    for name in in_table_order({row.method for row in rows if row.character == character}):
+        method, ending = parted(name)
+        found = [
+            (find(rows, TABLE, character, method if metric == "model_size" else name, metric), unit)
+            for metric, unit in COLUMNS
+        ]
+        body.append((label_of(method), BACKENDS[ending], *(_cell(row, unit) for row, unit in found)))
+    notes = (
+        "First pose: from the first import of a fresh process until a face is posed; libraries and the model are "
+        f"loaded meanwhile. The quicker of {FRESH} processes, which find all files in the system's memory.",
+        "Peak memory: all that the process has had resident, libraries too. ONNX Runtime loads the file that leaves "
+        "the suite; torch and the fast evaluation load a trained model by torch.",
+        "The fast evaluation compiles its kernels then, unless NUMBA_CACHE_DIR names a folder where they are.",
+    )
+    header = ("", "", "model, MB", "first pose, s", "peak memory, MB")
+    return Table(f"Until the first pose: {character}", (header,), tuple(body), notes, text_columns=2)
+
+
+def _cell(row: Row | None, unit: str) -> str:
+    if row is None:
+        return "–"
+    return f"{row.value:.1f}" if unit == "s" else round_off(row.value, unit)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the benchmark from the command line; return the exit code."""
+    parser = make_parser(TABLE, "Time fresh processes until their first pose.", profile="whose trainings are timed")
+    parser.add_argument("--methods", nargs="+", default=["standard"], help="as for table3 (default: standard)")
+    return answer(parser, _run, arguments)
+
+
+def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
+    words = split_names(" ".join(options.methods))
+    choose(words)
+    for character in split_names(options.characters):
+        config = resolve(character, options.profile, sections=sections(options.profile))
+        rows = measure(config, words)
+        publish(TABLE, rows, [start_table(rows, rows[0].character)], command_line)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,19 @@
+"""What a method needs until its first pose: which processes are started, and the table."""
+
+from replicate.benchmarks.bench_start import TABLE, start_table
+from replicate.report.results import Row
+
+
+def test_what_a_method_needs_until_its_first_pose_has_a_table_of_its_own():
+    numbers = (
+        ("dense", "first_pose", "s", 2.5),
+        ("dense", "peak_memory", "MB", 300.0),
+        ("dense", "model_size", "MB", 4.0),
+    )
+    numbers += (("dense_onnx", "first_pose", "s", 0.5),)
+    rows = [Row(TABLE, "teen", *number, None, 1, 2, "bench", "teen") for number in numbers]
+    table = start_table(rows, "teen")
+    assert [line[:2] for line in table.body] == [("Dense", "the suite's"), ("Dense", "ONNX Runtime")]
+    assert table.body[0][3] == "2.5" and table.body[1][3] == "0.5"
+    assert table.body[0][2] == table.body[1][2] != "–", "both ways evaluate the same model"
+    assert table.body[1][4] == "–" and table.body[1][2] != "–"
