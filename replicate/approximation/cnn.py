@@ -16,7 +16,8 @@ from torch import nn
 from torch.nn import functional
 
 from replicate.approximation.deformation_map import bilinear, sample
-from replicate.approximation.kernels.map_kernel import MapOffsets
+from replicate.approximation.kernels.map_kernel import Grid, MapOffsets
+from replicate.approximation.kernels.pixel_lists import layers_of
 from replicate.approximation.kernels.vector_code import CHANNELS
 from replicate.approximation.model import SegmentedModel, load_model, save_model
 from replicate.approximation.segments import Segment
@@ -49,6 +50,7 @@ class MapNetwork(nn.Module):
         grid = bilinear(uv, map_size)
         self.register_buffer("pixels", torch.from_numpy(grid.pixels), persistent=False)
         self.register_buffer("shares", torch.from_numpy(grid.weights), persistent=False)
+        self._listed: tuple[torch.Tensor, Grid] | None = None
 
     def _start(self, params: torch.Tensor) -> torch.Tensor:
         x = params
@@ -70,7 +72,15 @@ class MapNetwork(nn.Module):
         convolutions = [weight for layer in (*self.upsampled, self.last) for weight in (layer.weight, layer.bias)]
         output = (self.output.weight[:, :, 0, 0], self.output.bias)
         start = self._start(params)
-        return MapOffsets.apply(start, self.slope, self.pixels, self.shares, *convolutions, *output)
+        return MapOffsets.apply(start, self.slope, self._grid(), *convolutions, *output)
+
+    def _grid(self) -> Grid:
+        """Return how the vertices read the map; worked out anew where they are other ones than the last time."""
+        if self._listed is None or self._listed[0] is not self.pixels:
+            pixels = self.pixels.numpy()
+            layers = layers_of(pixels, self.map_size, START)
+            self._listed = self.pixels, Grid(pixels, self.shares.numpy(), layers)
+        return self._listed[1]
 
 
 def make_network(segment: Segment, facts: dict) -> MapNetwork:

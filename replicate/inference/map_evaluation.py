@@ -9,12 +9,12 @@ from numba import njit
 
 from replicate.approximation.cnn import START
 from replicate.approximation.kernels.map_kernel import REORDER, read_vertex
+from replicate.approximation.kernels.pixel_kernel import TILE, multiply_pixels
 from replicate.approximation.kernels.vector_code import CHANNELS
 from replicate.approximation.model import SegmentedModel
 from replicate.engine.jit_cache import KEEP_CODE
 from replicate.inference.map_plan import MapPlan, plan_maps
 from replicate.inference.map_program import program_of
-from replicate.inference.pixel_kernel import TILE, multiply_pixels
 from replicate.inference.row_products import NOTHING, add_products
 from replicate.inference.work import Work, of_layers, total
 

@@ -1,21 +1,18 @@
-"""What the fast evaluation of one map network needs, worked out once: folded weights, and the pixels that matter.
-
-A vertex reads four pixels of the last map; a 3×3 convolution needs the nine around each of these, an upsampled pixel
-the 2×2 that it shows. So from the last layer to the first each layer has a list of pixels that anything reads, and the
-others are never computed. On a refinement square, which holds a hundred vertices on 64×64 pixels, these are few.
+"""What the fast evaluation of one map network needs, worked out once: folded weights, and the pixels that matter
+(`kernels.pixel_lists`).
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
+from torch import nn
 
 from replicate.approximation.cnn import START, MapNetwork
 from replicate.approximation.kernels.map_kernel import fold
+from replicate.approximation.kernels.pixel_kernel import STEP
+from replicate.approximation.kernels.pixel_lists import PARITIES, LayerPixels, layers_of, places
 from replicate.approximation.kernels.vector_code import CHANNELS
-from replicate.inference.pixel_kernel import STEP, TILE
-
-PARITIES = 4
 
 
 class MapPlan(NamedTuple):
@@ -74,16 +71,13 @@ def plan_maps(
     biases = [layer.bias.detach().numpy() for layer in network.dense]
     weights[-1], biases[-1] = (_whole_steps(values) for values in (weights[-1], biases[-1]))
     depth = len(biases[-1]) // START**2
-    side = network.map_size
-    needed = _read_pixels(network)
-    layers = [_last_layer(network, needed, side)]
-    needed = _grown(needed)
+    *upsampled, last = layers_of(network.pixels.numpy(), network.map_size, START, depth)
     depths = [depth] + [CHANNELS] * len(network.upsampled)
-    for level in reversed(range(len(network.upsampled))):
-        side //= 2
-        layer = network.upsampled[level]
-        layers.insert(0, _upsampled_layer(layer, needed, side, depths[level]))
-        needed = _shown(needed)
+    layers = [
+        _upsampled_layer(network.upsampled[level], pixels, START * 2**level, depths[level])
+        for level, pixels in enumerate(upsampled)
+    ]
+    layers.append(_last_layer(network, last))
     rows, columns = np.indices((START, START)).reshape(2, -1)
     numbers = [(START * 2**level + 2) ** 2 * d for level, d in enumerate(depths)]
     side = network.map_size
@@ -93,11 +87,11 @@ def plan_maps(
         parameters.astype(np.int64),
         tuple(np.ascontiguousarray(weight, np.float32) for weight in weights),
         tuple(biases),
-        _flat(rows, columns, START, depth),
+        places(rows, columns, START, depth),
         depth,
         *zip(*layers, strict=True),
         np.array([*numbers, (side + 2) ** 2 * CHANNELS], np.int64),
-        _flat(upper // side, upper % side, side, CHANNELS),
+        places(upper // side, upper % side, side),
         (side + 2) * CHANNELS,
         network.shares.numpy(),
         output.weight.detach().numpy()[:, :, 0, 0] * np.float32(length_mm),
@@ -114,55 +108,17 @@ def _whole_steps(values: np.ndarray) -> np.ndarray:
     return np.pad(split, more).reshape(*values.shape[:-1], -1)
 
 
-def _last_layer(network: MapNetwork, needed: np.ndarray, side: int) -> tuple[np.ndarray, ...]:
-    rows, columns = np.nonzero(needed)
-    places = _whole_tiles(_flat(rows, columns, side, CHANNELS))
+def _last_layer(network: MapNetwork, pixels: LayerPixels) -> tuple[np.ndarray, ...]:
     row, column = np.indices((3, 3)).reshape(2, 1, 9) - 1
-    offsets = (row * (side + 2) + column) * CHANNELS
+    offsets = (row * (network.map_size + 2) + column) * CHANNELS
     taps = np.ascontiguousarray(network.last.weight.detach().numpy().transpose(2, 3, 1, 0)).ravel()
     bias = network.last.bias.detach().numpy()
-    return taps, bias, offsets.astype(np.int32), places, places, np.array([len(places)])
+    return taps, bias, offsets.astype(np.int32), *pixels[:3]
 
 
-def _upsampled_layer(layer, needed: np.ndarray, side: int, depth: int) -> tuple[np.ndarray, ...]:
+def _upsampled_layer(layer: nn.Conv2d, pixels: LayerPixels, side: int, depth: int) -> tuple[np.ndarray, ...]:
     """Return the layer from side² pixels of some depth to those of the (2·side)² that are needed."""
-    p, q, t, u = np.indices((2, 2, 2, 2)).reshape(4, 4, 4)
+    p, q, t, u = np.indices((2, 2, 2, 2)).reshape(4, PARITIES, 4)
     offsets = ((t + p - 1) * (side + 2) + u + q - 1) * depth
-    sources, targets = [], []
-    for k in range(PARITIES):
-        rows, columns = np.nonzero(needed[p[k, 0] :: 2, q[k, 0] :: 2])
-        sources.append(_whole_tiles(_flat(rows, columns, side, depth)))
-        targets.append(_whole_tiles(_flat(2 * rows + p[k, 0], 2 * columns + q[k, 0], 2 * side, CHANNELS)))
-    ends = np.cumsum([len(places) for places in sources])
     taps, bias = fold(layer.weight.detach().numpy())[:, :, :depth].ravel(), layer.bias.detach().numpy()
-    return taps, bias, offsets.astype(np.int32), np.concatenate(sources), np.concatenate(targets), ends
-
-
-def _read_pixels(network: MapNetwork) -> Bool[np.ndarray, "s s"]:
-    """Return which pixels of the last map a vertex reads."""
-    read = np.zeros(network.map_size**2, bool)
-    read[network.pixels.numpy().ravel()] = True  # those of share zero, too: what isn't computed may be anything
-    return read.reshape(network.map_size, -1)
-
-
-def _grown(needed: Bool[np.ndarray, "s s"]) -> Bool[np.ndarray, "s s"]:
-    """Return the pixels that a 3×3 convolution reads to give some pixels."""
-    padded = np.pad(needed, 1)
-    n = len(needed)
-    return np.any([padded[r : r + n, c : c + n] for r in range(3) for c in range(3)], axis=0)
-
-
-def _shown(needed: Bool[np.ndarray, "s s"]) -> Bool[np.ndarray, "h h"]:
-    """Return the pixels of an image of half the side that a 3×3 convolution on the upsampled one reads."""
-    half = len(needed) // 2
-    return _grown(needed).reshape(half, 2, half, 2).any(axis=(1, 3))
-
-
-def _flat(rows: np.ndarray, columns: np.ndarray, side: int, depth: int) -> Int[np.ndarray, " p"]:
-    """Return where pixels lie in an image with a border."""
-    return np.asarray(((rows + 1) * (side + 2) + columns + 1) * depth, np.int32)
-
-
-def _whole_tiles(places: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
-    """Return a list of whole tiles: its last pixel is computed as often as the last tile needs."""
-    return np.concatenate([places, np.repeat(places[-1:], -len(places) % TILE)])
+    return taps, bias, offsets.astype(np.int32), *pixels[:3]

@@ -10,6 +10,7 @@ from torch.nn import functional
 from replicate.approximation import cnn
 from replicate.approximation.conditioning import initialise
 from replicate.approximation.deformation_map import bilinear, sample
+from replicate.approximation.kernels import map_kernel
 from replicate.config import CoarseConfig, ConditioningConfig, TrainingConfig
 from replicate.engine.exceptions import InputError
 
@@ -53,6 +54,41 @@ def test_the_networks_equal_the_figure_in_value_and_gradient(map_size):
         scale = clear.abs().max()
         assert scale > 1e-3
         torch.testing.assert_close(fast / scale, clear / scale, atol=2e-5, rtol=0)
+
+
+@pytest.mark.parametrize("map_size", [32, 64])
+def test_what_images_hold_where_nothing_is_read_does_not_matter(map_size):
+    map_network, params = network(map_size), torch.randn(3, 7, generator=torch.Generator().manual_seed(4))
+
+    def gradients():
+        map_network.zero_grad()
+        out = map_network(params)
+        out.square().sum().backward()
+        return [out.detach(), *(weight.grad.clone() for weight in map_network.parameters())]
+
+    before = gradients()
+    for length, images in map_kernel._images.items():
+        side = round((length / 3 / 16) ** 0.5)
+        for image in images if 3 * 16 * side**2 == length else ():
+            image.reshape(3, side, side, 16)[:, 1:-1, 1:-1] = np.nan
+    for images in map_kernel._gradients.values():
+        for image in images:
+            image[:] = np.nan
+    for one, other in zip(before, gradients(), strict=True):
+        assert torch.equal(one, other)
+
+
+def test_vertices_that_are_replaced_read_their_own_pixels():
+    map_network, params = network(), torch.randn(2, 7, generator=torch.Generator().manual_seed(6))
+    before = map_network(params).detach()
+    grid = bilinear(UV[::-1], 32)
+    map_network.pixels, map_network.shares = torch.from_numpy(grid.pixels), torch.from_numpy(grid.weights)
+    torch.testing.assert_close(map_network(params).detach(), before.flip(1))
+    few = bilinear(1 - UV[:3], 32)
+    map_network.pixels, map_network.shares = torch.from_numpy(few.pixels), torch.from_numpy(few.weights)
+    torch.testing.assert_close(
+        map_network(params), sample(map_network.maps(params), map_network.pixels, map_network.shares)
+    )
 
 
 def test_nearest_upsampling_is_four_copies_of_each_pixel():

@@ -63,4 +63,4 @@ def test_processes_of_one_state_share_a_folder_whoever_starts_them(tmp_path):
 def test_all_kernels_are_known():
     asking = {file for file in (ROOT / "replicate").rglob("*.py") if "import KEEP_CODE" in file.read_text()}
     names = {".".join(file.relative_to(ROOT).with_suffix("").parts) for file in asking}
-    assert names <= set(jit_cache.kernels()) and "replicate.approximation.kernels.tile_kernel" in jit_cache.kernels()
+    assert names <= set(jit_cache.kernels()) and "replicate.approximation.kernels.pixel_kernel" in jit_cache.kernels()

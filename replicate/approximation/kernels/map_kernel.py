@@ -1,108 +1,120 @@
 """From a network's 8×8 maps to its vertices' offsets on one CPU thread, with all gradients: Fig. 3's convolutions.
 
-The fast twin of `cnn.MapNetwork.maps` followed by `deformation_map.sample`. Three things make it fast, none of which
+The fast twin of `cnn.MapNetwork.maps` followed by `deformation_map.sample`. Four things make it fast, none of which
 changes the function: a nearest-upsampled image shows the 3×3 kernel only 2×2 different pixels, so that each of the four
-positions of an output pixel has a kernel of four taps; the 16 channels of a pixel are one vector (`tile_kernel`); the
-map is sampled before the last 1×1 convolution, which then runs over vertices.
+positions of an output pixel has a kernel of four taps; the 16 channels of a pixel are one vector (`pixel_kernel`); the
+map is sampled before the last 1×1 convolution, which then runs over vertices; and pixels that no vertex depends on are
+left out, forwards and backwards (`pixel_lists`).
 
 Images are (b, s + 2, s + 2, 16) float32 with a border of zeros, stored flat. Taps are (t, 16, 16), [tap, in, out].
+What an image holds elsewhere than in its layer's pixels and on the border is of no meaning; gradients are zero there.
 """
 
 from functools import lru_cache
-from typing import Any, no_type_check
+from typing import Any, NamedTuple, no_type_check
 
 import numpy as np
 import torch
 from numba import njit
 
-from replicate.approximation.kernels.tile_kernel import TILE, correlate, multiply
+from replicate.approximation.kernels.pixel_kernel import TILE, add_pixels, correlate_pixels, multiply_pixels
+from replicate.approximation.kernels.pixel_lists import LayerPixels
 from replicate.approximation.kernels.vector_code import CHANNELS
 from replicate.engine.jit_cache import KEEP_CODE
 
 # _SHARE[p, t, k]: whether row k of a 3×3 kernel falls on the t-th of the two source rows that a row of parity p shows.
 _SHARE = np.array([[[1, 0, 0], [0, 1, 1]], [[1, 1, 0], [0, 0, 1]]], np.float32)
 _SHARES = np.einsum("ptk,quj->pqtukj", _SHARE, _SHARE).reshape(16, 9)  # the same for rows and columns at once
-_NOTHING = np.zeros(CHANNELS, np.float32)
-_HERE = np.zeros(1, np.int64)
+_CACHED = 512  # pixels whose vectors stay in the nearest cache for all taps
 REORDER = {"reassoc", "contract", "nsz"}  # sums may be reordered, so that they can be vectors
 
-_free: dict[int, list[np.ndarray]] = {}  # images between two steps; their borders stay zero
+_images: dict[int, list[np.ndarray]] = {}  # between two steps, by length; their borders stay zero
+_gradients: dict[int, list[np.ndarray]] = {}  # the same of gradients, whose borders hold what falls on them
 
 
-def _take(batch: int, size: int) -> np.ndarray:
+def _take(free: dict[int, list[np.ndarray]], batch: int, size: int) -> np.ndarray:
     length = batch * (size + 2) ** 2 * CHANNELS
-    free = _free.get(length)
-    return free.pop() if free else np.zeros(length, np.float32)
+    return free[length].pop() if free.get(length) else np.zeros(length, np.float32)
 
 
-def _give(*images: np.ndarray) -> None:
+def _give(free: dict[int, list[np.ndarray]], *images: np.ndarray) -> None:
     for image in images:
-        _free.setdefault(len(image), []).append(image)
+        free.setdefault(len(image), []).append(image)
+
+
+def _no_gradient(batch: int, size: int) -> np.ndarray:
+    """Return the gradient in an image, zero everywhere."""
+    image = _take(_gradients, batch, size)
+    image[:] = 0
+    return image
 
 
 @njit(cache=KEEP_CODE, error_model="numpy")
 @no_type_check
-def _convolve(image, x_scale, size, taps, offsets, bias, out, y_scale, firsts):
-    """Write to `out` at y_scale·(r, c) + firsts[k] the sum over taps[k] of `image` at x_scale·(r, c) + offsets[k].
+def _convolve(image, batch, sources, targets, ends, taps, offsets, bias, slope, out):
+    """Write to `out` at a layer's targets the sums over taps of `image` at its sources + offsets, as leaky ReLUs.
 
-    (r, c) run over size² pixels. image, out: padded, x_scale·size and y_scale·size pixels a side. taps: (k, t, 16, 16).
-    offsets: (k, t) and firsts: (k,), relative positions.
+    sources, targets, ends: of `LayerPixels`, a list for each kernel. taps: (k, t·16·16). offsets: (k, t), in places.
     """
-    x_side, y_side = x_scale * size + 2, y_scale * size + 2
-    for b in range(len(out) // (y_side * y_side * CHANNELS)):
+    x_length, y_length = len(image) // batch, len(out) // batch
+    for b in range(batch):
+        x, y = image[b * x_length : (b + 1) * x_length], out[b * y_length : (b + 1) * y_length]
+        first = 0
         for k in range(len(taps)):
-            for r in range(size):
-                for c in range(0, size, TILE):
-                    x = ((b * x_side + x_scale * r + 1) * x_side + x_scale * c + 1) * CHANNELS
-                    y = ((b * y_side + y_scale * r + 1) * y_side + y_scale * c + 1) * CHANNELS + firsts[k]
-                    multiply(out, y, y_scale * CHANNELS, image, x, x_scale * CHANNELS, offsets[k], taps[k], bias)
+            for place in range(first, ends[k], TILE):
+                multiply_pixels(y, targets, x, sources, place, offsets[k], taps[k], CHANNELS, bias, slope)
+            first = ends[k]
 
 
 @njit(cache=KEEP_CODE, error_model="numpy")
 @no_type_check
-def _correlate(image, size, offsets, upstream, y_scale, firsts):
-    """Return the gradients (k, t, 16, 16) of the taps that `_convolve` with x_scale 1 gave `upstream` from `image`."""
-    x_side, y_side = size + 2, y_scale * size + 2
-    x_row, y_row, step = x_side * CHANNELS, y_scale * y_side * CHANNELS, y_scale * CHANNELS
+def _go_back(upstream, batch, sources, targets, ends, taps, offsets, out):
+    """Add to `out`, the gradient in what `_convolve` reads, what `upstream`, that in its sums, gives it.
+
+    taps: (k, t, 16·16), [kernel, tap, out and in]. Tap after tap, so that sums have the order of a pixel at a time.
+    """
+    x_length, y_length = len(out) // batch, len(upstream) // batch
+    for b in range(batch):
+        x, y = out[b * x_length : (b + 1) * x_length], upstream[b * y_length : (b + 1) * y_length]
+        first = 0
+        for k in range(len(taps)):
+            for t in range(offsets.shape[1]):
+                for place in range(first, ends[k], TILE):
+                    add_pixels(x, sources, offsets[k, t], y, targets, place, taps[k, t])
+            first = ends[k]
+
+
+@njit(cache=KEEP_CODE, error_model="numpy")
+@no_type_check
+def _correlate(image, batch, sources, targets, ends, counts, offsets, upstream):
+    """Return the gradients (k, t, 16, 16) of the taps that `_convolve` gave `upstream` from `image`."""
+    x_length, y_length = len(image) // batch, len(upstream) // batch
     gradient = np.zeros((*offsets.shape, CHANNELS, CHANNELS), np.float32)
-    for b in range(len(image) // (x_side * x_side * CHANNELS)):
-        for row in range(0, size, TILE):  # a few rows at a time stay in the nearest cache for all taps
-            x, y = ((b * x_side + row + 1) * x_side + 1) * CHANNELS, ((b * y_side + 1) * y_side + 1) * CHANNELS
-            for k in range(offsets.shape[0]):
-                at = y + row * y_row + firsts[k]
+    for b in range(batch):
+        x, y = image[b * x_length : (b + 1) * x_length], upstream[b * y_length : (b + 1) * y_length]
+        first = 0
+        for k in range(offsets.shape[0]):
+            end = first + counts[k]
+            for start in range(first, end, _CACHED):
                 for t in range(offsets.shape[1]):
-                    place = gradient[k, t]
-                    correlate(place, image, x + offsets[k, t], CHANNELS, x_row, upstream, at, step, y_row, size, TILE)
+                    last = min(start + _CACHED, end)
+                    correlate_pixels(gradient[k, t], x, sources, offsets[k, t], y, targets, start, last)
+            first = ends[k]
     return gradient
 
 
 @njit(cache=KEEP_CODE, error_model="numpy")
 @no_type_check
-def _activate(image, batch, size, slope):
-    """Apply the leaky ReLU in place, all but the border."""
-    side = size + 2
-    for b in range(batch):
-        for r in range(1, size + 1):
-            row = image[((b * side + r) * side + 1) * CHANNELS : ((b * side + r + 1) * side - 1) * CHANNELS]
-            for k in range(len(row)):
-                row[k] = row[k] if row[k] > 0 else row[k] * slope
-
-
-@njit(cache=KEEP_CODE, error_model="numpy")
-@no_type_check
-def _deactivate(upstream, image, batch, size, slope):
+def _deactivate(upstream, image, batch, made, slope):
     """Take a gradient through the leaky ReLU that gave `image`, in place; return its sum over all pixels (16,)."""
-    side = size + 2
-    sums = np.zeros(CHANNELS, np.float32)
+    sums, length = np.zeros(CHANNELS, np.float32), len(image) // batch
     for b in range(batch):
-        for r in range(1, size + 1):
-            first, last = ((b * side + r) * side + 1) * CHANNELS, ((b * side + r + 1) * side - 1) * CHANNELS
-            row, values = upstream[first:last], image[first:last]
-            for k in range(len(row)):
+        for place in made:
+            at = b * length + place
+            row, values = upstream[at : at + CHANNELS], image[at : at + CHANNELS]
+            for k in range(CHANNELS):
                 row[k] = row[k] if values[k] > 0 else row[k] * slope
-            for k in range(0, len(row), CHANNELS):
-                for channel in range(CHANNELS):
-                    sums[channel] += row[k + channel]
+                sums[k] += row[k]
     return sums
 
 
@@ -137,10 +149,9 @@ def _read(image, size, pixels, shares, weight, bias, out):
 @njit(cache=KEEP_CODE, error_model="numpy", fastmath=REORDER)
 @no_type_check
 def _read_backward(image, size, pixels, shares, weight, upstream, out):
-    """Write the gradient in the image to `out`; return those in the 1×1 convolution's weight and bias."""
+    """Add the gradient in the image to `out`; return those in the 1×1 convolution's weight and bias."""
     side, pixel_gradient = size + 2, np.empty(CHANNELS, np.float32)
     gradient, bias = np.zeros((3, CHANNELS), np.float32), np.zeros(3, np.float32)
-    out[:] = 0
     for b in range(len(upstream)):
         for i in range(len(pixels)):
             upper, lower = _pixels(image, b, pixels[i, 0], size, side)
@@ -176,19 +187,18 @@ def _pixels(image, b, pixel, size, side):
 
 
 def _flat(rows: np.ndarray, columns: np.ndarray, size: int) -> np.ndarray:
-    """Return relative positions of pixels in a padded image of that size."""
-    return np.ascontiguousarray((rows * (size + 2) + columns) * CHANNELS, np.int64)
+    """Return relative places of pixels in a padded image of that size."""
+    return np.ascontiguousarray((rows * (size + 2) + columns) * CHANNELS, np.int32)
 
 
 @lru_cache
-def _upsampling(size: int) -> tuple[np.ndarray, ...]:
-    """Return where `_convolve` reads and writes on the way from size² to (2·size)² pixels, and on the way back.
+def _upsampling(size: int) -> np.ndarray:
+    """Return the offsets of `_convolve` from size² to (2·size)² pixels.
 
-    Four kernels (p, q), the parities of row and column, of four taps (t, u) each. Back, one kernel of all 16.
+    Four kernels (p, q), the parities of row and column, of four taps (t, u) each.
     """
     p, q, t, u = np.indices((2, 2, 2, 2)).reshape(4, 4, 4)
-    firsts = _flat(p[:, 0], q[:, 0], 2 * size)
-    return _flat(t + p - 1, u + q - 1, size), firsts, _flat(2 - p - 2 * t, 2 - q - 2 * u, 2 * size).reshape(1, 16)
+    return _flat(t + p - 1, u + q - 1, size)
 
 
 @lru_cache
@@ -206,7 +216,7 @@ def _place(start: np.ndarray, image: np.ndarray) -> None:
 
 
 def _taps(weight: np.ndarray, order: tuple[int, ...]) -> np.ndarray:
-    return np.ascontiguousarray(weight.transpose(order)).reshape(1, 9, CHANNELS, CHANNELS)
+    return np.ascontiguousarray(weight.transpose(order)).reshape(1, 9, CHANNELS**2)
 
 
 def fold(weight: np.ndarray) -> np.ndarray:
@@ -222,75 +232,78 @@ def unfold(taps: np.ndarray, channels: int) -> np.ndarray:
     return np.ascontiguousarray((_SHARES.T @ flat).T).reshape(CHANNELS, channels, 3, 3)
 
 
-class MapOffsets(torch.autograd.Function):
-    """apply(start, slope, pixels, shares, *weights) → offsets (b, k, 3), before any scaling.
+class Grid(NamedTuple):
+    """How vertices read a network's last map, and what that takes.
 
-    start: (b, 8, 8, c ≤ 16). pixels, shares: of a `deformation_map.Bilinear`.
-    weights: weight (16, c, 3, 3) and bias of each upsampling level, of the 3×3 convolution after them, and weight
-    (3, 16) and bias of the last.
+    pixels: (k, 4) int32, and shares: (k, 4), as of a `Bilinear`. layers: the pixels of each layer that this needs, from
+    the 8×8 maps on (`pixel_lists.layers_of`).
+    """
+
+    pixels: np.ndarray
+    shares: np.ndarray
+    layers: list[LayerPixels]
+
+
+class MapOffsets(torch.autograd.Function):
+    """apply(start, slope, grid, *weights) → offsets (b, k, 3), before any scaling.
+
+    start: (b, 8, 8, c ≤ 16). grid: a `Grid`. weights: weight (16, c, 3, 3) and bias of each upsampling level, of the
+    3×3 convolution after them, and weight (3, 16) and bias of the last.
     """
 
     @staticmethod
-    def forward(
-        ctx: Any,
-        start: torch.Tensor,
-        slope: float,
-        pixels: torch.Tensor,
-        shares: torch.Tensor,
-        *weights: torch.Tensor,
-    ) -> torch.Tensor:
+    def forward(ctx: Any, start: torch.Tensor, slope: float, grid: Grid, *weights: torch.Tensor) -> torch.Tensor:
         arrays = [array.detach().contiguous().numpy() for array in weights]
-        batch, s = start.shape[:2]
-        images = [_take(batch, s)]
+        (batch, s), slope = start.shape[:2], np.float32(slope)
+        images = [_take(_images, batch, s)]
         _place(start.detach().numpy(), images[0])
-        for level in range(0, len(arrays) - 4, 2):
-            images.append(_take(batch, 2 * s))
-            offsets, firsts, _ = _upsampling(s)
-            _convolve(images[-2], 1, s, fold(arrays[level]), offsets, arrays[level + 1], images[-1], 2, firsts)
+        for level, layer in enumerate(grid.layers[:-1]):
+            images.append(_take(_images, batch, 2 * s))
+            taps, bias = fold(arrays[2 * level]).reshape(4, -1), arrays[2 * level + 1]
+            _convolve(images[-2], batch, *layer[:3], taps, _upsampling(s), bias, slope, images[-1])
             s *= 2
-            _activate(images[-1], batch, s, np.float32(slope))
-        images.append(_take(batch, s))
-        taps = _taps(arrays[-4], (2, 3, 1, 0))
-        _convolve(images[-2], 1, s, taps, _around(s), arrays[-3], images[-1], 1, _HERE)
-        _activate(images[-1], batch, s, np.float32(slope))
-        out = np.empty((batch, len(pixels), 3), np.float32)
-        _read(images[-1], s, pixels.numpy(), shares.numpy(), arrays[-2], arrays[-1], out)
+        images.append(_take(_images, batch, s))
+        taps, layer = _taps(arrays[-4], (2, 3, 1, 0)).reshape(1, -1), grid.layers[-1]
+        _convolve(images[-2], batch, *layer[:3], taps, _around(s), arrays[-3], slope, images[-1])
+        out = np.empty((batch, len(grid.pixels), 3), np.float32)
+        _read(images[-1], s, grid.pixels, grid.shares, arrays[-2], arrays[-1], out)
         if any(ctx.needs_input_grad):
-            ctx.images, ctx.arrays, ctx.slope, ctx.size = images, arrays, np.float32(slope), s
-            ctx.grid, ctx.start_shape = (pixels.numpy(), shares.numpy()), start.shape
+            ctx.images, ctx.arrays, ctx.slope, ctx.size = images, arrays, slope, s
+            ctx.grid, ctx.start_shape = grid, start.shape
         else:
-            _give(*images)
+            _give(_images, *images)
         return torch.from_numpy(out)
 
     @staticmethod
     def backward(ctx: Any, upstream: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
-        images, arrays, slope, s = ctx.images, ctx.arrays, ctx.slope, ctx.size
+        images, arrays, slope, s, grid = ctx.images, ctx.arrays, ctx.slope, ctx.size, ctx.grid
         batch, first, _, channels = ctx.start_shape
-        trained = any(ctx.needs_input_grad[4:])  # not where the weights are frozen
+        trained = any(ctx.needs_input_grad[3:])  # not where the weights are frozen
         gradients = [None] * len(arrays)
-        below, here = _take(batch, s), _take(batch, s)
+        layer = grid.layers[-1]
+        below, here = _no_gradient(batch, s), _no_gradient(batch, s)
         gradient = upstream.contiguous().numpy()
-        gradients[-2:] = _read_backward(images[-1], s, *ctx.grid, arrays[-2], gradient, here)
-        gradients[-3] = _deactivate(here, images[-1], batch, s, slope)
+        gradients[-2:] = _read_backward(images[-1], s, grid.pixels, grid.shares, arrays[-2], gradient, here)
+        gradients[-3] = _deactivate(here, images[-1], batch, layer.made, slope)
         taps = _taps(arrays[-4], (2, 3, 0, 1))
-        _convolve(here, 1, s, taps, -_around(s), _NOTHING, below, 1, _HERE)
+        _go_back(here, batch, *layer[:3], taps, _around(s), below)
         if trained:
-            kernel = _correlate(images[-2], s, _around(s), here, 1, _HERE).reshape(3, 3, CHANNELS, CHANNELS)
+            kernel = _correlate(images[-2], batch, *layer[:4], _around(s), here).reshape(3, 3, CHANNELS, CHANNELS)
             gradients[-4] = np.ascontiguousarray(kernel.transpose(3, 2, 0, 1))
-        _give(here)
-        for level in range(len(arrays) - 6, -1, -2):
-            here, s = below, s // 2
-            gradients[level + 1] = _deactivate(here, images[level // 2 + 1], batch, 2 * s, slope)
-            below = _take(batch, s)
-            offsets, firsts, back = _upsampling(s)
-            taps = np.ascontiguousarray(fold(arrays[level]).reshape(1, 16, CHANNELS, CHANNELS).swapaxes(2, 3))
-            _convolve(here, 2, s, taps, back, _NOTHING, below, 1, _HERE)
+        _give(_gradients, here)
+        for level in reversed(range(len(grid.layers) - 1)):
+            layer, here, s = grid.layers[level], below, s // 2
+            gradients[2 * level + 1] = _deactivate(here, images[level + 1], batch, layer.made, slope)
+            below, offsets = _no_gradient(batch, s), _upsampling(s)
+            taps = np.ascontiguousarray(fold(arrays[2 * level]).swapaxes(2, 3)).reshape(4, 4, CHANNELS**2)
+            _go_back(here, batch, *layer[:3], taps, offsets, below)
             if trained:
-                kernel = _correlate(images[level // 2], s, offsets, here, 2, firsts)
-                gradients[level] = unfold(kernel, arrays[level].shape[1])
-            _give(here)
+                kernel = _correlate(images[level], batch, *layer[:4], offsets, here)
+                gradients[2 * level] = unfold(kernel, arrays[2 * level].shape[1])
+            _give(_gradients, here)
         start = below.reshape(batch, first + 2, first + 2, CHANNELS)[:, 1:-1, 1:-1, :channels].copy()
-        _give(below, *images)
+        _give(_gradients, below)
+        _give(_images, *images)
         ctx.images = None
         weights = map(torch.from_numpy, gradients) if trained else [None] * len(gradients)
-        return torch.from_numpy(start), None, None, None, *weights
+        return torch.from_numpy(start), None, None, *weights
