@@ -17,7 +17,7 @@ from torch.nn import functional
 
 from replicate.approximation.deformation_map import bilinear, sample
 from replicate.approximation.kernels.map_kernel import Grid, MapOffsets
-from replicate.approximation.kernels.pixel_lists import layers_of
+from replicate.approximation.kernels.pixel_lists import layers_of, places
 from replicate.approximation.kernels.vector_code import CHANNELS
 from replicate.approximation.model import SegmentedModel, load_model, save_model
 from replicate.approximation.segments import Segment
@@ -78,8 +78,9 @@ class MapNetwork(nn.Module):
         """Return how the vertices read the map; worked out anew where they are other ones than the last time."""
         if self._listed is None or self._listed[0] is not self.pixels:
             pixels = self.pixels.numpy()
+            upper = places(*np.divmod(pixels[:, 0], self.map_size), self.map_size)
             layers = layers_of(pixels, self.map_size, START)
-            self._listed = self.pixels, Grid(pixels, self.shares.numpy(), layers)
+            self._listed = self.pixels, Grid(pixels, upper, self.shares.numpy(), layers)
         return self._listed[1]
 
 

@@ -18,13 +18,13 @@ from replicate.approximation.evaluation import unique_poses
 from replicate.approximation.rigid import Attachments, attach
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import PROFILE, answer, artefacts_of, make_parser, publish, split_names
-from replicate.config import Config, resolve
+from replicate.benchmarks.common import PROFILE, add_methods, answer, artefacts_of, chosen, make_parser, publish
+from replicate.config import Config
 from replicate.engine.progress import progress
 from replicate.geometry.mesh import Mesh
 from replicate.inference.fast_evaluation import fast_evaluation
 from replicate.methods.method import Method, Model
-from replicate.methods.method_registry import choose, sections
+from replicate.methods.method_registry import choose
 from replicate.report.results import Row, find
 from replicate.report.tables import Table
 from replicate.timing.cores import can_confine, one_core, threads
@@ -132,15 +132,13 @@ def crowd_table(rows: Sequence[Row], character: str) -> Table:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
     parser = make_parser(TABLE, "Time frames of several characters.", profile="whose trainings are timed")
-    parser.add_argument("--methods", nargs="+", default=["standard"], help="as for table3 (default: standard)")
+    add_methods(parser, "table3")
     return answer(parser, _run, arguments)
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    words = split_names(" ".join(options.methods))
-    choose(words)
-    for character in split_names(options.characters):
-        config = resolve(character, options.profile, sections=sections(options.profile))
+    words, configs = chosen(options)
+    for config in configs:
         rows = measure(config, words)
         publish(TABLE, rows, [crowd_table(rows, rows[0].character)], command_line)
 

@@ -18,8 +18,17 @@ from threadpoolctl import threadpool_limits
 from data_recipes.rig import Rig
 from replicate.artefacts import built_rig, control_influence, rigid_segments
 from replicate.artefacts.plan import Plan, reference
-from replicate.benchmarks.common import PROFILE, add_count, answer, artefacts_of, make_parser, publish, split_names
-from replicate.config import Config, resolve
+from replicate.benchmarks.common import (
+    PROFILE,
+    add_count,
+    add_methods,
+    answer,
+    artefacts_of,
+    chosen,
+    make_parser,
+    publish,
+)  # fmt: skip
+from replicate.config import Config
 from replicate.engine.progress import progress
 from replicate.inference.fast_evaluation import fast_evaluation
 from replicate.inference.vertex_normals import fast_vertex_normals
@@ -31,7 +40,7 @@ from replicate.inverse.ik_training import parameter_ranges
 from replicate.inverse.solver import solve
 from replicate.methods import measurement
 from replicate.methods.method import Method
-from replicate.methods.method_registry import choose, in_order, method_named, sections
+from replicate.methods.method_registry import choose, in_order, method_named
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
 from replicate.timing.single_poses import Times, Way, time_single_poses
@@ -143,16 +152,14 @@ def ik_table(rows: Sequence[Row], character: str) -> Table:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
     parser = make_parser(TABLE, "Time inverse kinematics.", profile="whose trainings are timed")
-    parser.add_argument("--methods", nargs="+", default=["standard"], help="as for table4 (default: standard)")
+    add_methods(parser, "table4")
     add_count(parser, "rounds", ROUNDS, "configurations that each is timed on")
     return answer(parser, _run, arguments)
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    words = split_names(" ".join(options.methods))
-    choose(words)
-    for character in split_names(options.characters, "for vertices and derivatives"):
-        config = resolve(character, options.profile, sections=sections(options.profile))
+    words, configs = chosen(options, "for vertices and derivatives")
+    for config in configs:
         rows = measure(config, words, options.rounds)
         publish(TABLE, rows, [ik_table(rows, rows[0].character)], command_line)
 

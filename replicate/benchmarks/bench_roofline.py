@@ -22,20 +22,21 @@ from replicate.artefacts.plan import Plan
 from replicate.benchmarks.common import (
     PROFILE,
     add_count,
+    add_methods,
     answer,
     artefacts_of,
     bench_folder,
+    chosen,
     make_parser,
     publish,
-    split_names,
 )  # fmt: skip
-from replicate.config import Config, resolve
+from replicate.config import Config
 from replicate.engine.progress import progress
 from replicate.geometry.mesh import Mesh
 from replicate.inference.fast_evaluation import placing_of
 from replicate.inference.work import Work
 from replicate.methods.method import Method, Model
-from replicate.methods.method_registry import choose, sections
+from replicate.methods.method_registry import choose
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
 from replicate.timing.cores import can_confine, one_core, threads
@@ -167,7 +168,7 @@ def roofline_table(rows: Sequence[Row], character: str) -> Table:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
     parser = make_parser(TABLE, "Measure how near to the machine's peaks networks are.", profile="whose trainings")
-    parser.add_argument("--methods", nargs="+", default=["standard"], help="as for table3 (default: standard)")
+    add_methods(parser, "table3")
     add_count(parser, "rounds", EVALUATIONS, "poses that each is timed on")
     return answer(parser, _run, arguments)
 
@@ -176,10 +177,8 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     from replicate.benchmarks.roofline_figure import roofline_figure
     from replicate.drawing.panels import save_figure
 
-    words = split_names(" ".join(options.methods))
-    choose(words)
-    for character in split_names(options.characters):
-        config = resolve(character, options.profile, sections=sections(options.profile))
+    words, configs = chosen(options)
+    for config in configs:
         rows = measure(config, words, options.rounds)
         publish(TABLE, rows, [roofline_table(rows, rows[0].character)], command_line)
         figure, words_of_figure = roofline_figure(rows, rows[0].character)

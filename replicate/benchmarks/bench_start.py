@@ -15,11 +15,11 @@ import numpy as np
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.benchmarks import first_pose
-from replicate.benchmarks.common import PROFILE, answer, artefacts_of, make_parser, publish, split_names
-from replicate.config import Config, resolve
+from replicate.benchmarks.common import PROFILE, add_methods, answer, artefacts_of, chosen, make_parser, publish
+from replicate.config import Config
 from replicate.engine.progress import progress
 from replicate.inference.fast_evaluation import fast_evaluation
-from replicate.methods.method_registry import choose, sections
+from replicate.methods.method_registry import choose
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
 from replicate.timing.onnx_evaluation import onnx_bytes
@@ -94,15 +94,13 @@ def _cell(row: Row | None, unit: str) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
     parser = make_parser(TABLE, "Time fresh processes until their first pose.", profile="whose trainings are timed")
-    parser.add_argument("--methods", nargs="+", default=["standard"], help="as for table3 (default: standard)")
+    add_methods(parser, "table3")
     return answer(parser, _run, arguments)
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    words = split_names(" ".join(options.methods))
-    choose(words)
-    for character in split_names(options.characters):
-        config = resolve(character, options.profile, sections=sections(options.profile))
+    words, configs = chosen(options)
+    for config in configs:
         rows = measure(config, words)
         publish(TABLE, rows, [start_table(rows, rows[0].character)], command_line)
 

@@ -126,7 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = make_parser(TABLE, __doc__, profile="whose numbers are changed")
     add_count(parser, "steps", STEPS, "of the short schedule")
     parser.add_argument(
-        "--only", default="", help="only trainings whose description contains this; others stay in the file"
+        "--only", default="", help="only trainings whose description has this, or one of several: 'a|b'; others stay"
     )
     return answer(parser, _run, arguments)
 
@@ -140,7 +140,8 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
 
 def compare(character: str, options: argparse.Namespace) -> list[Row]:
     """Train all variants for a character and return their validation errors."""
-    selection = [v for v in variants(options.steps) if options.only in f"{v.method}, {v.change}"]
+    wanted = options.only.split("|")
+    selection = [v for v in variants(options.steps) if any(words in f"{v.method}, {v.change}" for words in wanted)]
     if not selection:
         raise InputError(f"only is {options.only!r}: no training is called so; leave it out to see their names")
     configs = [resolve(character, options.profile, variant.overrides) for variant in selection]

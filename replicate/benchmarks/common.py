@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from data_recipes import recipe_paths
-from replicate.config import Config
+from replicate.config import Config, resolve
 from replicate.engine import paths
 from replicate.engine.command_line import guard
 from replicate.engine.exceptions import InputError
@@ -16,6 +16,7 @@ from replicate.engine.scheduler import run
 from replicate.engine.stage import Stage, in_order
 from replicate.engine.store import artefact_folder
 from replicate.engine.word_lists import words
+from replicate.methods.method_registry import choose, sections
 from replicate.report import manifest
 from replicate.report.results import Row, read_results, write_results
 from replicate.report.tables import Table, as_text
@@ -61,6 +62,11 @@ class _Count(argparse.Action):
         setattr(namespace, self.dest, values)
 
 
+def add_methods(parser: argparse.ArgumentParser, like: str) -> None:
+    """Add the option that names methods. like: the target that takes the same words, for the help."""
+    parser.add_argument("--methods", nargs="+", default=["standard"], help=f"as for {like} (default: standard)")
+
+
 def answer(parser: argparse.ArgumentParser, body: Callable, arguments: Sequence[str] | None) -> int:
     """Run a benchmark, `body(options, words)`, as the command line says; return the exit code."""
     return guard(lambda: body(*parse(parser, arguments)))
@@ -78,6 +84,19 @@ def split_names(characters: str, asks_the_rig: str = "") -> list[str]:
     if asks_the_rig:
         recipe_paths.check_function(names, "this benchmark", asks_the_rig)
     return names
+
+
+def chosen(options: argparse.Namespace, asks_the_rig: str = "") -> tuple[list[str], list[Config]]:
+    """Return the words that name methods, and a configuration for each character, methods' own sections with it.
+
+    options: with `characters`, `profile` and `methods`. asks_the_rig: as for `split_names`. Raises InputError for names
+    that are none, before anything is made.
+    """
+    words = split_names(" ".join(options.methods))
+    choose(words)
+    own = sections(options.profile)
+    names = split_names(options.characters, asks_the_rig)
+    return words, [resolve(name, options.profile, sections=own) for name in names]
 
 
 def artefacts_of(name: str, config: Config, stages: Sequence[Stage]) -> dict[str, Path]:

@@ -17,7 +17,14 @@ import numpy as np
 import torch
 from numba import njit
 
-from replicate.approximation.kernels.pixel_kernel import TILE, add_pixels, correlate_pixels, multiply_pixels
+from replicate.approximation.kernels.pixel_kernel import (
+    TILE,
+    add_pixels,
+    correlate_pixels,
+    deactivate_pixels,
+    multiply_pixels,
+    read_back,
+)  # fmt: skip
 from replicate.approximation.kernels.pixel_lists import LayerPixels
 from replicate.approximation.kernels.vector_code import CHANNELS
 from replicate.engine.jit_cache import KEEP_CODE
@@ -109,12 +116,8 @@ def _deactivate(upstream, image, batch, made, slope):
     """Take a gradient through the leaky ReLU that gave `image`, in place; return its sum over all pixels (16,)."""
     sums, length = np.zeros(CHANNELS, np.float32), len(image) // batch
     for b in range(batch):
-        for place in made:
-            at = b * length + place
-            row, values = upstream[at : at + CHANNELS], image[at : at + CHANNELS]
-            for k in range(CHANNELS):
-                row[k] = row[k] if values[k] > 0 else row[k] * slope
-                sums[k] += row[k]
+        own = slice(b * length, (b + 1) * length)
+        deactivate_pixels(upstream[own], image[own], made, slope, sums)
     return sums
 
 
@@ -146,34 +149,18 @@ def _read(image, size, pixels, shares, weight, bias, out):
             out[b, i, 0], out[b, i, 1], out[b, i, 2] = x + bias[0], y + bias[1], z + bias[2]
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", fastmath=REORDER)
+@njit(cache=KEEP_CODE, error_model="numpy")
 @no_type_check
-def _read_backward(image, size, pixels, shares, weight, upstream, out):
+def _read_backward(image, size, upper, shares, weight, upstream, out):
     """Add the gradient in the image to `out`; return those in the 1×1 convolution's weight and bias."""
-    side, pixel_gradient = size + 2, np.empty(CHANNELS, np.float32)
     gradient, bias = np.zeros((3, CHANNELS), np.float32), np.zeros(3, np.float32)
+    length, below = len(image) // len(upstream), (size + 2) * CHANNELS
     for b in range(len(upstream)):
-        for i in range(len(pixels)):
-            upper, lower = _pixels(image, b, pixels[i, 0], size, side)
-            s0, s1, s2, s3 = shares[i, 0], shares[i, 1], shares[i, 2], shares[i, 3]
-            x, y, z = upstream[b, i, 0], upstream[b, i, 1], upstream[b, i, 2]
-            bias[0] += x
-            bias[1] += y
-            bias[2] += z
-            for c in range(CHANNELS):
-                sample = upper[c] * s0 + upper[c + CHANNELS] * s1 + lower[c] * s2 + lower[c + CHANNELS] * s3
-                gradient[0, c] += sample * x
-                gradient[1, c] += sample * y
-                gradient[2, c] += sample * z
-            for c in range(CHANNELS):
-                pixel_gradient[c] = weight[0, c] * x + weight[1, c] * y + weight[2, c] * z
-            upper, lower = _pixels(out, b, pixels[i, 0], size, side)
-            for c in range(CHANNELS):
-                upper[c] += pixel_gradient[c] * s0
-                upper[c + CHANNELS] += pixel_gradient[c] * s1
-            for c in range(CHANNELS):
-                lower[c] += pixel_gradient[c] * s2
-                lower[c + CHANNELS] += pixel_gradient[c] * s3
+        own = slice(b * length, (b + 1) * length)
+        read_back(image[own], upper, below, shares, weight, upstream[b], out[own], gradient)
+        for i in range(upstream.shape[1]):
+            for k in range(3):
+                bias[k] += upstream[b, i, k]
     return gradient, bias
 
 
@@ -235,11 +222,12 @@ def unfold(taps: np.ndarray, channels: int) -> np.ndarray:
 class Grid(NamedTuple):
     """How vertices read a network's last map, and what that takes.
 
-    pixels: (k, 4) int32, and shares: (k, 4), as of a `Bilinear`. layers: the pixels of each layer that this needs, from
-    the 8×8 maps on (`pixel_lists.layers_of`).
+    pixels: (k, 4) int32, and shares: (k, 4), as of a `Bilinear`. upper: (k,), where the first of a vertex's pixels lies
+    in the image. layers: the pixels of each layer that this needs, from the 8×8 maps on (`pixel_lists.layers_of`).
     """
 
     pixels: np.ndarray
+    upper: np.ndarray
     shares: np.ndarray
     layers: list[LayerPixels]
 
@@ -255,11 +243,12 @@ class MapOffsets(torch.autograd.Function):
     def forward(ctx: Any, start: torch.Tensor, slope: float, grid: Grid, *weights: torch.Tensor) -> torch.Tensor:
         arrays = [array.detach().contiguous().numpy() for array in weights]
         (batch, s), slope = start.shape[:2], np.float32(slope)
-        images = [_take(_images, batch, s)]
+        images, folded = [_take(_images, batch, s)], []
         _place(start.detach().numpy(), images[0])
         for level, layer in enumerate(grid.layers[:-1]):
             images.append(_take(_images, batch, 2 * s))
-            taps, bias = fold(arrays[2 * level]).reshape(4, -1), arrays[2 * level + 1]
+            folded.append(fold(arrays[2 * level]))
+            taps, bias = folded[-1].reshape(4, -1), arrays[2 * level + 1]
             _convolve(images[-2], batch, *layer[:3], taps, _upsampling(s), bias, slope, images[-1])
             s *= 2
         images.append(_take(_images, batch, s))
@@ -268,7 +257,7 @@ class MapOffsets(torch.autograd.Function):
         out = np.empty((batch, len(grid.pixels), 3), np.float32)
         _read(images[-1], s, grid.pixels, grid.shares, arrays[-2], arrays[-1], out)
         if any(ctx.needs_input_grad):
-            ctx.images, ctx.arrays, ctx.slope, ctx.size = images, arrays, slope, s
+            ctx.images, ctx.arrays, ctx.folded, ctx.slope, ctx.size = images, arrays, folded, slope, s
             ctx.grid, ctx.start_shape = grid, start.shape
         else:
             _give(_images, *images)
@@ -283,7 +272,7 @@ class MapOffsets(torch.autograd.Function):
         layer = grid.layers[-1]
         below, here = _no_gradient(batch, s), _no_gradient(batch, s)
         gradient = upstream.contiguous().numpy()
-        gradients[-2:] = _read_backward(images[-1], s, grid.pixels, grid.shares, arrays[-2], gradient, here)
+        gradients[-2:] = _read_backward(images[-1], s, grid.upper, grid.shares, arrays[-2], gradient, here)
         gradients[-3] = _deactivate(here, images[-1], batch, layer.made, slope)
         taps = _taps(arrays[-4], (2, 3, 0, 1))
         _go_back(here, batch, *layer[:3], taps, _around(s), below)
@@ -295,7 +284,7 @@ class MapOffsets(torch.autograd.Function):
             layer, here, s = grid.layers[level], below, s // 2
             gradients[2 * level + 1] = _deactivate(here, images[level + 1], batch, layer.made, slope)
             below, offsets = _no_gradient(batch, s), _upsampling(s)
-            taps = np.ascontiguousarray(fold(arrays[2 * level]).swapaxes(2, 3)).reshape(4, 4, CHANNELS**2)
+            taps = np.ascontiguousarray(ctx.folded[level].swapaxes(2, 3)).reshape(4, 4, CHANNELS**2)
             _go_back(here, batch, *layer[:3], taps, offsets, below)
             if trained:
                 kernel = _correlate(images[level], batch, *layer[:4], offsets, here)

@@ -1,4 +1,4 @@
-"""Three vector kernels that make up the convolutions: 16 channels are one vector, written for LLVM directly.
+"""Vector kernels that make up the convolutions and their gradients: 16 channels are one vector, in LLVM's own words.
 
 Plain loops leave it to the compiler to keep the sums in registers, and it does not. Here eight sums of 16 channels each
 stay there while all taps of a kernel go by. Pixels need not be neighbours, so that a layer can leave out those that
@@ -63,6 +63,36 @@ def correlate_pixels_reference(
     for k in range(first, last):
         a, b = sources[k] + offset, targets[k]
         gradient += np.outer(image[a : a + CHANNELS], upstream[b : b + CHANNELS])
+
+
+def deactivate_pixels_reference(
+    upstream: np.ndarray, image: np.ndarray, made: np.ndarray, slope: float, sums: np.ndarray
+) -> None:
+    """Take a gradient through the leaky ReLU that gave `image`, in place, and add it to sums (16,), pixel by pixel.
+
+    made: int32, where pixels lie. Other pixels stay as they are.
+    """
+    for place in made:
+        own = slice(place, place + CHANNELS)
+        upstream[own] *= np.where(image[own] > 0, 1, np.float32(slope))
+        sums += upstream[own]
+
+
+def read_back_reference(
+    image: np.ndarray, upper: np.ndarray, below: int, shares: np.ndarray, weight: np.ndarray, upstream: np.ndarray,
+    out: np.ndarray, gradient: np.ndarray,
+) -> None:  # fmt: skip
+    """Add to `out`, and to the gradient in a 1×1 convolution, what `upstream` gives them: vertices read an image by it.
+
+    image, out: flat. upper: int32, where the first of a vertex's four pixels lies; the second is right of it, the
+    others `below`. shares: (k, 4). weight, gradient: (3, 16). upstream: (k, 3).
+    """
+    for i, at in enumerate(upper):
+        corners = [slice(at + step, at + step + CHANNELS) for step in (0, CHANNELS, below, below + CHANNELS)]
+        sample = sum(image[corner] * share for corner, share in zip(corners, shares[i], strict=True))
+        gradient += np.outer(upstream[i], sample)
+        for corner, share in zip(corners, shares[i], strict=True):
+            out[corner] += share * (upstream[i] @ weight)
 
 
 def _place(builder, array, index):
@@ -200,3 +230,87 @@ def correlate_pixels(
     index = types.int64
     signature = types.void(gradient, image, sources, index, upstream, targets, index, index)
     return signature, generate
+
+
+@intrinsic
+def deactivate_pixels(
+    typing: object, upstream: types.Type, image: types.Type, made: types.Type, slope: types.Type, sums: types.Type
+) -> tuple[Signature, Callable]:
+    """Compile `deactivate_pixels_reference`."""
+    if made.dtype != types.int32:
+        raise TypingError("places of pixels are int32")
+
+    def generate(context, builder, signature, args):
+        kinds = signature.args
+        upstream, image, made, sums = (data(context, builder, kinds[k], args[k]) for k in (0, 1, 2, 4))
+        count = builder.extract_value(context.make_array(kinds[2])(context, builder, args[2]).shape, 0)
+        fall, nothing = splat(builder, args[3]), ir.Constant(VECTOR, [0.0] * CHANNELS)
+        total = cgutils.alloca_once(builder, VECTOR)
+        builder.store(builder.load(vector(builder, sums), align=4), total)
+        with cgutils.for_range(builder, count, intp=INDEX) as pixel:
+            at = _place(builder, made, pixel.index)
+            goal = vector(builder, number_at(builder, upstream, at))
+            made_of = builder.load(vector(builder, number_at(builder, image, at)), align=4)
+            value = builder.load(goal, align=4)
+            value = builder.select(builder.fcmp_ordered(">", made_of, nothing), value, builder.fmul(value, fall))
+            builder.store(value, goal, align=4)
+            builder.store(builder.fadd(builder.load(total), value), total)
+        builder.store(builder.load(total), vector(builder, sums), align=4)
+        return context.get_dummy_value()
+
+    return types.void(upstream, image, made, types.float32, sums), generate
+
+
+@intrinsic
+def read_back(
+    typing: object, image: types.Type, upper: types.Type, below: types.Type, shares: types.Type, weight: types.Type,
+    upstream: types.Type, out: types.Type, gradient: types.Type,
+) -> tuple[Signature, Callable]:  # fmt: skip
+    """Compile `read_back_reference`."""
+    if upper.dtype != types.int32:
+        raise TypingError("places of pixels are int32")
+
+    def generate(context, builder, signature, args):
+        kinds, below = signature.args, args[2]
+        image, upper, shares, weight, upstream, out, gradient = (
+            data(context, builder, kinds[k], args[k]) for k in (0, 1, 3, 4, 5, 6, 7)
+        )
+        count = builder.extract_value(context.make_array(kinds[1])(context, builder, args[1]).shape, 0)
+
+        def row(array, index):
+            return vector(builder, number_at(builder, array, ir.Constant(INDEX, index * CHANNELS)))
+
+        def numbers(array, index, width):
+            first = builder.mul(index, ir.Constant(INDEX, width))
+            each = (builder.add(first, ir.Constant(INDEX, k)) for k in range(width))
+            return [splat(builder, builder.load(number_at(builder, array, place))) for place in each]
+
+        weights = [builder.load(row(weight, k), align=4) for k in range(3)]
+        totals = [cgutils.alloca_once(builder, VECTOR) for _ in range(3)]
+        for k, total in enumerate(totals):
+            builder.store(builder.load(row(gradient, k), align=4), total)
+        with cgutils.for_range(builder, count, intp=INDEX) as vertex:
+            at = _place(builder, upper, vertex.index)
+            under = builder.add(at, below)
+            right = ir.Constant(INDEX, CHANNELS)
+            corners = [at, builder.add(at, right), under, builder.add(under, right)]
+            pixels = [builder.load(vector(builder, number_at(builder, image, place)), align=4) for place in corners]
+            parts, pulls = numbers(shares, vertex.index, 4), numbers(upstream, vertex.index, 3)
+            sample = builder.fmul(pixels[0], parts[0])
+            for pixel, part in zip(pixels[1:], parts[1:], strict=True):
+                sample = _call(builder, "llvm.fma.v16f32", pixel, part, sample)
+            for pull, total in zip(pulls, totals, strict=True):
+                builder.store(_call(builder, "llvm.fma.v16f32", sample, pull, builder.load(total)), total)
+            pulled = builder.fmul(weights[0], pulls[0])
+            for own, pull in zip(weights[1:], pulls[1:], strict=True):
+                pulled = _call(builder, "llvm.fma.v16f32", own, pull, pulled)
+            for place, part in zip(corners, parts, strict=True):
+                goal = vector(builder, number_at(builder, out, place))
+                builder.store(
+                    _call(builder, "llvm.fma.v16f32", pulled, part, builder.load(goal, align=4)), goal, align=4
+                )
+        for k, total in enumerate(totals):
+            builder.store(builder.load(total), row(gradient, k), align=4)
+        return context.get_dummy_value()
+
+    return types.void(image, upper, types.int64, shares, weight, upstream, out, gradient), generate
