@@ -67,6 +67,16 @@ def variants(steps: int) -> list[Variant]:
     return [*choices, Variant("coarse", RAW_ANIMATION, raw)]
 
 
+def selected(trainings: Sequence[Variant], only: str) -> list[Variant]:
+    """Return the trainings whose description, "method, change", has one of the texts that `|` parts in `only`."""
+    wanted = only.split("|")
+    selection = [v for v in trainings if any(words in f"{v.method}, {v.change}" for words in wanted)]
+    if not selection:
+        names = "; ".join(f"{v.method}, {v.change}" for v in trainings)
+        raise InputError(f"only is {only!r}: no training is called so; there are {names}")
+    return selection
+
+
 def _at(section: str, steps: int, training: dict) -> dict:
     """Return the overrides that train a section's networks, and those that they add to, for so many steps."""
     short = {"training": {"steps": steps}}
@@ -140,10 +150,7 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
 
 def compare(character: str, options: argparse.Namespace) -> list[Row]:
     """Train all variants for a character and return their validation errors."""
-    wanted = options.only.split("|")
-    selection = [v for v in variants(options.steps) if any(words in f"{v.method}, {v.change}" for words in wanted)]
-    if not selection:
-        raise InputError(f"only is {options.only!r}: no training is called so; leave it out to see their names")
+    selection = selected(variants(options.steps), options.only)
     configs = [resolve(character, options.profile, variant.overrides) for variant in selection]
     graphs = [stages_of(config, variant.method) for config, variant in zip(configs, selection, strict=True)]
     facts = provenance(["make", "bench-training"], options.profile, [0], core_count())
