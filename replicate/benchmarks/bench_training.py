@@ -21,7 +21,7 @@ import numpy as np
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.benchmarks.common import add_count, answer, make_parser, publish, split_names
-from replicate.benchmarks.training_table import BALANCED, METRICS, RAW_ANIMATION, TABLE, trainings_table
+from replicate.benchmarks.training_table import BALANCED, METRICS, RAW_ANIMATION, TABLE, trainings_tables
 from replicate.config import Config, resolve
 from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import core_count, provenance
@@ -145,7 +145,7 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     for name in split_names(options.characters):
         rows = compare(name, options)
         keep = (lambda row: True) if options.only else None
-        publish(TABLE, rows, [trainings_table(rows)], command_line, keep)
+        publish(TABLE, rows, trainings_tables(rows), command_line, keep)
 
 
 def compare(character: str, options: argparse.Namespace) -> list[Row]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
+from replicate.report.cast import characters_of
 from replicate.report.manifest import section
 from replicate.report.notebooks import folder_of
 from replicate.report.results import Row
@@ -17,39 +18,45 @@ METHODS = ("coarse", "refined", "dense")
 BALANCED, RAW_ANIMATION = "balanced draws", "raw animation"  # changes that claim C12 compares
 
 
-def trainings_table(rows: Iterable[Row]) -> Table:
-    """Return the errors of every training in `bench_training.csv`: what was changed, mm, degrees, and over the floor.
+def trainings_tables(rows: Iterable[Row]) -> list[Table]:
+    """Return a table for each character in `bench_training.csv`: what was changed, mm, degrees, and over the floor.
 
     A row's metric is metric[change], as `replicate.benchmarks.bench_training` writes it.
     """
+    own = [row for row in rows if row.table == TABLE and row.method in METHODS]
+    return [_trainings_table([row for row in own if row.character == name], name) for name in characters_of(own)]
+
+
+def _trainings_table(rows: Sequence[Row], character: str) -> Table:
     by_change: dict[tuple[str, str], dict[str, Row]] = {}
     for row in rows:
-        if row.table == TABLE and row.method in METHODS:
-            metric, _, change = row.metric.rstrip("]").partition("[")
-            by_change.setdefault((row.method, change), {})[metric] = row
+        metric, _, change = row.metric.rstrip("]").partition("[")
+        by_change.setdefault((row.method, change), {})[metric] = row
     lines: list[tuple[str, ...] | None] = []
     for method in METHODS:
-        of_method = {
-            change: each
-            for (name, change), each in sorted(by_change.items(), key=lambda item: item[0])
-            if name == method
-        }
-        lines += [None] if lines and of_method else []
-        for change, each in of_method.items():
-            cells = (each[metric] if metric in each else None for metric in METRICS)
+        changes = sorted(change for name, change in by_change if name == method)
+        lines += [None] if lines and changes else []
+        for change in changes:
+            cells = (by_change[method, change].get(metric) for metric in METRICS)
             lines.append((method, change, *(round_off(row.value, row.unit) if row else "" for row in cells)))
     header = ("", "peak rate or change", *(name for _, name in METRICS.values()))
-    poses = max((row.poses or 0 for each in by_change.values() for row in each.values()), default=0)
+    poses = max(row.poses or 0 for row in rows)
     note = f"errors on {poses} poses held out of the training animation; one seed."
-    return Table("Trainings that differ in one thing", (header,), tuple(lines), (note,))
+    return Table(f"Trainings that differ in one thing: {character}", (header,), tuple(lines), (note,))
 
 
 def axis_text(rows: Iterable[Row]) -> str:
-    """Return which controls §3.5's intervals follow most, with their correlations, from `bench_training.csv`."""
-    correlations = [row for row in rows if row.table == TABLE and row.metric.startswith("interval_correlation[")]
-    correlations.sort(key=lambda row: -abs(row.value))
-    controls = (f"{row.metric.rstrip(']').partition('[')[2]} {row.value:+.2f}" for row in correlations)
-    return f"controls that the intervals follow most (correlation): {', '.join(controls)}"
+    """Return which controls §3.5's intervals follow most, with their correlations, from `bench_training.csv`.
+
+    A line for each character.
+    """
+    own = [row for row in rows if row.table == TABLE and row.metric.startswith("interval_correlation[")]
+    lines = []
+    for character in characters_of(own):
+        correlations = sorted((row for row in own if row.character == character), key=lambda row: -abs(row.value))
+        controls = (f"{row.metric.rstrip(']').partition('[')[2]} {row.value:+.2f}" for row in correlations)
+        lines.append(f"{character}: controls that the intervals follow most (correlation): {', '.join(controls)}")
+    return "\n".join(lines)
 
 
 def draws_text(samples_per_bin: Sequence[int]) -> str:

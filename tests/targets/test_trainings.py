@@ -9,7 +9,7 @@ from plain_rig import PlainRig
 from data_recipes.rig import Clip
 from replicate.approximation.samples import choose_poses
 from replicate.benchmarks import bench_training as training
-from replicate.benchmarks.training_table import BALANCED, RAW_ANIMATION, axis_text, draws_text, trainings_table
+from replicate.benchmarks.training_table import BALANCED, RAW_ANIMATION, axis_text, draws_text, trainings_tables
 from replicate.config import resolve
 from replicate.report.results import Row
 
@@ -54,8 +54,8 @@ def test_the_raw_animation_is_trained_on_as_it_is_and_validated_on_the_profiles_
 
 
 def test_a_training_is_one_line_of_the_table():
-    def row(method, metric, unit, value):
-        return Row("bench_training", "teen", method, metric, unit, value, None, 1, 64, "laptop", "bench-training")
+    def row(method, metric, unit, value, character="teen"):
+        return Row("bench_training", character, method, metric, unit, value, None, 1, 64, "laptop", "bench-training")
 
     rows = [
         row("dense", "validation_vertex_error[0.005, 10 steps]", "mm", 0.5),
@@ -63,7 +63,9 @@ def test_a_training_is_one_line_of_the_table():
         row("coarse", "validation_normal_error[uniform draws]", "deg", 2.0),
         row("coarse", "validation_vertex_error[uniform draws]", "mm", 0.25),
     ]
-    table = trainings_table(rows)
+    rows.append(row("coarse", "validation_vertex_error[uniform draws]", "mm", 0.75, "woman"))
+    table, other = trainings_tables(rows)
+    assert table.title.endswith(": teen") and other.body == (("coarse", "uniform draws", "0.75", "", ""),)
     assert table.body == (
         ("coarse", "uniform draws", "0.25", "2.00", "1.25"),
         None,
@@ -73,7 +75,14 @@ def test_a_training_is_one_line_of_the_table():
 
 def test_a_training_that_there_is_not_is_named(capsys):
     assert training.main(["--only", "sparse"]) == 2
-    assert "'sparse'" in capsys.readouterr().err
+    assert "'sparse': no training is called so; there are coarse, peak rate 0.002; " in capsys.readouterr().err
+
+
+def test_a_choice_may_name_several_trainings():
+    trainings = training.variants(700)
+    chosen = training.selected(trainings, f"coarse, {BALANCED}|coarse, raw")
+    assert [(v.method, v.change) for v in chosen] == [("coarse", BALANCED), ("coarse", RAW_ANIMATION)]
+    assert training.selected(trainings, "") == trainings
 
 
 def test_rare_intervals_get_as_many_draws_as_common_ones():
@@ -86,5 +95,7 @@ def test_the_controls_behind_the_intervals_are_named_strongest_first():
         Row("bench_training", "teen", "samples", f"interval_correlation[{name}]", "ratio", value, *facts)
         for name, value in (("jaw_open", 0.5), ("squash", -0.7))
     ]
-    assert axis_text(rows).endswith(": squash -0.70, jaw_open +0.50")
-    assert trainings_table(rows).body == ()
+    assert (
+        axis_text(rows) == "teen: controls that the intervals follow most (correlation): squash -0.70, jaw_open +0.50"
+    )
+    assert trainings_tables(rows) == []
