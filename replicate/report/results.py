@@ -105,7 +105,7 @@ def over_seeds(runs: Sequence[Sequence[Row]]) -> list[Row]:
     """
     if len(runs) == 1:
         return list(runs[0])
-    name = hashlib.sha256("\n".join(sorted({row.run for rows in runs for row in rows})).encode()).hexdigest()[:12]
+    name = joint_run(row for rows in runs for row in rows)
     same: dict[tuple, list[Row]] = {}
     for rows in runs:
         for row in rows:
@@ -119,6 +119,12 @@ def over_seeds(runs: Sequence[Sequence[Row]]) -> list[Row]:
             facts["sd"] = statistics.stdev(values)
         merged.append(replace(group[0], **facts, poses=min(poses) if poses else None))
     return merged
+
+
+def joint_run(rows: Iterable[Row]) -> str:
+    """Return the name of the run that all rows are of, or one that stands for all of their runs together."""
+    names = sorted({row.run for row in rows})
+    return names[0] if len(names) == 1 else hashlib.sha256("\n".join(names).encode()).hexdigest()[:12]
 
 
 def find(rows: Iterable[Row], table: str, character: str, method: str, metric: str) -> Row | None:

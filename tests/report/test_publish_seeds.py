@@ -99,6 +99,21 @@ def test_a_seed_that_both_have_is_the_runs(publish):
     assert committed() == {0: 0.9} and mean_row().sd is None
 
 
+def test_a_method_that_a_run_lacks_stays_and_one_that_it_brings_joins_the_seed(publish):
+    publish("first", result("teen", 0))
+    before = {row.key for row in read_results(paths.REFERENCE / "table2.csv")}
+    more = result("teen", 0, "s", error=0.9)
+    table = more.folder / "table2.csv"
+    rows = [replace(row, method="squares") for row in read_results(table) if row.method == "coarse"]
+    write_results(table, rows)
+    publish("second", more)
+    after = read_results(paths.REFERENCE / "table2.csv")
+    assert {row.key for row in after} == before | {row.key for row in rows}
+    assert committed() == {0: mean_row().value} and mean_row().value != 0.9
+    (name,) = {row.run for row in after}
+    assert name == manifest.entries(paths.REFERENCE, "table2")["teen"]["run"] not in ("r0", "s")
+
+
 def test_without_the_option_a_run_replaces_all_seeds(publish):
     publish("first", result("teen", 0), result("teen", 1, "s"))
     publish("second", result("teen", 2, "t", error=0.9), add_seeds=False)

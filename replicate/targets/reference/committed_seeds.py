@@ -1,13 +1,14 @@
-"""Table 2 among the committed results: a run's seeds replace a character's or join them, and the means follow."""
+"""Table 2 among the committed results: a run's seeds and methods replace a character's or join them."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from replicate.benchmarks.common import merge
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.report import manifest
-from replicate.report.results import over_seeds, read_results
+from replicate.report.results import Row, joint_run, over_seeds, read_results
 from replicate.report.seed_results import joined, of_character, read_seeds, where, write_seeds
 from replicate.targets.table2.character_part import ROWS, SEEDS
 
@@ -40,23 +41,32 @@ def differences(key: str, committed: object, own: object) -> Iterator[str]:
 def put_table2(run: Path, shared: Collection[str]) -> list[Path]:
     """Put a run's Table 2 among the committed results, numbers and manifest; return the files.
 
-    Each character's seeds replace the committed ones; those of the shared characters join them, and a seed that both
-    have is the run's. Characters that the run lacks stay.
+    Each character's seeds replace the committed ones; those of the shared characters join them. Of a seed that both
+    have, a method that both have is the run's, and the others stay. Characters that the run lacks stay.
     """
     seeds, of_run = (_seeds_of(folder) for folder in (paths.REFERENCE, run))
     entries = manifest.entries(paths.REFERENCE, TARGET)
     table, single = paths.REFERENCE / ROWS, paths.REFERENCE / SEEDS
     for character, facts in manifest.entries(run, TARGET).items():
         own = of_character(seeds, character) if character in shared else {}
-        own |= of_character(of_run, character)
+        new = of_character(of_run, character)
+        own |= {seed: _beside(own.get(seed, ()), rows) for seed, rows in new.items()}
         rows = over_seeds([own[seed] for seed in sorted(own)])
+        run_name = joint_run(rows)
+        rows = [replace(row, run=run_name) for row in rows]
         merge(table, rows, lambda row, name=character: row.character != name)
         seeds = joined(where(seeds, character.__ne__), own)
         earlier = entries.get(character)
-        entries[character] = manifest.with_earlier(facts, earlier, rows[0].run) if character in shared else facts
+        entries[character] = manifest.with_earlier(facts, earlier, run_name) if character in shared else facts
     write_seeds(single, seeds)
     manifest.write_entries(paths.REFERENCE, TARGET, dict(sorted(entries.items())))
     return [table, single]
+
+
+def _beside(committed: Sequence[Row], new: Sequence[Row]) -> list[Row]:
+    """Return the new rows of a character's seed, and the committed ones of methods that they lack."""
+    methods = {row.method for row in new}
+    return [*new, *(row for row in committed if row.method not in methods)]
 
 
 def _seeds_of(folder: Path) -> dict[int, list]:
