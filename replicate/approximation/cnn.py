@@ -80,7 +80,7 @@ class MapNetwork(nn.Module):
             pixels = self.pixels.numpy()
             upper = places(*np.divmod(pixels[:, 0], self.map_size), self.map_size)
             layers = layers_of(pixels, self.map_size, START)
-            self._listed = self.pixels, Grid(pixels, upper, self.shares.numpy(), layers)
+            self._listed = self.pixels, Grid(upper, self.shares.numpy(), layers)
         return self._listed[1]
 
 

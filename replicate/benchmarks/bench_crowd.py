@@ -5,7 +5,6 @@ and ONNX Runtime get all poses of a frame as one batch, which is what they are m
 energy of its processor, that of a thousand poses stands beside the frames.
 """
 
-import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -18,7 +17,7 @@ from replicate.approximation.evaluation import unique_poses
 from replicate.approximation.rigid import Attachments, attach
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import PROFILE, add_methods, answer, artefacts_of, chosen, make_parser, publish
+from replicate.benchmarks.common import PROFILE, add_methods, answer, artefacts_of, bench_methods, make_parser
 from replicate.config import Config
 from replicate.engine.progress import progress
 from replicate.geometry.mesh import Mesh
@@ -133,14 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
     parser = make_parser(TABLE, "Time frames of several characters.", profile="whose trainings are timed")
     add_methods(parser, "table3")
-    return answer(parser, _run, arguments)
-
-
-def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    words, configs = chosen(options)
-    for config in configs:
-        rows = measure(config, words)
-        publish(TABLE, rows, [crowd_table(rows, rows[0].character)], command_line)
+    return answer(parser, partial(bench_methods, TABLE, measure, crowd_table), arguments)
 
 
 if __name__ == "__main__":

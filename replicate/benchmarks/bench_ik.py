@@ -10,6 +10,7 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +25,8 @@ from replicate.benchmarks.common import (
     add_methods,
     answer,
     artefacts_of,
-    chosen,
+    bench_methods,
     make_parser,
-    publish,
 )  # fmt: skip
 from replicate.config import Config
 from replicate.engine.progress import progress
@@ -158,10 +158,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    words, configs = chosen(options, "for vertices and derivatives")
-    for config in configs:
-        rows = measure(config, words, options.rounds)
-        publish(TABLE, rows, [ik_table(rows, rows[0].character)], command_line)
+    own = partial(measure, rounds=options.rounds)
+    bench_methods(TABLE, own, ik_table, options, command_line, "for vertices and derivatives")
 
 
 if __name__ == "__main__":

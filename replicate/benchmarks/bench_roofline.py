@@ -9,6 +9,7 @@ parameters and pixels that nothing reads are left out.
 import argparse
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +27,8 @@ from replicate.benchmarks.common import (
     answer,
     artefacts_of,
     bench_folder,
-    chosen,
+    bench_methods,
     make_parser,
-    publish,
 )  # fmt: skip
 from replicate.config import Config
 from replicate.engine.progress import progress
@@ -174,15 +174,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
+    own = partial(measure, evaluations=options.rounds)
+    bench_methods(TABLE, own, roofline_table, options, command_line, draw=_draw)
+
+
+def _draw(rows: Sequence[Row], character: str) -> None:
     from replicate.benchmarks.roofline_figure import roofline_figure
     from replicate.drawing.panels import save_figure
 
-    words, configs = chosen(options)
-    for config in configs:
-        rows = measure(config, words, options.rounds)
-        publish(TABLE, rows, [roofline_table(rows, rows[0].character)], command_line)
-        figure, words_of_figure = roofline_figure(rows, rows[0].character)
-        save_figure(figure, bench_folder() / f"{TABLE}_{rows[0].character}.png", words_of_figure)
+    figure, words = roofline_figure(rows, character)
+    save_figure(figure, bench_folder() / f"{TABLE}_{character}.png", words)
 
 
 if __name__ == "__main__":

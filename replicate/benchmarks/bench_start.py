@@ -4,10 +4,10 @@
 poses one face by one way and says what that took (`first_pose`).
 """
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.benchmarks import first_pose
-from replicate.benchmarks.common import PROFILE, add_methods, answer, artefacts_of, chosen, make_parser, publish
+from replicate.benchmarks.common import PROFILE, add_methods, answer, artefacts_of, bench_methods, make_parser
 from replicate.config import Config
 from replicate.engine.progress import progress
 from replicate.inference.fast_evaluation import fast_evaluation
@@ -95,14 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
     parser = make_parser(TABLE, "Time fresh processes until their first pose.", profile="whose trainings are timed")
     add_methods(parser, "table3")
-    return answer(parser, _run, arguments)
-
-
-def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    words, configs = chosen(options)
-    for config in configs:
-        rows = measure(config, words)
-        publish(TABLE, rows, [start_table(rows, rows[0].character)], command_line)
+    return answer(parser, partial(bench_methods, TABLE, measure, start_table), arguments)
 
 
 if __name__ == "__main__":

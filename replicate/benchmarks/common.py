@@ -86,17 +86,29 @@ def split_names(characters: str, asks_the_rig: str = "") -> list[str]:
     return names
 
 
-def chosen(options: argparse.Namespace, asks_the_rig: str = "") -> tuple[list[str], list[Config]]:
-    """Return the words that name methods, and a configuration for each character, methods' own sections with it.
+def bench_methods(
+    name: str,
+    measure: Callable[[Config, list[str]], list[Row]],
+    table: Callable[[Sequence[Row], str], Table],
+    options: argparse.Namespace,
+    command_line: Sequence[str],
+    asks_the_rig: str = "",
+    draw: Callable[[Sequence[Row], str], None] = lambda rows, character: None,
+) -> None:
+    """Measure methods on one character after the other; print and publish each one's rows before the next begins.
 
-    options: with `characters`, `profile` and `methods`. asks_the_rig: as for `split_names`. Raises InputError for names
-    that are none, before anything is made.
+    name: of the benchmark's module. measure: (configuration, words that name methods) → rows. table: (rows, character)
+    → what is printed. options: with `characters`, `profile` and `methods`. command_line: the words that state them.
+    asks_the_rig: as for `split_names`. draw: (rows, character), called at last. Raises InputError for names that are
+    none, before anything is made.
     """
     words = split_names(" ".join(options.methods))
     choose(words)
     own = sections(options.profile)
-    names = split_names(options.characters, asks_the_rig)
-    return words, [resolve(name, options.profile, sections=own) for name in names]
+    for character in split_names(options.characters, asks_the_rig):
+        rows = measure(resolve(character, options.profile, sections=own), words)
+        publish(name, rows, [table(rows, rows[0].character)], command_line)
+        draw(rows, rows[0].character)
 
 
 def artefacts_of(name: str, config: Config, stages: Sequence[Stage]) -> dict[str, Path]:

@@ -17,14 +17,8 @@ import numpy as np
 import torch
 from numba import njit
 
-from replicate.approximation.kernels.pixel_kernel import (
-    TILE,
-    add_pixels,
-    correlate_pixels,
-    deactivate_pixels,
-    multiply_pixels,
-    read_back,
-)  # fmt: skip
+from replicate.approximation.kernels.gradient_kernel import deactivate_pixels, read_back
+from replicate.approximation.kernels.pixel_kernel import TILE, add_pixels, correlate_pixels, multiply_pixels
 from replicate.approximation.kernels.pixel_lists import LayerPixels
 from replicate.approximation.kernels.vector_code import CHANNELS
 from replicate.engine.jit_cache import KEEP_CODE
@@ -139,13 +133,14 @@ def read_vertex(
 
 @njit(cache=KEEP_CODE, error_model="numpy", fastmath=REORDER)
 @no_type_check
-def _read(image, size, pixels, shares, weight, bias, out):
+def _read(image, size, upper, shares, weight, bias, out):
     """Write to `out` (b, k, 3) what vertices read bilinearly from an image, through the last 1×1 convolution."""
-    side = size + 2
+    length, below = len(image) // len(out), (size + 2) * CHANNELS
     for b in range(len(out)):
-        for i in range(len(pixels)):
-            upper, lower = _pixels(image, b, pixels[i, 0], size, side)
-            x, y, z = read_vertex(upper, lower, shares[i], weight)
+        for i in range(len(upper)):
+            at = b * length + upper[i]
+            pair, lower = image[at : at + 2 * CHANNELS], image[at + below : at + below + 2 * CHANNELS]
+            x, y, z = read_vertex(pair, lower, shares[i], weight)
             out[b, i, 0], out[b, i, 1], out[b, i, 2] = x + bias[0], y + bias[1], z + bias[2]
 
 
@@ -162,15 +157,6 @@ def _read_backward(image, size, upper, shares, weight, upstream, out):
             for k in range(3):
                 bias[k] += upstream[b, i, k]
     return gradient, bias
-
-
-@njit(cache=KEEP_CODE, inline="always", error_model="numpy")
-@no_type_check
-def _pixels(image, b, pixel, size, side):
-    """Return the two pixels of the upper row around a vertex, and the two of the lower row, as views."""
-    at = ((b * side + pixel // size + 1) * side + pixel % size + 1) * CHANNELS
-    below = at + side * CHANNELS
-    return image[at : at + 2 * CHANNELS], image[below : below + 2 * CHANNELS]
 
 
 def _flat(rows: np.ndarray, columns: np.ndarray, size: int) -> np.ndarray:
@@ -222,11 +208,10 @@ def unfold(taps: np.ndarray, channels: int) -> np.ndarray:
 class Grid(NamedTuple):
     """How vertices read a network's last map, and what that takes.
 
-    pixels: (k, 4) int32, and shares: (k, 4), as of a `Bilinear`. upper: (k,), where the first of a vertex's pixels lies
-    in the image. layers: the pixels of each layer that this needs, from the 8×8 maps on (`pixel_lists.layers_of`).
+    upper: (k,) int32, where the first of a vertex's four pixels lies in the image. shares: (k, 4), of a `Bilinear`.
+    layers: the pixels of each layer that this needs, from the 8×8 maps on (`pixel_lists.layers_of`).
     """
 
-    pixels: np.ndarray
     upper: np.ndarray
     shares: np.ndarray
     layers: list[LayerPixels]
@@ -254,8 +239,8 @@ class MapOffsets(torch.autograd.Function):
         images.append(_take(_images, batch, s))
         taps, layer = _taps(arrays[-4], (2, 3, 1, 0)).reshape(1, -1), grid.layers[-1]
         _convolve(images[-2], batch, *layer[:3], taps, _around(s), arrays[-3], slope, images[-1])
-        out = np.empty((batch, len(grid.pixels), 3), np.float32)
-        _read(images[-1], s, grid.pixels, grid.shares, arrays[-2], arrays[-1], out)
+        out = np.empty((batch, len(grid.upper), 3), np.float32)
+        _read(images[-1], s, grid.upper, grid.shares, arrays[-2], arrays[-1], out)
         if any(ctx.needs_input_grad):
             ctx.images, ctx.arrays, ctx.folded, ctx.slope, ctx.size = images, arrays, folded, slope, s
             ctx.grid, ctx.start_shape = grid, start.shape

@@ -1,21 +1,34 @@
-"""Vector kernels that make up the convolutions and their gradients: 16 channels are one vector, in LLVM's own words.
+"""Vector kernels of the convolutions: 16 channels of a pixel are one vector, in LLVM's own words.
 
 Plain loops leave it to the compiler to keep the sums in registers, and it does not. Here eight sums of 16 channels each
 stay there while all taps of a kernel go by. Pixels need not be neighbours, so that a layer can leave out those that
 nothing reads (`pixel_lists`). Each has a twin in NumPy, `…_reference`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.errors import TypingError
 from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
 
-from replicate.approximation.kernels.vector_code import CHANNELS, INDEX, VECTOR, data, number_at, splat, vector
+from replicate.approximation.kernels.vector_code import (
+    CHANNELS,
+    INDEX,
+    add_product,
+    call,
+    check_places,
+    data,
+    length,
+    load,
+    number_at,
+    place_in,
+    splat,
+    store,
+    variables,
+)  # fmt: skip
 
 TILE = 8  # pixels at a time
 STEP = 4  # channels at a time
@@ -65,44 +78,24 @@ def correlate_pixels_reference(
         gradient += np.outer(image[a : a + CHANNELS], upstream[b : b + CHANNELS])
 
 
-def deactivate_pixels_reference(
-    upstream: np.ndarray, image: np.ndarray, made: np.ndarray, slope: float, sums: np.ndarray
-) -> None:
-    """Take a gradient through the leaky ReLU that gave `image`, in place, and add it to sums (16,), pixel by pixel.
-
-    made: int32, where pixels lie. Other pixels stay as they are.
-    """
-    for place in made:
-        own = slice(place, place + CHANNELS)
-        upstream[own] *= np.where(image[own] > 0, 1, np.float32(slope))
-        sums += upstream[own]
+def _listed(builder: ir.IRBuilder, first: ir.Value) -> list[ir.Value]:
+    """Return where the pixels of a tile stand in a list."""
+    return [builder.add(first, ir.Constant(INDEX, k)) for k in range(TILE)]
 
 
-def read_back_reference(
-    image: np.ndarray, upper: np.ndarray, below: int, shares: np.ndarray, weight: np.ndarray, upstream: np.ndarray,
-    out: np.ndarray, gradient: np.ndarray,
+def _add_tap(
+    builder: ir.IRBuilder, sums: Sequence[ir.Value], pixels: Sequence[ir.Value], offset: ir.Value, tap: ir.Value,
+    first: ir.Value, channels: ir.Value,
 ) -> None:  # fmt: skip
-    """Add to `out`, and to the gradient in a 1×1 convolution, what `upstream` gives them: vertices read an image by it.
-
-    image, out: flat. upper: int32, where the first of a vertex's four pixels lies; the second is right of it, the
-    others `below`. shares: (k, 4). weight, gradient: (3, 16). upstream: (k, 3).
-    """
-    for i, at in enumerate(upper):
-        corners = [slice(at + step, at + step + CHANNELS) for step in (0, CHANNELS, below, below + CHANNELS)]
-        sample = sum(image[corner] * share for corner, share in zip(corners, shares[i], strict=True))
-        gradient += np.outer(upstream[i], sample)
-        for corner, share in zip(corners, shares[i], strict=True):
-            out[corner] += share * (upstream[i] @ weight)
-
-
-def _place(builder, array, index):
-    """Return a number of an int32 array, as an index."""
-    return builder.sext(builder.load(number_at(builder, array, index)), INDEX)
-
-
-def _call(builder, name, *args):
-    function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(VECTOR, [VECTOR] * len(args)), name)
-    return builder.call(function, args)
+    """Add to each pixel's sum its channels, `offset` from where it lies, times a tap whose numbers begin at `first`."""
+    steps = builder.udiv(channels, ir.Constant(INDEX, STEP))
+    with cgutils.for_range(builder, steps, intp=INDEX) as step:
+        for k in range(STEP):
+            channel = builder.add(builder.mul(step.index, ir.Constant(INDEX, STEP)), ir.Constant(INDEX, k))
+            row = builder.add(first, builder.mul(channel, ir.Constant(INDEX, CHANNELS)))
+            weight, at = load(builder, number_at(builder, tap, row)), builder.add(offset, channel)
+            for pixel, total in zip(pixels, sums, strict=True):
+                add_product(builder, total, splat(builder, builder.load(number_at(builder, pixel, at))), weight)
 
 
 @intrinsic
@@ -111,42 +104,27 @@ def multiply_pixels(
     offsets: types.Type, taps: types.Type, channels: types.Type, bias: types.Type, slope: types.Type,
 ) -> tuple[Signature, Callable]:  # fmt: skip
     """Compile `multiply_pixels_reference`; channels is a multiple of STEP."""
-    if {targets.dtype, sources.dtype, offsets.dtype} != {types.int32}:
-        raise TypingError("places of pixels are int32")
+    check_places(targets, sources, offsets)
 
     def generate(context, builder, signature, args):
         kinds = signature.args
         out, targets, image, sources, offsets, taps, bias = (
             data(context, builder, kinds[k], args[k]) for k in (0, 1, 2, 3, 5, 6, 8)
         )
-        first, channels, slope = args[4], args[7], args[9]
-        count = builder.extract_value(context.make_array(kinds[5])(context, builder, args[5]).shape, 0)
-        places = [builder.add(first, ir.Constant(INDEX, k)) for k in range(TILE)]
-        pixels = [number_at(builder, image, _place(builder, sources, place)) for place in places]
-        sums = [cgutils.alloca_once(builder, VECTOR) for _ in range(TILE)]
-        start = builder.load(vector(builder, bias), align=4)
+        channels, listed = args[7], _listed(builder, args[4])
+        pixels = [number_at(builder, image, place_in(builder, sources, each)) for each in listed]
+        sums, start = variables(builder, TILE), load(builder, bias)
         for total in sums:
             builder.store(start, total)
         block = builder.mul(channels, ir.Constant(INDEX, CHANNELS))
-        steps = builder.udiv(channels, ir.Constant(INDEX, STEP))
-        with cgutils.for_range(builder, count, intp=INDEX) as tap:
-            offset = _place(builder, offsets, tap.index)
-            tap_first = builder.mul(tap.index, block)
-            with cgutils.for_range(builder, steps, intp=INDEX) as step:
-                for k in range(STEP):
-                    channel = builder.add(builder.mul(step.index, ir.Constant(INDEX, STEP)), ir.Constant(INDEX, k))
-                    row = builder.add(tap_first, builder.mul(channel, ir.Constant(INDEX, CHANNELS)))
-                    weight = builder.load(vector(builder, number_at(builder, taps, row)), align=4)
-                    at = builder.add(offset, channel)
-                    for pixel, total in zip(pixels, sums, strict=True):
-                        value = splat(builder, builder.load(number_at(builder, pixel, at)))
-                        builder.store(_call(builder, "llvm.fma.v16f32", value, weight, builder.load(total)), total)
-        fall = splat(builder, slope)
-        for place, total in zip(places, sums, strict=True):
+        with cgutils.for_range(builder, length(context, builder, kinds[5], args[5]), intp=INDEX) as tap:
+            offset = place_in(builder, offsets, tap.index)
+            _add_tap(builder, sums, pixels, offset, taps, builder.mul(tap.index, block), channels)
+        fall = splat(builder, args[9])
+        for each, total in zip(listed, sums, strict=True):
             value = builder.load(total)
-            value = _call(builder, "llvm.maxnum.v16f32", value, builder.fmul(value, fall))
-            target = number_at(builder, out, _place(builder, targets, place))
-            builder.store(value, vector(builder, target), align=4)
+            value = call(builder, "maxnum", value, builder.fmul(value, fall))
+            store(builder, value, number_at(builder, out, place_in(builder, targets, each)))
         return context.get_dummy_value()
 
     index = types.int64
@@ -160,32 +138,20 @@ def add_pixels(
     first: types.Type, tap: types.Type,
 ) -> tuple[Signature, Callable]:  # fmt: skip
     """Compile `add_pixels_reference`: all pixels of the tile are read before one is written."""
-    if {targets.dtype, sources.dtype} != {types.int32}:
-        raise TypingError("places of pixels are int32")
+    check_places(targets, sources)
 
     def generate(context, builder, signature, args):
-        kinds = signature.args
+        kinds, none = signature.args, ir.Constant(INDEX, 0)
         out, targets, image, sources, tap = (data(context, builder, kinds[k], args[k]) for k in (0, 1, 3, 4, 6))
-        shift, first = args[2], args[5]
-        listed = [builder.add(first, ir.Constant(INDEX, k)) for k in range(TILE)]
-        pixels = [number_at(builder, image, _place(builder, sources, place)) for place in listed]
-        goals = [
-            vector(builder, number_at(builder, out, builder.add(_place(builder, targets, place), shift)))
-            for place in listed
-        ]
-        sums = [cgutils.alloca_once(builder, VECTOR) for _ in range(TILE)]
+        listed = _listed(builder, args[5])
+        pixels = [number_at(builder, image, place_in(builder, sources, each)) for each in listed]
+        goals = [number_at(builder, out, builder.add(place_in(builder, targets, each), args[2])) for each in listed]
+        sums = variables(builder, TILE)
         for goal, total in zip(goals, sums, strict=True):
-            builder.store(builder.load(goal, align=4), total)
-        with cgutils.for_range(builder, ir.Constant(INDEX, CHANNELS // STEP), intp=INDEX) as step:
-            for k in range(STEP):
-                channel = builder.add(builder.mul(step.index, ir.Constant(INDEX, STEP)), ir.Constant(INDEX, k))
-                row = builder.mul(channel, ir.Constant(INDEX, CHANNELS))
-                weight = builder.load(vector(builder, number_at(builder, tap, row)), align=4)
-                for pixel, total in zip(pixels, sums, strict=True):
-                    value = splat(builder, builder.load(number_at(builder, pixel, channel)))
-                    builder.store(_call(builder, "llvm.fma.v16f32", value, weight, builder.load(total)), total)
+            builder.store(load(builder, goal), total)
+        _add_tap(builder, sums, pixels, none, tap, none, ir.Constant(INDEX, CHANNELS))
         for goal, total in zip(goals, sums, strict=True):
-            builder.store(builder.load(total), goal, align=4)
+            store(builder, builder.load(total), goal)
         return context.get_dummy_value()
 
     index = types.int64
@@ -198,8 +164,7 @@ def correlate_pixels(
     upstream: types.Type, targets: types.Type, first: types.Type, last: types.Type,
 ) -> tuple[Signature, Callable]:  # fmt: skip
     """Compile `correlate_pixels_reference`."""
-    if {targets.dtype, sources.dtype} != {types.int32}:
-        raise TypingError("places of pixels are int32")
+    check_places(targets, sources)
 
     def generate(context, builder, signature, args):
         kinds = signature.args
@@ -207,110 +172,21 @@ def correlate_pixels(
             data(context, builder, kinds[k], args[k]) for k in (0, 1, 2, 4, 5)
         )
         offset, first, last = args[3], args[6], args[7]
-        for half in (0, CHANNELS // 2):
-            sums = [cgutils.alloca_once(builder, VECTOR) for _ in range(CHANNELS // 2)]
-            places = [
-                vector(builder, number_at(builder, gradient, ir.Constant(INDEX, (half + k) * CHANNELS)))
-                for k in range(CHANNELS // 2)
-            ]
-            for place, total in zip(places, sums, strict=True):
-                builder.store(builder.load(place, align=4), total)
+        for half in (range(CHANNELS // 2), range(CHANNELS // 2, CHANNELS)):
+            sums = variables(builder, len(half))
+            rows = [number_at(builder, gradient, ir.Constant(INDEX, k * CHANNELS)) for k in half]
+            for row, total in zip(rows, sums, strict=True):
+                builder.store(load(builder, row), total)
             with cgutils.for_range_slice(builder, first, last, ir.Constant(INDEX, 1), intp=INDEX, inc=True) as (k, _):
-                a, b = builder.add(_place(builder, sources, k), offset), _place(builder, targets, k)
-                right = builder.load(vector(builder, number_at(builder, upstream, b)), align=4)
-                pixel = number_at(builder, image, a)
-                for channel, total in enumerate(sums):
-                    left = builder.load(number_at(builder, pixel, ir.Constant(INDEX, half + channel)))
-                    product = _call(builder, "llvm.fma.v16f32", splat(builder, left), right, builder.load(total))
-                    builder.store(product, total)
-            for place, total in zip(places, sums, strict=True):
-                builder.store(builder.load(total), place, align=4)
+                pixel = number_at(builder, image, builder.add(place_in(builder, sources, k), offset))
+                right = load(builder, number_at(builder, upstream, place_in(builder, targets, k)))
+                for channel, total in zip(half, sums, strict=True):
+                    left = builder.load(number_at(builder, pixel, ir.Constant(INDEX, channel)))
+                    add_product(builder, total, splat(builder, left), right)
+            for row, total in zip(rows, sums, strict=True):
+                store(builder, builder.load(total), row)
         return context.get_dummy_value()
 
     index = types.int64
     signature = types.void(gradient, image, sources, index, upstream, targets, index, index)
     return signature, generate
-
-
-@intrinsic
-def deactivate_pixels(
-    typing: object, upstream: types.Type, image: types.Type, made: types.Type, slope: types.Type, sums: types.Type
-) -> tuple[Signature, Callable]:
-    """Compile `deactivate_pixels_reference`."""
-    if made.dtype != types.int32:
-        raise TypingError("places of pixels are int32")
-
-    def generate(context, builder, signature, args):
-        kinds = signature.args
-        upstream, image, made, sums = (data(context, builder, kinds[k], args[k]) for k in (0, 1, 2, 4))
-        count = builder.extract_value(context.make_array(kinds[2])(context, builder, args[2]).shape, 0)
-        fall, nothing = splat(builder, args[3]), ir.Constant(VECTOR, [0.0] * CHANNELS)
-        total = cgutils.alloca_once(builder, VECTOR)
-        builder.store(builder.load(vector(builder, sums), align=4), total)
-        with cgutils.for_range(builder, count, intp=INDEX) as pixel:
-            at = _place(builder, made, pixel.index)
-            goal = vector(builder, number_at(builder, upstream, at))
-            made_of = builder.load(vector(builder, number_at(builder, image, at)), align=4)
-            value = builder.load(goal, align=4)
-            value = builder.select(builder.fcmp_ordered(">", made_of, nothing), value, builder.fmul(value, fall))
-            builder.store(value, goal, align=4)
-            builder.store(builder.fadd(builder.load(total), value), total)
-        builder.store(builder.load(total), vector(builder, sums), align=4)
-        return context.get_dummy_value()
-
-    return types.void(upstream, image, made, types.float32, sums), generate
-
-
-@intrinsic
-def read_back(
-    typing: object, image: types.Type, upper: types.Type, below: types.Type, shares: types.Type, weight: types.Type,
-    upstream: types.Type, out: types.Type, gradient: types.Type,
-) -> tuple[Signature, Callable]:  # fmt: skip
-    """Compile `read_back_reference`."""
-    if upper.dtype != types.int32:
-        raise TypingError("places of pixels are int32")
-
-    def generate(context, builder, signature, args):
-        kinds, below = signature.args, args[2]
-        image, upper, shares, weight, upstream, out, gradient = (
-            data(context, builder, kinds[k], args[k]) for k in (0, 1, 3, 4, 5, 6, 7)
-        )
-        count = builder.extract_value(context.make_array(kinds[1])(context, builder, args[1]).shape, 0)
-
-        def row(array, index):
-            return vector(builder, number_at(builder, array, ir.Constant(INDEX, index * CHANNELS)))
-
-        def numbers(array, index, width):
-            first = builder.mul(index, ir.Constant(INDEX, width))
-            each = (builder.add(first, ir.Constant(INDEX, k)) for k in range(width))
-            return [splat(builder, builder.load(number_at(builder, array, place))) for place in each]
-
-        weights = [builder.load(row(weight, k), align=4) for k in range(3)]
-        totals = [cgutils.alloca_once(builder, VECTOR) for _ in range(3)]
-        for k, total in enumerate(totals):
-            builder.store(builder.load(row(gradient, k), align=4), total)
-        with cgutils.for_range(builder, count, intp=INDEX) as vertex:
-            at = _place(builder, upper, vertex.index)
-            under = builder.add(at, below)
-            right = ir.Constant(INDEX, CHANNELS)
-            corners = [at, builder.add(at, right), under, builder.add(under, right)]
-            pixels = [builder.load(vector(builder, number_at(builder, image, place)), align=4) for place in corners]
-            parts, pulls = numbers(shares, vertex.index, 4), numbers(upstream, vertex.index, 3)
-            sample = builder.fmul(pixels[0], parts[0])
-            for pixel, part in zip(pixels[1:], parts[1:], strict=True):
-                sample = _call(builder, "llvm.fma.v16f32", pixel, part, sample)
-            for pull, total in zip(pulls, totals, strict=True):
-                builder.store(_call(builder, "llvm.fma.v16f32", sample, pull, builder.load(total)), total)
-            pulled = builder.fmul(weights[0], pulls[0])
-            for own, pull in zip(weights[1:], pulls[1:], strict=True):
-                pulled = _call(builder, "llvm.fma.v16f32", own, pull, pulled)
-            for place, part in zip(corners, parts, strict=True):
-                goal = vector(builder, number_at(builder, out, place))
-                builder.store(
-                    _call(builder, "llvm.fma.v16f32", pulled, part, builder.load(goal, align=4)), goal, align=4
-                )
-        for k, total in enumerate(totals):
-            builder.store(builder.load(total), row(gradient, k), align=4)
-        return context.get_dummy_value()
-
-    return types.void(image, upper, types.int64, shares, weight, upstream, out, gradient), generate
