@@ -6,8 +6,10 @@ import shlex
 import shutil
 import subprocess
 import tomllib
+from importlib import metadata
 
 import pytest
+from packaging.specifiers import SpecifierSet
 
 from data_recipes import recipe_paths
 from replicate.engine.paths import ROOT
@@ -62,6 +64,17 @@ def test_every_locked_version_is_exact_and_from_no_particular_place():
 def test_every_direct_dependency_is_locked():
     names = {package.lower() for package in locked_versions()}
     assert set(direct()) <= names and direct() == sorted(direct())
+
+
+def test_every_locked_package_takes_the_oldest_python_that_the_project_takes():
+    oldest = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["requires-python"].removeprefix(">=")
+    for package, version in locked_versions().items():
+        try:
+            installed = metadata.metadata(package)
+        except metadata.PackageNotFoundError:  # an environment of one's own may lack what only tests need
+            continue
+        if installed["Version"] == version and (needs := installed["Requires-Python"]):
+            assert f"{oldest}.0" in SpecifierSet(needs), f"{package} {version} needs Python {needs}"
 
 
 def test_conda_installs_the_locked_versions():
