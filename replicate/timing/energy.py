@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-FOLDER = Path("/sys/class/powercap")
+FOLDER, ZONES = Path("/sys/class/powercap"), "intel-rapl:*"  # of AMD's processors too; intel-rapl-mmio repeats them
 MICRO = 1e-6
 LEAST_S = 1.0  # how long a measurement runs at least: counters move every millisecond
 
@@ -33,7 +33,7 @@ class Counter:
 def counters(folder: Path = FOLDER) -> list[Counter]:
     """Return the counters of all processors that this machine has and that we may read."""
     found = []
-    for zone in sorted(folder.glob("*:*")) if folder.is_dir() else ():
+    for zone in sorted(folder.glob(ZONES)):
         try:
             if (zone / "name").read_text().startswith("package"):
                 counter = Counter(zone / "energy_uj", int((zone / "max_energy_range_uj").read_text()))
@@ -41,9 +41,7 @@ def counters(folder: Path = FOLDER) -> list[Counter]:
                 found.append(counter)
         except (OSError, ValueError):
             continue  # a zone without a counter, or one that only the administrator reads
-    names = {counter.file.parent.resolve().name for counter in found}
-    mirrored = any(name.startswith("intel-rapl:") for name in names)  # intel-rapl-mmio has the same processors again
-    return [c for c in found if not mirrored or c.file.parent.name.startswith("intel-rapl:")]
+    return found
 
 
 def energy_j(call: Callable[[], object], over: list[Counter], least_s: float = LEAST_S) -> tuple[float, int]:
@@ -64,6 +62,6 @@ def why_no_energy(over: list[Counter], folder: Path = FOLDER) -> str:
     """Return a sentence that says why no energy is measured, or "" where some counters are there."""
     if over:
         return ""
-    if not list(folder.glob("*:*")):
+    if not list(folder.glob(ZONES)):
         return f"Energy is not measured: this machine has no counters under {folder}, as most virtual machines."
     return f"Energy is not measured: the counters under {folder} can't be read; `sudo chmod a+r` on energy_uj lets us."
