@@ -4,13 +4,14 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from replicate.drawing.panels import DPI, Words
-from replicate.drawing.style import MEASURES, tidy
+from replicate.drawing.style import MEASURES, WIDTH, enlarge, tidy
 from replicate.methods.method_registry import method_named
 from replicate.report.results import Row
 
 if TYPE_CHECKING:
     import matplotlib.figure
 
+LINE, SIZE_PT, TICK_PT = 0.32, 12, 10.5  # inches of a line; sizes of letters
 METRICS = ("validation_vertex_error", "validation_normal_error")  # in the order of MEASURES
 
 
@@ -32,7 +33,7 @@ def variants_chart(
         for change in words
         if (method, f"{METRICS[1]}[{change}]") in values
     ]
-    figure = Figure((10, 1.0 + 0.24 * len(lines)), dpi=DPI, layout="constrained")
+    figure = Figure((WIDTH, 1.0 + LINE * len(lines)), dpi=DPI, layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     for axes, metric, (_, _, label) in zip(panels, METRICS, MEASURES, strict=True):
         base = None
@@ -43,17 +44,20 @@ def variants_chart(
             elif base is not None:
                 axes.plot([base, error], [place, place], color=colour, linewidth=2, alpha=0.4)
             axes.plot(error, place, "D" if change in bases else "o", color=colour, markersize=6)
-            axes.annotate(f"{error:.2g}", (error, place), (6, 0), textcoords="offset points", va="center", fontsize=7)
+            axes.annotate(f"{error:.2g}", (error, place), (6, 0), textcoords="offset points", va="center")
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.margins(x=0.12)
+        axes.margins(x=0.18)
         axes.set_xlabel(label)
         tidy(axes)
-    panels[0].set_yticks(range(len(lines)), [f"{method_named(method).label}: {change}" for method, change in lines])
-    panels[0].tick_params(axis="y", labelsize=8)
-    panels[0].invert_yaxis()
+        enlarge(axes, SIZE_PT)
+        axes.tick_params(axis="x", labelsize=TICK_PT)
+    several = len({method for method, _ in lines}) > 1
+    names = [f"{method_named(method).label}: {change}" if several else change for method, change in lines]
+    panels[0].set_yticks(range(len(lines)), names)
+    panels[0].set_ylim(len(lines) - 0.5, -0.5)
     worst = max(lines, key=lambda line: values[line[0], f"{METRICS[1]}[{line[1]}]"])
     best = min(lines, key=lambda line: values[line[0], f"{METRICS[1]}[{line[1]}]"])
     ends = " ".join(
