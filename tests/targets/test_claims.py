@@ -8,13 +8,14 @@ from sample_rows import mean_rows, table1_rows
 from replicate import __main__ as cli
 from replicate.engine import paths
 from replicate.report import notebooks
-from replicate.report.results import Row, write_results
+from replicate.report.results import Row, over_seeds, write_results
+from replicate.report.seed_results import write_seeds
 from replicate.report.tables import as_latex, as_markdown, as_text
-from replicate.targets.claims.claim_verdicts import judge_all, read_verdicts
+from replicate.targets.claims.claim_verdicts import judge, judge_all, read_verdicts
 from replicate.targets.claims.claims_chart import claim_chart
 from replicate.targets.claims.claims_table import claims_table, reasons_table, verdicts_of_table2
 from replicate.targets.claims.evidence import Evidence, gather, published
-from replicate.targets.claims.paper_claims import CLAIMS
+from replicate.targets.claims.paper_claims import CLAIMS, claim_named
 
 PAPER = published()
 
@@ -44,8 +45,11 @@ def test_the_table_marks_what_qualifies_a_verdict():
     assert "0.400° against 1.00° (coarse), 0.500° (refined), 1.00° (dense)" in text and "single seed" in text
     assert r"$\dagger$" in as_latex(table) and "| C12 " in as_markdown(table)
     several = Evidence(mean_rows(distance={"refined": 0.99}, normal={"refined": 0.99}, sd=0.001))
-    assert claims_table(judge_all(several, PAPER), several).body[0][1] == "holds", "its spread is known: no mark"
+    assert claims_table(judge_all(several, PAPER), several).body[0][1] == "holds ≈", "its spread is known: no ‡"
     assert "3 seeds" in as_text(claims_table(judge_all(several, PAPER), several))
+    narrow = Evidence(mean_rows(distance={"refined": 0.96}, normal={"refined": 0.96}))
+    assert claims_table(judge_all(narrow, PAPER), narrow).body[0][1] == "holds ≈"
+    assert r"holds $\approx$" in as_latex(claims_table(judge_all(narrow, PAPER), narrow))
     assert "Nothing is tested" in as_text(claims_table(judge_all(Evidence([]), PAPER), Evidence([])))
 
 
@@ -136,6 +140,22 @@ def test_benchmarks_of_ones_own_come_before_committed_ones(folders):
     evidence = gather([run, run.parent / "bench", reference])
     assert evidence.rows[row.key].run == "mine" and len(evidence.rows) == 2
     assert evidence.places["bench_training", "woman"] == "reference"
+
+
+def test_methods_are_compared_seed_by_seed_where_the_folder_has_the_single_seeds(folders):
+    run, *_ = folders
+    single = {
+        seed: mean_rows({"coarse": level, "refined": 0.99 * level}, {"coarse": level, "refined": 0.9 * level})
+        for seed, level in enumerate((0.8, 1.0, 1.2))
+    }
+    write_results(run / "table2.csv", over_seeds(list(single.values())))
+    assert judge(claim_named("C1"), "teen", gather([run]), PAPER).verdict == "fails", "the spread of either hides it"
+    write_seeds(run / "table2_seeds.csv", single)
+    one = judge(claim_named("C1"), "teen", gather([run]), PAPER)
+    assert one.verdict == "holds" and "in each seed" in one.reason
+    assert "Refinement takes 1.0 % off the distance error and takes 10 % off the normal error." in one.reason
+    write_seeds(run / "table2_seeds.csv", {seed: single[seed] for seed in (0, 1)})
+    assert judge(claim_named("C1"), "teen", gather([run]), PAPER).verdict == "fails", "those are of another run"
 
 
 def test_a_damaged_table_is_named(folders, capsys):

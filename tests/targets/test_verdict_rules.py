@@ -23,6 +23,24 @@ def test_with_several_seeds_a_difference_counts_beyond_twice_the_summed_spread(d
     assert ("within the spread" in str(comparison)) == (abs(difference) < 0.4)
 
 
+def test_numbers_of_the_same_seeds_are_compared_seed_by_seed():
+    """All of them vary by ten times what they differ by."""
+    low, high = {0: 1.0, 1: 1.1, 2: 0.9}, {0: 1.01, 1: 1.11, 2: 0.91}
+    left, right = (
+        Number(name, 1.0 + k / 100, 0.1, by_seed=seeds)
+        for k, (name, seeds) in enumerate(zip("ab", (low, high), strict=True))
+    )
+    same = Comparison("distance", "mm", left, right)
+    assert same.paired and same.spread == pytest.approx(0, abs=1e-12) and same.satisfied
+    assert "in each seed by about as much (0.010 ± 0.0" in str(same) and "within" not in str(same)
+    turned = Comparison("distance", "mm", left, Number("b", 1.01, 0.1, by_seed={0: 1.11, 1: 1.01, 2: 0.91}))
+    assert turned.spread == pytest.approx(0.2) and not turned.satisfied and "within the spread" in str(turned)
+    other = Comparison("distance", "mm", left, Number("b", 1.01, 0.1, by_seed={0: 1.01, 1: 1.11, 3: 0.91}))
+    assert not other.paired and other.spread == pytest.approx(0.4) and not other.satisfied
+    doubled = Comparison("distance", "mm", left.times(2, "2 a"), right.times(2, "2 b"))
+    assert doubled.paired and doubled.satisfied and doubled.right.by_seed[1] == 2.22
+
+
 @pytest.mark.parametrize(("relation", "expected"), [("smaller", False), ("at most", True), ("matches", True)])
 @pytest.mark.parametrize("value", [0.0, 1.0])
 def test_a_tie_of_one_seed_is_not_smaller(relation, expected, value):

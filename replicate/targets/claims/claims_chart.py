@@ -6,7 +6,7 @@ from replicate.drawing.panels import DPI, Words
 from replicate.drawing.style import WIDTH, tidy
 from replicate.targets.claims.evidence import Evidence, MissingNumber, stand_in
 from replicate.targets.claims.paper_claims import claim_named
-from replicate.targets.claims.verdict_rules import SPREADS, Comparison, significant
+from replicate.targets.claims.verdict_rules import Comparison, significant
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -124,8 +124,4 @@ def _comparisons(ways, evidence: Evidence, character: str) -> dict[str, Comparis
 
 def _half_width(comparison: Comparison) -> float | None:
     """Return what a bar shows of the spread: to the line at 1 if the difference is just what the rule needs."""
-    return SPREADS * _sd(comparison) / comparison.right.value if _sd(comparison) else None
-
-
-def _sd(comparison: Comparison) -> float:
-    return (comparison.left.sd or 0.0) + (comparison.right.sd or 0.0)
+    return comparison.spread / comparison.right.value if comparison.spread else None

@@ -23,6 +23,7 @@ from replicate.targets.claims.verdict_rules import SPREADS, significant
 
 OF_TABLE2 = ("C1", "C2", "C3", "C4", "C5")
 CLOSE = 0.02  # share of a limit: a verdict of one seed that is nearer to it is marked
+NARROW = 0.05  # share of a limit: any verdict that is nearer to it is marked
 
 
 def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequence[Claim] = CLAIMS) -> Table:
@@ -47,6 +48,8 @@ def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequen
         notes.append(
             f"‡ Decided by less than {CLOSE:.0%} on a single seed: another seed may turn it.".replace("%", " %")
         )
+    if "≈" in marks:
+        notes.append(f"≈ Narrowly: the two numbers that decide differ by less than {NARROW:.0%}.".replace("%", " %"))
     notes += line_notes(evidence, characters)
     if "–" in cells.values():
         notes.append("–: not tested yet.")
@@ -93,8 +96,11 @@ def cell(one: Verdict) -> str:
     marks = [one.verdict]
     if one.verdict == one.published == FAILS:
         marks.append("†")
-    if one.seeds == 1 and one.limit and abs(one.limit - one.value) < CLOSE * abs(one.limit):
+    share = abs(one.limit - one.value) / abs(one.limit) if one.limit else 1.0
+    if one.seeds == 1 and share < CLOSE:
         marks.append("‡")
+    elif share < NARROW:
+        marks.append("≈")
     return " ".join(marks)
 
 
@@ -108,7 +114,9 @@ def about(verdicts: Sequence[Verdict]) -> str:
         how = "one seed: numbers are compared as they are"
     else:
         count = seeds_in_words(seeds)
-        how = f"{count}: a difference counts if it is larger than {SPREADS:g} times the summed standard deviations"
+        how = (
+            f"{count}: a difference counts if it is larger than {SPREADS:g} times its standard deviation over the seeds"
+        )
     return f"Profile {', '.join(sorted({one.profile for one in tested}))}; {how}."
 
 

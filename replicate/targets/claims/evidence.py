@@ -8,7 +8,9 @@ from replicate.engine import paths
 from replicate.report.cast import STANDS_FOR, order_of
 from replicate.report.manifest import command_of
 from replicate.report.results import Row, read_results
+from replicate.report.seed_results import Seeds, joined, read_seeds, where
 from replicate.targets.claims.verdict_rules import Number
+from replicate.targets.table2.character_part import SEEDS as SINGLE_SEEDS
 
 TABLES = ("table1", "table2", "table3", "table4", "figure13", "bench_training")  # the files, without .csv
 SEGMENTS = "table2_segments"  # a table of its own in table2.csv
@@ -22,10 +24,19 @@ class MissingNumber(LookupError):
 class Evidence:
     """The rows of some characters, ours or the paper's, to be looked up, and the folder that each table is from."""
 
-    def __init__(self, rows: Iterable[Row], places: dict[tuple[str, str], str] | None = None):
-        """Take rows, of which no two are of the same number; places: (table, character) → a folder's name."""
+    def __init__(
+        self, rows: Iterable[Row], places: dict[tuple[str, str], str] | None = None, seeds: Seeds | None = None
+    ):
+        """Take rows, of which no two are of the same number.
+
+        places: (table, character) → a folder's name. seeds: seed → the rows that some of these are the means of.
+        """
         self.rows = {row.key: row for row in rows}
         self.places = places or {}
+        self.by_seed: dict[tuple, dict[int, float]] = {}
+        for seed, single in (seeds or {}).items():
+            for row in single:
+                self.by_seed.setdefault(row.key, {})[seed] = row.value
 
     def characters(self) -> list[str]:
         """Return those that stand for the paper's four, and the others that Table 2 has, in the order of tables."""
@@ -39,7 +50,9 @@ class Evidence:
             target = "table2" if table == SEGMENTS else table
             which, command = f"no {metric} of {method} for {character}", f"{command_of(target)} CHARACTERS={character}"
             raise MissingNumber(f"{target}.csv has {which}; `make {command}` writes it.")
-        return Number(name or method.replace("lbs", "LBS "), row.value, row.sd, (row,))
+        by_seed = self.by_seed.get(row.key, {})
+        by_seed = by_seed if len(by_seed) == row.seeds else {}  # those of another run say nothing about this one
+        return Number(name or method.replace("lbs", "LBS "), row.value, row.sd, (row,), by_seed)
 
     def error(self, character: str, method: str, kind: str) -> Number:
         """Return a method's mean error over the test poses. kind: "vertex", in mm, or "normal", in degrees."""
@@ -59,20 +72,25 @@ def folders_of(name: str) -> list[Path]:
 
 
 def gather(folders: Sequence[Path]) -> Evidence:
-    """Return, for each table and character, the rows of the first folder that has some.
+    """Return, for each table and character, the rows of the first folder that has some, and each seed's where known.
 
     Raises InputError for a file that is no table of results.
     """
     rows: list[Row] = []
     places: dict[tuple[str, str], str] = {}
+    seeds: dict[int, list[Row]] = {}
     for table in TABLES:
         for folder in folders:
             file = folder / f"{table}.csv"
             new = read_results(file) if file.is_file() else []
             new = [row for row in new if (table, row.character) not in places]
+            characters = {row.character for row in new}
             rows += new
-            places |= {(table, row.character): folder.name for row in new}
-    return Evidence(rows, places)
+            places |= {(table, character): folder.name for character in characters}
+            single = folder / SINGLE_SEEDS
+            if table == "table2" and characters and single.is_file():
+                seeds = joined(seeds, where(read_seeds(single), characters.__contains__))
+    return Evidence(rows, places, seeds)
 
 
 def published() -> Evidence:

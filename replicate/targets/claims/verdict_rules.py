@@ -1,18 +1,24 @@
 """When is one number smaller than another? The rule that all verdicts come from.
 
 Numbers of one seed are compared as they are. Of several seeds the difference of the means decides only if it is larger
-than twice the summed standard deviations (`SPREADS`); a claim that needs a difference which isn't fails. Where a claim
-says that one number *matches* another, a difference within that spread is a match.
+than twice its spread (`SPREADS`); a claim that needs a difference which isn't fails. Where a claim says that one number
+*matches* another, a difference within that spread is a match.
+
+Two methods of one seed are trained on the same samples and measured on the same poses, and the refined networks stand
+on the coarse ones, so that their errors rise and fall together from seed to seed. The spread of a difference is
+therefore the standard deviation of the seeds' differences. Where single seeds are not known it is the sum of both
+standard deviations, which is at least as large.
 """
 
 import math
+import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from replicate.report.results import Row
 
-SPREADS = 2.0  # of the summed standard deviations: what a difference must exceed
+SPREADS = 2.0  # standard deviations of a difference: what it must exceed
 UNITS = {"mm": " mm", "deg": "°", "MB": " MB", "ms": " ms"}
 LEAST_DIGITS, MOST_DIGITS = 3, 6  # significant ones in sentences: as many as tell two numbers apart
 
@@ -22,18 +28,20 @@ class Number:
     """A number that a claim is about.
 
     name: whose it is, in words. sd: its standard deviation over several seeds; None for one seed. rows: what it is
-    computed from.
+    computed from. by_seed: its value for each seed, where that is known.
     """
 
     name: str
     value: float
     sd: float | None = None
     rows: tuple[Row, ...] = ()
+    by_seed: dict[int, float] = field(default_factory=dict)
 
     def times(self, factor: float, name: str) -> "Number":
         """Return a multiple of the number, under another name."""
         sd = None if self.sd is None else factor * self.sd
-        return replace(self, name=name, value=factor * self.value, sd=sd)
+        by_seed = {seed: factor * value for seed, value in self.by_seed.items()}
+        return replace(self, name=name, value=factor * self.value, sd=sd, by_seed=by_seed)
 
 
 @dataclass(frozen=True)
@@ -51,9 +59,21 @@ class Comparison:
     relation: Literal["smaller", "at most", "matches"] = "smaller"
 
     @property
+    def paired(self) -> bool:
+        """Whether both numbers are known for each of the same several seeds."""
+        return len(self.left.by_seed) > 1 and self.left.by_seed.keys() == self.right.by_seed.keys()
+
+    @property
+    def sd(self) -> float:
+        """The standard deviation of the difference over the seeds; 0 for one seed."""
+        if self.paired:
+            return statistics.stdev(value - self.left.by_seed[seed] for seed, value in self.right.by_seed.items())
+        return (self.left.sd or 0.0) + (self.right.sd or 0.0)
+
+    @property
     def spread(self) -> float:
-        """What a difference must exceed: twice the summed standard deviations; 0 for one seed."""
-        return SPREADS * ((self.left.sd or 0.0) + (self.right.sd or 0.0))
+        """What a difference must exceed: twice its standard deviation over the seeds; 0 for one seed."""
+        return SPREADS * self.sd
 
     @property
     def clearance(self) -> float:
@@ -85,8 +105,19 @@ class Comparison:
         """Return both numbers and how they compare, whether that is what the claim needs or not."""
         a, b = (f"{number.name} {text}{UNITS[self.unit]}" for number, text in zip(self._pair, self._texts, strict=True))
         sign = "=" if self.left.value == self.right.value else "<" if self.left.value < self.right.value else ">"
-        within = 0 < self.spread >= abs(self.right.value - self.left.value)
-        return f"{self.quantity}: {a} {sign} {b}" + (", a difference within the spread over seeds" if within else "")
+        return f"{self.quantity}: {a} {sign} {b}{self._difference}"
+
+    @property
+    def _difference(self) -> str:
+        """Return what is to be said of a difference that two spreads hide, or that its own does."""
+        size = abs(self.right.value - self.left.value)
+        within = 0 < self.spread >= size
+        hidden = self.paired and SPREADS * ((self.left.sd or 0.0) + (self.right.sd or 0.0)) >= size
+        words = ", a difference within the spread over seeds" if within else ""
+        if hidden:
+            of_it = f"{significant(size, 2)} ± {significant(self.sd, 2)}{UNITS[self.unit]}"
+            words += f" ({of_it})" if within else f", in each seed by about as much ({of_it})"
+        return words
 
     @property
     def _pair(self) -> tuple[Number, Number]:
