@@ -1,9 +1,10 @@
 """On which rigs would the claims hold? Table 2's errors on rigs of one head, from an easy one to a hard one.
 
 `make bench-ladder` goes up a character's ladder (`data_recipes/README.md`): the same head and controls, with more
-deformers at each step, and at last uniform poses in the place of its animation. On each rig it trains the paper's
-networks, the straight line and our method for a part of the profile's steps, and measures them on the test poses as
-Table 2 does. Nothing is chosen by these numbers. Trainings go through the cache like any stage, so that a stopped run
+deformers at each step; then uniform poses in the place of its animation, and the whole rig with whole clips of the
+animation held out for the test, not frames. On each rig it trains the paper's networks, the straight line and our
+method for a part of the profile's steps, and measures them on the test poses as Table 2 does. Nothing is chosen by
+these numbers. Trainings go through the cache like any stage, so that a stopped run
 goes on.
 """
 
@@ -15,14 +16,14 @@ from dataclasses import replace
 from data_recipes.recipe_paths import split_character
 from replicate.artefacts.plan import Plan
 from replicate.benchmarks.common import add_count, answer, artefacts_of, bench_folder, make_parser, publish, split_names
-from replicate.benchmarks.ladder_tables import RUNGS, TABLE, ladder_tables
+from replicate.benchmarks.ladder_tables import CLIPS, RUNGS, TABLE, ladder_tables
 from replicate.config import Config, resolve
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.methods import measurement
 from replicate.methods.method_registry import choose, sections
 from replicate.report.error_rows import error_rows
-from replicate.report.results import Row
+from replicate.report.results import Row, read_results
 from replicate.report.tables import as_text
 
 ABOUT = "on which rigs the claims would hold: Table 2's errors from an easy rig of a head to a hard one"
@@ -33,23 +34,25 @@ TRAINED = ("coarse", "refinement", "dense", "regional")  # sections of the confi
 SHOWN = ("vertex_error_mean", "vertex_error_p95", "normal_error_mean", "normal_error_p95")
 
 
-def rung_config(character: str, profile: str, part: int) -> Config:
+def rung_config(head: str, rung: str, profile: str, part: int) -> Config:
     """Return the configuration of one rig, whose networks train for one `part`-th of the profile's steps."""
+    character, split = (head, "clips") if rung == CLIPS else (f"{head}@{rung}", "frames")
     own = sections(profile)
     usual = resolve(character, profile, sections=own)
     short = {name: {"training": {"steps": max(1, getattr(usual, name).training.steps // part)}} for name in TRAINED}
-    return resolve(character, profile, short, sections=own)
+    return resolve(character, profile, short | {"samples": {"split": split}}, sections=own)
 
 
-def measure(character: str, profile: str, part: int) -> list[Row]:
-    """Train and measure all methods on one rig, and return its rows of the table."""
-    config = rung_config(character, profile, part)
+def measure(head: str, rung: str, profile: str, part: int) -> list[Row]:
+    """Train and measure all methods on one rig, and return its rows of the table, whose character is <head>@<rung>."""
+    config = rung_config(head, rung, profile, part)
     plan = Plan(config)
     stages = [measurement.stage(plan, method) for method in choose(METHODS, config)]
     folders = measurement.error_folders(artefacts_of(TABLE, config, stages))
     errors = {name: measurement.load_errors(folder) for name, folder in folders.items()}
     rows = error_rows(plan.character, errors, profile, TABLE.replace("_", "-"))
-    return [replace(row, table=TABLE) for row in rows if row.table == "table2" and row.metric in SHOWN]
+    shown = [row for row in rows if row.table == "table2" and row.metric in SHOWN]
+    return [replace(row, table=TABLE, character=f"{head}@{rung}") for row in shown]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -70,11 +73,9 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     for head in split_names(options.characters):
         if split_character(head)[1]:
             raise InputError(f"character {head!r} is one rig of a ladder: name its head, {split_character(head)[0]!r}")
-        rows = []
         for rung in rungs:
-            new = measure(f"{head}@{rung}", options.profile, options.part)
-            rows += new
-            publish(TABLE, new, [], command_line)
+            publish(TABLE, measure(head, rung, options.profile, options.part), [], command_line)
+        rows = read_results(bench_folder() / f"{TABLE}.csv")  # those of earlier calls too
         for table in ladder_tables(rows, head):
             print(as_text(table))
         file = bench_folder() / f"{TABLE}_{head}.png"

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from replicate.benchmarks.ladder_tables import RUNGS, TABLE, UNIFORM, rungs_of
+from replicate.benchmarks.ladder_tables import APART, RUNGS, TABLE, rungs_of
 from replicate.drawing.panels import DPI, Words
 from replicate.drawing.style import LETTER_PT, MEASURES, WIDTH, enlarge, error_scale, tidy
 from replicate.methods.method_registry import in_order, method_named
@@ -23,7 +23,7 @@ def ladder_figure(rows: Sequence[Row], head: str) -> "tuple[matplotlib.figure.Fi
     from matplotlib.figure import Figure
 
     rungs = rungs_of(rows, head)
-    places = {rung: place + 0.5 * (rung == UNIFORM) for place, rung in enumerate(rungs)}
+    places = {rung: place + 0.4 * (rung in APART) for place, rung in enumerate(rungs)}
     methods = [name for name in in_order({row.method for row in rows if row.table == TABLE}) if name != LEFT_OUT]
     figure = Figure((WIDTH, HEIGHT), dpi=DPI, layout="constrained")
     phrases = []
@@ -31,15 +31,14 @@ def ladder_figure(rows: Sequence[Row], head: str) -> "tuple[matplotlib.figure.Fi
         for name in methods:
             found = {rung: find(rows, TABLE, f"{head}@{rung}", name, metric) for rung in rungs}
             values = {rung: row.value for rung, row in found.items() if row}
-            climb = [rung for rung in values if rung != UNIFORM]
+            climb, alone = ([rung for rung in values if (rung in APART) is apart] for apart in (False, True))
             looks = {"color": method_named(name).colour, "marker": "o", "markersize": 8, "linewidth": 2.2}
             title = method_named(name).title
             axes.plot([places[rung] for rung in climb], [values[rung] for rung in climb], label=title, **looks)
-            if UNIFORM in values:
-                axes.plot(places[UNIFORM], values[UNIFORM], linestyle="", **looks)
-            numbers = ", ".join(f"@{rung} {round_off(value, unit)}" for rung, value in values.items())
+            axes.plot([places[rung] for rung in alone], [values[rung] for rung in alone], linestyle="", **looks)
+            numbers = ", ".join(f"{_label(rung)} {round_off(value, unit)}" for rung, value in values.items())
             phrases.append(f"{title}, {WORDS[unit]}: {numbers}")
-        axes.set_xticks(list(places.values()), ["uniform" if rung == UNIFORM else f"@{rung}" for rung in rungs])
+        axes.set_xticks(list(places.values()), [_label(rung) for rung in rungs])
         axes.set_ylabel(label)
         error_scale(axes, "y")
         tidy(axes)
@@ -47,9 +46,13 @@ def ladder_figure(rows: Sequence[Row], head: str) -> "tuple[matplotlib.figure.Fi
         axes.tick_params(axis="x", labelsize=LETTER_PT - 2)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False, fontsize=LETTER_PT)
-    steps = ", ".join(f"@{rung} {RUNGS[rung]}" for rung in rungs)
+    steps = ", ".join(RUNGS[rung] if rung in APART else f"@{rung} {RUNGS[rung]}" for rung in rungs)
     return figure, Words(
         f"Two line charts of mean errors on rigs of {head}, logarithmic. {'; '.join(phrases)}.",
         f"The ladder of {head}: mean errors of each method on rigs of one head, from an easy one to a hard one "
         f"({steps}). Trainings are shorter than the profile's. † sees the true mesh of each test pose.",
     )
+
+
+def _label(rung: str) -> str:
+    return rung if rung in APART else f"@{rung}"

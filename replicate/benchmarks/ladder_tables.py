@@ -7,7 +7,8 @@ from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
 
 TABLE = "bench_ladder"
-UNIFORM = "uniform"
+UNIFORM, CLIPS = "uniform", "clips"
+APART = (UNIFORM, CLIPS)  # no steps of the ladder: a whole rig with other poses, or tested on others
 RUNGS = {  # of a ladder → what its rig adds to the one before, or what its poses are
     "1": "targets",
     "2": "+ pairs",
@@ -16,6 +17,7 @@ RUNGS = {  # of a ladder → what its rig adds to the one before, or what its po
     "5": "+ wrinkles",
     "6": "shorter wrinkles",
     UNIFORM: "uniform poses",
+    CLIPS: "@5, clips held out",
 }
 ERRORS = {"vertex_error_mean": ("mm", "Distance error, mm"), "normal_error_mean": ("deg", "Normal error, degrees")}
 RATIOS = (  # (what, method, over which other)
@@ -46,7 +48,7 @@ def ladder_tables(rows: Sequence[Row], head: str) -> list[Table]:
         if (row := find(rows, TABLE, f"{head}@{rung}", method, metric))
     }
     methods = list(dict.fromkeys(method for method, _, _ in values))
-    header = ("", *(f"@{rung} {RUNGS[rung]}" for rung in rungs))
+    header = ("", *(RUNGS[rung] if rung in APART else f"@{rung} {RUNGS[rung]}" for rung in rungs))
     errors: list[tuple[str, ...] | None] = []
     ratios: list[tuple[str, ...] | None] = []
     for metric, (unit, words) in ERRORS.items():

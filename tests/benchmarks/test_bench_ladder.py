@@ -25,20 +25,28 @@ def test_only_the_length_of_trainings_differs_from_the_profile():
     own = sections("laptop")
     usual, short = (
         resolve("teen@3", "laptop", sections=own),
-        bench_ladder.rung_config("teen@3", "laptop", bench_ladder.PART),
+        bench_ladder.rung_config("teen", "3", "laptop", bench_ladder.PART),
     )
     for name in bench_ladder.TRAINED:
         section, cut = getattr(usual, name), getattr(short, name)
         assert cut.training.steps == section.training.steps // bench_ladder.PART > 1_000
     steps = {name: {"training": {"steps": getattr(usual, name).training.steps}} for name in bench_ladder.TRAINED}
-    assert bench_ladder.rung_config("teen@3", "laptop", 1) == resolve("teen@3", "laptop", steps, sections=own) == usual
+    assert (
+        bench_ladder.rung_config("teen", "3", "laptop", 1) == resolve("teen@3", "laptop", steps, sections=own) == usual
+    )
+
+
+def test_held_out_clips_are_those_of_the_whole_rig():
+    clips, frames = (bench_ladder.rung_config("teen", rung, "laptop", 5) for rung in ("clips", "5"))
+    assert (clips.character, clips.samples.split) == ("teen", "clips")
+    assert (frames.character, frames.samples.split) == ("teen@5", "frames")
 
 
 def test_tables_go_up_the_ladder_and_divide_what_claims_compare():
     rows = [*rows_of("uniform", 4.0), *rows_of("5", 2.0), *rows_of("1")]
     assert rungs_of(rows, "teen") == ["1", "5", "uniform"] and rungs_of(rows, "woman") == []
     errors, ratios = ladder_tables(rows, "teen")
-    assert [name.partition(" ")[0] for name in errors.headers[0]] == ["", "@1", "@5", "@uniform"]
+    assert [name.partition(" ")[0] for name in errors.headers[0]] == ["", "@1", "@5", "uniform"]
     refined = [line for line in errors.body if line and line[0] == "Refined"]
     assert refined == [("Refined", "2.00", "4.00", "8.00"), ("Refined", "20.00", "40.00", "80.00")]
     assert "100 to 200 test poses" in errors.notes[0]
@@ -54,38 +62,41 @@ def test_a_ratio_without_one_of_its_numbers_is_a_dash():
 
 
 def test_the_figure_joins_the_steps_and_sets_uniform_poses_apart():
-    rows = [*rows_of("1"), *rows_of("2", 2.0), *rows_of("uniform", 4.0)]
+    rows = [*rows_of("1"), *rows_of("2", 2.0), *rows_of("uniform", 4.0), *rows_of("clips", 5.0)]
     figure, words = ladder_figure(rows, "teen")
     distance, normals = figure.axes
     joined = [line for line in distance.get_lines() if line.get_linestyle() != "None"]
     assert len(joined) == len(ERRORS) - 1  # the neutral pose is in the table alone
     assert joined[0].get_ydata() == pytest.approx([4.0, 8.0]) and joined[0].get_xdata() == pytest.approx([0, 1])
-    alone = [line.get_xdata()[0] for line in distance.get_lines() if line.get_linestyle() == "None"]
-    assert alone == [2.5] * (len(ERRORS) - 1) and normals.get_yscale() == "log"
-    assert "Refined, degrees: @1 20.00, @2 40.00, @uniform 80.00" in words.alt
+    alone = [tuple(line.get_xdata()) for line in distance.get_lines() if line.get_linestyle() == "None"]
+    assert alone == [(2.4, 3.4)] * (len(ERRORS) - 1) and normals.get_yscale() == "log"
+    assert "Refined, degrees: @1 20.00, @2 40.00, uniform 80.00, clips 100.00" in words.alt
 
 
 def test_rungs_are_measured_in_turn_and_each_is_kept_before_the_next(capsys, monkeypatch, tmp_path):
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path))
     file, seen = tmp_path / "bench" / "bench_ladder.csv", []
 
-    def measure(character, profile, part):
-        seen.append((character, profile, part, len(read_results(file)) if file.is_file() else 0))
-        return rows_of(character.partition("@")[2])
+    def measure(head, rung, profile, part):
+        seen.append((head, rung, profile, part, len(read_results(file)) if file.is_file() else 0))
+        return rows_of(rung)
 
     monkeypatch.setattr(bench_ladder, "measure", measure)
     assert (
         bench_ladder.main(["--characters", "teen", "--rungs", "1, uniform", "--part", "7", "--profile", "quick"]) == 0
     )
-    assert seen == [("teen@1", "quick", 7, 0), ("teen@uniform", "quick", 7, 2 * len(ERRORS))]
+    assert seen == [("teen", "1", "quick", 7, 0), ("teen", "uniform", "quick", 7, 2 * len(ERRORS))]
     assert (tmp_path / "bench" / "bench_ladder_teen.png").is_file()
     assert "The ladder of teen: ratios" in capsys.readouterr().out
+    assert bench_ladder.main(["--characters", "teen", "--rungs", "3"]) == 0
+    printed = capsys.readouterr().out
+    assert "@1 targets" in printed and "@3 + turns" in printed and "uniform poses" in printed, "all that there are"
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--rungs", "7"], "rungs are '7': allowed are 1, 2, 3, 4, 5, 6, uniform"),
+        (["--rungs", "7"], "rungs are '7': allowed are 1, 2, 3, 4, 5, 6, uniform, clips"),
         (["--rungs", ""], "rungs are ''"),
         (["--characters", "teen@2"], "character 'teen@2' is one rig of a ladder: name its head, 'teen'"),
         (["--part", "0"], "part is 0"),
