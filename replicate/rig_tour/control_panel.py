@@ -88,7 +88,10 @@ class ControlPanel:
         self._box.children = [self.sliders[c.name] for c in self.rig.controls if c.region == self.region.value]
 
     def show(self, expression: str) -> None:
-        """Set all sliders to an expression, "neutral" for none. Raises InputError for one that the rig lacks."""
+        """Set all sliders to an expression, "neutral" for none, and list those of the region that it moves most.
+
+        Raises InputError for one that the rig lacks.
+        """
         if expression not in self._presets:
             choices = ", ".join(self._presets)
             raise InputError(f"rig '{self.rig.name}': it has no expression '{expression}'; allowed are {choices}.")
@@ -98,9 +101,18 @@ class ControlPanel:
             for slider, value in zip(self.sliders.values(), self._presets[expression], strict=True):
                 slider.value = float(value)
             self.params[:] = self._presets[expression]
+            self.region.value = self._most_moved_region()
         finally:
             self._held = False
         self.draw()
+
+    def _most_moved_region(self) -> str:
+        """Return the region whose controls leave their defaults most, for their ranges; at rest the one listed."""
+        controls = self.rig.controls
+        moved = dict.fromkeys([self.region.value, *(control.region for control in controls)], 0.0)
+        for control, value in zip(controls, self.params, strict=True):
+            moved[control.region] += abs(float(value) - control.default) / (control.upper - control.lower)
+        return max(moved, key=moved.__getitem__)
 
     def draw(self) -> None:
         """Draw the pose as it is now."""
@@ -128,7 +140,7 @@ def control_panel(rig: Rig, width: int = 400, height: int = 440, renderer: str |
 
 
 def still(panel: ControlPanel) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): a panel's picture, and the sliders of its region as bars, or as many as fit."""
+    """Return (figure, words): a panel's picture, and as bars its region's sliders, those that move most if many."""
     from matplotlib.figure import Figure
 
     height, width = panel.picture.shape[:2]
@@ -138,7 +150,8 @@ def still(panel: ControlPanel) -> "tuple[matplotlib.figure.Figure, Words]":
     picture.imshow(panel.picture, interpolation="none", aspect="auto")
     picture.set_axis_off()
     columns = [k for k, c in enumerate(panel.rig.controls) if c.region == panel.region.value]
-    bars = columns[:SHOWN_BARS]
+    moved = abs(panel.params - panel.rig.default)
+    bars = sorted(sorted(columns, key=lambda k: -moved[k])[:SHOWN_BARS])  # those that move first, in the rig's order
     axes = figure.add_axes((share + 150 / (width + BARS), 0.06, 250 / (width + BARS), 0.84))
     names = [panel.rig.controls[k].name for k in bars]
     axes.barh(names, panel.params[bars], color="#0072B2", height=0.55)

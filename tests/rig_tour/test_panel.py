@@ -53,6 +53,14 @@ def test_an_expression_sets_the_sliders_and_draws_once(panel, monkeypatch):
         panel.show("glee")
 
 
+def test_an_expression_lists_the_region_that_it_moves_most(panel):
+    panel.region.value = "brows"
+    panel.show("joy")
+    assert panel.region.value == "mouth" and panel.sliders["smile_left"] in panel._box.children
+    panel.show("neutral")
+    assert panel.region.value == "mouth", "at rest none moves more than another"
+
+
 def test_a_region_lists_its_own_controls(panel):
     for region in panel.region.options:
         panel.region.value = region
