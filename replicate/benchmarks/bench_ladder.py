@@ -1,11 +1,11 @@
 """On which rigs would the claims hold? Table 2's errors on rigs of one head, from an easy one to a hard one.
 
 `make bench-ladder` goes up a character's ladder (`data_recipes/README.md`): the same head and controls, with more
-deformers at each step; then uniform poses in the place of its animation, and the whole rig with whole clips of the
-animation held out for the test, not frames. On each rig it trains the paper's networks, the straight line and our
-method for a part of the profile's steps, and measures them on the test poses as Table 2 does. Nothing is chosen by
-these numbers. Trainings go through the cache like any stage, so that a stopped run
-goes on.
+deformers at each step. Then come uniform poses in the place of its animation; the whole rig, with whole clips of the
+animation held out for the test, not frames; and the same once more, trained on the animation as it is, without the
+factors of Eq. 5. On each rig it trains the paper's networks, the straight line and our method for a part of the
+profile's steps, and measures them on the test poses as Table 2 does. Nothing is chosen by these numbers. Trainings go
+through the cache like any stage, so that a stopped run goes on.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from dataclasses import replace
 from data_recipes.recipe_paths import split_character
 from replicate.artefacts.plan import Plan
 from replicate.benchmarks.common import add_count, answer, artefacts_of, bench_folder, make_parser, publish, split_names
-from replicate.benchmarks.ladder_tables import CLIPS, RUNGS, TABLE, ladder_tables
+from replicate.benchmarks.ladder_tables import CLIPS, RAW, RUNGS, TABLE, ladder_tables
 from replicate.config import Config, resolve
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
@@ -36,11 +36,13 @@ SHOWN = ("vertex_error_mean", "vertex_error_p95", "normal_error_mean", "normal_e
 
 def rung_config(head: str, rung: str, profile: str, part: int) -> Config:
     """Return the configuration of one rig, whose networks train for one `part`-th of the profile's steps."""
-    character, split = (head, "clips") if rung == CLIPS else (f"{head}@{rung}", "frames")
+    character, samples = f"{head}@{rung}", {}
+    if rung in (CLIPS, RAW):
+        character, samples = head, {"split": "clips"} | ({"low": 1.0, "high": 1.0} if rung == RAW else {})
     own = sections(profile)
     usual = resolve(character, profile, sections=own)
     short = {name: {"training": {"steps": max(1, getattr(usual, name).training.steps // part)}} for name in TRAINED}
-    return resolve(character, profile, short | {"samples": {"split": split}}, sections=own)
+    return resolve(character, profile, short | {"samples": samples}, sections=own)
 
 
 def measure(head: str, rung: str, profile: str, part: int) -> list[Row]:

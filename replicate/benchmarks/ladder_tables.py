@@ -7,8 +7,8 @@ from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
 
 TABLE = "bench_ladder"
-UNIFORM, CLIPS = "uniform", "clips"
-APART = (UNIFORM, CLIPS)  # no steps of the ladder: a whole rig with other poses, or tested on others
+UNIFORM, CLIPS, RAW = "uniform", "clips", "raw"
+APART = (UNIFORM, CLIPS, RAW)  # no steps of the ladder: a whole rig with other poses for training or for the test
 RUNGS = {  # of a ladder → what its rig adds to the one before, or what its poses are
     "1": "targets",
     "2": "+ pairs",
@@ -18,6 +18,7 @@ RUNGS = {  # of a ladder → what its rig adds to the one before, or what its po
     "6": "shorter wrinkles",
     UNIFORM: "uniform poses",
     CLIPS: "@5, clips held out",
+    RAW: "the same, raw animation",
 }
 ERRORS = {"vertex_error_mean": ("mm", "Distance error, mm"), "normal_error_mean": ("deg", "Normal error, degrees")}
 RATIOS = (  # (what, method, over which other)

@@ -36,10 +36,12 @@ def test_only_the_length_of_trainings_differs_from_the_profile():
     )
 
 
-def test_held_out_clips_are_those_of_the_whole_rig():
-    clips, frames = (bench_ladder.rung_config("teen", rung, "laptop", 5) for rung in ("clips", "5"))
-    assert (clips.character, clips.samples.split) == ("teen", "clips")
-    assert (frames.character, frames.samples.split) == ("teen@5", "frames")
+def test_held_out_clips_are_those_of_the_whole_rig_augmented_or_not():
+    frames, clips, raw = (bench_ladder.rung_config("teen", rung, "laptop", 5) for rung in ("5", "clips", "raw"))
+    assert (frames.character, clips.character, raw.character) == ("teen@5", "teen", "teen")
+    assert (frames.samples.split, clips.samples.split, raw.samples.split) == ("frames", "clips", "clips")
+    assert raw.samples.low == raw.samples.high == 1.0 and clips.samples.high > 1.0
+    assert clips.coarse == raw.coarse and clips.regional == raw.regional == frames.regional
 
 
 def test_tables_go_up_the_ladder_and_divide_what_claims_compare():
@@ -96,7 +98,7 @@ def test_rungs_are_measured_in_turn_and_each_is_kept_before_the_next(capsys, mon
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--rungs", "7"], "rungs are '7': allowed are 1, 2, 3, 4, 5, 6, uniform, clips"),
+        (["--rungs", "7"], "rungs are '7': allowed are 1, 2, 3, 4, 5, 6, uniform, clips, raw"),
         (["--rungs", ""], "rungs are ''"),
         (["--characters", "teen@2"], "character 'teen@2' is one rig of a ladder: name its head, 'teen'"),
         (["--part", "0"], "part is 0"),
