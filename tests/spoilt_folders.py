@@ -2,75 +2,23 @@
 
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from folder_faults import (
+    Fault,
+    change_arrays,
+    change_text,
+    cut,
+    put_at,
+    put_instead,
+    set_array,
+    two_shards,
+    write_bytes,
+)
 from sample_folders import CONTROLS, FACE, neutral, obj, shard
 
 HUGE = "9" * 400
-Fault = Callable[[Path], None]
-
-
-def _text(name: str, old: str, new: str) -> Fault:
-    def fault(folder: Path) -> None:
-        text = (folder / name).read_text()
-        assert old in text, (name, old)
-        (folder / name).write_text(text.replace(old, new, 1))
-
-    return fault
-
-
-def _bytes(name: str, data: bytes) -> Fault:
-    return lambda folder: (folder / name).write_bytes(data) and None
-
-
-def _arrays(change: Callable[[dict], None], name: str = "001.npz") -> Fault:
-    def fault(folder: Path) -> None:
-        file = folder / "poses" / name
-        with np.load(file) as stored:
-            arrays = dict(stored)
-        change(arrays)
-        np.savez(file, **arrays)
-
-    return fault
-
-
-def _set(name: str, value: Callable[[np.ndarray], np.ndarray]) -> Fault:
-    return _arrays(lambda arrays: arrays.__setitem__(name, value(arrays[name])))
-
-
-def _put(array: np.ndarray, place: tuple, value: float) -> np.ndarray:
-    array = array.copy()
-    array[place] = value
-    return array
-
-
-def _instead(name: str, make: Callable[[Path], None]) -> Fault:
-    def fault(folder: Path) -> None:
-        file = folder / name
-        shutil.rmtree(file) if file.is_dir() else file.unlink()
-        make(file)
-
-    return fault
-
-
-def _cut(name: str, share: float) -> Fault:
-    def fault(folder: Path) -> None:
-        data = (folder / name).read_bytes()
-        (folder / name).write_bytes(data[: int(len(data) * share)])
-
-    return fault
-
-
-def _pair(**arrays: np.ndarray) -> Fault:
-    def fault(folder: Path) -> None:
-        for name, array in arrays.items():
-            np.save(folder / "poses" / f"pair.{name}.npy", array)
-
-    return fault
-
-
 SPECIAL = {
     "a folder": lambda file: file.mkdir(),
     "a pipe": lambda file: os.mkfifo(file),
@@ -85,7 +33,7 @@ def _special() -> dict[str, Fault]:
     names = ("face.toml", "controls.csv", "mesh.obj", "poses/001.npz")
     pairs = [(name, what) for name in names for what in SPECIAL]
     pairs.remove(("poses/001.npz", "missing"))  # a shard less is no fault
-    return {f"{name} is {what}": _instead(name, SPECIAL[what]) for name, what in pairs}
+    return {f"{name} is {what}": put_instead(name, SPECIAL[what]) for name, what in pairs}
 
 
 def _toml() -> dict[str, Fault]:
@@ -97,14 +45,14 @@ def _toml() -> dict[str, Fault]:
         "segments": ('"parts"', "true"),
     }
     faults = {
-        f"{key} = {value[:20]}": _text(
+        f"{key} = {value[:20]}": change_text(
             "face.toml", next(x for x in FACE.splitlines() if x.startswith(key)), f"{key} = {value}"
         )
         for key, options in values.items()
         for value in options
     }
     for line in FACE.splitlines():
-        faults[f"without {line}"] = _text("face.toml", line, "")
+        faults[f"without {line}"] = change_text("face.toml", line, "")
     more = {
         "an unknown key": "units = 3",
         "no frames a second": "frames_per_second = 0",
@@ -125,7 +73,7 @@ def _toml() -> dict[str, Fault]:
         "a control point by name": '[points.control_points]\nmouth = ["chin"]',
         "no TOML": "= =",
     }
-    return faults | {what: _text("face.toml", FACE, f"{FACE}{text}\n") for what, text in more.items()}
+    return faults | {what: change_text("face.toml", FACE, f"{FACE}{text}\n") for what, text in more.items()}
 
 
 def _csv() -> dict[str, Fault]:
@@ -150,11 +98,11 @@ def _csv() -> dict[str, Fault]:
         "a quote without end": (line, '"jaw,0,0,1,mouth'),
         "a name with a tab": (line, "ja\tw,0,0,1,mouth"),
     }
-    faults = {f"controls: {what}": _text("controls.csv", *pair) for what, pair in cases.items()}
+    faults = {f"controls: {what}": change_text("controls.csv", *pair) for what, pair in cases.items()}
     return faults | {
-        "controls: empty": _bytes("controls.csv", b""),
-        "controls: no UTF-8": _bytes("controls.csv", CONTROLS.encode("utf-16")),
-        "controls: a header alone": _bytes("controls.csv", CONTROLS.splitlines()[0].encode()),
+        "controls: empty": write_bytes("controls.csv", b""),
+        "controls: no UTF-8": write_bytes("controls.csv", CONTROLS.encode("utf-16")),
+        "controls: a header alone": write_bytes("controls.csv", CONTROLS.splitlines()[0].encode()),
     }
 
 
@@ -179,25 +127,25 @@ def _mesh() -> dict[str, Fault]:
         "a point that is no vertex": ("g lower", "g lower\np 99"),
         "a vertex number in words": (quad, "f one/1 2/2 7/7 6/6"),
     }
-    faults = {f"mesh: {what}": _text("mesh.obj", *pair) for what, pair in cases.items()}
+    faults = {f"mesh: {what}": change_text("mesh.obj", *pair) for what, pair in cases.items()}
     no_uv = obj(with_uv=False).encode()
 
     def islands(folder: Path) -> None:
         (folder / "mesh.obj").write_bytes(no_uv)
-        _text("face.toml", '"groups"', '"islands"')(folder)
+        change_text("face.toml", '"groups"', '"islands"')(folder)
 
     def glb(data: bytes) -> Fault:
         def fault(folder: Path) -> None:
             (folder / "mesh.glb").write_bytes(data)
-            _text("face.toml", "mesh.obj", "mesh.glb")(folder)
+            change_text("face.toml", "mesh.obj", "mesh.glb")(folder)
 
         return fault
 
     return faults | {
         "mesh: islands without UVs": islands,
-        "mesh: empty": _bytes("mesh.obj", b""),
-        "mesh: vertices alone": _bytes("mesh.obj", b"v 0 0 0\nv 1 0 0\n"),
-        "mesh: binary": _bytes("mesh.obj", b"\x89PNG\r\n\x1a\n\xff\xfe"),
+        "mesh: empty": write_bytes("mesh.obj", b""),
+        "mesh: vertices alone": write_bytes("mesh.obj", b"v 0 0 0\nv 1 0 0\n"),
+        "mesh: binary": write_bytes("mesh.obj", b"\x89PNG\r\n\x1a\n\xff\xfe"),
         "mesh: a GLB that is none": glb(b"not a GLB"),
         "mesh: a GLB that is cut": glb(b"glTF\x02\0\0\0\xff\xff\0\0"),
         "mesh: an empty GLB": glb(b""),
@@ -207,62 +155,62 @@ def _mesh() -> dict[str, Fault]:
 def _shards() -> dict[str, Fault]:
     big = np.zeros((4, 30, 3), np.float32)
     return {
-        "NaN in vertices": _set("vertices", lambda v: _put(v, (3, 4, 1), np.nan)),
-        "infinity in vertices": _set("vertices", lambda v: _put(v, (3, 4, 1), np.inf)),
-        "NaN in params": _set("params", lambda p: _put(p, (3, 1), np.nan)),
-        "infinity in params": _set("params", lambda p: _put(p, (3, 1), -np.inf)),
-        "huge params": _set("params", lambda p: _put(p, (3, 1), 1e6)),
-        "vertices of another mesh": _set("vertices", lambda v: v[:, :-1]),
-        "vertices in two dimensions": _set("vertices", lambda v: v[..., :2]),
-        "vertices as a table": _set("vertices", lambda v: v.reshape(len(v), -1)),
-        "a control too few in params": _set("params", lambda p: p[:, :-1]),
-        "a control too many in params": _set("params", lambda p: np.concatenate([p, p[:, :1]], axis=1)),
-        "a pose too few in params": _set("params", lambda p: p[:-1]),
-        "a pose too few in vertices": _set("vertices", lambda v: v[:-1]),
-        "params of one dimension": _set("params", lambda p: p[:, 0]),
-        "params of none": _set("params", lambda p: p[0, 0]),
-        "no poses": _arrays(lambda a: a.update({name: array[:0] for name, array in a.items()})),
-        "whole numbers for params": _set("params", lambda p: p.astype(int)),
-        "texts for params": _set("params", lambda p: p.astype(str)),
-        "complex vertices": _set("vertices", lambda v: v.astype(complex)),
-        "Python objects": _set("clip", lambda c: c.astype(object)),
-        "bytes for clips": _set("clip", lambda c: c.astype(bytes)),
-        "a clip's name of a thousand letters": _set("clip", lambda c: np.array(["c" * 1000] * len(c))),
-        "frames in fractions": _set("frame", lambda f: f + 0.5),
-        "frames below zero": _set("frame", lambda f: f - 100),
-        "frames too few": _set("frame", lambda f: f[:-1]),
-        "drawn as numbers": _set("drawn", lambda d: d.astype(int)),
-        "a clip without frames": _arrays(lambda a: a.pop("frame")),
-        "drawn without clips": _arrays(lambda a: (a.pop("frame"), a.pop("clip"))),
-        "a frame twice": _set("frame", lambda f: f - 20),
-        "no params": _arrays(lambda a: a.pop("params")),
-        "no vertices": _arrays(lambda a: a.pop("vertices")),
-        "an unknown array": _arrays(lambda a: a.update(normals=a["vertices"])),
-        "an empty npz": _arrays(lambda a: a.clear()),
-        "another unit by 10": _set("vertices", lambda v: v * 10),
-        "another unit by 1,000": _set("vertices", lambda v: v / 1000),
-        "offsets for positions": _set("vertices", lambda v: v - neutral().astype(np.float32)),
-        "another order of vertices": _set("vertices", lambda v: v[:, ::-1]),
-        "other axes": _set("vertices", lambda v: v[..., [0, 2, 1]]),
-        "a pose at rest that is not the mesh": _arrays(
-            lambda a: a.update(params=_put(a["params"], (3,), 0.0), vertices=_put(a["vertices"], (3, 4, 1), 0.0))
+        "NaN in vertices": set_array("vertices", lambda v: put_at(v, (3, 4, 1), np.nan)),
+        "infinity in vertices": set_array("vertices", lambda v: put_at(v, (3, 4, 1), np.inf)),
+        "NaN in params": set_array("params", lambda p: put_at(p, (3, 1), np.nan)),
+        "infinity in params": set_array("params", lambda p: put_at(p, (3, 1), -np.inf)),
+        "huge params": set_array("params", lambda p: put_at(p, (3, 1), 1e6)),
+        "vertices of another mesh": set_array("vertices", lambda v: v[:, :-1]),
+        "vertices in two dimensions": set_array("vertices", lambda v: v[..., :2]),
+        "vertices as a table": set_array("vertices", lambda v: v.reshape(len(v), -1)),
+        "a control too few in params": set_array("params", lambda p: p[:, :-1]),
+        "a control too many in params": set_array("params", lambda p: np.concatenate([p, p[:, :1]], axis=1)),
+        "a pose too few in params": set_array("params", lambda p: p[:-1]),
+        "a pose too few in vertices": set_array("vertices", lambda v: v[:-1]),
+        "params of one dimension": set_array("params", lambda p: p[:, 0]),
+        "params of none": set_array("params", lambda p: p[0, 0]),
+        "no poses": change_arrays(lambda a: a.update({name: array[:0] for name, array in a.items()})),
+        "whole numbers for params": set_array("params", lambda p: p.astype(int)),
+        "texts for params": set_array("params", lambda p: p.astype(str)),
+        "complex vertices": set_array("vertices", lambda v: v.astype(complex)),
+        "Python objects": set_array("clip", lambda c: c.astype(object)),
+        "bytes for clips": set_array("clip", lambda c: c.astype(bytes)),
+        "a clip's name of a thousand letters": set_array("clip", lambda c: np.array(["c" * 1000] * len(c))),
+        "frames in fractions": set_array("frame", lambda f: f + 0.5),
+        "frames below zero": set_array("frame", lambda f: f - 100),
+        "frames too few": set_array("frame", lambda f: f[:-1]),
+        "drawn as numbers": set_array("drawn", lambda d: d.astype(int)),
+        "a clip without frames": change_arrays(lambda a: a.pop("frame")),
+        "drawn without clips": change_arrays(lambda a: (a.pop("frame"), a.pop("clip"))),
+        "a frame twice": set_array("frame", lambda f: f - 20),
+        "no params": change_arrays(lambda a: a.pop("params")),
+        "no vertices": change_arrays(lambda a: a.pop("vertices")),
+        "an unknown array": change_arrays(lambda a: a.update(normals=a["vertices"])),
+        "an empty npz": change_arrays(lambda a: a.clear()),
+        "another unit by 10": set_array("vertices", lambda v: v * 10),
+        "another unit by 1,000": set_array("vertices", lambda v: v / 1000),
+        "offsets for positions": set_array("vertices", lambda v: v - neutral().astype(np.float32)),
+        "another order of vertices": set_array("vertices", lambda v: v[:, ::-1]),
+        "other axes": set_array("vertices", lambda v: v[..., [0, 2, 1]]),
+        "a pose at rest that is not the mesh": change_arrays(
+            lambda a: a.update(params=put_at(a["params"], (3,), 0.0), vertices=put_at(a["vertices"], (3, 4, 1), 0.0))
         ),
-        "a mesh of another unit, by 10": _text("face.toml", '"mm"', '"cm"'),
-        "a mesh of another unit, by 1,000": _text("face.toml", '"mm"', '"m"'),
-        "a mesh of inches": _text("face.toml", '"mm"', '"in"'),
-        "a text beside the shards": _bytes("poses/notes.txt", b"hello"),
-        "a shard of nothing": _bytes("poses/002.npz", b""),
-        "a shard that is no zip": _bytes("poses/002.npz", b"PK\x03\x04" + b"\0" * 99),
-        "half a shard": _cut("poses/001.npz", 0.5),
-        "a shard less its last byte": _cut("poses/001.npz", 0.999),
-        "params alone in a pair": _pair(params=np.zeros((4, 3), np.float32)),
-        "vertices alone in a pair": _pair(vertices=big),
-        "a pair of two lengths": _pair(params=np.zeros((3, 3), np.float32), vertices=big),
+        "a mesh of another unit, by 10": change_text("face.toml", '"mm"', '"cm"'),
+        "a mesh of another unit, by 1,000": change_text("face.toml", '"mm"', '"m"'),
+        "a mesh of inches": change_text("face.toml", '"mm"', '"in"'),
+        "a text beside the shards": write_bytes("poses/notes.txt", b"hello"),
+        "a shard of nothing": write_bytes("poses/002.npz", b""),
+        "a shard that is no zip": write_bytes("poses/002.npz", b"PK\x03\x04" + b"\0" * 99),
+        "half a shard": cut("poses/001.npz", 0.5),
+        "a shard less its last byte": cut("poses/001.npz", 0.999),
+        "params alone in a pair": two_shards(params=np.zeros((4, 3), np.float32)),
+        "vertices alone in a pair": two_shards(vertices=big),
+        "a pair of two lengths": two_shards(params=np.zeros((3, 3), np.float32), vertices=big),
         "no folder of poses": lambda folder: shutil.rmtree(folder / "poses"),
         "no shards": lambda folder: [file.unlink() for file in (folder / "poses").iterdir()] and None,
         "an unfinished shard alone": _only_unfinished,
         "too few frames": _too_few,
-        "a file in the place of poses": _instead("poses", lambda file: file.write_text("")),
+        "a file in the place of poses": put_instead("poses", lambda file: file.write_text("")),
         "half an npy": _half_npy,
         "an npy that promises too much": _promise,
         "damage within a shard": _damage,
@@ -287,9 +235,9 @@ def _influence() -> dict[str, Fault]:
         "without a true": save(np.zeros((vertices, controls), bool)),
         "objects": save(np.full((vertices, controls), None)),
         "a promise": promise,
-        "text": _bytes("influence.npy", b"jaw moves the chin\n"),
-        "empty": _bytes("influence.npy", b""),
-        "half": lambda folder: (save(np.ones((vertices, controls), bool))(folder), _cut("influence.npy", 0.6)(folder)),
+        "text": write_bytes("influence.npy", b"jaw moves the chin\n"),
+        "empty": write_bytes("influence.npy", b""),
+        "half": lambda folder: (save(np.ones((vertices, controls), bool))(folder), cut("influence.npy", 0.6)(folder)),
         **{what: lambda folder, make=make: make(folder / "influence.npy")
            for what, make in SPECIAL.items() if what != "missing"},
     }  # fmt: skip
@@ -307,12 +255,12 @@ def _too_few(folder: Path) -> None:
 
 
 def _half_npy(folder: Path) -> None:
-    _pair(params=np.zeros((4, 3), np.float32), vertices=np.zeros((4, 30, 3), np.float32))(folder)
-    _cut("poses/pair.vertices.npy", 0.5)(folder)
+    two_shards(params=np.zeros((4, 3), np.float32), vertices=np.zeros((4, 30, 3), np.float32))(folder)
+    cut("poses/pair.vertices.npy", 0.5)(folder)
 
 
 def _promise(folder: Path) -> None:
-    _pair(params=np.zeros((4, 3), np.float32), vertices=np.zeros((4, 30, 3), np.float32))(folder)
+    two_shards(params=np.zeros((4, 3), np.float32), vertices=np.zeros((4, 30, 3), np.float32))(folder)
     with open(folder / "poses" / "pair.vertices.npy", "wb") as stream:
         header = {"descr": "<f4", "fortran_order": False, "shape": (10**15, 30, 3)}
         np.lib.format.write_array_header_1_0(stream, header)
