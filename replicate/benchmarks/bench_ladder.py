@@ -1,11 +1,11 @@
 """On which rigs would the claims hold? Table 2's errors on rigs of one head, from an easy one to a hard one.
 
 `make bench-ladder` goes up a character's ladder (`data_recipes/README.md`): the same head and controls, with more
-deformers at each step. Then come uniform poses in the place of its animation; the whole rig, with whole clips of the
-animation held out for the test, not frames; and the same once more, trained on the animation as it is, without the
-factors of Eq. 5. On each rig it trains the paper's networks, the straight line and our method for a part of the
-profile's steps, and measures them on the test poses as Table 2 does. Nothing is chosen by these numbers. Trainings go
-through the cache like any stage, so that a stopped run goes on.
+deformers at each step. Then come uniform poses in the place of its animation, and the whole rig once more: with the
+face in one chart, as in the paper; with whole clips of the animation held out for the test, not frames; and with these
+clips, trained on the animation as it is, without the factors of Eq. 5. On each it trains the paper's networks, the
+straight line and our method for a part of the profile's steps, and measures them on the test poses as Table 2 does.
+Nothing is chosen by these numbers. Trainings go through the cache like any stage, so that a stopped run goes on.
 """
 
 import argparse

@@ -7,8 +7,8 @@ from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
 
 TABLE = "bench_ladder"
-UNIFORM, CLIPS, RAW = "uniform", "clips", "raw"
-APART = (UNIFORM, CLIPS, RAW)  # no steps of the ladder: a whole rig with other poses for training or for the test
+UNIFORM, ONE_FACE, CLIPS, RAW = "uniform", "one_face", "clips", "raw"
+APART = (UNIFORM, ONE_FACE, CLIPS, RAW)  # no steps of the ladder: a whole rig with other charts or poses
 RUNGS = {  # of a ladder → what its rig adds to the one before, or what its poses are
     "1": "targets",
     "2": "+ pairs",
@@ -17,8 +17,9 @@ RUNGS = {  # of a ladder → what its rig adds to the one before, or what its po
     "5": "+ wrinkles",
     "6": "shorter wrinkles",
     UNIFORM: "uniform poses",
+    ONE_FACE: "@5, the face in one chart",
     CLIPS: "@5, clips held out",
-    RAW: "the same, raw animation",
+    RAW: "clips, raw animation",
 }
 ERRORS = {"vertex_error_mean": ("mm", "Distance error, mm"), "normal_error_mean": ("deg", "Normal error, degrees")}
 RATIOS = (  # (what, method, over which other)

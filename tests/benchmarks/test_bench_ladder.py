@@ -98,7 +98,7 @@ def test_rungs_are_measured_in_turn_and_each_is_kept_before_the_next(capsys, mon
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--rungs", "7"], "rungs are '7': allowed are 1, 2, 3, 4, 5, 6, uniform, clips, raw"),
+        (["--rungs", "7"], "rungs are '7': allowed are 1, 2, 3, 4, 5, 6, uniform, one_face, clips, raw"),
         (["--rungs", ""], "rungs are ''"),
         (["--characters", "teen@2"], "character 'teen@2' is one rig of a ladder: name its head, 'teen'"),
         (["--part", "0"], "part is 0"),
