@@ -13,8 +13,9 @@ from replicate.report.tables import round_off
 if TYPE_CHECKING:
     import matplotlib.figure
 
-HEIGHT = 5.6  # inches
+HEIGHT = 8.4  # inches, of both panels
 LEFT_OUT = "neutral"  # far above all others
+SIZES = {"coarse": 13}  # of marks: refined ones lie on the coarse ones
 WORDS = {"mm": "mm", "deg": "degrees"}
 
 
@@ -27,32 +28,38 @@ def ladder_figure(rows: Sequence[Row], head: str) -> "tuple[matplotlib.figure.Fi
     methods = [name for name in in_order({row.method for row in rows if row.table == TABLE}) if name != LEFT_OUT]
     figure = Figure((WIDTH, HEIGHT), dpi=DPI, layout="constrained")
     phrases = []
-    for axes, (metric, unit, label) in zip(figure.subplots(1, 2), MEASURES, strict=True):
+    for axes, (metric, unit, label) in zip(figure.subplots(2, 1, sharex=True), MEASURES, strict=True):
         for name in methods:
             found = {rung: find(rows, TABLE, f"{head}@{rung}", name, metric) for rung in rungs}
             values = {rung: row.value for rung, row in found.items() if row}
             climb, alone = ([rung for rung in values if (rung in APART) is apart] for apart in (False, True))
-            looks = {"color": method_named(name).colour, "marker": "o", "markersize": 8, "linewidth": 2.2}
+            looks = {
+                "color": method_named(name).colour,
+                "marker": "o",
+                "markersize": SIZES.get(name, 8),
+                "linewidth": 2.2,
+            }
             title = method_named(name).title
             axes.plot([places[rung] for rung in climb], [values[rung] for rung in climb], label=title, **looks)
             axes.plot([places[rung] for rung in alone], [values[rung] for rung in alone], linestyle="", **looks)
-            numbers = ", ".join(f"{_label(rung)} {round_off(value, unit)}" for rung, value in values.items())
+            numbers = ", ".join(
+                f"{_label(rung)} {round_off(value, unit)}".replace("\n", " ") for rung, value in values.items()
+            )
             phrases.append(f"{title}, {WORDS[unit]}: {numbers}")
-        axes.set_xticks(list(places.values()), [_label(rung) for rung in rungs])
+        axes.set_xticks(list(places.values()), [_label(rung).replace(" ", "\n") for rung in rungs])
         axes.set_ylabel(label)
         error_scale(axes, "y")
         tidy(axes)
         enlarge(axes)
-        axes.tick_params(axis="x", labelsize=LETTER_PT - 2)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False, fontsize=LETTER_PT)
-    steps = ", ".join(RUNGS[rung] if rung in APART else f"@{rung} {RUNGS[rung]}" for rung in rungs)
+    steps = "; ".join(RUNGS[rung] if rung in APART else f"@{rung} {RUNGS[rung]}" for rung in rungs)
     return figure, Words(
-        f"Two line charts of mean errors on rigs of {head}, logarithmic. {'; '.join(phrases)}.",
+        f"Two line charts of mean errors on rigs of {head}, one above the other, logarithmic. {'; '.join(phrases)}.",
         f"The ladder of {head}: mean errors of each method on rigs of one head, from an easy one to a hard one "
         f"({steps}). Trainings are shorter than the profile's. † sees the true mesh of each test pose.",
     )
 
 
 def _label(rung: str) -> str:
-    return rung if rung in APART else f"@{rung}"
+    return rung.replace("_", " ") if rung in APART else f"@{rung}"
