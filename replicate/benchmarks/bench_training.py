@@ -7,20 +7,21 @@ at the same short schedule. Trainings go through the cache like any stage, so th
 "Raw animation" is what §3.5 argues against (claim C12): coarse networks trained on as many poses, drawn from the
 training animation as it is, each frame as likely as any other (Eq. 5 with all factors 1). Validation and test poses are
 the profile's. They are frames of the animation too, often neighbours of training frames, which favours the raw
-animation: poses unlike the animation's, for which the paper augments, are not among them. A rig without clips has no
-animation, and no such row.
+animation: poses unlike the animation's, for which the paper augments, are not among them. So the same three networks,
+raw, balanced and with uniform draws, are trained once more with whole clips held out, and measured on these clips, of
+which training has no frame. Nothing is chosen there. A rig without clips has no animation, and no such rows.
 """
 
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import add_count, answer, make_parser, publish, split_names
+from replicate.benchmarks.common import add_count, answer, artefacts_of, make_parser, publish, split_names
 from replicate.benchmarks.training_table import BALANCED, METRICS, RAW_ANIMATION, TABLE, trainings_tables
 from replicate.config import Config, resolve
 from replicate.engine.exceptions import InputError
@@ -28,8 +29,10 @@ from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
 from replicate.engine.stage import Stage, in_order
 from replicate.engine.store import artefact_folder
+from replicate.methods import measurement
 from replicate.methods.method_registry import method_named
 from replicate.methods.training_stage import LOG
+from replicate.report.error_rows import error_rows
 from replicate.report.results import Row
 from replicate.report.training_curves import read_log
 
@@ -45,15 +48,25 @@ CHANGES = {  # in words → of the training's schedule
 AXIS_CONTROLS = 4
 STEPS = 4_000  # of the short schedule
 FLOORS = ("coarse", "refined")  # the methods whose maps have one
+USUAL = f"peak rate {RATES[1]:g}"  # the profile's own recipe among the changes
+ON_CLIPS = (USUAL, BALANCED, RAW_ANIMATION)  # the coarse trainings that are measured on whole clips too
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One training: which method's, what is changed in words, and as overrides of the profile."""
+    """One training: which method's, what is changed in words, and as overrides of the profile.
+
+    clips: whether it has no frame of the clips that it is measured on.
+    """
 
     method: str
     change: str
     overrides: dict
+    clips: bool = False
+
+    def __str__(self) -> str:
+        """Return what the training is called."""
+        return f"{self.method}, {self.change}" + (", other clips" if self.clips else "")
 
 
 def variants(steps: int) -> list[Variant]:
@@ -64,15 +77,22 @@ def variants(steps: int) -> list[Variant]:
         for words, training in CHANGES.items()
     ]
     raw = _at("coarse", steps, {}) | {"samples": {"low": 1.0, "high": 1.0}}
-    return [*choices, Variant("coarse", RAW_ANIMATION, raw)]
+    choices.append(Variant("coarse", RAW_ANIMATION, raw))
+    coarse = [variant for variant in choices if variant.method == "coarse" and variant.change in ON_CLIPS]
+    return [*choices, *map(_on_other_clips, coarse)]
+
+
+def _on_other_clips(variant: Variant) -> Variant:
+    samples = variant.overrides.get("samples", {}) | {"split": "clips"}
+    return replace(variant, overrides=variant.overrides | {"samples": samples}, clips=True)
 
 
 def selected(trainings: Sequence[Variant], only: str) -> list[Variant]:
-    """Return the trainings whose description, "method, change", has one of the texts that `|` parts in `only`."""
+    """Return the trainings whose name, "method, change", has one of the texts that `|` parts in `only`."""
     wanted = only.split("|")
-    selection = [v for v in trainings if any(words in f"{v.method}, {v.change}" for words in wanted)]
+    selection = [variant for variant in trainings if any(words in str(variant) for words in wanted)]
     if not selection:
-        names = "; ".join(f"{v.method}, {v.change}" for v in trainings)
+        names = "; ".join(map(str, trainings))
         raise InputError(f"only is {only!r}: no training is called so; there are {names}")
     return selection
 
@@ -83,9 +103,11 @@ def _at(section: str, steps: int, training: dict) -> dict:
     return {"coarse": short, section: {"training": {"steps": steps} | training}}
 
 
-def stages_of(config: Config, method: str) -> dict[str, Stage]:
-    """Return the stages that a method's training and its floor need, by name."""
-    return {stage.name: stage for stage in in_order(list(method_named(method).stages(Plan(config))))}
+def stages_of(config: Config, variant: Variant) -> dict[str, Stage]:
+    """Return the stages that a training, and its floor or its errors on other clips, need, by name; the last, last."""
+    plan, method = Plan(config), method_named(variant.method)
+    wanted = [measurement.stage(plan, method)] if variant.clips else list(method.stages(plan))
+    return {stage.name: stage for stage in in_order(wanted)}
 
 
 def validation_errors(stages: dict[str, Stage], method: str) -> tuple[float, float]:
@@ -109,9 +131,17 @@ def floor_deg(stages: dict[str, Stage], config: Config, refined: bool) -> float:
     return supervision.validation()(lambda _: floor(np.asarray(samples.validation_offsets)))[1]
 
 
-def has_clips(stages: dict[str, Stage]) -> bool:
-    """Return whether a finished training's rig has an animation to draw poses from."""
-    return built_rig.load({name: artefact_folder(stage.identifier) for name, stage in stages.items()}).clips is not None
+def has_clips(config: Config) -> bool:
+    """Return whether a character's rig, which is built if it isn't there, has an animation to draw poses from."""
+    return built_rig.load(artefacts_of(TABLE, config, [built_rig.stage(Plan(config))])).clips is not None
+
+
+def clip_rows(stages: dict[str, Stage], config: Config, variant: Variant) -> list[Row]:
+    """Return a finished training's mean errors on clips of which it has no frame."""
+    errors = measurement.load_errors(artefact_folder(stages[f"{measurement.PREFIX}{variant.method}"].identifier))
+    rows = error_rows(stages["rig"].label, {variant.method: errors}, config.profile, "bench-training")
+    names = {f"{kind}_error_mean": f"clips_{kind}_error[{variant.change}]" for kind in ("vertex", "normal")}
+    return [replace(row, table=TABLE, metric=names[row.metric]) for row in rows if row.metric in names]
 
 
 def axis_rows(stages: dict[str, Stage], profile: str) -> list[Row]:
@@ -149,16 +179,19 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
 
 
 def compare(character: str, options: argparse.Namespace) -> list[Row]:
-    """Train all variants for a character and return their validation errors."""
+    """Train all variants for a character and return their errors on validation poses, or on other clips."""
     selection = selected(variants(options.steps), options.only)
+    if not has_clips(resolve(character, options.profile)):  # its poses are drawn uniformly, with any factors
+        selection = [variant for variant in selection if variant.change != RAW_ANIMATION and not variant.clips]
     configs = [resolve(character, options.profile, variant.overrides) for variant in selection]
-    graphs = [stages_of(config, variant.method) for config, variant in zip(configs, selection, strict=True)]
+    graphs = [stages_of(config, variant) for config, variant in zip(configs, selection, strict=True)]
     facts = provenance(["make", "bench-training"], options.profile, [0], core_count())
-    run([graph[variant.method] for graph, variant in zip(graphs, selection, strict=True)], facts=facts)
+    run([list(graph.values())[-1] for graph in graphs], facts=facts)
     rows = []
     for variant, config, graph in zip(selection, configs, graphs, strict=True):
-        if variant.change == RAW_ANIMATION and not has_clips(graph):
-            continue  # its poses are drawn uniformly, with any factors
+        if variant.clips:
+            rows += clip_rows(graph, config, variant)
+            continue
         mm, degrees = validation_errors(graph, variant.method)
         errors = {"validation_vertex_error": mm, "validation_normal_error": degrees}
         if variant.method in FLOORS:

@@ -13,6 +13,8 @@ METRICS = {
     "validation_vertex_error": ("mm", "mm"),
     "validation_normal_error": ("deg", "degrees"),
     "normal_error_over_floor": ("ratio", "degrees / floor"),
+    "clips_vertex_error": ("mm", "other clips, mm"),
+    "clips_normal_error": ("deg", "other clips, degrees"),
 }
 METHODS = ("coarse", "refined", "dense")
 BALANCED, RAW_ANIMATION = "balanced draws", "raw animation"  # changes that claim C12 compares
@@ -40,9 +42,13 @@ def _trainings_table(rows: Sequence[Row], character: str) -> Table:
             cells = (by_change[method, change].get(metric) for metric in METRICS)
             lines.append((method, change, *(round_off(row.value, row.unit) if row else "" for row in cells)))
     header = ("", "peak rate or change", *(name for _, name in METRICS.values()))
-    poses = max(row.poses or 0 for row in rows)
-    note = f"errors on {poses} poses held out of the training animation; one seed."
-    return Table(f"Trainings that differ in one thing: {character}", (header,), tuple(lines), (note,))
+    validation = [row.poses or 0 for row in rows if not row.metric.startswith("clips_")]
+    notes = [f"errors on {max(validation)} poses held out of the training animation; one seed."] if validation else []
+    if clips := [row.poses or 0 for row in rows if row.metric.startswith("clips_")]:
+        notes.append(
+            f"Other clips: trained anew, with whole clips held out, and measured on {max(clips)} poses of these."
+        )
+    return Table(f"Trainings that differ in one thing: {character}", (header,), tuple(lines), tuple(notes))
 
 
 def axis_text(rows: Iterable[Row]) -> str:

@@ -173,15 +173,22 @@ def test_c11_takes_the_rigid_segments_of_the_attachment_rows(mean, expected):
 
 
 @pytest.mark.parametrize(("mm", "degrees", "expected"), [(0.5, 2.0, "fails"), (0.4, 1.9, "holds"), (0.4, 2.1, "fails")])
-def test_c12_compares_balanced_draws_with_the_raw_animation(mm, degrees, expected):
-    def row(change, kind, unit, value, character="teen"):
-        metric = f"validation_{kind}_error[{change}]"
-        return Row("bench_training", character, "coarse", metric, unit, value, None, 1, 64, "laptop", "b")
+def test_c12_compares_balanced_draws_with_the_raw_animation_on_clips_that_neither_has_seen(mm, degrees, expected):
+    def rows(change, mm, degrees, where="clips"):
+        facts = None, 1, 64, "laptop", "b"
+        return [
+            Row("bench_training", "teen", "coarse", f"{where}_vertex_error[{change}]", "mm", mm, *facts),
+            Row("bench_training", "teen", "coarse", f"{where}_normal_error[{change}]", "deg", degrees, *facts),
+        ]
 
-    profile = [row(BALANCED, "vertex", "mm", mm), row(BALANCED, "normal", "deg", degrees)]
-    raw = [row(RAW_ANIMATION, "vertex", "mm", 0.5), row(RAW_ANIMATION, "normal", "deg", 2.0)]
+    profile, raw = rows(BALANCED, mm, degrees), rows(RAW_ANIMATION, 0.5, 2.0)
+    frames = [*rows(BALANCED, 0.3, 1.0, "validation"), *rows(RAW_ANIMATION, 0.1, 0.5, "validation")]
     assert verdict("C12", profile + raw) == expected
-    assert verdict("C12", profile) == "not tested"
+    one = judge(claim_named("C12"), "teen", Evidence(profile + raw + frames), PAPER)
+    assert (
+        one.verdict == expected and "neighbours are in the training: distance: augmented and balanced 0.3" in one.reason
+    )
+    assert verdict("C12", profile) == verdict("C12", frames) == "not tested"
     toon = [replace(row, character="toon") for row in profile + raw]
     assert verdict("C12", toon, "toon") == "not tested", "Ray has no animation"
 

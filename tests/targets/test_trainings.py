@@ -1,9 +1,11 @@
 """Trainings compared: which ones, how they are shown, and what a typing mistake gets."""
 
+import argparse
 import zlib
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
+import pytest
 from plain_rig import PlainRig
 
 from data_recipes.rig import Clip
@@ -16,7 +18,7 @@ from replicate.report.results import Row
 
 def test_every_method_is_tried_with_the_same_changes():
     tried = training.variants(700)
-    assert [v.change for v in tried if v.method == "coarse"][-1] == RAW_ANIMATION
+    assert [v.change for v in tried if v.method == "coarse" and not v.clips][-1] == RAW_ANIMATION
     schedules = {}
     for method, section in training.SECTIONS.items():
         configs = [resolve("tiny", "laptop", v.overrides) for v in tried if v.method == method]
@@ -36,7 +38,7 @@ def test_each_change_is_of_one_thing():
 
 
 def test_the_raw_animation_is_trained_on_as_it_is_and_validated_on_the_profiles_poses():
-    choices = {v.change: v for v in training.variants(700) if v.method == "coarse"}
+    choices = {v.change: v for v in training.variants(700) if v.method == "coarse" and not v.clips}
     rig = PlainRig()
     rig.clips = [Clip(f"{k}", np.random.default_rng(k).random((40, 2), dtype=np.float32)) for k in range(2)]
     parts = {}
@@ -53,6 +55,28 @@ def test_the_raw_animation_is_trained_on_as_it_is_and_validated_on_the_profiles_
         np.testing.assert_array_equal(raw[part], profile[part])
 
 
+def test_clips_are_held_out_of_the_same_three_trainings_and_nothing_else_changes():
+    tried = training.variants(700)
+    frames = {v.change: v for v in tried if v.method == "coarse" and not v.clips}
+    clips = {v.change: v for v in tried if v.clips}
+    assert set(clips) == {training.USUAL, BALANCED, RAW_ANIMATION}
+    for change, variant in clips.items():
+        here, there = (resolve("tiny", "laptop", v.overrides) for v in (frames[change], variant))
+        assert (here.samples.split, there.samples.split) == ("frames", "clips")
+        assert replace(there, samples=replace(there.samples, split="frames")) == here
+
+
+def test_a_rig_without_animation_is_trained_neither_raw_nor_with_clips_held_out(monkeypatch):
+    seen = []
+    monkeypatch.setattr(training, "has_clips", lambda config: False)
+    monkeypatch.setattr(training, "stages_of", lambda config, variant: seen.append(str(variant)) or {})
+    options = argparse.Namespace(steps=700, only="coarse, raw|other clips|dense, peak", profile="quick")
+    monkeypatch.setattr(training, "run", lambda stages, facts: None)
+    with pytest.raises((IndexError, KeyError)):  # no stages, no errors
+        training.compare("tiny", options)
+    assert seen == [f"dense, peak rate {rate:g}" for rate in training.RATES]
+
+
 def test_a_training_is_one_line_of_the_table():
     def row(method, metric, unit, value, character="teen"):
         return Row("bench_training", character, method, metric, unit, value, None, 1, 64, "laptop", "bench-training")
@@ -65,11 +89,17 @@ def test_a_training_is_one_line_of_the_table():
     ]
     rows.append(row("coarse", "validation_vertex_error[uniform draws]", "mm", 0.75, "woman"))
     table, other = trainings_tables(rows)
-    assert table.title.endswith(": teen") and other.body == (("coarse", "uniform draws", "0.75", "", ""),)
+    assert table.title.endswith(": teen") and other.body == (("coarse", "uniform draws", "0.75", "", "", "", ""),)
     assert table.body == (
-        ("coarse", "uniform draws", "0.25", "2.00", "1.25"),
+        ("coarse", "uniform draws", "0.25", "2.00", "1.25", "", ""),
         None,
-        ("dense", "0.005, 10 steps", "0.50", "", ""),
+        ("dense", "0.005, 10 steps", "0.50", "", "", "", ""),
+    )
+    assert len(table.notes) == 1
+    (table,) = trainings_tables([*rows[:4], row("coarse", "clips_vertex_error[uniform draws]", "mm", 0.4)])
+    assert (
+        table.body[0] == ("coarse", "uniform draws", "0.25", "2.00", "1.25", "0.40", "")
+        and "64 poses of" in table.notes[1]
     )
 
 
@@ -81,7 +111,10 @@ def test_a_training_that_there_is_not_is_named(capsys):
 def test_a_choice_may_name_several_trainings():
     trainings = training.variants(700)
     chosen = training.selected(trainings, f"coarse, {BALANCED}|coarse, raw")
-    assert [(v.method, v.change) for v in chosen] == [("coarse", BALANCED), ("coarse", RAW_ANIMATION)]
+    assert [(v.method, v.change) for v in chosen if not v.clips] == [("coarse", BALANCED), ("coarse", RAW_ANIMATION)]
+    assert [str(v) for v in training.selected(trainings, "raw animation, other")] == [
+        "coarse, raw animation, other clips"
+    ]
     assert training.selected(trainings, "") == trainings
 
 

@@ -12,7 +12,15 @@ from replicate.report.seed_results import Seeds, joined, read_seeds, where
 from replicate.targets.claims.verdict_rules import Number
 from replicate.targets.table2.character_part import SEEDS as SINGLE_SEEDS
 
-TABLES = ("table1", "table2", "table3", "table4", "figure13", "bench_training")  # the files, without .csv
+TABLES = (
+    "table1",
+    "table2",
+    "table3",
+    "table4",
+    "figure13",
+    "bench_training",
+    "bench_ladder",
+)  # the files, without .csv
 SEGMENTS = "table2_segments"  # a table of its own in table2.csv
 QUANTITIES = {"vertex": ("distance", "mm"), "normal": ("normal error", "deg")}
 
