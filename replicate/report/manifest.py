@@ -44,18 +44,23 @@ def with_earlier(facts: dict, earlier: dict, run: str) -> dict:
     that is something else. run: the name of both together.
     """
     git, before = facts["git"], earlier["git"]
-    commits = [name for each in (git, before) for name in (each["commit"], *each.get("commits", ()))]
     own = {name: earlier[name] for name in SURROUNDINGS if name in earlier and earlier[name] != facts.get(name)}
     if before["commit"] != git["commit"]:
         own["git"] = {"commit": before["commit"], "clean": before["clean"]}
+    stages = {title: {**own, **stage} for title, stage in earlier["stages"].items()} | facts["stages"]
+    return {**joined(facts, earlier), "run": run, "stages": stages}
+
+
+def joined(facts: dict, earlier: dict) -> dict:
+    """Return the facts of numbers that two runs have made together: both commits, commands and seeds."""
+    git, before = facts["git"], earlier["git"]
+    commits = [name for each in (git, before) for name in (each["commit"], *each.get("commits", ()))]
     commands = dict.fromkeys([*earlier["command"].split("; "), facts["command"]])
     return {
         **facts,
         "git": {**git, "clean": git["clean"] and before["clean"], "commits": [*dict.fromkeys(commits)]},
         "command": "; ".join(commands),
         "seeds": sorted({*earlier["seeds"], *facts["seeds"]}),
-        "run": run,
-        "stages": {title: {**own, **stage} for title, stage in earlier["stages"].items()} | facts["stages"],
     }
 
 

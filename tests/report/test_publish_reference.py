@@ -1,6 +1,7 @@
 """`make reference`: whole runs from clean trees alone, other characters' benchmarks kept, README's table replaced."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from toy_texts import TABLES, texts_to_fill
@@ -57,6 +58,22 @@ def test_results_benchmarks_manifest_and_readme_are_written(folders):
     assert "| Coarse | 0.50 |" in text and "| teen (Hiccup) |" in text
     verdicts = {one.results for one in read_verdicts(reference_folder / "claims.csv")}
     assert verdicts <= {"", "reference"}, "they are of the committed rows, not of the run's"
+
+
+def test_a_benchmark_that_was_run_in_part_joins_what_is_committed(folders):
+    _, bench, reference_folder, _ = folders
+    reference_folder.mkdir()
+    earlier = [replace(row("teen", "bench_floors", 2.0), metric=metric) for metric in ("vertex_error_mean", "other")]
+    write_results(reference_folder / "bench_floors.csv", earlier)
+    entry = {"command": "bench_floors", "seeds": [0], "git": {"commit": "b" * 40, "clean": True}}
+    manifest.write_entries(reference_folder, "bench_floors", {"teen": entry})
+    manifest.write_entries(bench, "bench_floors", {"teen": CLEAN | {"command": "bench_floors --only mean"}})
+    reference.publish_reference("laptop")
+    values = {row.metric: row.value for row in read_results(reference_folder / "bench_floors.csv")}
+    assert values == {"vertex_error_mean": 1.0, "other": 2.0}
+    facts = manifest.entries(reference_folder, "bench_floors")["teen"]
+    assert facts["command"] == "bench_floors; bench_floors --only mean"
+    assert facts["git"]["commits"] == ["c" * 40, "b" * 40] and facts["git"]["clean"]
 
 
 def test_benchmarks_alone_are_put_beside_committed_results(folders):

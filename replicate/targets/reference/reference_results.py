@@ -36,6 +36,7 @@ README, DATA_CARD, REPRODUCING = (
     paths.ROOT / name for name in ("README.md", "data_recipes/README.md", "REPRODUCING.md")
 )
 TABLE2 = committed_seeds.TARGET
+PART = "--only"  # the option of benchmarks that are run in part
 ALWAYS = ("claims", "rig_tour")  # notebooks that show all results, or a rig; the others show one target's
 
 
@@ -43,9 +44,10 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
     """Put a profile's results and the benchmarks' in the place of the committed ones; return the new files.
 
     Of a table each character is replaced as a whole, and those that the run lacks stay, so that characters may be run
-    one at a time. Files without a new result stay as they are. add_seeds: whether the seeds of Table 2 join those that
-    are committed of the same characters; what else of such a character is committed stays as it is. Raises
-    InputError, before it writes anything, if neither has results, or some come from a tree with changes.
+    one at a time. Of a benchmark that was run in part (`--only`) its other rows stay too. Files without a new result
+    stay as they are. add_seeds: whether the seeds of Table 2 join those that are committed of the same characters; what
+    else of such a character is committed stays as it is. Raises InputError, before it writes anything, if neither has
+    results, or some come from a tree with changes.
     """
     run, bench, rigs = (paths.run_folder(name) for name in (profile, BENCH, "rigs"))
     of_run, of_bench = manifest.targets(run), manifest.targets(bench)
@@ -69,13 +71,16 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
             files.append(_put(file, stay))
     for file in sorted(bench.iterdir()) if of_bench else ():
         if _is_result(file) and (file.suffix != ".csv" or file.stem in of_bench):
-            files.append(_put(file))
+            files.append(_put(file, joining=_in_part(bench, file.stem)))
     for folder, names, of_both in ((run, of_run, shared), (bench, of_bench, ())):
         for target in names:
             if target != TABLE2:
                 stay = _committed(target, of_both)
                 new = {name: facts for name, facts in manifest.entries(folder, target).items() if name not in stay}
-                both = manifest.entries(paths.REFERENCE, target) | new
+                there = manifest.entries(paths.REFERENCE, target)
+                for name in there.keys() & _in_part(folder, target):
+                    new[name] = manifest.joined(new[name], there[name])
+                both = there | new
                 if both:
                     manifest.write_entries(paths.REFERENCE, target, dict(sorted(both.items())))
     files += redraw_charts(paths.REFERENCE, shared)
@@ -89,6 +94,13 @@ def _committed(target: str, characters: Collection[str]) -> list[str]:
     """Return those of some characters that the committed results of a target have; of Table 2 all of them."""
     there = manifest.entries(paths.REFERENCE, target)
     return [character for character in characters if target == TABLE2 or character in there]
+
+
+def _in_part(folder: Path, target: str) -> set[str]:
+    """Return the characters of which a benchmark was run in part, so that its other rows are still those committed."""
+    return {
+        name for name, facts in manifest.entries(folder, target).items() if PART in facts.get("command", "").split()
+    }
 
 
 def _target_of(file: Path, targets: Sequence[str]) -> str:
@@ -145,15 +157,18 @@ def _is_of(file: Path, characters: Collection[str]) -> bool:
     return any(re.match(rf"[a-z0-9]+_{re.escape(name)}[_.]", file.name) for name in characters)
 
 
-def _put(file: Path, stay: Collection[str] = ()) -> Path:
-    """Put a new result in its place; rows and curves of characters that it lacks stay, and those of `stay` too."""
+def _put(file: Path, stay: Collection[str] = (), joining: Collection[str] = ()) -> Path:
+    """Put a new result in its place; rows and curves of characters that it lacks stay, and those of `stay` too.
+
+    joining: characters whose other rows stay beside the new ones.
+    """
     into = paths.REFERENCE / file.name
     if file.suffix == ".csv" and into.is_file():
         columns = file.open(encoding="utf-8").readline().rstrip("\n").split(",")
         if columns == list(COLUMNS):
             rows = [row for row in read_results(file) if row.character not in stay]
             characters = {row.character for row in rows}
-            merge(into, rows, lambda row: row.character not in characters)
+            merge(into, rows, lambda row: row.character not in characters or row.character in joining)
             return into
         if columns[:1] == ["character"]:
             curves = {key: curve for key, curve in read_curves(file).items() if key[0] not in stay}
