@@ -22,7 +22,7 @@ import numpy as np
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.benchmarks.common import add_count, answer, artefacts_of, make_parser, publish, split_names
-from replicate.benchmarks.training_table import BALANCED, METRICS, RAW_ANIMATION, TABLE, trainings_tables
+from replicate.benchmarks.training_table import BALANCED, METRICS, RAW_ANIMATION, TABLE, USUAL, trainings_tables
 from replicate.config import Config, resolve
 from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import core_count, provenance
@@ -48,7 +48,6 @@ CHANGES = {  # in words → of the training's schedule
 AXIS_CONTROLS = 4
 STEPS = 4_000  # of the short schedule
 FLOORS = ("coarse", "refined")  # the methods whose maps have one
-USUAL = f"peak rate {RATES[1]:g}"  # the profile's own recipe among the changes
 ON_CLIPS = (USUAL, BALANCED, RAW_ANIMATION)  # the coarse trainings that are measured on whole clips too
 
 

@@ -18,6 +18,7 @@ METRICS = {
 }
 METHODS = ("coarse", "refined", "dense")
 BALANCED, RAW_ANIMATION = "balanced draws", "raw animation"  # changes that claim C12 compares
+USUAL = "peak rate 0.005"  # the profile's own recipe among the changes: augmented, with uniform draws
 
 
 def trainings_tables(rows: Iterable[Row]) -> list[Table]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from sample_rows import mean_rows, table1_rows, table2_rows
 
-from replicate.benchmarks.training_table import BALANCED, RAW_ANIMATION
+from replicate.benchmarks.training_table import BALANCED, RAW_ANIMATION, USUAL
 from replicate.engine.exceptions import InputError
 from replicate.report.results import Row
 from replicate.targets.claims.claim_verdicts import (
@@ -188,6 +188,8 @@ def test_c12_compares_balanced_draws_with_the_raw_animation_on_clips_that_neithe
     assert (
         one.verdict == expected and "neighbours are in the training: distance: augmented and balanced 0.3" in one.reason
     )
+    one = judge(claim_named("C12"), "teen", Evidence([*profile, *raw, *rows(USUAL, 0.2, 1.5)]), PAPER)
+    assert "Without balancing: distance: augmented 0.2" in one.reason and "neighbours" not in one.reason
     assert verdict("C12", profile) == verdict("C12", frames) == "not tested"
     toon = [replace(row, character="toon") for row in profile + raw]
     assert verdict("C12", toon, "toon") == "not tested", "Ray has no animation"

@@ -6,7 +6,7 @@ Each is tested in `tests/targets/test_claims.py` on the paper's own numbers, whi
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from replicate.benchmarks.training_table import BALANCED, RAW_ANIMATION
+from replicate.benchmarks.training_table import BALANCED, RAW_ANIMATION, USUAL
 from replicate.config import RigidConfig
 from replicate.targets.claims.application_rules import (
     LEAST_SPEED_UP,
@@ -159,26 +159,36 @@ def _augmented_beats_raw(evidence: Evidence, character: str) -> Ways:
     return (_augmented_against_raw(evidence, character, "clips"),)
 
 
-def _augmented_against_raw(evidence: Evidence, character: str, where: str) -> tuple[Comparison, ...]:
-    """Return both errors of coarse networks trained with §3.5 and without. where: "clips" or "validation" poses."""
+def _augmented_against_raw(
+    evidence: Evidence, character: str, where: str, change: str = BALANCED, name: str = "augmented and balanced"
+) -> tuple[Comparison, ...]:
+    """Return both errors of coarse networks trained with §3.5, or a part of it, and of those trained without.
+
+    where: on "clips" or "validation" poses. change, name: the training with it, in the table and in words.
+    """
     comparisons = []
     for kind, (quantity, unit) in QUANTITIES.items():
-        names = {BALANCED: "augmented and balanced", RAW_ANIMATION: "raw animation"}
         left, right = (
-            evidence.number("bench_training", character, "coarse", f"{where}_{kind}_error[{change}]", name)
-            for change, name in names.items()
+            evidence.number("bench_training", character, "coarse", f"{where}_{kind}_error[{what}]", words)
+            for what, words in ((change, name), (RAW_ANIMATION, "raw animation"))
         )
         comparisons.append(Comparison(quantity, unit, left, right))
     return tuple(comparisons)
 
 
-def _on_neighbouring_frames(evidence: Evidence, character: str) -> str:
-    """Return how the same trainings compare on frames whose neighbours are trained on, which favours the raw ones."""
-    try:
-        comparisons = _augmented_against_raw(evidence, character, "validation")
-    except MissingNumber:
-        return ""
-    return f"On frames whose neighbours are in the training: {'; '.join(map(str, comparisons))}."
+def _draws_and_neighbours(evidence: Evidence, character: str) -> str:
+    """Return what augmentation does without balancing, and on frames whose neighbours are trained on."""
+    sentences = []
+    for lead, *what in (
+        ("Without balancing", "clips", USUAL, "augmented"),
+        ("On frames whose neighbours are in the training", "validation"),
+    ):
+        try:
+            comparisons = _augmented_against_raw(evidence, character, *what)
+        except MissingNumber:
+            continue
+        sentences.append(f"{lead}: {'; '.join(map(str, comparisons))}.")
+    return " ".join(sentences)
 
 
 BOTH = tuple(QUANTITIES)
@@ -258,7 +268,7 @@ CLAIMS = (
         "Two coarse networks are compared on clips of which their training has no frame (`make bench-training`). The "
         "one that is trained on augmented, balanced samples has both errors smaller than the one that is trained on "
         "the animation as it is. The paper prints no number for it.",
-        _augmented_beats_raw, _on_neighbouring_frames,
+        _augmented_beats_raw, _draws_and_neighbours,
     ),
     Claim(
         "C13", "The networks move meshes of another topology", "§6, Fig. 13",
