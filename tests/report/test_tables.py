@@ -133,6 +133,16 @@ def test_poses_are_counted_character_by_character_where_they_differ():
     assert "\n1,234 unique test poses;" in as_text(table2_overview(table2_rows(), PAPER_ROWS))
 
 
+def test_rows_of_fewer_seeds_are_named_and_set_no_count_of_poses():
+    rows = [replace(row, seeds=3, poses=640, sd=0.1) for row in table2_rows() if row.method != "driven"]
+    rows += [replace(row, poses=664) for row in table2_rows() if row.method == "driven"]
+    for table in (table2(rows, PAPER_ROWS, "teen"), table2_overview(rows, PAPER_ROWS)):
+        text = as_text(table)
+        assert "\n640 unique test poses or more a seed" in text and "poses only" not in text
+        assert "Of fewer seeds than the others of teen: LBS moved by a network ◊." in text
+    assert "fewer seeds" not in as_text(table2(table2_rows(), PAPER_ROWS, "teen"))
+
+
 def test_rigs_of_others_have_a_table_of_their_own():
     rows = table2_rows(("teen", "teen@3", "ict", "rigify"))
     table = other_rigs(rows)

@@ -94,8 +94,14 @@ def _about(rows: Sequence[Row], theirs: str | None) -> str:
 
 
 def _poses_in_words(rows: Sequence[Row]) -> str:
-    """Return how many poses the errors are means over, character by character where they differ; "" for none."""
-    counts = {who: max(row.poses or 0 for row in rows if row.character == who) for who in characters_of(rows)}
+    """Return how many poses the errors are means over, character by character where they differ; "" for none.
+
+    Rows with fewer seeds than others of the same character don't count: the fewest poses of one seed may be more.
+    """
+    counts = {}
+    for who in characters_of(rows):
+        own = [row for row in rows if row.character == who]
+        counts[who] = max(row.poses or 0 for row in own if (row.seeds or 0) == most_seeds(own))
     counts = {who: count for who, count in counts.items() if count}
     if len(set(counts.values())) < 2:
         return "".join(f"{count:,}" for count in set(counts.values()))
@@ -119,7 +125,13 @@ def _notes(rows: Sequence[Row], present: Sequence[str]) -> tuple[str, ...]:
             f"pose) pairs at most ({method_named(worst.method).title})."
         )
     for character in sorted({row.character for row in rows}):
-        counts = {row.method: row.poses for row in rows if row.character == character and row.poses}
-        fewer = [m for m in present if counts.get(m, 0) and counts[m] < max(counts.values())]
-        notes += [f"{method_named(m).title}: on {counts[m]:,} of {character}'s poses only." for m in fewer]
+        most = most_seeds(row for row in rows if row.character == character)
+        own = {row.method: row for row in rows if row.character == character and row.poses}
+        for method in filter(own.__contains__, present):
+            largest = max(row.poses for row in own.values() if row.seeds == own[method].seeds)
+            if own[method].poses < largest:
+                notes.append(f"{method_named(method).title}: on {own[method].poses:,} of {character}'s poses only.")
+        fewer = [method_named(m).title for m in present if m in own and (own[m].seeds or 0) < most]
+        if fewer:
+            notes.append(f"Of fewer seeds than the others of {character}: {', '.join(fewer)}.")
     return tuple(notes)
