@@ -1,5 +1,6 @@
 """Claims as they are shown: table, reasons and chart; and `make claims`, on results of one's own and committed ones."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -92,6 +93,16 @@ def test_a_chart_has_no_line_without_a_mark_in_every_panel():
             assert drawn == set(range(round(high - low))), (claim, axes.get_title(loc="left"))
 
 
+def test_ticks_have_room_however_far_apart_ratios_are():
+    def ticks(smallest):
+        figure, _ = claim_chart(Evidence(mean_rows(distance={"refined": smallest})), PAPER, "C1")
+        return figure.axes[0].get_xticks().tolist()
+
+    assert 0.5 in ticks(0.5) and 1.0 in ticks(0.5)
+    far = ticks(1e-5)
+    assert 2 <= len(far) <= 4 and all(round(math.log10(tick)) % 2 == 0 for tick in far)
+
+
 def test_what_all_lines_of_a_chart_compare_is_said_once():
     evidence = Evidence(mean_rows(normal={"refined": 0.5}))
     one, two = (claim_chart(evidence, PAPER, claim)[0] for claim in ("C3", "C1"))
@@ -140,6 +151,7 @@ def test_benchmarks_of_ones_own_come_before_committed_ones(folders):
     evidence = gather([run, run.parent / "bench", reference])
     assert evidence.rows[row.key].run == "mine" and len(evidence.rows) == 2
     assert evidence.places["bench_training", "woman"] == "reference"
+    assert list(evidence.places) == [("bench_training", "teen"), ("bench_training", "woman")]
 
 
 def test_methods_are_compared_seed_by_seed_where_the_folder_has_the_single_seeds(folders):

@@ -1,5 +1,6 @@
 """A claim's numbers as a chart: ours beside the paper's, as ratios that the claim wants below 1."""
 
+import math
 from typing import TYPE_CHECKING
 
 from replicate.drawing.panels import DPI, Words
@@ -15,6 +16,7 @@ OURS, THEIRS = "#1F6FB4", "#333333"
 PANELS = 4  # in a row
 ROW, TITLE, FRAME = 0.3, 1.0, 0.8  # inches: a line, what is around a row of panels, and around all of them
 SIZE_PT, TITLE_PT = 12, 11  # of letters; a panel's names are as wide as it
+MOST_DECADES = 2.5  # beyond that the numbers of all ticks have no room
 TICKS = (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20)
 
 Pairs = dict[str, tuple[Comparison | None, Comparison | None]]
@@ -89,7 +91,9 @@ def _draw(axes, names: list[str], pairs: Pairs, character: str, limits: tuple[fl
     axes.set_title(f"{ours}\n{theirs}", fontsize=TITLE_PT, loc="left")
     axes.set_xscale("log")
     axes.set_xlim(lower, upper)
-    ticks = [tick for tick in TICKS if lower < tick < upper]
+    decades = math.log10(upper / lower)
+    wide = [10.0**k for k in range(-12, 13, math.ceil(decades / 3))] if decades > MOST_DECADES else TICKS
+    ticks = [tick for tick in wide if lower < tick < upper]
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
     axes.set_ylim(len(names) - 0.5, -0.5)

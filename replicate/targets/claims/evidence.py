@@ -92,7 +92,7 @@ def gather(folders: Sequence[Path]) -> Evidence:
             file = folder / f"{table}.csv"
             new = read_results(file) if file.is_file() else []
             new = [row for row in new if (table, row.character) not in places]
-            characters = {row.character for row in new}
+            characters = dict.fromkeys(row.character for row in new)  # in their order, so that pages repeat exactly
             rows += new
             places |= {(table, character): folder.name for character in characters}
             single = folder / SINGLE_SEEDS
