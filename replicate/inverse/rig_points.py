@@ -4,6 +4,7 @@ The paper replaces the rig in Eq. 6 by its approximation, since a production rig
 that inverse kinematics through the rig itself shows what a better approximation could bring at most.
 """
 
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -28,24 +29,36 @@ class RigPoints:
         def points(params: jax.Array) -> jax.Array:
             return rig.function(params)[:, vertices]
 
-        def pull(params: jax.Array, upstream: jax.Array) -> jax.Array:
-            return jax.vjp(points, params)[1](upstream)[0]
-
-        self._points, self._pull = jax.jit(points), jax.jit(pull)
+        self._points = jax.jit(points)
+        # The second value is the derivative's function, with what it needs of the first pass: the rig runs once.
+        self._linearise = jax.jit(lambda params: jax.vjp(points, params))
 
     def __call__(self, params: Float[torch.Tensor, "b m"]) -> Float[torch.Tensor, "b c 3"]:
-        return _Bridge.apply(params, self._points, self._pull)
+        if torch.is_grad_enabled() and params.requires_grad:
+            return _Bridge.apply(params, self._linearise)
+        return torch.from_numpy(np.array(self._points(_to_numpy(params))))
 
 
 class _Bridge(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, params: torch.Tensor, points: Callable, pull: Callable) -> torch.Tensor:
-        ctx.array, ctx.pull = params.detach().numpy().astype(np.float32), pull
-        return torch.from_numpy(np.array(points(ctx.array)))
+    def forward(ctx, params: torch.Tensor, linearise: Callable) -> torch.Tensor:
+        reached, ctx.pull = linearise(_to_numpy(params))
+        return torch.from_numpy(np.array(reached))
 
     @staticmethod
     def backward(ctx, upstream: torch.Tensor) -> tuple:
-        return torch.from_numpy(np.array(ctx.pull(ctx.array, upstream.numpy()))), None, None
+        return torch.from_numpy(np.array(_compiled_pull()(ctx.pull, upstream.numpy()))), None
+
+
+@functools.cache
+def _compiled_pull() -> Callable:
+    import jax
+
+    return jax.jit(lambda pull, upstream: pull(upstream)[0])
+
+
+def _to_numpy(params: torch.Tensor) -> np.ndarray:
+    return params.detach().numpy().astype(np.float32)
 
 
 def jacobian_at(rig: Rig, vertices: Int[np.ndarray, " c"]) -> Callable[[np.ndarray], Float32[np.ndarray, "c 3 m"]]:
