@@ -22,6 +22,7 @@ from replicate.transfer.surface_places import Places, nearest_faces, nearest_pla
 
 FEWEST = 8  # landmarks that both faces need: four settle an affine map of space, and no face is a tetrahedron
 REACH_MM = 20.0  # what lies farther from the original's face, once landmarks agree, is no part of the face
+LEAD_MM = 3.0  # by which a place must be nearer to be taken although it faces another way: lids and lips turn inwards
 CLEAR_MM = 2.0  # longer ways over the skin to one lid or lip than to the other say which of them it is
 
 
@@ -84,9 +85,9 @@ def spline_through(
 def aligned(source: Mesh, target: Mesh, marks: Marks) -> AlignedFace:
     """Return the target's face with the charts of the nearest places on the source's, once landmarks agree.
 
-    Places lie on triangles of one segment that face the same way, and never on the other lid or lip. Triangles of the
-    target that are farther than `REACH_MM` from the source's face are left out. Raises InputError for a mesh without a
-    face.
+    Places lie on triangles of one segment that face the same way, and never on the other lid or lip; where the target's
+    skin turns inwards and the source's does not, on the nearest. Triangles of the target that are farther than
+    `REACH_MM` from the source's face are left out. Raises InputError for a mesh without a face.
     """
     ours, theirs = face_of(source), face_of(target)
     bend = spline_through(target.neutral[marks.target], source.neutral[marks.source])
@@ -103,7 +104,8 @@ def aligned(source: Mesh, target: Mesh, marks: Marks) -> AlignedFace:
     names = tuple(source.segment_names[k] for k in present)
     mesh = Mesh(target.neutral[vertices], faces, uv, index.astype(np.int32), names)
     own = bent[vertices]
-    counterpart = nearest_faces(own[faces].mean(1), source.neutral, ours.faces, face_vectors(own, faces))
+    centres = own[faces].mean(1)
+    counterpart = nearest_faces(centres, source.neutral, ours.faces, face_vectors(own, faces), LEAD_MM)
     scale = size_ratio(source.neutral[marks.source], target.neutral[marks.target])
     return AlignedFace(NewMesh(mesh, places), vertices, counterpart, scale)
 
@@ -119,7 +121,7 @@ def _places(source: Mesh, ours: Face, bent: np.ndarray, theirs: Face, marks: Mar
     for which in np.unique(group):
         chosen = group == which
         allowed = ours.whole[which * side_of_face >= 0]
-        found = nearest_places(points[chosen], source.neutral, allowed, normals[chosen])
+        found = nearest_places(points[chosen], source.neutral, allowed, normals[chosen], LEAD_MM)
         corners[chosen], shares[chosen] = found.corners, found.shares
     return Places(corners, shares)
 

@@ -41,13 +41,10 @@ def nearest_places(
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "f 3"],
     directions: Float[np.ndarray, "k 3"] | None = None,
+    lead: float = np.inf,
 ) -> Places:
-    """Return the place on a mesh that is nearest to each point.
-
-    directions: each point's normal; only triangles that face the same way are looked at, so that a point of the upper
-    lip never lands on the lower one. A point that no triangle faces takes the nearest of all.
-    """
-    chosen = nearest_faces(points, vertices, faces, directions)
+    """Return the place on a mesh that is nearest to each point; directions and lead: see `nearest_faces`."""
+    chosen = nearest_faces(points, vertices, faces, directions, lead)
     corners = vertices[faces[chosen]].astype(np.float64)
     return Places(faces[chosen], closest_shares(points.astype(np.float64), corners))
 
@@ -57,8 +54,26 @@ def nearest_faces(
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "f 3"],
     directions: Float[np.ndarray, "k 3"] | None = None,
+    lead: float = np.inf,
 ) -> Int[np.ndarray, " k"]:
     """Return the triangle of a mesh that is nearest to each point; exact, the first of several equally near.
+
+    directions: each point's normal; only triangles that face the same way are looked at, so that a point of the upper
+    lip never lands on the lower one. A point takes the nearest of all where none faces it, or where that is nearer by
+    more than `lead`.
+    """
+    chosen = _nearest(points, vertices, faces, directions)
+    if directions is None or np.isinf(lead):
+        return chosen
+    of_all = _nearest(points, vertices, faces, None)
+    facing, any_way = (_distances(points, vertices[faces[which]]) for which in (chosen, of_all))
+    return np.where(facing > any_way + lead, of_all, chosen)
+
+
+def _nearest(
+    points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, directions: np.ndarray | None
+) -> Int[np.ndarray, " k"]:
+    """Return the nearest of the triangles that face the same way, of all where there is none.
 
     A triangle lies within its radius of its centre, and its centre is one of its points: most are ruled out by that.
     """
@@ -77,7 +92,7 @@ def nearest_faces(
             away[opposed & ~opposed.all(1, keepdims=True)] = np.inf
         bound = away.min(1, keepdims=True)
         point, face = np.nonzero(away - radii <= bound * (1 + 1e-9) + 1e-9)
-        distance = np.linalg.norm(_mixed(closest_shares(own[point], corners[face]), corners[face]) - own[point], axis=1)
+        distance = _distances(own[point], corners[face])
         order = np.lexsort((face, distance, point))
         chosen[start : start + step] = face[order[np.searchsorted(point[order], np.arange(len(own)))]]
     return chosen
@@ -121,5 +136,8 @@ def _plane_shares(points: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarra
     return shares
 
 
-def _mixed(shares: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    return (shares[:, :, None] * corners).sum(1)
+def _distances(points: Float[np.ndarray, "k 3"], corners: Float[np.ndarray, "k 3 3"]) -> Float64[np.ndarray, " k"]:
+    """Return how far each point is from its triangle."""
+    points, corners = points.astype(np.float64), corners.astype(np.float64)
+    nearest = (closest_shares(points, corners)[:, :, None] * corners).sum(1)
+    return np.linalg.norm(nearest - points, axis=1)

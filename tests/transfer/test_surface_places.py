@@ -73,6 +73,16 @@ def test_a_point_between_two_sheets_lands_on_the_one_that_faces_as_it_does():
     assert nearest_places(points, both, sheets, aside).mix(both)[0, 2] == pytest.approx(0.2), "nothing faces there"
 
 
+def test_a_point_whose_facing_sheet_is_far_takes_the_near_one_with_a_lead():
+    ticks = np.linspace(0, 4, 5)
+    (near, faces), (far, _) = flat_grid(ticks, ticks, 0.0), flat_grid(ticks, ticks, 9.0)
+    both = np.concatenate([near, far])
+    sheets = np.concatenate([faces, faces[:, ::-1] + len(near)])  # the near one faces up, the far one down
+    point, down = np.array([[1.3, 2.2, 1.0]]), np.array([[0.0, 0, -1]])
+    heights = [nearest_places(point, both, sheets, down, lead).mix(both)[0, 2] for lead in (6.0, 8.0, np.inf)]
+    np.testing.assert_allclose(heights, [0, 9, 9], atol=1e-6)
+
+
 def test_many_poses_are_mixed_as_each_is():
     vertices, faces = bumpy()
     places = nearest_places(RNG.uniform(0, 4, (7, 3)), vertices, faces)
