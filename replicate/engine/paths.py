@@ -9,6 +9,7 @@ ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "results"
 PAPER = RESULTS / "paper"
 REFERENCE = RESULTS / "reference"
+PAPER_PROFILE = "reference_paper_profile"  # committed results of the profile `paper`, beside those of `laptop`
 LONGEST_NAME = 255  # bytes of a file's name, on every file system in use
 
 
@@ -29,6 +30,11 @@ def run_folder(profile: str) -> Path:
     Raises InputError for a variable that can't name a folder.
     """
     return (named_folder(RESULTS_VARIABLE) or RESULTS / "runs") / profile
+
+
+def committed_folders() -> dict[str, Path]:
+    """Return the folders of committed results by name: those that texts quote, and those of the profile `paper`."""
+    return {"reference": REFERENCE, PAPER_PROFILE: REFERENCE / PAPER_PROFILE}
 
 
 def settle_folders(*others: str) -> None:

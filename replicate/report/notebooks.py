@@ -19,7 +19,7 @@ from replicate.engine.code_hash import code_digest
 from replicate.engine.command_line import guard
 from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.folders import short_temporary_folder
-from replicate.engine.paths import REFERENCE, ROOT, display_path, run_folder
+from replicate.engine.paths import REFERENCE, ROOT, committed_folders, display_path, run_folder
 from replicate.engine.provenance import as_lines
 from replicate.report.cast import order_of
 from replicate.report.manifest import command_of, section
@@ -40,7 +40,7 @@ METADATA = {
 
 def folder_of(name: str) -> Path:
     """Return the folder of the reference results, or of your run with the profile of that name."""
-    return REFERENCE if name == "reference" else run_folder(name)
+    return committed_folders().get(name) or run_folder(name)
 
 
 def open_table(name: str, target: str) -> list[Row]:

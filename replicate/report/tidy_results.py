@@ -5,14 +5,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from replicate.engine.exceptions import InputError
-from replicate.engine.paths import PAPER, REFERENCE, display_path, run_folder
+from replicate.engine.paths import PAPER, committed_folders, display_path, run_folder
 from replicate.profiles import PROFILES
 from replicate.report.results import KEY, read_table
 
 if TYPE_CHECKING:
     import pandas
 
-FOLDERS = {"reference": REFERENCE, "published": PAPER}
 TABLE_FILE = re.compile(
     r"(table\d+|figure\d+|rig_report|bench_\w+)\.csv"
 )  # other CSV files hold what is behind a figure
@@ -40,10 +39,11 @@ def read_run(run: str) -> "pandas.DataFrame":
 
 
 def _folder(run: str) -> Path:
-    if run in FOLDERS:
-        return FOLDERS[run]
+    folders = committed_folders() | {"published": PAPER}
+    if run in folders:
+        return folders[run]
     if run not in (*PROFILES, "bench"):
-        choices = ", ".join((*FOLDERS, *PROFILES, "bench"))
+        choices = ", ".join((*folders, *PROFILES, "bench"))
         raise InputError(f"there are no results named {run!r}: allowed are {choices}.")
     return run_folder(run)
 

@@ -112,6 +112,24 @@ def test_a_benchmark_that_no_manifest_tells_of_is_left_out(folders):
     assert not (reference_folder / "bench_rig.csv").exists()
 
 
+def test_the_paper_profile_has_a_folder_of_its_own_beside_what_texts_quote(folders, tmp_path):
+    run, _, reference_folder, notebook_names = folders
+    reference_folder.mkdir()
+    write_results(reference_folder / "table2.csv", [row("teen", value=0.7)])
+    with pytest.raises(InputError, match="there is no Table 2; `make table2 PROFILE=paper` writes it"):
+        reference.publish_reference("paper")
+    longer = tmp_path / "runs" / "paper"
+    run.rename(longer)
+    reference.publish_reference("paper")
+    apart = reference_folder / paths.PAPER_PROFILE
+    assert read_results(apart / "table2.csv") == [row("teen")] and manifest.targets(apart) == ["table2"]
+    assert read_results(reference_folder / "table2.csv")[0].value == 0.7 and manifest.targets(reference_folder) == []
+    assert "table2" in notebook_names and not (reference_folder / "bench_floors.csv").exists()
+    manifest.write_entries(longer, "table2", {"teen": {**CLEAN, "git": {"commit": "c" * 40, "clean": False}}})
+    with pytest.raises(InputError, match="made from a tree with changes"):
+        reference.publish_reference("paper")
+
+
 @pytest.mark.parametrize("where", ["table2", "bench_floors"])
 def test_a_tree_with_changes_is_refused_and_nothing_is_written(folders, where):
     run, bench, reference_folder, _ = folders

@@ -64,7 +64,10 @@ def test_the_papers_own_numbers_are_published_ones():
         ("quick", "quick: there are no results yet; .*`make table2 PROFILE=quick` writes them"),
         ("paper", 'paper: there are no results yet; .*`make table2 PROFILE=paper`.*"published" are the paper\'s own'),
         ("bench", "bench: there are no results yet; `make bench-rig`"),
-        ("latpop", "no results named 'latpop': allowed are reference, published, quick, laptop, paper, bench"),
+        (
+            "latpop",
+            "named 'latpop': allowed are reference, reference_paper_profile, published, quick, laptop, paper, bench",
+        ),
         ("../laptop", "no results named '../laptop'"),
     ],
 )

@@ -15,12 +15,13 @@ from replicate.targets.table2.character_part import ROWS, SEEDS
 TARGET = "table2"
 
 
-def shared_characters(run: Path) -> list[str]:
+def shared_characters(run: Path, into: Path | None = None) -> list[str]:
     """Return the characters of which a run and the committed results have a Table 2, so that seeds can be joined.
 
-    Raises InputError for one whose configurations differ in more than the seed.
+    into: the folder of the committed ones, REFERENCE by default. Raises InputError for one whose configurations differ
+    in more than the seed.
     """
-    committed, own = (manifest.entries(folder, TARGET) for folder in (paths.REFERENCE, run))
+    committed, own = (manifest.entries(folder, TARGET) for folder in (into or paths.REFERENCE, run))
     both = [name for name in own if name in committed]
     for name in both:
         for key in ("profile", "split", "configuration"):
@@ -38,15 +39,18 @@ def differences(key: str, committed: object, own: object) -> Iterator[str]:
         yield f"{key} is {own!r} here and {committed!r} there"
 
 
-def put_table2(run: Path, shared: Collection[str]) -> list[Path]:
+def put_table2(run: Path, shared: Collection[str], into: Path | None = None) -> list[Path]:
     """Put a run's Table 2 among the committed results, numbers and manifest; return the files.
+
+    into: their folder, REFERENCE by default.
 
     Each character's seeds replace the committed ones; those of the shared characters join them. Of a seed that both
     have, a method that both have is the run's, and the others stay. Characters that the run lacks stay.
     """
-    seeds, of_run = (_seeds_of(folder) for folder in (paths.REFERENCE, run))
-    entries = manifest.entries(paths.REFERENCE, TARGET)
-    table, single = paths.REFERENCE / ROWS, paths.REFERENCE / SEEDS
+    into = into or paths.REFERENCE
+    seeds, of_run = (_seeds_of(folder) for folder in (into, run))
+    entries = manifest.entries(into, TARGET)
+    table, single = into / ROWS, into / SEEDS
     for character, facts in manifest.entries(run, TARGET).items():
         own = of_character(seeds, character) if character in shared else {}
         new = of_character(of_run, character)
@@ -59,7 +63,7 @@ def put_table2(run: Path, shared: Collection[str]) -> list[Path]:
         earlier = entries.get(character)
         entries[character] = manifest.with_earlier(facts, earlier, run_name) if character in shared else facts
     write_seeds(single, seeds)
-    manifest.write_entries(paths.REFERENCE, TARGET, dict(sorted(entries.items())))
+    manifest.write_entries(into, TARGET, dict(sorted(entries.items())))
     return [table, single]
 
 

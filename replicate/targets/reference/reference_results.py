@@ -37,6 +37,7 @@ README, DATA_CARD, REPRODUCING = (
     paths.ROOT / name for name in ("README.md", "data_recipes/README.md", "REPRODUCING.md")
 )
 TABLE2 = committed_seeds.TARGET
+APART = "paper"  # the profile whose results have a folder of their own
 PART = "--only"  # the option of benchmarks that are run in part
 ALWAYS = ("claims", "rig_tour")  # notebooks that show all results, or a rig; the others show one target's
 
@@ -44,24 +45,22 @@ ALWAYS = ("claims", "rig_tour")  # notebooks that show all results, or a rig; th
 def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
     """Put a profile's results and the benchmarks' in the place of the committed ones; return the new files.
 
+    Table 2 with the profile `paper` goes into a folder of its own, beside what texts quote (see `publish_apart`).
+
     Of a table each character is replaced as a whole, and those that the run lacks stay, so that characters may be run
     one at a time. Of a benchmark that was run in part (`--only`) its other rows stay too. Files without a new result
     stay as they are. add_seeds: whether the seeds of Table 2 join those that are committed of the same characters; what
     else of such a character is committed stays as it is. Raises InputError, before it writes anything, if neither has
     results, or some come from a tree with changes.
     """
+    if profile == APART:
+        return publish_apart(paths.run_folder(profile), paths.committed_folders()[paths.PAPER_PROFILE], add_seeds)
     run, bench, rigs = (paths.run_folder(name) for name in (profile, BENCH, "rigs"))
     of_run, of_bench = manifest.targets(run), manifest.targets(bench)
     if not (of_run or of_bench):
         raise InputError(f"{run}: there are no results; `make table2 PROFILE={profile}` writes them.")
     for folder, names in ((run, of_run), (bench, of_bench)):
-        for target in names:
-            for character, facts in manifest.entries(folder, target).items():
-                if not (facts.get("git") or {}).get("clean"):
-                    raise InputError(
-                        f"{target} of {character} in {paths.display_path(folder)} was made from a tree with changes: "
-                        "commit them and make it again"
-                    )
+        _check_clean(folder, names)
     shared = committed_seeds.shared_characters(run) if add_seeds else []
     paths.REFERENCE.mkdir(parents=True, exist_ok=True)
     files = committed_seeds.put_table2(run, shared) if TABLE2 in of_run else []
@@ -89,6 +88,31 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
     files.append(paths.REFERENCE / CLAIMS)
     files += [_put(rigs / name) for name in shown_pictures() if (rigs / name).is_file()]
     return files + _texts(manifest.targets(paths.REFERENCE))
+
+
+def publish_apart(run: Path, into: Path, add_seeds: bool = False) -> list[Path]:
+    """Put the numbers of a run's Table 2 into a folder of their own, execute its notebook anew, return the new files.
+
+    Characters that the run lacks stay. add_seeds: as for `publish_reference`. Raises InputError, before it writes
+    anything, for a run without Table 2, or one from a tree with changes.
+    """
+    if TABLE2 not in manifest.targets(run):
+        raise InputError(f"{run}: there is no Table 2; `make table2 PROFILE={run.name}` writes it.")
+    _check_clean(run, [TABLE2])
+    shared = committed_seeds.shared_characters(run, into) if add_seeds else []
+    into.mkdir(parents=True, exist_ok=True)
+    return [*committed_seeds.put_table2(run, shared, into), *_texts([TABLE2])]
+
+
+def _check_clean(folder: Path, targets: Collection[str]) -> None:
+    """Raise InputError unless all results of some targets in a folder are from trees without changes."""
+    for target in targets:
+        for character, facts in manifest.entries(folder, target).items():
+            if not (facts.get("git") or {}).get("clean"):
+                raise InputError(
+                    f"{target} of {character} in {paths.display_path(folder)} was made from a tree with changes: "
+                    "commit them and make it again"
+                )
 
 
 def _committed(target: str, characters: Collection[str]) -> list[str]:
