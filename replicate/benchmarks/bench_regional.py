@@ -32,7 +32,7 @@ CHANGES = {
     "squared errors": {"squares": True},
     "balanced draws": {"training": {"draws": "balanced"}},
     "components of positions alone": {"normal_weight": 0.0},
-    "one region, as many bytes": {"regions": 1},
+    "one region, as many bytes": {"regions": 1, "components": 148},
     "64 regions": {"regions": 64, "components": 48, "fine": 8},
     "64 components": {"components": 64},
     "hidden layers of 256": {"hidden": [256, 256]},
