@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import add_count, answer, make_parser
+from replicate.benchmarks.common import add_count, add_only, answer, make_parser
 from replicate.benchmarks.region_borders import border_rows, borders_table
 from replicate.benchmarks.variants import Variant, compare_variants, variants_tables
 from replicate.config import resolve
@@ -74,6 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison from the command line; return the exit code."""
     parser = make_parser(TABLE, __doc__, profile="whose numbers are changed")
     add_count(parser, "steps", STEPS, "of each training")
+    add_only(parser)
     compare = partial(compare_variants, TABLE, variants, pieces_tables, afterwards=border_errors)
     return answer(parser, compare, arguments)
 

@@ -21,10 +21,18 @@ import numpy as np
 
 from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import add_count, answer, artefacts_of, make_parser, publish, split_names
+from replicate.benchmarks.common import (
+    add_count,
+    add_only,
+    answer,
+    artefacts_of,
+    make_parser,
+    publish,
+    selected,
+    split_names,
+)
 from replicate.benchmarks.training_table import BALANCED, METRICS, RAW_ANIMATION, TABLE, USUAL, trainings_tables
 from replicate.config import Config, resolve
-from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
 from replicate.engine.stage import Stage, in_order
@@ -84,16 +92,6 @@ def variants(steps: int) -> list[Variant]:
 def _on_other_clips(variant: Variant) -> Variant:
     samples = variant.overrides.get("samples", {}) | {"split": "clips"}
     return replace(variant, overrides=variant.overrides | {"samples": samples}, clips=True)
-
-
-def selected(trainings: Sequence[Variant], only: str) -> list[Variant]:
-    """Return the trainings whose name, "method, change", has one of the texts that `|` parts in `only`."""
-    wanted = only.split("|")
-    selection = [variant for variant in trainings if any(words in str(variant) for words in wanted)]
-    if not selection:
-        names = "; ".join(map(str, trainings))
-        raise InputError(f"only is {only!r}: no training is called so; there are {names}")
-    return selection
 
 
 def _at(section: str, steps: int, training: dict) -> dict:
@@ -164,9 +162,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison from the command line; return the exit code."""
     parser = make_parser(TABLE, __doc__, profile="whose numbers are changed")
     add_count(parser, "steps", STEPS, "of the short schedule")
-    parser.add_argument(
-        "--only", default="", help="only trainings whose description has this, or one of several: 'a|b'; others stay"
-    )
+    add_only(parser)
     return answer(parser, _run, arguments)
 
 

@@ -17,6 +17,7 @@ from replicate.engine.stage import Stage, in_order
 from replicate.engine.store import artefact_folder
 from replicate.engine.word_lists import words
 from replicate.methods.method_registry import choose, sections
+from replicate.profiles import PROFILES, check_profile
 from replicate.report import manifest
 from replicate.report.results import Row, read_results, write_results
 from replicate.report.tables import Table, as_text
@@ -69,7 +70,33 @@ def add_methods(parser: argparse.ArgumentParser, like: str) -> None:
 
 def answer(parser: argparse.ArgumentParser, body: Callable, arguments: Sequence[str] | None) -> int:
     """Run a benchmark, `body(options, words)`, as the command line says; return the exit code."""
-    return guard(lambda: body(*parse(parser, arguments)))
+
+    def checked() -> None:
+        options, words = parse(parser, arguments)
+        check_profile(getattr(options, "profile", next(iter(PROFILES))))
+        body(options, words)
+
+    return guard(checked)
+
+
+def add_only(parser: argparse.ArgumentParser) -> None:
+    """Add an option that names some of a benchmark's trainings: the rows of the others stay."""
+    parser.add_argument(
+        "--only", default="", help="only trainings whose description has this, or one of several: 'a|b'; others stay"
+    )
+
+
+def selected(trainings: Sequence, only: str) -> list:
+    """Return the trainings whose name, "method, change", has one of the texts that `|` parts in `only`.
+
+    Raises InputError where there are none.
+    """
+    wanted = only.split("|")
+    selection = [variant for variant in trainings if any(words in str(variant) for words in wanted)]
+    if not selection:
+        names = "; ".join(map(str, trainings))
+        raise InputError(f"only is {only!r}: no training is called so; there are {names}")
+    return selection
 
 
 def split_names(characters: str, asks_the_rig: str = "") -> list[str]:

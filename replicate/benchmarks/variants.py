@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import publish, split_names
+from replicate.benchmarks.common import publish, selected, split_names
 from replicate.config import Config
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
@@ -32,6 +32,10 @@ class Variant:
     change: str
     config: Config
 
+    def __str__(self) -> str:
+        """Return what the training is called."""
+        return f"{self.method}, {self.change}"
+
 
 def nothing_more(variants: Sequence[Variant], rows: Sequence[Row]) -> Sequence[Row]:
     """Return no rows."""
@@ -49,14 +53,15 @@ def compare_variants(
     """Train the variants of each character, print their tables and publish their rows.
 
     name: of the benchmark's module. variants: (character, profile, steps) → what is trained. tables: rows → what is
-    printed of them. options: with `characters`, `profile` and `steps`. command_line: the words that state them.
+    printed of them. options: with `characters`, `profile`, `steps`, and `only` where the benchmark has
+    `common.add_only`. command_line: the words that state them.
     afterwards: (variants, their rows) → more rows; what else is measured of the trained variants, or drawn.
     """
     for character in split_names(options.characters):
-        trained = variants(character, options.profile, options.steps)
+        trained = selected(variants(character, options.profile, options.steps), getattr(options, "only", ""))
         rows = train_variants(name, trained)
         rows += afterwards(trained, rows)
-        publish(name, rows, tables(rows), command_line)
+        publish(name, rows, tables(rows), command_line, (lambda row: True) if getattr(options, "only", "") else None)
 
 
 def train_variants(name: str, variants: Sequence[Variant]) -> list[Row]:

@@ -2,6 +2,7 @@
 
 from argparse import Namespace
 
+from replicate.benchmarks import bench_regional
 from replicate.benchmarks import variants as trainings
 from replicate.benchmarks.variants import Variant, compare_variants, variants_tables
 from replicate.config import resolve
@@ -36,3 +37,29 @@ def test_each_characters_trainings_are_shown_and_kept_before_the_next_ones(capsy
     printed = capsys.readouterr().out
     places = [printed.index(words) for words in ("Toys: teen", "written to", "Toys: toon")]
     assert printed.count("7.00") == 2 and places == sorted(places)
+
+
+def test_only_the_trainings_that_are_named_run_and_the_rows_of_the_others_stay(monkeypatch, tmp_path):
+    monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path))
+    config = resolve("teen", "quick", {})
+
+    def two(character, profile, steps):
+        return [Variant("dense", change, config) for change in ("as it is", "wider")]
+
+    def train(name, chosen):
+        facts = ("deg", float(len(kept)), None, 1, 64, "laptop", "r")
+        return [Row(name, "teen", v.method, f"validation_normal_error[{v.change}]", *facts) for v in chosen]
+
+    kept = []
+    monkeypatch.setattr(trainings, "train_variants", train)
+    for only in ("", "dense, wid"):
+        options = Namespace(characters="teen", profile="quick", steps=7, only=only)
+        compare_variants("bench_toy", two, lambda rows: [], options, [])
+        kept.append(only)
+    values = {row.metric: row.value for row in read_results(tmp_path / "bench" / "bench_toy.csv")}
+    assert values == {"validation_normal_error[as it is]": 0.0, "validation_normal_error[wider]": 1.0}
+
+
+def test_a_profile_that_there_is_not_ends_in_a_sentence(capsys):
+    assert bench_regional.main(["--profile", "huge"]) == 2
+    assert "profile 'huge' is unknown: allowed are quick, laptop, paper" in capsys.readouterr().err
