@@ -44,7 +44,8 @@ def toy(monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (["--jobs", "0"], ["jobs is 0", "at least 1"]),
+        (["--jobs", "0"], ["jobs is '0'", "a whole number from 1"]),
+        (["--jobs", "many"], ["jobs is 'many'", "a whole number from 1"]),
         (["--jobs", "4", "--cluster", "local:2"], ["JOBS=4", "CLUSTER=local:2", "leave JOBS out"]),
         (["--seed=-1"], ["seed is '-1'", "a whole number from 0"]),
         (["--seed", "0,one"], ["seed is 'one'", "a whole number from 0"]),

@@ -13,6 +13,7 @@ from replicate.engine.cluster_config import is_elsewhere
 from replicate.engine.device import choose_device
 from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import core_count
+from replicate.engine.schema import shown
 from replicate.engine.user_files import whole_number
 from replicate.engine.word_lists import words
 from replicate.inverse.ik_config import own as inverse_section
@@ -20,6 +21,8 @@ from replicate.methods import method_registry as registry
 from replicate.methods.method import Method
 from replicate.profiles import PROFILES, check_profile
 
+MOST_JOBS = 1024
+SPLITS = ("frames", "clips")
 OF_A_RUN = ("profile", "characters", "seed", "device", "config", "split", "jobs", "cluster")
 OPTIONS = {
     "profile": {"default": "laptop", "help": f"one of {', '.join(PROFILES)} (default: laptop)"},
@@ -40,7 +43,7 @@ OPTIONS = {
         "help": "the seeds that all random streams come from; tables show the mean over them (default: 0)",
     },
     "device": {"default": "auto", "help": "auto, cpu or cuda (default: CUDA if there is one, else the CPU)"},
-    "jobs": {"type": int, "help": f"processes side by side (default: one a core, here {core_count()})"},
+    "jobs": {"help": f"processes side by side (default: one a core, here {core_count()})"},
     "cluster": {
         "metavar": "WHERE",
         "help": "run the stages on Dask: local:4, tcp://host:8786, or a .toml file for Slurm (default: processes here)",
@@ -52,7 +55,7 @@ OPTIONS = {
     },
     "config": {"metavar": "FILE", "help": "a TOML file whose keys override the profile's, as [coarse] map_size = 64"},
     "latex": {"action": "store_true", "help": "print LaTeX (packages: booktabs) instead of text"},
-    "split": {"help": "frames (as in the paper) or clips: what is held out for the test"},
+    "split": {"help": f"{' (as in the paper) or '.join(SPLITS)}: what is held out for the test"},
     "pose": {"help": "an expression, as joy; a wrong name lists them (default: neutral)"},
     "clip": {"help": "a clip's name, or its number from 0; a wrong one lists them"},
     "params": {
@@ -88,6 +91,8 @@ def configurations(options: argparse.Namespace) -> list[Config]:
     """Return the configuration of every character and seed that the command line names."""
     check_profile(options.profile)  # before methods are asked for their numbers of it
     device = choose_device(options.device, elsewhere=is_elsewhere(getattr(options, "cluster", None)))
+    if options.split and options.split not in SPLITS:
+        raise InputError(f"split is {shown(options.split)}: allowed are {', '.join(SPLITS)}")
     overrides = {"samples": {"split": options.split}} if options.split else None
     file = Path(options.config) if options.config else None
     registry.choose(words(getattr(options, "methods", "")))  # those from outside have sections of their own too
@@ -132,9 +137,10 @@ def others(options: argparse.Namespace, plan: Plan) -> list[str]:
 
 def workers(options: argparse.Namespace) -> int:
     """Return how many processes work side by side on this machine."""
-    if options.jobs is not None and options.jobs < 1:
-        raise InputError(f"jobs is {options.jobs}: allowed is a whole number of at least 1")
-    if options.jobs is not None and getattr(options, "cluster", None):
-        jobs, cluster = f"JOBS={options.jobs}", f"CLUSTER={options.cluster}"
+    if options.jobs is None:
+        return core_count()
+    count = whole_number(options.jobs, "jobs", 1, MOST_JOBS)
+    if getattr(options, "cluster", None):
+        jobs, cluster = f"JOBS={count}", f"CLUSTER={options.cluster}"
         raise InputError(f"{jobs} counts processes on this machine, and with {cluster} none works here: leave JOBS out")
-    return options.jobs or core_count()
+    return count

@@ -14,7 +14,7 @@ def test_the_samples_are_a_quarter_more_than_those_that_train(profile, poses, mo
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path))
     monkeypatch.setattr(rigify, "write_rigify_samples", lambda *words: calls.append(words))
     monkeypatch.setattr(table2, "run", lambda options: calls.append(options.characters))
-    rigify.run(argparse.Namespace(profile=profile, jobs=3))
+    rigify.run(argparse.Namespace(profile=profile, jobs="3"))
     folder = tmp_path / "samples" / "rigify"
     assert calls == [(folder, "woman", poses, 3, "rigify"), [str(folder)]]
 

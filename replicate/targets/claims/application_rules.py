@@ -1,5 +1,7 @@
 """What the claims about the networks in use need of the numbers: speed (C7 to C9), posing (C10), other meshes (C13)."""
 
+from collections.abc import Iterator
+
 from replicate.report.cast import STANDS_FOR
 from replicate.targets.claims.evidence import QUANTITIES, Evidence, MissingNumber
 from replicate.targets.claims.verdict_rules import Comparison, Number, Ways, significant
@@ -73,8 +75,11 @@ def cnn_better_under_ik(evidence: Evidence, character: str) -> Ways:
 
 
 def posed_otherwise(evidence: Evidence, character: str) -> str:
-    """Return how both compare in poses that favour neither, and at parameters within their controls' limits."""
-    sentences = []
+    """Return how both compare in poses that favour neither, and at parameters within their controls' limits.
+
+    What is as near to the rig without any network, a straight line or the unmoved face, is named first.
+    """
+    sentences = list(_nearer_without_networks(evidence, character))
     for suffix, words in (
         ("[rig]", "In poses of IK networks that are trained through the rig itself, which favour neither"),
         ("_limited", "With each parameter within the limits of its control"),
@@ -87,26 +92,44 @@ def posed_otherwise(evidence: Evidence, character: str) -> str:
     return " ".join(sentences)
 
 
+def _nearer_without_networks(evidence: Evidence, character: str) -> Iterator[str]:
+    """Yield a sentence for each way without networks that has a smaller normal error than the CNN in its poses."""
+    for method, words in (("linear", "A straight line"), ("neutral", "Even the unmoved face")):
+        try:
+            pair = [evidence.number("table4", character, name, "normal_error_mean") for name in (method, "refined")]
+        except MissingNumber:
+            continue
+        if pair[0].value < pair[1].value:
+            own, of_cnn = (significant(number.value) for number in pair)
+            yield f"{words} has a smaller normal error there: {own}° against {of_cnn}°."
+
+
 def moves_other_meshes(evidence: Evidence, character: str) -> Ways:
-    """Return what C13 needs: errors on new meshes are no larger than on the mesh of the training."""
+    """Return what C13 needs: on new meshes both errors are smaller than those of deformation transfer."""
     comparisons = []
     for mesh, words in (("half", "on half of the vertices"), ("quarter", "on a quarter")):
         for kind, (quantity, unit) in QUANTITIES.items():
-            new, own = (
-                evidence.number("figure13", character, "coarse", f"{kind}_error_mean[{where}]", name)
-                for where, name in ((mesh, words), ("original", "on its own mesh"))
+            read, followed = (
+                evidence.number("figure13", character, method, f"{kind}_error_mean[{mesh}]", name)
+                for method, name in (
+                    ("coarse", f"{words}, maps read anew"),
+                    ("deformation_transfer_coarse", "deformation transfer"),
+                )
             )
-            comparisons.append(Comparison(quantity, unit, new, own, "matches"))
+            comparisons.append(Comparison(quantity, unit, read, followed))
     return (tuple(comparisons),)
 
 
-def beside_deformation_transfer(evidence: Evidence, character: str) -> str:
-    """Return the errors of the baseline that is handed the true mesh of each pose, on half of the vertices."""
-    errors = (
-        evidence.number("figure13", character, "deformation_transfer", f"{kind}_error_mean[half]")
-        for kind in QUANTITIES
+def beside_other_ways(evidence: Evidence, character: str) -> str:
+    """Return the errors of the prediction carried over, and of transfer from the truth, on half of the vertices."""
+    carried, of_truth = (
+        " mm and ".join(
+            significant(evidence.number("figure13", character, method, f"{kind}_error_mean[half]").value)
+            for kind in QUANTITIES
+        )
+        for method in ("coarse_carried", "deformation_transfer")
     )
-    distance, normal = (significant(error.value) for error in errors)
     return (
-        f"Deformation transfer, which sees the true mesh of each pose, has {distance} mm and {normal}° on half of them."
+        f"Carried from the original's vertices the same prediction has {carried}° on half of them. "
+        f"Deformation transfer that sees the true mesh of each pose has {of_truth}°."
     )

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from data_recipes import recipe_paths
 from replicate.benchmarks.common import PROFILE as BENCH
 from replicate.engine import paths
 from replicate.report.cast import STANDS_FOR, order_of
@@ -56,8 +57,10 @@ class Evidence:
         row = self.rows.get((table, character, method, metric))
         if row is None:
             target = "table2" if table == SEGMENTS else table
-            which, command = f"no {metric} of {method} for {character}", f"{command_of(target)} CHARACTERS={character}"
-            raise MissingNumber(f"{target}.csv has {which}; `make {command}` writes it.")
+            which, whose = f"no {metric} of {method} for {character}", character
+            if is_from_elsewhere(character):
+                whose = f"<recipe or folder of {character}>"
+            raise MissingNumber(f"{target}.csv has {which}; `make {command_of(target)} CHARACTERS={whose}` writes it.")
         by_seed = self.by_seed.get(row.key, {})
         by_seed = by_seed if len(by_seed) == row.seeds else {}  # those of another run say nothing about this one
         return Number(name or method.replace("lbs", "LBS "), row.value, row.sd, (row,), by_seed)
@@ -70,6 +73,12 @@ class Evidence:
         """Return the names of the folders that some rows are from."""
         keys = {(row.table.replace(SEGMENTS, "table2"), row.character) for row in rows}
         return ", ".join(sorted({self.places[key] for key in keys if key in self.places}))
+
+
+def is_from_elsewhere(character: str) -> bool:
+    """Return whether a character of some results has no recipe here: it is named by its folder, not by this name."""
+    name, _ = recipe_paths.split_character(character)
+    return name not in STANDS_FOR and not recipe_paths.recipe_file(name).is_file()
 
 
 def folders_of(name: str) -> list[Path]:
