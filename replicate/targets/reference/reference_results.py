@@ -10,6 +10,7 @@ from pathlib import Path
 
 from replicate.benchmarks.bench_poses import health_card
 from replicate.benchmarks.bench_rig import speed_card
+from replicate.benchmarks.bench_train import steps_table
 from replicate.benchmarks.common import PROFILE as BENCH
 from replicate.benchmarks.common import merge
 from replicate.engine import paths
@@ -37,6 +38,7 @@ README, DATA_CARD, REPRODUCING = (
     paths.ROOT / name for name in ("README.md", "data_recipes/README.md", "REPRODUCING.md")
 )
 TABLE2 = committed_seeds.TARGET
+TRAINED = "teen"  # whose training steps a text shows
 APART = "paper"  # the profile whose results have a folder of their own
 PART = "--only"  # the option of benchmarks that are run in part
 ALWAYS = ("claims", "rig_tour")  # notebooks that show all results, or a rig; the others show one target's
@@ -158,6 +160,7 @@ def tables_in_texts() -> dict[str, tuple[Path, str, Callable[[Path], Table]]]:
         "table3_speed": (README, "table3.csv", lambda file: speed_table(read_results(file))),
         "table3": (README, "table3.csv", lambda file: timing_table(read_results(file), times)),
         "bench_poses": (DATA_CARD, "bench_poses.csv", lambda file: health_card(read_results(file))),
+        "bench_train": (REPRODUCING, "bench_train.csv", lambda file: steps_table(read_results(file), TRAINED)),
         "bench_rig": (REPRODUCING, "bench_rig.csv", lambda file: speed_card(read_results(file))),
         "rig_report": (DATA_CARD, "rig_report.csv", lambda file: report_card(read_results(file))),
     }
