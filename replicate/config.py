@@ -45,13 +45,13 @@ class SamplesConfig(Checked):
 class TrainingConfig(Checked):
     """The schedule of one network's training (§3.5; DEVIATIONS D6)."""
 
-    schedule: Literal["paper", "one_cycle"] = "paper"
+    schedule: Literal["paper", "one_cycle", "two_cycles"] = "paper"
     steps: int = number(70_000, 1, 2_000_000)
     batch: int = number(8, 1, 4096)
     draws: Literal["balanced", "uniform"] = "balanced"  # of training samples: as §3.5, or each as often as any other
     rates: tuple[float, ...] = number((1e-3, 1e-4, 1e-5), 1e-9, 1.0)  # "paper": one after the other
     shares: tuple[float, ...] = number((5.0, 1.0, 1.0), 0.0, 1e6)  # of the steps that each rate gets
-    peak_rate: float = number(2e-3, 1e-9, 1.0)  # "one_cycle": linear warm-up to it, cosine decay from it
+    peak_rate: float = number(2e-3, 1e-9, 1.0)  # of a cycle: linear warm-up to it, cosine decay from it
     warm_up: float = number(0.05, 0.0, 0.9)  # share of the steps
     largest_gradient: float = number(0.0, 0.0, 1e6)  # longer ones are shortened to it; 0 leaves all as they are
 

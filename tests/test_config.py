@@ -62,7 +62,10 @@ def test_a_file_overrides_a_profile_and_values_override_both(tmp_path, recipe):
         ("[coarse.training]\nbatch = 8.5", ["coarse.training.batch is 8.5", "whole number"]),
         ("[coarse.training]\nbatch = true", ["coarse.training.batch is True", "whole number"]),
         ("[coarse.training]\nrates = [1e-3]", ["coarse.training.shares", "1 numbers"]),
-        ("[coarse.training]\nschedule = 'cosine'", ["coarse.training.schedule is 'cosine'", "paper, one_cycle"]),
+        (
+            "[coarse.training]\nschedule = 'cosine'",
+            ["coarse.training.schedule is 'cosine'", "paper, one_cycle, two_cycles"],
+        ),
         ("[coarse]\nmap_size = 33", ["coarse.map_size is 33", "power of two"]),
         ("[coarse]\nnormal_weight = nan", ["coarse.normal_weight is nan", "number"]),
         ("[coarse]\nnormal_weight = inf", ["coarse.normal_weight is inf", "number"]),

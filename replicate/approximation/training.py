@@ -29,15 +29,16 @@ def learning_rate(config: TrainingConfig, step: int) -> float:
     """Return the rate of one step (0 ≤ step < config.steps).
 
     "paper": config.rates one after the other, each for its share of the steps. "one_cycle": linear warm-up to
-    peak_rate, then a cosine down to nothing.
+    peak_rate, then a cosine down to nothing. "two_cycles": that twice, in half of the steps each: a warm restart.
     """
     if config.schedule == "paper":
         ends = np.cumsum(config.shares) / sum(config.shares) * config.steps
         return config.rates[min(int(np.searchsorted(ends, step, side="right")), len(config.rates) - 1)]
-    warm_up = max(1, round(config.warm_up * config.steps))
+    length = math.ceil(config.steps / 2) if config.schedule == "two_cycles" else config.steps
+    step, warm_up = step % length, max(1, round(config.warm_up * length))
     if step < warm_up:
         return config.peak_rate * (step + 1) / warm_up
-    return config.peak_rate * 0.5 * (1 + math.cos(math.pi * (step - warm_up) / max(1, config.steps - warm_up)))
+    return config.peak_rate * 0.5 * (1 + math.cos(math.pi * (step - warm_up) / max(1, length - warm_up)))
 
 
 def prepare(device: str) -> torch.device:

@@ -31,7 +31,16 @@ from replicate.benchmarks.common import (
     selected,
     split_names,
 )
-from replicate.benchmarks.training_table import BALANCED, METRICS, RAW_ANIMATION, TABLE, USUAL, trainings_tables
+from replicate.benchmarks.training_table import (
+    BALANCED,
+    METRICS,
+    RAW_ANIMATION,
+    RESTART,
+    TABLE,
+    TWICE,
+    USUAL,
+    trainings_tables,
+)
 from replicate.config import Config, resolve
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
@@ -52,7 +61,10 @@ CHANGES = {  # in words → of the training's schedule
     **{f"peak rate {rate:g}": {"peak_rate": rate} for rate in RATES},
     BALANCED: {"draws": "balanced"},
     "gradients as they are": {"largest_gradient": 0.0},
+    TWICE: {},
+    RESTART: {"schedule": "two_cycles"},
 }
+LONGER = (TWICE, RESTART)  # changes whose trainings have twice the steps
 AXIS_CONTROLS = 4
 STEPS = 4_000  # of the short schedule
 FLOORS = ("coarse", "refined")  # the methods whose maps have one
@@ -79,7 +91,7 @@ class Variant:
 def variants(steps: int) -> list[Variant]:
     """Return all trainings at a schedule of `steps`: each method's peak rates, then other changes to the profile."""
     choices = [
-        Variant(method, words, _at(section, steps, training))
+        Variant(method, words, _at(section, (2 if words in LONGER else 1) * steps, training))
         for method, section in SECTIONS.items()
         for words, training in CHANGES.items()
     ]

@@ -18,6 +18,7 @@ METRICS = {
 }
 METHODS = ("coarse", "refined", "dense")
 BALANCED, RAW_ANIMATION = "balanced draws", "raw animation"  # changes that claim C12 compares
+TWICE, RESTART = "twice the steps", "twice the steps, in two cycles"  # one long schedule, or a warm restart
 USUAL = "peak rate 0.005"  # the profile's own recipe among the changes: augmented, with uniform draws
 
 

@@ -28,6 +28,13 @@ def test_one_cycle_warms_up_and_comes_down_as_a_cosine():
     assert rates[-1] == pytest.approx(2e-3 * (1 - math.cos(math.pi / 950)) / 2)
 
 
+def test_a_warm_restart_goes_through_the_shorter_schedule_twice():
+    once = TrainingConfig("one_cycle", steps=500)
+    twice = TrainingConfig("two_cycles", steps=1000)
+    rates = [training.learning_rate(once, step) for step in range(500)]
+    assert [training.learning_rate(twice, step) for step in range(1000)] == rates * 2
+
+
 class Kill(Exception):
     pass
 
