@@ -11,7 +11,14 @@ from plain_rig import PlainRig
 from data_recipes.rig import Clip
 from replicate.approximation.samples import choose_poses
 from replicate.benchmarks import bench_training as training
-from replicate.benchmarks.training_table import BALANCED, RAW_ANIMATION, axis_text, draws_text, trainings_tables
+from replicate.benchmarks.training_table import (
+    BALANCED,
+    RAW_ANIMATION,
+    RESTART,
+    axis_text,
+    draws_text,
+    trainings_tables,
+)
 from replicate.config import resolve
 from replicate.report.results import Row
 
@@ -24,7 +31,8 @@ def test_every_method_is_tried_with_the_same_changes():
         configs = [resolve("tiny", "laptop", v.overrides) for v in tried if v.method == method]
         schedules[method] = [getattr(config, section).training for config in configs][: len(training.CHANGES)]
         assert [s.peak_rate for s in schedules[method]][: len(training.RATES)] == list(training.RATES)
-        assert {s.steps for s in schedules[method]} == {700}
+        steps = [1400 if change in training.LONGER else 700 for change in training.CHANGES]
+        assert [s.steps for s in schedules[method]] == steps
     assert schedules["coarse"] == schedules["refined"] == schedules["dense"]
 
 
@@ -34,7 +42,7 @@ def test_each_change_is_of_one_thing():
         if variant.method == "coarse" and variant.change != RAW_ANIMATION:
             changed = asdict(resolve("tiny", "laptop", variant.overrides).coarse.training)
             differing = [name for name, value in changed.items() if value != before[name]]
-            assert len(differing) == (variant.change != "peak rate 0.005"), variant.change
+            assert len(differing) == (variant.change != "peak rate 0.005") + (variant.change == RESTART), variant.change
 
 
 def test_the_raw_animation_is_trained_on_as_it_is_and_validated_on_the_profiles_poses():
