@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 HEIGHT = 8.4  # inches, of both panels
 LEFT_OUT = "neutral"  # far above all others
-SIZES = {"coarse": 13}  # of marks: refined ones lie on the coarse ones
+SIZES = {"coarse": 14}  # of marks: refined ones lie on the coarse ones
+MARKERS = {"dense": "s", "lbs32": "^", "regional": "D", "linear": "v"}  # others are round
 WORDS = {"mm": "mm", "deg": "degrees"}
 
 
@@ -35,7 +36,7 @@ def ladder_figure(rows: Sequence[Row], head: str) -> "tuple[matplotlib.figure.Fi
             climb, alone = ([rung for rung in values if (rung in APART) is apart] for apart in (False, True))
             looks = {
                 "color": method_named(name).colour,
-                "marker": "o",
+                "marker": MARKERS.get(name, "o"),
                 "markersize": SIZES.get(name, 8),
                 "linewidth": 2.2,
             }

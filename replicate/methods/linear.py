@@ -141,6 +141,6 @@ METHOD = Method(
     model=load_model,
     place=50,
     note="Ridge regression from rig parameters to vertices, segment by segment: a straight line.",
-    colour="#000000",
+    colour="#56B4E9",
     own=own,
 )

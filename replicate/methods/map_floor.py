@@ -52,6 +52,7 @@ def _poses(config: Config) -> int:
     return config.evaluation.floor_poses or config.evaluation.test_poses
 
 
+# Each has the colour of the networks whose floor it is.
 SHARED = {"oracle": True, "note": NOTE, "mark": "‡", "in_figures": False, "poses": _poses}
 METHODS = (
     Method(
@@ -60,7 +61,7 @@ METHODS = (
         _stages,
         load,
         80,
-        colour="#009E73",
+        colour="#E69F00",
         floor_of="coarse",
         numbers=_numbers,
         **SHARED,
@@ -71,7 +72,7 @@ METHODS = (
         _refined_stages,
         load,
         81,
-        colour="#56B4E9",
+        colour="#0072B2",
         floor_of="refined",
         numbers=_refined_numbers,
         **SHARED,

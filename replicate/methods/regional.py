@@ -176,6 +176,6 @@ METHOD = Method(
     place=40,
     mark="★",
     note="Our method: a small network, beside a straight line, mixes stored shapes, region by region.",
-    colour="#A6761D",
+    colour="#332288",
     own=own,
 )

@@ -104,7 +104,7 @@ def _beside_line(method: Method, name: str, place: float, model: Callable, *stag
         stages=lambda plan: tuple(stage(plan) for stage in stages),
         model=model,
         note=NOTE,
-        mark="+",
+        mark="‖",
     )
 
 

@@ -1,5 +1,7 @@
 """The chart of trainings that differ in one thing, and the figure of the regional method."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -34,6 +36,24 @@ def test_each_change_is_a_bar_from_the_base_to_its_own_error():
         assert [tuple(bar) for bar in bars] == [(ERRORS["as it is"][k], ERRORS[c][k]) for c in ("no line", "wider")]
         points = [float(line.get_xdata()[0]) for line in axes.lines if len(line.get_xdata()) == 1]
         assert points == [values[k] for values in ERRORS.values()], "what was not trained has no line"
+
+
+def test_numbers_stand_in_a_column_beside_the_panel_in_the_format_of_the_tables():
+    figure, _ = chart()
+    for axes, expected in zip(figure.axes, (["0.20", "0.40", "0.10"], ["1.00", "4.00", "0.50"]), strict=True):
+        assert [text.get_text() for text in axes.texts] == expected
+        assert all(text.xy[0] == 1 and text.get_position()[0] > 0 for text in axes.texts), "beside all bars"
+    figure.draw_without_rendering()
+    axes = figure.axes[0]
+    ticks = [tick.get_text() for tick in axes.get_xticklabels() if axes.get_xlim()[0] < tick.get_position()[0]]
+    assert len(ticks) > 1 and len({len(text.partition(".")[2]) for text in ticks}) == 1, "less than a decade"
+
+
+def test_what_is_changed_stands_below_its_base_without_its_name():
+    base = [replace(row, metric=row.metric.replace("[wider]", "[as it is, but wider]")) for row in rows()]
+    changes = {"regional": ("as it is", "no line", "as it is, but wider")}
+    axes = variants_chart(base, "bench", "teen", changes, ("as it is",))[0].axes[0]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["as it is", "no line", "but wider"]
 
 
 def test_the_words_name_the_best_and_the_worst():

@@ -94,13 +94,32 @@ def test_a_chart_has_no_line_without_a_mark_in_every_panel():
 
 
 def test_ticks_have_room_however_far_apart_ratios_are():
-    def ticks(smallest):
-        figure, _ = claim_chart(Evidence(mean_rows(distance={"refined": smallest})), PAPER, "C1")
+    def ticks(distance):
+        figure, _ = claim_chart(Evidence(mean_rows(distance={"refined": distance})), PAPER, "C1")
         return figure.axes[0].get_xticks().tolist()
 
     assert 0.5 in ticks(0.5) and 1.0 in ticks(0.5)
-    far = ticks(1e-5)
+    far = ticks(1e5)
     assert 2 <= len(far) <= 4 and all(round(math.log10(tick)) % 2 == 0 for tick in far)
+
+
+def test_a_ratio_that_is_next_to_nothing_is_an_arrow_and_leaves_the_others_their_room():
+    figure, words = claim_chart(Evidence(mean_rows(distance={"refined": 1e-7})), PAPER, "C1")
+    axes = figure.axes[0]
+    (arrow,) = [line for line in axes.lines if line.get_marker() == "<"]
+    low, high = axes.get_xlim()
+    assert low < arrow.get_xdata()[0] < 0.3 and low > 0.05 and high < 5
+    assert [text.get_text() for text in axes.texts] == ["< 0.02"] and "an arrow is one below 0.02" in words.caption
+    assert "arrow" not in claim_chart(Evidence(mean_rows()), PAPER, "C1")[1].caption
+
+
+def test_the_legend_of_a_chart_says_what_is_in_it_and_no_more():
+    def legend(rows, claim):
+        figure, _ = claim_chart(Evidence(rows), PAPER, claim)
+        return [text.get_text() for text in figure.legends[0].get_texts()]
+
+    assert legend(mean_rows(), "C9") == ["the paper’s characters"]
+    assert legend(mean_rows(), "C1") == ["our characters", "the paper’s characters"]
 
 
 def test_what_all_lines_of_a_chart_compare_is_said_once():

@@ -68,3 +68,10 @@ def test_captions_say_by_which_rule_a_pose_was_chosen(record):
     close = figure10(record, camera="forehead", across=24, renderer="software")[1].caption
     assert close.startswith("Close up on the forehead, test pose 7") and len({*captions, close}) == 4
     assert picture_name(record, "forehead") == "figure10_teen_forehead"
+
+
+def test_a_close_up_of_the_forehead_says_nothing_of_regions_that_it_does_not_show(record):
+    rough = record.vertices["truth"] + np.float32([0, 0, 3]) * (record.neutral[:, 1:2] < 0) * record.neutral[:, :1] % 7
+    mouth = replace(record, vertices={"truth": record.vertices["truth"], "coarse": np.float32(rough)})
+    whole, close = (figure10(mouth, camera=c, across=24, renderer="software")[1].caption for c in ("front", "forehead"))
+    assert "farthest off at the mouth" in whole and "farthest off" not in close

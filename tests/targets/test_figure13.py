@@ -142,3 +142,9 @@ def test_other_faces_are_measured_against_their_rigs_where_controls_have_the_sam
     assert "no control of the same name" in words.caption.split("stranger:")[1]
     (table,) = tables13(rows_of("tiny", "quick", {}, other_faces.load_means(folders["onto_twice"])))[2:]
     assert table.headers[0][1] == "twice" and table.body[0][1] == f"{distance['coarse']:.2f}"
+
+
+def test_one_pixel_is_not_plural():
+    assert [transfer_sheet.in_pixels(count) for count in ("0", "0.5", "1", "2")] == [
+        "0 pixels", "0.5 pixels", "1 pixel", "2 pixels",
+    ]  # fmt: skip

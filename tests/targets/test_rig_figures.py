@@ -113,24 +113,25 @@ def test_neighbours_in_figure_7_have_colours_that_shading_leaves_apart(rig):
 
 
 def test_figure_7_is_saved_with_its_words_and_numbers(rig, tmp_path):
-    save_segments_figure(rig, [2, 3], [3.0, 2.0, 0.1, 0.25], tmp_path / "figure07_plate")
-    lines = read_lines(tmp_path / "figure07_plate.csv", figure07.HEADER)
+    save_segments_figure(rig, [2, 3], [3.0, 2.0, 0.1, 0.25], tmp_path / "figure07_plate@one")
+    lines = read_lines(tmp_path / "figure07_plate@one.csv", figure07.HEADER)
     assert [line["segment"] for line in lines] == list(NAMES)
     assert [int(line["vertices"]) for line in lines] == [45, 18, 9, 9]
     assert sum(int(line["faces"]) for line in lines) == len(rig.mesh.faces)
     assert [line["kind"] for line in lines] == ["deforms", "deforms", "rigid", "rigid"]
     assert [int(line["faces"]) for line in lines] == [80, 32, 16, 0], "a face belongs to the first that it touches"
     assert lines[0]["colour"] == "#f3c300"
-    image = Image.open(tmp_path / "figure07_plate.png")
-    assert image.mode == "P" and (tmp_path / "figure07_plate.png").stat().st_size < 300_000
-    words = json.loads((tmp_path / "figure07_plate.json").read_text())
+    image = Image.open(tmp_path / "figure07_plate@one.png")
+    assert image.mode == "P" and (tmp_path / "figure07_plate@one.png").stat().st_size < 300_000
+    words = json.loads((tmp_path / "figure07_plate@one.json").read_text())
     assert image.text["Description"] == words["alt"]
     assert "2 that deform" in words["caption"] and "2 that move rigidly" in words["caption"]
+    assert words["caption"].startswith("Mesh segments of plate@one (face in one chart), after Fig. 7: ")
     pixels = np.array(image.convert("RGB")).reshape(-1, 3).astype(int)
     red, _, blue = pixels.T
     yellow, brown = (((red > 130) & (blue < 60)).sum(), ((red < 115) & (red - blue > 25)).sum())
     assert yellow > 1000 and brown > 500 and lines[1]["colour"] == "#654522"
-    text = as_text(segments_table(tmp_path / "figure07_plate.csv", "plate"))
+    text = as_text(segments_table(tmp_path / "figure07_plate@one.csv", "plate@one"))
     assert "2 rigid segments together" in text and "tooth_1" not in text and "≤ 0.25" in text
 
 
@@ -143,6 +144,7 @@ def test_each_segments_error_stands_against_tau_the_most_rigid_first(rig):
     np.testing.assert_allclose(dots.get_facecolor()[:, :3], palette[[2, 3, 1, 0]])
     assert [label.get_text() for label in axes.get_yticklabels()] == ["2 rigid", "neck", "face"]
     assert [text.get_text() for text in axes.texts] == ["τ = 0.3 mm"]
+    assert "each segment of plate (face in one chart) is" in words.caption
     assert "rigid one is 0.25 mm" in words.caption and "deforming one is 2 mm" in words.caption
 
 
@@ -196,6 +198,7 @@ def test_the_lines_of_figure_8_add_up_to_the_mesh_and_to_all_of_the_error(rig, t
     assert "0.00–0.12" in text and "72%" in text and "–" in text.splitlines()[-1]
     caption = json.loads((tmp_path / "figure08_plate.json").read_text())["caption"]
     assert "face, square 1 72%; face, square 2 9%" in caption
+    assert caption.startswith("Refinement segments of plate (face in one chart), after Fig. 8: ")
 
 
 def test_figure_5_is_saved_with_every_control_that_a_pose_uses(rig, tmp_path):

@@ -231,6 +231,8 @@ def test_the_command_writes_finite_numbers_of_all_five_questions_and_a_figure(
     words = json.loads((folder / "rig_report_tiny.json").read_text())
     assert "how hard" in words["caption"].lower() and (folder / "rig_report_tiny.png").stat().st_size < 300_000
     assert len(pairs_table(folder / "rig_report_tiny_pairs.csv", "tiny").body) == 10
+    control_pairs.write_pairs(folder / "rig_report_samples_pairs.csv", [])
+    assert pairs_table(folder / "rig_report_samples_pairs.csv", "samples") is None
     assert "How hard is a rig?" in capsys.readouterr().out
     shown = as_text(report_table(rows))
     assert "> 8" in shown, "more components than there are"

@@ -152,6 +152,23 @@ def test_labels_of_near_dots_stand_on_either_side_of_them():
     assert sizes["Coarse"] < 0 < sizes["Dense"] and sizes["Refined"] > 0, "of the same size"
 
 
+def test_labels_of_dots_stay_inside_their_panel():
+    small = [
+        Row(table, "teen", "regional", metric, unit, value, None, 1, 1_000, "laptop", "r")
+        for table, metric, unit, value in (
+            ("table3", "time_all_cores", "ms", 0.5),
+            ("table3", "model_size", "MB", 1.0),
+            ("table2", "normal_error_mean", "deg", 0.3),
+        )
+    ]
+    figure, _ = frontier_chart([*rows(), *small], [*rows(), *small], "teen")
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        room = axes.get_window_extent()
+        label = next(text for text in axes.texts if text.get_text() == "Regional (ours)").get_window_extent()
+        assert room.x0 < label.x0 and label.x1 < room.x1
+
+
 @pytest.mark.parametrize(
     ("name", "label"),
     [

@@ -1,6 +1,7 @@
 """A claim's numbers as a chart: ours beside the paper's, as ratios that the claim wants below 1."""
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from replicate.drawing.panels import DPI, Words
@@ -17,6 +18,7 @@ PANELS = 4  # in a row
 ROW, TITLE, FRAME = 0.3, 1.0, 0.8  # inches: a line, what is around a row of panels, and around all of them
 SIZE_PT, TITLE_PT = 12, 11  # of letters; a panel's names are as wide as it
 MOST_DECADES = 2.5  # beyond that the numbers of all ticks have no room
+LEAST = 0.02  # a smaller ratio stands at the left end of its panel, as an arrow with its bound
 TICKS = (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20)
 
 Pairs = dict[str, tuple[Comparison | None, Comparison | None]]
@@ -26,8 +28,8 @@ def claim_chart(evidence: Evidence, paper: Evidence, claim: str) -> "tuple[matpl
     """Return (figure, words): a panel for each character, our ratios as dots and the paper's as rings.
 
     claim: its number, "C1". A ratio is that of the two numbers that the claim compares, the one that it wants to be the
-    smaller over the other. Characters of which it compares other things have a row of panels of their own. None where
-    neither we nor the paper have numbers.
+    smaller over the other; one below `LEAST` is an arrow, so that it takes no room from the others. Characters of which
+    it compares other things have a row of panels of their own. None where neither we nor the paper have numbers.
     """
     from matplotlib.figure import Figure
 
@@ -40,8 +42,9 @@ def claim_chart(evidence: Evidence, paper: Evidence, claim: str) -> "tuple[matpl
     grid = figure.add_gridspec(
         len(rows), min(PANELS, max(3, *(len(shown) for _, shown in rows))), height_ratios=heights
     )
-    ratios = [c.ratio for pairs in panels.values() for pair in pairs.values() for c in pair if c and c.ratio > 0]
-    limits = min([*ratios, 0.8]) / 1.35, max([*ratios, 1.25]) * 1.35
+    ratios = [c.ratio for pairs in panels.values() for pair in pairs.values() for c in pair if c]
+    small = any(ratio < LEAST for ratio in ratios)
+    limits = min([r for r in ratios if r >= LEAST] + [0.8]) / (3 if small else 1.35), max([*ratios, 1.25]) * 1.35
     phrases, quantity = [], _shared_quantity([name for names, _ in rows for name in names])
     for r, (names, shown) in enumerate(rows):
         for c, character in enumerate(shown):
@@ -49,10 +52,11 @@ def claim_chart(evidence: Evidence, paper: Evidence, claim: str) -> "tuple[matpl
             phrases += _draw(axes, names, panels[character], character, limits)
             axes.set_yticks(range(len(names)), [name.removeprefix(f"{quantity}: ") for name in names] if c == 0 else [])
             axes.tick_params(labelsize=SIZE_PT)
-    _legend(figure)
+    _legend(figure, [any(pair[k] for pairs in panels.values() for pair in pairs.values()) for k in (0, 1)])
     of_what = f"{quantity}s" if quantity else "the two numbers"
     figure.supxlabel(f"ratio of {of_what}; in grey, against the claim", fontsize=SIZE_PT)
     about = "its numbers as ratios, dots ours, rings the paper's; the claim wants them left of 1"
+    about += f"; an arrow is one below {LEAST:g}" if small else ""
     alt = f"Dots and rings of ratios for claim {claim}. Ours: {'; '.join(phrases) or 'none yet'}."
     return figure, Words(alt, f"{claim}, {claim_named(claim).text}: {about}.")
 
@@ -80,9 +84,13 @@ def _draw(axes, names: list[str], pairs: Pairs, character: str, limits: tuple[fl
     for y, name in enumerate(names):
         ours, theirs = pairs[name]
         if theirs:
-            axes.plot(theirs.ratio, y, "o", markerfacecolor="none", markeredgecolor=THEIRS, markersize=11, zorder=2)
-        if ours:
+            style = {"markerfacecolor": "none", "markeredgecolor": THEIRS, "markersize": 11, "zorder": 2}
+            axes.plot(*((_arrow(axes, lower, y), y, "<") if theirs.ratio < LEAST else (theirs.ratio, y, "o")), **style)
+        if ours and ours.ratio < LEAST:
+            axes.plot(_arrow(axes, lower, y), y, "<", color=OURS, markersize=8)
+        elif ours:
             axes.errorbar(ours.ratio, y, xerr=_half_width(ours), fmt="o", color=OURS, markersize=6, capsize=3)
+        if ours:
             phrases.append(f"{character}, {name}: {significant(ours.ratio, 2)}")
     film = stand_in(character)
     has = [any(pair[k] for pair in pairs.values()) for k in (0, 1)]
@@ -101,13 +109,23 @@ def _draw(axes, names: list[str], pairs: Pairs, character: str, limits: tuple[fl
     return phrases
 
 
-def _legend(figure: "matplotlib.figure.Figure") -> None:
+def _arrow(axes, lower: float, y: int) -> float:
+    """Write the bound of a ratio below `LEAST` beside its arrow, and return where that stands."""
+    place = 1.25 * lower
+    style = {"textcoords": "offset points", "va": "center", "fontsize": SIZE_PT}
+    axes.annotate(f"< {LEAST:g}", (place, y), (8, 0), **style)
+    return place
+
+
+def _legend(figure: "matplotlib.figure.Figure", has: Sequence[bool]) -> None:
+    """Say what dots and rings are. has: whether there are any of ours, and of the paper's."""
     from matplotlib.lines import Line2D
 
     dot = Line2D([], [], marker="o", linestyle="", color=OURS, label="our characters")
     ring = Line2D([], [], marker="o", linestyle="", markerfacecolor="none", markersize=11, color=THEIRS)
     ring.set_label("the paper’s characters")
-    figure.legend(handles=[dot, ring], loc="outside upper right", ncols=2, frameon=False, fontsize=SIZE_PT)
+    handles = [handle for handle, there in zip((dot, ring), has, strict=True) if there]
+    figure.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False, fontsize=SIZE_PT)
 
 
 def pairs_of(evidence: Evidence, paper: Evidence, claim: str, character: str) -> Pairs:

@@ -16,6 +16,7 @@ from replicate.drawing.colours import perceived
 from replicate.drawing.panels import Words, save_figure
 from replicate.drawing.rig_views import DISTINCT, coloured_views, hexadecimal, legend_panel, read_lines, write_lines
 from replicate.geometry.mesh import Mesh
+from replicate.report.character_words import with_layout
 from replicate.report.tables import Table, round_off
 
 if TYPE_CHECKING:
@@ -89,9 +90,11 @@ def shown_segment(mesh: Mesh) -> Int[np.ndarray, " f"]:
 
 
 def figure07(
-    rig: Rig, rigid: Collection[int], across: int | None = None, renderer: str | None = None
+    rig: Rig, rigid: Collection[int], name: str, across: int | None = None, renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words). rigid: indices of the segments that move rigidly by §3.4; across: as `coloured_views`."""
+    """Return (figure, words). rigid: indices of the segments that move rigidly by §3.4; name: the character's, as
+    results have it; across: as `coloured_views`.
+    """
     mesh, colours = rig.mesh, segment_palette(rig.mesh, rigid)
     vertices = np.bincount(mesh.segment, minlength=len(colours))
     deforming = [k for k in range(len(colours)) if k not in rigid]
@@ -103,10 +106,11 @@ def figure07(
         rig, paint, [legend_panel(legend, "segments, and how many vertices each has")], across, renderer
     )
     names = ", ".join(mesh.segment_names[k].replace("_", " ") for k in deforming)
+    whose = with_layout(name, mesh.segment_names)
     return figure, Words(
-        f"The character {rig.name}, mouth open, from the front, from three-quarters and close up into the mouth. Each "
+        f"The character {whose}, mouth open, from the front, from three-quarters and close up into the mouth. Each "
         f"deforming segment has a colour: {names}; {len(rigid)} rigid ones are in light colours.",
-        f"Mesh segments of {rig.name} (after Fig. 7): {len(deforming)} that deform, each with a network of its own, "
+        f"Mesh segments of {whose}, after Fig. 7: {len(deforming)} that deform, each with a network of its own, "
         f"and {len(rigid)} that move rigidly (§3.4), in light colours that alternate. Eyeballs are for display only.",
     )
 
@@ -114,9 +118,9 @@ def figure07(
 def save_segments_figure(rig: Rig, rigid: Collection[int], errors_mm: Sequence[float], stem: Path) -> None:
     """Write Figure 7 of a rig as PNG, its words as JSON, and each segment's numbers as CSV.
 
-    errors_mm: each segment's mean residual of Eq. 3.
+    errors_mm: each segment's mean residual of Eq. 3. The character's name is the end of the stem's.
     """
-    figure, words = figure07(rig, rigid)
+    figure, words = figure07(rig, rigid, stem.name.partition("_")[2])
     save_figure(figure, stem.with_suffix(".png"), words)
     mesh, colours = rig.mesh, segment_palette(rig.mesh, rigid)
     vertices, faces = (np.bincount(which, minlength=len(colours)) for which in (mesh.segment, shown_segment(mesh)))

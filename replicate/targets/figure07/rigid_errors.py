@@ -10,6 +10,7 @@ from jaxtyping import Float
 from replicate.drawing.panels import DPI, Words, save_figure
 from replicate.drawing.style import WIDTH, enlarge, error_scale, tidy
 from replicate.geometry.mesh import Mesh
+from replicate.report.character_words import with_layout
 from replicate.targets.figure07.mesh_segments import segment_palette
 
 if TYPE_CHECKING:
@@ -54,10 +55,11 @@ def rigid_errors_chart(
     deforming = [k for k in range(len(errors_mm)) if k not in rigid]
     sides = [f"The largest of a rigid one is {errors_mm[list(rigid)].max():.2g} mm."] if rigid else []
     sides += [f"The smallest of a deforming one is {errors_mm[deforming].min():.2g} mm."] if deforming else []
+    whose = with_layout(name, mesh.segment_names)
     return figure, Words(
-        f"A dot chart on a logarithmic axis: how far each segment of {name} is from a rigid motion; {len(rigid)} lie "
+        f"A dot chart on a logarithmic axis: how far each segment of {whose} is from a rigid motion; {len(rigid)} lie "
         f"left of the line at {tau_mm:g} mm. {' '.join(sides)}",
-        f"How far each segment of {name} is from moving rigidly, in training poses; what lies left of τ is placed by "
+        f"How far each segment of {whose} is from moving rigidly, in training poses; what lies left of τ is placed by "
         f"§3.4 instead of a network. {' '.join(sides)} Colours are those of Figure 7.",
     )
 

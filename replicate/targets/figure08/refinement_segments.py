@@ -20,6 +20,7 @@ from replicate.drawing.rig_views import (
     write_lines,
 )
 from replicate.geometry.mesh import Mesh
+from replicate.report.character_words import with_layout
 from replicate.report.tables import Table
 from replicate.targets.figure08.chart_panels import chart_panels, charts_in_rows
 
@@ -79,13 +80,14 @@ def figure08(
     rig: Rig,
     segments: Sequence[Segment],
     errors: Float[np.ndarray, " n"],
+    name: str,
     across: int | None = None,
     renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words). segments: what §3.3 selected; errors: e_i of Eq. 2 in mm², (n,). across: as
-    `coloured_views`.
+    """Return (figure, words). segments: what §3.3 selected; errors: e_i of Eq. 2 in mm², (n,). name: the character's,
+    as results have it. across: as `coloured_views`.
     """
-    mesh = rig.mesh
+    mesh, whose = rig.mesh, with_layout(name, rig.mesh.segment_names)
     *lines, rest = segment_lines(mesh, segments, errors)
     shares = {line[0]: line[HEADER.index("error_share")] for line in lines}
     legend = [
@@ -100,10 +102,10 @@ def figure08(
     figure = coloured_views(rig, colours, [*charts, key], across, renderer)
     parts = "; ".join(f"{in_words(name)} {percent(share)}" for name, share in shares.items())
     return figure, Words(
-        f"The character {rig.name}, mouth open, from the front, from three-quarters and close up into the mouth; "
+        f"The character {whose}, mouth open, from the front, from three-quarters and close up into the mouth; "
         f"{len(segments)} square patches are in colours of their own, all else is grey. Below: the charts that "
         "they lie in, with a rectangle around each.",
-        f"Refinement segments of {rig.name} (after Fig. 8): {len(segments)} squares of the texture coordinates, as "
+        f"Refinement segments of {whose}, after Fig. 8: {len(segments)} squares of the texture coordinates, as "
         "many as the elbow method asks for, around the centroids of the coarse maps' error (Eq. 2). Their parts of "
         f"that error: {parts}. Grey: not refined. Below: the same in texture coordinates, chart by chart; each "
         "rectangle is what a finer map covers. Eyeballs are for display only.",
@@ -122,8 +124,11 @@ def percent(share: float) -> str:
 
 
 def save_refinement_figure(rig: Rig, segments: Sequence[Segment], errors: Float[np.ndarray, " n"], stem: Path) -> None:
-    """Write Figure 8 of a rig as PNG, its words as JSON, and each segment's numbers as CSV."""
-    figure, words = figure08(rig, segments, errors)
+    """Write Figure 8 of a rig as PNG, its words as JSON, and each segment's numbers as CSV.
+
+    The character's name is the end of the stem's.
+    """
+    figure, words = figure08(rig, segments, errors, stem.name.partition("_")[2])
     save_figure(figure, stem.with_suffix(".png"), words, LARGEST_BYTES)
     write_lines(stem.with_suffix(".csv"), HEADER, segment_lines(rig.mesh, segments, errors))
 

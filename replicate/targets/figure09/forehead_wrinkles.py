@@ -3,9 +3,13 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
 from replicate.drawing.panels import Words
 from replicate.drawing.render import render
+from replicate.geometry.edges import inner_edges
+from replicate.geometry.folds import fold_angles
 from replicate.report.clay_surfaces import clay_surfaces, view_of
 from replicate.report.panel_titles import marks_in_words, panel_title, plain_name, pose_in_words
 from replicate.report.pose_errors import WHOLE, normal_means_deg
@@ -19,6 +23,7 @@ COLUMNS = (TRUTH, *FIGURE09)
 ACROSS = 3  # pictures in a row
 TALL = 0.8  # a picture's height over its width
 REGION = "forehead"
+CREASED_DEG = 2.0  # the mean change of a fold from which one sees creases; rigs with wrinkles have 4 or more
 
 
 def figure09(
@@ -42,10 +47,30 @@ def figure09(
         cells.append(Cell(panel_title(method), (picture,), (f"{region}: {error}" if error else "",)))
         phrases.append(f"{plain_name(method)} {error}".strip())
     names = ", ".join(phrases)
+    pose = f"{pose_in_words(record)} (after Fig. 9)"
+    what = (
+        f"Forehead wrinkles in {pose}. Look at the creases above the brows and between them: how deep they are, and "
+        "how far they reach."
+        if fold_change_deg(record) > CREASED_DEG
+        else f"The forehead in {pose}. This rig has no wrinkles; only the smooth shape of the brows differs."
+    )
     figure = face_sheet(cells, min(ACROSS, len(shown)))
     return figure, Words(
         f"Clay renders of one forehead, close up, row by row: {names}.",
-        f"Forehead wrinkles in {pose_in_words(record)} (after Fig. 9). Look at the creases above the brows and between "
-        f"them: how deep they are, and how far they reach. Below each: the mean normal error (Eq. 11) of the {region}. "
-        f"{marks_in_words(shown)}".strip(),
+        f"{what} Below each: the mean normal error (Eq. 11) of the {region}. {marks_in_words(shown)}".strip(),
     )
+
+
+def fold_change_deg(record: PoseRecord) -> float:
+    """Return by how many degrees the true forehead's edges fold more or less than in the neutral pose, on average.
+
+    Edges count by their length. Of a record without such a region it is the mean over the whole mesh.
+    """
+    edges, sides = inner_edges(record.faces)
+    if REGION in record.region_names:
+        inner = (record.region == record.region_names.index(REGION))[sides].all(-1)
+        edges, sides = edges[inner], sides[inner]
+    posed, rest = (fold_angles(each, record.faces, edges, sides) for each in (record.vertices[TRUTH], record.neutral))
+    change = np.abs(posed - rest)
+    length = np.linalg.norm(record.neutral[edges[:, 1]] - record.neutral[edges[:, 0]], axis=-1)
+    return float(np.average(np.minimum(change, 360 - change), weights=length))

@@ -74,8 +74,9 @@ def _words(record: PoseRecord, camera: str, means: dict[str, dict[str, float]], 
     )
     best = min(means, key=lambda method: means[method][WHOLE]) if means else None
     hardest = _hardest_region(means)
+    in_view = camera == "front" or hardest == camera  # a close-up says nothing of what it doesn't show
     seen = f" “{plain_name(best)}” has the smallest mean." if best else ""
-    seen += f" Most methods are farthest off at the {hardest}." if hardest else ""
+    seen += f" Most methods are farthest off at the {hardest}." if hardest and in_view else ""
     shown = ("close up on the forehead, " if camera == "forehead" else "") + pose
     shown = shown[0].upper() + shown[1:]
     caption = (

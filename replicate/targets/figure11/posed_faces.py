@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from data_recipes.rig import Rig
 from replicate.approximation.metrics import angle_between, vertex_error
@@ -22,6 +22,7 @@ from replicate.inverse.configurations import configurations
 from replicate.inverse.control_points import control_points
 from replicate.methods.measurement import predictor
 from replicate.methods.method_registry import method_named
+from replicate.report.character_words import with_layout
 from replicate.targets.figure11.posed_picture import PosedPicture
 
 if TYPE_CHECKING:
@@ -68,17 +69,23 @@ def figure11(
             if title != TITLE:
                 phrases.append(f"row {k + 1}, {title}: {' and '.join(lines)}")
     errors, source = "; ".join(phrases), method_named(fed_by).label
-    few, many = dragged[chosen].min(), dragged[chosen].max()
-    how_many = f"{many}" if few == many else f"From {few} to {many}"
+    whose = with_layout(settings.character, rig.mesh.segment_names)
     return face_sheet(cells, columns, LINES), Words(
-        f"Clay renders of {settings.character} in {COUNT} poses, with control points in red; from left to right the "
-        f"rig and its approximations. Mean errors: {errors}.",
-        f"Faces that inverse kinematics poses (after Fig. 11). Red: where the control points shall go. {how_many} of "
-        f"the {targets.shape[1]} are dragged, by up to 25 mm, which the rig can't always follow. All faces "
-        f"of a row have the parameters of the same IK networks, which are trained through the model {source}. Below: "
-        "mean distance from the rig, and mean angle between normals (Eq. 11). What an approximation throws farther "
-        f"than {FARTHEST_MM:g} mm is drawn at that distance.",
+        f"Clay renders of {whose} in {COUNT} poses, with control points in red; from left to right the rig and its "
+        f"approximations. Mean errors: {errors}.",
+        f"Faces of {whose} that inverse kinematics poses, after Fig. 11. Red: where the control points shall go. "
+        f"{dragged_points(dragged[chosen], targets.shape[1])}, by up to 25 mm, which the rig can't always follow. All "
+        f"faces of a row have the parameters of the same IK networks, which are trained through the model {source}. "
+        "Below: mean distance from the rig, and mean angle between normals (Eq. 11). What an approximation throws "
+        f"farther than {FARTHEST_MM:g} mm is drawn at that distance.",
     )
+
+
+def dragged_points(counts: Int[np.ndarray, " k"], points: int) -> str:
+    """Return in words how many of a character's points are dragged; counts: of each configuration."""
+    few, many = counts.min(), counts.max()
+    count, verb = (f"{few}", "is" if few == 1 else "are") if few == many else (f"From {few} to {many}", "are")
+    return f"{count} of the {points} points {verb} dragged"
 
 
 def held(vertices: Float[np.ndarray, "n 3"], truth: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:

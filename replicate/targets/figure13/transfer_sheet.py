@@ -133,8 +133,13 @@ def _in_numbers(means: Sequence[Mean]) -> str:
     poses = {mean.charts: mean.poses for mean in means}
     read, carried = (" and ".join(mm[name, way, ""] for name in SIZES if name != ORIGINAL) for way in CARRIED)
     shifts = [charts for charts in poses if charts.startswith("shift")]
-    off = ", ".join(f"{charts.split()[1]} pixels {mm['half', 'coarse', charts]}" for charts in shifts)
+    off = ", ".join(f"{in_pixels(charts.split()[1])} {mm['half', 'coarse', charts]}" for charts in shifts)
     return (
         f"Over {poses['']} test poses the distances are {read}; carried over from the networks' prediction for the "
         f"original mesh they are {carried}. Charts shifted on half of the vertices ({poses[shifts[0]]} poses): {off}."
     )
+
+
+def in_pixels(count: str) -> str:
+    """Return a number of pixels with its unit: "1 pixel", "0.5 pixels"."""
+    return f"{count} pixel{'' if count == '1' else 's'}"

@@ -63,9 +63,11 @@ def errors_table(rows: Sequence[Row], character: str) -> Table:
     return Table(f"Held-out errors of simple fits: {character}", headers, body, notes)
 
 
-def pairs_table(file: Path, character: str) -> Table:
-    """Return the pairs of controls of `control_pairs.write_pairs`, the strongest first."""
+def pairs_table(file: Path, character: str) -> Table | None:
+    """Return the pairs of controls of `control_pairs.write_pairs`, the strongest first; None where none was tried."""
     lines = read_pairs(file).to_dict("records")
+    if not lines:
+        return None
     body = tuple(
         (f"{line['first']} × {line['second']}", line["segment"], line["pose"],
          *(round_off(line[name], "mm") for name in LENGTHS))

@@ -12,13 +12,15 @@ from replicate.report.training_curves import Curve
 if TYPE_CHECKING:
     import matplotlib.figure
 
+FLOORS = {"coarse": "--", "refined": (0, (1, 2))}  # dashes and dots: the two may lie on each other
+
 
 def training_curves(
     curves: Mapping[tuple[str, str], Curve], rows: Sequence[Row], character: str
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): both errors of one character's networks on the validation poses.
 
-    rows: Table 2's results, for the floors (dashed).
+    rows: Table 2's results, for the floors (dashed and dotted).
     """
     from matplotlib.figure import Figure
 
@@ -29,12 +31,12 @@ def training_curves(
             if method.in_figures:
                 curve = curves[character, method.name]
                 steps, errors = [row[0] for row in curve], [row[column] for row in curve]
-                axes.plot(steps, errors, color=method.colour, label=method.label)
+                axes.plot(steps, errors, color=method.colour, linewidth=2.2, label=method.label)
                 ends.append(f"{method.label} ends at {curve[-1][column]:.2f} {'mm' if column == 2 else 'degrees'}")
         for floor in methods().values():
             if floor.floor_of and (row := find(rows, "table2", character, floor.name, metric)):
-                colour = method_named(floor.floor_of).colour
-                axes.axhline(row.value, color=colour, linestyle="--", linewidth=1, label=floor.label)
+                style = FLOORS.get(floor.floor_of, "--")
+                axes.axhline(row.value, color=floor.colour, linestyle=style, linewidth=2, label=floor.label)
         error_scale(axes, "y")
         axes.set_xlim(left=0)
         axes.set_xlabel("training step")
@@ -48,6 +50,6 @@ def training_curves(
     return figure, Words(
         f"Two line charts of validation error against training step for {character}: {'; '.join(ends)}.",
         f"Error of {character}'s networks on the validation poses as training goes on; the refined network starts "
-        "where the coarse one ended. Dashed: what the maps' resolution allows on the test poses (Table 2's floors). "
-        "Validation poses are others than those of Table 2, so the ends differ from its numbers.",
+        "where the coarse one ended. Dashed and dotted: what the maps' resolution allows on the test poses (Table 2's "
+        "floors). Validation poses are others than those of Table 2, so the ends differ from its numbers.",
     )

@@ -1,6 +1,6 @@
 """Error against milliseconds and megabytes: what a smaller error costs, every method a dot."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,6 +26,7 @@ LINES = {
     RIG: ("rig, compiled", "right", -3),
 }  # words, beside which their line is
 ABOVE, BELOW = 10, -25  # a dot, in points
+INSIDE = 6  # pixels between a label and the end of its panel
 NEAR = (0.45, 0.05)  # of two dots, in shares of all dots' costs and in powers of ten of errors: their labels would meet
 
 
@@ -74,11 +75,25 @@ def frontier_chart(
         enlarge(axes)
     figure.axes[0].set_ylabel("normal error, degrees")
     enlarge(figure.axes[0])
+    _keep_inside(figure, {method_named(name).label for name in names})
     return figure, Words(
         f"Two dot charts for {character}, normal error against time and against size: {'; '.join(phrases)}.",
         f"Error against time and size: {character}. The axes are logarithmic; lower and further left is better. "
         "Dotted: the rig, whose error is zero.",
     )
+
+
+def _keep_inside(figure: "matplotlib.figure.Figure", labels: Collection[str]) -> None:
+    """Move dots' labels that would cross the left or the right end of their panel so far that they don't."""
+    figure.draw_without_rendering()  # the layout decides how long a panel is
+    for axes in figure.axes:
+        room = axes.get_window_extent()
+        for text in axes.texts:
+            if text.get_text() in labels:
+                own = text.get_window_extent()
+                pixels = max(room.x0 + INSIDE - own.x0, 0) or min(room.x1 - INSIDE - own.x1, 0)
+                across, up = text.xyann
+                text.xyann = (across + pixels * 72 / figure.dpi, up)
 
 
 def _is_crowded(name: str, dots: Mapping[str, tuple[float, float]]) -> bool:
