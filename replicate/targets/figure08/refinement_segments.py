@@ -108,8 +108,8 @@ def figure08(
         f"Refinement segments of {whose}, after Fig. 8: {len(segments)} squares of the texture coordinates, as "
         "many as the elbow method asks for, around the centroids of the coarse maps' error (Eq. 2). Their parts of "
         f"that error: {parts}. A mesh face is coloured if it touches a refined vertex; grey: not refined. Below: the "
-        "same in texture coordinates, chart by chart. Each rectangle is what a finer map covers: from the first refined "
-        "vertex to the last, so that coloured faces reach beyond it. Eyeballs are for display only.",
+        "same in texture coordinates, chart by chart. Each rectangle is what a finer map covers; it ends at the "
+        "outermost refined vertices, so that coloured faces reach beyond it. Eyeballs are for display only.",
     )
 
 
