@@ -197,7 +197,8 @@ def test_the_lines_of_figure_8_add_up_to_the_mesh_and_to_all_of_the_error(rig, t
     text = as_text(refinement_table(tmp_path / "figure08_plate.csv", "plate"))
     assert "0.00–0.12" in text and "72%" in text and "–" in text.splitlines()[-1]
     caption = json.loads((tmp_path / "figure08_plate.json").read_text())["caption"]
-    assert "face, square 1 72%; face, square 2 9%" in caption
+    assert "72% in face, square 1; 9% in face, square 2" in caption
+    assert "coloured if it touches a refined vertex" in caption
     assert caption.startswith("Refinement segments of plate (face in one chart), after Fig. 8: ")
 
 

@@ -91,24 +91,25 @@ def figure08(
     *lines, rest = segment_lines(mesh, segments, errors)
     shares = {line[0]: line[HEADER.index("error_share")] for line in lines}
     legend = [
-        (f"{in_words(line[0])}: {line[2]:,}, {percent(shares[line[0]])}", [DISTINCT[k % len(DISTINCT)]])
+        (f"{percent(shares[line[0]])} in {in_words(line[0])} ({line[2]:,})", [DISTINCT[k % len(DISTINCT)]])
         for k, line in enumerate(lines)
     ]
     share = percent(rest[HEADER.index("error_share")])
-    legend.append((f"no square: {rest[2]:,}, {share}", [UNUSED_COLOUR]))
+    legend.append((f"{share} in no square ({rest[2]:,})", [UNUSED_COLOUR]))
     colours = refinement_colours(mesh, segments)
     charts = charts_in_rows(chart_panels(mesh, segments, colours))
-    key = legend_panel(legend, "squares: how many vertices each has, and its share of the maps' error")
+    key = legend_panel(legend, "share of the maps' error in each square (and how many vertices it has)")
     figure = coloured_views(rig, colours, [*charts, key], across, renderer)
-    parts = "; ".join(f"{in_words(name)} {percent(share)}" for name, share in shares.items())
+    parts = "; ".join(f"{percent(share)} in {in_words(name)}" for name, share in shares.items())
     return figure, Words(
         f"The character {whose}, mouth open, from the front, from three-quarters and close up into the mouth; "
         f"{len(segments)} square patches are in colours of their own, all else is grey. Below: the charts that "
         "they lie in, with a rectangle around each.",
         f"Refinement segments of {whose}, after Fig. 8: {len(segments)} squares of the texture coordinates, as "
         "many as the elbow method asks for, around the centroids of the coarse maps' error (Eq. 2). Their parts of "
-        f"that error: {parts}. Grey: not refined. Below: the same in texture coordinates, chart by chart; each "
-        "rectangle is what a finer map covers. Eyeballs are for display only.",
+        f"that error: {parts}. A mesh face is coloured if it touches a refined vertex; grey: not refined. Below: the "
+        "same in texture coordinates, chart by chart. Each rectangle is what a finer map covers; it ends at the "
+        "outermost refined vertices, so that coloured faces reach beyond it. Eyeballs are for display only.",
     )
 
 
