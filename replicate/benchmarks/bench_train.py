@@ -3,7 +3,8 @@
 `make bench-train` lets the ways take turns on the same batches, so that a busy machine slows all of them alike; the
 median of the turns counts. All have the same networks, weights and batches; forward and backward pass, the loss and
 Adam are timed, on one thread. The first way has a module a segment, maps in full, torch's normals; the others replace
-the loss, or the maps, or both; `rewritten` has our exact rewrites of the maps with torch's own layers.
+the loss, or the maps, or both; `rewritten` has our exact rewrites of the maps with torch's own layers. The regional
+method is trained on meshes first, and then on coefficients.
 """
 
 import argparse
@@ -27,9 +28,11 @@ from replicate.artefacts import built_rig, drawn_samples, refinement_squares, ri
 from replicate.artefacts.plan import Plan
 from replicate.benchmarks.common import PROFILE, add_count, answer, artefacts_of, make_parser, publish, split_names
 from replicate.benchmarks.plain_networks import FullMaps, PlainLoss, Rewritten
+from replicate.benchmarks.regional_steps import fresh_regional, regional_batches, regional_ways
 from replicate.config import Config, resolve
 from replicate.engine.progress import progress
-from replicate.methods.method_registry import method_named
+from replicate.methods import regional
+from replicate.methods.method_registry import method_named, sections
 from replicate.methods.training_stage import inputs_of_networks
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
@@ -101,7 +104,7 @@ def measure(config: Config, rounds: int) -> list[Row]:
     coarse = rigid_segments.load_coarse_segments(inputs, mesh)
     squares = refinement_squares.load(inputs)
     device, scale, rows = prepare("cpu"), parameter_scale(samples.params), []
-    movable = segment_vertices(coarse)
+    movable = np.sort(segment_vertices(coarse))
     for method, segments, section, make, facts in (
         ("coarse", coarse, config.coarse, make_network, shape_facts),
         ("refined", squares, config.refinement, make_network, shape_facts),
@@ -112,16 +115,24 @@ def measure(config: Config, rounds: int) -> list[Row]:
         networks = [make(segment, facts(section)) for segment in segments]
         model = fresh_model(networks, segments, scale, supervision.statistics()[1], section, config.seed)
         batches = [supervision.batch(config.seed, "bench", turn, section.training) for turn in range(rounds)]
-        times = time_steps(ways_of(model, supervision), batches, f"{method} steps")
-        for name, milliseconds in times.items():
-            numbers = {
-                "step_ms": ("ms", float(np.median(milliseconds))),
-                "times_as_fast": ("ratio", float(np.median(times[PLAIN]) / np.median(milliseconds))),
-            }
-            rows += [
-                Row(TABLE, plan.character, method, f"{metric}[{name}]", unit, value, None, 1, rounds, PROFILE, TABLE)
-                for metric, (unit, value) in numbers.items()
-            ]
+        rows += _rows(plan.character, method, time_steps(ways_of(model, supervision), batches, f"{method} steps"))
+    section = regional.METHOD.section(config)
+    supervision = Supervision(mesh, samples, movable, section.normal_weight, device)
+    model, coefficients = fresh_regional(supervision, section, config.seed, progress)
+    batches = regional_batches(supervision, coefficients, section, config.seed, rounds)
+    ways = regional_ways(model, supervision, PLAIN, "loss", OURS)
+    return rows + _rows(plan.character, regional.METHOD.name, time_steps(ways, batches, "regional steps"))
+
+
+def _rows(character: str, method: str, times: dict[str, np.ndarray]) -> list[Row]:
+    """Return the rows of a method's ways, whose times are in ms."""
+    rows = []
+    for name, milliseconds in times.items():
+        median = float(np.median(milliseconds))
+        facts = (None, 1, len(milliseconds), PROFILE, TABLE)
+        ratio = float(np.median(times[PLAIN])) / median
+        rows.append(Row(TABLE, character, method, f"step_ms[{name}]", "ms", median, *facts))
+        rows.append(Row(TABLE, character, method, f"times_as_fast[{name}]", "ratio", ratio, *facts))
     return rows
 
 
@@ -135,7 +146,10 @@ def steps_table(rows: Sequence[Row], character: str) -> Table:
             if all(cells):
                 ends = (round_off(cell.value, cell.unit) for cell in cells)
                 body.append((method_named(method).label, label, *ends))
-    note = "medians over turns, on one thread; batches of the profile's size; refined: the squares' networks alone."
+    note = (
+        "medians over turns, on one thread; batches of the profile's size; refined: the squares' networks alone; "
+        "regional: on meshes, and ours on coefficients of its bases."
+    )
     return Table(f"A training step: {character}", (("", "", "ms", "times as fast"),), tuple(body), (note,))
 
 
@@ -148,7 +162,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     for character in split_names(options.characters):
-        rows = measure(resolve(character, options.profile), options.rounds)
+        rows = measure(resolve(character, options.profile, sections=sections(options.profile)), options.rounds)
         publish(TABLE, rows, [steps_table(rows, rows[0].character)], command_line)
 
 

@@ -1,0 +1,94 @@
+"""The regional method's training step on coefficients, as ours is, and on meshes, as one would write it first."""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import nn
+
+from replicate.approximation.conditioning import parameter_scale
+from replicate.approximation.gated_network import GatedNetwork
+from replicate.approximation.regional_model import RegionalModel, regional_loss
+from replicate.approximation.supervision import Supervision
+from replicate.benchmarks.plain_networks import PlainLoss
+from replicate.methods.regional import RegionalConfig, stored_bases
+
+STREAM = "bench"  # of the batches that are drawn
+
+
+class OnMeshes(nn.Module):
+    """Raw rig parameters (b, m) → offsets (b, v, 3), mm, of some vertices: what a loss of meshes needs."""
+
+    def __init__(self, model: RegionalModel, vertices: Int[np.ndarray, " v"]):
+        super().__init__()
+        self.network, self.scale, self.length = model.network, model.scale, model.length
+        self.components, self.means = (
+            [b.components() for b in model.bases],
+            [b.mean.float().flatten() for b in model.bases],
+        )
+        order = np.argsort(model.vertices)
+        self.order = torch.from_numpy(order[np.searchsorted(model.vertices, vertices, sorter=order)])
+
+    def forward(self, params: Float[torch.Tensor, "b m"]) -> Float[torch.Tensor, "b v 3"]:
+        coefficients = self.network(params / self.scale) * self.length
+        parts = coefficients.split([len(components) for components in self.components], dim=1)
+        moved = [
+            torch.addmm(mean, part, components).unflatten(1, (-1, 3))
+            for mean, part, components in zip(self.means, parts, self.components, strict=True)
+        ]
+        return torch.cat(moved, dim=1)[:, self.order]
+
+
+class OnCoefficients(nn.Module):
+    """Raw rig parameters (b, m) → coefficients (b, d) over the network's unit of length."""
+
+    def __init__(self, model: RegionalModel):
+        super().__init__()
+        self.network, self.scale = model.network, model.scale
+
+    def forward(self, params: Float[torch.Tensor, "b m"]) -> Float[torch.Tensor, "b d"]:
+        return self.network(params / self.scale)
+
+
+def fresh_regional(
+    supervision: Supervision, section: RegionalConfig, seed: int, progress: Callable
+) -> tuple[RegionalModel, Float[np.ndarray, "s d"]]:
+    """Return the method's model with random weights, and all training samples' coefficients over its length."""
+    samples = supervision.samples
+    bases, coefficients = stored_bases(supervision, section, progress)
+    length = float(np.sqrt(np.mean(np.square(coefficients), dtype=np.float64))) or 1.0
+    inputs, outputs = samples.params.shape[1], coefficients.shape[1]
+    network = GatedNetwork(inputs, section.hidden, outputs, section.gated, section.line)
+    network.start(np.zeros((inputs + 1, outputs)), torch.Generator().manual_seed(seed))
+    model = RegionalModel(network, bases, parameter_scale(samples.params), length, len(supervision.mesh.neutral))
+    return model, coefficients / np.float32(length)
+
+
+def regional_ways(
+    model: RegionalModel, supervision: Supervision, plain: str, loss: str, ours: str
+) -> dict[str, tuple[nn.Module, Callable]]:
+    """Return the ways to train it, by the names that are given: on meshes by either loss, and on coefficients.
+
+    A target is a pair: true offsets (b, v, 3) in mm, and coefficients (b, d).
+    """
+    counts = [len(basis.steps) for basis in model.bases]
+    membership = torch.from_numpy(np.eye(len(counts), dtype=np.float32)[np.repeat(np.arange(len(counts)), counts)])
+    on_meshes, of_meshes = OnMeshes(model, supervision.vertices), PlainLoss(supervision.loss)
+    return {
+        plain: (on_meshes, lambda offsets, target: of_meshes(offsets, target[0])),
+        loss: (on_meshes, lambda offsets, target: supervision.loss(offsets, target[0])),
+        ours: (OnCoefficients(model), lambda found, target: regional_loss(found - target[1], membership)),
+    }
+
+
+def regional_batches(
+    supervision: Supervision, coefficients: Float[np.ndarray, "s d"], section: RegionalConfig, seed: int, rounds: int
+) -> list[tuple[torch.Tensor, tuple[torch.Tensor, torch.Tensor]]]:
+    """Return batches of raw rig parameters (b, m) and targets, as `regional_ways` needs them."""
+    batches = []
+    for turn in range(rounds):
+        rows = supervision.samples.draw_for_step(seed, STREAM, turn, section.training.batch, section.training.draws)
+        params, offsets = supervision.batch(seed, STREAM, turn, section.training)
+        batches.append((params, (offsets, torch.from_numpy(np.ascontiguousarray(coefficients[rows])))))
+    return batches
