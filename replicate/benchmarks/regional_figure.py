@@ -15,6 +15,7 @@ from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.rig_views import DISTINCT, EYE, UNUSED_COLOUR
 from replicate.drawing.scene import Surface, camera_for
+from replicate.drawing.style import LETTER_PT, WIDTH
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import REFERENCE
 from replicate.methods.regional import RegionalConfig
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
     import matplotlib.axes
     import matplotlib.figure
 
-WIDTH, HEIGHT = 300, 380  # pixels of a view
+VIEWS = ("front", "three_quarter", "side")
+TALL, DIAGRAM = 390, 440  # pixels: the height of the views, and of the diagram below them
 DARK, LIGHT = "#333333", "#F4EFE6"
 
 
@@ -44,7 +46,7 @@ def figure_of(character: str) -> "tuple[matplotlib.figure.Figure, Words]":
 def regional_figure(
     rig: Rig, rigid: Bool[np.ndarray, " s"], config: RegionalConfig, character: str, renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): two views of the regions, and a diagram of the network and the bases.
+    """Return (figure, words): views of the regions, and below them a diagram of the network and the bases.
 
     rigid: which of the mesh's segments are; they are no part of any region.
     """
@@ -53,15 +55,17 @@ def regional_figure(
     colours = region_colours(rig, rigid, config.regions)
     surfaces = [Surface(rig.mesh.neutral, rig.mesh.faces, colours)]
     surfaces += prop_surfaces(prop for prop in rig.pose_props(rig.default) if prop[0].startswith(EYE))
-    figure = Figure((11.5, 3.9), dpi=DPI, facecolor="white")
-    for place, name in enumerate(("front", "three_quarter")):
-        axes = figure.add_axes((0.005 + 0.21 * place, 0.02, 0.21, 0.96))
-        axes.imshow(render(surfaces, camera_for(name, rig.mesh.neutral), WIDTH, HEIGHT, renderer=renderer))
+    figure = Figure((WIDTH, (TALL + DIAGRAM) / DPI), dpi=DPI, facecolor="white")
+    across, above = 1 / len(VIEWS), TALL / (TALL + DIAGRAM)
+    size = round(across * WIDTH * DPI), TALL
+    for place, name in enumerate(VIEWS):
+        axes = figure.add_axes((across * place, 1 - above, across, above))
+        axes.imshow(render(surfaces, camera_for(name, rig.mesh.neutral), *size, renderer=renderer), aspect="auto")
         axes.set_axis_off()
-    _diagram(figure.add_axes((0.44, 0.02, 0.555, 0.96)), len(rig.controls), config)
+    _diagram(figure.add_axes((0, 0, 1, 1 - above)), len(rig.controls), config)
     hidden = " and ".join(map(str, config.hidden))
     return figure, Words(
-        f"Left, {character} from two sides in {config.regions} colours, each a compact patch of the head. Right, a "
+        f"Above, {character} from three sides in {config.regions} colours, each a compact patch of the head. Below, a "
         f"diagram: {len(rig.controls)} rig parameters go through two gated layers of {hidden} and, beside them, "
         f"through a straight line, to {config.regions} times {config.components} coefficients, and these through a "
         "basis a region to vertices.",
@@ -80,34 +84,34 @@ def region_colours(rig: Rig, rigid: Bool[np.ndarray, " s"], count: int) -> UInt8
 
 
 def _diagram(axes: "matplotlib.axes.Axes", controls: int, config: RegionalConfig) -> None:
-    """Draw the network and the bases as boxes and arrows."""
+    """Draw the network and the bases as boxes and arrows; a unit of the axes is a tenth of the width."""
     from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
-    axes.set(xlim=(0, 10), ylim=(0, 6))
+    axes.set(xlim=(0, 10), ylim=(0, DIAGRAM / 100))
     axes.set_axis_off()
 
     def box(x: float, y: float, wide: float, high: float, text: str, colour: str = LIGHT) -> None:
-        patch = FancyBboxPatch((x, y), wide, high, "round,pad=0.05", facecolor=colour, edgecolor=DARK, linewidth=0.8)
+        patch = FancyBboxPatch((x, y), wide, high, "round,pad=0.05", facecolor=colour, edgecolor=DARK, linewidth=1.2)
         axes.add_patch(patch)
-        axes.text(x + wide / 2, y + high / 2, text, ha="center", va="center", fontsize=8.5)
+        axes.text(x + wide / 2, y + high / 2, text, ha="center", va="center", fontsize=LETTER_PT)
 
     def arrow(start: tuple[float, float], end: tuple[float, float]) -> None:
-        axes.add_patch(FancyArrowPatch(start, end, arrowstyle="-|>", mutation_scale=10, color=DARK))
+        axes.add_patch(FancyArrowPatch(start, end, arrowstyle="-|>", mutation_scale=18, linewidth=1.5, color=DARK))
 
     count = config.regions * config.components
-    box(0.1, 2.5, 1.5, 1.0, f"p\n{controls} rig\nparameters")
+    box(0.1, 1.75, 1.4, 1.0, f"p\n{controls} rig\nparameters")
     for place, width in enumerate(config.hidden):
-        box(2.35 + 1.75 * place, 3.6, 1.35, 1.1, f"gated layer\n{width}")
-    box(2.35, 1.3, 3.1, 0.9, "straight line\n(starts from ridge regression)")
-    box(6.2, 2.5, 1.6, 1.0, f"c\n{config.regions} × {config.components}\n= {count:,}")
-    box(8.35, 2.5, 1.55, 1.0, "vertices\n$V_r = \\bar V_r + c_r B_r$")
-    arrow((1.7, 3.2), (2.3, 4.1))
-    arrow((3.75, 4.15), (4.05, 4.15))
-    arrow((5.55, 4.1), (6.15, 3.25))
-    arrow((1.7, 2.8), (2.3, 1.8))
-    arrow((5.55, 1.8), (6.15, 2.75))
-    arrow((7.9, 3.0), (8.3, 3.0))
-    axes.text(4.0, 5.35, r"gated layer: $(W x + b)\cdot \mathrm{silu}(U x + d)$", ha="center", fontsize=9)
-    basis = "$B_r$: principal components\nof region $r$ in the metric of Eq. 1,\n"
-    few = f"first {config.fine} of each region in 16 bits,\nthe others in 8"
-    axes.text(8.0, 2.1, basis + few, ha="center", va="top", fontsize=8)
+        box(2.15 + 1.95 * place, 2.75, 1.5, 0.8, f"gated layer\n{width}")
+    box(2.15, 1.05, 3.45, 0.8, "straight line, starts\nfrom ridge regression")
+    box(6.25, 1.75, 1.1, 1.0, f"c\n{config.regions} × {config.components}\n= {count:,}")
+    box(8.0, 1.75, 1.9, 1.0, "vertices\n$V_r = \\bar V_r + c_r B_r$")
+    arrow((1.6, 2.45), (2.1, 2.95))
+    arrow((3.7, 3.15), (4.05, 3.15))
+    arrow((5.65, 3.0), (6.2, 2.5))
+    arrow((1.6, 2.05), (2.1, 1.6))
+    arrow((5.65, 1.6), (6.2, 2.0))
+    arrow((7.4, 2.25), (7.95, 2.25))
+    axes.text(3.85, 4.0, r"gated layer: $(W x + b)\cdot \mathrm{silu}(U x + d)$", ha="center", fontsize=LETTER_PT)
+    basis = "$B_r$: principal components of region $r$ in the metric of Eq. 1,\n"
+    few = f"the first {config.fine} of each region in 16 bits, the others in 8"
+    axes.text(9.95, 0.1, basis + few, ha="right", va="bottom", fontsize=LETTER_PT, linespacing=1.3)

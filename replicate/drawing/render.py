@@ -114,11 +114,20 @@ def plotter_of(
     return plotter, meshes
 
 
+def shade_bias_mm(camera: Camera, lighting: Lighting) -> float:
+    """Return how deep a hollow must be for pyvista to shade it: as the lighting says, or a step of VTK's depths.
+
+    VTK holds depths in 16 bits: from 1,024 mm on they are rounded to 1 mm, and skin would shade itself along the lines
+    where the rounded depth changes, in ripples.
+    """
+    return max(lighting.shade_from_mm, float(np.spacing(np.float16(camera.distance_mm))))
+
+
 def _pyvista(surfaces, camera: Camera, width: int, height: int, background, lighting: Lighting) -> np.ndarray:
     plotter, _ = plotter_of(surfaces, camera, width, height, background, lighting)
     try:
         if all(surface.lit for surface in surfaces):  # shades would falsify a heatmap's colours
-            plotter.enable_ssao(radius=SHADE_MM, bias=lighting.shade_from_mm, kernel_size=64, blur=True)
+            plotter.enable_ssao(radius=SHADE_MM, bias=shade_bias_mm(camera, lighting), kernel_size=64, blur=True)
         return np.asarray(plotter.screenshot(return_img=True))[..., :3]
     finally:
         plotter.close()

@@ -104,6 +104,19 @@ def test_smooth_shading_has_no_facets_and_flat_shading_has(renderer):
     assert np.abs(np.diff(smooth, axis=0)).max() < 0.5 * np.abs(np.diff(flat, axis=0)).max()
 
 
+def test_far_skin_throws_no_ripples_onto_itself():
+    def ripples(distance_mm: float) -> float:
+        slope = np.float32([[-90, -90, 60], [90, -90, 20], [90, 90, -60], [-90, 90, -20]])
+        surface = Surface(slope, np.int32([[0, 1, 2], [0, 2, 3]]), smooth=False)
+        picture = render([surface], Camera((0, 0, 0), 60, distance_mm=distance_mm), 120, 120, renderer="pyvista")
+        return float(picture[20:-20, 20:-20].astype(float).std(axis=(0, 1)).max())
+
+    assert module.shade_bias_mm(Camera((0, 0, 0), 60, distance_mm=1_170), STUDIO) == 1.0
+    assert module.shade_bias_mm(Camera((0, 0, 0), 60, distance_mm=930), STUDIO) == STUDIO.shade_from_mm
+    if working_renderer() == "pyvista":
+        assert ripples(1_170) < 2.0, "3.5 where hollows of 0.5 mm are shaded"
+
+
 @pytest.mark.parametrize("lighting", [STUDIO, PORTRAIT], ids=["studio", "portrait"])
 def test_the_two_renderers_draw_the_same_picture(lighting):
     if working_renderer() != "pyvista":
