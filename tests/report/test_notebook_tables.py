@@ -14,6 +14,7 @@ from pathlib import Path
 from unittest.mock import MagicMock
 
 import IPython.display
+import jaxtyping
 import pytest
 
 from replicate.report import notebooks
@@ -85,6 +86,7 @@ def displayed(monkeypatch, tmp_path) -> list[str]:
     monkeypatch.setattr(notebooks, "png", lambda *arguments: b"a picture")
     for kind in ("DataFrame", "Series"):
         monkeypatch.setattr(f"pandas.{kind}.plot", MagicMock())
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # checks of millions of small calls take minutes
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.chdir(notebooks.NOTEBOOKS)
     for variable in ("REPLICATE_CACHE", "REPLICATE_RESULTS"):
