@@ -24,7 +24,7 @@ from replicate.methods import measurement, regional
 from replicate.methods.prediction import vertices_of
 from replicate.targets.deploy.deploy_settings import DeployedMethod
 
-POSES = 32  # on which a written model is compared with Python
+POSES = 100  # on which a written model is compared with Python
 TOLERANCE_MM = 1e-3  # what float32 may be off,
 TOLERANCE_SHARE = 1e-5  # or this share of the largest movement, for methods that throw vertices far away
 C_LINE = 112  # characters in a line of C's comments
