@@ -131,7 +131,7 @@ def write_entries(folder: Path, target: str, characters: dict[str, dict]) -> Non
     shared = {
         key: value
         for key, value in each[0].items()
-        if key not in ("stages", "run", "files") and all(facts.get(key) == value for facts in each)
+        if key not in ("stages", "run", "files", "pictures") and all(facts.get(key) == value for facts in each)
     }
     new = {**shared, "characters": characters}
     top, targets = _other(folder)

@@ -93,6 +93,7 @@ def _facts_in_words(facts: dict) -> dict[str, str]:
         **({"test poses": f"split by {facts['split']}"} if "split" in facts else {}),
         "machine": f"{facts.get('processor')}, {facts.get('cores')} cores, GPU: {facts.get('gpu') or 'none'}",
         "packages": ", ".join(f"{name} {version}" for name, version in sorted((facts.get("packages") or {}).items())),
+        **({"pictures drawn anew": _commits(drawn)} if (drawn := facts.get("pictures")) else {}),
         **({"made elsewhere": elsewhere} if (elsewhere := _elsewhere(facts)) else {}),
         "time of all stages": f"{sum(seconds) / 60:.1f} min",
     }

@@ -10,7 +10,7 @@ from replicate.drawing.heatmap import colour_bar, error_colours
 from replicate.drawing.panels import DPI, Words
 from replicate.drawing.render import render
 from replicate.drawing.scene import Surface, camera_for
-from replicate.drawing.style import WIDTH, tidy
+from replicate.drawing.style import LETTER_PT, WIDTH, tidy
 from replicate.geometry.mesh import Mesh
 from replicate.report.results import Row, find
 from replicate.report.tables import round_off
@@ -24,9 +24,10 @@ LINE, ACCENT, SECOND = "#555555", "#0072B2", "#D55E00"
 BARS = {"neutral": "#BBBBBB", "linear": "#56B4E9", "squares": "#0072B2", "products": "#003F66", "basis": "#009E73"}
 RATIO_LIMIT = 0.15  # upper end of the heatmap's colours, the same for every character
 FACE = (396, 446)  # pixels
-SIZE = (WIDTH, 14)  # inches
+SIZE = (WIDTH, 14.5)  # inches
 ROWS = (1.0, 1.0, 1.35)  # the heights of rows, in proportion
-SIZE_PT, TITLE_PT = 12, 13  # of letters; the picture is as wide as a page of the paper
+SIZE_PT = LETTER_PT
+PAIRS = 6  # that are shown; the CSV file has more
 SMALLEST_DEG = 0.01  # lower end of the maps' errors: what lies below can't be seen
 
 
@@ -74,12 +75,12 @@ def report_figure(
     for face, pairs in more:
         _draw_face(figure, face, mesh, numbers, renderer)
         _draw_pairs(pairs, numbers)
-    for axes in figure.axes:
+    for axes in (*figure.axes, *(child for each in figure.axes for child in each.child_axes)):
         axes.tick_params(which="both", labelsize=SIZE_PT)
         for label in (axes.xaxis.label, axes.yaxis.label):
             label.set_fontsize(SIZE_PT)
     figure.suptitle(f"How hard is a rig? {numbers.character}: {len(mesh.neutral):,} vertices, "
-                    f"{numbers.value('influence', 'controls'):,.0f} controls", fontsize=TITLE_PT)  # fmt: skip
+                    f"{numbers.value('influence', 'controls'):,.0f} controls", fontsize=SIZE_PT)  # fmt: skip
     return figure, _words(mesh, numbers)
 
 
@@ -92,10 +93,10 @@ def _draw_errors(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
         axes.annotate(f"{degrees[y]:.2f}°, {millimetres} mm", (degrees[y], y), (4, 0), textcoords="offset points",
                       va="center", fontsize=SIZE_PT)  # fmt: skip
     axes.set_yticks(range(len(names)), [LABELS[name] for name in names], fontsize=SIZE_PT)
-    axes.set_xlim(0, 1.9 * max(degrees, default=1.0))
+    axes.set_xlim(0, 2.6 * max(degrees, default=1.0))
     axes.invert_yaxis()
-    axes.set_xlabel("mean normal angle error, degrees")
-    axes.set_title("What simple fits miss of held-out poses", fontsize=TITLE_PT)
+    axes.set_xlabel("mean normal error, degrees")
+    axes.set_title("What simple fits miss", fontsize=SIZE_PT)
     tidy(axes)
 
 
@@ -128,7 +129,7 @@ def _draw_components(axes: "matplotlib.axes.Axes", numbers: Measurements) -> Non
     degrees.yaxis.set_major_formatter("{x:g}")
     degrees.yaxis.set_minor_formatter("")
     degrees.spines[["top"]].set_visible(False)
-    axes.set_title("How many shapes it takes", fontsize=TITLE_PT)
+    axes.set_title("How many shapes it takes", fontsize=SIZE_PT)
 
 
 def _draw_controls(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
@@ -137,9 +138,10 @@ def _draw_controls(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     median = float(np.median(counts))
     axes.axvline(median, color=LINE, linewidth=1)
     axes.annotate(f"median {median:.0f}, most {counts.max()}", (median, 0.97), (5, 0), va="top",
-                  xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=SIZE_PT)  # fmt: skip
+                  xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=SIZE_PT,
+                  bbox={"facecolor": "white", "edgecolor": "none", "pad": 2, "alpha": 0.8})  # fmt: skip
     axes.set(xlabel="controls that can move a vertex", ylabel="vertices")
-    axes.set_title("How many controls meet in a vertex", fontsize=TITLE_PT)
+    axes.set_title("How many controls meet in a vertex", fontsize=SIZE_PT)
     tidy(axes)
 
 
@@ -151,18 +153,19 @@ def _draw_face(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes",
     surface = Surface(mesh.neutral, mesh.faces, error_colours(ratio, RATIO_LIMIT), lit=False, smooth=False)
     axes.imshow(render([surface], camera_for("front", mesh.neutral), *FACE, renderer=renderer), interpolation="none")
     axes.set_axis_off()
-    axes.set_title("Where controls interact", fontsize=TITLE_PT)
-    colour_bar(figure, axes.inset_axes((1.0, 0.1, 0.035, 0.8)), RATIO_LIMIT, "mixed over single differences")
+    axes.set_title("Where controls interact", fontsize=SIZE_PT)
+    bar = colour_bar(figure, axes.inset_axes((1.0, 0.1, 0.035, 0.8)), RATIO_LIMIT, "mixed over single differences")
+    bar.set_ticks((0.0, 0.05, 0.1, 0.15))
 
 
 def _draw_pairs(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
-    lines = numbers.pairs
+    lines = numbers.pairs[:PAIRS]
     axes.barh(range(len(lines)), [line[4] for line in lines], color=SECOND)
     axes.set_yticks(range(len(lines)), [f"{_spoken(line[0])}\n× {_spoken(line[1])}" for line in lines])
     axes.invert_yaxis()
     share, count = (numbers.value("pairs", name) or 0.0 for name in ("interacting_share", "pairs"))
-    axes.set_xlabel(f"largest mixed difference, mm\n(over 0.1 mm: {100 * share:.0f} % of {count:,.0f} pairs)")
-    axes.set_title("Which controls interact most", fontsize=TITLE_PT)
+    axes.set_xlabel(f"largest mixed difference, mm;\nover 0.1 mm: {100 * share:.0f} %\nof {count:,.0f} pairs")
+    axes.set_title("Which controls interact most", fontsize=SIZE_PT)
     tidy(axes)
 
 
@@ -182,7 +185,7 @@ def _draw_maps(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     for points in per_segment.values():
         axes.plot(*np.transpose(sorted(points)), color="0.75", linewidth=0.8, label="a segment")
     whole = [numbers.value("maps", f"normal_error_mean[{size}]") for size in sizes]
-    axes.plot(sizes, whole, "o-", color=ACCENT, label="whole mesh, vertices a texel")
+    axes.plot(sizes, whole, "o-", color=ACCENT, label="all; vertices a texel")
     for size, degrees in zip(sizes, whole, strict=True):
         crowd = numbers.value("maps", f"vertices_per_texel[{size}]")
         axes.annotate(
@@ -194,7 +197,7 @@ def _draw_maps(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     axes.set(xlabel="texels of a segment's map", ylabel="mean normal error, degrees", ylim=(SMALLEST_DEG, None))
     handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     axes.legend(handles.values(), handles, edgecolor="white", fontsize=SIZE_PT, loc="upper right")
-    axes.set_title("What maps of a size can hold", fontsize=TITLE_PT)
+    axes.set_title("What maps of a size can hold", fontsize=SIZE_PT)
     tidy(axes)
 
 

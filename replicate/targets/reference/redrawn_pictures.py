@@ -1,0 +1,88 @@
+"""Committed pictures that committed numbers alone suffice to draw, drawn anew when their layout has changed.
+
+`python -m replicate.targets.reference.redrawn_pictures teen woman` draws those of some characters, of all by default:
+the figures of Table 2, Figure 1 and the ladder. It reads no cache, no network and no rig. The manifest then says of
+each entry at which commit its pictures were drawn; what it says of the numbers stays.
+"""
+
+import sys
+from collections.abc import Collection, Sequence
+from pathlib import Path
+
+from replicate.engine import paths
+from replicate.engine.command_line import guard
+from replicate.engine.exceptions import InputError
+from replicate.engine.provenance import git_state
+from replicate.report import manifest
+from replicate.report.pose_record import FOLDED
+from replicate.report.results import read_results
+
+LADDER = "bench_ladder"
+OF_A_POSE = ("figure01", "figure09", "figure10")  # targets whose pictures Table 2's poses suffice for
+DRAWN = "pictures"  # the manifest's word for where pictures come from that are younger than their entry
+
+
+def redraw(characters: Collection[str], renderer: str | None = None) -> list[Path]:
+    """Draw the pictures of some characters anew from the committed results, and return their files.
+
+    Raises InputError, before it draws anything, for a tree with changes: no commit would tell how they were drawn.
+    """
+    state = git_state()
+    if not (state and state["clean"]):
+        raise InputError("the tree has changes: commit them, so that the manifest can say what drew the pictures")
+    files = [*_of_table2(characters, renderer), *_ladders(characters)]
+    for target in (manifest.TOP, *OF_A_POSE, LADDER):
+        entries = manifest.entries(paths.REFERENCE, target)
+        for name in entries:
+            if (name.partition("@")[0] if target == LADDER else name) in characters:
+                entries[name][DRAWN] = state | ({} if target == LADDER else {"from": f"table2_{name}_pose*.npz"})
+        if entries:
+            manifest.write_entries(paths.REFERENCE, target, entries)
+    return files
+
+
+def _of_table2(characters: Collection[str], renderer: str | None) -> list[Path]:
+    from replicate.drawing.face_sheet import LARGEST_BYTES
+    from replicate.drawing.panels import save_figure
+    from replicate.targets.figure01.side_by_side import figure01
+    from replicate.targets.figure10.error_faces import LIMIT_DEG, figure10, picture_name
+    from replicate.targets.table2.table2_figures import open_table2, table2_figures
+
+    results, files = open_table2(paths.REFERENCE), []
+    for character in results.characters:
+        if character in characters:
+            figures = list(table2_figures(results, character, LIMIT_DEG, renderer))
+            record = results.poses[character][FOLDED]
+            close = picture_name(record, "forehead")
+            if (paths.REFERENCE / f"{close}.png").is_file():
+                figures.append((close, *figure10(record, LIMIT_DEG, "forehead", renderer=renderer)))
+            if (paths.REFERENCE / f"figure01_{character}.png").is_file():
+                figures.append((f"figure01_{character}", *figure01(record, renderer=renderer)))
+            for name, figure, words in figures:
+                files.append(paths.REFERENCE / f"{name}.png")
+                save_figure(figure, files[-1], words, LARGEST_BYTES)
+    return files
+
+
+def _ladders(characters: Collection[str]) -> list[Path]:
+    from replicate.benchmarks.ladder_figure import ladder_figure
+    from replicate.drawing.panels import save_figure
+
+    rows, files = read_results(paths.REFERENCE / f"{LADDER}.csv"), []
+    for head in dict.fromkeys(row.character.partition("@")[0] for row in rows):
+        if head in characters:
+            figure, words = ladder_figure(rows, head)
+            files.append(paths.REFERENCE / f"{LADDER}_{head}.png")
+            save_figure(figure, files[-1], words)
+    return files
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Draw the pictures of the characters that the command line names."""
+    names = list(arguments) or list(manifest.entries(paths.REFERENCE, manifest.TOP))
+    for file in redraw(names):
+        print(f"written to {paths.display_path(file)}")
+
+
+if __name__ == "__main__":
+    sys.exit(guard(lambda: main(sys.argv[1:])))

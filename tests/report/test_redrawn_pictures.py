@@ -1,0 +1,52 @@
+"""Committed pictures drawn anew from committed numbers: the manifest says by which commit, and numbers stay."""
+
+import numpy as np
+import pytest
+from plane import flat_grid
+from sample_rows import table2_rows
+
+from replicate.engine import paths
+from replicate.engine.exceptions import InputError
+from replicate.report import manifest
+from replicate.report.pose_record import PoseRecord, save_pose
+from replicate.report.results import write_results
+from replicate.report.training_curves import write_curves
+from replicate.targets.reference import redrawn_pictures
+from replicate.targets.table2.character_part import pose_file
+
+ENTRY = {"git": {"commit": "a" * 40, "clean": True}, "run": "r"}
+
+
+@pytest.fixture
+def reference(tmp_path, monkeypatch):
+    """A committed Table 2 of the teen with one pose, and an old picture of its forehead."""
+    monkeypatch.setattr(paths, "REFERENCE", tmp_path)
+    monkeypatch.setattr(redrawn_pictures, "git_state", lambda: {"commit": "d" * 40, "clean": True})
+    write_results(tmp_path / "table2.csv", table2_rows(("teen",)))
+    write_results(tmp_path / "bench_ladder.csv", [])
+    write_curves(tmp_path / "table2_curves.csv", {("teen", "dense"): ((1.0, 2.0, 3.0, 4.0),) * 2})
+    flat, faces = flat_grid(np.linspace(-90, 90, 9), np.linspace(-90, 90, 9), 40)
+    posed = flat + np.float32([0, 0, 3]) * np.sin(flat[:, 1:2] / 9)
+    save_pose(pose_file(tmp_path, "teen"), PoseRecord("teen", 5, flat, faces, {"truth": posed, "dense": flat}))
+    manifest.write_entries(tmp_path, "table2", {"teen": ENTRY})
+    manifest.write_entries(tmp_path, "figure10", {"teen": {**ENTRY, "files": ["figure10_teen.png"]}})
+    (tmp_path / "figure10_teen_forehead.png").write_bytes(b"old")
+    return tmp_path
+
+
+def test_pictures_are_drawn_and_their_entries_say_by_which_commit(reference):
+    files = redrawn_pictures.redraw(["teen"], renderer="software")
+    names = ["table2_teen_chart", "figure10_teen", "figure09_teen", "table2_teen_curves", "figure10_teen_forehead"]
+    assert [file.stem for file in files] == names
+    assert all(file.stat().st_size > 500 and file.with_suffix(".json").is_file() for file in files)
+    for target in ("table2", "figure10"):
+        facts = manifest.entries(reference, target)["teen"]
+        assert facts["pictures"] == {"commit": "d" * 40, "clean": True, "from": "table2_teen_pose*.npz"}
+        assert facts["git"] == ENTRY["git"] and facts["run"] == "r", "the numbers' own"
+
+
+def test_what_no_commit_would_tell_of_is_not_drawn(reference, monkeypatch):
+    monkeypatch.setattr(redrawn_pictures, "git_state", lambda: {"commit": "d" * 40, "clean": False})
+    with pytest.raises(InputError, match="the tree has changes"):
+        redrawn_pictures.redraw(["teen"])
+    assert "pictures" not in manifest.entries(reference, "table2")["teen"]
