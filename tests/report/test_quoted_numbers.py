@@ -73,7 +73,7 @@ def behind(read, entry: dict, character: str) -> np.ndarray:
 def test_a_text_says_what_its_entries_quote(text):
     said = prose(text)
     missing = [entry["says"] for entry in ENTRIES if entry["text"] == text and entry["says"] not in said]
-    assert not missing, f"{text} says something else now: mend these entries of quoted_numbers.toml, and their bands"
+    assert not missing, f"{text} no longer says {missing}: mend these entries of quoted_numbers.toml, and their bands"
 
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=name_of)
