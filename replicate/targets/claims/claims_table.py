@@ -24,6 +24,7 @@ from replicate.targets.claims.verdict_rules import SPREADS, significant
 OF_TABLE2 = ("C1", "C2", "C3", "C4", "C5")
 CLOSE = 0.02  # share of a limit: a verdict of one seed that is nearer to it is marked
 NARROW = 0.05  # share of a limit: any verdict that is nearer to it is marked
+NARROW_TIME = 0.1  # the same of times, which repeat less exactly
 
 
 def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequence[Claim] = CLAIMS) -> Table:
@@ -49,7 +50,8 @@ def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequen
             f"‡ Decided by less than {CLOSE:.0%} on a single seed: another seed may turn it.".replace("%", " %")
         )
     if "≈" in marks:
-        notes.append(f"≈ Narrowly: the two numbers that decide differ by less than {NARROW:.0%}.".replace("%", " %"))
+        shares = f"{NARROW:.0%}, times by less than {NARROW_TIME:.0%}".replace("%", " %")
+        notes.append(f"≈ Narrowly: the two numbers that decide differ by less than {shares}.")
     notes += line_notes(evidence, characters)
     if "–" in cells.values():
         notes.append("–: not tested yet.")
@@ -99,7 +101,7 @@ def cell(one: Verdict) -> str:
     share = abs(one.limit - one.value) / abs(one.limit) if one.limit else 1.0
     if one.seeds == 1 and share < CLOSE:
         marks.append("‡")
-    elif share < NARROW:
+    elif share < (NARROW_TIME if one.unit == "ms" else NARROW):
         marks.append("≈")
     return " ".join(marks)
 
