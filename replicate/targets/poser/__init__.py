@@ -18,6 +18,7 @@ from replicate.targets.running import make
 ABOUT = "a page to pose a face in with the mouse: one HTML file that opens in a browser from disk"
 WRITES = "results/runs/<profile>/"
 OPTIONS = OF_A_RUN
+LARGEST_MB = 12  # of a page that opens at once
 
 
 @dataclass(frozen=True)
@@ -72,4 +73,8 @@ def run(options: argparse.Namespace) -> None:
     """Write the page of every character and publish it."""
     folder, files = publish_files("poser", make(options, stages))
     for name in (name for own in files.values() for name in own):
-        print(f"written to {paths.display_path(folder / name)}: open it in a browser")
+        size = (folder / name).stat().st_size / 1e6
+        advice = (
+            "" if size <= LARGEST_MB else f"; above {LARGEST_MB} MB it opens slowly: fewer components make it smaller"
+        )
+        print(f"written to {paths.display_path(folder / name)} ({size:.1f} MB): open it in a browser{advice}")
