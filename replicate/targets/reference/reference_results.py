@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
+from data_recipes.recipe_paths import OUTSIDE
 from replicate.benchmarks.bench_poses import health_card
 from replicate.benchmarks.bench_rig import speed_card
 from replicate.benchmarks.bench_train import steps_table
@@ -69,7 +70,7 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
     done = [file.name for file in files]
     for file in sorted(run.iterdir()) if of_run else ():
         stay = _committed(_target_of(file, of_run), shared)
-        if _is_result(file) and file.name not in done and not _is_of(file, stay):
+        if _is_result(file) and file.name not in done and not _is_of(file, stay) and not _is_foreign_mesh(file):
             files.append(_put(file, stay))
     for file in sorted(bench.iterdir()) if of_bench else ():
         if _is_result(file) and (file.suffix != ".csv" or file.stem in of_bench):
@@ -188,6 +189,11 @@ def _is_result(file: Path) -> bool:
 def _is_of(file: Path, characters: Collection[str]) -> bool:
     """Return whether a file belongs to one of some characters alone, as figure07_teen_rigidity.png does."""
     return any(re.match(rf"[a-z0-9]+_{re.escape(name)}[_.]", file.name) for name in characters)
+
+
+def _is_foreign_mesh(file: Path) -> bool:
+    """Return whether a file holds meshes of a face that is no part of this project: numbers and pictures may be."""
+    return file.suffix == ".npz" and _is_of(file, OUTSIDE)
 
 
 def _put(file: Path, stay: Collection[str] = (), joining: Collection[str] = ()) -> Path:

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from data_recipes.recipe_paths import OUTSIDE
 from replicate.drawing.panels import Words
+from replicate.engine.exceptions import InputError
 from replicate.engine.paths import PAPER
 from replicate.report.cast import characters_of
 from replicate.report.notebooks import folder_of
@@ -40,13 +42,16 @@ class Table2Results:
 def open_table2(folder: Path) -> Table2Results:
     """Read everything of Table 2 in a folder of results, with those of its poses that are there.
 
-    Raises InputError, naming the file, for what isn't there; the pose whose forehead folds most always has to be.
+    Raises InputError, naming the file, for what isn't there. The pose whose forehead folds most has to be, but for a
+    face that is no part of this project: of that there are numbers and pictures alone.
     """
     rows, poses = read_results(folder / ROWS), {}
     for character in sorted({row.character for row in rows}):
         files = {choice: pose_file(folder, character, choice) for choice in CHOICES}
-        there = {choice: file for choice, file in files.items() if choice == FOLDED or file.is_file()}
-        poses[character] = {choice: load_pose(file) for choice, file in there.items()}
+        needed = () if character in OUTSIDE else (FOLDED,)
+        there = {choice: file for choice, file in files.items() if choice in needed or file.is_file()}
+        if there:
+            poses[character] = {choice: load_pose(file) for choice, file in there.items()}
     return Table2Results(rows, read_results(PAPER / ROWS), read_curves(folder / CURVES), poses)
 
 
@@ -82,7 +87,14 @@ def redraw_charts(folder: Path, characters: Collection[str]) -> list[Path]:
 def table2_figures(
     results: Table2Results, character: str, limit_deg: float, renderer: str | None = None
 ) -> Iterator[tuple[str, "matplotlib.figure.Figure", Words]]:
-    """Yield (file name without ending, figure, words) of each figure of one character."""
+    """Yield (file name without ending, figure, words) of each figure of one character.
+
+    Raises InputError for a character without meshes.
+    """
+    if character not in results.poses:
+        raise InputError(
+            f"{character}: its meshes are no part of these results; allowed are {', '.join(results.poses)}"
+        )
     chart, *faces, wrinkles, curves = table2_figure_names(results, character)
     yield chart, *table2_chart(results.rows, results.paper, character)
     for name, record in zip(faces, results.poses[character].values(), strict=True):
