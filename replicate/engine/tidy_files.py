@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 SPARE = 20  # columns beyond those declared, so that a line with too many cells can say how many
 LONGEST = 200  # characters of a file that a sentence repeats
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?|[+-]?inf|nan", re.ASCII | re.IGNORECASE)
-_WHOLE_NUMBER = re.compile(r"-?\d{1,18}", re.ASCII)  # as many digits as 64 bits hold
+DIGITS = 18  # of a whole number: as many as 64 bits hold
+_WHOLE_NUMBER = re.compile(rf"-?\d{{1,{DIGITS}}}", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -115,8 +116,22 @@ def _cells(path: Path, width: int, missing: str) -> "pandas.DataFrame":
         raise InputError(f"{path}: {missing}") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}).") from None
-    except (UnicodeDecodeError, csv.Error, pandas.errors.ParserError) as error:
+    except UnicodeDecodeError as error:
         raise InputError(f"{path}: found no text of comma-separated values ({error}).") from None
+    except (csv.Error, pandas.errors.ParserError) as error:
+        raise InputError(f"{path}{_broken_line(path)}: found no text of comma-separated values ({error}).") from None
+
+
+def _broken_line(path: Path) -> str:
+    """Return ", line 3" for the line in which a row begins that is no comma-separated values, "" if there is none."""
+    with open(path, encoding="utf-8", newline="") as file:
+        rows, line = csv.reader(file, strict=True), 1
+        try:
+            for _ in rows:
+                line = rows.line_num + 1
+        except csv.Error:
+            return f", line {line}"
+    return ""
 
 
 def _check(path: Path, line: int, column: Column, text: str) -> None:
@@ -129,8 +144,13 @@ def _check(path: Path, line: int, column: Column, text: str) -> None:
     else:
         right = _NUMBER.fullmatch(text) and (column.kind == "number" or math.isfinite(float(text)))
     if not right:
-        only = f"{', '.join(column.choices)} are" if column.choices else f"a {column.kind} is"
+        long = f" of at most {DIGITS} digits" if column.kind == "whole number" and _is_long(text) else ""
+        only = f"{', '.join(column.choices)} are" if column.choices else f"a {column.kind}{long} is"
         raise InputError(f"{path}, line {line}: {column.name} is {_shorten(text)!r}, where only {only} allowed.")
+
+
+def _is_long(text: str) -> bool:
+    return re.fullmatch(r"-?\d+", text, re.ASCII) is not None
 
 
 def _check_unique(path: Path, keys: Iterable[tuple]) -> None:

@@ -17,6 +17,7 @@ from replicate.engine.user_files import read_text, shown_path
 FORMAT, VERSION = "facial pose", 1
 SLACK = 1e-4  # beyond a limit, as rounding in the page leaves it
 MOST_BYTES = 1_000_000
+FARTHEST_MM = 1e4  # of a control point, in each direction
 
 
 def write_pose(
@@ -53,14 +54,18 @@ def read_pose(
     points = words["points"] if isinstance(words["points"], Mapping) else {}
     for name in names:
         place = points.get(name)
-        if not (isinstance(place, list) and len(place) == 3 and all(map(_is_number, place))):
-            raise InputError(f"{where}: the control point {name!r} is {shown(place)}: three lengths in mm are allowed")
+        if not (isinstance(place, list) and len(place) == 3 and all(map(_is_length, place))):
+            raise InputError(
+                f"{where}: the control point {name!r} is {shown(place)}: three lengths in mm, from {-FARTHEST_MM:g} to "
+                f"{FARTHEST_MM:g}, are allowed"
+            )
     return params, np.array([points[name] for name in names], np.float32).reshape(-1, 3)
 
 
 def _table(file: Path, where: str) -> dict:
+    text = read_text(file, MOST_BYTES)
     try:
-        words = json.loads(read_text(file, MOST_BYTES))
+        words = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{where}: this file holds no JSON ({str(error) or 'nested too deeply'})") from None
     if not (isinstance(words, dict) and words.get("format") == FORMAT and isinstance(words.get("controls"), dict)):
@@ -85,6 +90,10 @@ def _params(values: Mapping[str, object], rig: Rig, where: str) -> Float32[np.nd
             raise InputError(f"{where}: the control {control.name!r} is {shown(value)}: {allowed}")
         params[j] = min(max(value, lower), upper)
     return params
+
+
+def _is_length(value: object) -> bool:
+    return _is_number(value) and abs(value) <= FARTHEST_MM
 
 
 def _is_number(value: object) -> bool:

@@ -94,6 +94,10 @@ def test_the_demo_takes_controls_by_name_and_refuses_others_in_a_sentence(tmp_pa
     np.testing.assert_allclose(np.loadtxt(done.stdout.splitlines()), wanted, atol=1e-3)
     refused = subprocess.run([demo, "c1"], capture_output=True, text=True)
     assert refused.returncode == 2 and refused.stderr.startswith("c1: control=value is allowed")
+    for word in ("c1=abc", "c1=", "c1=0.5mm", "c1=nan", "c1=1e39"):
+        refused = subprocess.run([demo, word], capture_output=True, text=True)
+        assert refused.returncode == 2 and refused.stderr.startswith(f"{word}: the value is no finite number; ")
+        assert refused.stderr.count("\n") == 1 and not refused.stdout
 
 
 def test_the_header_says_counts_units_limits_and_a_name_for_every_control(tmp_path):

@@ -94,6 +94,12 @@ def _likely_column(name: str, cells: list[str]) -> Column:
         (HEADER + "a,mm,1,,1.5\n", "poses is '1.5', where only a whole number"),
         (HEADER + "a,mm,1,,99999999999999999999\n", "poses is '99999999999999999999'"),
         (HEADER + "a,mm,1,,\na,mm,2,,\n", "line 3: found a second row for .'a',., where one is allowed"),
+        (
+            HEADER + "a,mm,1,,1000000000000000000\n",
+            "line 2: poses is '10+', where only a whole number of at most 18 digits is",
+        ),
+        (HEADER + 'a,mm,1,,\n"b,mm,1,,\n', "line 3: found no text of comma-separated values .*unexpected end"),
+        (HEADER + '"a\nb",mm,1,,\n"c"d,mm,1,,\n', "line 4: found no text of comma-separated values"),
         (HEADER + '"a,mm,1,,\n', "no text of comma-separated values .*unexpected end"),
         (HEADER + "x" * 200_000 + ",mm,1,,\n", "no text of comma-separated values .*field larger"),
     ],

@@ -76,6 +76,7 @@ def test_files_that_are_no_poses_of_this_face_are_refused_in_a_sentence_and_chan
         "value": 'the control "c0" is 99: a number from -1 to 2 is allowed',
         "none": 'this pose has no value of the control "c0": all are needed',
         "point": 'the control point "point_01" is undefined',
+        "far": 'the control point "point_01" is [0,1e+39,0]: three lengths in mm, from -10000 to 10000, are allowed',
         "link": "no pose of small",
     }
     for name, phrase in words.items():

@@ -63,6 +63,9 @@ def without_a_control(table):
         (changed(c0=True), "the control 'c0' is True: a number"),
         (changed(points={"chin": [0, 0, 0]}), "the control point 'nose' is None: three lengths"),
         (changed(points={"chin": [0, 0, 0], "nose": [0, 1e999, 0]}), r"the control point 'nose' is \[0, inf, 0\]"),
+        (changed(points={"chin": [0, 0, 0], "nose": [0, 1e39, 0]}), r"'nose' is \[0, 1e\+39, 0\]: three lengths in mm"),
+        (changed(points={"chin": [0, 10**400, 0], "nose": [0, 0, 0]}), "'chin' is .*: .* from -10000 to 10000, are"),
+        (changed(c0=10**400), "the control 'c0' is 10+…: a number from -1 to 2"),
         (lambda table: [table], "holds no pose"),
     ],
 )
@@ -78,6 +81,14 @@ def test_what_is_no_json_is_refused(saved, text):
     saved.write_text(text)
     with pytest.raises(InputError, match=r"own\.json: this file holds no JSON"):
         read_pose(saved, RIG, NAMES)
+
+
+def test_what_is_no_text_or_no_file_gets_the_sentence_of_that(tmp_path):
+    (tmp_path / "picture.json").write_bytes(b"\x89PNG\r\n\xff\xfe")
+    for name, part in (("picture.json", "no UTF-8"), ("none.json", "there is no such file"), (".", "is a folder")):
+        with pytest.raises(InputError, match=part) as error:
+            read_pose(tmp_path / name, RIG, NAMES)
+        assert "JSON" not in str(error.value)
 
 
 def test_export_reads_a_saved_pose_and_answers_a_bad_one_with_exit_code_2(saved, tmp_path, capsys, monkeypatch):

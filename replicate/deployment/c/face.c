@@ -255,6 +255,7 @@ void ${name}_pose(const float *parameters, float *vertices)
 }
 
 #ifdef ${upper}_DEMO /* cc -O3 -std=c99 -D${upper}_DEMO $source -lm, then ./a.out a_control=0.7 ... > vertices.txt */
+#include <float.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -274,7 +275,12 @@ int main(int count, char **words)
             fprintf(stderr, "%s: control=value is allowed; the header lists the controls\n", words[k]);
             return 2;
         }
-        parameters[i] = strtof(end + 1, NULL);
+        char *after;
+        parameters[i] = strtof(end + 1, &after);
+        if (after == end + 1 || *after || !(fabsf(parameters[i]) <= FLT_MAX)) {
+            fprintf(stderr, "%s: the value is no finite number; control=value is allowed\n", words[k]);
+            return 2;
+        }
     }
     ${name}_pose(parameters, vertices);
     for (int i = 0; i < ${upper}_VERTICES; i++)

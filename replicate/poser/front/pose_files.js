@@ -3,6 +3,7 @@
 const POSE_FORMAT = "facial pose", POSE_VERSION = 1;
 const LINK_STEPS = 32767; // of a control from one limit to the other
 const LINK_MM = 0.01; // of a control point
+const FARTHEST_MM = 1e4; // of a control point, in each direction
 
 function poseText({ header }, pose) {
   const controls = Object.fromEntries(header.controls.map(({ name }, j) => [name, Number(pose.params[j].toFixed(6))]));
@@ -45,12 +46,16 @@ function readPose({ header, arrays }, text) {
   const targets = new Float32Array(3 * header.points.length);
   header.points.forEach(({ name }, i) => {
     const place = isTable(words.points) ? words.points[name] : undefined;
-    if (!(Array.isArray(place) && place.length === 3 && place.every(Number.isFinite))) {
-      throw new Error(`the control point "${name}" is ${JSON.stringify(place)}: three lengths in mm are allowed`);
+    if (!(Array.isArray(place) && place.length === 3 && place.every(isLength))) {
+      throw new Error(`the control point "${name}" is ${JSON.stringify(place)}: three lengths in mm, from ${-FARTHEST_MM} to ${FARTHEST_MM}, are allowed`);
     }
     targets.set(place, 3 * i);
   });
   return { params, targets };
+}
+
+function isLength(value) {
+  return typeof value === "number" && Math.abs(value) <= FARTHEST_MM;
 }
 
 function isTable(value) {

@@ -66,6 +66,7 @@ function selfTest(mounted) {
     control: JSON.stringify({ ...table, controls: { nose_length: 1 } }),
     value: JSON.stringify({ ...table, controls: { ...table.controls, [name]: 99 } }),
     none: JSON.stringify({ ...table, controls: { ...table.controls, [name]: undefined } }), point: JSON.stringify({ ...table, points: {} }),
+    far: JSON.stringify({ ...table, points: { ...table.points, [header.points[0].name]: [0, 1e39, 0] } }),
   };
   result.refused = Object.fromEntries(Object.entries(bad).map(([key, words]) => {
     const before = Float32Array.from(pose.params), worked = load(() => readPose(packed, words));
