@@ -121,8 +121,23 @@ def test_the_example_runs_as_reproducing_shows_it(deployed, inputs, tmp_path):
     params = np.zeros((1, 12), np.float32)
     params[0, [0, 7]] = 1.5, -0.5
     np.testing.assert_allclose(np.loadtxt(tmp_path / "vertices.txt"), wanted(inputs, "coarse", params)[0], atol=1e-3)
-    refused = example(tmp_path, deployed[0] / "deploy_small_coarse.onnx", "nose=1")
-    assert refused.returncode == 1 and refused.stderr.startswith("no control {'nose'}: allowed are c0, c1, ")
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ((), "no model is named: python pose_onnx.py model.onnx"),
+        (("nose=1",), "nose=1: there is no control 'nose'; allowed are c0, c1, "),
+        (("c1",), "c1: control=value is allowed, where the value is a finite number\n"),
+        (("c0=1", "c1=abc"), "c1=abc: control=value is allowed"),
+        (("c1=nan",), "c1=nan: control=value is allowed"),
+        (("=",), "=: there is no control ''; allowed are c0"),
+    ],
+)
+def test_the_example_refuses_bad_words_in_a_sentence(deployed, tmp_path, words, sentence):
+    refused = example(tmp_path, *((deployed[0] / "deploy_small_coarse.onnx", *words) if words else ()))
+    assert refused.returncode == 2 and refused.stderr.startswith(sentence) and refused.stderr.count("\n") == 1
+    assert not (tmp_path / "vertices.txt").exists()
 
 
 def test_a_model_that_is_off_is_not_written(inputs, tmp_path, monkeypatch):
