@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 MOST_BYTES = 60_000_000
 MOST_FRAMES = 20_000
+LARGEST = 1e6  # coordinate, in mm or pixels
 MM, PIXELS = "mm", "px"  # y points up in mm, down in pixels; x points to the picture's right, the face's own left
 KEY = ("frame", "landmark")
 SCHEMAS = {
@@ -67,8 +68,8 @@ def read_landmarks(file: Path, names: Sequence[str], longest_gap: int) -> Record
 
     names: of the landmarks. longest_gap: of how many frames in a row a landmark may be missing between two in which it
     was seen; it is interpolated there. Raises InputError, naming the file and the line or the frame, for a file that is
-    missing or no such table, for an unknown landmark, for frames that repeat, run backwards or lack landmarks, for an
-    infinite coordinate, and for a gap that is longer or has an open end.
+    missing or no such table, for an unknown landmark, for frames that repeat, run backwards or lack landmarks, for a
+    coordinate beyond `LARGEST` or without its other one, and for a gap that is longer or has an open end.
     """
     where = shown_path(file)
     unit = _unit(where, read_text(file, MOST_BYTES))
@@ -110,9 +111,7 @@ def _check_lines(where: str, frame: "pandas.DataFrame", names: Sequence[str]) ->
             f"{where}, line {unknown[0] + 2}: there is no landmark {shown(name)}; allowed are {some} and "
             f"{len(names) - 4} more, which `data_recipes/landmark_set.py` lists."
         )
-    infinite = np.flatnonzero(np.isinf(frame.iloc[:, 2:].to_numpy(np.float64)).any(axis=1))
-    if len(infinite):
-        raise InputError(f"{where}, line {infinite[0] + 2}: a coordinate is infinite, where finite ones are allowed.")
+    _check_coordinates(where, frame)
     numbers = frame["frame"].to_numpy(np.int64)
     again = np.flatnonzero(frame.duplicated(list(KEY)))
     if len(again):
@@ -127,6 +126,25 @@ def _check_lines(where: str, frame: "pandas.DataFrame", names: Sequence[str]) ->
         earlier, later = numbers[back[0]], numbers[back[0] + 1]
         raise InputError(
             f"{where}, line {line}: frame {later} comes after frame {earlier}; allowed are frames in rising order."
+        )
+
+
+def _check_coordinates(where: str, frame: "pandas.DataFrame") -> None:
+    names, places = frame.columns[2:], frame.iloc[:, 2:].to_numpy(np.float64)
+    beyond = np.argwhere(np.abs(places) > LARGEST)
+    if len(beyond):
+        line, axis = beyond[0]
+        raise InputError(
+            f"{where}, line {line + 2}: {names[axis]} is {places[line, axis]:g}, where numbers from {-LARGEST:,.0f} to "
+            f"{LARGEST:,.0f} are allowed."
+        )
+    empty = np.isnan(places)
+    half = np.flatnonzero(empty[:, 0] != empty[:, 1])
+    if len(half):
+        lacking, given = names if empty[half[0], 0] else names[::-1]
+        raise InputError(
+            f"{where}, line {half[0] + 2}: {given} is there and {lacking} is not, where both are needed; leave both "
+            "empty for a landmark that was not seen."
         )
 
 

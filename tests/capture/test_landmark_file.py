@@ -62,8 +62,8 @@ def test_frames_that_are_missing_altogether_are_a_gap(tmp_path):
         read(tmp_path, "".join(rows), longest_gap=1)
 
 
-def test_half_a_place_counts_as_not_seen_and_so_does_nan(tmp_path):
-    text = HEADER + "\n".join(lines()).replace("1,brow,1.0,2.0", "1,brow,,7.0").replace("2,nose,1.0", "2,nose,nan")
+def test_an_empty_place_counts_as_not_seen_and_so_does_nan(tmp_path):
+    text = HEADER + "\n".join(lines()).replace("1,brow,1.0,2.0", "1,brow,,").replace("2,nose,1.0,2.0", "2,nose,nan,nan")
     recording = read(tmp_path, text + "\n")
     assert recording.filled == 2 and (recording.positions == (1.0, 2.0)).all()
 
@@ -81,7 +81,13 @@ def test_half_a_place_counts_as_not_seen_and_so_does_nan(tmp_path):
         ("\n".join(lines(names=("chin", "brow", "ear"))), "line 4: there is no landmark 'ear'; allowed are chin, brow"),
         ("\n".join(lines((0, 2, 1))), "line 8: frame 1 comes after frame 2; allowed are frames in rising order"),
         ("\n".join(lines((0, 1, 1))), "line 8: 'chin' of frame 1 comes a second time"),
-        ("\n".join(lines()).replace("2,brow,1.0", "2,brow,inf"), "line 9: a coordinate is infinite"),
+        ("\n".join(lines()).replace("2,brow,1.0", "2,brow,inf"), "line 9: x_mm is inf, where numbers from"),
+        ("\n".join(lines()).replace("2,brow,1.0,2.0", "2,brow,1.0,-1e300"),
+         r"line 9: y_mm is -1e\+300, where numbers from -1,000,000 to 1,000,000 are allowed"),
+        ("\n".join(lines()).replace("2,brow,1.0,2.0", "2,brow,,3.0"), "line 9: y_mm is there and x_mm is not, where"),
+        ("\n".join(lines()).replace("2,brow,1.0,2.0", "2,brow,3.0,nan"), "line 9: x_mm is there and y_mm is not"),
+        ("\n".join(lines()).replace("3,brow", f"{10**18},brow"), "line 12: frame is '10+', .* of at most 18 digits is"),
+        ("\n".join(lines()).replace("2,brow", '2,"brow'), r"line 9: found no text of comma-separated values \(unexp"),
         ("\n".join(lines()).replace("2,brow,1.0", "2,brow,left"), "line 9: x_mm is 'left', where only a number"),
         ("\n".join(lines()).replace("2,brow", "2.5,brow"), "line 9: frame is '2.5', where only a whole number"),
         ("\n".join(lines()).replace("2,brow,1.0,2.0", "2,brow,1.0"), "line 9: found 3 cells, where 4 are allowed"),

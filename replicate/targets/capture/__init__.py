@@ -90,13 +90,16 @@ def checked(options: argparse.Namespace) -> Path:
     """Return the recording's file. Raises InputError for none, and for a bad one, before anything is trained."""
     from replicate.capture.landmark_file import read_landmarks
     from replicate.capture.landmark_motion import check_recording
+    from replicate.capture.recorded_face import check_face
 
     if not options.landmarks:
         raise InputError("no recording is named: allowed is LANDMARKS=file.csv, as REPRODUCING.md describes it")
     file = Path(os.path.abspath(Path(options.landmarks).expanduser()))
     for config in configurations(options):
         own = section(config)
-        recording = read_landmarks(file, tuple(FACE_LANDMARKS), own.longest_gap)
+        names = tuple(FACE_LANDMARKS)
+        recording = read_landmarks(file, names, own.longest_gap)
         with naming(shown_path(file)):
             check_recording(recording, own)
+            check_face(recording, names, own)
     return file
