@@ -142,7 +142,8 @@ def test_the_example_refuses_bad_words_in_a_sentence(deployed, tmp_path, words, 
 
 def test_a_model_that_is_off_is_not_written(inputs, tmp_path, monkeypatch):
     monkeypatch.setattr("replicate.artefacts.built_rig.load", lambda _: PosedRig())
-    monkeypatch.setattr("replicate.targets.deploy.deployed_files.posed", lambda model, params: np.zeros((len(params), 341, 3)))
+    still = lambda model, params: np.zeros((len(params), 341, 3))  # noqa: E731
+    monkeypatch.setattr("replicate.targets.deploy.deployed_files.posed", still)
     with pytest.raises(RuntimeError, match=r"coarse as ONNX is .* mm off, where 0.001 mm are allowed"):
         run_stage(deploy.write, inputs, "deploy", DeploySettings("small", "quick", 0, METHODS), tmp_path)
 
