@@ -112,7 +112,7 @@ def run_cells(path: Path, monkeypatch) -> list:
     """Run a notebook's code on the results of "quick" and return what it shows: tables, texts, files, words."""
     outputs = []
     for name in ("show_table", "show_text", "show_picture"):
-        monkeypatch.setattr(notebooks, name, outputs.append)
+        monkeypatch.setattr(notebooks, name, lambda what, **named: outputs.append(what))
     monkeypatch.setattr(notebooks, "show", lambda figure, words, *size, **named: outputs.append(words))
     first, *others = (cell["source"] for cell in cells(path, "code"))
     names = {}
