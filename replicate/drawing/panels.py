@@ -84,14 +84,19 @@ def png(
     dither: mix neighbouring colours, where more hues are drawn than a palette holds; not for colours that are read off
     a bar. The same figure gives the same bytes.
     """
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
+    return compress(buffer.getvalue(), words.alt, largest_bytes, dither)
+
+
+def compress(data: bytes, alt: str, largest_bytes: int, dither: bool = False) -> bytes:
+    """Return a PNG with a palette and the alt text inside, in as many colours as the bound leaves; see `png`."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
-    picture = Image.open(buffer).convert("RGB")
+    picture = Image.open(io.BytesIO(data)).convert("RGB")
     about = PngInfo()
-    about.add_itxt("Description", words.alt)
+    about.add_itxt("Description", alt)
     for colours in (256, 128, 64, 32, 16):
         out = io.BytesIO()
         _with_palette(picture, colours, dither).save(out, format="PNG", optimize=True, pnginfo=about)

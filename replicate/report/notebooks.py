@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replicate.drawing.panels import LARGEST_BYTES, Words, png
+from replicate.drawing.panels import LARGEST_BYTES, Words, compress, png
 from replicate.engine.atomic_files import write_text
 from replicate.engine.code_hash import code_digest
 from replicate.engine.command_line import guard
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 NOTEBOOKS = ROOT / "notebooks"
 TIMEOUT_S = 600
-FEW_COLOURS = 64
 WIDGET = "application/vnd.jupyter.widget-view+json"
 METADATA = {
     "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
@@ -144,25 +143,14 @@ def show_text(text: str) -> None:
 def show_picture(file: Path, largest_bytes: int | None = None) -> None:
     """Show a saved figure in a notebook, with its alt text and its caption, which stand beside it as JSON.
 
-    largest_bytes: a larger picture is shown in `FEW_COLOURS`, on pages of many pictures.
+    largest_bytes: a larger picture is shown in fewer colours, on pages of many pictures.
     """
     from IPython.display import Image, Markdown, display
 
     words, data = json.loads(file.with_suffix(".json").read_text(encoding="utf-8")), file.read_bytes()
     if largest_bytes and len(data) > largest_bytes:
-        data = _in_few_colours(data)
+        data = compress(data, words["alt"], largest_bytes)
     display(Image(data, alt=words["alt"]), Markdown(f"*{words['caption']}*"))
-
-
-def _in_few_colours(data: bytes) -> bytes:
-    import io
-
-    import PIL.Image
-
-    out = io.BytesIO()
-    picture = PIL.Image.open(io.BytesIO(data)).convert("RGB").quantize(FEW_COLOURS, dither=PIL.Image.Dither.NONE)
-    picture.save(out, "png", optimize=True)
-    return out.getvalue()
 
 
 def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str | None = None) -> None:
