@@ -92,14 +92,17 @@ class RegionalModel:
         out = np.zeros((len(params), self.vertex_count, 3), np.float32)
         with torch.no_grad():
             scaled = torch.from_numpy(np.array(params, np.float32)) / self.scale
-            coefficients = self.network(scaled) * self.length
-            parts = coefficients.split([len(components) for components in self._components], dim=1)
-            moved = [
-                torch.addmm(mean, part, components).unflatten(1, (-1, 3))
-                for mean, part, components in zip(self._means, parts, self._components, strict=True)
-            ]
-        out[:, self.vertices] = torch.cat(moved, dim=1).numpy()
+            out[:, self.vertices] = self.moved(self.network(scaled)).numpy()
         return out
+
+    def moved(self, coefficients: Float[torch.Tensor, "b d"]) -> Float[torch.Tensor, "b k 3"]:
+        """Return the offsets (mm) of `vertices` for coefficients over `length`, as the network gives them."""
+        parts = (coefficients * self.length).split([len(components) for components in self._components], dim=1)
+        regions = [
+            torch.addmm(mean, part, components).unflatten(1, (-1, 3))
+            for mean, part, components in zip(self._means, parts, self._components, strict=True)
+        ]
+        return torch.cat(regions, dim=1)
 
     def size_mb(self) -> float:
         """Return the size of network (float16) and bases as they are stored, in MB of 10⁶ bytes."""

@@ -22,22 +22,12 @@ class OnMeshes(nn.Module):
 
     def __init__(self, model: RegionalModel, vertices: Int[np.ndarray, " v"]):
         super().__init__()
-        self.network, self.scale, self.length = model.network, model.scale, model.length
-        self.components, self.means = (
-            [b.components() for b in model.bases],
-            [b.mean.float().flatten() for b in model.bases],
-        )
+        self.network, self.scale, self.moved = model.network, model.scale, model.moved
         order = np.argsort(model.vertices)
         self.order = torch.from_numpy(order[np.searchsorted(model.vertices, vertices, sorter=order)])
 
     def forward(self, params: Float[torch.Tensor, "b m"]) -> Float[torch.Tensor, "b v 3"]:
-        coefficients = self.network(params / self.scale) * self.length
-        parts = coefficients.split([len(components) for components in self.components], dim=1)
-        moved = [
-            torch.addmm(mean, part, components).unflatten(1, (-1, 3))
-            for mean, part, components in zip(self.means, parts, self.components, strict=True)
-        ]
-        return torch.cat(moved, dim=1)[:, self.order]
+        return self.moved(self.network(params / self.scale))[:, self.order]
 
 
 class OnCoefficients(nn.Module):

@@ -57,11 +57,12 @@ def compare_variants(
     `common.add_only`. command_line: the words that state them.
     afterwards: (variants, their rows) → more rows; what else is measured of the trained variants, or drawn.
     """
+    only = getattr(options, "only", "")
     for character in split_names(options.characters):
-        trained = selected(variants(character, options.profile, options.steps), getattr(options, "only", ""))
+        trained = selected(variants(character, options.profile, options.steps), only)
         rows = train_variants(name, trained)
         rows += afterwards(trained, rows)
-        publish(name, rows, tables(rows), command_line, (lambda row: True) if getattr(options, "only", "") else None)
+        publish(name, rows, tables(rows), command_line, (lambda row: True) if only else None)
 
 
 def train_variants(name: str, variants: Sequence[Variant]) -> list[Row]:

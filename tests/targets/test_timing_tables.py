@@ -137,15 +137,16 @@ def test_the_chart_has_what_has_error_time_and_size():
     assert frontier_chart(rows(), [], "teen") is None
 
 
+def dot(method: str, ms: float, mb: float, degrees: float) -> list[Row]:
+    """Return what the frontier needs of a method."""
+    numbers = (("table3", "time_all_cores", "ms", ms), ("table3", "model_size", "MB", mb),
+               ("table2", "normal_error_mean", "deg", degrees))  # fmt: skip
+    facts = None, 1, 1_000, "laptop", "r"
+    return [Row(table, "teen", method, metric, unit, value, *facts) for table, metric, unit, value in numbers]
+
+
 def test_labels_of_near_dots_stand_on_either_side_of_them():
-    near = [
-        Row(table, "teen", "refined", metric, unit, value, None, 1, 1_000, "laptop", "r")
-        for table, metric, unit, value in (
-            ("table3", "time_all_cores", "ms", 5.0),
-            ("table3", "model_size", "MB", 50.0),
-            ("table2", "normal_error_mean", "deg", 1.01),
-        )
-    ]
+    near = dot("refined", 5.0, 50.0, 1.01)
     figure, _ = frontier_chart([*rows(), *near], [*rows(), *near], "teen")
     times, sizes = ({text.get_text(): text.xyann[1] for text in axes.texts} for axes in figure.axes)
     assert times["Coarse"] < 0 < times["Refined"] and times["Dense"] > 0
@@ -153,14 +154,7 @@ def test_labels_of_near_dots_stand_on_either_side_of_them():
 
 
 def test_labels_of_dots_stay_inside_their_panel():
-    small = [
-        Row(table, "teen", "regional", metric, unit, value, None, 1, 1_000, "laptop", "r")
-        for table, metric, unit, value in (
-            ("table3", "time_all_cores", "ms", 0.5),
-            ("table3", "model_size", "MB", 1.0),
-            ("table2", "normal_error_mean", "deg", 0.3),
-        )
-    ]
+    small = dot("regional", 0.5, 1.0, 0.3)
     figure, _ = frontier_chart([*rows(), *small], [*rows(), *small], "teen")
     figure.draw_without_rendering()
     for axes in figure.axes:

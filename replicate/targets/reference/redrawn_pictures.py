@@ -50,7 +50,7 @@ def _of_table2(characters: Collection[str], renderer: str | None) -> list[Path]:
 
     results, files = open_table2(paths.REFERENCE), []
     for character in results.characters:
-        if character in characters:
+        if character in characters and character in results.poses:  # of a face from elsewhere there are no meshes
             figures = list(table2_figures(results, character, LIMIT_DEG, renderer))
             record = results.poses[character][FOLDED]
             close = picture_name(record, "forehead")
