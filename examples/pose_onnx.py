@@ -1,35 +1,27 @@
 """Pose a face with a model that `make deploy` wrote: python pose_onnx.py model.onnx jaw_open=0.6 …"""
 
+import argparse
 import json
-import sys
 
 import numpy as np
 import onnxruntime
 
 
-def refuse(sentence):
-    print(sentence, file=sys.stderr)
-    sys.exit(2)
-
-
-if len(sys.argv) < 2:
-    refuse("no model is named: python pose_onnx.py model.onnx jaw_open=0.6 … is allowed")
-session = onnxruntime.InferenceSession(sys.argv[1], providers=["CPUExecutionProvider"])
-about = session.get_modelmeta().custom_metadata_map
-controls = json.loads(about["controls"])  # name, region, lower, default and upper of each, in the order of the input
-pose = {control["name"]: control["default"] for control in controls}
-for word in sys.argv[2:]:
+def setting(word):
     name, _, value = word.partition("=")
-    if name not in pose:
-        refuse(f"{word}: there is no control {name!r}; allowed are {', '.join(pose)}")
-    try:
-        pose[name] = float(value)
-    except ValueError:
-        pose[name] = np.nan
-    if not np.isfinite(pose[name]):
-        refuse(f"{word}: control=value is allowed, where the value is a finite number")
+    return name, float(value)
 
-params = np.array([list(pose.values())], np.float32)
-(vertices,) = session.run(["vertices"], {"parameters": params})  # (poses, vertices, 3), mm
+
+parser = argparse.ArgumentParser()
+parser.add_argument("model")
+parser.add_argument("controls", nargs="*", type=setting, metavar="control=value")
+words = parser.parse_args()
+session = onnxruntime.InferenceSession(words.model, providers=["CPUExecutionProvider"])
+controls = json.loads(session.get_modelmeta().custom_metadata_map["controls"])  # in the order of the input
+pose = {control["name"]: control["default"] for control in controls}
+for name, value in words.controls:
+    if name not in pose or not np.isfinite(value):
+        parser.error(f"{name}={value}: a finite number is allowed, for one of {', '.join(pose)}")
+    pose[name] = value
+(vertices,) = session.run(["vertices"], {"parameters": np.array([[*pose.values()]], np.float32)})  # (1, n, 3), mm
 np.savetxt("vertices.txt", vertices[0], "%.4f")
-print(f"{about['character']}, {about['title']}: {vertices.shape[1]} vertices in mm, in vertices.txt")

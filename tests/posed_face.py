@@ -6,12 +6,17 @@ from plain_rig import PlainRig
 from small_face import M, pose_offsets, small_influence, small_mesh
 
 from data_recipes.controls import Control
+from replicate.approximation.cnn import MapNetwork
 from replicate.approximation.gated_network import GatedNetwork
+from replicate.approximation.model import SegmentedModel
+from replicate.approximation.refinement import RefinedModel, square_segments
 from replicate.approximation.regional_basis import loss_metric, principal_basis
 from replicate.approximation.regional_model import RegionalModel, halve, store
 from replicate.approximation.rigid import Attachments
+from replicate.approximation.segments import make_segment
 from replicate.inverse.control_points import control_points
 from replicate.inverse.ik_network import IkModel
+from replicate.poser.approximation_contents import as_on_page
 from replicate.poser.contents import PosedFace
 
 MESH = small_mesh()
@@ -48,9 +53,29 @@ class PosedRig(PlainRig):
         return [("eye_white_left", posed, faces, colours), ("brow_left", brow, faces[:1], (90, 60, 30))]
 
 
-def posed_face():
-    """Return a face whose networks and bases are drawn at random."""
-    rng, rig = np.random.default_rng(1), PosedRig()
+def coarse_model(size=32, channels=16):
+    """Return a CNN of two charts whose networks are drawn at random."""
+    torch.manual_seed(3)
+    segments = [
+        make_segment(name, np.flatnonzero(MESH.segment == k), MESH.uv[MESH.segment == k], small_influence(MESH))
+        for k, name in enumerate(("first", "second"))
+    ]
+    networks = [MapNetwork(len(s.parameters), s.uv, size, channels, (20, 64 * 5), 0.2) for s in segments]
+    return SegmentedModel(networks, segments, np.linspace(0.5, 1, M), [3.0, 2.0], len(MESH.neutral))
+
+
+def refined_model():
+    """Return a CNN of two charts with a larger map for a part of the first one."""
+    coarse = coarse_model()
+    (square,) = square_segments(coarse.segments[0], np.array([[0.5, 0.5]]), small_influence(MESH), 0.5)
+    network = MapNetwork(len(square.parameters), square.uv, 64, 16, (20, 64 * 5), 0.2)
+    residual = SegmentedModel([network], [square], np.linspace(0.5, 1, M), [1.5], len(MESH.neutral))
+    return RefinedModel(coarse, residual)
+
+
+def regional_model():
+    """Return our method's model with bases of two regions and a network that is drawn at random."""
+    rng = np.random.default_rng(1)
     offsets = pose_offsets(MESH, rng.uniform(-1, 1, (60, M)))
     bases = []
     for k in (0, 1):
@@ -61,7 +86,12 @@ def posed_face():
     network = GatedNetwork(M, (8, 8), count)
     network.start(rng.normal(size=(M + 1, count)), torch.Generator().manual_seed(0))
     halve(network)
-    model = RegionalModel(network, bases, np.linspace(0.5, 1, M), 3.0, len(MESH.neutral))
+    return RegionalModel(network, bases, np.linspace(0.5, 1, M), 3.0, len(MESH.neutral))
+
+
+def posed_face(model=None):
+    """Return a face whose networks are drawn at random; model: its approximation, as ours where there is none."""
+    rig = PosedRig()
     carriers = np.flatnonzero(MESH.segment == 0)[20:120:10][None]
     attachments = Attachments(np.array([TOOTH]), carriers, np.zeros((1, 10)), np.zeros(1), np.ones((1, 3)))
     influence = small_influence(MESH)
@@ -69,4 +99,4 @@ def posed_face():
     torch.manual_seed(0)
     neutral = MESH.neutral[points.vertices]
     ik = IkModel(points.regions, (16, 16), 0.2, neutral, np.full((6, 2), 3.0), rig.default, np.full(M, 1.5)).eval()
-    return PosedFace(rig, model, attachments, ik, influence)
+    return PosedFace(rig, as_on_page(model or regional_model()), attachments, ik, influence)

@@ -16,8 +16,8 @@ def contents_of(face):
     return tuple({k: v for part in parts for k, v in part[side].items()} for side in (0, 1))
 
 
-def page_of(damage=lambda arrays: None):
-    """Return the page as HTML. damage: changes what it carries."""
-    header, arrays = contents_of(posed_face())
+def page_of(damage=lambda arrays: None, model=None):
+    """Return the page as HTML. damage: changes what it carries. model: the approximation, as ours where it is None."""
+    header, arrays = contents_of(posed_face(model))
     damage(arrays)
     return page(header, arrays, "a test & nothing else")

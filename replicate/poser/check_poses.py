@@ -1,16 +1,14 @@
 """Poses with their known answers, which a page carries so that it can check its own arithmetic on any machine."""
 
-import copy
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Float, Float32
 
 from replicate.approximation.rigid import attach
-from replicate.inverse.ik_network import IkModel
-from replicate.poser.contents import Parts, PosedFace
-from replicate.poser.pack import indices
+from replicate.poser.approximation_contents import halved
+from replicate.poser.contents import PosedFace
+from replicate.poser.pack import Parts, indices
 
 VERTICES = 1_500  # of which the page knows where they belong, spread over the mesh
 POSES = 4
@@ -22,7 +20,7 @@ class Answers:
     """What Python says of some poses.
 
     targets: (b, c, 3) control points, mm. solved: (b, m) rig parameters that the IK networks give for them. params:
-    (b, m) rig parameters within their limits. vertices: (b, n, 3) mm, of our method's face for `params`.
+    (b, m) rig parameters within their limits. vertices: (b, n, 3) mm, of the approximation for `params`.
     """
 
     targets: Float32[np.ndarray, "b c 3"]
@@ -44,20 +42,11 @@ def answers(face: PosedFace, rng: np.random.Generator) -> Answers:
 
 
 def posed_vertices(face: PosedFace, params: Float[np.ndarray, "b m"]) -> Float32[np.ndarray, "b n 3"]:
-    """Return our method's face with its rigid segments in place, mm; a single pose by the fast evaluation."""
+    """Return an approximation's face with its rigid segments in place, mm; a single pose by the fast evaluation."""
     if len(params) == 1:
         return face.evaluate(params)
     mesh = face.rig.mesh
     return attach(mesh, face.attachments, mesh.neutral + face.model.offsets(params))
-
-
-def halved(ik: IkModel) -> IkModel:
-    """Return the IK networks with their weights rounded to what 16 bits hold, as the page has them."""
-    twin = copy.deepcopy(ik)
-    with torch.no_grad():
-        for weight in twin.parameters():
-            weight.copy_(weight.half().float())
-    return twin
 
 
 def check_contents(face: PosedFace, rng: np.random.Generator) -> Parts:

@@ -1,4 +1,4 @@
-"""What a page carries of a character: mesh, our method's model, the rigid step, the IK networks and the controls."""
+"""What a page carries of a character: mesh, approximation, rigid step, IK networks and controls."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,29 +8,26 @@ import numpy as np
 from jaxtyping import Bool
 
 from data_recipes.rig import Rig
-from replicate.approximation.gated_network import SLOPE
-from replicate.approximation.regional_model import RegionalModel
 from replicate.approximation.rigid import Attachments
 from replicate.drawing.characters import colours_by_segment
 from replicate.drawing.scene import PORTRAIT
 from replicate.inference.fast_evaluation import fast_evaluation
 from replicate.inverse.control_points import ControlPoints, control_points
 from replicate.inverse.ik_network import IkModel
-from replicate.poser.pack import indices
-
-Parts = tuple[dict, dict[str, np.ndarray]]  # words for the header, and arrays by name
+from replicate.poser.approximation_contents import Approximation, approximation_contents, layers
+from replicate.poser.pack import Parts, indices
 
 
 @dataclass(frozen=True)
 class PosedFace:
     """A character as it is posed: the rig for its mesh, names and limits, and what stands in for its function.
 
-    model: rig parameters → offsets. attachments: what places the rigid segments. ik: control points → rig parameters.
-    influence: which control (m) moves which vertex (n).
+    model: rig parameters → offsets, with weights as a page has them. attachments: what places the rigid segments. ik:
+    control points → rig parameters. influence: which control (m) moves which vertex (n).
     """
 
     rig: Rig
-    model: RegionalModel
+    model: Approximation
     attachments: Attachments
     ik: IkModel
     influence: Bool[np.ndarray, "n m"]
@@ -48,7 +45,7 @@ def face_contents(face: PosedFace) -> Parts:
         _mesh(face.rig),
         _controls(face.rig),
         _points(control_points(face.rig, face.influence)),
-        _regional(face.model),
+        approximation_contents(face.model),
         _rigid(face.rig, face.attachments),
         _inverse(face.ik),
     ):
@@ -80,20 +77,6 @@ def _points(points: ControlPoints) -> Parts:
     return {"points": names}, {"points": points.vertices.astype(np.uint32)}
 
 
-def _regional(model: RegionalModel) -> Parts:
-    network = model.network
-    arrays = _layers("regional", [*network.layers, network.output])
-    if network.line is not None:
-        arrays["regional.line"] = _half(network.line.weight)
-    arrays["regional.scale"] = model.scale.numpy()
-    for k, basis in enumerate(model.bases):
-        arrays[f"basis.{k}.vertices"] = indices(basis.vertices.numpy(), model.vertex_count)
-        for name in ("mean", "fine", "rough", "steps"):
-            arrays[f"basis.{k}.{name}"] = getattr(basis, name).numpy()
-    words = {"layers": len(network.layers) + 1, "gated": network.is_gated, "slope": SLOPE}
-    return {"regional": {**words, "length_mm": model.length, "regions": len(model.bases)}}, arrays
-
-
 def _rigid(rig: Rig, attachments: Attachments) -> Parts:
     segment, count = rig.mesh.segment, len(rig.mesh.neutral)
     arrays = {}
@@ -110,19 +93,5 @@ def _inverse(ik: IkModel) -> Parts:
     ]
     arrays = {f"inverse.{name}": getattr(ik, name).numpy() for name in ("neutral", "spread", "default", "reach")}
     for j, network in enumerate(ik.networks):
-        arrays |= _layers(f"inverse.{j}", [*network.hidden, network.output])
-    layers = len(ik.widths) + 1
-    return {"inverse": {"layers": layers, "slope": ik.slope, "axes": ik.axes, "regions": regions}}, arrays
-
-
-def _layers(prefix: str, layers: list) -> dict[str, np.ndarray]:
-    """Return weights (outputs, inputs) and biases of linear layers in 16 bits."""
-    arrays = {}
-    for i, layer in enumerate(layers):
-        arrays[f"{prefix}.{i}.weight"] = _half(layer.weight)
-        arrays[f"{prefix}.{i}.bias"] = _half(layer.bias)
-    return arrays
-
-
-def _half(weight: object) -> np.ndarray:
-    return weight.detach().cpu().numpy().astype(np.float16)
+        arrays |= layers(f"inverse.{j}", [*network.hidden, network.output])
+    return {"inverse": {"layers": len(ik.widths) + 1, "slope": ik.slope, "axes": ik.axes, "regions": regions}}, arrays

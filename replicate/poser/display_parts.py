@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 from data_recipes.rig import Prop, Rig
 from replicate.drawing.prop_surfaces import BUST, NEAREST, finish_of
 from replicate.geometry.alignment import align
-from replicate.poser.contents import Parts
-from replicate.poser.pack import indices
+from replicate.poser.pack import Parts, indices
 
 EYE = "eye"
 EyePoints = dict[str, np.ndarray]  # by side: the vertices of an eyeball, (k, 3) mm

@@ -11,6 +11,7 @@ import numpy as np
 
 from replicate.engine.exceptions import InputError
 
+Parts = tuple[dict, dict[str, np.ndarray]]  # words for the header, and arrays by name
 KINDS = ("float32", "float16", "uint32", "int16", "uint16", "int8", "uint8")
 ALIGNMENT = 4  # bytes: where an array begins, so that a page can look at it in place
 HIGHEST_LEVEL = 9

@@ -14,14 +14,15 @@ TEMPLATE, STYLES = FRONT / "page.html", (FRONT / "poser.css", FRONT / "page.css"
 SCRIPTS = tuple(
     FRONT / f"{name}.js"
     for name in (
-        "packed", "networks", "face", "display", "pose", "pose_files", "drags", "view", "points", "panel", "poser",
+        "packed", "networks", "regional", "maps", "face", "display", "pose", "pose_files", "drags", "view", "points",
+        "panel", "poser",
     )
 )  # fmt: skip
 CHECKS = FRONT / "self_test.js"
 SOURCES = (TEMPLATE, *STYLES, *SCRIPTS, CHECKS)  # what a page depends on beside its data
 ABOUT = (
     "Drag a red dot: small networks (inverse kinematics, §4 of Fast and Deep Facial Deformations) find values of "
-    "{controls} controls, and an approximation of the rig, our regional method, turns these into {vertices:,} "
+    "{controls} controls, and an approximation of the rig, {approximation}, turns these into {vertices:,} "
     "vertices. Nothing leaves this page."
 )
 
@@ -31,7 +32,8 @@ def page(header: Mapping[str, object], arrays: Mapping[str, np.ndarray], provena
 
     header, arrays: its contents. provenance: where it comes from, in a sentence.
     """
-    about = ABOUT.format(controls=len(header["controls"]), vertices=len(arrays["neutral"]))
+    counts = {"controls": len(header["controls"]), "vertices": len(arrays["neutral"])}
+    about = ABOUT.format(approximation=header["approximation"], **counts)
     return Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
         title=html.escape(f"Pose the {header['character']}"),
         about=html.escape(about),

@@ -8,6 +8,7 @@ import subprocess
 import numpy as np
 import pytest
 from browser import command
+from posed_face import coarse_model, refined_model
 from posing_page import page_of
 
 FRAMES_MS = 3_000  # of the browser's own time
@@ -37,6 +38,22 @@ def report(tmp_path_factory):
 def test_vertices_and_parameters_are_those_of_python(report):
     assert report["poses"] == 4
     assert report["vertices_mm"] < 0.01 and report["parameters"] < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("model", "words"),
+    [
+        (coarse_model(), "the coarse CNN of the paper"),
+        (coarse_model(16, 6), "the coarse CNN of the paper"),
+        (refined_model(), "the refined CNN of the paper"),
+    ],
+    ids=["coarse", "other sizes", "refined"],
+)
+def test_a_page_may_have_the_cnn_in_the_place_of_our_method(tmp_path, model, words):
+    text = page_of(model=model)
+    assert f"an approximation of the rig, {words}, turns" in " ".join(text.split())
+    report = report_of(browsed(tmp_path, text, ending="#selftest"))
+    assert report["poses"] == 4 and report["vertices_mm"] < 0.01 and report["parameters"] < 1e-4
 
 
 def test_a_wrong_answer_would_be_noticed(tmp_path):

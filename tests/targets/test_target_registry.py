@@ -63,6 +63,7 @@ def test_what_trains_nothing_takes_all_of_the_papers_characters_that_have_a_reci
 def test_a_target_may_have_methods_of_its_own_that_are_shown_if_none_is_named(capsys):
     defaults = {t.name: parser().parse_args([t.name]).methods for t in ALL if "methods" in t.options}
     assert defaults.pop("figure12") == ["refined"] and defaults.pop("deploy") == [*deploy.METHODS]
+    assert defaults.pop("poser") == ["regional"]
     assert all(methods == ["standard"] for methods in defaults.values()) and "table2" in defaults
     assert cli.main(["figure12", "--help"]) == 0 and "(default: refined)" in capsys.readouterr().out
 
@@ -78,7 +79,7 @@ def test_a_targets_graph_ends_with_the_stage_of_its_name_and_trains_no_more_than
     trained = {stage.name for stage in graph} & {"coarse", "refined", "dense", "linear", "pca", "driven"}
     own = {"table2": {"coarse"}, "figure10": {"coarse"}, "figure01": {"coarse", "refined"}}
     own |= {"figure09": own["figure01"], "figure13": own["figure01"], "table3": {"coarse"}, "table4": {"coarse"}}
-    own["deploy"] = {"coarse"}
+    own["deploy"] = own["poser"] = {"coarse"}
     own |= {"figure11": {"coarse", "refined", "dense"}, "figure12": own["figure01"], "capture": own["figure01"]}
     assert trained == own.get(target.name, set())
 

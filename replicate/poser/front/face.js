@@ -1,51 +1,17 @@
-// From rig parameters to vertices: regional bases, rigid segments (§3.4) and normals.
-
-// Adds `count` rows of whole numbers to sums, each times its own factor, which are read from `from` on.
-// Four rows at a time: sums are read and written a quarter as often.
-function addRows(sums, rows, from, count, factor) {
-  const n = sums.length;
-  let c = 0;
-  for (; c + 3 < count; c += 4) {
-    const a = factor[from + c], b = factor[from + c + 1], d = factor[from + c + 2], e = factor[from + c + 3];
-    for (let i = 0, j = c * n, k = j + n, l = k + n, m = l + n; i < n; i++, j++, k++, l++, m++) {
-      sums[i] += a * rows[j] + b * rows[k] + d * rows[l] + e * rows[m];
-    }
-  }
-  for (; c < count; c++) {
-    const a = factor[from + c];
-    for (let i = 0, j = c * n; i < n; i++, j++) sums[i] += a * rows[j];
-  }
-}
+// From rig parameters to vertices: an approximation, rigid segments (§3.4) and normals.
 
 // params (m) → vertices (3n), mm. The array that is returned is the same one each time.
 function faceModel(packed) {
   const { header, arrays } = packed;
   const { neutral } = arrays;
-  const coefficientsOf = coefficientModel(packed);
+  const place = header.regional ? regionalOffsets(packed) : mapOffsets(packed);
   const vertices = Float32Array.from(neutral);
-  const bases = Array.from({ length: header.regional.regions }, (_, k) => {
-    const part = (name) => arrays[`basis.${k}.${name}`];
-    const [members, mean, fine, rough, steps] = ["vertices", "mean", "fine", "rough", "steps"].map(part);
-    return { members, mean, fine, rough, steps, factors: Float32Array.from(steps), sums: new Float32Array(mean.length) };
-  });
   const segments = Array.from({ length: header.rigid }, (_, row) => ({
     members: arrays[`rigid.${row}.members`], carriers: arrays[`rigid.${row}.carriers`],
   }));
 
   return function pose(params) {
-    const coefficients = coefficientsOf(params);
-    let first = 0;
-    for (const { members, mean, fine, rough, steps, factors, sums } of bases) {
-      for (let c = 0; c < steps.length; c++) factors[c] = coefficients[first + c] * steps[c];
-      first += steps.length;
-      sums.set(mean);
-      addRows(sums, fine, 0, fine.shape[0], factors);
-      addRows(sums, rough, fine.shape[0], rough.shape[0], factors);
-      for (let i = 0; i < members.length; i++) {
-        const v = 3 * members[i];
-        for (let a = 0; a < 3; a++) vertices[v + a] = neutral[v + a] + sums[3 * i + a];
-      }
-    }
+    place(params, vertices);
     for (const { members, carriers } of segments) {
       move(alignment(neutral, vertices, carriers), neutral, members, vertices);
     }

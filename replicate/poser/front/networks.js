@@ -1,4 +1,4 @@
-// The networks: control points → rig parameters (Eq. 7), and rig parameters → coefficients of the regional bases.
+// Dense layers, and the networks of inverse kinematics: control points → rig parameters (Eq. 7).
 
 // x (inputs) → out (outputs): W x + b. weight: (outputs, inputs), row by row; bias: null for none.
 function dense(weight, bias, x, out) {
@@ -20,13 +20,6 @@ function dense(weight, bias, x, out) {
 function leaky(x, slope) {
   for (let i = 0; i < x.length; i++) if (x[i] < 0) x[i] *= slope;
   return x;
-}
-
-// silu(first half) ∘ second half, into the first half
-function multiply(both) {
-  const half = both.length / 2;
-  for (let i = 0; i < half; i++) both[i] = (both[i] / (1 + Math.exp(-both[i]))) * both[half + i];
-  return both.subarray(0, half);
 }
 
 function layersOf(arrays, prefix, count) {
@@ -62,25 +55,5 @@ function inverseModel({ header, arrays }) {
     });
     for (let p = 0; p < total.length; p++) total[p] = rest[p] + (total[p] / Math.max(said[p], 1)) * reach[p];
     return total;
-  };
-}
-
-// A function from raw rig parameters (m) to the coefficients of all regions' components, mm.
-function coefficientModel({ header, arrays }) {
-  const { layers: count, gated, slope, length_mm: length } = header.regional;
-  const layers = layersOf(arrays, "regional", count), line = arrays["regional.line"];
-  const scale = arrays["regional.scale"], scaled = new Float32Array(scale.length);
-  const coefficients = new Float32Array(layers[count - 1].out.length), straight = new Float32Array(coefficients.length);
-
-  return function coefficientsOf(params) {
-    for (let p = 0; p < scaled.length; p++) scaled[p] = params[p] / scale[p];
-    let x = scaled;
-    layers.forEach((layer, i) => {
-      x = dense(layer.weight, layer.bias, x, layer.out);
-      if (i < count - 1) x = gated ? multiply(x) : leaky(x, slope);
-    });
-    if (line) dense(line, null, scaled, straight);
-    for (let k = 0; k < coefficients.length; k++) coefficients[k] = (x[k] + straight[k]) * length;
-    return coefficients;
   };
 }

@@ -1,47 +1,68 @@
-"""A page to pose a face in (§5.3.1): one HTML file a character, which opens in a browser from disk."""
+"""A page to pose a face in (§5.3.1): one HTML file a character and method, which opens in a browser from disk."""
 
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from replicate.artefacts import built_rig, control_influence, rigid_segments
-from replicate.artefacts.plan import Plan
+from replicate.artefacts.plan import Plan, reference
 from replicate.engine import paths
-from replicate.engine.stage import Stage, StageContext
+from replicate.engine.exceptions import InputError
+from replicate.engine.stage import Stage, StageContext, stage_function
 from replicate.inverse import ik_stage
-from replicate.methods import regional
+from replicate.methods import coarse, refined, regional
 from replicate.methods.method import Method
 from replicate.report.publication import publish_files
-from replicate.targets.options import OF_A_RUN
+from replicate.targets.options import OF_A_RUN, methods
 from replicate.targets.running import make
 
-ABOUT = "a page to pose a face in with the mouse: one HTML file that opens in a browser from disk"
+ABOUT = "a page to pose a face in with the mouse, by our method or the CNN: one HTML file that opens in a browser"
 WRITES = "results/runs/<profile>/"
-OPTIONS = OF_A_RUN
+OPTIONS = (*OF_A_RUN, "methods")
+METHODS = (regional.METHOD.name,)
+EVALUATED = (*METHODS, coarse.METHOD.name, refined.METHOD.name)  # by the page's JavaScript
 LARGEST_MB = 12  # of a page that opens at once
 
 
 @dataclass(frozen=True)
 class PageSettings:
-    """Whose page it is, the profile of its networks, and the seed that its poses to check are drawn with."""
+    """Whose pages they are, the profile of the networks, and the seed that the poses to check are drawn with.
+
+    models: "module:function" of each method's model, by its name.
+    """
 
     character: str
     profile: str
     seed: int
+    models: tuple[tuple[str, str], ...]
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
-    """Return the stages of one character's page; those that train, the slow ones, come first."""
+    """Return the stages of one character's pages, one a method; those that train, the slow ones, come first.
+
+    Methods that no page evaluates are left out.
+    """
     from replicate.poser.page import SOURCES
 
-    slow = [regional.stage(plan), ik_stage.stage(plan, regional.METHOD)]
-    inputs = (*(module.stage(plan) for module in (built_rig, rigid_segments, control_influence)), *slow)
-    settings = PageSettings(plan.character, plan.config.profile, plan.config.seed)
-    return [*slow, plan.stage("poser", write, settings, *inputs, files=SOURCES)]
+    shown = [method for method in methods if method.name in EVALUATED] or [regional.METHOD]
+    slow = [stage for method in shown for stage in (*method.stages(plan), ik_stage.stage(plan, method))]
+    shared = (module.stage(plan) for module in (built_rig, rigid_segments, control_influence))
+    inputs = {stage.title: stage for stage in (*shared, *slow)}.values()
+    models = tuple((method.name, reference(method.model)) for method in shown)
+    settings = PageSettings(plan.character, plan.config.profile, plan.config.seed, models)
+    functions = ",".join([reference(write), *(model for _, model in models)])  # the models' sources count too
+    return [*slow, plan.stage("poser", functions, settings, *inputs, files=SOURCES)]
 
 
 def write(context: StageContext) -> None:
-    """Write the page."""
+    """Write the pages of one character."""
+    for method, model in context.config.models:
+        write_page(context, method, model)
+
+
+def write_page(context: StageContext, method: str, model: str) -> None:
+    """Write the page of one method; model: "module:function" of what reads its model."""
+    from replicate.poser.approximation_contents import as_on_page
     from replicate.poser.check_poses import check_contents
     from replicate.poser.contents import PosedFace, face_contents
     from replicate.poser.display_parts import display_contents
@@ -50,9 +71,9 @@ def write(context: StageContext) -> None:
     rig, settings = built_rig.load(context.inputs), context.config
     face = PosedFace(
         rig,
-        regional.load_model(context.inputs),
+        as_on_page(stage_function(model)(context.inputs)),
         rigid_segments.load(context.inputs),
-        ik_stage.load(context.inputs, regional.METHOD.name),
+        ik_stage.load(context.inputs, method),
         control_influence.load(context.inputs),
     )
     header, arrays = {}, {}
@@ -63,18 +84,27 @@ def write(context: StageContext) -> None:
     ):
         header |= words
         arrays |= values
-    made_by = f"make poser CHARACTERS={settings.character} PROFILE={settings.profile}"
+    option, ending = ("", "") if method in METHODS else (f" METHODS={method}", f"_{method}")
+    made_by = f"make poser CHARACTERS={settings.character}{option} PROFILE={settings.profile}"
     text = page(header, arrays, f"{made_by}, seed {settings.seed}")
-    (context.out / f"poser_{settings.character}.html").write_text(text, encoding="utf-8")
-    context.note(size_mb=len(text.encode()) / 1e6)
+    (context.out / f"poser_{settings.character}{ending}.html").write_text(text, encoding="utf-8")
 
 
 def run(options: argparse.Namespace) -> None:
-    """Write the page of every character and publish it."""
-    folder, files = publish_files("poser", make(options, stages))
+    """Write the pages of every character and publish them."""
+    folder, files = publish_files("poser", make(options, lambda plan: stages(plan, chosen(options, plan))))
     for name in (name for own in files.values() for name in own):
         size = (folder / name).stat().st_size / 1e6
         advice = (
             "" if size <= LARGEST_MB else f"; above {LARGEST_MB} MB it opens slowly: fewer components make it smaller"
         )
         print(f"written to {paths.display_path(folder / name)} ({size:.1f} MB): open it in a browser{advice}")
+
+
+def chosen(options: argparse.Namespace, plan: Plan) -> list[Method]:
+    """Return the methods that are named. Raises InputError for one that a page can't evaluate."""
+    shown = methods(options, plan.config)
+    for method in shown:
+        if method.name not in EVALUATED:
+            raise InputError(f"method {method.name!r} has no page to pose in: allowed are {', '.join(EVALUATED)}")
+    return shown

@@ -1,0 +1,73 @@
+// Our method: rig parameters → coefficients → the vertices of regional bases.
+
+// Adds `count` rows of whole numbers to sums, each times its own factor, which are read from `from` on.
+// Four rows at a time: sums are read and written a quarter as often.
+function addRows(sums, rows, from, count, factor) {
+  const n = sums.length;
+  let c = 0;
+  for (; c + 3 < count; c += 4) {
+    const a = factor[from + c], b = factor[from + c + 1], d = factor[from + c + 2], e = factor[from + c + 3];
+    for (let i = 0, j = c * n, k = j + n, l = k + n, m = l + n; i < n; i++, j++, k++, l++, m++) {
+      sums[i] += a * rows[j] + b * rows[k] + d * rows[l] + e * rows[m];
+    }
+  }
+  for (; c < count; c++) {
+    const a = factor[from + c];
+    for (let i = 0, j = c * n; i < n; i++, j++) sums[i] += a * rows[j];
+  }
+}
+
+// silu(first half) ∘ second half, into the first half
+function multiply(both) {
+  const half = both.length / 2;
+  for (let i = 0; i < half; i++) both[i] = (both[i] / (1 + Math.exp(-both[i]))) * both[half + i];
+  return both.subarray(0, half);
+}
+
+// A function from raw rig parameters (m) to the coefficients of all regions' components, mm.
+function coefficientModel({ header, arrays }) {
+  const { layers: count, gated, slope, length_mm: length } = header.regional;
+  const layers = layersOf(arrays, "regional", count), line = arrays["regional.line"];
+  const scale = arrays["regional.scale"], scaled = new Float32Array(scale.length);
+  const coefficients = new Float32Array(layers[count - 1].out.length), straight = new Float32Array(coefficients.length);
+
+  return function coefficientsOf(params) {
+    for (let p = 0; p < scaled.length; p++) scaled[p] = params[p] / scale[p];
+    let x = scaled;
+    layers.forEach((layer, i) => {
+      x = dense(layer.weight, layer.bias, x, layer.out);
+      if (i < count - 1) x = gated ? multiply(x) : leaky(x, slope);
+    });
+    if (line) dense(line, null, scaled, straight);
+    for (let k = 0; k < coefficients.length; k++) coefficients[k] = (x[k] + straight[k]) * length;
+    return coefficients;
+  };
+}
+
+// (params, vertices) → nothing: places the vertices of all regions, mm.
+function regionalOffsets(packed) {
+  const { header, arrays } = packed;
+  const { neutral } = arrays;
+  const coefficientsOf = coefficientModel(packed);
+  const bases = Array.from({ length: header.regional.regions }, (_, k) => {
+    const part = (name) => arrays[`basis.${k}.${name}`];
+    const [members, mean, fine, rough, steps] = ["vertices", "mean", "fine", "rough", "steps"].map(part);
+    return { members, mean, fine, rough, steps, factors: Float32Array.from(steps), sums: new Float32Array(mean.length) };
+  });
+
+  return function place(params, vertices) {
+    const coefficients = coefficientsOf(params);
+    let first = 0;
+    for (const { members, mean, fine, rough, steps, factors, sums } of bases) {
+      for (let c = 0; c < steps.length; c++) factors[c] = coefficients[first + c] * steps[c];
+      first += steps.length;
+      sums.set(mean);
+      addRows(sums, fine, 0, fine.shape[0], factors);
+      addRows(sums, rough, fine.shape[0], rough.shape[0], factors);
+      for (let i = 0; i < members.length; i++) {
+        const v = 3 * members[i];
+        for (let a = 0; a < 3; a++) vertices[v + a] = neutral[v + a] + sums[3 * i + a];
+      }
+    }
+  };
+}
