@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float, Float32
 
 from data_recipes.rig import Rig
 from replicate.approximation.rigid import Attachments
@@ -36,6 +36,16 @@ class PosedFace:
     def evaluate(self) -> Callable[[np.ndarray], np.ndarray]:
         """Raw rig parameters (1, m) → the whole posed mesh (1, n, 3), mm, as fast as the suite can."""
         return fast_evaluation(self.model, self.rig.mesh, self.attachments)
+
+    def dragged(
+        self, params: Float[np.ndarray, " m"], before: Float[np.ndarray, "c 3"], after: Float[np.ndarray, "c 3"]
+    ) -> Float32[np.ndarray, " m"]:
+        """Return the rig parameters after control points are dragged from some places (mm) to others.
+
+        They change by as much as the IK networks' answer does, and keep within their limits (D25).
+        """
+        said = self.ik.solve(np.stack([before, after]))
+        return np.clip(params + said[1] - said[0], self.rig.lower, self.rig.upper).astype(np.float32)
 
 
 def face_contents(face: PosedFace) -> Parts:

@@ -75,9 +75,7 @@ class Poser(anywidget.AnyWidget):
         a name that is no control point, and for a move that is not finite.
         """
         targets = targets_of_drags(self.targets, self.points, list(moves.items()))
-        before, now = self.face.ik.solve(np.stack([self.targets, targets]))
-        rig = self.face.rig
-        self._set(np.clip(self.params + now - before, rig.lower, rig.upper), targets)
+        self._set(self.face.dragged(self.params, self.targets, targets), targets)
 
     def reset(self) -> None:
         """Go back to the neutral pose."""

@@ -3,6 +3,8 @@
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from replicate.artefacts import built_rig, control_influence, rigid_segments
 from replicate.artefacts.plan import Plan, reference
@@ -16,6 +18,9 @@ from replicate.report.publication import publish_files
 from replicate.targets.options import OF_A_RUN, methods
 from replicate.targets.running import make
 
+if TYPE_CHECKING:
+    from replicate.poser.contents import PosedFace
+
 ABOUT = "a page to pose a face in with the mouse, by our method or the CNN: one HTML file that opens in a browser"
 WRITES = "results/runs/<profile>/"
 OPTIONS = (*OF_A_RUN, "methods")
@@ -28,13 +33,14 @@ LARGEST_MB = 12  # of a page that opens at once
 class PageSettings:
     """Whose pages they are, the profile of the networks, and the seed that the poses to check are drawn with.
 
-    models: "module:function" of each method's model, by its name.
+    models: "module:function" of each method's model, by its name. pictured: whether a browser is asked for pictures.
     """
 
     character: str
     profile: str
     seed: int
     models: tuple[tuple[str, str], ...]
+    pictured: bool
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
@@ -42,6 +48,7 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
 
     Methods that no page evaluates are left out.
     """
+    from replicate.poser.browser_pictures import browser
     from replicate.poser.page import SOURCES
 
     shown = [method for method in methods if method.name in EVALUATED] or [regional.METHOD]
@@ -49,19 +56,25 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
     shared = (module.stage(plan) for module in (built_rig, rigid_segments, control_influence))
     inputs = {stage.title: stage for stage in (*shared, *slow)}.values()
     models = tuple((method.name, reference(method.model)) for method in shown)
-    settings = PageSettings(plan.character, plan.config.profile, plan.config.seed, models)
+    settings = PageSettings(plan.character, plan.config.profile, plan.config.seed, models, browser() is not None)
     functions = ",".join([reference(write), *(model for _, model in models)])  # the models' sources count too
     return [*slow, plan.stage("poser", functions, settings, *inputs, files=SOURCES)]
 
 
 def write(context: StageContext) -> None:
-    """Write the pages of one character."""
-    for method, model in context.config.models:
-        write_page(context, method, model)
+    """Write the pages of one character, and pictures of the first one in a browser."""
+    from replicate.drawing.panels import save_figure
+    from replicate.poser.browser_pictures import browser, strip
+
+    faces = [write_page(context, method, model) for method, model in context.config.models]
+    if context.config.pictured and (program := browser()):
+        drawn = strip(*faces[0], program)
+        if drawn:
+            save_figure(drawn[0], context.out / f"poser_{context.config.character}.png", drawn[1])
 
 
-def write_page(context: StageContext, method: str, model: str) -> None:
-    """Write the page of one method; model: "module:function" of what reads its model."""
+def write_page(context: StageContext, method: str, model: str) -> "tuple[PosedFace, Path]":
+    """Write the page of one method, return its face and its file; model: "module:function" of what reads the model."""
     from replicate.poser.approximation_contents import as_on_page
     from replicate.poser.check_poses import check_contents
     from replicate.poser.contents import PosedFace, face_contents
@@ -87,13 +100,18 @@ def write_page(context: StageContext, method: str, model: str) -> None:
     option, ending = ("", "") if method in METHODS else (f" METHODS={method}", f"_{method}")
     made_by = f"make poser CHARACTERS={settings.character}{option} PROFILE={settings.profile}"
     text = page(header, arrays, f"{made_by}, seed {settings.seed}")
-    (context.out / f"poser_{settings.character}{ending}.html").write_text(text, encoding="utf-8")
+    file = context.out / f"poser_{settings.character}{ending}.html"
+    file.write_text(text, encoding="utf-8")
+    return face, file
 
 
 def run(options: argparse.Namespace) -> None:
     """Write the pages of every character and publish them."""
     folder, files = publish_files("poser", make(options, lambda plan: stages(plan, chosen(options, plan))))
-    for name in (name for own in files.values() for name in own):
+    for name in (name for own in files.values() for name in own if not name.endswith(".json")):
+        if name.endswith(".png"):
+            print(f"written to {paths.display_path(folder / name)}: the page in a browser, while points are dragged")
+            continue
         size = (folder / name).stat().st_size / 1e6
         advice = (
             "" if size <= LARGEST_MB else f"; above {LARGEST_MB} MB it opens slowly: fewer components make it smaller"

@@ -79,7 +79,8 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
         for target in names:
             if target != TABLE2:
                 stay = _committed(target, of_both)
-                new = {name: facts for name, facts in manifest.entries(folder, target).items() if name not in stay}
+                entries = manifest.entries(folder, target).items()
+                new = {name: _with_results_alone(facts) for name, facts in entries if name not in stay}
                 there = manifest.entries(paths.REFERENCE, target)
                 for name in there.keys() & _in_part(folder, target):
                     new[name] = manifest.joined(new[name], there[name])
@@ -184,6 +185,13 @@ def with_table(text: str, name: str, table: Table) -> str:
 
 def _is_result(file: Path) -> bool:
     return file.suffix in KINDS and file.name != manifest.NAME and not file.name.startswith(".")
+
+
+def _with_results_alone(facts: dict) -> dict:
+    """Return a manifest's entry without the files that are not put beside it, as the posing page."""
+    return facts | (
+        {"files": [name for name in facts["files"] if Path(name).suffix in KINDS]} if "files" in facts else {}
+    )
 
 
 def _is_of(file: Path, characters: Collection[str]) -> bool:
