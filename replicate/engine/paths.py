@@ -10,6 +10,7 @@ RESULTS = ROOT / "results"
 PAPER = RESULTS / "paper"
 REFERENCE = RESULTS / "reference"
 PAPER_PROFILE = "reference_paper_profile"  # committed results of the profile `paper`, beside those of `laptop`
+WHOLE_CLIPS = "reference_clips"  # and those of networks whose test poses are of whole clips, not of single frames
 LONGEST_NAME = 255  # bytes of a file's name, on every file system in use
 
 
@@ -33,8 +34,8 @@ def run_folder(profile: str) -> Path:
 
 
 def committed_folders() -> dict[str, Path]:
-    """Return the folders of committed results by name: those that texts quote, and those of the profile `paper`."""
-    return {"reference": REFERENCE, PAPER_PROFILE: REFERENCE / PAPER_PROFILE}
+    """Return the folders of committed results by name: those that texts quote, and what stands beside them."""
+    return {"reference": REFERENCE} | {name: REFERENCE / name for name in (PAPER_PROFILE, WHOLE_CLIPS)}
 
 
 def settle_folders(*others: str) -> None:

@@ -22,7 +22,7 @@ from replicate.engine.folders import short_temporary_folder
 from replicate.engine.paths import REFERENCE, ROOT, committed_folders, display_path, run_folder
 from replicate.engine.provenance import as_lines
 from replicate.report.cast import order_of
-from replicate.report.manifest import command_of, section
+from replicate.report.manifest import command_of, section, targets
 from replicate.report.results import Row, read_results
 from replicate.report.tables import Table, as_markdown, unbroken
 
@@ -57,12 +57,15 @@ def rows_if_there(name: str, file: str) -> list[Row]:
     return read_results(path) if path.is_file() else []
 
 
-def figure_files(name: str, target: str) -> dict[str, list[Path]]:
+def figure_files(name: str, target: str, needed: bool = True) -> dict[str, list[Path]]:
     """Return, by character, the pictures of a figure, "figure05" …, that the manifest in `results_folder` names.
 
-    Raises InputError, with the target that makes them, where there are none or one is gone.
+    needed: False for a figure that a run may lack. Raises InputError, with the target that makes them, where there are
+    none or one is gone.
     """
     folder = folder_of(name)
+    if not needed and target not in targets(folder):
+        return {}
     pictures = {}
     for character, facts in section(folder, target).get("characters", {}).items():
         pictures[character] = [folder / file for file in facts.get("files", ()) if file.endswith(".png")]

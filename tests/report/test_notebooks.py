@@ -145,6 +145,7 @@ def test_a_figures_notebook_shows_the_pictures_that_the_manifest_names(folder, m
     *heading, picture, table = run_cells(notebooks.NOTEBOOKS / f"{target}.ipynb", monkeypatch)
     assert all("teen" in text for text in heading)
     assert picture == folder / f"{target}_teen.png" and "teen" in table.title and len(table.body) == 1
+    assert notebooks.figure_files("quick", "poser", needed=False) == {}
     (folder / f"{target}_teen.png").unlink()
     with pytest.raises(InputError, match=rf"{target}_teen.png: there is no such picture; `make {target}` draws it"):
         notebooks.figure_files("quick", target)

@@ -139,6 +139,18 @@ def test_the_paper_profile_has_a_folder_of_its_own_beside_what_texts_quote(folde
         reference.publish_reference("paper")
 
 
+def test_whole_clips_have_a_folder_of_their_own_and_are_not_mixed_with_frames(folders):
+    run, _, reference_folder, _ = folders
+    manifest.write_entries(run, "table2", {"teen": {**CLEAN, "split": "clips"}})
+    reference.publish_reference("laptop")
+    apart = reference_folder / paths.WHOLE_CLIPS
+    assert read_results(apart / "table2.csv") == [row("teen")] and not (reference_folder / "table2.csv").exists()
+    both = {"teen": {**CLEAN, "split": "clips"}, "tiny": {**CLEAN, "split": "frames"}}
+    manifest.write_entries(run, "table2", both)
+    with pytest.raises(InputError, match=r"Table 2 is of several splits \(teen clips, tiny frames\): publish one"):
+        reference.publish_reference("laptop")
+
+
 @pytest.mark.parametrize("where", ["table2", "bench_floors"])
 def test_a_tree_with_changes_is_refused_and_nothing_is_written(folders, where):
     run, bench, reference_folder, _ = folders

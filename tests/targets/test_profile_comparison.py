@@ -1,10 +1,10 @@
-"""Table 2 with two profiles side by side: which characters and methods are there, and the ratios of both."""
+"""Table 2 with two profiles, and two splits, side by side: characters and methods that are there, ratios of both."""
 
 from dataclasses import replace
 
 from replicate.engine import paths
 from replicate.report.results import Row, write_results
-from replicate.targets.table2.profile_comparison import paper_profile_rows, profile_tables
+from replicate.targets.table2.profile_comparison import clips_rows, paper_profile_rows, profile_tables, split_tables
 
 
 def rows(profile: str, scale: float, *characters: str) -> list[Row]:
@@ -46,3 +46,15 @@ def test_committed_results_have_committed_ones_beside_them_and_yours_have_yours(
         write_results(folder / "table2.csv", rows("paper", 1.0, name))
     assert {row.character for row in paper_profile_rows("reference")} == {"teen"}
     assert {row.character for row in paper_profile_rows("laptop")} == {"woman"}
+
+
+def test_two_splits_stand_side_by_side_for_committed_results_alone(tmp_path, monkeypatch):
+    monkeypatch.setattr(paths, "REFERENCE", tmp_path / "reference")
+    assert clips_rows("reference") == []
+    folder = paths.committed_folders()[paths.WHOLE_CLIPS]
+    folder.mkdir(parents=True)
+    write_results(folder / "table2.csv", rows("laptop", 2.0, "teen"))
+    (table,) = split_tables(rows("laptop", 1.0, "teen", "woman"), clips_rows("reference"))
+    assert table.title == "Two splits: teen" and table.headers[1][1:3] == ("frames", "clips")
+    assert table.body[0] == ("Coarse", "4.00", "8.00", "40.00", "80.00", "400", "800")
+    assert clips_rows("laptop") == []

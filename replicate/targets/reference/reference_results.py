@@ -48,7 +48,8 @@ ALWAYS = ("claims", "rig_tour")  # notebooks that show all results, or a rig; th
 def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
     """Put a profile's results and the benchmarks' in the place of the committed ones; return the new files.
 
-    Table 2 with the profile `paper` goes into a folder of its own, beside what texts quote (see `publish_apart`).
+    Table 2 with the profile `paper`, and one whose test poses are of whole clips, go into folders of their own, beside
+    what texts quote (see `publish_apart`).
 
     Of a table each character is replaced as a whole, and those that the run lacks stay, so that characters may be run
     one at a time. Of a benchmark that was run in part (`--only`) its other rows stay too. Files without a new result
@@ -56,9 +57,9 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
     else of such a character is committed stays as it is. Raises InputError, before it writes anything, if neither has
     results, or some come from a tree with changes.
     """
-    if profile == APART:
-        return publish_apart(paths.run_folder(profile), paths.committed_folders()[paths.PAPER_PROFILE], add_seeds)
     run, bench, rigs = (paths.run_folder(name) for name in (profile, BENCH, "rigs"))
+    if apart := paths.PAPER_PROFILE if profile == APART else paths.WHOLE_CLIPS if _is_of_clips(run) else None:
+        return publish_apart(run, paths.committed_folders()[apart], add_seeds)
     of_run, of_bench = manifest.targets(run), manifest.targets(bench)
     if not (of_run or of_bench):
         raise InputError(f"{run}: there are no results; `make table2 PROFILE={profile}` writes them.")
@@ -106,6 +107,15 @@ def publish_apart(run: Path, into: Path, add_seeds: bool = False) -> list[Path]:
     shared = committed_seeds.shared_characters(run, into) if add_seeds else []
     into.mkdir(parents=True, exist_ok=True)
     return [*committed_seeds.put_table2(run, shared, into), *_texts([TABLE2])]
+
+
+def _is_of_clips(run: Path) -> bool:
+    """Return whether a run's Table 2 has test poses of whole clips. Raises InputError where some are not."""
+    splits = {name: facts.get("split", "frames") for name, facts in manifest.entries(run, TABLE2).items()}
+    if len(set(splits.values())) > 1:
+        both = ", ".join(f"{name} {split}" for name, split in splits.items())
+        raise InputError(f"{paths.display_path(run)}: Table 2 is of several splits ({both}): publish one at a time")
+    return "clips" in splits.values()
 
 
 def _check_clean(folder: Path, targets: Collection[str]) -> None:

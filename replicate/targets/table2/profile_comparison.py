@@ -1,4 +1,4 @@
-"""The laptop's numbers beside those of the paper's: how much is due to fewer samples and a shorter schedule?"""
+"""Table 2 beside itself: what more samples and a longer schedule change, and test poses of whole clips."""
 
 from collections.abc import Sequence
 
@@ -23,14 +23,37 @@ def paper_profile_rows(results: str) -> list[Row]:
     return read_results(folder / ROWS) if (folder / ROWS).is_file() else []
 
 
+def clips_rows(results: str) -> list[Row]:
+    """Return the rows of networks that are tested on whole clips, of committed results; none for a run of yours."""
+    folders = paths.committed_folders()
+    file = folders[paths.WHOLE_CLIPS] / ROWS
+    return read_results(file) if results in folders and file.is_file() else []
+
+
 def profile_tables(rows: Sequence[Row], others: Sequence[Row]) -> list[Table]:
     """Return, for each character that both have, its errors with either profile: rows', and others'."""
-    both = [name for name in characters_of(others) if name in characters_of(rows)]
-    return [profile_table(rows, others, name) for name in both]
+    tables = []
+    for name in _in_both(rows, others):
+        profiles = [next(row.profile for row in each if row.character == name) for each in (rows, others)]
+        tables.append(side_by_side(f"Two profiles: {name}", rows, others, name, profiles))
+    return tables
 
 
-def profile_table(rows: Sequence[Row], others: Sequence[Row], character: str) -> Table:
-    """Return both mean errors of each method and what its training takes, with either profile, and ratios of errors."""
+def split_tables(rows: Sequence[Row], others: Sequence[Row]) -> list[Table]:
+    """Return, for each character that both have, its errors by either split: of frames, and of clips."""
+    splits = ("frames", "clips")
+    return [side_by_side(f"Two splits: {name}", rows, others, name, splits) for name in _in_both(rows, others)]
+
+
+def _in_both(rows: Sequence[Row], others: Sequence[Row]) -> list[str]:
+    return [name for name in characters_of(others) if name in characters_of(rows)]
+
+
+def side_by_side(title: str, rows: Sequence[Row], others: Sequence[Row], character: str, names: Sequence[str]) -> Table:
+    """Return both mean errors of each method and what its training takes, of rows and others, and ratios of errors.
+
+    names: what each of both is called.
+    """
     columns = (*((metric, label) for metric, _, label in MEASURES), ("training", "training, s"))
     body: list[tuple[str, ...] | None] = []
     for method in map(method_named, in_order({row.method for row in others})):
@@ -40,9 +63,8 @@ def profile_table(rows: Sequence[Row], others: Sequence[Row], character: str) ->
             body.append((method.label, *(round_off(cell.value, cell.unit) if cell else "–" for cell in cells)))
     lines = [_ratios(rows, others, character, *pair) for pair in RATIOS]
     body += [None, *(line for line in lines if line)]
-    profiles = [next(row.profile for row in each if row.character == character) for each in (rows, others)]
     spans = ("", *(cell for _, label in columns for cell in (label, "")))
-    return Table(f"Two profiles: {character}", (spans, ("", *profiles * len(columns))), tuple(body))
+    return Table(title, (spans, ("", *names * len(columns))), tuple(body))
 
 
 def _ratios(
