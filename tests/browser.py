@@ -3,27 +3,26 @@
 import base64
 import functools
 import json
-import shutil
 import subprocess
 import time
 
 import pytest
 import websocket
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+from replicate.poser.browser_pictures import BROWSERS, GRAPHICS, browser
+
 COMMON = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--proxy-server=127.0.0.1:9")
-GRAPHICS = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 SIZE = (1200, 800)
 PATIENCE_S = 60
 
 
 def command(profile, *options):
     """Return a browser's command line; a test without one is skipped. profile: an empty folder."""
-    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if browser is None:
+    program = browser()
+    if program is None:
         pytest.skip(f"needs a browser, one of {', '.join(BROWSERS)}")
     size = f"--window-size={SIZE[0]},{SIZE[1]}"
-    return [browser, *COMMON, f"--user-data-dir={profile}", size, *(options or GRAPHICS)]
+    return [program, *COMMON, f"--user-data-dir={profile}", size, *(options or GRAPHICS)]
 
 
 class Tab:
