@@ -18,6 +18,7 @@ from replicate.engine.store import artefact_folder, read_manifest
 
 NAME = "manifest.json"
 TOP = "table2"
+DRAWN = "pictures"  # the word for where pictures come from that are younger than their entry
 SURROUNDINGS = ("python", "packages", "processor", "instruction_set")
 
 
@@ -41,14 +42,15 @@ def with_earlier(facts: dict, earlier: dict, run: str) -> dict:
     """Return one character's facts of a run, and of an earlier one that has other seeds of the same configuration.
 
     What stands for the whole is the later run's; a stage of the earlier one says itself where it comes from, as far as
-    that is something else. run: the name of both together.
+    that is something else. The pictures stay the earlier run's. run: the name of both together.
     """
     git, before = facts["git"], earlier["git"]
+    pictures = {DRAWN: earlier[DRAWN]} if DRAWN in earlier else {}
     own = {name: earlier[name] for name in SURROUNDINGS if name in earlier and earlier[name] != facts.get(name)}
     if before["commit"] != git["commit"]:
         own["git"] = {"commit": before["commit"], "clean": before["clean"]}
     stages = {title: {**own, **stage} for title, stage in earlier["stages"].items()} | facts["stages"]
-    return {**joined(facts, earlier), "run": run, "stages": stages}
+    return {**joined(facts, earlier), **pictures, "run": run, "stages": stages}
 
 
 def joined(facts: dict, earlier: dict) -> dict:
@@ -131,7 +133,7 @@ def write_entries(folder: Path, target: str, characters: dict[str, dict]) -> Non
     shared = {
         key: value
         for key, value in each[0].items()
-        if key not in ("stages", "run", "files", "pictures") and all(facts.get(key) == value for facts in each)
+        if key not in ("stages", "run", "files", DRAWN) and all(facts.get(key) == value for facts in each)
     }
     new = {**shared, "characters": characters}
     top, targets = _other(folder)

@@ -22,7 +22,7 @@ from replicate.engine.folders import short_temporary_folder
 from replicate.engine.paths import REFERENCE, ROOT, committed_folders, display_path, run_folder
 from replicate.engine.provenance import as_lines
 from replicate.report.cast import order_of
-from replicate.report.manifest import command_of, section, targets
+from replicate.report.manifest import DRAWN, command_of, section, targets
 from replicate.report.results import Row, read_results
 from replicate.report.tables import Table, as_markdown, unbroken
 
@@ -96,7 +96,7 @@ def _facts_in_words(facts: dict) -> dict[str, str]:
         **({"test poses": f"split by {facts['split']}"} if "split" in facts else {}),
         "machine": f"{facts.get('processor')}, {facts.get('cores')} cores, GPU: {facts.get('gpu') or 'none'}",
         "packages": ", ".join(f"{name} {version}" for name, version in sorted((facts.get("packages") or {}).items())),
-        **({"pictures drawn anew": _commits(drawn)} if (drawn := facts.get("pictures")) else {}),
+        **({"pictures drawn anew": _commits(drawn)} if (drawn := facts.get(DRAWN)) else {}),
         **({"made elsewhere": elsewhere} if (elsewhere := _elsewhere(facts)) else {}),
         "time of all stages": f"{sum(seconds) / 60:.1f} min",
     }

@@ -129,6 +129,17 @@ def test_stages_of_an_earlier_run_say_what_they_were_made_from(publish):
     assert [stage.get("git", {}).get("commit") for stage in facts["stages"].values()] == ["older", None]
 
 
+def test_pictures_that_were_drawn_anew_still_say_so_when_seeds_join(publish):
+    publish("first", result("teen", 0))
+    entries = manifest.entries(paths.REFERENCE, "table2")
+    entries["teen"][manifest.DRAWN] = drawn = {"commit": "a" * 40, "clean": True}
+    manifest.write_entries(paths.REFERENCE, "table2", entries)
+    publish("second", result("teen", 1, "s"))
+    assert manifest.entries(paths.REFERENCE, "table2")["teen"][manifest.DRAWN] == drawn
+    publish("third", result("teen", 0), add_seeds=False)
+    assert manifest.DRAWN not in manifest.entries(paths.REFERENCE, "table2")["teen"], "its pictures are the run's own"
+
+
 def test_seeds_of_another_configuration_are_refused_and_nothing_changes(publish):
     publish("first", result("teen", 0))
     table = (paths.REFERENCE / "table2.csv").read_bytes()

@@ -19,7 +19,6 @@ from replicate.report.results import read_results
 
 LADDER = "bench_ladder"
 OF_A_POSE = ("figure01", "figure09", "figure10")  # targets whose pictures Table 2's poses suffice for
-DRAWN = "pictures"  # the manifest's word for where pictures come from that are younger than their entry
 
 
 def redraw(characters: Collection[str], renderer: str | None = None) -> list[Path]:
@@ -35,7 +34,8 @@ def redraw(characters: Collection[str], renderer: str | None = None) -> list[Pat
         entries = manifest.entries(paths.REFERENCE, target)
         for name in entries:
             if (name.partition("@")[0] if target == LADDER else name) in characters:
-                entries[name][DRAWN] = state | ({} if target == LADDER else {"from": f"table2_{name}_pose*.npz"})
+                source = {} if target == LADDER else {"from": f"table2_{name}_pose*.npz"}
+                entries[name][manifest.DRAWN] = state | source
         if entries:
             manifest.write_entries(paths.REFERENCE, target, entries)
     return files
