@@ -46,9 +46,10 @@ def surroundings() -> dict:
 
 
 def as_lines(facts: dict[str, str]) -> str:
-    """Return facts by their labels as lines, all values in one column."""
+    """Return facts by their labels as lines, all values in one column, those of several lines too."""
     width = max(24, *(len(label) + 2 for label in facts))
-    return "\n".join(f"{label:{width}}{value}" for label, value in facts.items())
+    indented = "\n" + " " * width
+    return "\n".join(f"{label:{width}}" + value.replace("\n", indented) for label, value in facts.items())
 
 
 def git_state(folder: Path = ROOT) -> dict | None:

@@ -19,10 +19,9 @@ from replicate.engine.code_hash import code_digest
 from replicate.engine.command_line import guard
 from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.folders import short_temporary_folder
-from replicate.engine.paths import REFERENCE, ROOT, committed_folders, display_path, run_folder
-from replicate.engine.provenance import as_lines
+from replicate.engine.paths import REFERENCE, ROOT, committed_folders, run_folder
 from replicate.report.cast import order_of
-from replicate.report.manifest import DRAWN, command_of, section, targets
+from replicate.report.manifest import command_of, section, targets
 from replicate.report.results import Row, read_results
 from replicate.report.tables import Table, as_markdown, unbroken
 
@@ -73,53 +72,6 @@ def figure_files(name: str, target: str, needed: bool = True) -> dict[str, list[
         if missing:
             raise InputError(f"{missing[0]}: there is no such picture; `make {command_of(target)}` draws it.")
     return dict(sorted(pictures.items(), key=lambda item: order_of(item[0])))
-
-
-def provenance_text(name: str, target: str = "table2") -> str:
-    """Return where the results of a target come from, in a few lines, from the manifest beside them."""
-    folder = folder_of(name)
-    manifest, lines = section(folder, target), {"results": display_path(folder)}
-    for character, own in (manifest.get("characters") or {"": {}}).items():
-        facts = {**manifest, **own}
-        for label, value in _facts_in_words(facts).items():
-            if value not in lines.values():  # what characters share stands once
-                lines[f"{label}, {character}" if label in lines else label] = value
-    return as_lines(lines)
-
-
-def _facts_in_words(facts: dict) -> dict[str, str]:
-    seconds = [stage.get("wall_s", 0) for stage in (facts.get("stages") or {}).values()]
-    return {
-        "commit": _commits(facts.get("git")),
-        "command": str(facts.get("command")),
-        "profile, seeds": f"{facts.get('profile')}, {facts.get('seeds')}",
-        **({"test poses": f"split by {facts['split']}"} if "split" in facts else {}),
-        "machine": f"{facts.get('processor')}, {facts.get('cores')} cores, GPU: {facts.get('gpu') or 'none'}",
-        "packages": ", ".join(f"{name} {version}" for name, version in sorted((facts.get("packages") or {}).items())),
-        **({"pictures drawn anew": _commits(drawn)} if (drawn := facts.get(DRAWN)) else {}),
-        **({"made elsewhere": elsewhere} if (elsewhere := _elsewhere(facts)) else {}),
-        "time of all stages": f"{sum(seconds) / 60:.1f} min",
-    }
-
-
-def _elsewhere(facts: dict) -> str:
-    """Return which stages were made with other versions or on another kind of processor than the run itself."""
-    differences = []
-    for title, stage in (facts.get("stages") or {}).items():
-        own = {name: stage[name] for name in ("python", "processor", "instruction_set") if name in stage}
-        own |= stage.get("packages", {})
-        if own:
-            differences.append(f"{title} ({', '.join(f'{name} {value}' for name, value in own.items())})")
-    return "; ".join(differences)
-
-
-def _commits(git: dict | None) -> str:
-    """Return the commits that stages were made from, the table's own first, and whether their trees were clean."""
-    if not git:
-        return "unknown"
-    names = list(dict.fromkeys([git["commit"], *git.get("commits", ())]))
-    whose = "its" if len(names) == 1 else "their"
-    return " and ".join(names) + ("" if git["clean"] else f", with changes of {whose} own")
 
 
 def show_table(table: Table) -> None:

@@ -16,7 +16,7 @@ from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import run_folder
 from replicate.report import notebooks
-from replicate.report.notebooks import execute, main, provenance_text, with_parameters
+from replicate.report.notebooks import execute, main, with_parameters
 from replicate.report.pose_record import PoseRecord, save_pose
 from replicate.report.results import Row, read_results, write_results
 from replicate.report.tables import Table, as_text
@@ -126,7 +126,6 @@ def test_table1s_notebook_shows_the_table_and_the_claim(folder, monkeypatch):
     in_manifest(folder, "table1", {"teen": {"run": "r", "stages": {"table1-teen": {"wall_s": 60}}}})
     claim, table = run_cells(notebooks.NOTEBOOKS / "table1.ipynb", monkeypatch)
     assert table.title.startswith("Table 1") and "holds on teen" in claim
-    assert "1.0 min" in provenance_text("quick", "table1") and "c0ffee" not in provenance_text("quick", "table1")
 
 
 @pytest.mark.parametrize(
@@ -236,25 +235,6 @@ def test_a_result_that_is_missing_is_named_with_the_target_that_makes_it(folder)
     pose_file(folder, "teen").unlink()
     with pytest.raises(InputError, match=r"table2_teen_pose.npz: there is no such pose; `make table2`"):
         open_table2(folder)
-
-
-def test_the_manifest_is_told_in_words(folder, monkeypatch):
-    text = provenance_text("quick")
-    assert "c0ffee, with changes of its own" in text and "1.5 min" in text
-    shared = {"git": {"commit": "c0ffee", "clean": True}, "profile": "quick", "processor": "abacus", "cores": 2}
-    each = {name: {"seeds": [0], "stages": {"rig": {"wall_s": s}}} for name, s in (("teen", 60), ("tiny", 120))}
-    (folder / "manifest.json").write_text(json.dumps(shared | {"characters": each}))
-    text = provenance_text("quick")
-    assert text.count("c0ffee") == text.count("abacus") == 1
-    assert "1.0 min" in text and "time of all stages, tiny  2.0 min" in text
-    columns = {row.index(value) for row in text.splitlines() for value in ("c0ffee", "2.0 min") if value in row}
-    assert len(columns) == 1
-    several = {"git": {"commit": "c0ffee", "clean": False, "commits": ["f00d", "c0ffee"]}}
-    (folder / "manifest.json").write_text(json.dumps(several))
-    assert "c0ffee and f00d, with changes of their own" in provenance_text("quick")
-    (folder / "manifest.json").unlink()
-    with pytest.raises(InputError, match="`make table2` writes it"):
-        provenance_text("quick")
 
 
 def test_balance_is_told_of_the_characters_whose_manifest_has_it(folder, monkeypatch):

@@ -11,6 +11,7 @@ from sample_rows import table2_rows
 
 from replicate.drawing.panels import Words
 from replicate.report import notebooks
+from replicate.report.provenance_text import provenance_text
 from replicate.report.results import read_results, write_results
 from replicate.report.seed_results import of_character, read_seeds
 from replicate.report.training_curves import read_curves
@@ -207,5 +208,5 @@ def test_what_is_published_says_how_the_poses_were_split(place, capsys):
     assert "\nsplit by clips\n" in capsys.readouterr().out
     facts = json.loads((place / "manifest.json").read_text())["characters"]
     assert {name: own["split"] for name, own in facts.items()} == {"teen": "frames", "tiny": "clips"}
-    text = notebooks.provenance_text("quick")
+    text = provenance_text("quick")
     assert "split by frames" in text and "split by clips" in text

@@ -149,6 +149,10 @@ def test_whole_clips_have_a_folder_of_their_own_and_are_not_mixed_with_frames(fo
     manifest.write_entries(run, "table2", both)
     with pytest.raises(InputError, match=r"Table 2 is of several splits \(teen clips, tiny frames\): publish one"):
         reference.publish_reference("laptop")
+    manifest.write_entries(run, "table2", {"teen": {**CLEAN, "split": "clips"}})
+    run.rename(run.with_name("paper"))
+    with pytest.raises(InputError, match=r"whole clips have a folder for one profile, not paper"):
+        reference.publish_reference("paper")
 
 
 @pytest.mark.parametrize("where", ["table2", "bench_floors"])

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import as_lines
-from replicate.report.notebooks import folder_of, provenance_text
+from replicate.report.notebooks import folder_of
+from replicate.report.provenance_text import provenance_text
 from replicate.targets.claims.claim_verdicts import FILE, Verdict, read_verdicts, verdict_frame
 from replicate.targets.claims.evidence import Evidence, folders_of, gather, published
 

@@ -58,7 +58,10 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
     results, or some come from a tree with changes.
     """
     run, bench, rigs = (paths.run_folder(name) for name in (profile, BENCH, "rigs"))
-    if apart := paths.PAPER_PROFILE if profile == APART else paths.WHOLE_CLIPS if _is_of_clips(run) else None:
+    of_clips = _is_of_clips(run)
+    if of_clips and profile == APART:
+        raise InputError(f"{paths.display_path(run)}: whole clips have a folder for one profile, not {APART}")
+    if apart := paths.PAPER_PROFILE if profile == APART else paths.WHOLE_CLIPS if of_clips else None:
         return publish_apart(run, paths.committed_folders()[apart], add_seeds)
     of_run, of_bench = manifest.targets(run), manifest.targets(bench)
     if not (of_run or of_bench):
