@@ -67,3 +67,23 @@ def rig_report_rows(character: str = "teen") -> list[Row]:
 def cells_after(text: str, start: str) -> list[str]:
     """Return the cells of a printed table's line that begins with some words."""
     return next(row for row in text.splitlines() if row.startswith(start))[len(start) :].split()
+
+
+def roofline_rows() -> list[Row]:
+    """Return rows of the roofline: a machine's peaks, and the teen's dense networks by two ways to evaluate them."""
+
+    def row(method, metric, unit, value):
+        return Row("bench_roofline", "teen", method, metric, unit, value, None, 1, 200, "bench", "teen")
+
+    peaks = {"multiply_adds_per_s": 50e9, "bytes_per_s[cache]": 100e9, "bytes_per_s[memory]": 10e9}
+    made = [row("machine", metric, "count", value) for metric, value in peaks.items()]
+    for name, ms, count, megabytes in (("dense", 4.0, 1e7, 40.0), ("dense_fast", 1.0, 1e7, 40.0)):
+        made += [
+            row(name, "network", "ms", ms),
+            row(name, "multiplications", "count", count),
+            row(name, "read", "MB", megabytes),
+            row(name, "share_of_peak", "ratio", 0.2 / ms),
+            row(name, "share_of_roof", "ratio", 0.4 / ms),
+            row(name, "times_as_fast_as_torch", "ratio", 4.0 / ms),
+        ]
+    return made

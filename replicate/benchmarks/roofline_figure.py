@@ -1,6 +1,7 @@
 """The roofline as a figure: multiplications a second against multiplications a byte, every backend a dot."""
 
 from collections.abc import Sequence
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,15 +14,16 @@ from replicate.timing.timed_names import BACKENDS, FAST, HALF, JAX, ONNX, PLAIN,
 
 if TYPE_CHECKING:
     import matplotlib.figure
+    import matplotlib.text
 
 TABLE, MACHINE = "bench_roofline", "machine"
 HEIGHT = 6.4  # inches
 BILLION = 1e9
 MARKERS = {PLAIN: "v", "": "^", JAX: "P", ONNX: "s", FAST: "o", HALF: "D"}
 KEYS = {PLAIN: "plain torch", "": "the suite's torch"}
-ROOFS = (
-    ("bytes_per_s[cache]", "caches", "-", "bottom", (-2, 4)),
-    ("bytes_per_s[memory]", "memory", ":", "top", (2, -4)),
+ROOFS = (  # metric, label, line, and the label's place: at this share of the peak, on this side, so many points off
+    ("bytes_per_s[cache]", "caches", "-", 0.11, "bottom", (-2, 4)),
+    ("bytes_per_s[memory]", "memory", ":", 0.14, "top", (2, -4)),
 )
 BACKGROUND = {"facecolor": "white", "edgecolor": "none", "pad": 1}  # of letters that lines would cross
 
@@ -54,6 +56,7 @@ def roofline_figure(rows: Sequence[Row], character: str) -> "tuple[matplotlib.fi
         style = {"color": method_named(method).colour, "markersize": 11, "markeredgecolor": "white"}
         style["zorder"] = 4 if ending in (FAST, HALF) else 3
         axes.plot(x, y, MARKERS[ending], **style)
+    labels_of_methods = []
     for method in dict.fromkeys(parted(name)[0] for name in names):
         colour = method_named(method).colour
         own_dots = [dots[method + ending] for ending in MARKERS if method + ending in dots]
@@ -62,7 +65,8 @@ def roofline_figure(rows: Sequence[Row], character: str) -> "tuple[matplotlib.fi
         right = x < np.sqrt(low * high)
         place = {"textcoords": "offset points", "ha": "left" if right else "right", "va": "center", "color": colour}
         place |= {"bbox": BACKGROUND, "zorder": 2.5}
-        axes.annotate(method_named(method).label, (x, y), (11 if right else -11, 0), **place)
+        label = axes.annotate(method_named(method).label, (x, y), (11 if right else -11, 0), **place)
+        labels_of_methods.append(label)
     axes.set(xscale="log", yscale="log", xlim=(low, high), ylim=(bottom, peak * 2))
     axes.set_xlabel("multiplications a byte of weights")
     axes.set_ylabel("billion multiplications a second")
@@ -72,15 +76,17 @@ def roofline_figure(rows: Sequence[Row], character: str) -> "tuple[matplotlib.fi
     keys = [Line2D([], [], marker=MARKERS[e], color="0.35", linestyle="", markersize=10) for e in present]
     axes.legend(keys, [KEYS.get(ending, BACKENDS[ending]) for ending in present], loc="lower right", frameon=False)
     figure.draw_without_rendering()  # the layout decides how steep a slope is
-    for metric, label, _, side, offset in ROOFS:
+    for metric, label, _, share, side, offset in ROOFS:
         slope = value(MACHINE, metric) / BILLION
-        at = max(1.1 * low, peak / slope / 9)
+        at = max(1.1 * low, peak / slope * share)
         (x0, y0), (x1, y1) = axes.transData.transform([(at, slope * at), (2 * at, slope * 2 * at)])
         place = {"rotation": np.degrees(np.arctan2(y1 - y0, x1 - x0)), "rotation_mode": "anchor", "va": side}
         words = f"{label}, {slope:.0f} GB/s"
         axes.annotate(words, (at, slope * at), offset, textcoords="offset points", color="0.35", **place)
     tidy(axes)
     enlarge(axes)
+    figure.draw_without_rendering()
+    _lift(labels_of_methods)
     labels = {name: f"{method_named(parted(name)[0]).label}, {BACKENDS[parted(name)[1]]}" for name in names}
     phrases = [f"{labels[name]}: {y:.2g} billion a second at {x:.2g} a byte" for name, (x, y) in dots.items()]
     return figure, Words(
@@ -88,6 +94,15 @@ def roofline_figure(rows: Sequence[Row], character: str) -> "tuple[matplotlib.fi
         f"Roofline of one core: {character}. A dot is one way to evaluate one method's networks. No dot can lie above "
         "the flat line, the core's arithmetic; below the slopes weights come from caches or from memory fast enough.",
     )
+
+
+def _lift(labels: "Sequence[matplotlib.text.Annotation]") -> None:
+    """Move labels upwards that others lie on, the lowest first. They have been drawn, so that their sizes are known."""
+    for lower, upper in combinations(sorted(labels, key=lambda label: label.xy[1]), 2):
+        below, above = lower.get_window_extent(), upper.get_window_extent()
+        if below.overlaps(above):
+            across, up = upper.xyann
+            upper.xyann = across, up + (below.y1 - above.y0) * 72 / upper.figure.dpi + 1
 
 
 def _dot(value: object, name: str) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sample_rows import roofline_rows
 from untrained_models import MESH, MODELS
 
 from replicate.approximation import multiplications
@@ -11,24 +12,6 @@ from replicate.methods.method import Method
 from replicate.report.results import Row
 
 POSES = np.random.default_rng(0).uniform(-1, 1, (3, 12)).astype(np.float32)
-
-
-def rows():
-    def row(method, metric, unit, value):
-        return Row("bench_roofline", "teen", method, metric, unit, value, None, 1, 200, "bench", "teen")
-
-    peaks = {"multiply_adds_per_s": 50e9, "bytes_per_s[cache]": 100e9, "bytes_per_s[memory]": 10e9}
-    made = [row("machine", metric, "count", value) for metric, value in peaks.items()]
-    for name, ms, count, megabytes in (("dense", 4.0, 1e7, 40.0), ("dense_fast", 1.0, 1e7, 40.0)):
-        made += [
-            row(name, "network", "ms", ms),
-            row(name, "multiplications", "count", count),
-            row(name, "read", "MB", megabytes),
-            row(name, "share_of_peak", "ratio", 0.2 / ms),
-            row(name, "share_of_roof", "ratio", 0.4 / ms),
-            row(name, "times_as_fast_as_torch", "ratio", 4.0 / ms),
-        ]
-    return made
 
 
 def test_all_ways_give_the_models_offsets_and_the_fast_one_does_less():
@@ -62,7 +45,7 @@ def test_every_weight_of_a_dense_layer_is_read_once(name):
 
 
 def test_the_table_has_shares_and_a_rule_between_methods():
-    given = rows()
+    given = roofline_rows()
     more = [Row(**{**vars(row), "method": "linear"}) for row in given if row.method == "dense"]
     table = roofline_table([*given, *more], "teen")
     assert [line and line[0] for line in table.body] == [
@@ -76,10 +59,20 @@ def test_the_table_has_shares_and_a_rule_between_methods():
 
 
 def test_the_figure_has_both_roofs_and_every_dot():
-    figure, words = roofline_figure(rows(), "teen")
+    figure, words = roofline_figure(roofline_rows(), "teen")
     (axes,) = figure.axes
     texts = {text.get_text() for text in axes.texts}
     assert {"caches, 100 GB/s", "memory, 10 GB/s", "peak: 50 billion a second", "Dense"} == texts
     assert "Dense, fast: 10 billion a second at 0.25 a byte" in words.alt
     low, high = axes.get_ylim()
     assert low < 2.5 and high > 50
+
+
+def test_labels_of_dots_that_lie_together_are_moved_apart():
+    given = [row for row in roofline_rows() if row.method != "dense"]
+    near = [Row(**{**vars(row), "method": "coarse_fast", "value": row.value * 1.02}) for row in given]
+    figure, _ = roofline_figure(
+        [*given, *(row for row in near if row.metric in {"network", "multiplications", "read"})], "teen"
+    )
+    boxes = {text.get_text(): text.get_window_extent() for text in figure.axes[0].texts}
+    assert not boxes["Dense"].overlaps(boxes["Coarse"])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from plane import flat_grid
-from sample_rows import table2_rows
+from sample_rows import roofline_rows, table2_rows
 
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
@@ -24,6 +24,8 @@ def reference(tmp_path, monkeypatch):
     monkeypatch.setattr(redrawn_pictures, "git_state", lambda: {"commit": "d" * 40, "clean": True})
     write_results(tmp_path / "table2.csv", table2_rows(("teen",)))
     write_results(tmp_path / "bench_ladder.csv", [])
+    write_results(tmp_path / "bench_roofline.csv", roofline_rows())
+    manifest.write_entries(tmp_path, "bench_roofline", {"teen": ENTRY})
     write_curves(tmp_path / "table2_curves.csv", {("teen", "dense"): ((1.0, 2.0, 3.0, 4.0),) * 2})
     flat, faces = flat_grid(np.linspace(-90, 90, 9), np.linspace(-90, 90, 9), 40)
     posed = flat + np.float32([0, 0, 3]) * np.sin(flat[:, 1:2] / 9)
@@ -37,12 +39,14 @@ def reference(tmp_path, monkeypatch):
 def test_pictures_are_drawn_and_their_entries_say_by_which_commit(reference):
     files = redrawn_pictures.redraw(["teen"], renderer="software")
     names = ["table2_teen_chart", "figure10_teen", "figure09_teen", "table2_teen_curves", "figure10_teen_forehead"]
-    assert [file.stem for file in files] == names
+    assert [file.stem for file in files] == [*names, "bench_roofline_teen"]
     assert all(file.stat().st_size > 500 and file.with_suffix(".json").is_file() for file in files)
     for target in ("table2", "figure10"):
         facts = manifest.entries(reference, target)["teen"]
         assert facts["pictures"] == {"commit": "d" * 40, "clean": True, "from": "table2_teen_pose*.npz"}
         assert facts["git"] == ENTRY["git"] and facts["run"] == "r", "the numbers' own"
+    drawn = manifest.entries(reference, "bench_roofline")["teen"]["pictures"]
+    assert drawn == {"commit": "d" * 40, "clean": True}, "from rows alone"
 
 
 def test_what_no_commit_would_tell_of_is_not_drawn(reference, monkeypatch):

@@ -1,8 +1,8 @@
 """Committed pictures that committed numbers alone suffice to draw, drawn anew when their layout has changed.
 
 `python -m replicate.targets.reference.redrawn_pictures teen woman` draws those of some characters, of all by default:
-the figures of Table 2, Figure 1 and the ladder. It reads no cache, no network and no rig. The manifest then says of
-each entry at which commit its pictures were drawn; what it says of the numbers stays.
+the figures of Table 2, Figure 1, the ladder and the roofline. It reads no cache, no network and no rig. The manifest
+then says of each entry at which commit its pictures were drawn; what it says of the numbers stays.
 """
 
 import sys
@@ -17,7 +17,7 @@ from replicate.report import manifest
 from replicate.report.pose_record import FOLDED
 from replicate.report.results import read_results
 
-LADDER = "bench_ladder"
+CHARTS = ("bench_ladder", "bench_roofline")  # benchmarks whose charts their rows suffice for
 OF_A_POSE = ("figure01", "figure09", "figure10")  # targets whose pictures Table 2's poses suffice for
 
 
@@ -29,12 +29,12 @@ def redraw(characters: Collection[str], renderer: str | None = None) -> list[Pat
     state = git_state()
     if not (state and state["clean"]):
         raise InputError("the tree has changes: commit them, so that the manifest can say what drew the pictures")
-    files = [*_of_table2(characters, renderer), *_ladders(characters)]
-    for target in (manifest.TOP, *OF_A_POSE, LADDER):
+    files = [*_of_table2(characters, renderer), *_charts(characters)]
+    for target in (manifest.TOP, *OF_A_POSE, *CHARTS):
         entries = manifest.entries(paths.REFERENCE, target)
         for name in entries:
-            if (name.partition("@")[0] if target == LADDER else name) in characters:
-                source = {} if target == LADDER else {"from": f"table2_{name}_pose*.npz"}
+            if _head_of(name) in characters:
+                source = {} if target in CHARTS else {"from": f"table2_{name}_pose*.npz"}
                 entries[name][manifest.DRAWN] = state | source
         if entries:
             manifest.write_entries(paths.REFERENCE, target, entries)
@@ -64,17 +64,25 @@ def _of_table2(characters: Collection[str], renderer: str | None) -> list[Path]:
     return files
 
 
-def _ladders(characters: Collection[str]) -> list[Path]:
+def _charts(characters: Collection[str]) -> list[Path]:
     from replicate.benchmarks.ladder_figure import ladder_figure
+    from replicate.benchmarks.roofline_figure import roofline_figure
     from replicate.drawing.panels import save_figure
 
-    rows, files = read_results(paths.REFERENCE / f"{LADDER}.csv"), []
-    for head in dict.fromkeys(row.character.partition("@")[0] for row in rows):
-        if head in characters:
-            figure, words = ladder_figure(rows, head)
-            files.append(paths.REFERENCE / f"{LADDER}_{head}.png")
-            save_figure(figure, files[-1], words)
+    files = []
+    for target, chart in zip(CHARTS, (ladder_figure, roofline_figure), strict=True):
+        rows = read_results(paths.REFERENCE / f"{target}.csv")
+        for head in dict.fromkeys(_head_of(row.character) for row in rows):
+            if head in characters:
+                figure, words = chart(rows, head)
+                files.append(paths.REFERENCE / f"{target}_{head}.png")
+                save_figure(figure, files[-1], words)
     return files
+
+
+def _head_of(character: str) -> str:
+    """Return whose head a character has: that of a rung of the ladder, teen@1, is the teen's."""
+    return character.partition("@")[0]
 
 
 def main(arguments: Sequence[str]) -> None:
