@@ -4,7 +4,13 @@ from dataclasses import replace
 
 from replicate.engine import paths
 from replicate.report.results import Row, write_results
-from replicate.targets.table2.profile_comparison import clips_rows, paper_profile_rows, profile_tables, split_tables
+from replicate.targets.table2.profile_comparison import (
+    clips_rows,
+    layout_tables,
+    paper_profile_rows,
+    profile_tables,
+    split_tables,
+)
 
 
 def rows(profile: str, scale: float, *characters: str) -> list[Row]:
@@ -58,3 +64,12 @@ def test_two_splits_stand_side_by_side_for_committed_results_alone(tmp_path, mon
     assert table.title == "Two splits: teen" and table.headers[1][1:3] == ("frames", "clips")
     assert table.body[0] == ("Coarse", "4.00", "8.00", "40.00", "80.00", "400", "800")
     assert clips_rows("laptop") == []
+
+
+def test_two_layouts_of_charts_stand_side_by_side_and_rungs_of_the_ladder_do_not():
+    own = rows("laptop", 1.0, "teen", "woman")
+    (table,) = layout_tables([*own, *rows("laptop", 3.0, "teen@one_face", "teen@4", "toon@one_face")])
+    assert table.title == "Two layouts of charts: teen"
+    assert table.headers[1][1:3] == ("its own charts", "one_face")
+    assert table.body[0] == ("Coarse", "4.00", "12.00", "40.00", "120.00", "400", "1,200")
+    assert layout_tables(own) == []

@@ -1,6 +1,7 @@
-"""Table 2 beside itself: what more samples and a longer schedule change, and test poses of whole clips."""
+"""Table 2 beside itself: other charts, more samples and a longer schedule, and test poses of whole clips."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from replicate.drawing.style import MEASURES
 from replicate.engine import paths
@@ -28,6 +29,18 @@ def clips_rows(results: str) -> list[Row]:
     folders = paths.committed_folders()
     file = folders[paths.WHOLE_CLIPS] / ROWS
     return read_results(file) if results in folders and file.is_file() else []
+
+
+def layout_tables(rows: Sequence[Row]) -> list[Table]:
+    """Return, for each character that rows have with another layout of charts too, its errors with either layout."""
+    tables, names = [], characters_of(rows)
+    for name in names:
+        character, _, layout = name.partition("@")
+        if layout and not layout.isdecimal() and character in names:  # a number is a rung of the ladder
+            others = [replace(row, character=character) for row in rows if row.character == name]
+            layouts = ("its own charts", layout)
+            tables.append(side_by_side(f"Two layouts of charts: {character}", rows, others, character, layouts))
+    return tables
 
 
 def profile_tables(rows: Sequence[Row], others: Sequence[Row]) -> list[Table]:
