@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from data_recipes.recipe_paths import recipe_file
+from data_recipes.recipe_paths import OUTSIDE, recipe_file
 from replicate.report.results import Row
 
 STANDS_FOR = {"teen": "Hiccup", "woman": "Valka", "dragon": "Toothless", "toon": "Ray"}
@@ -20,6 +20,14 @@ def order_of(character: str) -> tuple[bool, int, str]:
     """
     names, (base, at, _) = list(STANDS_FOR), character.partition("@")
     return bool(at), (names.index(base) if base in names else len(names)), character
+
+
+def has_committed_meshes(character: str) -> bool:
+    """Return whether meshes of a character's test poses are committed, beside numbers and pictures.
+
+    Those of a face that is no part of this project are not; those of variants, as teen@one_face, would take space.
+    """
+    return character not in OUTSIDE and "@" not in character
 
 
 def characters_of(rows: Iterable[Row]) -> list[str]:

@@ -2,6 +2,7 @@
 
 import ast
 import json
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import MagicMock
 
@@ -169,6 +170,13 @@ def test_table2s_notebook_shows_simple_fits_beside_where_there_are_some(folder, 
     tables = [table for table in run_cells(TABLE2, monkeypatch) if hasattr(table, "title")]
     (table,) = (table for table in tables if "simple fits" in table.title)
     assert table.body[-1] == ("PCA basis of these regressions", "0.000", "0.00")
+
+
+def test_numbers_of_a_variant_are_shown_without_its_meshes(folder):
+    rows = read_results(folder / "table2.csv")
+    write_results(folder / "table2.csv", [*rows, *(replace(row, character="teen@fine") for row in rows)])
+    results = open_table2(folder)
+    assert results.characters == ("teen", "teen@fine") and set(results.poses) == {"teen"}
 
 
 def test_the_claims_notebook_shows_every_claim_with_its_reasons(folder, monkeypatch):

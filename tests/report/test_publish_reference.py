@@ -105,13 +105,16 @@ def test_a_character_that_the_run_lacks_stays(folders):
     assert runs == {"teen": "0.5", "woman": "0.7"}
 
 
-def test_meshes_of_a_face_from_elsewhere_stay_out(folders):
+def test_meshes_of_a_face_from_elsewhere_and_of_variants_stay_out(folders):
     run, _, reference_folder, _ = folders
-    for name in ("table2_ict_pose.npz", "table2_teen_pose.npz", "figure10_ict.png"):
+    for name in ("table2_ict_pose.npz", "table2_teen_pose.npz", "table2_teen@fine_pose.npz", "figure10_ict.png"):
         (run / name).write_bytes(b"meshes or a picture")
     reference.publish_reference("laptop")
     there = {file.name for file in reference_folder.iterdir()}
-    assert {"table2_teen_pose.npz", "figure10_ict.png"} <= there and "table2_ict_pose.npz" not in there
+    assert {"table2_teen_pose.npz", "figure10_ict.png"} <= there and not {
+        "table2_ict_pose.npz",
+        "table2_teen@fine_pose.npz",
+    } & there
 
 
 def test_a_benchmark_that_no_manifest_tells_of_is_left_out(folders):

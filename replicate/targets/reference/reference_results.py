@@ -74,7 +74,7 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
     done = [file.name for file in files]
     for file in sorted(run.iterdir()) if of_run else ():
         stay = _committed(_target_of(file, of_run), shared)
-        if _is_result(file) and file.name not in done and not _is_of(file, stay) and not _is_foreign_mesh(file):
+        if _is_result(file) and file.name not in done and not _is_of(file, stay) and not _is_mesh_left_out(file):
             files.append(_put(file, stay))
     for file in sorted(bench.iterdir()) if of_bench else ():
         if _is_result(file) and (file.suffix != ".csv" or file.stem in of_bench):
@@ -212,9 +212,9 @@ def _is_of(file: Path, characters: Collection[str]) -> bool:
     return any(re.match(rf"[a-z0-9]+_{re.escape(name)}[_.]", file.name) for name in characters)
 
 
-def _is_foreign_mesh(file: Path) -> bool:
-    """Return whether a file holds meshes of a face that is no part of this project: numbers and pictures may be."""
-    return file.suffix == ".npz" and _is_of(file, OUTSIDE)
+def _is_mesh_left_out(file: Path) -> bool:
+    """Return whether a file holds meshes that are not committed: see `has_committed_meshes`."""
+    return file.suffix == ".npz" and ("@" in file.name or _is_of(file, OUTSIDE))
 
 
 def _put(file: Path, stay: Collection[str] = (), joining: Collection[str] = ()) -> Path:

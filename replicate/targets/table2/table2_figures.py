@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from data_recipes.recipe_paths import OUTSIDE
 from replicate.drawing.panels import Words
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import PAPER
-from replicate.report.cast import characters_of
+from replicate.report.cast import characters_of, has_committed_meshes
 from replicate.report.notebooks import folder_of
 from replicate.report.pose_record import CHOICES, FOLDED, PoseRecord, load_pose
 from replicate.report.results import Row, read_results
@@ -42,13 +41,13 @@ class Table2Results:
 def open_table2(folder: Path) -> Table2Results:
     """Read everything of Table 2 in a folder of results, with those of its poses that are there.
 
-    Raises InputError, naming the file, for what isn't there. The pose whose forehead folds most has to be, but for a
-    face that is no part of this project: of that there are numbers and pictures alone.
+    Raises InputError, naming the file, for what isn't there. The pose whose forehead folds most has to be, of
+    characters whose meshes are committed; of others there are numbers and pictures alone.
     """
     rows, poses = read_results(folder / ROWS), {}
     for character in sorted({row.character for row in rows}):
         files = {choice: pose_file(folder, character, choice) for choice in CHOICES}
-        needed = () if character in OUTSIDE else (FOLDED,)
+        needed = (FOLDED,) if has_committed_meshes(character) else ()
         there = {choice: file for choice, file in files.items() if choice in needed or file.is_file()}
         if there:
             poses[character] = {choice: load_pose(file) for choice, file in there.items()}
