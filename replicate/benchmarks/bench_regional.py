@@ -39,6 +39,7 @@ CHANGES = {
     "hidden layers of 768": {"hidden": [768, 768]},
     "all components in 16 bits": {"fine": 4_096},
     "160 components": {"components": 160},
+    "derivatives of the rig too": {"derivatives": 1.0},
 }
 SAMPLES = {"3,000 training poses": 3_000, "30,000 training poses": 30_000}
 LINES = (*CHANGES, *SAMPLES)

@@ -46,7 +46,7 @@ def fresh_regional(
 ) -> tuple[RegionalModel, Float[np.ndarray, "s d"]]:
     """Return the method's model with random weights, and all training samples' coefficients over its length."""
     samples = supervision.samples
-    bases, coefficients = stored_bases(supervision, section, progress)
+    bases, _, coefficients = stored_bases(supervision, section, progress)
     length = float(np.sqrt(np.mean(np.square(coefficients), dtype=np.float64))) or 1.0
     inputs, outputs = samples.params.shape[1], coefficients.shape[1]
     network = GatedNetwork(inputs, section.hidden, outputs, section.gated, section.line)

@@ -4,16 +4,19 @@ The mesh is cut into compact regions. Each has a PCA basis of its own, principal
 few dozen components hold wrinkles too; a network of products gives the coefficients, beside a straight line.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float, Float32
 
+from data_recipes.rig import has_function
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.config import TrainingConfig
+from replicate.engine.exceptions import InputError
 from replicate.engine.schema import Checked, number
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.linear import CHUNK, ridge, with_constant
@@ -43,6 +46,8 @@ class RegionalConfig(Checked):
     line: bool = True  # a straight line beside the layers
     squares: bool = False  # the loss is of squared errors, not of their lengths
     normal_weight: float = number(5.0, 0.0, 1e6)
+    derivatives: float = number(0.0, 0.0, 1e6)  # weight of the rig's derivatives in the loss; 0: they are not needed
+    reach: float = number(0.3, 1e-6, 1.0)  # how far a derivative reaches: this share of the way to another pose
     training: TrainingConfig = TRAINING
 
 
@@ -73,9 +78,10 @@ def train(context: StageContext) -> None:
     mesh, samples = built_rig.load_mesh(context.inputs), drawn_samples.load(context.inputs)
     movable = np.sort(segment_vertices(rigid_segments.load_coarse_segments(context.inputs, mesh)))
     supervision = Supervision(mesh, samples, movable, section.normal_weight, device)
-    bases, coefficients = stored_bases(supervision, section, context.progress)
+    bases, projections, coefficients = stored_bases(supervision, section, context.progress)
     scale = parameter_scale(samples.params)
     params = np.asarray(samples.params / scale, np.float32)
+    slopes = rig_slopes(context, samples.params, bases, projections) if section.derivatives else None
     length = float(np.sqrt(np.mean(np.square(coefficients), dtype=np.float64))) or 1.0
     (line,) = ridge(with_constant(params), chunks_of(coefficients / length), (STRENGTH,))
     network = GatedNetwork(params.shape[1], section.hidden, coefficients.shape[1], section.gated, section.line)
@@ -83,14 +89,25 @@ def train(context: StageContext) -> None:
     network = network.to(device)
     regions = np.repeat(np.arange(len(bases)), [len(basis.steps) for basis in bases])
     membership = torch.from_numpy(np.eye(len(bases), dtype=np.float32)[regions]).to(device)
-    inputs, targets = (torch.from_numpy(array).to(device) for array in (params, coefficients / np.float32(length)))
+
+    def on_device(array: np.ndarray) -> torch.Tensor:
+        return torch.from_numpy(np.asarray(array, np.float32)).to(device)
+
+    def length_of(error: torch.Tensor) -> torch.Tensor:
+        return error.square().sum(dim=1).mean() if section.squares else regional_model.regional_loss(error, membership)
+
+    inputs, targets = on_device(params), on_device(coefficients / np.float32(length))
+    if slopes is not None:
+        directions, slopes = on_device(slopes[0] / scale), on_device(slopes[1] / np.float32(length))
 
     def loss_of_step(step: int) -> torch.Tensor:
         training = section.training
         rows = samples.draw_for_step(numbers.seed, "regional", step, training.batch, training.draws)
         rows = torch.from_numpy(rows).to(device)
-        error = network(inputs[rows]) - targets[rows]
-        return error.square().sum(dim=1).mean() if section.squares else regional_model.regional_loss(error, membership)
+        if slopes is None:
+            return length_of(network(inputs[rows]) - targets[rows])
+        found, slope = torch.func.jvp(network, (inputs[rows],), (directions[rows],))
+        return length_of(found - targets[rows]) + section.derivatives * length_of(slope - slopes[rows])
 
     def model() -> regional_model.RegionalModel:
         return regional_model.RegionalModel(network.to("cpu"), bases, scale, length, len(mesh.neutral))
@@ -112,8 +129,12 @@ def train(context: StageContext) -> None:
 
 def stored_bases(
     supervision: "replicate.approximation.supervision.Supervision", section: RegionalConfig, progress: Callable
-) -> "tuple[list[replicate.approximation.regional_model.StoredBasis], np.ndarray]":
-    """Return each region's basis in few bits, and all training samples' coefficients of them, (N, Σ c) float32."""
+) -> "tuple[list[replicate.approximation.regional_model.StoredBasis], list[np.ndarray], np.ndarray]":
+    """Return bases, what projects onto them, and coefficients.
+
+    Each region's basis comes in few bits, with the (3k, c) matrix that gives coefficients of it. Coefficients are those
+    of all training samples, (N, Σ c) float32.
+    """
     from threadpoolctl import threadpool_limits
 
     from replicate.approximation.regional_basis import (
@@ -129,7 +150,7 @@ def stored_bases(
 
     mesh, samples, movable = supervision.mesh, supervision.samples, supervision.movable
     few = spread(len(samples), section.basis_samples)
-    bases, columns = [], []
+    bases, projections, columns = [], [], []
     regions = split_regions(mesh.neutral[movable], section.regions)
     with progress(len(regions), "regional bases") as bar, threadpool_limits(1):
         for region in regions:
@@ -150,9 +171,43 @@ def stored_bases(
                 for i in range(0, len(samples), CHUNK)
             ]
             bases.append(stored)
+            projections.append(onto)
             columns.append(np.concatenate(parts))
             bar.update(1)
-    return bases, np.concatenate(columns, axis=1)
+    return bases, projections, np.concatenate(columns, axis=1)
+
+
+def rig_slopes(
+    context: StageContext,
+    params: Float[np.ndarray, "s m"],
+    bases: "Sequence[replicate.approximation.regional_model.StoredBasis]",
+    projections: Sequence[np.ndarray],
+) -> tuple[Float32[np.ndarray, "s m"], Float32[np.ndarray, "s d"]]:
+    """Return, for each training sample, a direction and the exact change of its coefficients along it (Sobolev).
+
+    A direction leads some of the way to another training sample, so that it is one that poses differ by. Raises
+    InputError for a rig that can't be differentiated.
+    """
+    from replicate.approximation.rig_derivatives import derivative_batches
+
+    section, rig = context.config.section, built_rig.load(context.inputs)
+    if not has_function(rig):
+        raise InputError(
+            f"regional.derivatives is {section.derivatives}, where only 0 is allowed: {rig.name} is known by its "
+            "samples alone, which have no derivatives"
+        )
+    others = context.rng("slopes").permutation(len(params))
+    directions = np.asarray(section.reach * (params[others] - params), np.float32)
+    slopes = []
+    with context.progress(len(params), "derivatives of the rig") as bar:
+        for moved in derivative_batches(rig, np.asarray(params), directions):
+            parts = [
+                moved[:, basis.vertices.numpy()].reshape(len(moved), -1) @ onto
+                for basis, onto in zip(bases, projections, strict=True)
+            ]
+            slopes.append(np.concatenate(parts, axis=1))
+            bar.update(len(moved))
+    return directions, np.concatenate(slopes)
 
 
 def chunks_of(array: np.ndarray) -> Iterator[np.ndarray]:

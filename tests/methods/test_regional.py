@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from box import foreign
 from small_artefacts import predicted, run_stage, write_artefacts
-from small_face import small_mesh, small_samples
+from small_face import M, pose_offsets, small_mesh, small_samples
 
-from replicate.approximation import regional_model
-from replicate.artefacts import drawn_samples
+from replicate.approximation import regional_model, rig_derivatives
+from replicate.artefacts import built_rig, drawn_samples
 from replicate.artefacts.plan import Numbers, TrainingNumbers
 from replicate.engine.exceptions import InputError
 from replicate.methods import linear, regional
@@ -47,6 +48,40 @@ def test_its_size_is_that_of_its_file_and_no_region_overlaps_another(trained):
     kinds = {str(basis.fine.dtype) + str(basis.rough.dtype) for basis in model.bases}
     assert kinds == {"torch.int16torch.int8"}
     assert notes["multiplications"] == model.multiplications()
+
+
+def slopes_of_the_truth(params, directions):
+    """Return the small face's change along directions (b, n, 3), by central differences."""
+    step = np.float32(1e-2)
+    ahead, behind = (pose_offsets(small_mesh(), params + sign * step * directions) for sign in (1, -1))
+    return (ahead - behind) / (2 * step)
+
+
+def test_trained_on_the_rigs_derivatives_a_model_has_nearly_those_between_samples_too(tmp_path, monkeypatch):
+    rng = np.random.default_rng(7)
+    monkeypatch.setattr(built_rig, "load", lambda inputs: foreign())
+    monkeypatch.setattr(rig_derivatives, "derivative_batches", lambda rig, *both: [slopes_of_the_truth(*both)])
+    inputs, errors = write_artefacts(tmp_path / "artefacts", small_samples(small_mesh(), 300)), {}
+    params, directions = (rng.uniform(-0.8, 0.8, (2, 32, M))).astype(np.float32)
+    for weight in (0.0, 1.0):
+        section = replace(SECTION, derivatives=weight, hidden=(96, 96), components=40)
+        numbers = TrainingNumbers(section, 0, "cpu")
+        (tmp_path / str(weight)).mkdir()
+        run, _ = run_stage(regional.train, inputs, "regional", numbers, tmp_path / str(weight))
+        offsets = regional.load_model(run).offsets
+        slopes = (offsets(params + 0.01 * directions) - offsets(params - 0.01 * directions)) / 0.02
+        moved = small_mesh().segment < 2
+        errors[weight] = float(np.abs(slopes - slopes_of_the_truth(params, directions))[:, moved].mean())
+    assert errors[1.0] < 0.8 * errors[0.0]
+
+
+def test_a_rig_without_derivatives_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(built_rig, "load", lambda inputs: foreign())
+    monkeypatch.setattr(regional, "has_function", lambda rig: False)
+    inputs = write_artefacts(tmp_path / "artefacts", small_samples(small_mesh(), 60))
+    numbers = TrainingNumbers(replace(SECTION, derivatives=0.5), 0, "cpu")
+    with pytest.raises(InputError, match=r"derivatives is 0.5, where only 0 is allowed: box is known by its samples"):
+        run_stage(regional.train, inputs, "regional", numbers, tmp_path)
 
 
 def test_a_model_that_is_written_again_reads_the_same(trained, tmp_path):
