@@ -60,6 +60,7 @@ class Method:
     poses it is measured, 0 for all. facts: (inputs, mesh) → more numbers for Table 2.
     multiplications: beside `load`, (inputs, numbers) → how many a pose takes, as `approximation.multiplications` counts
     them; None where that makes no sense, as for the truth seen through maps.
+    needs_derivatives: whether its stages differentiate the rig, as they can't where a rig is known by its samples.
     own: profile → the method's own section of the configuration, a `Checked` dataclass, where it has one: `[name]` in a
     CONFIG file.
 
@@ -81,6 +82,7 @@ class Method:
     in_charts: bool = True
     standard: bool = True
     floor_of: str = ""
+    needs_derivatives: bool = False
     numbers: Callable[[Config], object] = no_numbers
     poses: Callable[[Config], int] = all_test_poses
     facts: Callable[[Mapping[str, Path], Mesh], list[Number]] | None = None

@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 from types import ModuleType
 
+from data_recipes.recipe_paths import sample_folder
 from replicate.config import Config
 from replicate.engine.exceptions import InputError
 from replicate.engine.schema import Checked
@@ -53,7 +54,7 @@ def choose(words: Sequence[str], config: Config | None = None) -> list[Method]:
     """Return the methods that some words name, in the order of the tables.
 
     words: names, "standard", "all", "lbs" for all numbers of bones, or the paths of .py files with a method; none means
-    the standard ones.
+    the standard ones. All of a character that is known by its samples are those that don't differentiate a rig.
     Raises InputError for an unknown name and for a file that holds no method.
     """
     outside = {word: _bring(Path(word)) for word in words if word.endswith(".py")}
@@ -61,7 +62,10 @@ def choose(words: Sequence[str], config: Config | None = None) -> list[Method]:
     selection: dict[str, Method] = {}
     for word in words or ("standard",):
         if word == "all":
-            selection |= registry
+            sampled = config is not None and sample_folder(config.character) is not None
+            selection |= {
+                name: method for name, method in registry.items() if not (sampled and method.needs_derivatives)
+            }
         elif word == "standard":
             selection |= {name: method for name, method in registry.items() if method.standard}
         elif word in outside:

@@ -193,7 +193,7 @@ def rig_slopes(
     section, rig = context.config.section, built_rig.load(context.inputs)
     if not has_function(rig):
         raise InputError(
-            f"regional.derivatives is {section.derivatives}, where only 0 is allowed: {rig.name} is known by its "
+            f"{context.name}.derivatives is {section.derivatives}, where only 0 is allowed: {rig.name} is known by its "
             "samples alone, which have no derivatives"
         )
     others = context.rng("slopes").permutation(len(params))

@@ -2,6 +2,7 @@
 
 import os
 import re
+from pathlib import Path
 
 import pytest
 from outside import bring  # noqa: F401, a fixture
@@ -10,6 +11,7 @@ from replicate.artefacts.plan import Plan, reference
 from replicate.config import resolve
 from replicate.engine.exceptions import InputError
 from replicate.engine.stage import stage_function
+from replicate.methods import method_registry
 from replicate.methods.method_registry import VARIABLE, choose, in_order, method_named, methods
 from replicate.methods.prediction import reading
 
@@ -107,3 +109,10 @@ def test_a_file_is_named_as_no_other_module_is(bring, name, message):  # noqa: F
 def test_a_file_that_there_is_not_is_named(bring, tmp_path):  # noqa: F811
     with pytest.raises(InputError, match=rf"{tmp_path}/none.py: there is no such file; METHODS takes names and paths"):
         choose([str(tmp_path / "none.py")])
+
+
+def test_all_methods_of_a_folder_of_samples_are_those_that_do_without_the_rigs_derivatives(monkeypatch):
+    every = set(names("all", config=CONFIG))
+    monkeypatch.setattr(method_registry, "sample_folder", Path)
+    of_samples = set(names("all", config=CONFIG))
+    assert every == set(methods(CONFIG)) and every - of_samples == {"regional_derivatives"}

@@ -12,7 +12,7 @@ from replicate.approximation import regional_model, rig_derivatives
 from replicate.artefacts import built_rig, drawn_samples
 from replicate.artefacts.plan import Numbers, TrainingNumbers
 from replicate.engine.exceptions import InputError
-from replicate.methods import linear, regional
+from replicate.methods import linear, regional, regional_derivatives
 
 SCHEDULE = replace(regional.TRAINING, steps=800)
 SECTION = regional.RegionalConfig(regions=4, components=12, fine=4, hidden=(24, 24), training=SCHEDULE)
@@ -73,6 +73,11 @@ def test_trained_on_the_rigs_derivatives_a_model_has_nearly_those_between_sample
         moved = small_mesh().segment < 2
         errors[weight] = float(np.abs(slopes - slopes_of_the_truth(params, directions))[:, moved].mean())
     assert errors[1.0] < 0.8 * errors[0.0]
+
+
+def test_the_method_with_derivatives_is_the_other_one_but_for_them():
+    own = regional_derivatives.own("laptop")
+    assert own.derivatives > 0 and replace(own, derivatives=0.0) == regional.own("laptop")
 
 
 def test_a_rig_without_derivatives_is_named(tmp_path, monkeypatch):

@@ -52,6 +52,14 @@ basis_samples = 200
 hidden = [32, 32]
 [regional.training]
 steps = 100
+[regional_derivatives]
+regions = 4
+components = 24
+basis_samples = 200
+hidden = [32, 32]
+derivatives = 1.0
+[regional_derivatives.training]
+steps = 60
 [rigid]
 poses = 40
 [lbs]

@@ -1,0 +1,54 @@
+"""Ours, trained on the rig's exact derivatives too (Sobolev training): what only a rig that JAX can trace allows.
+
+Each training sample also says how the face moves from there towards another sample. The network is that of `regional`,
+of the same size and as fast; only its training sees more of the rig.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from replicate.artefacts.plan import Plan
+from replicate.engine.stage import Stage
+from replicate.methods import regional
+from replicate.methods.method import variant
+from replicate.methods.training_stage import inputs_of_networks
+
+if TYPE_CHECKING:
+    import replicate.approximation.regional_model
+
+WEIGHT = 1.0  # of the derivatives in the loss
+
+
+def own(profile: str) -> regional.RegionalConfig:
+    """Return the method's section of the configuration: that of `regional`, with derivatives."""
+    return replace(regional.own(profile), derivatives=WEIGHT)
+
+
+def stage(plan: Plan) -> Stage:
+    """Return the stage that computes bases and derivatives and trains the network."""
+    section = METHOD.section(plan.config)
+    return plan.stage("regional_derivatives", regional.train, plan.training(section), *inputs_of_networks(plan))
+
+
+def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.regional_model.RegionalModel":
+    """Return the network and its bases."""
+    from replicate.approximation.regional_model import load
+
+    return load(inputs["regional_derivatives"])
+
+
+METHOD = variant(
+    regional.METHOD,
+    "regional_derivatives",
+    "Regional + derivatives",
+    40.5,
+    stages=lambda plan: (stage(plan),),
+    model=load_model,
+    mark="☆",
+    note="Our method, trained on the rig's exact derivatives too, as only a rig that can be differentiated allows.",
+    colour="#AA4499",
+    own=own,
+    needs_derivatives=True,
+)
