@@ -29,7 +29,7 @@ def launch(command, cache, **variables) -> subprocess.Popen:
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def wait_for(condition: Callable[[], object], what: str, seconds: float = 30.0):
+def wait_for(condition: Callable[[], object], what: str, seconds: float = 120.0):
     """Return what `condition` returns once that is true."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
