@@ -7,11 +7,11 @@ from small_face import M, pose_offsets, small_influence, small_mesh
 
 from data_recipes.controls import Control
 from replicate.approximation.cnn import MapNetwork
-from replicate.approximation.gated_network import GatedNetwork
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel, square_segments
 from replicate.approximation.regional_basis import loss_metric, principal_basis
 from replicate.approximation.regional_model import RegionalModel, halve, store
+from replicate.approximation.regional_networks import fresh_networks
 from replicate.approximation.rigid import Attachments
 from replicate.approximation.segments import make_segment
 from replicate.inverse.control_points import control_points
@@ -82,9 +82,11 @@ def regional_model():
         vertices = np.flatnonzero(MESH.segment == k)
         metric = loss_metric(MESH.neutral[vertices], np.zeros((0, 3), int), len(vertices), 1, 0.0)
         bases.append(store(principal_basis(vertices, offsets[:, vertices], metric, 7), 2))
-    count = sum(len(basis.steps) for basis in bases)
-    network = GatedNetwork(M, (8, 8), count)
-    network.start(rng.normal(size=(M + 1, count)), torch.Generator().manual_seed(0))
+    counts = [len(basis.steps) for basis in bases]
+    network = fresh_networks([np.arange(0, M, 2), np.arange(1, M)], (8, 8), counts, gated=True, line=True)
+    for part in network.networks:
+        inputs, outputs = part.layers[0].in_features, part.output.out_features
+        part.start(rng.normal(size=(inputs + 1, outputs)), torch.Generator().manual_seed(0))
     halve(network)
     return RegionalModel(network, bases, np.linspace(0.5, 1, M), 3.0, len(MESH.neutral))
 

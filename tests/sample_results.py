@@ -26,8 +26,14 @@ def result(
     git: dict | None = GIT,
     split: str = "frames",
     error: float | None = None,
+    moved: float = 0.0,
+    pose: int = 5,
 ) -> CharacterResult:
-    """Return a character whose table's artefact holds made-up numbers. error: the coarse networks' mean one, mm."""
+    """Return a character whose table's artefact holds made-up numbers.
+
+    error: the coarse networks' mean one, mm. moved: how far the dense networks' vertices are off in the poses, mm.
+    pose: the index of those.
+    """
 
     def build(out, scratch):
         rows = [replace(row, run=run) for row in table2_rows((character,))]
@@ -38,7 +44,8 @@ def result(
         write_curves(out / "table2_curves.csv", {(character, "dense"): CURVE})
         flat, faces = np.eye(3, dtype=np.float32), np.int32([[0, 1, 2]])
         for choice in CHOICES:
-            record = PoseRecord(character, 5, flat, faces, {"truth": flat, "dense": flat}, (), choice, "dense")
+            vertices = {"truth": flat, "dense": flat + np.float32(moved)}
+            record = PoseRecord(character, pose, flat, faces, vertices, (), choice, "dense")
             save_pose(pose_file(out, character, choice), record)
         return {"key": "k", "wall_s": 1.0, "run": {"git": git, "profile": "quick", "command": "make table2"}}
 

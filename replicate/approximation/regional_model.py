@@ -1,6 +1,6 @@
-"""Our approximation: one gated network gives the coefficients of regional bases, stored in few bits.
+"""Our approximation: gated networks give the coefficients of regional bases, stored in few bits.
 
-V = V⁰ + mean_r + c_r(p) B_r on each region r. The network is trained on coefficients alone: a basis is orthonormal in
+V = V⁰ + mean_r + c_r(p) B_r on each region r. The networks are trained on coefficients alone: a basis is orthonormal in
 the metric of the loss, so that the length of a coefficient's error is the error that the loss sees, and no mesh is
 needed in training.
 """
@@ -17,8 +17,8 @@ from jaxtyping import Float, Float32
 from safetensors.torch import load_file, save_file
 from torch import nn
 
-from replicate.approximation.gated_network import GatedNetwork
 from replicate.approximation.regional_basis import RegionalBasis
+from replicate.approximation.regional_networks import RegionalNetworks, fresh_networks
 from replicate.engine.exceptions import InputError
 
 WEIGHTS, DESCRIPTION = "weights.safetensors", "model.json"
@@ -72,14 +72,19 @@ def store(basis: RegionalBasis, fine: int) -> StoredBasis:
 
 
 class RegionalModel:
-    """Raw rig parameters → offsets of the whole mesh: a network, and the bases that it gives coefficients for.
+    """Raw rig parameters → offsets of the whole mesh: networks, and the bases that they give coefficients for.
 
-    network: (b, m) scaled parameters → (b, Σ c) coefficients over `length`. scale: (m,), what parameters are divided
-    by. vertex_count: n.
+    network: (b, m) scaled parameters → (b, Σ c) coefficients over `length`; each of its parts gives those of whole
+    regions. scale: (m,), what parameters are divided by. vertex_count: n.
     """
 
     def __init__(
-        self, network: GatedNetwork, bases: Sequence[StoredBasis], scale: np.ndarray, length: float, vertex_count: int
+        self,
+        network: RegionalNetworks,
+        bases: Sequence[StoredBasis],
+        scale: np.ndarray,
+        length: float,
+        vertex_count: int,
     ):
         self.network, self.bases, self.length, self.vertex_count = network, tuple(bases), float(length), vertex_count
         self.scale = torch.from_numpy(np.array(scale, np.float32))
@@ -124,7 +129,7 @@ def regional_loss(error: Float[torch.Tensor, "b d"], membership: Float[torch.Ten
     return (error.square() @ membership + LENGTH_FLOOR**2).sqrt().sum(dim=1).mean()
 
 
-def halve(network: GatedNetwork) -> None:
+def halve(network: nn.Module) -> None:
     """Round a network's weights to what 16 bits hold, in place."""
     with torch.no_grad():
         for weight in network.parameters():
@@ -134,13 +139,16 @@ def halve(network: GatedNetwork) -> None:
 def save(model: RegionalModel, folder: Path) -> None:
     """Write weights.safetensors (network in float16, bases as they are stored) and model.json."""
     arrays = {f"network.{name}": w.detach().cpu().half() for name, w in model.network.state_dict().items()}
+    arrays |= {f"seen.{k}": seen.to(torch.int16) for k, seen in enumerate(model.network.seen)}
     for k, basis in enumerate(model.bases):
         arrays |= {f"basis.{k}.{name}": value.contiguous() for name, value in basis.named_buffers()}
     save_file(arrays | {"scale": model.scale}, Path(folder) / WEIGHTS)
+    first = model.network.networks[0]
     facts = {
-        "hidden": [layer.out_features // (1 + model.network.is_gated) for layer in model.network.layers],
-        "gated": model.network.is_gated,
-        "line": model.network.line is not None,
+        "networks": len(model.network.networks),
+        "hidden": [layer.out_features // (1 + first.is_gated) for layer in first.layers],
+        "gated": first.is_gated,
+        "line": first.line is not None,
         "regions": len(model.bases),
         "length_mm": model.length,
         "vertex_count": model.vertex_count,
@@ -157,8 +165,9 @@ def load(folder: Path) -> RegionalModel:
         raise InputError(f"{folder}: found no readable model there ({error}).") from error
     names = ("vertices", "mean", "fine", "rough", "steps")
     bases = [StoredBasis(*(arrays[f"basis.{k}.{name}"] for name in names)) for k in range(facts["regions"])]
-    outputs = sum(len(basis.steps) for basis in bases)
-    network = GatedNetwork(len(arrays["scale"]), facts["hidden"], outputs, facts["gated"], facts["line"])
+    seen = [arrays[f"seen.{k}"].numpy() for k in range(facts["networks"])]
+    outputs = [len(basis.steps) for basis in bases]
+    network = fresh_networks(seen, facts["hidden"], outputs, facts["gated"], facts["line"])
     prefix = "network."
     state = {name.removeprefix(prefix): w.float() for name, w in arrays.items() if name.startswith(prefix)}
     network.load_state_dict(state)

@@ -27,6 +27,8 @@ TABLE = "bench_regional"
 STEPS = 4_000
 CHANGES = {
     "as it is": {},
+    "a network for each region": {"by_region": True, "hidden": [128, 128]},
+    "the same, and each sees its own controls": {"by_region": True, "by_influence": True, "hidden": [128, 128]},
     "no straight line": {"line": False},
     "leaky ReLUs, no products": {"gated": False},
     "squared errors": {"squares": True},

@@ -24,7 +24,7 @@ from replicate.approximation.model import SegmentedModel, fresh_model
 from replicate.approximation.segments import segment_vertices
 from replicate.approximation.supervision import Supervision
 from replicate.approximation.training import prepare
-from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
+from replicate.artefacts import built_rig, control_influence, drawn_samples, refinement_squares, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.benchmarks.common import PROFILE, add_count, answer, artefacts_of, make_parser, publish, split_names
 from replicate.benchmarks.plain_networks import FullMaps, PlainLoss, Rewritten
@@ -116,9 +116,9 @@ def measure(config: Config, rounds: int) -> list[Row]:
         model = fresh_model(networks, segments, scale, supervision.statistics()[1], section, config.seed)
         batches = [supervision.batch(config.seed, "bench", turn, section.training) for turn in range(rounds)]
         rows += _rows(plan.character, method, time_steps(ways_of(model, supervision), batches, f"{method} steps"))
-    section = regional.METHOD.section(config)
+    section, influence = regional.METHOD.section(config), control_influence.load(inputs)
     supervision = Supervision(mesh, samples, movable, section.normal_weight, device)
-    model, coefficients = fresh_regional(supervision, section, config.seed, progress)
+    model, coefficients = fresh_regional(supervision, influence, section, config.seed, progress)
     batches = regional_batches(supervision, coefficients, section, config.seed, rounds)
     ways = regional_ways(model, supervision, PLAIN, "loss", OURS)
     return rows + _rows(plan.character, regional.METHOD.name, time_steps(ways, batches, "regional steps"))

@@ -7,17 +7,18 @@ import numpy as np
 import torch
 
 from replicate.approximation import cnn, dense
-from replicate.approximation.gated_network import GatedNetwork
 from replicate.approximation.linear_skip import Line
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.regional_model import RegionalModel, StoredBasis
+from replicate.approximation.regional_networks import fresh_networks
 from replicate.approximation.segments import Segment
 from replicate.config import CoarseConfig, DenseConfig
 from replicate.geometry.mesh import Mesh
+from replicate.methods.regional import RegionalConfig
 
 COARSE, DENSE, LINEAR, OURS = "coarse", "dense", "linear", "regional"
-PARAMETERS, SEEN = 256, 100  # of the rig, and by each segment's network
-REGIONS, FINE, HIDDEN = 16, 16, (384, 384)  # of ours, as its own section of the configuration has them
+PARAMETERS, SEEN = 256, 100  # of the rig, and by the network of each segment, and of each region
+OWN = RegionalConfig()  # of ours
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ def models_of(face: Face, names: tuple[str, ...]) -> dict[str, SegmentedModel | 
             f"segment {k}",
             own,
             rng.uniform(size=(len(own), 2)).astype(np.float32),
-            np.sort(rng.choice(PARAMETERS, SEEN, replace=False)).astype(np.int32),
+            _some_parameters(rng),
         )
         for k, own in enumerate(parts)
     ]
@@ -79,16 +80,21 @@ def _line(segment: Segment) -> Line:
 
 def _regional(face: Face, rng: np.random.Generator) -> RegionalModel:
     bases = list(_bases(face, rng))
-    network = GatedNetwork(PARAMETERS, HIDDEN, REGIONS * face.components)
+    seen = [_some_parameters(rng) for _ in bases] if OWN.by_region else [np.arange(PARAMETERS)]
+    network = fresh_networks(seen, OWN.hidden, [face.components] * len(bases), OWN.gated, OWN.line)
     with torch.no_grad():
         for weight in network.parameters():  # in 16 bits, as trainings leave them
             weight.copy_(weight.half().float())
     return RegionalModel(network, bases, np.ones(PARAMETERS, np.float32), 1.0, face.vertices)
 
 
+def _some_parameters(rng: np.random.Generator) -> np.ndarray:
+    return np.sort(rng.choice(PARAMETERS, SEEN, replace=False)).astype(np.int32)
+
+
 def _bases(face: Face, rng: np.random.Generator) -> Iterator[StoredBasis]:
-    fine = min(FINE, face.components)
-    for own in np.array_split(np.arange(face.vertices, dtype=np.int32), REGIONS):
+    fine = min(OWN.fine, face.components)
+    for own in np.array_split(np.arange(face.vertices, dtype=np.int32), OWN.regions):
         yield StoredBasis(
             torch.from_numpy(own),
             torch.zeros(len(own), 3, dtype=torch.float16),

@@ -4,15 +4,14 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import nn
 
 from replicate.approximation.conditioning import parameter_scale
-from replicate.approximation.gated_network import GatedNetwork
 from replicate.approximation.regional_model import RegionalModel, regional_loss
 from replicate.approximation.supervision import Supervision
 from replicate.benchmarks.plain_networks import PlainLoss
-from replicate.methods.regional import RegionalConfig, stored_bases
+from replicate.methods import regional
 
 STREAM = "bench"  # of the batches that are drawn
 
@@ -42,15 +41,20 @@ class OnCoefficients(nn.Module):
 
 
 def fresh_regional(
-    supervision: Supervision, section: RegionalConfig, seed: int, progress: Callable
+    supervision: Supervision,
+    influence: Bool[np.ndarray, "n m"],
+    section: regional.RegionalConfig,
+    seed: int,
+    progress: Callable,
 ) -> tuple[RegionalModel, Float[np.ndarray, "s d"]]:
     """Return the method's model with random weights, and all training samples' coefficients over its length."""
     samples = supervision.samples
-    bases, _, coefficients = stored_bases(supervision, section, progress)
+    bases, _, coefficients = regional.stored_bases(supervision, section, progress)
     length = float(np.sqrt(np.mean(np.square(coefficients), dtype=np.float64))) or 1.0
-    inputs, outputs = samples.params.shape[1], coefficients.shape[1]
-    network = GatedNetwork(inputs, section.hidden, outputs, section.gated, section.line)
-    network.start(np.zeros((inputs + 1, outputs)), torch.Generator().manual_seed(seed))
+    network = regional.untrained_networks(bases, influence, section)
+    generator = torch.Generator().manual_seed(seed)
+    for part in network.networks:
+        part.start(np.zeros((part.layers[0].in_features + 1, part.output.out_features)), generator)
     model = RegionalModel(network, bases, parameter_scale(samples.params), length, len(supervision.mesh.neutral))
     return model, coefficients / np.float32(length)
 
@@ -73,7 +77,11 @@ def regional_ways(
 
 
 def regional_batches(
-    supervision: Supervision, coefficients: Float[np.ndarray, "s d"], section: RegionalConfig, seed: int, rounds: int
+    supervision: Supervision,
+    coefficients: Float[np.ndarray, "s d"],
+    section: regional.RegionalConfig,
+    seed: int,
+    rounds: int,
 ) -> list[tuple[torch.Tensor, tuple[torch.Tensor, torch.Tensor]]]:
     """Return batches of raw rig parameters (b, m) and targets, as `regional_ways` needs them."""
     batches = []

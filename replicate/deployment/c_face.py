@@ -30,6 +30,7 @@ from replicate.geometry.mesh import Mesh
 LETTER = 79  # small numbers of 8 bits become capitals, which take one character where others take four
 HALF_BIAS = 112  # the exponent of a float less that of a 16-bit float
 LARGEST_HALF = 65504.0
+NOTHING = [["0"]]  # C has no arrays of no elements
 
 
 @dataclass(frozen=True)
@@ -61,13 +62,14 @@ def identifier(text: str) -> str:
 
 
 def _words(face: CFace, stem: str) -> dict[str, object]:
-    name, network, mesh = identifier(face.name).lower(), face.model.network, face.mesh
-    layers, numbers = _layers(face.model)
+    name, networks, mesh = identifier(face.name).lower(), face.model.network.networks, face.mesh
+    tables, numbers = _networks(face.model)
     regions, shapes = _regions(face)
     rigid, placed = _rigid(mesh, face.attachments)
-    widths = [layer.out_features for layer in (*network.layers, network.output)]
+    widest = max((layer.out_features for network in networks for layer in network.layers), default=1)
+    coefficients = sum(network.output.out_features for network in networks)
     longest = 3 * max(region[0] for region in regions)
-    numbers += [*shapes, *placed, *_tables(layers, regions, rigid)]
+    numbers += [*shapes, *placed, *tables, *_tables(regions, rigid)]
     limits = [(c.lower, c.default, c.upper) for c in face.controls]
     return {
         "name": name,
@@ -82,15 +84,16 @@ def _words(face: CFace, stem: str) -> dict[str, object]:
         "vertices": len(mesh.neutral),
         "segments": len(mesh.segment_names),
         "enum": ",\n".join(f"    {n}" for n in _enumerators(name.upper(), face.controls)),
-        "stack_kb": -(-4 * (len(face.controls) + 2 * max(widths) + widths[-1] + longest) // 1000),
+        "stack_kb": -(-4 * (len(face.controls) + 2 * widest + coefficients + longest) // 1000),
         "letter": LETTER,
-        "gated": int(network.is_gated),
+        "gated": int(networks[0].is_gated),
         "slope": float_number(SLOPE),
-        "layers": len(network.layers),
-        "coefficients": widths[-1],
+        "networks": len(networks),
+        "layers": len(networks[0].layers),
+        "coefficients": coefficients,
         "regions": len(regions),
         "rigid": len(face.attachments.segment),
-        "widest": max(widths),
+        "widest": widest,
         "longest": longest,
         "control_table": structures(
             (quoted(control.name), quoted(control.region), *map(float_number, own))
@@ -108,23 +111,25 @@ def _enumerators(prefix: str, controls: Sequence[Control]) -> list[str]:
     return [f"{name}_{i}" if names.count(name) > 1 or name in taken else name for i, name in enumerate(names)]
 
 
-def _layers(model: RegionalModel) -> tuple[list[list[str]], list[str]]:
-    """Return the rows of C's layers, the line's last, and the arrays that they point to."""
-    network = model.network
-    rows, arrays = [], [float_list("scale", model.scale.numpy())]
-    names = [*(f"layer_{k}" for k in range(len(network.layers))), "last", "line"]
-    for name, layer in zip(names, [*network.layers, network.output, network.line], strict=True):
-        if layer is None:
-            rows.append(["0", "0", "0.0f", "0", "0", "0"])
-            continue
-        row, own = _layer(name, layer)
-        rows.append(row)
-        arrays += own
-    return rows, arrays
+def _networks(model: RegionalModel) -> tuple[list[str], list[str]]:
+    """Return the table of C's networks with those of their layers, and the arrays that they point to."""
+    rows, tables, arrays = [], [], [float_list("scale", model.scale.numpy())]
+    for k, (network, seen) in enumerate(zip(model.network.networks, model.network.seen, strict=True)):
+        names = [f"layer_{k}_{i}" for i in range(len(network.layers))]
+        hidden = [_layer(name, layer) for name, layer in zip(names, network.layers, strict=True)]
+        last, line = _layer(f"last_{k}", network.output), _layer(f"line_{k}", network.line)
+        arrays += [index_list(f"seen_{k}", seen.numpy())]
+        arrays += [array for _, own in (*hidden, last, line) for array in own]
+        tables.append(f"static const layer layers_{k}[] = {{\n{structures([row for row, _ in hidden] or NOTHING)}}};\n")
+        ends = (f"{{{', '.join(row)}}}" for row, _ in (last, line))
+        rows.append([str(len(seen)), f"seen_{k}", f"layers_{k}", *ends])
+    return [*tables, f"static const network networks[] = {{\n{structures(rows)}}};\n"], arrays
 
 
-def _layer(name: str, layer: nn.Linear) -> tuple[list[str], list[str]]:
+def _layer(name: str, layer: nn.Linear | None) -> tuple[list[str], list[str]]:
     """Return a layer's row and arrays. Weights, [in, out], are scaled by a power of two, so that none is subnormal."""
+    if layer is None:
+        return ["0", "0", "0.0f", "0", "0", "0"], []
     weight = layer.weight.detach().cpu().numpy().astype(np.float32).T
     largest = float(np.abs(weight).max(initial=0.0)) or 1.0
     exponent = int(np.floor(np.log2(LARGEST_HALF / largest)))
@@ -189,13 +194,8 @@ def _rigid(mesh: Mesh, attachments: Attachments) -> tuple[list[list[str]], list[
     return rows, arrays
 
 
-def _tables(layers: list[list[str]], regions: list[tuple], rigid: list[list[str]]) -> list[str]:
-    *hidden, last, line = layers
-    nothing = [["0"]]  # C has no arrays of no elements
+def _tables(regions: list[tuple], rigid: list[list[str]]) -> list[str]:
     return [
-        f"static const layer layers[] = {{\n{structures(hidden or nothing)}}};\n",
-        f"static const layer last = {{{', '.join(last)}}};",
-        f"static const layer line = {{{', '.join(line)}}};\n",
         f"static const moving_region regions[] = {{\n{structures(map(str, row) for row in regions)}}};\n",
-        f"static const rigid_segment rigid[] = {{\n{structures(rigid or nothing)}}};",
+        f"static const rigid_segment rigid[] = {{\n{structures(rigid or NOTHING)}}};",
     ]

@@ -59,10 +59,13 @@ def _(model: RefinedModel, graph: OnnxGraph, params: str) -> Moved:
 def _(model: RegionalModel, graph: OnnxGraph, params: str) -> Moved:
     scale, counts = model.scale.numpy(), [len(basis.steps) for basis in model.bases]
     scaled = graph.node("Div", params, graph.number(scale))
-    coefficients = graph.node("Mul", recorded(model.network, graph, scaled, len(scale)), graph.number(model.length))
-    shares = [coefficients]
-    if len(counts) > 1:
-        shares = graph.nodes("Split", len(counts), coefficients, graph.whole(counts), axis=1)
+    shares = []
+    for network, parameters in zip(model.network.networks, model.network.seen, strict=True):
+        seen = parameters.numpy()
+        inputs = scaled if len(seen) == len(scale) else graph.gather(scaled, seen, 1)
+        shares.append(graph.node("Mul", recorded(network, graph, inputs, len(seen)), graph.number(model.length)))
+    if len(shares) < len(counts):
+        shares = graph.nodes("Split", len(counts), *shares, graph.whole(counts), axis=1)
     parts = [_region(basis, graph, share) for basis, share in zip(model.bases, shares, strict=True)]
     return Moved(graph.reshape(graph.node("Concat", *parts, axis=1), [0, -1, 3]), model.vertices)
 

@@ -14,10 +14,11 @@ from replicate.inference.work import Work, of_layers, total
 
 
 class RegionalPlan(NamedTuple):
-    """Of m parameters, l hidden layers, Σ c coefficients, r regions and k vertices in all of them.
+    """Of m parameters, g networks of l hidden layers, Σ c coefficients, r regions and k vertices in all of them.
 
-    scale (m,): what parameters are divided by. widths (l + 2,): numbers before, between and after the layers. weights:
-    flat, each layer's [in, out], then the line's; biases: flat; gated, line: whether there are gates and a line.
+    scale (m,): what parameters are divided by. widths (g, l + 2): numbers before, between and after the layers. seen:
+    flat, the parameters that each network sees. weights: flat, network by network each layer's [in, out], then the
+    line's; biases: flat; gated, line: whether there are gates and lines.
     steps (Σ c,): millimetres of a component's whole number 1, the coefficients' length folded in. rough, fine: all
     bases, flat, [component, coordinate] region by region. regions (r, 4): vertices, components in 16 and in 8 bits, and
     the first coefficient. vertices (k,); places (3k,): the vertices' at rest with the regions' means, mm.
@@ -25,6 +26,7 @@ class RegionalPlan(NamedTuple):
 
     scale: np.ndarray
     widths: np.ndarray
+    seen: np.ndarray
     weights: np.ndarray
     biases: np.ndarray
     gated: bool
@@ -39,11 +41,13 @@ class RegionalPlan(NamedTuple):
 
 def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> RegionalPlan:
     """Return what the evaluation of a model on a mesh needs."""
-    network = model.network
-    layers = [*network.layers, network.output]
-    matrices = [layer.weight.detach().numpy().T for layer in layers]
-    if network.line is not None:
-        matrices.append(network.line.weight.detach().numpy().T)
+    networks, widths, matrices, biases = model.network.networks, [], [], []
+    for network in networks:
+        layers = [*network.layers, network.output]
+        widths.append([*(layer.in_features for layer in layers), network.output.out_features])
+        biases += [layer.bias.detach().numpy() for layer in layers]
+        lines = [] if network.line is None else [network.line]
+        matrices += [layer.weight.detach().numpy().T for layer in (*layers, *lines)]
     regions, first = [], 0
     for basis in model.bases:
         regions.append((len(basis.vertices), len(basis.fine), len(basis.rough), first))
@@ -51,11 +55,12 @@ def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> R
     means = np.concatenate([basis.mean.float().numpy() for basis in model.bases])
     return RegionalPlan(
         model.scale.numpy(),
-        np.array([layers[0].in_features, *(layer.in_features for layer in layers[1:]), layers[-1].out_features]),
+        np.array(widths, np.int64),
+        np.concatenate([seen.numpy() for seen in model.network.seen]),
         without_loss(np.concatenate([matrix.ravel() for matrix in matrices])),
-        np.concatenate([layer.bias.detach().numpy() for layer in layers]),
-        network.is_gated,
-        network.line is not None,
+        np.concatenate(biases),
+        networks[0].is_gated,
+        networks[0].line is not None,
         np.concatenate([basis.steps.numpy() for basis in model.bases]) * np.float32(model.length),
         np.concatenate([basis.fine.numpy().ravel() for basis in model.bases]),
         np.concatenate([basis.rough.numpy().ravel() for basis in model.bases]),
@@ -86,23 +91,32 @@ def place_regions(
 ) -> None:
     """Write the vertices of all regions (mm) for raw rig parameters (m,) to `out` (n, 3).
 
-    sums, moved, rows: scratch for layers (2, widest), the largest region and the indices of the widest input.
+    sums, moved, rows: scratch for layers (4, widest), the largest region and the indices of the widest input. A network
+    has its inputs in the third row of `sums`; the fourth is for the coefficients.
     """
-    scaled = params / plan.scale
-    x, first, bias = scaled, NOTHING, NOTHING
-    layers = len(plan.widths) - 1
-    for layer in range(layers):
-        inputs = plan.widths[layer]
-        last = layer + 1 == layers
-        width = plan.widths[layer + 1] * (2 if plan.gated and not last else 1)
-        y = sums[layer % 2, :width]
-        y[:] = plan.biases[bias : bias + width]
-        add_products(x[:inputs], plan.weights, first, width, y, rows)
-        first, bias = first + inputs * width, bias + width
-        if last and plan.line:
-            add_products(scaled, plan.weights, first, width, y, rows)
-        x = y if last else y[: _activate(y, plan.gated)]
-    coefficients = x
+    coefficients = sums[3, : len(plan.steps)]
+    first, bias, sees, done = NOTHING, NOTHING, NOTHING, NOTHING
+    layers = plan.widths.shape[1] - 1
+    for network in range(len(plan.widths)):
+        widths = plan.widths[network]
+        own = sums[2, : widths[0]]
+        for k in range(widths[0]):
+            j = plan.seen[sees + k]
+            own[k] = params[j] / plan.scale[j]
+        x = own
+        for layer in range(layers):
+            inputs = widths[layer]
+            last = layer + 1 == layers
+            width = widths[layer + 1] * (2 if plan.gated and not last else 1)
+            y = coefficients[done : done + width] if last else sums[layer % 2, :width]
+            y[:] = plan.biases[bias : bias + width]
+            add_products(x[:inputs], plan.weights, first, width, y, rows)
+            first, bias = first + inputs * width, bias + width
+            if last and plan.line:
+                add_products(own, plan.weights, first, width, y, rows)
+                first += widths[0] * width
+            x = y if last else y[: _activate(y, plan.gated)]
+        sees, done = sees + widths[0], done + widths[layers]
     for k in range(len(coefficients)):
         coefficients[k] *= plan.steps[k]
     start, fine, rough = NOTHING, NOTHING, NOTHING
@@ -122,10 +136,10 @@ class FastRegions:
 
     def __init__(self, model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]):
         self.plan = plan_regions(model, neutral)
-        widest = int(max(self.plan.widths[-1], 2 * self.plan.widths.max()))
-        self._sums = np.zeros((2, widest), np.float32)
+        widest = int(max(len(self.plan.steps), 2 * self.plan.widths.max()))
+        self._sums = np.zeros((4, widest), np.float32)
         self._moved = np.zeros(3 * int(self.plan.regions[:, 0].max()), np.float32)
-        self._rows = np.zeros(max(widest, len(self.plan.scale)), np.int64)
+        self._rows = np.zeros(widest, np.int64)
 
     def place(self, params: Float32[np.ndarray, " m"], out: Float32[np.ndarray, "n 3"]) -> None:
         """Write the vertices of all regions, mm, for raw rig parameters to `out`."""
@@ -133,10 +147,12 @@ class FastRegions:
 
     def work(self, params: Float32[np.ndarray, " m"]) -> Work:
         """Return what the pose of some raw rig parameters costs."""
-        plan, size = self.plan, self.plan.weights.itemsize
-        _, *hidden, outputs = plan.widths.tolist()
-        made = [(1 + plan.gated) * width for width in hidden]  # gates and values
-        products = sum(a * b for a, b in zip(hidden, (*made[1:], outputs), strict=True))
-        line = of_layers(params, (outputs,), size) if plan.line else Work(0, 0)
-        bases = Work(len(plan.fine) + len(plan.rough), plan.fine.nbytes + plan.rough.nbytes)
-        return total((of_layers(params, made[:1], size), Work(products, size * products), line, bases))
+        plan, size, first = self.plan, self.plan.weights.itemsize, 0
+        parts = [Work(len(plan.fine) + len(plan.rough), plan.fine.nbytes + plan.rough.nbytes)]
+        for inputs, *hidden, outputs in plan.widths.tolist():
+            seen, first = params[plan.seen[first : first + inputs]], first + inputs
+            made = [(1 + plan.gated) * width for width in hidden]  # gates and values
+            products = sum(a * b for a, b in zip(hidden, (*made[1:], outputs), strict=True))
+            parts += [of_layers(seen, made[:1], size), Work(products, size * products)]
+            parts += [of_layers(seen, (outputs,), size)] if plan.line else []
+        return total(parts)

@@ -15,6 +15,7 @@ from replicate.approximation.linear_skip import Line
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.regional_model import RegionalModel
+from replicate.approximation.regional_networks import RegionalNetworks
 from replicate.engine.exceptions import InputError
 
 Points = Callable[[Float[torch.Tensor, "b m"]], Float[torch.Tensor, "b c 3"]]
@@ -91,11 +92,11 @@ class Sum(nn.Module):
 
 
 class RegionalPoints(nn.Module):
-    """Some vertices of our regional model: the whole network, and of each basis the rows that they read."""
+    """Some vertices of our regional model: the networks that move them, and of each basis the rows that they read."""
 
     def __init__(self, model: RegionalModel, vertices: np.ndarray):
         super().__init__()
-        self.network, self.length = copy.deepcopy(model.network), model.length
+        self.length = model.length
         self.register_buffer("scale", model.scale)
         counts = [len(basis.steps) for basis in model.bases]
         shapes = torch.zeros(sum(counts), len(vertices), 3)
@@ -107,7 +108,12 @@ class RegionalPoints(nn.Module):
                     rows = slice(int(first), int(first) + len(basis.steps))
                     shapes[rows, i] = basis.components().unflatten(1, (-1, 3))[:, int(place[0])]
                     mean[i] = basis.mean[int(place[0])].float()
-        self.register_buffer("shapes", shapes.flatten(1))
+        widths = [network.output.out_features for network in model.network.networks]
+        parts = list(zip(model.network.networks, model.network.seen, shapes.split(widths), strict=True))
+        parts = [part for part in parts if part[2].any()] or parts[:1]
+        networks, seen, kept = zip(*parts, strict=True)
+        self.network = copy.deepcopy(RegionalNetworks(networks, [parameters.numpy() for parameters in seen]))
+        self.register_buffer("shapes", torch.cat(kept).flatten(1))
         self.register_buffer("mean", mean.flatten())
 
     def forward(self, params: Float[torch.Tensor, "b m"]) -> Float[torch.Tensor, "b c 3"]:

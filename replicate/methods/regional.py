@@ -1,7 +1,8 @@
-"""Ours: a gated network with a linear skip to the coefficients of regional bases, stored in few bits.
+"""Ours: gated networks with a linear skip to the coefficients of regional bases, stored in few bits.
 
 The mesh is cut into compact regions. Each has a PCA basis of its own, principal in the metric of the loss, so that a
-few dozen components hold wrinkles too; a network of products gives the coefficients, beside a straight line.
+few dozen components hold wrinkles too; a network of products gives its coefficients, beside a straight line, and sees
+the controls that move the region.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -10,10 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Bool, Float, Float32, Int
 
 from data_recipes.rig import has_function
-from replicate.artefacts import built_rig, drawn_samples, rigid_segments
+from replicate.artefacts import built_rig, control_influence, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.config import TrainingConfig
 from replicate.engine.exceptions import InputError
@@ -24,8 +25,11 @@ from replicate.methods.method import Method
 from replicate.methods.training_stage import inputs_of_networks, write_training
 
 if TYPE_CHECKING:
+    import torch
+
     import replicate.approximation.regional_basis
     import replicate.approximation.regional_model
+    import replicate.approximation.regional_networks
     import replicate.approximation.samples
 
 STEPS = {"quick": 1_200, "laptop": 16_000, "paper": 100_000}
@@ -41,9 +45,11 @@ class RegionalConfig(Checked):
     components: int = number(96, 1, 4_096)  # of each region
     fine: int = number(16, 0, 4_096)  # of them in 16 bits; the others are stored in 8
     basis_samples: int = number(2_500, 2)  # training samples, spread over the set, that the components are of
+    by_region: bool = False  # a network for each region; False: one for all
+    by_influence: bool = False  # a network sees the controls that move its vertices; False: all of them
     hidden: tuple[int, ...] = number((384, 384), 1, 65_536)
     gated: bool = True  # layers are products; False: leaky ReLUs
-    line: bool = True  # a straight line beside the layers
+    line: bool = True  # straight lines beside the layers
     squares: bool = False  # the loss is of squared errors, not of their lengths
     normal_weight: float = number(5.0, 0.0, 1e6)
     derivatives: float = number(0.0, 0.0, 1e6)  # weight of the rig's derivatives in the loss; 0: they are not needed
@@ -57,17 +63,16 @@ def own(profile: str) -> RegionalConfig:
 
 
 def stage(plan: Plan) -> Stage:
-    """Return the stage that computes the bases and trains the network."""
+    """Return the stage that computes the bases and trains the networks."""
     return plan.stage("regional", train, plan.training(METHOD.section(plan.config)), *inputs_of_networks(plan))
 
 
 def train(context: StageContext) -> None:
-    """Compute the bases, project all training samples onto them, and train the network on the coefficients."""
+    """Compute the bases, project all training samples onto them, and train the networks on the coefficients."""
     import torch
 
     from replicate.approximation import regional_model
     from replicate.approximation.conditioning import parameter_scale
-    from replicate.approximation.gated_network import GatedNetwork
     from replicate.approximation.segments import segment_vertices
     from replicate.approximation.supervision import Supervision
     from replicate.approximation.training import prepare
@@ -83,9 +88,9 @@ def train(context: StageContext) -> None:
     params = np.asarray(samples.params / scale, np.float32)
     slopes = rig_slopes(context, samples.params, bases, projections) if section.derivatives else None
     length = float(np.sqrt(np.mean(np.square(coefficients), dtype=np.float64))) or 1.0
-    (line,) = ridge(with_constant(params), chunks_of(coefficients / length), (STRENGTH,))
-    network = GatedNetwork(params.shape[1], section.hidden, coefficients.shape[1], section.gated, section.line)
-    network.start(line, torch.Generator().manual_seed(numbers.seed))
+    influence = control_influence.load(context.inputs)
+    network = untrained_networks(bases, influence, section)
+    start(network, params, coefficients / np.float32(length), torch.Generator().manual_seed(numbers.seed))
     network = network.to(device)
     regions = np.repeat(np.arange(len(bases)), [len(basis.steps) for basis in bases])
     membership = torch.from_numpy(np.eye(len(bases), dtype=np.float32)[regions]).to(device)
@@ -125,6 +130,46 @@ def train(context: StageContext) -> None:
     regional_model.save(model(), context.out)
     write_training(context, model(), log)
     context.note(multiplications=model().multiplications())
+
+
+def untrained_networks(
+    bases: "Sequence[replicate.approximation.regional_model.StoredBasis]",
+    influence: Bool[np.ndarray, "n m"],
+    section: RegionalConfig,
+) -> "replicate.approximation.regional_networks.RegionalNetworks":
+    """Return the networks of some bases; influence: which control moves which vertex."""
+    from replicate.approximation.regional_networks import fresh_networks
+
+    members = [basis.vertices.numpy() for basis in bases]
+    members = members if section.by_region else [np.concatenate(members)]
+    if section.by_influence:
+        seen = [parameters_of(influence[vertices]) for vertices in members]
+    else:
+        seen = [np.arange(influence.shape[1]) for _ in members]
+    outputs = [len(basis.steps) for basis in bases]
+    return fresh_networks(seen, section.hidden, outputs, section.gated, section.line)
+
+
+def parameters_of(influence: Bool[np.ndarray, "k m"]) -> Int[np.ndarray, " j"]:
+    """Return the parameters that move any of some vertices; all of them where none does."""
+    moving = influence.any(axis=0)
+    return np.flatnonzero(moving if moving.any() else ~moving)
+
+
+def start(
+    network: "replicate.approximation.regional_networks.RegionalNetworks",
+    params: Float[np.ndarray, "s m"],
+    coefficients: Float[np.ndarray, "s d"],
+    generator: "torch.Generator",
+) -> None:
+    """Draw a network's weights, and set its straight lines to ridge regression on samples."""
+    first = 0
+    for part, seen in zip(network.networks, network.seen, strict=True):
+        last = first + part.output.out_features
+        inputs = with_constant(params[:, seen.numpy()])
+        (line,) = ridge(inputs, chunks_of(coefficients[:, first:last]), (STRENGTH,))
+        part.start(line, generator)
+        first = last
 
 
 def stored_bases(
@@ -217,7 +262,7 @@ def chunks_of(array: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.regional_model.RegionalModel":
-    """Return the network and its bases."""
+    """Return the networks and their bases."""
     from replicate.approximation.regional_model import load
 
     return load(inputs["regional"])

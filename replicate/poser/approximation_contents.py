@@ -56,17 +56,19 @@ def approximation_contents(model: Approximation) -> Parts:
 
 @approximation_contents.register
 def _(model: RegionalModel) -> Parts:
-    network = model.network
-    arrays = layers("regional", [*network.layers, network.output])
-    if network.line is not None:
-        arrays["regional.line"] = half(network.line.weight)
-    arrays["regional.scale"] = model.scale.numpy()
+    arrays, networks = {"regional.scale": model.scale.numpy()}, model.network.networks
+    for k, (network, seen) in enumerate(zip(networks, model.network.seen, strict=True)):
+        arrays |= layers(f"regional.{k}", [*network.layers, network.output])
+        arrays[f"regional.{k}.seen"] = indices(seen.numpy(), len(model.scale))
+        if network.line is not None:
+            arrays[f"regional.{k}.line"] = half(network.line.weight)
     for k, basis in enumerate(model.bases):
         arrays[f"basis.{k}.vertices"] = indices(basis.vertices.numpy(), model.vertex_count)
         for name in ("mean", "fine", "rough", "steps"):
             arrays[f"basis.{k}.{name}"] = getattr(basis, name).numpy()
-    shape = {"layers": len(network.layers) + 1, "gated": network.is_gated, "slope": SLOPE}
-    words = {**shape, "length_mm": model.length, "regions": len(model.bases)}
+    shape = {"layers": len(networks[0].layers) + 1, "gated": networks[0].is_gated, "slope": SLOPE}
+    counts = {"networks": len(networks), "regions": len(model.bases)}
+    words = {**shape, **counts, "length_mm": model.length}
     return {"approximation": OURS, "regional": words}, arrays
 
 

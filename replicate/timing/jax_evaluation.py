@@ -95,7 +95,8 @@ def _(model: SegmentedModel) -> list[Traced] | None:
 
 @traced_parts.register
 def _(model: RegionalModel) -> list[Traced]:
-    network = traced(model.network)
+    networks = [traced(network) for network in model.network.networks]
+    seen = [parameters.numpy() for parameters in model.network.seen]
     ends = np.cumsum([len(basis.steps) for basis in model.bases])[:-1]
     place, length = _places(model.vertices, model.vertex_count), model.length
     bases = [[basis.components().numpy(), basis.mean.float().flatten().numpy()] for basis in model.bases]
@@ -104,11 +105,13 @@ def _(model: RegionalModel) -> list[Traced]:
         import jax.numpy as jnp
 
         scale, own, stored = weights
-        shares = jnp.split(network.function(own, params / scale) * length, ends)
+        scaled, each = params / scale, zip(networks, own, seen, strict=True)
+        coefficients = jnp.concatenate([network.function(w, scaled[j]) for network, w, j in each])
+        shares = jnp.split(coefficients * length, ends)
         moved = [(mean + c @ components).reshape(-1, 3) for c, (components, mean) in zip(shares, stored, strict=True)]
         return _spread(moved, place)
 
-    return [Traced([model.scale.numpy(), network.weights, bases], offsets)]
+    return [Traced([model.scale.numpy(), [network.weights for network in networks], bases], offsets)]
 
 
 @singledispatch

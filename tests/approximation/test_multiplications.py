@@ -8,13 +8,13 @@ from torch.utils.flop_counter import FlopCounterMode
 from replicate.approximation.cnn import MapNetwork
 from replicate.approximation.coefficient_line import CoefficientsBesideLine
 from replicate.approximation.dense import DenseNetwork
-from replicate.approximation.gated_network import GatedNetwork
 from replicate.approximation.linear_skip import Line, WithLine
 from replicate.approximation.low_rank_dense import low_rank, output_components
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.multiplications import of_blend, of_model, of_network
 from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.regional_model import RegionalModel, StoredBasis
+from replicate.approximation.regional_networks import fresh_networks
 from replicate.approximation.segments import Segment
 from replicate.approximation.skinning.bone_network import BoneNetwork
 from replicate.approximation.skinning.ssdr import Skin
@@ -77,10 +77,11 @@ def test_a_model_counts_all_of_its_networks_on_both_levels():
 
 
 def test_a_model_that_counts_its_work_itself_is_asked():
-    network = GatedNetwork(7, (16,), 9)
+    network = fresh_networks([np.arange(5), np.arange(7)], (16,), [5, 4], gated=True, line=True)
     bases = [StoredBasis(*map(torch.zeros, (1, (1, 3), (2, 1, 3), (k, 1, 3), 2 + k))) for k in (3, 2)]
     model = RegionalModel(network, bases, np.ones(7), 1.0, 40)
-    assert of_model(model) == network.multiplications() + 9 * 3
+    networks = 5 * 32 + 16 * 5 + 5 * 5 + 7 * 32 + 16 * 4 + 7 * 4
+    assert of_model(model) == networks + 9 * 3
 
 
 def test_a_blend_counts_the_weights_that_there_are():

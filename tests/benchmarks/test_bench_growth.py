@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replicate.benchmarks import bench_growth, growth_models
+from replicate.benchmarks import bench_growth
 from replicate.benchmarks.bench_growth import growth_tables, measure, random_poses, ways_of
 from replicate.benchmarks.growth_figure import USUAL, growth_figure
+from replicate.benchmarks.growth_models import OURS as METHOD
 from replicate.benchmarks.growth_models import Face, flat_mesh, models_of
+from replicate.methods.regional import RegionalConfig
 
 OURS = "Regional (ours)"
 SMALL = Face(vertices=96, segments=2, map_size=16, components=20)
@@ -41,13 +43,13 @@ def test_a_pose_moves_some_of_the_controls():
 
 
 def test_the_usual_sizes_are_those_that_the_figure_marks_and_ours_is_as_its_method_has_it():
-    from replicate.methods.regional import RegionalConfig
-
     assert vars(Face()) == USUAL
     section = RegionalConfig()
-    assert (section.regions, section.fine, section.hidden) == (
-        growth_models.REGIONS, growth_models.FINE, growth_models.HIDDEN
-    )  # fmt: skip
+    (ours,) = models_of(Face(vertices=200), (METHOD,)).values()
+    networks = ours.network.networks
+    assert len(ours.bases) == section.regions and {len(basis.fine) for basis in ours.bases} == {section.fine}
+    assert len(networks) == (section.regions if section.by_region else 1)
+    assert len(networks[0].layers) == len(section.hidden) and networks[0].output.in_features == section.hidden[-1]
     assert section.components == Face().components
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from small_face import small_mesh, small_samples
+from small_face import small_influence, small_mesh, small_samples
 
 from replicate.approximation.supervision import Supervision
 from replicate.benchmarks.regional_steps import fresh_regional, regional_batches, regional_ways
@@ -20,7 +20,7 @@ def steps():
     mesh = small_mesh()
     samples = small_samples(mesh, 60)
     supervision = Supervision(mesh, samples, np.arange(len(mesh.neutral)), 5.0, torch.device("cpu"))
-    model, coefficients = fresh_regional(supervision, SECTION, 0, progress)
+    model, coefficients = fresh_regional(supervision, small_influence(mesh), SECTION, 0, progress)
     (batch,) = regional_batches(supervision, coefficients, SECTION, 0, 1)
     return model, regional_ways(model, supervision, "plain", "loss", "ours"), batch
 

@@ -11,8 +11,8 @@ from posed_face import posed_face
 from small_face import M
 
 from data_recipes.controls import Control
-from replicate.approximation.gated_network import GatedNetwork
 from replicate.approximation.regional_model import RegionalModel, halve
+from replicate.approximation.regional_networks import fresh_networks
 from replicate.approximation.rigid import Attachments, attach
 from replicate.deployment.c_face import CFace, c_files, identifier
 
@@ -40,12 +40,22 @@ def furthest_from_python(face, folder):
     return float(np.linalg.norm(found - wanted, axis=-1).max())
 
 
-def other_model(**fields):
-    """Return the face's model with a network of another kind."""
-    count = FACE.model.network.output.out_features
-    network = GatedNetwork(M, (8, 16), count, **fields)
-    network.start(np.random.default_rng(2).normal(size=(M + 1, count)), torch.Generator().manual_seed(1))
-    halve(network)
+APART = (np.arange(M - 1), np.arange(1, M))  # what each network sees
+
+
+def drawn_networks(seen, hidden, outputs, gated=True, line=True):
+    """Return networks with weights that are drawn at random."""
+    networks, rng = fresh_networks(seen, hidden, outputs, gated, line), np.random.default_rng(2)
+    for part in networks.networks:
+        inputs, width = part.layers[0].in_features, part.output.out_features
+        part.start(rng.normal(size=(inputs + 1, width)), torch.Generator().manual_seed(1))
+    halve(networks)
+    return networks
+
+
+def other_model(seen=APART, **fields):
+    """Return the face's model with networks of another kind."""
+    network = drawn_networks(seen, (8, 16), [len(basis.steps) for basis in FACE.model.bases], **fields)
     return RegionalModel(network, FACE.model.bases, FACE.model.scale.numpy(), 3.0, len(MESH.neutral))
 
 
@@ -53,9 +63,7 @@ def without_small_shapes():
     """Return the model of a single region without shapes of 8 bits, so that the other region's vertices stay."""
     basis = FACE.model.bases[0]
     twin = type(basis)(basis.vertices, basis.mean, basis.fine, basis.rough[:0], basis.steps[: len(basis.fine)])
-    network = GatedNetwork(M, (8,), len(twin.steps))
-    network.start(np.random.default_rng(3).normal(size=(M + 1, len(twin.steps))), torch.Generator().manual_seed(1))
-    halve(network)
+    network = drawn_networks([np.arange(M)], (8,), [len(twin.steps)])
     return RegionalModel(network, [twin], np.ones(M), 5.0, len(MESH.neutral))
 
 
@@ -75,11 +83,12 @@ NONE = attached([], np.zeros((0, 10), int))
         {},
         {"model": other_model(gated=False)},
         {"model": other_model(line=False)},
+        {"model": other_model(seen=[np.arange(M)])},
         {"model": without_small_shapes()},
         {"attachments": ON_A_LINE},
         {"attachments": NONE},
     ],
-    ids=["ours", "leaky ReLUs", "no line", "one region, 16 bits", "carriers on a line", "nothing rigid"],
+    ids=["ours", "leaky ReLUs", "no line", "one network", "one region, 16 bits", "carriers on a line", "nothing rigid"],
 )
 def test_c_gives_pythons_vertices_beyond_the_limits_too(changes, tmp_path):
     assert furthest_from_python(c_face(**changes), tmp_path) < 1e-3

@@ -6,12 +6,12 @@ import torch
 from small_face import M, pose_offsets, small_influence, small_mesh
 
 from replicate.approximation import cnn, dense
-from replicate.approximation.gated_network import GatedNetwork
 from replicate.approximation.linear_skip import Line
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.regional_basis import RegionalBasis
 from replicate.approximation.regional_model import RegionalModel, halve, store
+from replicate.approximation.regional_networks import fresh_networks
 from replicate.approximation.rigid import attach, find_attachments
 from replicate.approximation.segments import coarse_segments, make_segment
 from replicate.inference.fast_evaluation import fast_evaluation
@@ -52,13 +52,14 @@ def lines():
     return model
 
 
-def regional(gated=True, line=True):
+def regional(gated=True, line=True, apart=True):
     bases = []
     for segment in SEGMENTS:
         shapes = RNG.normal(size=(14, len(segment.vertices), 3)).astype(np.float32)
         bases.append(store(RegionalBasis(segment.vertices, shapes[0], shapes[1:]), 5))
     torch.manual_seed(1)
-    network = GatedNetwork(M, (24, 20), 26, gated, line)
+    seen = [np.arange(0, M, 2), np.arange(1, M)] if apart else [np.arange(M)]
+    network = fresh_networks(seen, (24, 20), [13, 13], gated, line)
     halve(network)
     return RegionalModel(network, bases, SCALE, 2.0, len(MESH.neutral))
 
@@ -70,6 +71,7 @@ MODELS = {
     "linear": lines,
     "regional": regional,
     "regional without gates and line": lambda: regional(False, False),
+    "regional with one network": lambda: regional(apart=False),
 }
 
 

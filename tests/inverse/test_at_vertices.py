@@ -9,12 +9,12 @@ from small_face import M, pose_offsets, small_influence, small_mesh, small_sampl
 
 from replicate.approximation import cnn, dense
 from replicate.approximation.conditioning import parameter_scale
-from replicate.approximation.gated_network import GatedNetwork
 from replicate.approximation.linear_skip import line_model
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.regional_basis import loss_metric, principal_basis
 from replicate.approximation.regional_model import RegionalModel, store
+from replicate.approximation.regional_networks import fresh_networks
 from replicate.approximation.segments import coarse_segments, make_segment
 from replicate.config import CoarseConfig, DenseConfig, TrainingConfig
 from replicate.engine.exceptions import InputError
@@ -57,9 +57,10 @@ def regional_model(tmp_path):
         vertices = np.flatnonzero(mesh.segment == k)
         metric = loss_metric(mesh.neutral[vertices], np.zeros((0, 3), int), len(vertices), 1, 0.0)
         bases.append(store(principal_basis(vertices, samples.offsets(np.arange(60))[:, vertices], metric, 6), 2))
-    count = sum(len(basis.steps) for basis in bases)
-    network = GatedNetwork(M, (8, 8), count)
-    network.start(np.random.default_rng(2).normal(size=(M + 1, count)), torch.Generator().manual_seed(0))
+    rng, seen = np.random.default_rng(2), [np.arange(0, M, 2), np.arange(1, M)]
+    network = fresh_networks(seen, (8, 8), [len(basis.steps) for basis in bases], gated=True, line=True)
+    for part, own, basis in zip(network.networks, seen, bases, strict=True):
+        part.start(rng.normal(size=(len(own) + 1, len(basis.steps))), torch.Generator().manual_seed(0))
     return RegionalModel(network, bases, np.ones(M, np.float32), 3.0, len(mesh.neutral))
 
 
@@ -119,3 +120,12 @@ def test_a_model_from_outside_brings_its_own_function():
 def test_the_stand_in_moves_the_vertices_of_these_tests():
     moved = np.abs(pose_offsets(small_mesh(), PARAMS)).max(axis=(0, 2))[VERTICES]
     assert (moved[:4] > 0.05).all() and moved[4] == 0
+
+
+def test_networks_of_regions_without_such_vertices_are_left_out(tmp_path):
+    model = regional_model(tmp_path)
+    own = model.bases[1].vertices.numpy()[:3]
+    points = at_vertices(model, own)
+    assert len(points.network.networks) == 1
+    found = points(torch.from_numpy(PARAMS)).numpy()
+    np.testing.assert_allclose(found, model.offsets(PARAMS)[:, own], atol=1e-5)

@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from box import foreign
 from small_artefacts import predicted, run_stage, write_artefacts
 from small_face import M, pose_offsets, small_mesh, small_samples
 
 from replicate.approximation import regional_model, rig_derivatives
+from replicate.approximation.regional_basis import RegionalBasis
+from replicate.approximation.regional_networks import fresh_networks
 from replicate.artefacts import built_rig, drawn_samples
 from replicate.artefacts.plan import Numbers, TrainingNumbers
 from replicate.engine.exceptions import InputError
@@ -16,14 +19,19 @@ from replicate.methods import linear, regional, regional_derivatives
 
 SCHEDULE = replace(regional.TRAINING, steps=800)
 SECTION = regional.RegionalConfig(regions=4, components=12, fine=4, hidden=(24, 24), training=SCHEDULE)
+NETWORKS = {
+    "one network": SECTION,
+    "one for each region": replace(SECTION, by_region=True, by_influence=True, hidden=(12, 12)),
+}
 
 
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory):
+@pytest.fixture(scope="module", params=NETWORKS)
+def trained(tmp_path_factory, request):
     folder = tmp_path_factory.mktemp("regional")
     inputs = write_artefacts(folder, small_samples(small_mesh(), 1_500))
     inputs, _ = run_stage(linear.fit, inputs, "linear", Numbers(linear.own("quick"), 0), folder)
-    return run_stage(regional.train, inputs, "regional", TrainingNumbers(SECTION, 0, "cpu"), folder)
+    numbers = TrainingNumbers(NETWORKS[request.param], 0, "cpu")
+    return run_stage(regional.train, inputs, "regional", numbers, folder)
 
 
 def error(inputs, method) -> float:
@@ -43,11 +51,48 @@ def test_its_size_is_that_of_its_file_and_no_region_overlaps_another(trained):
     vertices = sum(len(basis.vertices) for basis in model.bases)
     assert len(np.unique(model.vertices)) == vertices == (small_mesh().segment < 2).sum()
     file = (inputs["regional"] / regional_model.WEIGHTS).stat().st_size
-    indices_and_scale = 4 * (vertices + len(model.scale))
+    indices_and_scale = 4 * (vertices + len(model.scale)) + 2 * sum(len(seen) for seen in model.network.seen)
     assert notes["size_mb"] * 1e6 == model.size_mb() * 1e6 <= file - indices_and_scale < notes["size_mb"] * 1e6 + 10_000
     kinds = {str(basis.fine.dtype) + str(basis.rough.dtype) for basis in model.bases}
     assert kinds == {"torch.int16torch.int8"}
     assert notes["multiplications"] == model.multiplications()
+
+
+def test_a_regions_network_sees_the_controls_that_move_it_and_no_others():
+    influence = np.zeros((6, 5), bool)
+    influence[:3, 1] = influence[2, 3] = influence[3:5, 4] = True
+    bases = [basis_of(vertices) for vertices in ([0, 1, 2], [3, 4], [5])]
+    section = replace(SECTION, by_region=True, by_influence=True, hidden=(8,))
+    network = regional.untrained_networks(bases, influence, section)
+    everything = np.arange(5).tolist()
+    assert [seen.tolist() for seen in network.seen] == [[1, 3], [4], everything], "nothing is known of the last region"
+    params = torch.zeros(5, 5)
+    params[1:, [0, 2, 3, 4]] = torch.eye(4)
+    moved = (network(params) - network(params)[:1]).abs()[1:].split(2, dim=1)
+    assert [(part.amax(1) > 0).tolist() for part in moved[:2]] == [
+        [False, False, True, False],
+        [False, False, False, True],
+    ]
+    for change in ({"by_influence": False}, {"by_region": False}):
+        (first, *_) = regional.untrained_networks(bases, influence, replace(section, **change)).seen
+        assert first.tolist() == (everything if "by_influence" in change else [1, 3, 4])
+
+
+def basis_of(vertices):
+    zeros = np.zeros((2, len(vertices), 3), np.float32)
+    return regional_model.store(RegionalBasis(np.array(vertices), zeros[0], zeros), 1)
+
+
+def test_lines_start_as_the_ridge_regression_of_what_their_network_sees():
+    rng = np.random.default_rng(3)
+    params, coefficients = rng.normal(size=(50, 5)).astype(np.float32), rng.normal(size=(50, 4)).astype(np.float32)
+    network = fresh_networks([np.array([1, 3]), np.array([0, 4])], (8,), [2, 2], gated=True, line=True)
+    regional.start(network, params, coefficients, torch.Generator().manual_seed(0))
+    for part, seen, wanted in zip(network.networks, network.seen, np.split(coefficients, 2, axis=1), strict=True):
+        inputs = np.column_stack([params[:, seen.numpy()], np.ones(50)])
+        line = np.linalg.lstsq(inputs, wanted)[0]
+        np.testing.assert_allclose(part.line.weight.detach().numpy().T, line[:2], atol=1e-3)
+        np.testing.assert_allclose(part.output.bias.detach().numpy(), line[2], atol=1e-3)
 
 
 def slopes_of_the_truth(params, directions):

@@ -49,8 +49,10 @@ def test_a_page_has_the_model_as_it_is_stored():
     assert header["rigid"] == 1 and [region["name"] for region in header["inverse"]["regions"]] == ["face", "neck"]
     for k, basis in enumerate(face.model.bases):
         np.testing.assert_array_equal(arrays[f"basis.{k}.rough"], basis.rough.numpy())
-    weight = face.model.network.line.weight.detach().numpy()
-    np.testing.assert_array_equal(arrays["regional.line"].astype(np.float32), weight)
+    for k, (network, seen) in enumerate(zip(face.model.network.networks, face.model.network.seen, strict=True)):
+        weight = network.line.weight.detach().numpy()
+        np.testing.assert_array_equal(arrays[f"regional.{k}.line"].astype(np.float32), weight)
+        np.testing.assert_array_equal(arrays[f"regional.{k}.seen"], seen.numpy())
 
 
 def test_an_eyeball_turns_by_what_each_control_does_to_it():

@@ -4,6 +4,7 @@ import json
 import statistics
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from sample_results import result
 from sample_rows import table2_rows
@@ -12,11 +13,13 @@ from toy_texts import texts_to_fill
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.report import manifest, notebooks
+from replicate.report.pose_record import CHOICES, TRUTH, load_pose
 from replicate.report.results import Row, read_results, write_results
 from replicate.report.seed_results import of_character, read_seeds
 from replicate.report.training_curves import read_curves
 from replicate.targets.reference import reference_results as reference
 from replicate.targets.table2 import publishing
+from replicate.targets.table2.character_part import pose_file
 
 
 @pytest.fixture
@@ -112,6 +115,35 @@ def test_a_method_that_a_run_lacks_stays_and_one_that_it_brings_joins_the_seed(p
     assert committed() == {0: mean_row().value} and mean_row().value != 0.9
     (name,) = {row.run for row in after}
     assert name == manifest.entries(paths.REFERENCE, "table2")["teen"]["run"] not in ("r0", "s")
+
+
+def poses(character: str = "teen") -> list[float]:
+    """Return how far the dense networks' vertices are off in each committed pose, mm."""
+    records = [load_pose(pose_file(paths.REFERENCE, character, choice)) for choice in CHOICES]
+    return [round(float(np.abs(r.vertices["dense"] - r.vertices[TRUTH]).max()), 3) for r in records]
+
+
+def test_poses_and_curves_follow_the_methods_of_the_first_seed_where_they_show_the_same(publish):
+    publish("first", result("teen", 0))
+    publish("second", result("teen", 0, "s", moved=0.5))
+    assert poses() == [0.5] * len(CHOICES)
+    publish("third", result("teen", 1, "t", moved=0.7))
+    assert poses() == [0.5] * len(CHOICES), "pictures are of the first seed"
+    publish("fourth", result("teen", 0, "u", moved=0.9, pose=6))
+    assert poses() == [0.5] * len(CHOICES), "another pose"
+
+
+def test_a_method_may_have_other_numbers_if_no_seed_keeps_the_earlier_ones(publish):
+    publish("first", result("teen", 0), result("teen", 1, "s"))
+    changed = [result("teen", seed, run, error=0.9) for seed, run in ((0, "t"), (1, "u"))]
+    changed = [
+        replace(one, config=replace(one.config, coarse=replace(one.config.coarse, map_size=64))) for one in changed
+    ]
+    with pytest.raises(InputError, match="its seeds can't join the committed ones, since coarse"):
+        publish("second", changed[0])
+    publish("third", *changed)
+    assert committed() == {0: 0.9, 1: 0.9}
+    assert manifest.entries(paths.REFERENCE, "table2")["teen"]["configuration"]["coarse"]["map_size"] == 64
 
 
 def test_without_the_option_a_run_replaces_all_seeds(publish):

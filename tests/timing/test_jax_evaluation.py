@@ -21,7 +21,7 @@ def test_jax_gives_a_models_vertices_with_and_without_the_rigid_step(name):
         own = MESH.neutral + model.offsets(pose)
         np.testing.assert_allclose(free(pose), own, atol=1e-3)
         np.testing.assert_allclose(placed(pose), attach(MESH, ATTACHMENTS, own), atol=1e-3)
-    assert np.abs(own - MESH.neutral).max() > 0.1 and np.abs(placed(pose) - free(pose)).max() > 0.01
+    assert np.abs(own - MESH.neutral).max() > 0.1 and np.abs(placed(pose) - free(pose)).max() > 0.003
 
 
 @pytest.mark.parametrize("name", ["PCA", "driven"])

@@ -16,6 +16,7 @@ enum {
     LETTER = $letter, /* what is added to 8 bits, so that most of them are letters */
     AT_ONCE = 4,      /* rows that are added at once */
     GATED = $gated,
+    NETWORKS = $networks,
     LAYERS = $layers,
     COEFFICIENTS = $coefficients,
     REGIONS = $regions,
@@ -31,6 +32,14 @@ typedef struct {
     const float *bias;
     const byte *high, *low;
 } layer;
+
+/* A network of some of the controls: hidden layers, and after them last + line, where line sees the controls. */
+typedef struct {
+    int inputs;
+    const uint32_t *controls;
+    const layer *hidden;
+    layer last, line;
+} network;
 
 /* Vertices that move together: start + sum over shapes of step * coefficient * shape, mm. */
 typedef struct {
@@ -226,19 +235,23 @@ $numbers
 
 void ${name}_pose(const float *parameters, float *vertices)
 {
-    float scaled[${upper}_CONTROLS], sums[$widest], hidden[$widest], coefficients[COEFFICIENTS], moved[$longest];
-    for (int i = 0; i < ${upper}_CONTROLS; i++)
-        scaled[i] = parameters[i] / scale[i];
-    const float *x = scaled;
-    for (const layer *own = layers; own < layers + LAYERS; own++) {
-        copy(own->bias, own->outputs, sums);
-        add_product(x, own, sums);
-        activate(sums, GATED ? own->outputs / 2 : own->outputs, hidden);
-        x = hidden;
+    float seen[${upper}_CONTROLS], sums[$widest], hidden[$widest], coefficients[COEFFICIENTS], moved[$longest];
+    float *out = coefficients;
+    for (const network *net = networks; net < networks + NETWORKS; net++) {
+        for (int i = 0; i < net->inputs; i++)
+            seen[i] = parameters[net->controls[i]] / scale[net->controls[i]];
+        const float *x = seen;
+        for (const layer *own = net->hidden; own < net->hidden + LAYERS; own++) {
+            copy(own->bias, own->outputs, sums);
+            add_product(x, own, sums);
+            activate(sums, GATED ? own->outputs / 2 : own->outputs, hidden);
+            x = hidden;
+        }
+        copy(net->last.bias, net->last.outputs, out);
+        add_product(x, &net->last, out);
+        add_product(seen, &net->line, out);
+        out += net->last.outputs;
     }
-    copy(last.bias, COEFFICIENTS, coefficients);
-    add_product(x, &last, coefficients);
-    add_product(scaled, &line, coefficients);
     for (int i = 0; i < COEFFICIENTS; i++)
         coefficients[i] *= steps[i];
     const float *share = coefficients;

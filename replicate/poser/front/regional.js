@@ -26,20 +26,28 @@ function multiply(both) {
 
 // A function from raw rig parameters (m) to the coefficients of all regions' components, mm.
 function coefficientModel({ header, arrays }) {
-  const { layers: count, gated, slope, length_mm: length } = header.regional;
-  const layers = layersOf(arrays, "regional", count), line = arrays["regional.line"];
-  const scale = arrays["regional.scale"], scaled = new Float32Array(scale.length);
-  const coefficients = new Float32Array(layers[count - 1].out.length), straight = new Float32Array(coefficients.length);
+  const { layers: count, networks, gated, slope, length_mm: length } = header.regional;
+  const scale = arrays["regional.scale"];
+  const parts = Array.from({ length: networks }, (_, k) => {
+    const layers = layersOf(arrays, `regional.${k}`, count);
+    const seen = arrays[`regional.${k}.seen`], line = arrays[`regional.${k}.line`];
+    return { layers, seen, line, own: new Float32Array(seen.length), straight: layers[count - 1].out.slice() };
+  });
+  const coefficients = new Float32Array(parts.reduce((sum, { straight }) => sum + straight.length, 0));
 
   return function coefficientsOf(params) {
-    for (let p = 0; p < scaled.length; p++) scaled[p] = params[p] / scale[p];
-    let x = scaled;
-    layers.forEach((layer, i) => {
-      x = dense(layer.weight, layer.bias, x, layer.out);
-      if (i < count - 1) x = gated ? multiply(x) : leaky(x, slope);
-    });
-    if (line) dense(line, null, scaled, straight);
-    for (let k = 0; k < coefficients.length; k++) coefficients[k] = (x[k] + straight[k]) * length;
+    let first = 0;
+    for (const { layers, seen, line, own, straight } of parts) {
+      for (let i = 0; i < seen.length; i++) own[i] = params[seen[i]] / scale[seen[i]];
+      let x = own;
+      layers.forEach((layer, i) => {
+        x = dense(layer.weight, layer.bias, x, layer.out);
+        if (i < count - 1) x = gated ? multiply(x) : leaky(x, slope);
+      });
+      if (line) dense(line, null, own, straight);
+      for (let k = 0; k < straight.length; k++) coefficients[first + k] = (x[k] + straight[k]) * length;
+      first += straight.length;
+    }
     return coefficients;
   };
 }

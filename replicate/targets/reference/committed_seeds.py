@@ -1,6 +1,6 @@
 """Table 2 among the committed results: a run's seeds and methods replace a character's or join them."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,13 +19,18 @@ def shared_characters(run: Path, into: Path | None = None) -> list[str]:
     """Return the characters of which a run and the committed results have a Table 2, so that seeds can be joined.
 
     into: the folder of the committed ones, REFERENCE by default. Raises InputError for one whose configurations differ
-    in more than the seed.
+    in more than the seed, and in the sections of methods of which the run has all committed seeds.
     """
-    committed, own = (manifest.entries(folder, TARGET) for folder in (into or paths.REFERENCE, run))
+    folders = (into or paths.REFERENCE, run)
+    committed, own = (manifest.entries(folder, TARGET) for folder in folders)
+    seeds = [_seeds_of(folder) for folder in folders]
     both = [name for name in own if name in committed]
     for name in both:
+        old, new = (_seeds_of_methods(of_character(rows, name)) for rows in seeds)
+        anew = {method for method, numbers in new.items() if old.get(method, set()) <= numbers}
         for key in ("profile", "split", "configuration"):
-            if difference := next(differences(key, committed[name].get(key), own[name].get(key)), None):
+            entries = (_without(entry[name].get(key), anew) for entry in (committed, own))
+            if difference := next(differences(key, *entries), None):
                 raise InputError(f"{name}: its seeds can't join the committed ones, since {difference}")
     return both
 
@@ -65,6 +70,20 @@ def put_table2(run: Path, shared: Collection[str], into: Path | None = None) -> 
     write_seeds(single, seeds)
     manifest.write_entries(into, TARGET, dict(sorted(entries.items())))
     return [table, single]
+
+
+def _seeds_of_methods(seeds: Mapping[int, Sequence[Row]]) -> dict[str, set[int]]:
+    """Return which seeds each method has."""
+    found: dict[str, set[int]] = {}
+    for seed, rows in seeds.items():
+        for row in rows:
+            found.setdefault(row.method, set()).add(seed)
+    return found
+
+
+def _without(facts: object, names: Collection[str]) -> object:
+    """Return a configuration without some of its sections; anything else as it is."""
+    return {name: value for name, value in facts.items() if name not in names} if isinstance(facts, dict) else facts
 
 
 def _beside(committed: Sequence[Row], new: Sequence[Row]) -> list[Row]:

@@ -27,6 +27,7 @@ from replicate.targets.claims.claims_publication import write_claims
 from replicate.targets.claims.claims_table import overview
 from replicate.targets.claims.evidence import gather
 from replicate.targets.reference import committed_seeds
+from replicate.targets.reference.joined_poses import put_first_seed
 from replicate.targets.rig_report.report_tables import report_card
 from replicate.targets.table2.error_table import other_rigs, table2_overview
 from replicate.targets.table2.ratio_tables import table2_questions
@@ -53,9 +54,9 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
 
     Of a table each character is replaced as a whole, and those that the run lacks stay, so that characters may be run
     one at a time. Of a benchmark that was run in part (`--only`) its other rows stay too. Files without a new result
-    stay as they are. add_seeds: whether the seeds of Table 2 join those that are committed of the same characters; what
-    else of such a character is committed stays as it is. Raises InputError, before it writes anything, if neither has
-    results, or some come from a tree with changes.
+    stay as they are. add_seeds: whether the seeds of Table 2 join those that are committed of the same characters, and
+    the methods of the first seed its poses and curves; what else of such a character is committed stays as it is.
+    Raises InputError, before it writes anything, if neither has results, or some come from a tree with changes.
     """
     run, bench, rigs = (paths.run_folder(name) for name in (profile, BENCH, "rigs"))
     of_clips = _is_of_clips(run)
@@ -70,7 +71,8 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
         _check_clean(folder, names)
     shared = committed_seeds.shared_characters(run) if add_seeds else []
     paths.REFERENCE.mkdir(parents=True, exist_ok=True)
-    files = committed_seeds.put_table2(run, shared) if TABLE2 in of_run else []
+    files = put_first_seed(run, shared)
+    files += committed_seeds.put_table2(run, shared) if TABLE2 in of_run else []
     done = [file.name for file in files]
     for file in sorted(run.iterdir()) if of_run else ():
         stay = _committed(_target_of(file, of_run), shared)
