@@ -2,7 +2,8 @@
 
 Each layer is h = silu(x U) ∘ (x V) (the gated linear units of Dauphin et al. 2017 and Shazeer 2020): a product of two
 linear functions, and what rigs do when controls combine. The skip is a straight line from parameters to outputs, which
-starts as the least squares fit and is trained along.
+starts as the least squares fit and is trained along. Products of many parameters grow without bounds where training
+saw nothing: there the layers stay at the edge of what it saw, and only the line goes on.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ class GatedNetwork(nn.Module):
     """(b, j) scaled parameters → (b, d) outputs: layers of the widths `hidden`, beside a line.
 
     gated: False for leaky ReLUs in the products' place. line: False for no skip. Both are there to see what they do.
+    lowest, highest: (j,) scaled parameters; what lies beyond is as far as that for the layers. `bound` sets them.
     """
 
     def __init__(self, inputs: int, hidden: Sequence[int], outputs: int, gated: bool = True, line: bool = True):
@@ -32,9 +34,11 @@ class GatedNetwork(nn.Module):
         self.layers = nn.ModuleList(nn.Linear(a, (1 + gated) * b) for a, b in pairwise((inputs, *hidden)))
         self.output = nn.Linear(hidden[-1], outputs)
         self.line = nn.Linear(inputs, outputs, bias=False) if line else None
+        self.register_buffer("lowest", -torch.ones(inputs))
+        self.register_buffer("highest", torch.ones(inputs))
 
     def forward(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b d"]:
-        x = params
+        x = torch.minimum(torch.maximum(params, self.lowest), self.highest)
         for layer in self.layers:
             x = _multiply(layer(x)) if self.is_gated else functional.leaky_relu(layer(x), SLOPE)
         return self.output(x) if self.line is None else self.output(x) + self.line(params)
@@ -53,6 +57,11 @@ class GatedNetwork(nn.Module):
             self.output.bias.copy_(torch.from_numpy(np.ascontiguousarray(line[-1], np.float32)))
             if self.line is not None:
                 self.line.weight.copy_(torch.from_numpy(np.ascontiguousarray(line[:-1].T, np.float32)))
+
+    def bound(self, params: Float[np.ndarray, "s j"]) -> None:
+        """Set the least and the largest value of each scaled parameter, to what 16 bits hold, to those of samples."""
+        for bound, values in ((self.lowest, params.min(axis=0)), (self.highest, params.max(axis=0))):
+            bound.copy_(torch.from_numpy(np.asarray(values, np.float32)).half())
 
     def multiplications(self) -> int:
         """Return how many multiplications one pose takes."""

@@ -111,7 +111,7 @@ class RegionalModel:
 
     def size_mb(self) -> float:
         """Return the size of network (float16) and bases as they are stored, in MB of 10⁶ bytes."""
-        network = 2 * sum(weight.numel() for weight in self.network.parameters())
+        network = 2 * sum(value.numel() for value in self.network.state_dict().values())
         return (network + sum(basis.size_bytes() for basis in self.bases)) / 1e6
 
     def multiplications(self) -> int:

@@ -84,7 +84,7 @@ def _words(face: CFace, stem: str) -> dict[str, object]:
         "vertices": len(mesh.neutral),
         "segments": len(mesh.segment_names),
         "enum": ",\n".join(f"    {n}" for n in _enumerators(name.upper(), face.controls)),
-        "stack_kb": -(-4 * (len(face.controls) + 2 * widest + coefficients + longest) // 1000),
+        "stack_kb": -(-4 * (2 * len(face.controls) + 2 * widest + coefficients + longest) // 1000),
         "letter": LETTER,
         "gated": int(networks[0].is_gated),
         "slope": float_number(SLOPE),
@@ -119,10 +119,11 @@ def _networks(model: RegionalModel) -> tuple[list[str], list[str]]:
         hidden = [_layer(name, layer) for name, layer in zip(names, network.layers, strict=True)]
         last, line = _layer(f"last_{k}", network.output), _layer(f"line_{k}", network.line)
         arrays += [index_list(f"seen_{k}", seen.numpy())]
+        arrays += [float_list(f"{name}_{k}", getattr(network, name).numpy()) for name in ("lowest", "highest")]
         arrays += [array for _, own in (*hidden, last, line) for array in own]
         tables.append(f"static const layer layers_{k}[] = {{\n{structures([row for row, _ in hidden] or NOTHING)}}};\n")
         ends = (f"{{{', '.join(row)}}}" for row, _ in (last, line))
-        rows.append([str(len(seen)), f"seen_{k}", f"layers_{k}", *ends])
+        rows.append([str(len(seen)), *(f"{name}_{k}" for name in ("seen", "lowest", "highest", "layers")), *ends])
     return [*tables, f"static const network networks[] = {{\n{structures(rows)}}};\n"], arrays
 
 

@@ -191,6 +191,8 @@ CONVERTERS = {
     "zeros_like": _zeros_like,
     "rsub": _from_right,
     "lt": _pointwise("Less"),
+    "minimum": _pointwise("Min"),
+    "maximum": _pointwise("Max"),
     "matmul": _pointwise("MatMul"),
     **{name: _pointwise(name.capitalize()) for name in ALIKE},
 }

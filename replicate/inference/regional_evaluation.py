@@ -17,8 +17,9 @@ class RegionalPlan(NamedTuple):
     """Of m parameters, g networks of l hidden layers, Σ c coefficients, r regions and k vertices in all of them.
 
     scale (m,): what parameters are divided by. widths (g, l + 2): numbers before, between and after the layers. seen:
-    flat, the parameters that each network sees. weights: flat, network by network each layer's [in, out], then the
-    line's; biases: flat; gated, line: whether there are gates and lines.
+    flat, the parameters that each network sees; lowest, highest: what its layers see of them at most. weights: flat,
+    network by network each layer's [in, out], then the line's; biases: flat; gated, line: whether there are gates and
+    lines.
     steps (Σ c,): millimetres of a component's whole number 1, the coefficients' length folded in. rough, fine: all
     bases, flat, [component, coordinate] region by region. regions (r, 4): vertices, components in 16 and in 8 bits, and
     the first coefficient. vertices (k,); places (3k,): the vertices' at rest with the regions' means, mm.
@@ -27,6 +28,8 @@ class RegionalPlan(NamedTuple):
     scale: np.ndarray
     widths: np.ndarray
     seen: np.ndarray
+    lowest: np.ndarray
+    highest: np.ndarray
     weights: np.ndarray
     biases: np.ndarray
     gated: bool
@@ -57,6 +60,8 @@ def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> R
         model.scale.numpy(),
         np.array(widths, np.int64),
         np.concatenate([seen.numpy() for seen in model.network.seen]),
+        np.concatenate([network.lowest.numpy() for network in networks]),
+        np.concatenate([network.highest.numpy() for network in networks]),
         without_loss(np.concatenate([matrix.ravel() for matrix in matrices])),
         np.concatenate(biases),
         networks[0].is_gated,
@@ -91,19 +96,19 @@ def place_regions(
 ) -> None:
     """Write the vertices of all regions (mm) for raw rig parameters (m,) to `out` (n, 3).
 
-    sums, moved, rows: scratch for layers (4, widest), the largest region and the indices of the widest input. A network
-    has its inputs in the third row of `sums`; the fourth is for the coefficients.
+    sums, moved, rows: scratch for layers (5, widest), the largest region and the indices of the widest input. A network
+    has its inputs in the third and fourth row of `sums`, for line and layers; the fifth is for the coefficients.
     """
-    coefficients = sums[3, : len(plan.steps)]
+    coefficients = sums[4, : len(plan.steps)]
     first, bias, sees, done = NOTHING, NOTHING, NOTHING, NOTHING
     layers = plan.widths.shape[1] - 1
     for network in range(len(plan.widths)):
         widths = plan.widths[network]
-        own = sums[2, : widths[0]]
+        own, x = sums[2, : widths[0]], sums[3, : widths[0]]
         for k in range(widths[0]):
             j = plan.seen[sees + k]
             own[k] = params[j] / plan.scale[j]
-        x = own
+            x[k] = min(max(own[k], plan.lowest[sees + k]), plan.highest[sees + k])
         for layer in range(layers):
             inputs = widths[layer]
             last = layer + 1 == layers
@@ -137,7 +142,7 @@ class FastRegions:
     def __init__(self, model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]):
         self.plan = plan_regions(model, neutral)
         widest = int(max(len(self.plan.steps), 2 * self.plan.widths.max()))
-        self._sums = np.zeros((4, widest), np.float32)
+        self._sums = np.zeros((5, widest), np.float32)
         self._moved = np.zeros(3 * int(self.plan.regions[:, 0].max()), np.float32)
         self._rows = np.zeros(widest, np.int64)
 

@@ -162,13 +162,14 @@ def start(
     coefficients: Float[np.ndarray, "s d"],
     generator: "torch.Generator",
 ) -> None:
-    """Draw a network's weights, and set its straight lines to ridge regression on samples."""
+    """Draw a network's weights, set its straight lines to ridge regression on samples, and its bounds to theirs."""
     first = 0
     for part, seen in zip(network.networks, network.seen, strict=True):
         last = first + part.output.out_features
-        inputs = with_constant(params[:, seen.numpy()])
-        (line,) = ridge(inputs, chunks_of(coefficients[:, first:last]), (STRENGTH,))
+        own = params[:, seen.numpy()]
+        (line,) = ridge(with_constant(own), chunks_of(coefficients[:, first:last]), (STRENGTH,))
         part.start(line, generator)
+        part.bound(own)
         first = last
 
 

@@ -60,6 +60,7 @@ def _(model: RegionalModel) -> Parts:
     for k, (network, seen) in enumerate(zip(networks, model.network.seen, strict=True)):
         arrays |= layers(f"regional.{k}", [*network.layers, network.output])
         arrays[f"regional.{k}.seen"] = indices(seen.numpy(), len(model.scale))
+        arrays |= {f"regional.{k}.{name}": half(getattr(network, name)) for name in ("lowest", "highest")}
         if network.line is not None:
             arrays[f"regional.{k}.line"] = half(network.line.weight)
     for k, basis in enumerate(model.bases):

@@ -147,12 +147,13 @@ def _(network: DenseNetwork) -> Traced:
 def _(network: GatedNetwork) -> Traced:
     layers, gated = [_transposed(layer) for layer in (*network.layers, network.output)], network.is_gated
     line = [] if network.line is None else [network.line.weight.detach().numpy().T.copy()]
+    lowest, highest = network.lowest.numpy(), network.highest.numpy()
 
     def outputs(weights: list, params: "jax.Array") -> "jax.Array":
         import jax
 
         *hidden, (last, constant), lines = weights
-        x = params
+        x = jax.numpy.clip(params, lowest, highest)
         for weight, bias in hidden:
             x = x @ weight + bias
             if gated:

@@ -98,6 +98,23 @@ def test_a_fresh_network_is_its_line_but_for_a_little():
     assert network.multiplications() == 5 * 32 + 16 * 32 + 16 * 7 + 5 * 7
 
 
+def test_beyond_what_training_saw_the_line_goes_on_alone():
+    network = GatedNetwork(5, (16, 16), 7)
+    line = GENERATOR.normal(size=(6, 7))
+    network.start(line, torch.Generator().manual_seed(0))
+    seen = GENERATOR.uniform(-0.6, 0.9, (30, 5))
+    network.bound(seen)
+    edge = np.where(GENERATOR.random((4, 5)) < 0.5, seen.min(0), seen.max(0)).astype(np.float16).astype(np.float32)
+    far = edge * GENERATOR.uniform(1, 9, (4, 5)).astype(np.float32)
+    at_edge, beyond = (network(torch.from_numpy(params)).detach().numpy() for params in (edge, far))
+    np.testing.assert_allclose(beyond - at_edge, (far - edge) @ line[:-1], atol=1e-4)
+    inside = torch.from_numpy(seen[:2]).float()
+    with torch.no_grad():
+        network.highest.fill_(100)
+        before, _ = network(inside), network.highest.copy_(torch.from_numpy(seen.max(0)))
+        np.testing.assert_allclose(network(inside).numpy(), before.numpy(), atol=1e-6)
+
+
 def test_without_products_and_line_it_is_a_perceptron_of_the_same_widths():
     network = GatedNetwork(5, (16, 16), 7, gated=False, line=False)
     network.start(np.zeros((6, 7)), torch.Generator().manual_seed(0))

@@ -60,6 +60,8 @@ def regional(gated=True, line=True, apart=True):
     torch.manual_seed(1)
     seen = [np.arange(0, M, 2), np.arange(1, M)] if apart else [np.arange(M)]
     network = fresh_networks(seen, (24, 20), [13, 13], gated, line)
+    for part, own in zip(network.networks, seen, strict=True):
+        part.bound(np.array([[-0.5], [0.25]]) * np.ones(len(own)))
     halve(network)
     return RegionalModel(network, bases, SCALE, 2.0, len(MESH.neutral))
 

@@ -93,6 +93,7 @@ def test_lines_start_as_the_ridge_regression_of_what_their_network_sees():
         line = np.linalg.lstsq(inputs, wanted)[0]
         np.testing.assert_allclose(part.line.weight.detach().numpy().T, line[:2], atol=1e-3)
         np.testing.assert_allclose(part.output.bias.detach().numpy(), line[2], atol=1e-3)
+        np.testing.assert_allclose(part.highest.numpy(), params[:, seen.numpy()].max(0), rtol=1e-3)
 
 
 def slopes_of_the_truth(params, directions):

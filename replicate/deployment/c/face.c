@@ -33,10 +33,12 @@ typedef struct {
     const byte *high, *low;
 } layer;
 
-/* A network of some of the controls: hidden layers, and after them last + line, where line sees the controls. */
+/* A network of some of the controls: hidden layers, and after them last + line. The line sees the controls as they are,
+   the layers what training saw of them at most. */
 typedef struct {
     int inputs;
     const uint32_t *controls;
+    const float *lowest, *highest;
     const layer *hidden;
     layer last, line;
 } network;
@@ -235,12 +237,15 @@ $numbers
 
 void ${name}_pose(const float *parameters, float *vertices)
 {
-    float seen[${upper}_CONTROLS], sums[$widest], hidden[$widest], coefficients[COEFFICIENTS], moved[$longest];
+    float seen[${upper}_CONTROLS], bounded[${upper}_CONTROLS];
+    float sums[$widest], hidden[$widest], coefficients[COEFFICIENTS], moved[$longest];
     float *out = coefficients;
     for (const network *net = networks; net < networks + NETWORKS; net++) {
         for (int i = 0; i < net->inputs; i++)
             seen[i] = parameters[net->controls[i]] / scale[net->controls[i]];
-        const float *x = seen;
+        for (int i = 0; i < net->inputs; i++)
+            bounded[i] = fminf(fmaxf(seen[i], net->lowest[i]), net->highest[i]);
+        const float *x = bounded;
         for (const layer *own = net->hidden; own < net->hidden + LAYERS; own++) {
             copy(own->bias, own->outputs, sums);
             add_product(x, own, sums);

@@ -4,8 +4,8 @@
    at once. A call needs about ${stack_kb} kB of stack.
 
    Parameters are raw rig parameters without a unit, in the order of `${name}_controls`. What lies outside a control's
-   limits is not clamped: the face is evaluated there as it is, as in Python. Training saw such poses (Eq. 5), but not
-   far beyond them.
+   limits is not clamped: the face is evaluated there as it is, as in Python. Training saw such poses (Eq. 5). Beyond
+   what it saw, the networks' layers stay where they are, and their straight lines go on.
 
    Vertices are in millimetres, x to the character's left, y up, z forward, x y z of one vertex after the other, in the
    order of the mesh in $mesh.

@@ -30,16 +30,20 @@ function coefficientModel({ header, arrays }) {
   const scale = arrays["regional.scale"];
   const parts = Array.from({ length: networks }, (_, k) => {
     const layers = layersOf(arrays, `regional.${k}`, count);
-    const seen = arrays[`regional.${k}.seen`], line = arrays[`regional.${k}.line`];
-    return { layers, seen, line, own: new Float32Array(seen.length), straight: layers[count - 1].out.slice() };
+    const [seen, lowest, highest, line] = ["seen", "lowest", "highest", "line"].map((n) => arrays[`regional.${k}.${n}`]);
+    const own = new Float32Array(seen.length), bounded = own.slice(), straight = layers[count - 1].out.slice();
+    return { layers, seen, lowest, highest, line, own, bounded, straight };
   });
   const coefficients = new Float32Array(parts.reduce((sum, { straight }) => sum + straight.length, 0));
 
   return function coefficientsOf(params) {
     let first = 0;
-    for (const { layers, seen, line, own, straight } of parts) {
-      for (let i = 0; i < seen.length; i++) own[i] = params[seen[i]] / scale[seen[i]];
-      let x = own;
+    for (const { layers, seen, lowest, highest, line, own, bounded, straight } of parts) {
+      for (let i = 0; i < seen.length; i++) {
+        own[i] = params[seen[i]] / scale[seen[i]];
+        bounded[i] = Math.min(Math.max(own[i], lowest[i]), highest[i]); // beyond what training saw the line goes on alone
+      }
+      let x = bounded;
       layers.forEach((layer, i) => {
         x = dense(layer.weight, layer.bias, x, layer.out);
         if (i < count - 1) x = gated ? multiply(x) : leaky(x, slope);
