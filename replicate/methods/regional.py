@@ -1,8 +1,8 @@
 """Ours: gated networks with a linear skip to the coefficients of regional bases, stored in few bits.
 
 The mesh is cut into compact regions. Each has a PCA basis of its own, principal in the metric of the loss, so that a
-few dozen components hold wrinkles too; a network of products gives its coefficients, beside a straight line, and sees
-the controls that move the region.
+few dozen components hold wrinkles too. A network of products for each region gives its coefficients, beside a straight
+line, and sees only the controls that move the region.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import replicate.approximation.samples
 
 STEPS = {"quick": 1_200, "laptop": 16_000, "paper": 100_000}
-TRAINING = TrainingConfig("one_cycle", STEPS["paper"], 64, "uniform", peak_rate=8e-3, largest_gradient=1.0)
+TRAINING = TrainingConfig("one_cycle", STEPS["paper"], 64, "uniform", peak_rate=1.6e-2, largest_gradient=1.0)
 STRENGTH = 1e-5  # of the penalty on the line that the network starts from
 
 
@@ -45,9 +45,9 @@ class RegionalConfig(Checked):
     components: int = number(96, 1, 4_096)  # of each region
     fine: int = number(16, 0, 4_096)  # of them in 16 bits; the others are stored in 8
     basis_samples: int = number(2_500, 2)  # training samples, spread over the set, that the components are of
-    by_region: bool = False  # a network for each region; False: one for all
-    by_influence: bool = False  # a network sees the controls that move its vertices; False: all of them
-    hidden: tuple[int, ...] = number((384, 384), 1, 65_536)
+    by_region: bool = True  # a network for each region; False: one for all
+    by_influence: bool = True  # a network sees the controls that move its vertices; False: all of them
+    hidden: tuple[int, ...] = number((128, 128), 1, 65_536)
     gated: bool = True  # layers are products; False: leaky ReLUs
     line: bool = True  # straight lines beside the layers
     squares: bool = False  # the loss is of squared errors, not of their lengths
@@ -276,7 +276,7 @@ METHOD = Method(
     model=load_model,
     place=40,
     mark="★",
-    note="Our method: a small network, beside a straight line, mixes stored shapes, region by region.",
+    note="Our method: small networks, each beside a straight line, mix stored shapes, region by region.",
     colour="#332288",
     own=own,
 )
