@@ -9,12 +9,11 @@ from toy_stages import ToyConfig
 from replicate.config import resolve
 from replicate.engine import store
 from replicate.engine.stage import Stage
-from replicate.report.pose_record import CHOICES, PoseRecord, save_pose
+from replicate.report.pose_record import CHOICES, PoseRecord, pose_file, save_pose
 from replicate.report.publication import CharacterResult
 from replicate.report.results import write_results
 from replicate.report.training_curves import write_curves
 from replicate.targets.table2 import publishing
-from replicate.targets.table2.character_part import pose_file
 
 GIT = {"commit": "c0ffee", "clean": True}
 

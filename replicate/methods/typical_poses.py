@@ -1,7 +1,8 @@
 """The artefacts "ranked" and "typical_…": the median and the worst test pose, and what each method predicts of them.
 
 One rule for all characters: test poses are ranked by the mean normal error (Eq. 11) of the refined method, where it is
-not among the methods of the coarse one, and without that of the first method of the table.
+not among the methods of the coarse one, and without that of the first method of the table. Poses that are known already
+can be taken instead.
 """
 
 import json
@@ -36,6 +37,15 @@ class RankingNumbers:
     seed: int
 
 
+@dataclass(frozen=True)
+class KnownPoses:
+    """The indices of the median and the worst test pose, and which method has ranked them."""
+
+    ranked_by: str
+    median: int
+    worst: int
+
+
 def ranking_method(methods: Sequence[Method]) -> Method:
     """Return the method whose errors rank the test poses."""
     by_name = {method.name: method for method in methods}
@@ -49,11 +59,17 @@ def ranking_stage(plan: Plan, methods: Sequence[Method]) -> Stage:
     return plan.stage("ranked", rank, numbers, drawn_samples.stage(plan), measurement.stage(plan, method))
 
 
-def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
-    """Return the stage that chooses the poses and, for each method that figures show, the one that predicts them."""
+def stages(plan: Plan, methods: Sequence[Method], known: KnownPoses | None = None) -> list[Stage]:
+    """Return the stage that chooses the poses and, for each method that figures show, the one that predicts them.
+
+    known: poses to take where the method that has ranked them is not among `methods`.
+    """
     if not methods:
         return []
-    ranked = ranking_stage(plan, methods)
+    if known and known.ranked_by not in {method.name for method in methods}:
+        ranked = plan.stage("ranked", take, known, drawn_samples.stage(plan))
+    else:
+        ranked = ranking_stage(plan, methods)
     return [ranked, *(_prediction(plan, method, ranked) for method in methods if method.in_figures)]
 
 
@@ -69,9 +85,13 @@ def rank(context: StageContext) -> None:
     poses = measured_poses(samples.test_params, numbers.test_poses, numbers.seed)
     errors = measurement.load_errors(measurement.error_folders(context.inputs)[numbers.method]).pose_deg
     order = poses[np.argsort(errors, kind="stable")]
-    chosen = {MEDIAN: int(order[(len(order) - 1) // 2]), WORST: int(order[-1])}
-    text = json.dumps({"ranked_by": numbers.method, "poses": chosen})
-    (context.out / CHOSEN).write_text(text + "\n", encoding="utf-8")
+    chosen = KnownPoses(numbers.method, int(order[(len(order) - 1) // 2]), int(order[-1]))
+    _write_chosen(context.out, chosen)
+
+
+def take(context: StageContext) -> None:
+    """Take the poses that are known."""
+    _write_chosen(context.out, context.config)
 
 
 def predict(context: StageContext) -> None:
@@ -82,6 +102,11 @@ def predict(context: StageContext) -> None:
     truth = mesh.neutral + np.asarray(samples.test_offsets[rows], np.float32)
     predicted = predictor(numbers, context.inputs)(samples.test_params[rows], truth)
     np.save(context.out / POSES, np.asarray(predicted, np.float32))
+
+
+def _write_chosen(out: Path, chosen: KnownPoses) -> None:
+    text = json.dumps({"ranked_by": chosen.ranked_by, "poses": {MEDIAN: chosen.median, WORST: chosen.worst}})
+    (out / CHOSEN).write_text(text + "\n", encoding="utf-8")
 
 
 def load_chosen(inputs: Mapping[str, Path]) -> tuple[str, dict[str, int]]:

@@ -54,6 +54,11 @@ class PoseRecord:
             object.__setattr__(self, "region", np.full(len(self.faces), NO_REGION, np.int8))
 
 
+def pose_file(folder: Path, character: str, choice: str = FOLDED) -> Path:
+    """Return where a folder of results keeps the test pose that one of the rules, `CHOICES`, chose."""
+    return folder / f"table2_{character}_pose{'' if choice == FOLDED else f'_{choice}'}.npz"
+
+
 def save_pose(path: Path, record: PoseRecord) -> None:
     """Write a record as npz: offsets as int16 with a step of a 65,534th of their range (about a micrometre)."""
     facts = {"character": record.character, "pose": record.pose, "labels": list(record.vertices), "props": []}

@@ -8,11 +8,15 @@ import numpy as np
 
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments, shown_pose
 from replicate.artefacts.plan import Plan
+from replicate.engine import paths
+from replicate.engine.exceptions import InputError
 from replicate.engine.stage import Stage, StageContext
 from replicate.geometry.face_regions import face_regions
 from replicate.methods import measurement, typical_poses
 from replicate.methods.method import Method
-from replicate.report.pose_record import CHOICES, FOLDED, TRUTH, PoseRecord
+from replicate.methods.typical_poses import KnownPoses
+from replicate.report import manifest
+from replicate.report.pose_record import CHOICES, FOLDED, TRUTH, PoseRecord, load_pose, pose_file
 
 
 @dataclass(frozen=True)
@@ -31,10 +35,14 @@ def picture_settings(plan: Plan, methods: Sequence[Method]) -> PosePicture:
 
 
 def input_stages(plan: Plan, methods: Sequence[Method], typical: bool = True) -> list[Stage]:
-    """Return the stages whose artefacts `load_records` reads. typical: with the median and the worst pose."""
+    """Return the stages whose artefacts `load_records` reads. typical: with the median and the worst pose.
+
+    Without the method that ranks them, these are the poses that the committed results show.
+    """
     shared = [module.stage(plan) for module in (built_rig, drawn_samples, shown_pose, rigid_segments)]
     errors = [measurement.stage(plan, method) for method in methods]
-    return [*shared, *errors, *(typical_poses.stages(plan, methods) if typical else ())]
+    typical_stages = typical_poses.stages(plan, methods, committed_poses(plan)) if typical else []
+    return [*shared, *errors, *typical_stages]
 
 
 def record_stages(
@@ -52,6 +60,19 @@ def record_stages(
     inputs = input_stages(plan, methods, typical)
     last = plan.stage(name, function, settings, *inputs)
     return [*(stage for method in methods for stage in method.stages(plan)), *inputs, last]
+
+
+def committed_poses(plan: Plan) -> KnownPoses | None:
+    """Return the median and the worst pose that the committed results show, if they are of the plan's samples."""
+    samples, character = drawn_samples.stage(plan), plan.character
+    entry = manifest.entries(paths.REFERENCE, manifest.TOP).get(character, {})
+    if entry.get("stages", {}).get(samples.title, {}).get("key") != samples.key:
+        return None
+    try:
+        median, worst = (load_pose(pose_file(paths.REFERENCE, character, choice)) for choice in typical_poses.CHOICES)
+    except InputError:  # of a face from elsewhere there are no poses
+        return None
+    return KnownPoses(median.ranked_by, median.pose, worst.pose)
 
 
 def load_records(character: str, inputs: Mapping[str, Path]) -> dict[str, PoseRecord]:

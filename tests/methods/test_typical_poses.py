@@ -13,7 +13,7 @@ from replicate.artefacts.plan import Plan
 from replicate.config import resolve
 from replicate.methods import measurement, typical_poses
 from replicate.methods.method_registry import choose
-from replicate.methods.typical_poses import MEDIAN, WORST, RankingNumbers
+from replicate.methods.typical_poses import MEDIAN, WORST, KnownPoses, RankingNumbers
 
 
 @pytest.fixture
@@ -66,3 +66,14 @@ def test_refined_ranks_the_poses_else_coarse_else_the_first_of_the_table(names, 
 def test_only_methods_that_figures_show_predict_the_poses():
     names = [stage.name for stage in typical_poses.stages(Plan(resolve("tiny", "quick")), choose(["coarse", "floor"]))]
     assert names == ["ranked", "typical_coarse"] and typical_poses.stages(Plan(resolve("tiny", "quick")), []) == []
+
+
+def test_poses_that_are_known_are_taken_unless_the_method_that_ranked_them_is_there(inputs, tmp_path):
+    plan, known = Plan(resolve("tiny", "quick")), KnownPoses("refined", median=3, worst=1)
+    ranked, *predictions = typical_poses.stages(plan, choose(["dense"]), known)
+    assert ranked.config == known and [stage.name for stage in predictions] == ["typical_dense"]
+    assert not any(source.name.startswith("errors") for source in ranked.inputs)
+    inputs, _ = run_stage(typical_poses.take, inputs, "ranked", known, tmp_path)
+    assert typical_poses.load_chosen(inputs) == ("refined", {MEDIAN: 3, WORST: 1})
+    anew = typical_poses.stages(Plan(resolve("tiny", "quick")), choose(["dense", "refined"]), known)[0]
+    assert anew.config.method == "refined" and anew.name == "ranked"

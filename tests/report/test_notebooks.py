@@ -18,7 +18,7 @@ from replicate.engine.exceptions import InputError
 from replicate.engine.paths import run_folder
 from replicate.report import notebooks
 from replicate.report.notebooks import execute, main, with_parameters
-from replicate.report.pose_record import PoseRecord, save_pose
+from replicate.report.pose_record import PoseRecord, pose_file, save_pose
 from replicate.report.results import Row, read_results, write_results
 from replicate.report.tables import Table, as_text
 from replicate.report.training_curves import write_curves
@@ -29,7 +29,6 @@ from replicate.targets.figure05.training_poses import POSES_HEADER
 from replicate.targets.figure07.mesh_segments import HEADER as SEGMENTS_HEADER
 from replicate.targets.figure08.refinement_segments import HEADER as REFINEMENT_HEADER
 from replicate.targets.rig_report.control_pairs import write_pairs
-from replicate.targets.table2.character_part import pose_file
 from replicate.targets.table2.table2_figures import open_table2, table2_figure_names, table2_figures
 
 FILES = sorted(notebooks.NOTEBOOKS.glob("*.ipynb"))

@@ -13,13 +13,12 @@ from toy_texts import texts_to_fill
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.report import manifest, notebooks
-from replicate.report.pose_record import CHOICES, TRUTH, load_pose
+from replicate.report.pose_record import CHOICES, TRUTH, load_pose, pose_file
 from replicate.report.results import Row, read_results, write_results
 from replicate.report.seed_results import of_character, read_seeds
 from replicate.report.training_curves import read_curves
 from replicate.targets.reference import reference_results as reference
 from replicate.targets.table2 import publishing
-from replicate.targets.table2.character_part import pose_file
 
 
 @pytest.fixture

@@ -8,11 +8,10 @@ from sample_rows import roofline_rows, table2_rows
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.report import manifest
-from replicate.report.pose_record import PoseRecord, save_pose
+from replicate.report.pose_record import PoseRecord, pose_file, save_pose
 from replicate.report.results import write_results
 from replicate.report.training_curves import write_curves
 from replicate.targets.reference import redrawn_pictures
-from replicate.targets.table2.character_part import pose_file
 
 ENTRY = {"git": {"commit": "a" * 40, "clean": True}, "run": "r"}
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from replicate.engine import paths
 from replicate.report import manifest
-from replicate.report.pose_record import CHOICES, TRUTH, PoseRecord, load_pose, save_pose
+from replicate.report.pose_record import CHOICES, TRUTH, PoseRecord, load_pose, pose_file, save_pose
 from replicate.report.training_curves import read_curves, write_curves
 from replicate.targets.reference.committed_seeds import TARGET
-from replicate.targets.table2.character_part import CURVES, pose_file
+from replicate.targets.table2.character_part import CURVES
 
 TOLERANCE_MM = 0.02  # within which two records show the same face: both are rounded
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from replicate.methods import measurement
 from replicate.report.error_rows import error_rows
-from replicate.report.pose_record import FOLDED, save_pose
+from replicate.report.pose_record import pose_file, save_pose
 from replicate.report.results import Row, write_results
 from replicate.report.run_name import run_name
 from replicate.report.training_curves import Curve, read_log, write_curves
@@ -14,11 +14,6 @@ from replicate.targets.table2.table_numbers import TableNumbers
 from replicate.targets.table2.training_times import training_s
 
 ROWS, SEEDS, CURVES = "table2.csv", "table2_seeds.csv", "table2_curves.csv"
-
-
-def pose_file(folder: Path, character: str, choice: str = FOLDED) -> Path:
-    """Return where a folder of results keeps the test pose that one of the rules, `pose_record.CHOICES`, chose."""
-    return folder / f"table2_{character}_pose{'' if choice == FOLDED else f'_{choice}'}.npz"
 
 
 def write_all(settings: TableNumbers, inputs: Mapping[str, Path], out: Path) -> None:

@@ -9,13 +9,13 @@ from replicate.engine.atomic_files import copy_file
 from replicate.engine.paths import PAPER, display_path
 from replicate.report import manifest
 from replicate.report.notebooks import is_current, run_notebook
-from replicate.report.pose_record import CHOICES, load_pose
+from replicate.report.pose_record import CHOICES, load_pose, pose_file
 from replicate.report.publication import CharacterResult, alone, by_character, facts_of, readable, results_folder
 from replicate.report.results import Row, over_seeds, read_results, write_results
 from replicate.report.seed_results import joined, of_character, read_seeds, where, write_seeds
 from replicate.report.tables import as_text
 from replicate.report.training_curves import read_curves, write_curves
-from replicate.targets.table2.character_part import CURVES, ROWS, SEEDS, pose_file
+from replicate.targets.table2.character_part import CURVES, ROWS, SEEDS
 from replicate.targets.table2.error_table import table2
 from replicate.targets.table2.work_table import work_table
 

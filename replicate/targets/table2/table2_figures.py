@@ -10,12 +10,12 @@ from replicate.engine.exceptions import InputError
 from replicate.engine.paths import PAPER
 from replicate.report.cast import characters_of, has_committed_meshes
 from replicate.report.notebooks import folder_of
-from replicate.report.pose_record import CHOICES, FOLDED, PoseRecord, load_pose
+from replicate.report.pose_record import CHOICES, FOLDED, PoseRecord, load_pose, pose_file
 from replicate.report.results import Row, read_results
 from replicate.report.training_curves import Curve, read_curves
 from replicate.targets.figure09.forehead_wrinkles import figure09
 from replicate.targets.figure10.error_faces import figure10, picture_name
-from replicate.targets.table2.character_part import CURVES, ROWS, pose_file
+from replicate.targets.table2.character_part import CURVES, ROWS
 from replicate.targets.table2.curves_chart import training_curves
 from replicate.targets.table2.error_chart import table2_chart
 
