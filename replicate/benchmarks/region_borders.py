@@ -98,5 +98,5 @@ def borders_table(rows: Sequence[Row], changes: Sequence[str]) -> Table:
         if None not in pair:
             body.append((change, *(round_off(value, "deg") for value in pair), f"{pair[0] / pair[1]:.2f}"))
     header = ("", "on borders, degrees", "elsewhere, degrees", "ratio")
-    note = "The borders are those of the method as it is, for every line: a model of one region has none there."
+    note = "The borders are those of the method's regions, for every line: a model of one region has none there."
     return Table(f"Borders of regions: {rows[0].character}", (header,), tuple(body), (note,))

@@ -62,15 +62,15 @@ def regional_figure(
         axes = figure.add_axes((across * place, 1 - above, across, above))
         axes.imshow(render(surfaces, camera_for(name, rig.mesh.neutral), *size, renderer=renderer), aspect="auto")
         axes.set_axis_off()
-    _diagram(figure.add_axes((0, 0, 1, 1 - above)), len(rig.controls), config)
+    _diagram(figure.add_axes((0, 0, 1, 1 - above)), config)
     hidden = " and ".join(map(str, config.hidden))
     return figure, Words(
         f"Above, {character} from three sides in {config.regions} colours, each a compact patch of the head. Below, a "
-        f"diagram: {len(rig.controls)} rig parameters go through two gated layers of {hidden} and, beside them, "
-        f"through a straight line, to {config.regions} times {config.components} coefficients, and these through a "
-        "basis a region to vertices.",
+        f"diagram: of {len(rig.controls)} rig parameters a region's network sees those that move it. They go through "
+        f"two gated layers of {hidden} and, beside them, through a straight line, to {config.components} coefficients, "
+        f"and these through the region's basis to vertices; {config.regions} times in all.",
         f"The regional method on {character}. Each of the {config.regions} regions has a basis of {config.components} "
-        "shapes; one network gives the coefficients of all of them. A gated layer multiplies two linear maps of what "
+        "shapes and a network that gives its coefficients. A gated layer multiplies two linear maps of what "
         "it sees, one of them through silu; the straight line starts from ridge regression. Gray: rigid segments.",
     )
 
@@ -83,7 +83,7 @@ def region_colours(rig: Rig, rigid: Bool[np.ndarray, " s"], count: int) -> UInt8
     return palette[region[mesh.faces[:, 0]]]
 
 
-def _diagram(axes: "matplotlib.axes.Axes", controls: int, config: RegionalConfig) -> None:
+def _diagram(axes: "matplotlib.axes.Axes", config: RegionalConfig) -> None:
     """Draw the network and the bases as boxes and arrows; a unit of the axes is a tenth of the width."""
     from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
@@ -98,20 +98,20 @@ def _diagram(axes: "matplotlib.axes.Axes", controls: int, config: RegionalConfig
     def arrow(start: tuple[float, float], end: tuple[float, float]) -> None:
         axes.add_patch(FancyArrowPatch(start, end, arrowstyle="-|>", mutation_scale=18, linewidth=1.5, color=DARK))
 
-    count = config.regions * config.components
-    box(0.1, 1.75, 1.4, 1.0, f"p\n{controls} rig\nparameters")
+    box(0.1, 1.75, 1.4, 1.0, "$p_r$: the\ncontrols that\nmove $r$")
     for place, width in enumerate(config.hidden):
         box(2.15 + 1.95 * place, 2.75, 1.5, 0.8, f"gated layer\n{width}")
     box(2.15, 1.05, 3.45, 0.8, "straight line, starts\nfrom ridge regression")
-    box(6.25, 1.75, 1.1, 1.0, f"c\n{config.regions} × {config.components}\n= {count:,}")
+    box(6.25, 1.75, 1.3, 1.0, f"$c_r$: {config.components}\ncoefficients")
     box(8.0, 1.75, 1.9, 1.0, "vertices\n$V_r = \\bar V_r + c_r B_r$")
     arrow((1.6, 2.45), (2.1, 2.95))
     arrow((3.7, 3.15), (4.05, 3.15))
     arrow((5.65, 3.0), (6.2, 2.5))
     arrow((1.6, 2.05), (2.1, 1.6))
     arrow((5.65, 1.6), (6.2, 2.0))
-    arrow((7.4, 2.25), (7.95, 2.25))
-    axes.text(3.85, 4.0, r"gated layer: $(W x + b)\cdot \mathrm{silu}(U x + d)$", ha="center", fontsize=LETTER_PT)
+    arrow((7.6, 2.25), (7.95, 2.25))
+    axes.text(0.05, 4.0, f"for each of the {config.regions} regions $r$:", ha="left", fontsize=LETTER_PT)
+    axes.text(6.5, 4.0, r"gated layer: $(W x + b)\cdot \mathrm{silu}(U x + d)$", ha="center", fontsize=LETTER_PT)
     basis = "$B_r$: principal components of region $r$ in the metric of Eq. 1,\n"
     few = f"the first {config.fine} of each region in 16 bits, the others in 8"
     axes.text(9.95, 0.1, basis + few, ha="right", va="bottom", fontsize=LETTER_PT, linespacing=1.3)
