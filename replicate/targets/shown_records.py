@@ -66,7 +66,8 @@ def committed_poses(plan: Plan) -> KnownPoses | None:
     """Return the median and the worst pose that the committed results show, if they are of the plan's samples."""
     samples, character = drawn_samples.stage(plan), plan.character
     entry = manifest.entries(paths.REFERENCE, manifest.TOP).get(character, {})
-    if entry.get("stages", {}).get(samples.title, {}).get("key") != samples.key:
+    is_first = plan.config.seed == min(entry.get("seeds", ()), default=None)  # poses are of a character's first seed
+    if not is_first or entry.get("stages", {}).get(samples.title, {}).get("key") != samples.key:
         return None
     try:
         median, worst = (load_pose(pose_file(paths.REFERENCE, character, choice)) for choice in typical_poses.CHOICES)
