@@ -10,8 +10,10 @@ from sample_results import result
 from sample_rows import table2_rows
 from toy_texts import texts_to_fill
 
+from replicate.config import resolve
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
+from replicate.methods.method_registry import sections
 from replicate.report import manifest, notebooks
 from replicate.report.pose_record import CHOICES, TRUTH, load_pose, pose_file
 from replicate.report.results import Row, read_results, write_results
@@ -143,6 +145,16 @@ def test_a_method_may_have_other_numbers_if_no_seed_keeps_the_earlier_ones(publi
     publish("third", *changed)
     assert committed() == {0: 0.9, 1: 0.9}
     assert manifest.entries(paths.REFERENCE, "table2")["teen"]["configuration"]["coarse"]["map_size"] == 64
+
+
+def test_the_section_of_a_method_that_a_run_lacks_may_differ_and_stays(publish):
+    one, other = result("teen", 0), result("teen", 1, "s")
+    full = resolve("teen", "quick", sections=sections("quick"))
+    changed = replace(full, seed=1, pca=replace(full.pca, components=7))
+    publish("first", replace(one, config=full))
+    publish("second", replace(other, config=changed))
+    facts = manifest.entries(paths.REFERENCE, "table2")["teen"]
+    assert facts["seeds"] == [0, 1] and facts["configuration"]["pca"]["components"] == full.pca.components != 7
 
 
 def test_without_the_option_a_run_replaces_all_seeds(publish):

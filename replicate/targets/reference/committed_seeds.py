@@ -7,6 +7,7 @@ from pathlib import Path
 from replicate.benchmarks.common import merge
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
+from replicate.methods import method_registry
 from replicate.report import manifest
 from replicate.report.results import Row, joint_run, over_seeds, read_results
 from replicate.report.seed_results import joined, of_character, read_seeds, where, write_seeds
@@ -19,7 +20,7 @@ def shared_characters(run: Path, into: Path | None = None) -> list[str]:
     """Return the characters of which a run and the committed results have a Table 2, so that seeds can be joined.
 
     into: the folder of the committed ones, REFERENCE by default. Raises InputError for one whose configurations differ
-    in more than the seed, and in the sections of methods of which the run has all committed seeds.
+    in more than the seed, and in the sections of methods of which the run has all committed seeds, or nothing at all.
     """
     folders = (into or paths.REFERENCE, run)
     committed, own = (manifest.entries(folder, TARGET) for folder in folders)
@@ -29,7 +30,7 @@ def shared_characters(run: Path, into: Path | None = None) -> list[str]:
         old, new = (_seeds_of_methods(of_character(rows, name)) for rows in seeds)
         anew = {method for method, numbers in new.items() if old.get(method, set()) <= numbers}
         for key in ("profile", "split", "configuration"):
-            entries = (_without(entry[name].get(key), anew) for entry in (committed, own))
+            entries = (_without(entry[name].get(key), anew | _sections_of_others(new)) for entry in (committed, own))
             if difference := next(differences(key, *entries), None):
                 raise InputError(f"{name}: its seeds can't join the committed ones, since {difference}")
     return both
@@ -66,7 +67,12 @@ def put_table2(run: Path, shared: Collection[str], into: Path | None = None) -> 
         merge(table, rows, lambda row, name=character: row.character != name)
         seeds = joined(where(seeds, character.__ne__), own)
         earlier = entries.get(character)
-        entries[character] = manifest.with_earlier(facts, earlier, run_name) if character in shared else facts
+        if character in shared:
+            others = _sections_of_others(_seeds_of_methods(new))
+            kept = {name: section for name, section in earlier["configuration"].items() if name in others}
+            facts = manifest.with_earlier(facts, earlier, run_name)
+            facts["configuration"] = facts["configuration"] | kept
+        entries[character] = facts
     write_seeds(single, seeds)
     manifest.write_entries(into, TARGET, dict(sorted(entries.items())))
     return [table, single]
@@ -79,6 +85,11 @@ def _seeds_of_methods(seeds: Mapping[int, Sequence[Row]]) -> dict[str, set[int]]
         for row in rows:
             found.setdefault(row.method, set()).add(seed)
     return found
+
+
+def _sections_of_others(methods: Collection[str]) -> set[str]:
+    """Return the sections of the configuration that belong to one method alone, which is none of these."""
+    return {name for name, method in method_registry.methods().items() if method.own} - set(methods)
 
 
 def _without(facts: object, names: Collection[str]) -> object:
