@@ -81,5 +81,6 @@ def test_the_figure_says_what_it_shows(rig):
     config = RegionalConfig(regions=3, components=7, hidden=(20, 10))
     figure, words = regional_figure(rig, rigid, config, "tiny", renderer="software")
     texts = {text.get_text() for axes in figure.axes for text in axes.texts}
-    assert "c\n3 × 7\n= 21" in texts and {"gated layer\n20", "gated layer\n10"} <= texts
+    assert {"for each of the 3 regions $r$:", "$c_r$: 7\ncoefficients"} <= texts
+    assert {"gated layer\n20", "gated layer\n10"} <= texts
     assert "3 regions" in words.caption and "20 and 10" in words.alt
