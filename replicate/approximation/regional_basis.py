@@ -3,16 +3,20 @@
 Eq. 1 weighs positions and face normals. For small offsets a normal turns by the differences of offsets along a face's
 edges over their lengths, so the metric of a region is ‖x‖² = Σ_v |x_v|² / n + (α² / f) Σ_edges |x_i − x_j|² / |e_ij|²,
 a sparse quadratic form Q. Components that are principal in it spend themselves on what the loss sees.
+
+Where regions meet, the errors of one have nothing to do with those of the other, and the difference between them would
+turn the normals of the faces between. So regions overlap by a few rings of vertices, in which one fades into the other.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from jaxtyping import Float, Float32, Float64, Int
+from jaxtyping import Bool, Float, Float32, Float64, Int
 
 SHORTEST_MM = 0.5  # an edge's length in the metric is at least this
 
@@ -38,6 +42,49 @@ def split_regions(points: Float[np.ndarray, "n 3"], count: int) -> list[Int[np.n
         order = largest[np.argsort(points[largest, side], kind="stable")]
         regions += [np.sort(order[: len(order) // 2]), np.sort(order[len(order) // 2 :])]
     return regions
+
+
+def blend_weights(
+    regions: Sequence[Int[np.ndarray, " k"]], faces: Int[np.ndarray, "f 3"], count: int, rings: int
+) -> list[tuple[Int[np.ndarray, " j"], Float64[np.ndarray, " j"]]]:
+    """Return, for each region, the vertices that it moves and its weights there; a vertex's weights have the sum 1.
+
+    regions: vertices, each in one region. count: n, the number of the mesh's vertices. rings: a weight fades from 1
+    inside a region to 0 outside, over that many rings of edges on either side of its border. A region's own vertices
+    come first and in their order; those of other regions follow. With 0 rings the weights are 1.
+    """
+    owner = np.full(count, -1)
+    for k, region in enumerate(regions):
+        owner[region] = k
+    near = _neighbours(faces[(owner[faces] >= 0).all(axis=1)], count)
+    shares = np.zeros((len(regions), count))
+    for k in range(len(regions)):
+        inside = owner == k
+        depth = _distances(near, (owner >= 0) & ~inside, rings) - _distances(near, inside, rings)
+        middle = depth - 0.5 * np.sign(depth)  # of the border's edges, from which rings are counted
+        shares[k] = (0.5 + middle / (2 * rings)).clip(0, 1) if rings else inside
+        shares[k, owner < 0] = 0
+    shares /= np.maximum(shares.sum(axis=0), 1e-9)
+    members = [
+        np.concatenate([region, np.flatnonzero((shares[k] > 0) & (owner != k))]) for k, region in enumerate(regions)
+    ]
+    return [(vertices, shares[k, vertices]) for k, vertices in enumerate(members)]
+
+
+def _neighbours(faces: Int[np.ndarray, "f 3"], count: int) -> sp.csr_matrix:
+    """Return which vertices share an edge, (n, n)."""
+    rows, columns = faces[:, [0, 1, 1, 2, 2, 0]].ravel(), faces[:, [1, 0, 2, 1, 0, 2]].ravel()
+    return sp.csr_matrix((np.ones(len(rows), bool), (rows, columns)), shape=(count, count))
+
+
+def _distances(near: sp.csr_matrix, start: Bool[np.ndarray, " n"], most: int) -> Int[np.ndarray, " n"]:
+    """Return how many edges lie between each vertex and the nearest of `start`, at most `most` + 1."""
+    reached, distances = start.copy(), np.where(start, 0, most + 1)
+    for ring in range(1, most + 1):
+        further = (near @ reached) & ~reached
+        distances[further] = ring
+        reached |= further
+    return distances
 
 
 def loss_metric(

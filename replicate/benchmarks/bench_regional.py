@@ -1,10 +1,10 @@
 """What each piece of our regional method does: one is taken away, or changed, at a time.
 
 `make bench-regional` trains one network for all regions at a short schedule, then with one thing changed, and compares
-the errors on the validation poses, which are held out of the training animation; test poses are not looked at. Two of
-the changes together, a network for each region, of the controls that move it, are the method as it is. Of each training
-it measures too whether the borders of regions show. Trainings go through the cache like any stage, so that a stopped
-run goes on.
+the errors on the validation poses, which are held out of the training animation; test poses are not looked at. Three of
+the changes together are the method as it is: a network for each region, of the controls that move it, in regions that
+overlap. Of each training it measures too whether the borders of regions show. Trainings go through the cache like any
+stage, so that a stopped run goes on.
 """
 
 import sys
@@ -26,13 +26,22 @@ ABOUT = "what each piece of our regional method does to its errors and its size"
 WRITES = "results/runs/bench/bench_regional.csv"
 TABLE = "bench_regional"
 STEPS = 4_000
-START = {"by_region": False, "by_influence": False, "hidden": [384, 384], "training": {"peak_rate": 8e-3}}
+START = {
+    "by_region": False,
+    "by_influence": False,
+    "blend_rings": 0,
+    "hidden": [384, 384],
+    "training": {"peak_rate": 8e-3},
+}
 REGIONAL = {"by_region": True, "hidden": [128, 128], "training": {"peak_rate": 1.6e-2}}
-ONE, OURS = "one network for all regions", "the same, each of its region's controls (ours)"
+OWN_CONTROLS = REGIONAL | {"by_influence": True}
+ONE, OURS = "one network for all regions", "the same, regions fade into each other (ours)"
 CHANGES = {
     ONE: {},
     "a network for each region": REGIONAL,
-    OURS: REGIONAL | {"by_influence": True},
+    "the same, each of its region's controls": OWN_CONTROLS,
+    OURS: OWN_CONTROLS | {"blend_rings": RegionalConfig().blend_rings},
+    "the same, over two rings": OWN_CONTROLS | {"blend_rings": 2},
     "no straight line": {"line": False},
     "leaky ReLUs, no products": {"gated": False},
     "squared errors": {"squares": True},

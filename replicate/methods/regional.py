@@ -2,7 +2,7 @@
 
 The mesh is cut into compact regions. Each has a PCA basis of its own, principal in the metric of the loss, so that a
 few dozen components hold wrinkles too. A network of products for each region gives its coefficients, beside a straight
-line, and sees only the controls that move the region.
+line, and sees only the controls that move the region. Where regions meet, one fades into the other.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -45,6 +45,7 @@ class RegionalConfig(Checked):
     components: int = number(96, 1, 4_096)  # of each region
     fine: int = number(16, 0, 4_096)  # of them in 16 bits; the others are stored in 8
     basis_samples: int = number(2_500, 2)  # training samples, spread over the set, that the components are of
+    blend_rings: int = number(1, 0, 64)  # of edges on either side of a border, over which one region fades into another
     by_region: bool = True  # a network for each region; False: one for all
     by_influence: bool = True  # a network sees the controls that move its vertices; False: all of them
     hidden: tuple[int, ...] = number((128, 128), 1, 65_536)
@@ -92,6 +93,7 @@ def train(context: StageContext) -> None:
     network = untrained_networks(bases, influence, section)
     start(network, params, coefficients / np.float32(length), torch.Generator().manual_seed(numbers.seed))
     network = network.to(device)
+    overlapping = blended_bases(supervision, bases, coefficients, section)
     regions = np.repeat(np.arange(len(bases)), [len(basis.steps) for basis in bases])
     membership = torch.from_numpy(np.eye(len(bases), dtype=np.float32)[regions]).to(device)
 
@@ -115,7 +117,7 @@ def train(context: StageContext) -> None:
         return length_of(found - targets[rows]) + section.derivatives * length_of(slope - slopes[rows])
 
     def model() -> regional_model.RegionalModel:
-        return regional_model.RegionalModel(network.to("cpu"), bases, scale, length, len(mesh.neutral))
+        return regional_model.RegionalModel(network.to("cpu"), overlapping, scale, length, len(mesh.neutral))
 
     validation = supervision.validation()
 
@@ -221,6 +223,32 @@ def stored_bases(
             columns.append(np.concatenate(parts))
             bar.update(1)
     return bases, projections, np.concatenate(columns, axis=1)
+
+
+def blended_bases(
+    supervision: "replicate.approximation.supervision.Supervision",
+    bases: "Sequence[replicate.approximation.regional_model.StoredBasis]",
+    coefficients: Float32[np.ndarray, "s d"],
+    section: RegionalConfig,
+) -> "list[replicate.approximation.regional_model.StoredBasis]":
+    """Return bases that overlap, of some that don't; coefficients: of all training samples."""
+    from threadpoolctl import threadpool_limits
+
+    from replicate.approximation.regional_basis import blend_weights
+    from replicate.approximation.regional_model import blended
+    from replicate.approximation.supervision import spread
+
+    mesh, samples = supervision.mesh, supervision.samples
+    few = spread(len(samples), section.basis_samples)
+    regions = [basis.vertices.numpy() for basis in bases]
+    reaches = blend_weights(regions, mesh.faces, len(mesh.neutral), section.blend_rings)
+    columns = np.split(coefficients[few], np.cumsum([len(basis.steps) for basis in bases])[:-1], axis=1)
+    found = []
+    with threadpool_limits(1):
+        for basis, own, (vertices, weights) in zip(bases, columns, reaches, strict=True):
+            beyond = samples.vertices_subset(few, vertices[len(basis.vertices) :])
+            found.append(blended(basis, vertices, weights, own, beyond))
+    return found
 
 
 def rig_slopes(
