@@ -10,7 +10,7 @@ from replicate.approximation.cnn import MapNetwork
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel, square_segments
 from replicate.approximation.regional_basis import loss_metric, principal_basis
-from replicate.approximation.regional_model import RegionalModel, halve, store
+from replicate.approximation.regional_model import RegionalModel, blended, halve, store
 from replicate.approximation.regional_networks import fresh_networks
 from replicate.approximation.rigid import Attachments
 from replicate.approximation.segments import make_segment
@@ -79,9 +79,12 @@ def regional_model():
     offsets = pose_offsets(MESH, rng.uniform(-1, 1, (60, M)))
     bases = []
     for k in (0, 1):
-        vertices = np.flatnonzero(MESH.segment == k)
+        vertices, others = np.flatnonzero(MESH.segment == k), np.flatnonzero(MESH.segment == 1 - k)[:9]
         metric = loss_metric(MESH.neutral[vertices], np.zeros((0, 3), int), len(vertices), 1, 0.0)
-        bases.append(store(principal_basis(vertices, offsets[:, vertices], metric, 7), 2))
+        basis = store(principal_basis(vertices, offsets[:, vertices], metric, 7), 2)
+        weights = np.where(np.arange(len(vertices) + 9) < len(vertices), 0.75, 0.25)
+        coefficients = rng.normal(size=(60, len(basis.steps)))
+        bases.append(blended(basis, np.concatenate([vertices, others]), weights, coefficients, offsets[:, others]))
     counts = [len(basis.steps) for basis in bases]
     network = fresh_networks([np.arange(0, M, 2), np.arange(1, M)], (8, 8), counts, gated=True, line=True)
     for part in network.networks:

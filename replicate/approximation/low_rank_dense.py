@@ -184,6 +184,7 @@ def empty_network(segment: Segment, facts: dict) -> LowRankNetwork:
     fine = min(rank, FINE)
     outer = StoredBasis(
         torch.zeros(k, dtype=torch.int32),
+        torch.ones(k),
         torch.zeros(k, 3, dtype=torch.float16),
         torch.zeros(fine, k, 3, dtype=torch.int16),
         torch.zeros(rank - fine, k, 3, dtype=torch.int8),

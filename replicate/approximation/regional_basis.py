@@ -45,8 +45,8 @@ def split_regions(points: Float[np.ndarray, "n 3"], count: int) -> list[Int[np.n
 
 
 def blend_weights(
-    regions: Sequence[Int[np.ndarray, " k"]], faces: Int[np.ndarray, "f 3"], count: int, rings: int
-) -> list[tuple[Int[np.ndarray, " j"], Float64[np.ndarray, " j"]]]:
+    regions: Sequence[Int[np.ndarray, " _"]], faces: Int[np.ndarray, "f 3"], count: int, rings: int
+) -> list[tuple[Int[np.ndarray, " _"], Float64[np.ndarray, " _"]]]:
     """Return, for each region, the vertices that it moves and its weights there; a vertex's weights have the sum 1.
 
     regions: vertices, each in one region. count: n, the number of the mesh's vertices. rings: a weight fades from 1

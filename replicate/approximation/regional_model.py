@@ -56,8 +56,10 @@ class StoredBasis(nn.Module):
         return self.mean.float() * self.weights[:, None]
 
     def size_bytes(self) -> int:
-        """Return how many bytes the basis takes, its vertices' indices left out."""
-        return sum(value.numel() * value.element_size() for name, value in self.named_buffers() if name != "vertices")
+        """Return how many bytes the basis takes, its vertices' indices left out, and weights if all of them are 1."""
+        counted = [self.mean, self.fine, self.rough, self.steps]
+        counted += [] if (self.weights == 1).all() else [self.weights]
+        return sum(value.numel() * value.element_size() for value in counted)
 
 
 def store(basis: RegionalBasis, fine: int) -> StoredBasis:
@@ -107,7 +109,7 @@ def blended(
 
 
 def coverings(
-    members: Sequence[Int[np.ndarray, " j"]],
+    members: Sequence[Int[np.ndarray, " _"]],
 ) -> tuple[Int[np.ndarray, " k"], list[Int[np.ndarray, " _"]]]:
     """Return the vertices of regions, each once, and where they are in the regions' rows one after the other.
 

@@ -19,6 +19,7 @@ from replicate.methods.regional import RegionalConfig
 COARSE, DENSE, LINEAR, OURS = "coarse", "dense", "linear", "regional"
 PARAMETERS, SEEN = 256, 100  # of the rig, and by the network of each segment, and of each region
 OWN = RegionalConfig()  # of ours
+RING = 5.3  # a region of k vertices has about this times √k in the ring about it, as on the teen
 
 
 @dataclass(frozen=True)
@@ -94,9 +95,12 @@ def _some_parameters(rng: np.random.Generator) -> np.ndarray:
 
 def _bases(face: Face, rng: np.random.Generator) -> Iterator[StoredBasis]:
     fine = min(OWN.fine, face.components)
-    for own in np.array_split(np.arange(face.vertices, dtype=np.int32), OWN.regions):
+    for region in np.array_split(np.arange(face.vertices, dtype=np.int32), OWN.regions):
+        beyond = min(round(RING * len(region) ** 0.5), face.vertices - len(region)) if OWN.blend_rings else 0
+        own = (region[0] + np.arange(len(region) + beyond, dtype=np.int32)) % face.vertices
         yield StoredBasis(
             torch.from_numpy(own),
+            torch.ones(len(own)),
             torch.zeros(len(own), 3, dtype=torch.float16),
             torch.from_numpy(rng.integers(-9999, 9999, (fine, len(own), 3)).astype(np.int16)),
             torch.from_numpy(rng.integers(-99, 99, (face.components - fine, len(own), 3)).astype(np.int8)),

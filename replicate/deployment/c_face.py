@@ -146,23 +146,18 @@ def _layer(name: str, layer: nn.Linear | None) -> tuple[list[str], list[str]]:
 
 
 def _regions(face: CFace) -> tuple[list[tuple], list[str]]:
-    """Return the rows of C's regions and their arrays; vertices that nothing moves are a region without shapes."""
-    neutral, model, steps = face.mesh.neutral, face.model, []
+    """Return the rows of C's regions and their arrays."""
+    start, model, steps = face.mesh.neutral.astype(np.float64), face.model, []
     rows, arrays = [], []
     for k, basis in enumerate(model.bases):
         members = basis.vertices.numpy()
-        start = neutral[members] + basis.mean.float().numpy()
+        start[members] += basis.means().numpy()
         shapes, own = _shapes(k, basis)
         counts = (len(members), len(basis.fine), len(basis.rough))
-        rows.append((*counts, f"members_{k}", f"start_{k}", *shapes))
-        arrays += [index_list(f"members_{k}", members), float_list(f"start_{k}", start), *own]
+        rows.append((*counts, f"members_{k}", f"weights_{k}", *shapes))
+        arrays += [index_list(f"members_{k}", members), float_list(f"weights_{k}", basis.weights.numpy()), *own]
         steps.append(basis.steps.numpy() * np.float32(model.length))
-    rigid = np.isin(face.mesh.segment, face.attachments.segment)
-    still = np.setdiff1d(np.flatnonzero(~rigid), model.vertices)
-    if len(still):
-        rows.append((len(still), 0, 0, "still", "still_start", "0", "0", "0"))
-        arrays += [index_list("still", still), float_list("still_start", neutral[still])]
-    return rows, [*arrays, float_list("steps", np.concatenate(steps))]
+    return rows, [*arrays, float_list("steps", np.concatenate(steps)), float_list("start", start)]
 
 
 def _shapes(k: int, basis: StoredBasis) -> tuple[list[str], list[str]]:

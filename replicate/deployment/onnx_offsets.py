@@ -1,5 +1,6 @@
 """A whole model as ONNX operators: raw rig parameters (b, m) → offsets in mm of the vertices that it moves."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import singledispatch
 
@@ -67,7 +68,8 @@ def _(model: RegionalModel, graph: OnnxGraph, params: str) -> Moved:
     if len(shares) < len(counts):
         shares = graph.nodes("Split", len(counts), *shares, graph.whole(counts), axis=1)
     parts = [_region(basis, graph, share) for basis, share in zip(model.bases, shares, strict=True)]
-    return Moved(graph.reshape(graph.node("Concat", *parts, axis=1), [0, -1, 3]), model.vertices)
+    rows = graph.reshape(graph.node("Concat", *parts, axis=1), [0, -1, 3])
+    return Moved(_summed(rows, graph, model.layers), model.vertices)
 
 
 def _region(basis: StoredBasis, graph: OnnxGraph, coefficients: str) -> str:
@@ -77,7 +79,19 @@ def _region(basis: StoredBasis, graph: OnnxGraph, coefficients: str) -> str:
     whole = [graph.weight(part) for part in stored]
     whole = whole[0] if len(whole) == 1 else graph.node("Concat", *whole, axis=0)
     components = graph.node("Mul", whole, graph.number(steps[:, None]))
-    return graph.node("Gemm", coefficients, components, graph.weight(basis.mean.float().flatten().numpy()))
+    components = graph.node("Mul", components, graph.number(basis.weights.numpy().repeat(3)))
+    return graph.node("Gemm", coefficients, components, graph.weight(basis.means().flatten().numpy()))
+
+
+def _summed(rows: str, graph: OnnxGraph, layers: Sequence[np.ndarray]) -> str:
+    """Return what vertices have of all regions' rows (b, r, 3); layers: as `regional_model.coverings` says."""
+    if len(layers) == 1:
+        return rows
+    found = graph.gather(rows, layers[-1], 1)
+    for layer, following in zip(layers[-2::-1], layers[:0:-1], strict=True):
+        both = graph.node("Add", found, graph.gather(rows, layer[: len(following)], 1))
+        found = graph.node("Concat", both, graph.gather(rows, layer[len(following) :], 1), axis=1)
+    return found
 
 
 def padded(graph: OnnxGraph, values: str, count: int) -> str:

@@ -22,7 +22,8 @@ class RegionalPlan(NamedTuple):
     lines.
     steps (Σ c,): millimetres of a component's whole number 1, the coefficients' length folded in. rough, fine: all
     bases, flat, [component, coordinate] region by region. regions (r, 4): vertices, components in 16 and in 8 bits, and
-    the first coefficient. vertices (k,); places (3k,): the vertices' at rest with the regions' means, mm.
+    the first coefficient. vertices, vertex_weights (k,): region by region, which vertices and how much of them. moving
+    (u,): the vertices, each once; places (u, 3): where they are at rest with the regions' means, mm.
     """
 
     scale: np.ndarray
@@ -39,6 +40,8 @@ class RegionalPlan(NamedTuple):
     rough: np.ndarray
     regions: np.ndarray
     vertices: np.ndarray
+    vertex_weights: np.ndarray
+    moving: np.ndarray
     places: np.ndarray
 
 
@@ -55,7 +58,9 @@ def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> R
     for basis in model.bases:
         regions.append((len(basis.vertices), len(basis.fine), len(basis.rough), first))
         first += len(basis.steps)
-    means = np.concatenate([basis.mean.float().numpy() for basis in model.bases])
+    places = neutral.astype(np.float64)
+    for basis in model.bases:
+        places[basis.vertices.numpy()] += basis.means().numpy()
     return RegionalPlan(
         model.scale.numpy(),
         np.array(widths, np.int64),
@@ -70,8 +75,10 @@ def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> R
         np.concatenate([basis.fine.numpy().ravel() for basis in model.bases]),
         np.concatenate([basis.rough.numpy().ravel() for basis in model.bases]),
         np.array(regions, np.int64),
+        np.concatenate([basis.vertices.numpy() for basis in model.bases]).astype(np.int64),
+        np.concatenate([basis.weights.numpy() for basis in model.bases]),
         model.vertices.astype(np.int64),
-        (neutral[model.vertices] + means).astype(np.float32).ravel(),
+        places[model.vertices].astype(np.float32),
     )
 
 
@@ -124,15 +131,18 @@ def place_regions(
         sees, done = sees + widths[0], done + widths[layers]
     for k in range(len(coefficients)):
         coefficients[k] *= plan.steps[k]
+    for k in range(len(plan.moving)):
+        out[plan.moving[k]] = plan.places[k]
     start, fine, rough = NOTHING, NOTHING, NOTHING
     for count, fines, roughs, c in plan.regions:
         y = moved[: 3 * count]
-        y[:] = plan.places[3 * start : 3 * (start + count)]
+        y[:] = 0
         add_products(coefficients[c : c + fines], plan.fine, fine, 3 * count, y, rows)
         add_products(coefficients[c + fines : c + fines + roughs], plan.rough, rough, 3 * count, y, rows)
         for k in range(count):
-            vertex = plan.vertices[start + k]
-            out[vertex, 0], out[vertex, 1], out[vertex, 2] = y[3 * k], y[3 * k + 1], y[3 * k + 2]
+            vertex, weight = plan.vertices[start + k], plan.vertex_weights[start + k]
+            for axis in range(3):
+                out[vertex, axis] += weight * y[3 * k + axis]
         start, fine, rough = start + count, fine + 3 * count * fines, rough + 3 * count * roughs
 
 
@@ -154,6 +164,7 @@ class FastRegions:
         """Return what the pose of some raw rig parameters costs."""
         plan, size, first = self.plan, self.plan.weights.itemsize, 0
         parts = [Work(len(plan.fine) + len(plan.rough), plan.fine.nbytes + plan.rough.nbytes)]
+        parts.append(Work(3 * len(plan.vertices), plan.vertex_weights.nbytes))
         for inputs, *hidden, outputs in plan.widths.tolist():
             seen, first = params[plan.seen[first : first + inputs]], first + inputs
             made = [(1 + plan.gated) * width for width in hidden]  # gates and values

@@ -107,7 +107,7 @@ class RegionalPoints(nn.Module):
                 if len(place := np.flatnonzero(members == vertex)):
                     rows = slice(int(first), int(first) + len(basis.steps))
                     shapes[rows, i] = basis.components().unflatten(1, (-1, 3))[:, int(place[0])]
-                    mean[i] = basis.mean[int(place[0])].float()
+                    mean[i] += basis.means()[int(place[0])]
         widths = [network.output.out_features for network in model.network.networks]
         parts = list(zip(model.network.networks, model.network.seen, shapes.split(widths), strict=True))
         parts = [part for part in parts if part[2].any()] or parts[:1]

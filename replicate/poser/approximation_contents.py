@@ -65,7 +65,7 @@ def _(model: RegionalModel) -> Parts:
             arrays[f"regional.{k}.line"] = half(network.line.weight)
     for k, basis in enumerate(model.bases):
         arrays[f"basis.{k}.vertices"] = indices(basis.vertices.numpy(), model.vertex_count)
-        for name in ("mean", "fine", "rough", "steps"):
+        for name in ("weights", "mean", "fine", "rough", "steps"):
             arrays[f"basis.{k}.{name}"] = getattr(basis, name).numpy()
     shape = {"layers": len(networks[0].layers) + 1, "gated": networks[0].is_gated, "slope": SLOPE}
     counts = {"networks": len(networks), "regions": len(model.bases)}

@@ -99,7 +99,7 @@ def _(model: RegionalModel) -> list[Traced]:
     seen = [parameters.numpy() for parameters in model.network.seen]
     ends = np.cumsum([len(basis.steps) for basis in model.bases])[:-1]
     place, length = _places(model.vertices, model.vertex_count), model.length
-    bases = [[basis.components().numpy(), basis.mean.float().flatten().numpy()] for basis in model.bases]
+    bases = [[basis.components().numpy(), basis.means().flatten().numpy()] for basis in model.bases]
 
     def offsets(weights: list, params: "jax.Array") -> "jax.Array":
         import jax.numpy as jnp
@@ -108,8 +108,8 @@ def _(model: RegionalModel) -> list[Traced]:
         scaled, each = params / scale, zip(networks, own, seen, strict=True)
         coefficients = jnp.concatenate([network.function(w, scaled[j]) for network, w, j in each])
         shares = jnp.split(coefficients * length, ends)
-        moved = [(mean + c @ components).reshape(-1, 3) for c, (components, mean) in zip(shares, stored, strict=True)]
-        return _spread(moved, place)
+        rows = [(mean + c @ components).reshape(-1, 3) for c, (components, mean) in zip(shares, stored, strict=True)]
+        return _spread([_summed(jnp.concatenate(rows), model.layers)], place)
 
     return [Traced([model.scale.numpy(), [network.weights for network in networks], bases], offsets)]
 
@@ -199,6 +199,16 @@ def _layers(weights: list, x: "jax.Array", slope: float) -> "jax.Array":
     for weight, bias in weights[:-1]:
         x = jax.nn.leaky_relu(x @ weight + bias, slope)
     return x @ weights[-1][0] + weights[-1][1]
+
+
+def _summed(rows: "jax.Array", layers: Sequence[np.ndarray]) -> "jax.Array":
+    """Return what vertices have of all regions' rows (r, 3); layers: as `regional_model.coverings` says."""
+    import jax.numpy as jnp
+
+    found, *others = (rows[layer] for layer in layers)
+    for more in others:
+        found = jnp.concatenate([found[: len(more)] + more, found[len(more) :]])
+    return found
 
 
 def _spread(parts: "Sequence[jax.Array]", place: np.ndarray) -> "jax.Array":

@@ -78,10 +78,12 @@ def test_a_model_counts_all_of_its_networks_on_both_levels():
 
 def test_a_model_that_counts_its_work_itself_is_asked():
     network = fresh_networks([np.arange(5), np.arange(7)], (16,), [5, 4], gated=True, line=True)
-    bases = [StoredBasis(*map(torch.zeros, (1, (1, 3), (2, 1, 3), (k, 1, 3), 2 + k))) for k in (3, 2)]
-    model = RegionalModel(network, bases, np.ones(7), 1.0, 40)
+    shapes = [(torch.ones(1), *map(torch.zeros, ((1, 3), (2, 1, 3), (k, 1, 3), 2 + k))) for k in (3, 2)]
     networks = 5 * 32 + 16 * 5 + 5 * 5 + 7 * 32 + 16 * 4 + 7 * 4
-    assert of_model(model) == networks + 9 * 3
+    for second, weights in ((1, 0), (0, 6)):  # apart, and both of the same vertex
+        bases = [StoredBasis(torch.tensor([own]), *parts) for own, parts in zip((0, second), shapes, strict=True)]
+        model = RegionalModel(network, bases, np.ones(7), 1.0, 40)
+        assert of_model(model) == networks + 9 * 3 + weights
 
 
 def test_a_blend_counts_the_weights_that_there_are():

@@ -62,7 +62,8 @@ def other_model(seen=APART, **fields):
 def without_small_shapes():
     """Return the model of a single region without shapes of 8 bits, so that the other region's vertices stay."""
     basis = FACE.model.bases[0]
-    twin = type(basis)(basis.vertices, basis.mean, basis.fine, basis.rough[:0], basis.steps[: len(basis.fine)])
+    steps = basis.steps[: len(basis.fine)]
+    twin = type(basis)(basis.vertices, basis.weights, basis.mean, basis.fine, basis.rough[:0], steps)
     network = drawn_networks([np.arange(M)], (8,), [len(twin.steps)])
     return RegionalModel(network, [twin], np.ones(M), 5.0, len(MESH.neutral))
 

@@ -56,7 +56,10 @@ def regional(gated=True, line=True, apart=True):
     bases = []
     for segment in SEGMENTS:
         shapes = RNG.normal(size=(14, len(segment.vertices), 3)).astype(np.float32)
-        bases.append(store(RegionalBasis(segment.vertices, shapes[0], shapes[1:]), 5))
+        basis = store(RegionalBasis(segment.vertices, shapes[0], shapes[1:]), 5)
+        basis.vertices[:7] = torch.from_numpy(SEGMENTS[0].vertices[:7])  # which both regions have
+        basis.weights[:7] = torch.linspace(0.2, 0.8, 7)
+        bases.append(basis)
     torch.manual_seed(1)
     seen = [np.arange(0, M, 2), np.arange(1, M)] if apart else [np.arange(M)]
     network = fresh_networks(seen, (24, 20), [13, 13], gated, line)

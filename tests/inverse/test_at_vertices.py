@@ -56,7 +56,10 @@ def regional_model(tmp_path):
     for k in (0, 1):
         vertices = np.flatnonzero(mesh.segment == k)
         metric = loss_metric(mesh.neutral[vertices], np.zeros((0, 3), int), len(vertices), 1, 0.0)
-        bases.append(store(principal_basis(vertices, samples.offsets(np.arange(60))[:, vertices], metric, 6), 2))
+        basis = store(principal_basis(vertices, samples.offsets(np.arange(60))[:, vertices], metric, 6), 2)
+        basis.vertices[::4] = torch.from_numpy(np.flatnonzero(mesh.segment == 0)[: len(vertices[::4])])
+        basis.weights[::3] = 0.4
+        bases.append(basis)
     rng, seen = np.random.default_rng(2), [np.arange(0, M, 2), np.arange(1, M)]
     network = fresh_networks(seen, (8, 8), [len(basis.steps) for basis in bases], gated=True, line=True)
     for part, own, basis in zip(network.networks, seen, bases, strict=True):

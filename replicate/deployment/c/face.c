@@ -43,11 +43,11 @@ typedef struct {
     layer last, line;
 } network;
 
-/* Vertices that move together: start + sum over shapes of step * coefficient * shape, mm. */
+/* Vertices that move together, by weight * sum over shapes of step * coefficient * shape, mm. Regions overlap. */
 typedef struct {
     int vertices, fine, rough;
     const uint32_t *members;
-    const float *start;
+    const float *weights;
     const byte *high, *low, *eight;
 } moving_region;
 
@@ -260,13 +260,16 @@ void ${name}_pose(const float *parameters, float *vertices)
     for (int i = 0; i < COEFFICIENTS; i++)
         coefficients[i] *= steps[i];
     const float *share = coefficients;
+    copy(start, 3 * ${upper}_VERTICES, vertices);
     for (const moving_region *own = regions; own < regions + REGIONS; own++) {
-        copy(own->start, 3 * own->vertices, moved);
+        for (int i = 0; i < 3 * own->vertices; i++)
+            moved[i] = 0.0f;
         add_fine(share, own->fine, own->high, own->low, 3 * own->vertices, moved);
         add_rough(share + own->fine, own->rough, own->eight, 3 * own->vertices, moved);
         share += own->fine + own->rough;
         for (int i = 0; i < own->vertices; i++)
-            copy(moved + 3 * i, 3, vertices + 3 * own->members[i]);
+            for (int k = 0; k < 3; k++)
+                vertices[3 * own->members[i] + k] += own->weights[i] * moved[3 * i + k];
     }
     for (const rigid_segment *own = rigid; own < rigid + RIGID; own++)
         place(own, vertices);

@@ -17,6 +17,14 @@ function addRows(sums, rows, from, count, factor) {
   }
 }
 
+// Adds rows of three numbers, each times its own weight, to those of some vertices.
+function addWeighted(vertices, members, weights, rows) {
+  for (let i = 0; i < members.length; i++) {
+    const v = 3 * members[i], weight = weights[i];
+    for (let a = 0; a < 3; a++) vertices[v + a] += weight * rows[3 * i + a];
+  }
+}
+
 // silu(first half) ∘ second half, into the first half
 function multiply(both) {
   const half = both.length / 2;
@@ -56,30 +64,30 @@ function coefficientModel({ header, arrays }) {
   };
 }
 
-// (params, vertices) → nothing: places the vertices of all regions, mm.
+// (params, vertices) → nothing: places the vertices of all regions, mm; others are where they are at rest.
 function regionalOffsets(packed) {
   const { header, arrays } = packed;
   const { neutral } = arrays;
   const coefficientsOf = coefficientModel(packed);
   const bases = Array.from({ length: header.regional.regions }, (_, k) => {
     const part = (name) => arrays[`basis.${k}.${name}`];
-    const [members, mean, fine, rough, steps] = ["vertices", "mean", "fine", "rough", "steps"].map(part);
-    return { members, mean, fine, rough, steps, factors: Float32Array.from(steps), sums: new Float32Array(mean.length) };
+    const [members, weights, mean, fine, rough, steps] = ["vertices", "weights", "mean", "fine", "rough", "steps"].map(part);
+    return { members, weights, mean, fine, rough, steps, factors: Float32Array.from(steps), sums: new Float32Array(mean.length) };
   });
+  const start = Float32Array.from(neutral);
+  for (const { members, weights, mean } of bases) addWeighted(start, members, weights, mean);
 
   return function place(params, vertices) {
     const coefficients = coefficientsOf(params);
     let first = 0;
-    for (const { members, mean, fine, rough, steps, factors, sums } of bases) {
+    vertices.set(start);
+    for (const { members, weights, fine, rough, steps, factors, sums } of bases) {
       for (let c = 0; c < steps.length; c++) factors[c] = coefficients[first + c] * steps[c];
       first += steps.length;
-      sums.set(mean);
+      sums.fill(0);
       addRows(sums, fine, 0, fine.shape[0], factors);
       addRows(sums, rough, fine.shape[0], rough.shape[0], factors);
-      for (let i = 0; i < members.length; i++) {
-        const v = 3 * members[i];
-        for (let a = 0; a < 3; a++) vertices[v + a] = neutral[v + a] + sums[3 * i + a];
-      }
+      addWeighted(vertices, members, weights, sums);
     }
   };
 }
