@@ -79,8 +79,9 @@ def _region(basis: StoredBasis, graph: OnnxGraph, coefficients: str) -> str:
     whole = [graph.weight(part) for part in stored]
     whole = whole[0] if len(whole) == 1 else graph.node("Concat", *whole, axis=0)
     components = graph.node("Mul", whole, graph.number(steps[:, None]))
-    components = graph.node("Mul", components, graph.number(basis.weights.numpy().repeat(3)))
-    return graph.node("Gemm", coefficients, components, graph.weight(basis.means().flatten().numpy()))
+    mean = graph.weight(basis.mean.flatten().numpy())
+    weights = graph.number(basis.weights.numpy().repeat(3))
+    return graph.node("Gemm", coefficients, *(graph.node("Mul", part, weights) for part in (components, mean)))
 
 
 def _summed(rows: str, graph: OnnxGraph, layers: Sequence[np.ndarray]) -> str:

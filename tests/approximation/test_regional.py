@@ -8,6 +8,7 @@ from replicate.approximation import regional_model
 from replicate.approximation.gated_network import GatedNetwork
 from replicate.approximation.regional_basis import (
     apply_metric,
+    blend_weights,
     loss_metric,
     principal_basis,
     projection,
@@ -85,6 +86,62 @@ def test_a_stored_basis_is_within_half_a_step_and_takes_a_byte_or_two_a_number()
     largest = np.abs(basis.components).max(axis=(1, 2))
     assert (error[:2] <= 0.51 * largest[:2] / 32767).all() and (error[2:] <= 0.51 * largest[2:] / 127).all()
     assert (error[2:] > 0.3 * largest[2:] / 127).all()
+
+
+def test_a_weight_fades_over_the_rings_about_a_border_and_all_of_a_vertex_are_one():
+    columns, rows = 12, 3
+    corners = np.arange(columns * rows).reshape(rows, columns)
+    quads = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]], axis=-1).reshape(-1, 4)
+    faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    left, right = corners[:, :6].ravel(), corners[:, 6:].ravel()
+    for rings, fading in ((0, []), (1, [0.75, 0.25]), (2, [0.875, 0.625, 0.375, 0.125])):
+        (vertices, weights), other = blend_weights([left, right], faces, columns * rows + 2, rings)
+        assert vertices[: len(left)].tolist() == left.tolist()
+        share = np.zeros((2, columns * rows))
+        share[0, vertices], share[1, other[0]] = weights, other[1]
+        np.testing.assert_allclose(share.sum(0), 1)
+        middle = share[0].reshape(rows, columns)[1]
+        np.testing.assert_allclose(middle, [1] * (6 - rings) + fading + [0] * (6 - rings), err_msg=str(rings))
+
+
+def test_regions_that_meet_in_a_corner_share_its_vertices_and_a_still_vertex_is_in_none():
+    faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [4, 5, 0]])
+    found = blend_weights([np.array([0, 1]), np.array([2]), np.array([3])], faces, 6, 1)
+    assert [vertices.tolist() for vertices, _ in found] == [[0, 1, 2, 3], [2, 0, 1, 3], [3, 0, 2]]
+    share = np.zeros(6)
+    for vertices, weights in found:
+        share[vertices] += weights
+    np.testing.assert_allclose(share, [1, 1, 1, 1, 0, 0])
+    np.testing.assert_allclose([weights[list(v).index(0)] for v, weights in found], [0.6, 0.2, 0.2])
+
+
+def test_beyond_its_region_a_basis_goes_on_as_the_mesh_does_whatever_the_bits_hold():
+    vertices, faces, x, offsets = patch()
+    own, beyond = vertices[:-9], vertices[-9:]
+    offsets = np.concatenate([offsets[:, :-9], 5 * offsets[:, -9:]], axis=1)  # more than the bits of the region hold
+    metric = loss_metric(x[:-9], faces[(faces < len(own)).all(1)], len(x), len(faces), 5.0)
+    basis = principal_basis(own, offsets[:, :-9], metric, 6)
+    coefficients = (offsets[:, :-9] - basis.mean).reshape(len(offsets), -1) @ projection(basis, metric)
+    order, weights = np.concatenate([own, beyond]), np.linspace(0.1, 1, len(vertices))
+    stored = regional_model.blended(regional_model.store(basis, 6), order, weights, coefficients, offsets[:, -9:])
+    assert stored.vertices.tolist() == order.tolist() and stored.fine.shape[1] == len(vertices)
+    given = (coefficients @ stored.components().numpy()).reshape(offsets.shape) + stored.means().numpy()
+    np.testing.assert_allclose(given, weights[:, None] * offsets, atol=2e-3 * np.abs(offsets).max())
+    assert int(stored.fine[:, len(own) :].abs().max()) == 32767 and float(stored.weights.max()) > 1
+
+
+def test_a_vertex_of_several_regions_is_the_sum_of_its_rows():
+    members = [np.array([7, 3, 5]), np.array([3, 9]), np.array([9, 3, 1])]
+    vertices, layers = regional_model.coverings(members)
+    assert [len(layer) for layer in layers] == [5, 2, 1] and vertices[:2].tolist() == [3, 9]
+    rows, values = np.concatenate(members), GENERATOR.normal(size=8)
+    found = np.zeros(5)
+    for layer in layers:
+        np.testing.assert_array_equal(rows[layer], vertices[: len(layer)])
+        found[: len(layer)] += values[layer]
+    np.testing.assert_allclose(found, [values[rows == vertex].sum() for vertex in vertices])
+    alone, layers = regional_model.coverings([np.array([4, 2]), np.array([9, 0])])
+    assert alone.tolist() == [4, 2, 9, 0] and layers[0].tolist() == [0, 1, 2, 3], "nothing is moved about"
 
 
 def test_a_fresh_network_is_its_line_but_for_a_little():

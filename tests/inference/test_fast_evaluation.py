@@ -57,7 +57,7 @@ def regional(gated=True, line=True, apart=True):
     for segment in SEGMENTS:
         shapes = RNG.normal(size=(14, len(segment.vertices), 3)).astype(np.float32)
         basis = store(RegionalBasis(segment.vertices, shapes[0], shapes[1:]), 5)
-        basis.vertices[:7] = torch.from_numpy(SEGMENTS[0].vertices[:7])  # which both regions have
+        basis.vertices[:7] = torch.from_numpy(SEGMENTS[0].vertices[:7])  # both regions have them
         basis.weights[:7] = torch.linspace(0.2, 0.8, 7)
         bases.append(basis)
     torch.manual_seed(1)

@@ -45,11 +45,13 @@ def test_it_is_nearer_to_the_truth_than_a_straight_line(trained):
     assert error(inputs, regional) < 0.8 * error(inputs, linear)
 
 
-def test_its_size_is_that_of_its_file_and_no_region_overlaps_another(trained):
+def test_its_size_is_that_of_its_file_and_regions_overlap_at_their_borders(trained):
     inputs, notes = trained
     model = regional_model.load(inputs["regional"])
     vertices = sum(len(basis.vertices) for basis in model.bases)
-    assert len(np.unique(model.vertices)) == vertices == (small_mesh().segment < 2).sum()
+    alone = (small_mesh().segment < 2).sum()
+    assert sorted(model.vertices) == np.flatnonzero(small_mesh().segment < 2).tolist()
+    assert alone < vertices < 1.6 * alone
     file = (inputs["regional"] / regional_model.WEIGHTS).stat().st_size
     indices_and_scale = 4 * (vertices + len(model.scale)) + 2 * sum(len(seen) for seen in model.network.seen)
     assert notes["size_mb"] * 1e6 == model.size_mb() * 1e6 <= file - indices_and_scale < notes["size_mb"] * 1e6 + 10_000
