@@ -35,13 +35,13 @@ START = {
 }
 REGIONAL = {"by_region": True, "hidden": [128, 128], "training": {"peak_rate": 1.6e-2}}
 OWN_CONTROLS = REGIONAL | {"by_influence": True}
-ONE, OURS = "one network for all regions", "the same, regions fade into each other (ours)"
+ONE, OURS = "one network for all regions", "the same, borders blended (ours)"
 CHANGES = {
     ONE: {},
     "a network for each region": REGIONAL,
     "the same, each of its region's controls": OWN_CONTROLS,
     OURS: OWN_CONTROLS | {"blend_rings": RegionalConfig().blend_rings},
-    "the same, over two rings": OWN_CONTROLS | {"blend_rings": 2},
+    "the same, blended over two rings": OWN_CONTROLS | {"blend_rings": 2},
     "no straight line": {"line": False},
     "leaky ReLUs, no products": {"gated": False},
     "squared errors": {"squares": True},

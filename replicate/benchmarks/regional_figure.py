@@ -68,10 +68,13 @@ def regional_figure(
         f"Above, {character} from three sides in {config.regions} colours, each a compact patch of the head. Below, a "
         f"diagram: of {len(rig.controls)} rig parameters a region's network sees those that move it. They go through "
         f"two gated layers of {hidden} and, beside them, through a straight line, to {config.components} coefficients, "
-        f"and these through the region's basis to vertices; {config.regions} times in all.",
+        f"and these through the region's basis to vertices; {config.regions} times in all. Near a border the regions "
+        "on either side are blended.",
         f"The regional method on {character}. Each of the {config.regions} regions has a basis of {config.components} "
         "shapes and a network that gives its coefficients. A gated layer multiplies two linear maps of what "
-        "it sees, one of them through silu; the straight line starts from ridge regression. Gray: rigid segments.",
+        "it sees, one of them through silu; the straight line starts from ridge regression. Regions "
+        "overlap by a ring of vertices on either side of a border, where one fades into the other. Gray: rigid "
+        "segments.",
     )
 
 
@@ -103,7 +106,7 @@ def _diagram(axes: "matplotlib.axes.Axes", config: RegionalConfig) -> None:
         box(2.15 + 1.95 * place, 2.75, 1.5, 0.8, f"gated layer\n{width}")
     box(2.15, 1.05, 3.45, 0.8, "straight line, starts\nfrom ridge regression")
     box(6.25, 1.75, 1.3, 1.0, f"$c_r$: {config.components}\ncoefficients")
-    box(8.0, 1.75, 1.9, 1.0, "vertices\n$V_r = \\bar V_r + c_r B_r$")
+    box(8.0, 1.75, 1.9, 1.0, "vertices $\\bar V +$\n$\\Sigma_r w_r c_r B_r$")
     arrow((1.6, 2.45), (2.1, 2.95))
     arrow((3.7, 3.15), (4.05, 3.15))
     arrow((5.65, 3.0), (6.2, 2.5))
@@ -113,5 +116,6 @@ def _diagram(axes: "matplotlib.axes.Axes", config: RegionalConfig) -> None:
     axes.text(0.05, 4.0, f"for each of the {config.regions} regions $r$:", ha="left", fontsize=LETTER_PT)
     axes.text(6.5, 4.0, r"gated layer: $(W x + b)\cdot \mathrm{silu}(U x + d)$", ha="center", fontsize=LETTER_PT)
     basis = "$B_r$: principal components of region $r$ in the metric of Eq. 1,\n"
-    few = f"the first {config.fine} of each region in 16 bits, the others in 8"
-    axes.text(9.95, 0.1, basis + few, ha="right", va="bottom", fontsize=LETTER_PT, linespacing=1.3)
+    few = f"the first {config.fine} of each region in 16 bits, the others in 8\n"
+    weights = "$w_r$: 1 inside region $r$, less near its border, 0 outside"
+    axes.text(9.95, 0.05, basis + few + weights, ha="right", va="bottom", fontsize=LETTER_PT, linespacing=1.3)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
 LINE, SIZE_PT = 0.34, 13  # inches of a line; the size of letters
+SHORT = 0.6  # decades: on a longer axis ticks at equal steps would touch
 BESIDE = 48  # points from the right of a panel to the end of a number
 METRICS = ("validation_vertex_error", "validation_normal_error")  # in the order of MEASURES
 
@@ -55,7 +56,7 @@ def variants_chart(
             axes.annotate(round_off(error, unit), (1, place), (BESIDE, 0), ("axes fraction", "data"), **beside)
         axes.set_xscale("log")
         axes.margins(x=0.06)
-        short = np.ptp(np.log10(axes.get_xlim())) < 1
+        short = np.ptp(np.log10(axes.get_xlim())) < SHORT
         axes.xaxis.set_major_locator(MaxNLocator(4, steps=(1, 2, 5, 10)) if short else LogLocator(subs=(1, 2, 5)))
         axes.xaxis.set_major_formatter(partial(_tick, axes))
         axes.xaxis.set_minor_formatter(NullFormatter())
