@@ -92,7 +92,7 @@ $(TARGETS): $(ENVIRONMENT)
 
 $(BENCHMARKS): bench-%: $(ENVIRONMENT)
 	@exec $(RUN) -m replicate.benchmarks.bench_$* --from-make \
-	  $(call option,PROFILE) $(call option,CHARACTERS) $(if $(filter ik,$*),$(call option,METHODS))
+	  $(call option,PROFILE) $(call option,CHARACTERS) $(call option,METHODS) $(call option,CONFIG)
 
 test: $(ENVIRONMENT) ## run all tests
 	@exec $(RUN) -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder

@@ -64,8 +64,9 @@ class _Count(argparse.Action):
 
 
 def add_methods(parser: argparse.ArgumentParser, like: str) -> None:
-    """Add the option that names methods. like: the target that takes the same words, for the help."""
+    """Add the options that name methods, and a file of their numbers. like: the target that takes the same words."""
     parser.add_argument("--methods", nargs="+", default=["standard"], help=f"as for {like} (default: standard)")
+    parser.add_argument("--config", metavar="FILE", help=f"a TOML file that overrides the profile, as for {like}")
 
 
 def answer(parser: argparse.ArgumentParser, body: Callable, arguments: Sequence[str] | None) -> int:
@@ -125,15 +126,16 @@ def bench_methods(
     """Measure methods on one character after the other; print and publish each one's rows before the next begins.
 
     name: of the benchmark's module. measure: (configuration, words that name methods) → rows. table: (rows, character)
-    → what is printed. options: with `characters`, `profile` and `methods`. command_line: the words that state them.
-    asks_the_rig: as for `split_names`. draw: (rows, character), called at last. Raises InputError for names that are
-    none, before anything is made.
+    → what is printed. options: with `characters`, `profile`, `methods` and `config`. command_line: the words that state
+    them. asks_the_rig: as for `split_names`. draw: (rows, character), called at last. Raises InputError for names that
+    are none, and for a wrong file, before anything is made.
     """
     words = split_names(" ".join(options.methods))
     choose(words)
     own = sections(options.profile)
+    file = Path(options.config) if options.config else None
     for character in split_names(options.characters, asks_the_rig):
-        rows = measure(resolve(character, options.profile, sections=own), words)
+        rows = measure(resolve(character, options.profile, file=file, sections=own), words)
         publish(name, rows, [table(rows, rows[0].character)], command_line)
         draw(rows, rows[0].character)
 
