@@ -3,12 +3,14 @@
 from typing import NamedTuple, no_type_check
 
 import numpy as np
+import torch
 from jaxtyping import Float32
 from numba import njit
 
 from replicate.approximation.gated_network import SLOPE
 from replicate.approximation.regional_model import RegionalModel
 from replicate.engine.jit_cache import KEEP_CODE
+from replicate.inference.exponential import exponential
 from replicate.inference.row_products import NOTHING, add_products, without_loss
 from replicate.inference.work import Work, of_layers, total
 
@@ -21,9 +23,10 @@ class RegionalPlan(NamedTuple):
     network by network each layer's [in, out], then the line's; biases: flat; gated, line: whether there are gates and
     lines.
     steps (Σ c,): millimetres of a component's whole number 1, the coefficients' length folded in. rough, fine: all
-    bases, flat, [component, coordinate] region by region. regions (r, 4): vertices, components in 16 and in 8 bits, and
-    the first coefficient. vertices, vertex_weights (k,): region by region, which vertices and how much of them. moving
-    (u,): the vertices, each once; places (u, 3): where they are at rest with the regions' means, mm.
+    bases, flat, [component, coordinate] region by region. regions (r, 5): vertices, those of them that no earlier
+    region has, components in 16 and in 8 bits, and the first coefficient. vertices, vertex_weights (k,): region by
+    region, which vertices and how much of them; first come those that no earlier region has. places (u, 3): where each
+    of these is at rest with its regions' means, mm.
     """
 
     scale: np.ndarray
@@ -41,7 +44,6 @@ class RegionalPlan(NamedTuple):
     regions: np.ndarray
     vertices: np.ndarray
     vertex_weights: np.ndarray
-    moving: np.ndarray
     places: np.ndarray
 
 
@@ -54,13 +56,19 @@ def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> R
         biases += [layer.bias.detach().numpy() for layer in layers]
         lines = [] if network.line is None else [network.line]
         matrices += [layer.weight.detach().numpy().T for layer in (*layers, *lines)]
-    regions, first = [], 0
+    places, known = neutral.astype(np.float64), np.zeros(len(neutral), bool)
+    regions, orders, first = [], [], 0
     for basis in model.bases:
-        regions.append((len(basis.vertices), len(basis.fine), len(basis.rough), first))
+        vertices = basis.vertices.numpy()
+        again = known[vertices]
+        regions.append((len(vertices), int((~again).sum()), len(basis.fine), len(basis.rough), first))
+        orders.append(np.argsort(again, kind="stable"))
+        places[vertices] += basis.means().numpy()
+        known[vertices] = True
         first += len(basis.steps)
-    places = neutral.astype(np.float64)
-    for basis in model.bases:
-        places[basis.vertices.numpy()] += basis.means().numpy()
+    ordered = list(zip(model.bases, orders, strict=True))
+    vertices = [basis.vertices.numpy()[order] for basis, order in ordered]
+    moving = np.concatenate([each[:new] for each, (_, new, *_) in zip(vertices, regions, strict=True)])
     return RegionalPlan(
         model.scale.numpy(),
         np.array(widths, np.int64),
@@ -72,14 +80,19 @@ def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> R
         networks[0].is_gated,
         networks[0].line is not None,
         np.concatenate([basis.steps.numpy() for basis in model.bases]) * np.float32(model.length),
-        np.concatenate([basis.fine.numpy().ravel() for basis in model.bases]),
-        np.concatenate([basis.rough.numpy().ravel() for basis in model.bases]),
+        np.concatenate([_in_order(basis.fine, order) for basis, order in ordered]),
+        np.concatenate([_in_order(basis.rough, order) for basis, order in ordered]),
         np.array(regions, np.int64),
-        np.concatenate([basis.vertices.numpy() for basis in model.bases]).astype(np.int64),
-        np.concatenate([basis.weights.numpy() for basis in model.bases]),
-        model.vertices.astype(np.int64),
-        places[model.vertices].astype(np.float32),
+        np.concatenate(vertices).astype(np.int64),
+        np.concatenate([basis.weights.numpy()[order] for basis, order in ordered]),
+        places[moving].astype(np.float32),
     )
+
+
+def _in_order(components: torch.Tensor, order: np.ndarray) -> np.ndarray:
+    """Return the components of a region, flat, with its vertices in an order."""
+    numbers = components.numpy()
+    return numbers.reshape(len(numbers), -1, 3)[:, order].ravel()
 
 
 @njit(cache=KEEP_CODE, error_model="numpy", nogil=True, fastmath={"afn", "contract"})
@@ -91,8 +104,10 @@ def _activate(values, gated):
             values[k] = max(values[k], np.float32(SLOPE) * values[k])
         return len(values)
     half = len(values) // 2
+    gates, inner = values[:half], values[half:]
     for k in range(half):
-        values[k] = values[k] / (np.float32(1) + np.exp(-values[k])) * values[half + k]
+        gate = gates[k]
+        gates[k] = gate / (np.float32(1) + exponential(-gate)) * inner[k]
     return half
 
 
@@ -131,19 +146,22 @@ def place_regions(
         sees, done = sees + widths[0], done + widths[layers]
     for k in range(len(coefficients)):
         coefficients[k] *= plan.steps[k]
-    for k in range(len(plan.moving)):
-        out[plan.moving[k]] = plan.places[k]
-    start, fine, rough = NOTHING, NOTHING, NOTHING
-    for count, fines, roughs, c in plan.regions:
+    start, place, fine, rough = NOTHING, NOTHING, NOTHING, NOTHING
+    for count, new, fines, roughs, c in plan.regions:
         y = moved[: 3 * count]
         y[:] = 0
         add_products(coefficients[c : c + fines], plan.fine, fine, 3 * count, y, rows)
         add_products(coefficients[c + fines : c + fines + roughs], plan.rough, rough, 3 * count, y, rows)
-        for k in range(count):
+        for k in range(new):
+            vertex, weight = plan.vertices[start + k], plan.vertex_weights[start + k]
+            for axis in range(3):
+                out[vertex, axis] = plan.places[place + k, axis] + weight * y[3 * k + axis]
+        for k in range(new, count):
             vertex, weight = plan.vertices[start + k], plan.vertex_weights[start + k]
             for axis in range(3):
                 out[vertex, axis] += weight * y[3 * k + axis]
-        start, fine, rough = start + count, fine + 3 * count * fines, rough + 3 * count * roughs
+        start, place = start + count, place + new
+        fine, rough = fine + 3 * count * fines, rough + 3 * count * roughs
 
 
 class FastRegions:
