@@ -34,7 +34,7 @@ def _from_bits(typing: object, value: types.Type) -> tuple[Signature, Callable]:
 
 @njit(inline="always")
 @no_type_check
-def exponential(x):
+def exponential(x: np.float32) -> np.float32:
     """Return e^x of a float32, to 4e-6 of its value, near zero to 4e-7; beyond ± 87 it is e^± 87."""
     power = min(max(x * LOG2_E, -LARGEST), LARGEST)
     whole = np.floor(power + np.float32(0.5))
