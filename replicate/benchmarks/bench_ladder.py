@@ -15,7 +15,17 @@ from dataclasses import replace
 
 from data_recipes.recipe_paths import split_character
 from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import add_count, answer, artefacts_of, bench_folder, make_parser, publish, split_names
+from replicate.benchmarks.common import (
+    add_count,
+    add_only,
+    answer,
+    artefacts_of,
+    bench_folder,
+    make_parser,
+    publish,
+    selected,
+    split_names,
+)
 from replicate.benchmarks.ladder_tables import CLIPS, RAW, RUNGS, TABLE, ladder_tables
 from replicate.config import Config, resolve
 from replicate.engine import paths
@@ -45,11 +55,11 @@ def rung_config(head: str, rung: str, profile: str, part: int) -> Config:
     return resolve(character, profile, short | {"samples": samples}, sections=own)
 
 
-def measure(head: str, rung: str, profile: str, part: int) -> list[Row]:
-    """Train and measure all methods on one rig, and return its rows of the table, whose character is <head>@<rung>."""
+def measure(head: str, rung: str, profile: str, part: int, methods: Sequence[str] = METHODS) -> list[Row]:
+    """Train and measure some methods on one rig, and return its rows of the table, whose character is <head>@<rung>."""
     config = rung_config(head, rung, profile, part)
     plan = Plan(config)
-    stages = [measurement.stage(plan, method) for method in choose(METHODS, config)]
+    stages = [measurement.stage(plan, method) for method in choose(methods, config)]
     folders = measurement.error_folders(artefacts_of(TABLE, config, stages))
     errors = {name: measurement.load_errors(folder) for name, folder in folders.items()}
     rows = error_rows(plan.character, errors, profile, TABLE.replace("_", "-"))
@@ -61,6 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison from the command line; return the exit code."""
     parser = make_parser(TABLE, __doc__, profile="whose samples and numbers")
     parser.add_argument("--rungs", default=",".join(RUNGS), help=f"which rigs of the head (default: {','.join(RUNGS)})")
+    add_only(parser)
     add_count(parser, "part", PART, "a training takes so many times fewer steps than the profile's")
     return answer(parser, _run, arguments)
 
@@ -72,11 +83,13 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     rungs = options.rungs.replace(",", " ").split()
     if not rungs or set(rungs) - set(RUNGS):
         raise InputError(f"rungs are {options.rungs!r}: allowed are {', '.join(RUNGS)}")
+    methods = selected(METHODS, options.only)
+    keep = (lambda row: True) if options.only else None
     for head in split_names(options.characters):
         if split_character(head)[1]:
             raise InputError(f"character {head!r} is one rig of a ladder: name its head, {split_character(head)[0]!r}")
         for rung in rungs:
-            publish(TABLE, measure(head, rung, options.profile, options.part), [], command_line)
+            publish(TABLE, measure(head, rung, options.profile, options.part, methods), [], command_line, keep)
         rows = read_results(bench_folder() / f"{TABLE}.csv")  # those of earlier calls too
         for table in ladder_tables(rows, head):
             print(as_text(table))

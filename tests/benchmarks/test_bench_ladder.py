@@ -1,13 +1,16 @@
 """The ladder: what is trained on each rung, how its tables and its figure read, and what it refuses."""
 
+from dataclasses import replace
+
 import pytest
 
 from replicate.benchmarks import bench_ladder
+from replicate.benchmarks.common import bench_folder
 from replicate.benchmarks.ladder_figure import ladder_figure
 from replicate.benchmarks.ladder_tables import TABLE, ladder_tables, rungs_of
 from replicate.config import resolve
 from replicate.methods.method_registry import sections
-from replicate.report.results import Row, read_results
+from replicate.report.results import Row, read_results, write_results
 
 ERRORS = {"coarse": 4.0, "refined": 2.0, "dense": 1.0, "lbs32": 5.0, "regional": 0.5, "linear": 3.0, "neutral": 20.0}
 
@@ -79,20 +82,45 @@ def test_rungs_are_measured_in_turn_and_each_is_kept_before_the_next(capsys, mon
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path))
     file, seen = tmp_path / "bench" / "bench_ladder.csv", []
 
-    def measure(head, rung, profile, part):
-        seen.append((head, rung, profile, part, len(read_results(file)) if file.is_file() else 0))
+    def measure(head, rung, profile, part, methods):
+        seen.append(
+            (
+                head,
+                rung,
+                profile,
+                part,
+                methods == list(bench_ladder.METHODS),
+                len(read_results(file)) if file.is_file() else 0,
+            )
+        )
         return rows_of(rung)
 
     monkeypatch.setattr(bench_ladder, "measure", measure)
     assert (
         bench_ladder.main(["--characters", "teen", "--rungs", "1, uniform", "--part", "7", "--profile", "quick"]) == 0
     )
-    assert seen == [("teen", "1", "quick", 7, 0), ("teen", "uniform", "quick", 7, 2 * len(ERRORS))]
+    assert seen == [("teen", "1", "quick", 7, True, 0), ("teen", "uniform", "quick", 7, True, 2 * len(ERRORS))]
     assert (tmp_path / "bench" / "bench_ladder_teen.png").is_file()
     assert "The ladder of teen: ratios" in capsys.readouterr().out
     assert bench_ladder.main(["--characters", "teen", "--rungs", "3"]) == 0
     printed = capsys.readouterr().out
     assert "@1 targets" in printed and "@3 + turns" in printed and "uniform poses" in printed, "all that there are"
+
+
+def test_a_part_of_the_methods_joins_the_rows_of_the_others(monkeypatch, tmp_path):
+    monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path))
+    write_results(bench_folder() / "bench_ladder.csv", rows_of("1"))
+
+    def measure(head, rung, profile, part, methods):
+        return [replace(row, value=row.value / 2) for row in rows_of(rung) if row.method in methods]
+
+    monkeypatch.setattr(bench_ladder, "measure", measure)
+    assert bench_ladder.main(["--rungs", "1", "--only", "refined|dense"]) == 0
+    then = {row.key: row.value for row in read_results(tmp_path / "bench" / "bench_ladder.csv")}
+    before = {row.key: (row.value, row.method) for row in rows_of("1")}
+    assert then.keys() == before.keys()
+    for key, (value, method) in before.items():
+        assert then[key] == (value / 2 if method in ("refined", "dense") else value)
 
 
 @pytest.mark.parametrize(
@@ -102,6 +130,7 @@ def test_rungs_are_measured_in_turn_and_each_is_kept_before_the_next(capsys, mon
         (["--rungs", ""], "rungs are ''"),
         (["--characters", "teen@2"], "character 'teen@2' is one rig of a ladder: name its head, 'teen'"),
         (["--part", "0"], "part is 0"),
+        (["--only", "perceptron"], "only is 'perceptron': no training is called so; there are coarse; refined; dense"),
     ],
 )
 def test_what_it_can_not_measure_is_refused(words, said, capsys):
