@@ -55,7 +55,7 @@ def rung_config(head: str, rung: str, profile: str, part: int) -> Config:
     return resolve(character, profile, short | {"samples": samples}, sections=own)
 
 
-def measure(head: str, rung: str, profile: str, part: int, methods: Sequence[str] = METHODS) -> list[Row]:
+def measure(head: str, rung: str, profile: str, part: int, methods: Sequence[str]) -> list[Row]:
     """Train and measure some methods on one rig, and return its rows of the table, whose character is <head>@<rung>."""
     config = rung_config(head, rung, profile, part)
     plan = Plan(config)
@@ -84,12 +84,12 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     if not rungs or set(rungs) - set(RUNGS):
         raise InputError(f"rungs are {options.rungs!r}: allowed are {', '.join(RUNGS)}")
     methods = selected(METHODS, options.only)
-    keep = (lambda row: True) if options.only else None
     for head in split_names(options.characters):
         if split_character(head)[1]:
             raise InputError(f"character {head!r} is one rig of a ladder: name its head, {split_character(head)[0]!r}")
         for rung in rungs:
-            publish(TABLE, measure(head, rung, options.profile, options.part, methods), [], command_line, keep)
+            rows = measure(head, rung, options.profile, options.part, methods)
+            publish(TABLE, rows, [], command_line, in_part=bool(options.only))
         rows = read_results(bench_folder() / f"{TABLE}.csv")  # those of earlier calls too
         for table in ladder_tables(rows, head):
             print(as_text(table))

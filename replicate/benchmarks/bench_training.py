@@ -181,8 +181,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     for name in split_names(options.characters):
         rows = compare(name, options)
-        keep = (lambda row: True) if options.only else None
-        publish(TABLE, rows, trainings_tables(rows), command_line, keep)
+        publish(TABLE, rows, trainings_tables(rows), command_line, in_part=bool(options.only))
 
 
 def compare(character: str, options: argparse.Namespace) -> list[Row]:

@@ -162,17 +162,17 @@ def publish(
     rows: Sequence[Row],
     tables: Iterable[Table],
     arguments: Sequence[str],
-    keep: Callable[[Row], bool] | None = None,
+    in_part: bool = False,
 ) -> None:
     """Print tables, write rows to <name>.csv in the benchmarks' folder and note in its manifest how they were made.
 
-    tables: what is printed of the rows. arguments: the command line's. keep: which rows of an earlier file stay; those
-    of other characters by default.
+    tables: what is printed of the rows. arguments: the command line's. in_part: whether the other rows of these
+    characters in an earlier file stay too, as those of other characters do.
     """
     for table in tables:
         print(as_text(table))
     characters = {row.character for row in rows}
-    merge(bench_folder() / f"{name}.csv", rows, keep or (lambda row: row.character not in characters))
+    merge(bench_folder() / f"{name}.csv", rows, lambda row: in_part or row.character not in characters)
     note(name, characters, arguments)
 
 

@@ -62,7 +62,7 @@ def compare_variants(
         trained = selected(variants(character, options.profile, options.steps), only)
         rows = train_variants(name, trained)
         rows += afterwards(trained, rows)
-        publish(name, rows, tables(rows), command_line, (lambda row: True) if only else None)
+        publish(name, rows, tables(rows), command_line, in_part=bool(only))
 
 
 def train_variants(name: str, variants: Sequence[Variant]) -> list[Row]:
