@@ -30,13 +30,15 @@ def provenance_text(name: str, target: str = "table2") -> str:
 
 
 def _facts_in_words(facts: dict) -> dict[str, str]:
-    seconds = [stage.get("wall_s", 0) for stage in (facts.get("stages") or {}).values()]
+    stages = (facts.get("stages") or {}).values()
+    seconds = [stage.get("wall_s", 0) for stage in stages]
+    gpu = facts.get("gpu") or next((stage["gpu"] for stage in stages if stage.get("gpu")), "none")
     return {
         "commit": _commits(facts.get("git")),
         "command": str(facts.get("command")).replace("; ", "\n"),
         "profile, seeds": f"{facts.get('profile')}, {facts.get('seeds')}",
         **({"test poses": f"split by {facts['split']}"} if "split" in facts else {}),
-        "machine": f"{facts.get('processor')}, {facts.get('cores')} cores, GPU: {facts.get('gpu') or 'none'}",
+        "machine": f"{facts.get('processor')}, {facts.get('cores')} cores, GPU: {gpu}",
         "packages": ", ".join(f"{name} {version}" for name, version in sorted((facts.get("packages") or {}).items())),
         **({"pictures drawn anew": _commits(drawn)} if (drawn := facts.get(DRAWN)) else {}),
         **({"made elsewhere": elsewhere} if (elsewhere := _elsewhere(facts)) else {}),

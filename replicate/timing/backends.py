@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+import torch
 from jaxtyping import Float
 
 from replicate.approximation.rigid import Attachments, attach
@@ -11,10 +12,11 @@ from replicate.inference.fast_evaluation import fast_evaluation
 from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
 from replicate.methods.method import Model
 from replicate.timing.cores import core_total
+from replicate.timing.gpu_evaluation import gpu_evaluation, graph_evaluation
 from replicate.timing.jax_evaluation import jax_evaluation
 from replicate.timing.onnx_evaluation import onnx_bytes, run_by_onnx
 from replicate.timing.plain_evaluation import plain_offsets
-from replicate.timing.timed_names import FAST, HALF, JAX, ONNX, ONNX_SPINNING, ONNX_THREADS, PLAIN
+from replicate.timing.timed_names import FAST, GPU, GRAPH, HALF, JAX, ONNX, ONNX_SPINNING, ONNX_THREADS, PLAIN
 
 
 def other_backends(model: Model, mesh: Mesh, attachments: Attachments) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
@@ -36,6 +38,15 @@ def other_backends(model: Model, mesh: Mesh, attachments: Attachments) -> dict[s
         FAST: fast_evaluation(model, mesh, attachments),
         HALF: fast_evaluation(model, mesh, attachments, halves=True),
     }
+    return {ending: evaluate for ending, evaluate in found.items() if evaluate}
+
+
+def gpu_backends(model: Model, mesh: Mesh, attachments: Attachments) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
+    """Return by `timed_names`' endings the ways (1, m) → (1, n, 3) mm to evaluate a model on a GPU; {} without one."""
+    if not torch.cuda.is_available():
+        return {}
+    makers = {GPU: gpu_evaluation, GRAPH: graph_evaluation}
+    found = {ending: make(model, mesh, attachments) for ending, make in makers.items()}
     return {ending: evaluate for ending, evaluate in found.items() if evaluate}
 
 

@@ -7,6 +7,7 @@ from replicate.methods.method_registry import in_order, method_named
 RIG, NODES, RIGID_STEP = "rig", "rig_nodes", "rigid_step"
 PLAIN, JAX, FAST, HALF = "_plain", "_jax", "_fast", "_half"  # endings of a method's name: how it is evaluated
 ONNX, ONNX_THREADS, ONNX_SPINNING = "_onnx", "_onnx_threads", "_onnx_spinning"
+GPU, GRAPH = "_gpu", "_gpu_graph"
 BACKENDS = {
     "": "the suite's",
     PLAIN: "plain",
@@ -16,9 +17,20 @@ BACKENDS = {
     ONNX_SPINNING: "ONNX, spinning",
     FAST: "fast",
     HALF: "fast, 16 bits",
+    GPU: "torch on a GPU",
+    GRAPH: "CUDA graph",
 }
 THREADED = (ONNX_THREADS, ONNX_SPINNING)  # of them: those that are none on one core
-EXACT = ("", PLAIN, JAX, ONNX, *THREADED, FAST)  # those that give the method's own vertices, but for float32's rounding
+ON_GPU = (GPU, GRAPH)  # those that a GPU runs, but for the rigid step
+EXACT = (
+    "",
+    PLAIN,
+    JAX,
+    ONNX,
+    *THREADED,
+    FAST,
+    *ON_GPU,
+)  # those that give the method's own vertices, but for float32's rounding
 RIGS = {NODES: "The rig, node by node", RIG: "The rig, compiled"}
 PARTS = {RIGID_STEP: "Rigid step alone"}
 

@@ -35,6 +35,12 @@ def test_one_run_is_named_with_its_commit_its_changes_and_its_time(manifest):
     assert "0123456789ab and f00d, with changes of their own" in provenance_text("quick")
 
 
+def test_the_gpu_of_any_stage_is_named(manifest):
+    for own, expected in (({}, "GPU: none"), ({"gpu": "Quadro"}, "GPU: Quadro")):
+        manifest.write_text(json.dumps({"gpu": None, "stages": stages(60) | {"timing": {"wall_s": 1.0, **own}}}))
+        assert expected in provenance_text("quick")
+
+
 def test_what_characters_share_stands_once_and_the_rest_under_their_names(manifest):
     shared = {"git": {"commit": "c0ffee", "clean": True}, "profile": "quick", "processor": "abacus", "cores": 2}
     shared["packages"] = {"jax": "0.9"}

@@ -153,6 +153,20 @@ def test_c8_wants_dense_to_be_faster_than_the_coarse_and_the_refined_model(dense
     assert verdict("C8", given) == expected and verdict("C9", given) == "not tested"
 
 
+@pytest.mark.parametrize(("graph", "expected"), [(1.1, "holds"), (0.9, "fails")])
+def test_c9_compares_the_best_evaluation_on_the_cpu_with_that_on_a_gpu(graph, expected):
+    facts = None, 1, 1_000, "laptop", "b"
+    times = {(name, "all_cores"): ms for name, ms in {"coarse_fast": 0.5, "refined": 5.0, "refined_fast": 1.0}.items()}
+    times |= {("coarse_gpu", "gpu"): 2.0, ("refined_gpu", "gpu"): 4.0, ("refined_gpu_graph", "gpu"): graph}
+    given = [Row("table3", "teen", name, f"time_{where}", "ms", ms, *facts) for (name, where), ms in times.items()]
+    one = judge(claim_named("C9"), "teen", Evidence(given), PAPER)
+    assert (
+        one.verdict == expected
+        and "Started one by one they take 4.00 ms for the refined model, 4.00 times" in one.reason
+    )
+    assert verdict("C9", given[:3]) == "not tested", "no GPU"
+
+
 def test_speed_is_judged_by_the_best_evaluation_of_each_method_that_loses_nothing():
     facts = None, 1, 1_000, "laptop", "b"
     times = {"rig_nodes": 60.0, "rig": 20.0, "dense": 6.0, "dense_fast": 2.0, "dense_half": 0.5}

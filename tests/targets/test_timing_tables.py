@@ -1,5 +1,7 @@
 """Table 3 printed: ours beside the paper's, speed-ups, disturbed times, and the chart of errors against costs."""
 
+from dataclasses import replace
+
 import pytest
 
 from replicate.engine.paths import PAPER, REFERENCE
@@ -11,6 +13,7 @@ from replicate.targets.table3.frontier_chart import frontier_chart
 from replicate.targets.table3.timing_tables import (
     NO_RIG,
     details_table,
+    gpu_tables,
     label_of,
     speed_table,
     tables3,
@@ -93,6 +96,32 @@ def test_backends_stand_side_by_side_and_the_best_exact_one_counts():
     assert "The rig, compiled" not in body and "Rigid step alone" not in body
     notes = " ".join(table.notes)
     assert "up to 0.004 mm" in notes and "within 0.0002 mm" in notes and "ONNX" not in notes
+
+
+def gpu_rows(character="teen", **times):
+    facts = None, 1, 1_000, "laptop", "r"
+    return [Row("table3", character, name, "time_gpu", "ms", ms, *facts) for name, ms in times.items()]
+
+
+def test_times_on_a_gpu_have_a_table_beside_the_cpus_and_the_papers():
+    timed = [*rows(), *gpu_rows(coarse_gpu=3.0, coarse_gpu_graph=0.7, dense_gpu=0.9)]
+    assert gpu_tables(rows(), []) == [] and timing_table(timed, []) == timing_table(rows(), [])
+    (table,) = gpu_tables(timed, read_results(PAPER / "table3.csv"))
+    assert table.headers == (("", "teen", "", "Hiccup", ""), ("", "CPU", "GPU", "paper, CPU", "paper, GPU"))
+    assert table.body == (("Coarse", "4.00", "0.70", "2.9", "6.4"), ("Dense", "1.00", "0.90", "2.1", "2.6"))
+    backends = backends_tables(timed, "teen")[-1]
+    assert backends.headers == (("", "torch on a GPU", "CUDA graph", "best over torch"),)
+    assert backends.body == (("Coarse", "3.00", "0.70", "4.3"), ("Dense", "0.90", "–", "1.0"))
+    assert backends.notes[0] == "Means on a GPU, the rigid step on the CPU."
+    assert [each.title for each in tables3(timed, [])[:2]] == [timing_table(timed, []).title, table.title]
+
+
+def test_fewer_evaluations_of_slower_ways_are_said():
+    fewer = [replace(row, poses=200) if row.method == "coarse_plain" else row for row in rows()]
+    assert any(
+        "1,000 evaluations of single poses (200 where a method has a quicker way)" in note
+        for note in timing_table(fewer, []).notes
+    )
 
 
 def test_all_cores_have_a_table_of_backends_too_where_one_divides_its_work():

@@ -40,8 +40,10 @@ def test_all_backends_of_a_model_give_its_vertices(name, endings, monkeypatch):
 def test_one_core_has_no_evaluation_that_is_divided_among_threads(monkeypatch):
     monkeypatch.setattr("replicate.timing.backends.core_total", lambda: 1)
     assert set(other_backends(MODELS["linear"](), MESH, ATTACHMENTS)).isdisjoint(THREADED)
-    ways = dict.fromkeys(("linear_onnx", "linear_onnx_threads", "linear_onnx_spinning", "rig"), Way(abs))
-    assert list(ways_on("one_core", ways)) == ["linear_onnx", "rig"] and ways_on("all_cores", ways) == ways
+    names = ("linear_onnx", "linear_onnx_threads", "linear_onnx_spinning", "linear_gpu", "linear_gpu_graph", "rig")
+    ways = dict.fromkeys(names, Way(abs))
+    assert list(ways_on("one_core", ways)) == ["linear_onnx", "rig"]
+    assert list(ways_on("all_cores", ways)) == [*names[:3], "rig"] and list(ways_on("gpu", ways)) == [*names[3:5]]
 
 
 def test_a_model_that_nothing_writes_has_no_onnx_evaluation():
@@ -68,3 +70,4 @@ def test_names_say_method_and_backend():
     ordered = ["rig", "coarse", "coarse_plain", "dense", "dense_fast", "rigid_step", "rigid_step_fast"]
     assert in_table_order(names) == ordered
     assert label_of("dense_half") == "Dense, fast, 16 bits" and parted("dense_onnx_threads") == ("dense", THREADED[0])
+    assert parted("refined_gpu_graph") == ("refined", "_gpu_graph") and parted("refined_gpu") == ("refined", "_gpu")

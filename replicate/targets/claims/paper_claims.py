@@ -18,6 +18,7 @@ from replicate.targets.claims.application_rules import (
     faster_than_the_rig,
     moves_other_meshes,
     posed_otherwise,
+    started_one_by_one,
     times_as_fast,
 )
 from replicate.targets.claims.evidence import QUANTITIES, SEGMENTS, Evidence, MissingNumber, stand_in
@@ -245,9 +246,9 @@ CLAIMS = (
     ),
     Claim(
         "C9", "For single poses a CPU beats the GPUs of the time", "Table 3",
-        "The coarse and the refined model take less time for a pose on the CPU than on a GPU. The paper's GPUs are of "
-        "2014 and 2016. Ours are not timed on a GPU.",
-        cpu_beats_gpu,
+        "The coarse and the refined model take less time for a pose on the CPU than on a GPU, each by the best "
+        "evaluation of its weights. The paper's GPUs are of 2014 and 2016. Ours is what `make table3` finds.",
+        cpu_beats_gpu, started_one_by_one,
     ),
     Claim(
         "C10", "Under inverse kinematics the CNN beats the dense networks in both errors", "Table 4",

@@ -5,11 +5,13 @@ from collections.abc import Sequence
 from replicate.report.results import Row, find
 from replicate.report.tables import Table
 from replicate.targets.table3.best_times import best_row, cell
-from replicate.targets.table3.timing_rows import ALL, ONE
+from replicate.targets.table3.timing_rows import ALL, GRAPHICS, ONE
 from replicate.timing.timed_names import (
     BACKENDS,
     EXACT,
     FAST,
+    GPU,
+    GRAPH,
     HALF,
     JAX,
     ONNX,
@@ -22,7 +24,7 @@ from replicate.timing.timed_names import (
     parted,
 )
 
-COLUMNS = (PLAIN, "", JAX, ONNX, ONNX_THREADS, ONNX_SPINNING, FAST, HALF)
+COLUMNS = (PLAIN, "", JAX, ONNX, ONNX_THREADS, ONNX_SPINNING, FAST, HALF, GPU, GRAPH)
 ABOUT = {
     "": "The suite's: what its errors are measured with; torch, with a kernel of our own for maps.",
     PLAIN: "Plain: torch's own operations, a module a segment, maps as Fig. 3 draws them.",
@@ -32,18 +34,23 @@ ABOUT = {
     ONNX_SPINNING: "Spinning: these threads keep their cores busy while they wait, which is the runtime's default.",
     FAST: "Fast: the suite's evaluation of single poses, compiled, on one thread (replicate/inference).",
     HALF: "16 bits: the same with weights of dense layers rounded to float16; vertices move by up to {} mm for it.",
+    GPU: "Torch on a GPU: the CPU starts each operation on its own.",
+    GRAPH: "CUDA graph: all operations, recorded once and started as a whole, with the suite's compiled rigid step.",
 }
+WHERE = {ONE: "one core", ALL: "all cores", GRAPHICS: "a GPU"}
 
 
 def backends_tables(rows: Sequence[Row], character: str) -> list[Table]:
     """Return tables of one character's milliseconds a pose by backend, or none where there is one backend only.
 
-    The first is that of one core, where it is measured. That of all cores is there too if a backend divides its work.
+    The first is that of one core, where it is measured. That of all cores is there too if a backend divides its work,
+    and that of a GPU if one was timed.
     """
     own = [row for row in rows if row.table == "table3" and row.character == character]
-    several = {where: {row.method for row in own if row.metric == f"time_{where}"} for where in (ONE, ALL)}
+    several = {where: {row.method for row in own if row.metric == f"time_{where}"} for where in WHERE}
     divided = any(parted(name)[1] in THREADED for name in several[ALL])
     shown = [ONE, ALL] if several[ONE] and divided else [ONE if several[ONE] else ALL]
+    shown += [GRAPHICS] if several[GRAPHICS] else []
     tables = (_backends_table(own, character, where) for where in shown)
     return [table for table in tables if table]
 
@@ -61,14 +68,14 @@ def _backends_table(own: Sequence[Row], character: str, where: str) -> Table | N
         best = best_row(timed, character, name, where)
         body.append((label_of(name), *(cell(own, row, where) for row in times), f"{eager.value / best.value:.1f}"))
     header = ("", *(BACKENDS[ending] for ending in columns), "best over torch")
-    cores = "all cores" if where == ALL else "one core"
+    rigid = "the rigid step on the CPU" if where == GRAPHICS else "the rigid step with them"
     notes = (
-        f"Means on {cores}, the rigid step with them.",
+        f"Means on {WHERE[where]}, {rigid}.",
         *(ABOUT[ending].format(_largest(own, ending)) for ending in columns),
         f"Best over torch: plain torch, or the suite's where there is none, over the best that keeps within "
         f"{_largest(own, *filter(None, EXACT))} mm of the suite's vertices.",
     )
-    title = f"Backends of {character} on {cores}: milliseconds a pose by way to evaluate the same weights"
+    title = f"Backends of {character} on {WHERE[where]}: milliseconds a pose by way to evaluate the same weights"
     return Table(title, (header,), tuple(body), notes)
 
 

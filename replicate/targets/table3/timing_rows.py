@@ -5,6 +5,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from data_recipes.rig import Rig, has_function
 from replicate.approximation.evaluation import unique_poses
@@ -16,15 +17,16 @@ from replicate.methods.measurement import MeasurementNumbers, predictor
 from replicate.report.results import Row, write_results
 from replicate.report.run_name import run_name
 from replicate.targets.table3.timing_numbers import TimingNumbers
-from replicate.timing.backends import fast_rigid_step, largest_difference, other_backends
+from replicate.timing.backends import fast_rigid_step, gpu_backends, largest_difference, other_backends
 from replicate.timing.cores import can_confine, core_total, one_core, threads
 from replicate.timing.single_poses import Times, Way, time_single_poses
-from replicate.timing.timed_names import FAST, NODES, RIG, RIGID_STEP, THREADED, parted
+from replicate.timing.timed_names import BACKENDS, FAST, HALF, NODES, ON_GPU, RIG, RIGID_STEP, THREADED, parted
 
 ROWS = "table3.csv"
-NODES_EVERY = 10  # turns: node by node the rig takes as long as all else together
+NODES_EVERY = 10  # turns: node by node the rig takes long
+PEERS_EVERY = 5  # turns: the other evaluations of what has a fast one
 COMPARED = 20  # poses in which every backend is compared with the method's own prediction
-ONE, ALL = "one_core", "all_cores"
+ONE, ALL, GRAPHICS = "one_core", "all_cores", "gpu"  # where: endings of the metrics
 
 
 def write_all(settings: TimingNumbers, inputs: Mapping[str, Path], progress: Callable, out: Path) -> None:
@@ -53,15 +55,23 @@ def write_all(settings: TimingNumbers, inputs: Mapping[str, Path], progress: Cal
 
 
 def settings_of_cores() -> Iterator[tuple[str, AbstractContextManager[None]]]:
-    """Yield what is measured, and the context that it is measured in: on all cores, and on one where that can be."""
+    """Yield what is measured, and the context that it is measured in: on all cores, on one where that can be, and on a
+    GPU where there is one, whose rigid step has all cores.
+    """
     yield ALL, threads(core_total())
     if can_confine():
         yield ONE, one_core()
+    if torch.cuda.is_available():
+        yield GRAPHICS, threads(core_total())
 
 
 def ways_on(where: str, ways: Mapping[str, Way]) -> dict[str, Way]:
-    """Return what is timed on one core or on all of them; a way that divides its work among threads is none on one."""
-    return {name: way for name, way in ways.items() if where == ALL or parted(name)[1] not in THREADED}
+    """Return what is timed on one core, on all of them or on a GPU.
+
+    A way that divides its work among threads is none on one core.
+    """
+    left_out = {ONE: (*THREADED, *ON_GPU), ALL: ON_GPU, GRAPHICS: {*BACKENDS} - {*ON_GPU}}[where]
+    return {name: way for name, way in ways.items() if parted(name)[1] not in left_out}
 
 
 def metrics(times: Times) -> list[tuple[str, float]]:
@@ -73,7 +83,8 @@ def ways_of(settings: TimingNumbers, inputs: Mapping[str, Path], rig: Rig) -> di
     """Return all that is timed by name: the rig compiled and, where it has nodes, node by node; every method, as the
     suite evaluates it and by all other backends; and the rigid step alone, which all approximations contain.
 
-    A rig that is known by its samples alone has no time.
+    A rig that is known by its samples alone has no time. Where a method has a fast evaluation, its others take part in
+    each PEERS_EVERYth turn.
     """
     mesh, attachments = rig.mesh, rigid_segments.load(inputs)
     ways = {RIG: Way(rig)} if has_function(rig) else {}
@@ -85,7 +96,11 @@ def ways_of(settings: TimingNumbers, inputs: Mapping[str, Path], rig: Rig) -> di
         model = stage_function(models[numbers.method])(inputs) if numbers.method in models else None
         if model is not None:
             backends = other_backends(model, mesh, attachments)
-            ways |= {numbers.method + ending: Way(evaluate) for ending, evaluate in backends.items()}
+            if FAST in backends:
+                ways[numbers.method] = Way(ways[numbers.method].evaluate, PEERS_EVERY)
+            for ending, evaluate in (backends | gpu_backends(model, mesh, attachments)).items():
+                is_peer = FAST in backends and ending not in (FAST, HALF, *ON_GPU)
+                ways[numbers.method + ending] = Way(evaluate, PEERS_EVERY if is_peer else 1)
     posed = rig(rig.default[None])
     ways[RIGID_STEP] = Way(lambda params: attach(mesh, attachments, posed))
     ways[RIGID_STEP + FAST] = Way(fast_rigid_step(mesh, attachments, posed))
