@@ -1,7 +1,8 @@
 """Frames a second for 1, 10 and 100 characters at once, each in a pose of its own, on one core; and their energy.
 
 `make bench-crowd` makes what is missing of the methods. The fast evaluation poses one character after the other; torch
-and ONNX Runtime get all poses of a frame as one batch, which is what they are made for. Where the machine counts the
+and ONNX Runtime get all poses of a frame as one batch, which is what they are made for, and so does a GPU where there
+is one, with the rigid step on the CPU. Where the machine counts the
 energy of its processor, that of a thousand poses stands beside the frames.
 """
 
@@ -11,6 +12,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import torch
 from jaxtyping import Float
 
 from replicate.approximation.evaluation import unique_poses
@@ -28,9 +30,10 @@ from replicate.report.results import Row, find
 from replicate.report.tables import Table
 from replicate.timing.cores import can_confine, one_core, threads
 from replicate.timing.energy import counters, energy_j, why_no_energy
+from replicate.timing.gpu_evaluation import gpu_evaluation
 from replicate.timing.onnx_evaluation import onnx_evaluation
 from replicate.timing.single_poses import Evaluate, Way, time_single_poses
-from replicate.timing.timed_names import BACKENDS, FAST, ONNX, in_table_order, label_of, parted
+from replicate.timing.timed_names import BACKENDS, FAST, GPU, ONNX, in_table_order, label_of, parted
 
 ABOUT = "frames a second for 1, 10 and 100 characters at once, and the energy of a thousand poses"
 WRITES = "results/runs/bench/bench_crowd.csv"
@@ -84,6 +87,8 @@ def ways_of(
         found = {"": _by_torch(model, mesh, attachments), ONNX: onnx_evaluation(model, mesh, attachments)}
         if alone := fast_evaluation(model, mesh, attachments):
             found[FAST] = _one_by_one(alone)
+        if torch.cuda.is_available():
+            found[GPU] = gpu_evaluation(model, mesh, attachments)
         ways |= {method.name + ending: Way(_of_frame(evaluate)) for ending, evaluate in found.items() if evaluate}
     return ways
 

@@ -107,10 +107,15 @@ def thread_limits(threads: int) -> dict[str, str]:
 
 
 def worker_environment(orders: dict) -> dict[str, str]:
-    """Return a worker's environment: every library's thread pool bounded before it is loaded."""
+    """Return a worker's environment: every library's thread pool bounded before it is loaded, and JAX on the CPU.
+
+    A rig that JAX evaluates on a GPU has other last digits, and each process takes most of its memory. Whoever wants
+    that sets JAX_PLATFORMS.
+    """
     threads = orders["threads"]
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen={'true' if threads > 1 else 'false'}"
     return {
+        "JAX_PLATFORMS": "cpu",
         **os.environ,
         **thread_limits(threads),
         "NPROC": str(threads),  # the size of XLA's pool

@@ -1,6 +1,7 @@
 """A graph ends with the same artefacts however often it is killed, and says in one sentence why it could not go on."""
 
 import json
+import os
 import random
 import shutil
 import signal
@@ -203,6 +204,7 @@ def test_a_worker_has_one_thread_unless_the_stage_asks_for_more(cache):
         pools = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "NPROC")
         assert {variables[pool] for pool in pools} == {threads}
         assert variables["OMP_WAIT_POLICY"] == "passive"
+        assert variables["JAX_PLATFORMS"] == os.environ.get("JAX_PLATFORMS", "cpu")
 
 
 def test_a_run_on_this_machine_loads_no_dask(cache):
