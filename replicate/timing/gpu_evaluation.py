@@ -49,32 +49,46 @@ def graph_evaluation(model: object, mesh: Mesh, attachments: Attachments) -> Eva
     vertices = _vertices(model, mesh, "cuda")
     if vertices is None:
         return None
-    params = torch.zeros(1, parameter_count(model), device="cuda")
-    with torch.no_grad(), cudnn.flags(enabled=True, allow_tf32=False):
-        aside = torch.cuda.Stream()
-        aside.wait_stream(torch.cuda.current_stream())
-        with torch.cuda.stream(aside):
-            for _ in range(WARM_UP):
-                vertices(params)
-        torch.cuda.current_stream().wait_stream(aside)
-        graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(graph):
-            moved = vertices(params)
-    given = torch.zeros(params.shape, pin_memory=True)
-    taken = torch.zeros(moved.shape, pin_memory=True)
-    rigid = plan_rigid_step(mesh, attachments)
+    recording, rigid = _Recording(vertices, parameter_count(model)), plan_rigid_step(mesh, attachments)
 
-    def evaluate(pose: Float[np.ndarray, "1 m"]) -> Float[np.ndarray, "1 n 3"]:
-        given.numpy()[:] = pose
-        params.copy_(given, non_blocking=True)
-        graph.replay()
-        taken.copy_(moved, non_blocking=True)
-        torch.cuda.current_stream().synchronize()
-        out = taken.numpy().copy()
+    def evaluate(params: Float[np.ndarray, "1 m"]) -> Float[np.ndarray, "1 n 3"]:
+        out = recording.play(params)
         place_rigid_segments(rigid, out[0])
         return out
 
     return evaluate
+
+
+class _Recording:
+    """What a function of tensors on the GPU does with one pose, recorded to be done again.
+
+    It holds the function too: what is recorded reads the weights where they lie in the GPU's memory.
+    """
+
+    def __init__(self, function: Offsets, count: int):
+        """Record a function of (1, count) tensors."""
+        self._function, self._graph = function, torch.cuda.CUDAGraph()
+        self._params = torch.zeros(1, count, device="cuda")
+        with torch.no_grad(), cudnn.flags(enabled=True, allow_tf32=False):
+            aside = torch.cuda.Stream()
+            aside.wait_stream(torch.cuda.current_stream())
+            with torch.cuda.stream(aside):
+                for _ in range(WARM_UP):
+                    function(self._params)
+            torch.cuda.current_stream().wait_stream(aside)
+            with torch.cuda.graph(self._graph):
+                self._found = function(self._params)
+        self._given = torch.zeros(self._params.shape, pin_memory=True)
+        self._taken = torch.zeros(self._found.shape, pin_memory=True)
+
+    def play(self, params: Float[np.ndarray, "1 m"]) -> Float[np.ndarray, "1 n 3"]:
+        """Return what the function gives."""
+        self._given.numpy()[:] = params
+        self._params.copy_(self._given, non_blocking=True)
+        self._graph.replay()
+        self._taken.copy_(self._found, non_blocking=True)
+        torch.cuda.current_stream().synchronize()
+        return self._taken.numpy().copy()
 
 
 def parameter_count(model: object) -> int:
