@@ -8,7 +8,7 @@ from small_face import pose_offsets
 from untrained_models import MESH, MODELS
 
 from replicate.approximation.rigid import attach, find_attachments
-from replicate.targets.table3.timing_rows import ways_on
+from replicate.targets.table3.timing_rows import PEERS_EVERY, turns_of, ways_on
 from replicate.timing.backends import fast_rigid_step, largest_difference, other_backends
 from replicate.timing.onnx_evaluation import onnx_evaluation
 from replicate.timing.single_poses import Way
@@ -44,6 +44,12 @@ def test_one_core_has_no_evaluation_that_is_divided_among_threads(monkeypatch):
     ways = dict.fromkeys(names, Way(abs))
     assert list(ways_on("one_core", ways)) == ["linear_onnx", "rig"]
     assert list(ways_on("all_cores", ways)) == [*names[:3], "rig"] and list(ways_on("gpu", ways)) == [*names[3:5]]
+
+
+def test_what_a_fast_evaluation_beats_takes_part_in_fewer_turns():
+    turns = {ending: turns_of(ending, ("", PLAIN, FAST, HALF, "_gpu")) for ending in ("", PLAIN, FAST, HALF, "_gpu")}
+    assert turns == {"": PEERS_EVERY, PLAIN: PEERS_EVERY, FAST: 1, HALF: 1, "_gpu": 1}
+    assert PEERS_EVERY > 1 and turns_of("", ("", ONNX)) == 1, "the only one"
 
 
 def test_a_model_that_nothing_writes_has_no_onnx_evaluation():

@@ -1,6 +1,6 @@
 """One character's numbers of Table 3, from its rig and its methods' models."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -92,19 +92,21 @@ def ways_of(settings: TimingNumbers, inputs: Mapping[str, Path], rig: Rig) -> di
         ways[NODES] = Way(run_nodes, NODES_EVERY)
     models = dict(settings.models)
     for numbers in settings.methods:
-        ways[numbers.method] = Way(_without_truth(numbers, inputs))
+        backends = {"": _without_truth(numbers, inputs)}
         model = stage_function(models[numbers.method])(inputs) if numbers.method in models else None
         if model is not None:
-            backends = other_backends(model, mesh, attachments)
-            if FAST in backends:
-                ways[numbers.method] = Way(ways[numbers.method].evaluate, PEERS_EVERY)
-            for ending, evaluate in (backends | gpu_backends(model, mesh, attachments)).items():
-                is_peer = FAST in backends and ending not in (FAST, HALF, *ON_GPU)
-                ways[numbers.method + ending] = Way(evaluate, PEERS_EVERY if is_peer else 1)
+            backends |= other_backends(model, mesh, attachments) | gpu_backends(model, mesh, attachments)
+        for ending, evaluate in backends.items():
+            ways[numbers.method + ending] = Way(evaluate, turns_of(ending, backends))
     posed = rig(rig.default[None])
     ways[RIGID_STEP] = Way(lambda params: attach(mesh, attachments, posed))
     ways[RIGID_STEP + FAST] = Way(fast_rigid_step(mesh, attachments, posed))
     return ways
+
+
+def turns_of(ending: str, endings: Collection[str]) -> int:
+    """Return in each which turn an evaluation of a model takes part, by its ending and those of all of them."""
+    return PEERS_EVERY if FAST in endings and ending not in (FAST, HALF, *ON_GPU) else 1
 
 
 def costs(settings: TimingNumbers, inputs: Mapping[str, Path]) -> list[tuple[str, str, str, float, None]]:
