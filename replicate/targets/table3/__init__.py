@@ -16,7 +16,7 @@ from replicate.targets.options import OF_A_RUN, methods
 from replicate.targets.running import make
 from replicate.targets.table3.timing_numbers import TimingNumbers
 
-ABOUT = "Table 3: milliseconds a pose of the rig and of every method, on one core, on all, and on a GPU if there is one"
+ABOUT = "Table 3: milliseconds a pose of the rig and every method, on one core, on all, and on a GPU if there is one"
 WRITES = "results/runs/<profile>/"
 OPTIONS = (*OF_A_RUN, "methods")
 IN_COMPARISON = True
