@@ -2,8 +2,8 @@
 
 `make bench-crowd` makes what is missing of the methods. The fast evaluation poses one character after the other; torch
 and ONNX Runtime get all poses of a frame as one batch, which is what they are made for, and so does a GPU where there
-is one, with the rigid step on the CPU. Where the machine counts the
-energy of its processor, that of a thousand poses stands beside the frames.
+is one, with the rigid step on the CPU. Where the machine counts the energy of its processor, that of a thousand poses
+stands beside the frames.
 """
 
 import sys

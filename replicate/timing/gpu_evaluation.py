@@ -1,4 +1,4 @@
-"""A trained model evaluated on a GPU by torch, with the rigid step on the CPU, as Table 3 has it (§5.2).
+"""A trained model evaluated on a GPU by torch, with the compiled rigid step on the CPU, as Table 3 has it (§5.2).
 
 A pose is little work for a GPU, and each of its operations is started by the CPU. So there are two ways: each operation
 started on its own, as the paper's networks were evaluated, and all of them recorded once as a CUDA graph, which is
@@ -17,7 +17,7 @@ from torch.backends import cudnn
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.regional_model import RegionalModel
-from replicate.approximation.rigid import Attachments, attach
+from replicate.approximation.rigid import Attachments
 from replicate.geometry.mesh import Mesh
 from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
 
@@ -29,27 +29,26 @@ Offsets = Callable[[torch.Tensor], torch.Tensor]  # raw parameters (b, m) → of
 
 def gpu_evaluation(model: object, mesh: Mesh, attachments: Attachments, device: str = "cuda") -> Evaluate | None:
     """Return parameters (b, m) → vertices (b, n, 3) mm by torch on a device; None for a model unknown here."""
-    vertices = _vertices(model, mesh, device)
+    vertices, rigid = _vertices(model, mesh, device), plan_rigid_step(mesh, attachments)
     if vertices is None:
         return None
 
     def evaluate(params: Float[np.ndarray, "b m"]) -> Float[np.ndarray, "b n 3"]:
         with torch.no_grad(), cudnn.flags(enabled=True, allow_tf32=False):
-            moved = vertices(torch.from_numpy(np.ascontiguousarray(params, np.float32)).to(device))
-        return attach(mesh, attachments, moved.cpu().numpy())
+            out = vertices(torch.from_numpy(np.ascontiguousarray(params, np.float32)).to(device)).cpu().numpy()
+        for pose in out:
+            place_rigid_segments(rigid, pose)
+        return out
 
     return evaluate
 
 
 def graph_evaluation(model: object, mesh: Mesh, attachments: Attachments) -> Evaluate | None:
-    """Return parameters (1, m) → vertices (1, n, 3) mm by a CUDA graph, with the suite's compiled rigid step.
-
-    None for a model unknown here.
-    """
+    """Return parameters (1, m) → vertices (1, n, 3) mm by a CUDA graph; None for a model unknown here."""
     vertices = _vertices(model, mesh, "cuda")
     if vertices is None:
         return None
-    recording, rigid = _Recording(vertices, parameter_count(model)), plan_rigid_step(mesh, attachments)
+    recording, rigid = _Recording(vertices, _parameter_count(model)), plan_rigid_step(mesh, attachments)
 
     def evaluate(params: Float[np.ndarray, "1 m"]) -> Float[np.ndarray, "1 n 3"]:
         out = recording.play(params)
@@ -91,7 +90,7 @@ class _Recording:
         return self._taken.numpy().copy()
 
 
-def parameter_count(model: object) -> int:
+def _parameter_count(model: object) -> int:
     """Return how many rig parameters a model takes."""
     return len((model.coarse if isinstance(model, RefinedModel) else model).scale)
 

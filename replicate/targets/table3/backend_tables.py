@@ -35,7 +35,7 @@ ABOUT = {
     FAST: "Fast: the suite's evaluation of single poses, compiled, on one thread (replicate/inference).",
     HALF: "16 bits: the same with weights of dense layers rounded to float16; vertices move by up to {} mm for it.",
     GPU: "Torch on a GPU: the CPU starts each operation on its own.",
-    GRAPH: "CUDA graph: all operations, recorded once and started as a whole, with the suite's compiled rigid step.",
+    GRAPH: "CUDA graph: all operations, recorded once and started as a whole.",
 }
 WHERE = {ONE: "one core", ALL: "all cores", GRAPHICS: "a GPU"}
 

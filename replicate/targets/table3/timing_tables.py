@@ -14,7 +14,6 @@ from replicate.timing.timed_names import NODES, PARTS, RIG, RIGS, in_table_order
 
 PAPER_CPU = {NODES: ("rig", "time_cpu_engine")}  # else (method, time_high_end_cpu)
 MILLION = 1e6
-PAPERS = ("cpu", "gpu")
 PERCENTILES = ("p05", "median", "p95")
 NO_RIG = "–: a rig that is known by its samples alone; it has no function that could be timed."
 
@@ -68,10 +67,8 @@ def gpu_tables(rows: Iterable[Row], paper: Sequence[Row]) -> list[Table]:
         cells = [label_of(name)]
         for character in characters:
             cells += [cell(rows, best_row(rows, character, name, where), where) for where in (ALL, GRAPHICS)]
-            theirs = (
-                find(paper, "table3", STANDS_FOR.get(character, ""), name, f"time_high_end_{kind}") for kind in PAPERS
-            )
-            cells += map(paper_value, theirs)
+            for metric in ("time_high_end_cpu", "time_high_end_gpu"):
+                cells.append(paper_value(find(paper, "table3", STANDS_FOR.get(character, ""), name, metric)))
         body.append(tuple(cells))
     spans = [text for who in characters for text in (who, "", STANDS_FOR.get(who, ""), "")]
     columns = ("CPU", "GPU", "paper, CPU", "paper, GPU") * len(characters)
