@@ -57,9 +57,9 @@ def results(run: str = "reference") -> "pandas.DataFrame":
 
     run: a profile, "quick", "laptop" or "paper", for your run with it; "bench" for your benchmarks; "reference" for the
     results that the project comes with, "reference_paper_profile" for those of them with the profile `paper`,
-    "reference_clips" for those whose test poses are of whole clips; "published" for the paper's own. Raises InputError
-    for another name, with the `make` target that writes them for results that aren't there, and with file and line for
-    a file of anything else.
+    "reference_clips" for those whose test poses are of whole clips, "reference_gpu" for Table 3 by a machine with a
+    GPU; "published" for the paper's own. Raises InputError for another name, with the `make` target that writes them
+    for results that aren't there, and with file and line for a file of anything else.
     """
     from replicate.report.tidy_results import read_run  # not before it is asked for: it loads pandas
 

@@ -6,7 +6,10 @@ import pytest
 
 from replicate.targets.reference import reference_results as reference
 
-TABLES = ("claims", "table2_ratios", "table2", "table2_others", "bench_poses", "bench_rig", "bench_train", "targets")
+TABLES = (
+    *("claims", "table2_ratios", "table2", "table2_others", "table3", "table3_speed"),
+    *("bench_poses", "bench_rig", "bench_train", "targets"),
+)
 
 
 def texts_to_fill(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,6 +11,7 @@ PAPER = RESULTS / "paper"
 REFERENCE = RESULTS / "reference"
 PAPER_PROFILE = "reference_paper_profile"  # committed results of the profile `paper`, beside those of `laptop`
 WHOLE_CLIPS = "reference_clips"  # and those of networks whose test poses are of whole clips, not of single frames
+GPU_MACHINE = "reference_gpu"  # and Table 3 by a machine with a GPU
 LONGEST_NAME = 255  # bytes of a file's name, on every file system in use
 
 
@@ -35,7 +36,7 @@ def run_folder(profile: str) -> Path:
 
 def committed_folders() -> dict[str, Path]:
     """Return the folders of committed results by name: those that texts quote, and what stands beside them."""
-    return {"reference": REFERENCE} | {name: REFERENCE / name for name in (PAPER_PROFILE, WHOLE_CLIPS)}
+    return {"reference": REFERENCE} | {name: REFERENCE / name for name in (PAPER_PROFILE, WHOLE_CLIPS, GPU_MACHINE)}
 
 
 def settle_folders(*others: str) -> None:

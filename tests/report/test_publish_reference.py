@@ -22,6 +22,10 @@ def row(character: str, table: str = "table2", value: float = 0.5) -> Row:
     return Row(table, character, "coarse", "vertex_error_mean", "mm", value, None, 1, 9, "laptop", "r")
 
 
+def time_of(character: str, where: str, value: float) -> Row:
+    return Row("table3", character, "refined", f"time_{where}", "ms", value, None, 1, 9, "laptop", "r")
+
+
 @pytest.fixture
 def folders(tmp_path, monkeypatch):
     """A profile's results, two benchmarks' and committed ones; what executes notebooks is noted, not run."""
@@ -156,6 +160,27 @@ def test_whole_clips_have_a_folder_of_their_own_and_are_not_mixed_with_frames(fo
     run.rename(run.with_name("paper"))
     with pytest.raises(InputError, match=r"whole clips have a folder for one profile, not paper"):
         reference.publish_reference("paper")
+
+
+def test_times_on_a_gpu_have_a_folder_of_their_own_beside_what_texts_quote(folders):
+    run, _, reference_folder, notebook_names = folders
+    reference_folder.mkdir()
+    apart = reference_folder / paths.GPU_MACHINE
+    apart.mkdir()
+    for folder, value, who in ((reference_folder, 0.7, "teen"), (apart, 0.2, "toon")):
+        write_results(folder / "table3.csv", [time_of(who, "all_cores", value)])
+        manifest.write_entries(folder, "table3", {who: CLEAN})
+    timed = [time_of("teen", where, 0.5) for where in ("all_cores", "gpu")]
+    write_results(run / "table3.csv", timed)
+    manifest.write_entries(run, "table3", {"teen": CLEAN})
+    reference.publish_reference("laptop")
+    assert read_results(apart / "table3.csv") == [*timed, time_of("toon", "all_cores", 0.2)]
+    assert list(manifest.entries(apart, "table3")) == ["teen", "toon"]
+    assert read_results(reference_folder / "table3.csv") == [time_of("teen", "all_cores", 0.7)]
+    assert (reference_folder / "table2.csv").is_file() and {"table2", "table3", "claims"} <= {*notebook_names}
+    write_results(run / "table3.csv", [*timed, time_of("woman", "all_cores", 0.5)])
+    with pytest.raises(InputError, match="Table 3 has no times on a GPU for woman: publish these apart"):
+        reference.publish_reference("laptop")
 
 
 @pytest.mark.parametrize("where", ["table2", "bench_floors"])

@@ -66,8 +66,8 @@ def test_the_papers_own_numbers_are_published_ones():
         ("bench", "bench: there are no results yet; `make bench-rig`"),
         (
             "latpop",
-            "named 'latpop': allowed are reference, reference_paper_profile, reference_clips, published, quick, "
-            "laptop, paper, bench",
+            "named 'latpop': allowed are reference, reference_paper_profile, reference_clips, reference_gpu, "
+            "published, quick, laptop, paper, bench",
         ),
         ("../laptop", "no results named '../laptop'"),
     ],

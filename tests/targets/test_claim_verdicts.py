@@ -18,6 +18,7 @@ from replicate.targets.claims.claim_verdicts import (
 )
 from replicate.targets.claims.evidence import Evidence, MissingNumber, published
 from replicate.targets.claims.paper_claims import CLAIMS, claim_named
+from replicate.targets.table3.gpu_machine import beside
 
 PAPER = published()
 THEIRS = ("Hiccup", "Valka", "Toothless", "Ray")
@@ -165,6 +166,11 @@ def test_c9_compares_the_best_evaluation_on_the_cpu_with_that_on_a_gpu(graph, ex
         and "Started one by one they take 4.00 ms for the refined model, 4.00 times" in one.reason
     )
     assert verdict("C9", given[:3]) == "not tested", "no GPU"
+    elsewhere = beside([replace(row, value=10 * row.value) for row in given])
+    both = judge(claim_named("C9"), "teen", Evidence([*given[:3], *elsewhere]), PAPER)
+    assert both.verdict == expected and "take 40.0 ms for the refined model, 4.00 times" in both.reason
+    own = judge(claim_named("C9"), "teen", Evidence([*given, *elsewhere]), PAPER)
+    assert own.reason == one.reason, "a run that has been on a GPU needs no other machine"
 
 
 def test_speed_is_judged_by_the_best_evaluation_of_each_method_that_loses_nothing():

@@ -9,6 +9,7 @@ from replicate.report.notebooks import folder_of
 from replicate.report.provenance_text import provenance_text
 from replicate.targets.claims.claim_verdicts import FILE, Verdict, read_verdicts, verdict_frame
 from replicate.targets.claims.evidence import Evidence, folders_of, gather, published
+from replicate.targets.table3.gpu_machine import GPU_TABLE
 
 if TYPE_CHECKING:
     import pandas
@@ -44,7 +45,8 @@ def claims_provenance_text(name: str) -> str:
     texts = [as_lines({f"{table}, {place}": ", ".join(names) for (table, place), names in tables.items()})]
     for table, place in tables:
         try:
-            texts.append(f"{table}, {place}\n{provenance_text(place, table)}")
+            target = "table3" if table == GPU_TABLE else table
+            texts.append(f"{table}, {place}\n{provenance_text(place, target)}")
         except InputError:  # rows without a manifest: their column `run` names the run
             continue
     return "\n\n".join(texts)

@@ -12,6 +12,7 @@ from replicate.report.results import Row, read_results
 from replicate.report.seed_results import Seeds, joined, read_seeds, where
 from replicate.targets.claims.verdict_rules import Number
 from replicate.targets.table2.character_part import SEEDS as SINGLE_SEEDS
+from replicate.targets.table3.gpu_machine import GPU_TABLE, beside, gpu_machine_rows
 
 TABLES = (
     "table1",
@@ -91,7 +92,8 @@ def folders_of(name: str) -> list[Path]:
 def gather(folders: Sequence[Path]) -> Evidence:
     """Return, for each table and character, the rows of the first folder that has some, and each seed's where known.
 
-    Raises InputError for a file that is no table of results.
+    With the committed results come the times by the machine with a GPU, as a table of their own. Raises InputError for
+    a file that is no table of results.
     """
     rows: list[Row] = []
     places: dict[tuple[str, str], str] = {}
@@ -107,6 +109,10 @@ def gather(folders: Sequence[Path]) -> Evidence:
             single = folder / SINGLE_SEEDS
             if table == "table2" and characters and single.is_file():
                 seeds = joined(seeds, where(read_seeds(single), characters.__contains__))
+    if paths.REFERENCE in folders:
+        on_gpu = beside(gpu_machine_rows("reference"))
+        rows += on_gpu
+        places |= {(GPU_TABLE, row.character): paths.GPU_MACHINE for row in on_gpu}
     return Evidence(rows, places, seeds)
 
 

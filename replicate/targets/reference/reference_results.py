@@ -27,6 +27,8 @@ from replicate.targets.claims.claims_publication import write_claims
 from replicate.targets.claims.claims_table import overview
 from replicate.targets.claims.evidence import gather
 from replicate.targets.reference import committed_seeds
+from replicate.targets.reference.gpu_times import TARGET as GPU_TIMES
+from replicate.targets.reference.gpu_times import is_of_gpu, put_gpu_times
 from replicate.targets.reference.joined_poses import put_first_seed
 from replicate.targets.rig_report.report_tables import report_card
 from replicate.targets.table2.error_table import other_rigs, table2_overview
@@ -50,7 +52,7 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
     """Put a profile's results and the benchmarks' in the place of the committed ones; return the new files.
 
     Table 2 with the profile `paper`, and one whose test poses are of whole clips, go into folders of their own, beside
-    what texts quote (see `publish_apart`).
+    what texts quote (see `publish_apart`); so does a Table 3 with times on a GPU.
 
     Of a table each character is replaced as a whole, and those that the run lacks stay, so that characters may be run
     one at a time. Of a benchmark that was run in part (`--only`) its other rows stay too. Files without a new result
@@ -69,10 +71,14 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
         raise InputError(f"{run}: there are no results; `make table2 PROFILE={profile}` writes them.")
     for folder, names in ((run, of_run), (bench, of_bench)):
         _check_clean(folder, names)
+    on_gpu = is_of_gpu(run)
     shared = committed_seeds.shared_characters(run) if add_seeds else []
     paths.REFERENCE.mkdir(parents=True, exist_ok=True)
     files = put_first_seed(run, shared)
     files += committed_seeds.put_table2(run, shared) if TABLE2 in of_run else []
+    if on_gpu:
+        files += put_gpu_times(run, paths.committed_folders()[paths.GPU_MACHINE])
+        of_run.remove(GPU_TIMES)
     done = [file.name for file in files]
     for file in sorted(run.iterdir()) if of_run else ():
         stay = _committed(_target_of(file, of_run), shared)

@@ -8,13 +8,15 @@ from replicate.timing.single_poses import DISTURBED
 from replicate.timing.timed_names import EXACT
 
 
-def best_row(rows: Iterable[Row], character: str, method: str, where: str) -> Row | None:
-    """Return the row with the least mean time of a method among its exact evaluations, "one_core" or "all_cores".
+def best_row(rows: Iterable[Row], character: str, method: str, where: str, table: str = "table3") -> Row | None:
+    """Return the row with the least mean time of a method among its exact evaluations.
+
+    where: "one_core", "all_cores" or "gpu". table: what the rows' table is called.
 
     The exact ones give the method's own vertices, but for rounding in float32; weights rounded to 16 bits do not. None
     where there is no row.
     """
-    keys = {("table3", character, method + ending, f"time_{where}") for ending in EXACT}
+    keys = {(table, character, method + ending, f"time_{where}") for ending in EXACT}
     return min((row for row in rows if row.key in keys), key=lambda row: row.value, default=None)
 
 
