@@ -169,7 +169,7 @@ def test_times_on_a_gpu_have_a_folder_of_their_own_beside_what_texts_quote(folde
     apart.mkdir()
     for folder, value, who in ((reference_folder, 0.7, "teen"), (apart, 0.2, "toon")):
         write_results(folder / "table3.csv", [time_of(who, "all_cores", value)])
-        manifest.write_entries(folder, "table3", {who: CLEAN})
+        manifest.write_entries(folder, "table3", {who: {**CLEAN, "run": f"{value}"}})
     timed = [time_of("teen", where, 0.5) for where in ("all_cores", "gpu")]
     write_results(run / "table3.csv", timed)
     manifest.write_entries(run, "table3", {"teen": CLEAN})
@@ -177,6 +177,7 @@ def test_times_on_a_gpu_have_a_folder_of_their_own_beside_what_texts_quote(folde
     assert read_results(apart / "table3.csv") == [*timed, time_of("toon", "all_cores", 0.2)]
     assert list(manifest.entries(apart, "table3")) == ["teen", "toon"]
     assert read_results(reference_folder / "table3.csv") == [time_of("teen", "all_cores", 0.7)]
+    assert manifest.entries(reference_folder, "table3")["teen"]["run"] == "0.7"
     assert (reference_folder / "table2.csv").is_file() and {"table2", "table3", "claims"} <= {*notebook_names}
     write_results(run / "table3.csv", [*timed, time_of("woman", "all_cores", 0.5)])
     with pytest.raises(InputError, match="Table 3 has no times on a GPU for woman: publish these apart"):

@@ -71,7 +71,7 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
         raise InputError(f"{run}: there are no results; `make table2 PROFILE={profile}` writes them.")
     for folder, names in ((run, of_run), (bench, of_bench)):
         _check_clean(folder, names)
-    on_gpu = is_of_gpu(run)
+    on_gpu = GPU_TIMES in of_run and is_of_gpu(run)
     shared = committed_seeds.shared_characters(run) if add_seeds else []
     paths.REFERENCE.mkdir(parents=True, exist_ok=True)
     files = put_first_seed(run, shared)
