@@ -7,8 +7,7 @@ from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.report import manifest
 from replicate.report.results import read_results
-from replicate.targets.table3.gpu_machine import ROWS
-from replicate.targets.table3.timing_rows import GRAPHICS
+from replicate.targets.table3.timing_rows import GRAPHICS, ROWS
 
 TARGET = "table3"
 

@@ -7,7 +7,8 @@ from replicate.drawing.style import MEASURES
 from replicate.engine import paths
 from replicate.methods.method_registry import in_order, method_named
 from replicate.report.cast import characters_of
-from replicate.report.results import Row, find, read_results
+from replicate.report.notebooks import rows_if_there
+from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
 from replicate.targets.table2.character_part import ROWS
 
@@ -19,16 +20,12 @@ def paper_profile_rows(results: str) -> list[Row]:
 
     results: "reference", or the profile of a run of yours.
     """
-    folders = paths.committed_folders()
-    folder = folders[paths.PAPER_PROFILE] if results in folders else paths.run_folder("paper")
-    return read_results(folder / ROWS) if (folder / ROWS).is_file() else []
+    return rows_if_there(paths.PAPER_PROFILE if results in paths.committed_folders() else "paper", ROWS)
 
 
 def clips_rows(results: str) -> list[Row]:
     """Return the rows of networks that are tested on whole clips, of committed results; none for a run of yours."""
-    folders = paths.committed_folders()
-    file = folders[paths.WHOLE_CLIPS] / ROWS
-    return read_results(file) if results in folders and file.is_file() else []
+    return rows_if_there(paths.WHOLE_CLIPS, ROWS) if results in paths.committed_folders() else []
 
 
 def layout_tables(rows: Sequence[Row]) -> list[Table]:

@@ -4,10 +4,11 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from replicate.engine import paths
-from replicate.report.results import Row, read_results
+from replicate.report.notebooks import rows_if_there
+from replicate.report.results import Row
+from replicate.targets.table3 import FILE
 
 GPU_TABLE = "table3_gpu"  # its rows' table where they stand beside those of the other machine
-ROWS = "table3.csv"
 
 
 def gpu_machine_rows(results: str) -> list[Row]:
@@ -15,9 +16,7 @@ def gpu_machine_rows(results: str) -> list[Row]:
 
     results: "reference", or the profile of a run of yours.
     """
-    folders = paths.committed_folders()
-    file = folders[paths.GPU_MACHINE] / ROWS
-    return read_results(file) if results in folders and file.is_file() else []
+    return rows_if_there(paths.GPU_MACHINE, FILE) if results in paths.committed_folders() else []
 
 
 def beside(rows: Iterable[Row]) -> list[Row]:
