@@ -21,6 +21,7 @@ LANDMARKS  ?=
 ONTO       ?=
 TO         ?=
 TOLERANCE  ?=
+ONLY       ?=
 RECENT     := import sys; sys.exit(sys.version_info < (3, 11))
 PYTHON     ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 	$$p -c '$(RECENT)' 2>/dev/null && echo $$p && exit; done; echo python3)
@@ -53,7 +54,7 @@ BENCHMARKS := $(patsubst replicate/benchmarks/bench_%.py,bench-%,$(shell grep -l
 
 # The variables that are set, as options; what a target doesn't take, it leaves out.
 VARIABLES := PROFILE CHARACTERS METHODS SEED JOBS CLUSTER DEVICE CONFIG SPLIT LATEX ADD_SEEDS POSE CLIP PARAMS TO \
-	TOLERANCE LANDMARKS ONTO
+	TOLERANCE LANDMARKS ONTO ONLY
 SWITCHES := LATEX ADD_SEEDS
 option = $(if $($(1)),--$(shell echo $(1) | tr A-Z_ a-z-)$(if $(filter $(SWITCHES),$(1)),, '$(subst ','\'',$($(1)))'))
 OPTIONS = $(foreach name,$(VARIABLES),$(call option,$(name)))
@@ -79,6 +80,7 @@ help: ## print this help
 	@echo "  POSE=  CLIP=  PARAMS=  TO=  TOLERANCE=   as \`python -m replicate export --help\` says"
 	@echo "  LANDMARKS=      for capture: a CSV file of an actor's landmarks, as \`python -m replicate capture --help\` says"
 	@echo "  ONTO=           for figure13: other characters whose faces the networks move as well"
+	@echo "  ONLY='a|b'      some of a benchmark's trainings, as \`python -m replicate.benchmarks.bench_training --help\` says"
 	@echo "  ADD_SEEDS=1     \`make reference\` adds a run's seeds to those that are committed"
 	@echo "  LATEX=1         \`make compare\` and \`make claims\` in LaTeX"
 	@echo "  ICT_FACEKIT=    the folder of ICT-FaceKit, for CHARACTERS=ict: a face that nobody here made"
@@ -91,8 +93,7 @@ $(TARGETS): $(ENVIRONMENT)
 	@exec $(RUN) -m replicate $@ --from-make $(OPTIONS)
 
 $(BENCHMARKS): bench-%: $(ENVIRONMENT)
-	@exec $(RUN) -m replicate.benchmarks.bench_$* --from-make \
-	  $(call option,PROFILE) $(call option,CHARACTERS) $(call option,METHODS) $(call option,CONFIG)
+	@exec $(RUN) -m replicate.benchmarks.bench_$* --from-make $(OPTIONS)
 
 test: $(ENVIRONMENT) ## run all tests
 	@exec $(RUN) -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder

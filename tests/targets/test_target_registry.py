@@ -8,6 +8,7 @@ import subprocess
 import pytest
 
 from replicate import __main__ as cli
+from replicate.benchmarks.common import make_parser, parse
 from replicate.engine.paths import ROOT
 from replicate.methods.method_registry import choose
 from replicate.report.cast import STANDS_FOR, cast
@@ -24,7 +25,7 @@ def make(*words: str) -> str:
     """Return what make prints; no variable of this process's environment is seen."""
     if shutil.which("make") is None:
         pytest.skip("needs make")
-    clean = ["env", *(f"-u{option.upper()}" for option in OPTIONS), "-uMAKEFLAGS", "-uCLUSTER", "-uMAKELEVEL"]
+    clean = ["env", *(f"-u{option.upper()}" for option in OPTIONS), "-uMAKEFLAGS", "-uCLUSTER", "-uONLY", "-uMAKELEVEL"]
     process = subprocess.run([*clean, "make", *words], cwd=ROOT, capture_output=True, text=True)
     assert process.returncode == 0, process.stderr
     return process.stdout
@@ -111,6 +112,12 @@ def test_make_hands_on_quotes_as_they_stand(value):
 
 
 def test_make_hands_a_benchmark_its_characters():
-    arguments = handed_on("bench-poses", "CHARACTERS=teen tiny", "POSE=joy")
-    assert arguments[:2] == ["replicate.benchmarks.bench_poses", "--from-make"] and "teen tiny" in arguments
-    assert "--pose" not in arguments
+    arguments = handed_on("bench-ladder", "CHARACTERS=teen tiny", "ONLY=regional|linear")
+    assert arguments[:2] == ["replicate.benchmarks.bench_ladder", "--from-make"] and "teen tiny" in arguments
+    assert arguments[-2:] == ["--only", "regional|linear"]
+
+
+def test_a_benchmark_says_which_variables_count_for_nothing(capsys):
+    options, _ = parse(make_parser("bench_toy", "a toy"), ["--from-make", "--profile", "quick", "--methods", "dense"])
+    assert options.characters == "teen" and not hasattr(options, "methods")
+    assert capsys.readouterr().err == "left out, since this command doesn't take it: METHODS\n"
