@@ -129,4 +129,7 @@ def joint_run(rows: Iterable[Row]) -> str:
 
 def find(rows: Iterable[Row], table: str, character: str, method: str, metric: str) -> Row | None:
     """Return the row about one thing, or None."""
-    return next((row for row in rows if row.key == (table, character, method, metric)), None)
+    for row in rows:  # the parts that differ most come first: tables are read row by row
+        if row.metric == metric and row.method == method and row.character == character and row.table == table:
+            return row
+    return None
