@@ -5,6 +5,8 @@ vertices that come nearest to that solve a linear system, whose matrix never cha
 the original mesh in every pose, and a counterpart for every triangle.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int
 from scipy.sparse import coo_array, csr_array
@@ -14,6 +16,7 @@ from scipy.sparse.linalg import factorized
 from replicate.engine.exceptions import InputError
 from replicate.geometry.normals import face_vectors
 from replicate.transfer.surface_places import nearest_faces
+from replicate.transfer.surface_ways import Nearby
 
 
 class DeformationTransfer:
@@ -83,12 +86,15 @@ def counterparts(
     faces: Int[np.ndarray, "g 3"],
     neutral: Float[np.ndarray, "n 3"],
     source_faces: Int[np.ndarray, "f 3"],
+    nearby: Nearby | None = None,
 ) -> Int[np.ndarray, " g"]:
     """Return the original's face nearest to the middle of each new one, among those that face the same way.
 
     For meshes of the same neutral surface that is exact enough; others need landmarks to be brought together first.
+    nearby: for the new vertices, which parts of the original's surface they belong to.
     """
-    return nearest_faces(target[faces].mean(1), neutral, source_faces, face_vectors(target, faces))
+    own = None if nearby is None else replace(nearby, points=nearby.points[faces].mean(1))
+    return nearest_faces(target[faces].mean(1), neutral, source_faces, face_vectors(target, faces), nearby=own)
 
 
 def _gradient_matrix(target: np.ndarray, faces: np.ndarray) -> csr_array:

@@ -5,15 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Float64
-from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from replicate.approximation.segments import faces_within
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
+from replicate.transfer.surface_ways import FAR_MM, edge_graph
 
 FACE = "face"  # what the names of a face's segments begin with
-FAR_MM = 1_000.0  # where there is no way
 
 
 @dataclass(frozen=True)
@@ -60,8 +59,4 @@ def upper_over_lower(
 
 def _ways(vertices: np.ndarray, face: Face, marks: list[int]) -> np.ndarray:
     """Return the length of the shortest way along edges from each vertex to one of some landmarks."""
-    a, b = face.faces[:, [0, 1, 2]].ravel(), face.faces[:, [1, 2, 0]].ravel()
-    a, b = np.unique(np.sort(np.stack([a, b]), axis=0), axis=1)
-    lengths = np.linalg.norm(vertices[a].astype(np.float64) - vertices[b], axis=1)
-    graph = coo_array((lengths, (a, b)), shape=(len(vertices),) * 2).tocsr()
-    return dijkstra(graph, directed=False, indices=marks, min_only=True)
+    return dijkstra(edge_graph(vertices, face.faces), directed=False, indices=marks, min_only=True)

@@ -10,13 +10,16 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Float32, Int
-from scipy.sparse import csr_array
+from scipy.sparse import coo_array, csr_array
 
 from replicate.approximation.segments import faces_within
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 from replicate.geometry.normals import degenerate_faces, vertex_normals
 from replicate.transfer.surface_places import Places, nearest_places
+from replicate.transfer.surface_ways import Nearby, edge_graph, surface_ways
+
+REACH = 2.0  # edges of the original, the mean one: by as many may ways over the surface differ in one place
 
 
 @dataclass(frozen=True)
@@ -58,68 +61,89 @@ def remeshed(mesh: Mesh, segments: Collection[int], share: float) -> NewMesh:
         raise InputError(f"share of the vertices is {share}: allowed is a number above 0 and below 1.")
     own = np.flatnonzero(np.isin(mesh.segment, list(segments)))
     faces = own[faces_within(mesh.faces, own, len(mesh.neutral))]
-    vertices, new_faces = decimated(mesh.neutral, faces, share)
-    vertices = relaxed(vertices, new_faces)
-    normals = vertex_normals(vertices, new_faces)
-    segment = mesh.segment[nearest_places(vertices, mesh.neutral, faces, normals).nearest_corner]
-    return on_original(mesh, vertices, new_faces, segment, normals)
+    ways = surface_ways(mesh.neutral, faces)
+    vertices, new_faces, own_ways = decimated(mesh.neutral, faces, share, ways)
+    vertices, own_ways = (relaxed(values, new_faces) for values in (vertices, own_ways))
+    normals, nearby = vertex_normals(vertices, new_faces), Nearby(own_ways, ways, reach_of(mesh.neutral, faces))
+    places = nearest_places(vertices, mesh.neutral, faces, normals, nearby=nearby)
+    return on_original(mesh, new_faces, within_segments(vertices, places, mesh))
 
 
-def on_original(
-    mesh: Mesh,
-    vertices: Float[np.ndarray, "k 3"],
-    faces: Int[np.ndarray, "g 3"],
-    segment: Int[np.ndarray, " k"],
-    normals: Float[np.ndarray, "k 3"] | None = None,
-) -> NewMesh:
-    """Return a new mesh with its vertices put on the nearest place of the original's neutral surface.
+def reach_of(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> float:
+    """Return by how much ways over a mesh may differ in one place: the mean edge, `REACH` times, mm."""
+    return REACH * float(edge_graph(vertices, faces).data.mean())
 
-    vertices: of the new mesh, near that surface, mm. segment: the original's segment that each belongs to, by index.
-    normals: of the new vertices, to tell the two sides of a slit apart. Triangles that have no area there are left out,
-    and vertices in no triangle with them.
+
+def within_segments(points: Float[np.ndarray, "k 3"], places: Places, mesh: Mesh) -> Places:
+    """Return places whose triangles have all of their corners in one segment, that of the place's nearest corner.
+
+    A place on a triangle between segments goes to the nearest place of those triangles around its nearest corner that
+    lie in one segment, or to the corner itself where there is none.
+    points: (k, 3), what the places are of, mm.
     """
-    corners, shares = np.empty((len(vertices), 3), np.int32), np.empty((len(vertices), 3))
-    for k in np.unique(segment):
-        chosen, inside = np.flatnonzero(segment == k), np.flatnonzero(mesh.segment == k)
-        within = inside[faces_within(mesh.faces, inside, len(mesh.neutral))]
-        if len(within) == 0:
-            name = mesh.segment_names[k]
-            raise InputError(f"mesh: segment {name!r} has no face of its own, where at least one is needed.")
-        places = nearest_places(vertices[chosen], mesh.neutral, within, None if normals is None else normals[chosen])
-        corners[chosen], shares[chosen] = places.corners, places.shares
-    neutral = Places(corners, shares).mix(mesh.neutral)
+    corner, segment = places.nearest_corner, mesh.segment
+    corners, shares = np.repeat(corner[:, None], 3, axis=1), np.tile([1.0, 0.0, 0.0], (len(corner), 1))
+    kept = (segment[places.corners] == segment[corner][:, None]).all(1)
+    corners[kept], shares[kept] = places.corners[kept], places.shares[kept]
+    whole = mesh.faces[(segment[mesh.faces] == segment[mesh.faces[:, :1]]).all(1)]
+    around = coo_array((np.ones(whole.size), (whole.ravel(), np.repeat(np.arange(len(whole)), 3))),
+                       shape=(len(segment), len(whole))).tocsr()  # fmt: skip
+    for moved in np.flatnonzero(~kept):
+        faces = whole[around[[corner[moved]]].indices]
+        if len(faces):
+            nearest = nearest_places(points[[moved]], mesh.neutral, faces)
+            corners[moved], shares[moved] = nearest.corners[0], nearest.shares[0]
+    return Places(corners, shares)
+
+
+def on_original(mesh: Mesh, faces: Int[np.ndarray, "g 3"], places: Places) -> NewMesh:
+    """Return a new mesh with its k vertices at some places on the original's neutral surface.
+
+    faces: of the new mesh. places: k, each on a triangle of one segment, which the vertex then belongs to. Triangles
+    that have no area there are left out, and vertices in no triangle with them.
+    """
+    neutral = places.mix(mesh.neutral)
     faces = faces[~degenerate_faces(neutral, faces)]
     used, new_faces = np.unique(faces, return_inverse=True)
-    places = Places(corners[used], shares[used])
-    present, index = np.unique(segment[used], return_inverse=True)
+    places = Places(places.corners[used], places.shares[used])
+    present, index = np.unique(mesh.segment[places.corners[:, 0]], return_inverse=True)
     uv = places.mix(mesh.uv).clip(0, 1)  # rounding leaves the chart by a millionth
     names = tuple(mesh.segment_names[k] for k in present)
     new = Mesh(neutral[used], new_faces.reshape(-1, 3).astype(np.int32), uv, index.astype(np.int32), names)
     return NewMesh(new, places)
 
 
-def relaxed(vertices: Float32[np.ndarray, "k 3"], faces: Int[np.ndarray, "g 3"]) -> Float32[np.ndarray, "k 3"]:
-    """Return the vertices moved half of the way to the mean of their neighbours; those on a border stay."""
+def relaxed(values: Float32[np.ndarray, "k d"], faces: Int[np.ndarray, "g 3"]) -> Float32[np.ndarray, "k d"]:
+    """Return what vertices have moved half of the way to the mean of their neighbours; those on a border stay."""
     a, b = faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel()
-    directed = csr_array((np.ones(len(a)), (a, b)), shape=(len(vertices),) * 2)
+    directed = csr_array((np.ones(len(a)), (a, b)), shape=(len(values),) * 2)
     triangles = directed + directed.T  # at each edge, how many
     border = triangles.indices[triangles.data != 2]
     adjacency = triangles.astype(bool).astype(np.float64)
-    moved = (vertices + (adjacency @ vertices) / np.maximum(adjacency.sum(1), 1)[:, None]) / 2
-    moved[border] = vertices[border]
+    moved = (values + (adjacency @ values) / np.maximum(adjacency.sum(1), 1)[:, None]) / 2
+    moved[border] = values[border]
     return moved.astype(np.float32)
 
 
 def decimated(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], share: float
-) -> tuple[Float32[np.ndarray, "k 3"], Int[np.ndarray, "g 3"]]:
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], share: float, values: Float[np.ndarray, "n d"]
+) -> tuple[Float32[np.ndarray, "k 3"], Int[np.ndarray, "g 3"], Float32[np.ndarray, "k d"]]:
     """Return a surface with a share of its triangles, by quadric error metrics (Garland and Heckbert 1997).
 
-    Vertices of no face are left out; the others move off the surface by little.
+    Vertices of no face are left out; the others move off the surface by little. values: of the vertices, which are
+    mixed as vertices are merged; the new vertices' are the last that is returned.
     """
     import pyvista
+    from vtkmodules.vtkFiltersCore import vtkQuadricDecimation
 
     used, own = np.unique(faces, return_inverse=True)
     surface = pyvista.PolyData.from_regular_faces(np.asarray(vertices[used], np.float32), own.reshape(-1, 3))
-    coarser = surface.decimate(1 - share).clean(point_merging=False)
-    return np.array(coarser.points, np.float32), np.array(coarser.regular_faces, np.int32)
+    surface.point_data["values"] = np.asarray(values[used], np.float32)
+    decimation = vtkQuadricDecimation()
+    decimation.SetInputData(surface)
+    decimation.SetTargetReduction(1 - share)
+    decimation.SetMapPointData(True)
+    decimation.Update()
+    coarser = pyvista.wrap(decimation.GetOutput()).clean(point_merging=False)
+    new_values = np.array(coarser.point_data["values"], np.float32).reshape(coarser.n_points, -1)
+    return np.array(coarser.points, np.float32), np.array(coarser.regular_faces, np.int32), new_values

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Float64, Int
+from scipy.spatial.distance import cdist
 
 from replicate.geometry.normals import face_vectors
+from replicate.transfer.surface_ways import Nearby
 
 PAIRS_AT_ONCE = 4_000_000  # of points and triangles
 
@@ -42,9 +44,10 @@ def nearest_places(
     faces: Int[np.ndarray, "f 3"],
     directions: Float[np.ndarray, "k 3"] | None = None,
     lead: float = np.inf,
+    nearby: Nearby | None = None,
 ) -> Places:
-    """Return the place on a mesh that is nearest to each point; directions and lead: see `nearest_faces`."""
-    chosen = nearest_faces(points, vertices, faces, directions, lead)
+    """Return the place on a mesh that is nearest to each point; directions, lead and nearby: see `nearest_faces`."""
+    chosen = nearest_faces(points, vertices, faces, directions, lead, nearby)
     corners = vertices[faces[chosen]].astype(np.float64)
     return Places(faces[chosen], closest_shares(points.astype(np.float64), corners))
 
@@ -55,25 +58,27 @@ def nearest_faces(
     faces: Int[np.ndarray, "f 3"],
     directions: Float[np.ndarray, "k 3"] | None = None,
     lead: float = np.inf,
+    nearby: Nearby | None = None,
 ) -> Int[np.ndarray, " k"]:
     """Return the triangle of a mesh that is nearest to each point; exact, the first of several equally near.
 
-    directions: each point's normal; only triangles that face the same way are looked at, so that a point of the upper
-    lip never lands on the lower one. A point takes the nearest of all where none faces it, or where that is nearer by
-    more than `lead`.
+    directions: each point's normal; only triangles that face the same way are looked at, so that a point on the front
+    of an ear never lands on its back. A point takes the nearest of all where none faces it, or where that is nearer by
+    more than `lead`. nearby: only triangles that it allows are looked at, so that a point of the upper lip never lands
+    on the lower one.
     """
-    chosen = _nearest(points, vertices, faces, directions)
+    chosen = _nearest(points, vertices, faces, directions, nearby)
     if directions is None or np.isinf(lead):
         return chosen
-    of_all = _nearest(points, vertices, faces, None)
+    of_all = _nearest(points, vertices, faces, None, nearby)
     facing, any_way = (_distances(points, vertices[faces[which]]) for which in (chosen, of_all))
     return np.where(facing > any_way + lead, of_all, chosen)
 
 
 def _nearest(
-    points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, directions: np.ndarray | None
+    points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, directions: np.ndarray | None, nearby: Nearby | None
 ) -> Int[np.ndarray, " k"]:
-    """Return the nearest of the triangles that face the same way, of all where there is none.
+    """Return the nearest of the triangles that are nearby and face the same way, of all nearby where there is none.
 
     A triangle lies within its radius of its centre, and its centre is one of its points: most are ruled out by that.
     """
@@ -81,15 +86,19 @@ def _nearest(
     centres = corners.mean(1)
     radii = np.linalg.norm(corners - centres[:, None], axis=-1).max(1)
     normals = face_vectors(vertices.astype(np.float64), faces)
+    ways = None if nearby is None else nearby.vertices[faces].mean(1)
     chosen = np.empty(len(points), np.int64)
     step = max(1, PAIRS_AT_ONCE // len(faces))
     for start in range(0, len(points), step):
         own = np.asarray(points[start : start + step], np.float64)
         squared = (own**2).sum(1)[:, None] - 2 * own @ centres.T + (centres**2).sum(1)
         away = np.sqrt(np.maximum(squared, 0))  # (k, f), from point to centre
+        if nearby is not None:
+            apart = cdist(nearby.points[start : start + step], ways, "chebyshev")
+            away[apart > np.maximum(apart.min(1, keepdims=True), nearby.reach)] = np.inf
         if directions is not None:
-            opposed = directions[start : start + step] @ normals.T <= 0
-            away[opposed & ~opposed.all(1, keepdims=True)] = np.inf
+            left_out = np.isinf(away) | (directions[start : start + step] @ normals.T <= 0)
+            away[left_out & ~left_out.all(1, keepdims=True)] = np.inf
         bound = away.min(1, keepdims=True)
         point, face = np.nonzero(away - radii <= bound * (1 + 1e-9) + 1e-9)
         distance = _distances(own[point], corners[face])

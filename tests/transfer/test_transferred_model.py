@@ -16,7 +16,8 @@ from replicate.config import CoarseConfig, RefinementConfig
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 from replicate.transfer.misaligned_charts import shifted, turned
-from replicate.transfer.remeshing import on_original, remeshed
+from replicate.transfer.remeshing import on_original, remeshed, within_segments
+from replicate.transfer.surface_places import nearest_places
 from replicate.transfer.transferred_model import read_at, square_of, transferred
 
 PARAMS = np.random.default_rng(1).uniform(-1, 1, (5, M)).astype(np.float32)
@@ -147,10 +148,12 @@ def test_new_meshes_are_read_as_they_were_written(mesh, tmp_path):
 
 
 def test_vertices_of_no_triangle_and_triangles_without_area_are_left_out(mesh):
-    part, _ = part_of(mesh, (1,))
+    part, own = part_of(mesh, (1,))
     vertices = np.concatenate([part.neutral, part.neutral[:1] + np.float32([0, 0, 9])])
     faces = np.concatenate([part.faces, np.int32([[0, 1, len(part.neutral)]])])  # it falls onto its own first corner
-    new = on_original(mesh, vertices, faces, np.full(len(vertices), 1))
+    new = on_original(
+        mesh, faces, within_segments(vertices, nearest_places(vertices, mesh.neutral, own[part.faces]), mesh)
+    )
     np.testing.assert_array_equal(new.mesh.faces, part.faces)
     np.testing.assert_allclose(new.mesh.neutral, part.neutral, atol=1e-5)
 

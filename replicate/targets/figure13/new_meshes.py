@@ -35,16 +35,19 @@ def stage(plan: Plan) -> Stage:
 def make(context: StageContext) -> None:
     """Make the new meshes, and find the original's face that each of their faces follows."""
     from replicate.transfer.deformation_transfer import counterparts
-    from replicate.transfer.remeshing import remeshed
+    from replicate.transfer.remeshing import reach_of, remeshed
+    from replicate.transfer.surface_ways import Nearby, surface_ways
 
     mesh, sizes = built_rig.load_mesh(context.inputs), {}
     segments = deforming(context.inputs, mesh)
     faces = faces_of(mesh, segments)
+    ways, reach = surface_ways(mesh.neutral, faces), reach_of(mesh.neutral, faces)
     with context.progress(len(SHARES), "new meshes") as bar:
         for name, share in zip(SHARES, context.config.shares, strict=True):
             new = remeshed(mesh, segments, share)
             new.save(context.out / f"{name}.npz")
-            own = counterparts(new.mesh.neutral, new.mesh.faces, mesh.neutral, faces)
+            nearby = Nearby(new.places.mix(ways), ways, reach)
+            own = counterparts(new.mesh.neutral, new.mesh.faces, mesh.neutral, faces, nearby)
             np.save(context.out / f"{name}_counterparts.npy", own.astype(np.int32))
             sizes[name] = len(new.mesh.neutral)
             bar.update(1)
