@@ -49,21 +49,25 @@ def _places_file(file: Path) -> Path:
     return file.with_name(f"{file.stem}_places{file.suffix}")
 
 
-def remeshed(mesh: Mesh, segments: Collection[int], share: float) -> NewMesh:
+def remeshed(
+    mesh: Mesh, segments: Collection[int], share: float, shape: Float[np.ndarray, "n 3"] | None = None
+) -> NewMesh:
     """Return a mesh of the surface of some segments with about a share of their vertices.
 
     Decimation leaves many vertices where they are; relaxed a little, nearly all are at places that no vertex of the
     original has, so that maps are read where nothing was trained.
-    segments: indices into `mesh.segment_names`. share: above 0, below 1. A new vertex belongs to the segment whose
-    vertex is nearest in its triangle of the original, and is put on the nearest place of that segment.
+    segments: indices into `mesh.segment_names`. share: above 0, below 1. shape: the vertices in the pose whose surface
+    is decimated, the neutral one if none is given: a closed mouth hides what it has inside, and its corners are lost. A
+    new vertex belongs to the segment whose vertex is nearest in its triangle of the original.
     """
     if not 0 < share < 1:
         raise InputError(f"share of the vertices is {share}: allowed is a number above 0 and below 1.")
     own = np.flatnonzero(np.isin(mesh.segment, list(segments)))
     faces = own[faces_within(mesh.faces, own, len(mesh.neutral))]
     ways = surface_ways(mesh.neutral, faces)
-    vertices, new_faces, own_ways = decimated(mesh.neutral, faces, share, ways)
-    vertices, own_ways = (relaxed(values, new_faces) for values in (vertices, own_ways))
+    kept = np.concatenate([mesh.neutral, ways], axis=1)
+    new_faces, new = decimated(mesh.neutral if shape is None else shape, faces, share, kept)
+    vertices, own_ways = np.split(relaxed(new, new_faces), [3], axis=1)
     normals, nearby = vertex_normals(vertices, new_faces), Nearby(own_ways, ways, reach_of(mesh.neutral, faces))
     places = nearest_places(vertices, mesh.neutral, faces, normals, nearby=nearby)
     return on_original(mesh, new_faces, within_segments(vertices, places, mesh))
@@ -127,11 +131,11 @@ def relaxed(values: Float32[np.ndarray, "k d"], faces: Int[np.ndarray, "g 3"]) -
 
 def decimated(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], share: float, values: Float[np.ndarray, "n d"]
-) -> tuple[Float32[np.ndarray, "k 3"], Int[np.ndarray, "g 3"], Float32[np.ndarray, "k d"]]:
-    """Return a surface with a share of its triangles, by quadric error metrics (Garland and Heckbert 1997).
+) -> tuple[Int[np.ndarray, "g 3"], Float32[np.ndarray, "k d"]]:
+    """Return the faces of a surface with a share of its triangles, and what k new vertices have of some values.
 
-    Vertices of no face are left out; the others move off the surface by little. values: of the vertices, which are
-    mixed as vertices are merged; the new vertices' are the last that is returned.
+    By quadric error metrics (Garland and Heckbert 1997); vertices of no face are left out. values: of the vertices,
+    mixed as these are merged: the positions in another pose, say.
     """
     import pyvista
     from vtkmodules.vtkFiltersCore import vtkQuadricDecimation
@@ -145,5 +149,5 @@ def decimated(
     decimation.SetMapPointData(True)
     decimation.Update()
     coarser = pyvista.wrap(decimation.GetOutput()).clean(point_merging=False)
-    new_values = np.array(coarser.point_data["values"], np.float32).reshape(coarser.n_points, -1)
-    return np.array(coarser.points, np.float32), np.array(coarser.regular_faces, np.int32), new_values
+    new = np.array(coarser.point_data["values"], np.float32).reshape(coarser.n_points, -1)
+    return np.array(coarser.regular_faces, np.int32), new

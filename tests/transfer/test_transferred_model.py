@@ -137,6 +137,20 @@ def test_every_new_vertex_lies_on_the_triangle_that_it_is_carried_by(mesh):
     assert np.abs(truth - new.mesh.neutral).max() > 1
 
 
+def test_the_pose_that_is_decimated_says_where_vertices_are_kept(mesh):
+    """A bump that only the pose has keeps the vertices around it; the new mesh is the neutral pose's all the same."""
+    bump = mesh.neutral + 0
+    away = np.linalg.norm(mesh.uv - [0.7, 0.3], axis=1)
+    bump[:, 2] += np.where(mesh.segment == 0, 12 * np.exp(-((away / 0.08) ** 2)), 0).astype(np.float32)
+    near = []
+    for shape in (mesh.neutral, bump):
+        new = remeshed(mesh, (0, 1), 0.25, shape)
+        np.testing.assert_array_equal(new.places.mix(mesh.neutral), new.mesh.neutral)
+        own = new.mesh.uv[new.mesh.segment == 0]
+        near.append((np.linalg.norm(own - [0.7, 0.3], axis=1) < 0.12).sum())
+    assert near[1] > 1.5 * near[0]
+
+
 def test_new_meshes_are_read_as_they_were_written(mesh, tmp_path):
     new = remeshed(mesh, (0,), 0.5)
     new.save(tmp_path / "half.npz")

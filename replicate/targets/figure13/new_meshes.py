@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Int
 
-from replicate.artefacts import built_rig, rigid_segments
+from replicate.artefacts import built_rig, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
 from replicate.geometry.mesh import Mesh
@@ -17,18 +17,20 @@ if TYPE_CHECKING:
     import replicate.transfer.remeshing
 
 SHARES = {"half": 0.5, "quarter": 0.25}
+POSES = 256  # of the training, whose mean is the pose that is decimated
 
 
 @dataclass(frozen=True)
 class NewMeshNumbers:
-    """Which shares of the vertices the new meshes have."""
+    """Which shares of the vertices the new meshes have, and of how many training poses the mean is decimated."""
 
     shares: tuple[float, ...]
+    poses: int = POSES
 
 
 def stage(plan: Plan) -> Stage:
     """Return the stage that makes the new meshes."""
-    inputs = (built_rig.stage(plan), rigid_segments.stage(plan))
+    inputs = (built_rig.stage(plan), drawn_samples.stage(plan), rigid_segments.stage(plan))
     return plan.stage("new_meshes", make, NewMeshNumbers(tuple(SHARES.values())), *inputs)
 
 
@@ -41,10 +43,13 @@ def make(context: StageContext) -> None:
     mesh, sizes = built_rig.load_mesh(context.inputs), {}
     segments = deforming(context.inputs, mesh)
     faces = faces_of(mesh, segments)
+    samples = drawn_samples.load(context.inputs)
+    some = np.linspace(0, len(samples) - 1, min(context.config.poses, len(samples))).astype(int)
+    shape = mesh.neutral + samples.offsets(some).mean(0)
     ways, reach = surface_ways(mesh.neutral, faces), reach_of(mesh.neutral, faces)
     with context.progress(len(SHARES), "new meshes") as bar:
         for name, share in zip(SHARES, context.config.shares, strict=True):
-            new = remeshed(mesh, segments, share)
+            new = remeshed(mesh, segments, share, shape)
             new.save(context.out / f"{name}.npz")
             nearby = Nearby(new.places.mix(ways), ways, reach)
             own = counterparts(new.mesh.neutral, new.mesh.faces, mesh.neutral, faces, nearby)
