@@ -19,7 +19,7 @@ from replicate.geometry.normals import degenerate_faces, vertex_normals
 from replicate.transfer.surface_places import Places, nearest_places
 from replicate.transfer.surface_ways import Nearby, edge_graph, surface_ways
 
-REACH = 2.0  # edges of the original, the mean one: by as many may ways over the surface differ in one place
+REACH = 2.0  # mean edges of the original: by as much may two ways over the surface to the same place differ
 
 
 @dataclass(frozen=True)

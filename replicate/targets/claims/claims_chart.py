@@ -1,6 +1,7 @@
 """A claim's numbers as a chart: ours beside the paper's, as ratios that the claim wants below 1."""
 
 import math
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,8 @@ if TYPE_CHECKING:
 
 OURS, THEIRS = "#1F6FB4", "#333333"
 PANELS = 4  # in a row
-ROW, TITLE, FRAME = 0.3, 1.0, 0.8  # inches: a line, what is around a row of panels, and around all of them
+ROW, TITLE, FRAME = 0.3, 1.0, 0.8  # inches: a comparison, what is around a row of panels, and around all of them
+LETTERS, LINE = 30, 0.2  # in a line of what is compared; inches that each further line takes
 SIZE_PT, TITLE_PT = 12, 11  # of letters; a panel's names are as wide as it
 MOST_DECADES = 2.5  # beyond that the numbers of all ticks have no room
 LEAST = 0.02  # a smaller ratio stands at the left end of its panel, as an arrow with its bound
@@ -37,7 +39,9 @@ def claim_chart(evidence: Evidence, paper: Evidence, claim: str) -> "tuple[matpl
     rows = _rows({character: pairs for character, pairs in panels.items() if pairs})
     if not rows:
         return None
-    heights = [ROW * len(names) + TITLE for names, _ in rows]
+    quantity = _shared_quantity([name for names, _ in rows for name in names])
+    lines = [[textwrap.fill(name.removeprefix(f"{quantity}: "), LETTERS) for name in names] for names, _ in rows]
+    heights = [len(each) * (ROW + LINE * max(label.count("\n") for label in each)) + TITLE for each in lines]
     figure = Figure((WIDTH, sum(heights) + FRAME), dpi=DPI, layout="constrained")
     grid = figure.add_gridspec(
         len(rows), min(PANELS, max(3, *(len(shown) for _, shown in rows))), height_ratios=heights
@@ -45,14 +49,16 @@ def claim_chart(evidence: Evidence, paper: Evidence, claim: str) -> "tuple[matpl
     ratios = [c.ratio for pairs in panels.values() for pair in pairs.values() for c in pair if c]
     small = any(ratio < LEAST for ratio in ratios)
     limits = min([r for r in ratios if r >= LEAST] + [0.8]) / (3 if small else 1.35), max([*ratios, 1.25]) * 1.35
-    phrases, quantity = [], _shared_quantity([name for names, _ in rows for name in names])
+    has = [any(pair[k] for pairs in panels.values() for pair in pairs.values()) for k in (0, 1)]
+    phrases = []
     for r, (names, shown) in enumerate(rows):
         for c, character in enumerate(shown):
             axes = figure.add_subplot(grid[r, c])
             phrases += _draw(axes, names, panels[character], character, limits)
-            axes.set_yticks(range(len(names)), [name.removeprefix(f"{quantity}: ") for name in names] if c == 0 else [])
+            axes.set_title(_title(panels[character], character, has[1]), fontsize=TITLE_PT, loc="left")
+            axes.set_yticks(range(len(names)), lines[r] if c == 0 else [])
             axes.tick_params(labelsize=SIZE_PT)
-    _legend(figure, [any(pair[k] for pairs in panels.values() for pair in pairs.values()) for k in (0, 1)])
+    _legend(figure, has)
     of_what = f"{quantity}s" if quantity else "the two numbers"
     figure.supxlabel(f"ratio of {of_what}; in grey, against the claim", fontsize=SIZE_PT)
     about = "its numbers as ratios, dots ours, rings the paper's; the claim wants them left of 1"
@@ -92,11 +98,6 @@ def _draw(axes, names: list[str], pairs: Pairs, character: str, limits: tuple[fl
             axes.errorbar(ours.ratio, y, xerr=_half_width(ours), fmt="o", color=OURS, markersize=6, capsize=3)
         if ours:
             phrases.append(f"{character}, {name}: {significant(ours.ratio, 2)}")
-    film = stand_in(character)
-    has = [any(pair[k] for pair in pairs.values()) for k in (0, 1)]
-    ours = f"● {character}{', ours' if film else ''}" if has[0] else f"{character}: not tested"
-    theirs = f"○ {film}, paper" if has[1] else "paper: no number"
-    axes.set_title(f"{ours}\n{theirs}", fontsize=TITLE_PT, loc="left")
     axes.set_xscale("log")
     axes.set_xlim(lower, upper)
     decades = math.log10(upper / lower)
@@ -107,6 +108,15 @@ def _draw(axes, names: list[str], pairs: Pairs, character: str, limits: tuple[fl
     axes.set_ylim(len(names) - 0.5, -0.5)
     tidy(axes)
     return phrases
+
+
+def _title(pairs: Pairs, character: str, published: bool) -> str:
+    """Return whose numbers a panel has: ours and, where the paper has some for any panel, the paper's below."""
+    film = stand_in(character)
+    has = [any(pair[k] for pair in pairs.values()) for k in (0, 1)]
+    ours = f"● {character}{', ours' if film else ''}" if has[0] else f"{character}: not tested"
+    theirs = f"○ {film}, paper" if has[1] else "paper: no number"
+    return f"{ours}\n{theirs}" if published else ours
 
 
 def _arrow(axes, lower: float, y: int) -> float:

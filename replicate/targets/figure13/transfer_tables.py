@@ -43,7 +43,8 @@ def tables13(ours: Sequence[Row]) -> list[Table]:
 
 def meshes_table(rows: Sequence[Row], character: str) -> Table:
     """Return one character's mean errors of every way to move every mesh."""
-    present = {row.method for row in rows if row.character == character}
+    own = [row for row in rows if row.character == character]
+    present = {row.method for row in own}
     body: list[tuple[str, ...] | None] = []
     for kind, unit, words in KINDS:
         body += [None] if body else []
@@ -52,7 +53,7 @@ def meshes_table(rows: Sequence[Row], character: str) -> Table:
             found = [find(rows, "figure13", character, way, f"{kind}_error_mean[{mesh}]") for mesh in MESHES]
             body.append((LABELS[way], *(round_off(row.value, unit, row.sd) if row else "–" for row in found)))
     return Table(
-        f"Meshes of other topologies: {character}", (("", *MESHES.values()),), tuple(body), (*NOTES, _about(rows))
+        f"Meshes of other topologies: {character}", (("", *MESHES.values()),), tuple(body), (*NOTES, _about(own))
     )
 
 
