@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 from sample_rows import mean_rows, table1_rows
@@ -129,6 +130,22 @@ def test_what_all_lines_of_a_chart_compare_is_said_once():
     assert one.axes[0].get_yticklabels()[0].get_text() == "refined < LBS 16"
     assert two.get_supxlabel().startswith("ratio of the two numbers;")
     assert two.axes[0].get_yticklabels()[0].get_text() == "distance: refined < coarse"
+
+
+def test_titles_of_a_charts_panels_leave_each_other_their_room():
+    """C13 compares what takes the most words, and the paper has no number for it."""
+    rows = [
+        Row("figure13", character, method, f"{kind}_error_mean[{mesh}]", unit, 1.0, None, 1, 10, "quick", "r")
+        for character in ("teen", "woman", "dragon", "toon")
+        for method in ("coarse", "coarse_carried", "deformation_transfer", "deformation_transfer_coarse")
+        for kind, unit in (("vertex", "mm"), ("normal", "deg"))
+        for mesh in ("half", "quarter")
+    ]
+    figure, _ = claim_chart(Evidence(rows), PAPER, "C13")
+    figure.draw_without_rendering()
+    assert [axes.get_title(loc="left") for axes in figure.axes][::3] == ["● teen, ours", "● toon, ours"]
+    boxes = [axes._left_title.get_window_extent() for axes in figure.axes]
+    assert all(left.x1 < right.x0 for left, right in pairwise(boxes)) and boxes[-1].x1 <= figure.bbox.width
 
 
 @pytest.fixture

@@ -96,6 +96,10 @@ def test_the_figure_has_a_row_of_meshes_each_and_rows_of_the_same_numbers(inputs
     assert rows["coarse", "vertex_error_mean[half][shift 4 px]"].poses == 24
     meshes, charts = tables13(list(rows.values()))
     assert {line[0] for line in meshes.body if line} >= set(LABELS.values()) and set(LABELS) == set(WAYS)
+    other = [replace(row, character="teen", poses=999) for row in rows.values()]
+    notes = {table.title: table.notes[-1] for table in tables13([*rows.values(), *other])}
+    assert notes["Meshes of other topologies: tiny"].startswith("24 test poses")
+    assert notes["Meshes of other topologies: teen"].startswith("999 test poses")
     assert [line[0] for line in charts.body] == ["shift 0 px", "shift 1 px", "shift 4 px", "turn 5 deg"]
     words = json.loads((folder / "figure13_tiny.json").read_text())
     assert f"{half.distance_mm:.2f} mm" in words["caption"] and "(after Fig. 13)" in words["caption"]

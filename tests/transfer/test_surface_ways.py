@@ -52,7 +52,7 @@ def lips() -> tuple[Mesh, np.ndarray]:
     places = np.stack([x, y, 0 * x], -1).reshape(-1, 3).astype(np.float32)
     number = np.arange(len(places)).reshape(COLUMNS, ROWS)
     lower = places * [1, -1, 1] - [0, 1, 0]
-    over = np.float32([0, -1.2, 0.05]) * opening(places)[:, None]  # the upper lip's seam lies on the lower lip
+    over = np.float32([0, -2.0, 0.01]) * opening(places)[:, None]  # the upper lip's seam lies on the lower lip
     both = np.concatenate([places + over, lower]).astype(np.float32)
     both[:, 2] -= 0.02 * ((both[:, 0] - COLUMNS // 2) ** 2 + both[:, 1] ** 2)  # round as a face is
     sheets = [_sheet(number), _sheet(number + number.size)[:, ::-1]]
