@@ -1,4 +1,4 @@
-"""Our regional model, one pose at a time on one thread: all weights and bases are read once, as they are stored."""
+"""Our regional model, one pose at a time on one thread: weights and bases are read once, in as few bytes as stored."""
 
 from typing import NamedTuple, no_type_check
 
@@ -11,6 +11,7 @@ from replicate.approximation.gated_network import SLOPE
 from replicate.approximation.regional_model import RegionalModel
 from replicate.engine.jit_cache import KEEP_CODE
 from replicate.inference.exponential import exponential
+from replicate.inference.pair_products import BLOCK, add_pairs, in_pairs
 from replicate.inference.row_products import NOTHING, add_products, without_loss
 from replicate.inference.work import Work, of_layers, total
 
@@ -22,11 +23,11 @@ class RegionalPlan(NamedTuple):
     flat, the parameters that each network sees; lowest, highest: what its layers see of them at most. weights: flat,
     network by network each layer's [in, out], then the line's; biases: flat; gated, line: whether there are gates and
     lines.
-    steps (Σ c,): millimetres of a component's whole number 1, the coefficients' length folded in. rough, fine: all
-    bases, flat, [component, coordinate] region by region. regions (r, 5): vertices, those of them that no earlier
-    region has, components in 16 and in 8 bits, and the first coefficient. vertices, vertex_weights (k,): region by
-    region, which vertices and how much of them; first come those that no earlier region has. places (u, 3): where each
-    of these is at rest with its regions' means, mm.
+    steps (Σ c,): millimetres of a component's whole number 1, the coefficients' length folded in. fine: the bases in 16
+    bits, flat, [component, coordinate] region by region. rough: those in 8, as `in_pairs` stores them. regions (r, 5):
+    vertices, those of them that no earlier region has, components in 16 and in 8 bits, and the first coefficient.
+    vertices, vertex_weights (k,): region by region, which vertices and how much of them; first come those that no
+    earlier region has. places (u, 3): where each of these is at rest with its regions' means, mm.
     """
 
     scale: np.ndarray
@@ -80,8 +81,8 @@ def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> R
         networks[0].is_gated,
         networks[0].line is not None,
         np.concatenate([basis.steps.numpy() for basis in model.bases]) * np.float32(model.length),
-        np.concatenate([_in_order(basis.fine, order) for basis, order in ordered]),
-        np.concatenate([_in_order(basis.rough, order) for basis, order in ordered]),
+        np.concatenate([_in_order(basis.fine, order).ravel() for basis, order in ordered]),
+        np.concatenate([in_pairs(_in_order(basis.rough, order)) for basis, order in ordered]),
         np.array(regions, np.int64),
         np.concatenate(vertices).astype(np.int64),
         np.concatenate([basis.weights.numpy()[order] for basis, order in ordered]),
@@ -90,9 +91,9 @@ def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> R
 
 
 def _in_order(components: torch.Tensor, order: np.ndarray) -> np.ndarray:
-    """Return the components of a region, flat, with its vertices in an order."""
+    """Return the components (k, 3 v) of a region with its vertices in an order."""
     numbers = components.numpy()
-    return numbers.reshape(len(numbers), -1, 3)[:, order].ravel()
+    return numbers.reshape(len(numbers), -1, 3)[:, order].reshape(len(numbers), -1)
 
 
 @njit(cache=KEEP_CODE, error_model="numpy", nogil=True, fastmath={"afn", "contract"})
@@ -114,12 +115,14 @@ def _activate(values, gated):
 @njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
 @no_type_check
 def place_regions(
-    plan: RegionalPlan, params: np.ndarray, sums: np.ndarray, moved: np.ndarray, rows: np.ndarray, out: np.ndarray
-) -> None:
+    plan: RegionalPlan, params: np.ndarray, sums: np.ndarray, moved: np.ndarray, rows: np.ndarray, pairs: np.ndarray,
+    out: np.ndarray,
+) -> None:  # fmt: skip
     """Write the vertices of all regions (mm) for raw rig parameters (m,) to `out` (n, 3).
 
-    sums, moved, rows: scratch for layers (5, widest), the largest region and the indices of the widest input. A network
-    has its inputs in the third and fourth row of `sums`, for line and layers; the fifth is for the coefficients.
+    sums, moved, rows, pairs: scratch for layers (5, widest), the largest region, the indices of the widest input, and
+    that of `add_pairs`. A network has its inputs in the third and fourth row of `sums`, for line and layers; the fifth
+    is for the coefficients.
     """
     coefficients = sums[4, : len(plan.steps)]
     first, bias, sees, done = NOTHING, NOTHING, NOTHING, NOTHING
@@ -151,7 +154,7 @@ def place_regions(
         y = moved[: 3 * count]
         y[:] = 0
         add_products(coefficients[c : c + fines], plan.fine, fine, 3 * count, y, rows)
-        add_products(coefficients[c + fines : c + fines + roughs], plan.rough, rough, 3 * count, y, rows)
+        rough = add_pairs(coefficients[c + fines : c + fines + roughs], plan.rough, rough, 3 * count, y, pairs)
         for k in range(new):
             vertex, weight = plan.vertices[start + k], plan.vertex_weights[start + k]
             for axis in range(3):
@@ -161,7 +164,7 @@ def place_regions(
             for axis in range(3):
                 out[vertex, axis] += weight * y[3 * k + axis]
         start, place = start + count, place + new
-        fine, rough = fine + 3 * count * fines, rough + 3 * count * roughs
+        fine += 3 * count * fines
 
 
 class FastRegions:
@@ -173,15 +176,17 @@ class FastRegions:
         self._sums = np.zeros((5, widest), np.float32)
         self._moved = np.zeros(3 * int(self.plan.regions[:, 0].max()), np.float32)
         self._rows = np.zeros(widest, np.int64)
+        self._pairs = np.zeros(BLOCK + (int(self.plan.regions[:, 3].max()) + 1) // 2, np.int32)
 
     def place(self, params: Float32[np.ndarray, " m"], out: Float32[np.ndarray, "n 3"]) -> None:
         """Write the vertices of all regions, mm, for raw rig parameters to `out`."""
-        place_regions(self.plan, params, self._sums, self._moved, self._rows, out)
+        place_regions(self.plan, params, self._sums, self._moved, self._rows, self._pairs, out)
 
     def work(self, params: Float32[np.ndarray, " m"]) -> Work:
         """Return what the pose of some raw rig parameters costs."""
         plan, size, first = self.plan, self.plan.weights.itemsize, 0
-        parts = [Work(len(plan.fine) + len(plan.rough), plan.fine.nbytes + plan.rough.nbytes)]
+        counts, _, fines, roughs, _ = plan.regions.T
+        parts = [Work(int((3 * counts * (fines + roughs)).sum()), plan.fine.nbytes + plan.rough.nbytes)]
         parts.append(Work(3 * len(plan.vertices), plan.vertex_weights.nbytes))
         for inputs, *hidden, outputs in plan.widths.tolist():
             seen, first = params[plan.seen[first : first + inputs]], first + inputs
