@@ -65,8 +65,17 @@ def processes_of(folder: Path, program: str = "") -> list[psutil.Process]:
 
 
 def dask_workers_at_work(folder: Path) -> list[psutil.Process]:
-    """Return the Dask workers of a local cluster that watch over a stage."""
-    return [process for process in processes_of(folder, "spawn_main") if process.children()]
+    """Return the Dask workers of a local cluster that watch over a stage.
+
+    While such a worker starts it has other children, `uname` for one; killed then, it would delay the whole cluster.
+    """
+    return [process for process in processes_of(folder, "spawn_main") if any(map(_is_stage, process.children()))]
+
+
+def _is_stage(process: psutil.Process) -> bool:
+    with contextlib.suppress(psutil.Error):
+        return "replicate.engine.worker" in process.cmdline()
+    return False
 
 
 def survivors(folder: Path, seconds: float = 10.0) -> list[str]:
