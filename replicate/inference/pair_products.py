@@ -118,12 +118,12 @@ def add_pairs(x: np.ndarray, weights: np.ndarray, first: int, width: int, out: n
     for k in range(len(x)):
         largest = max(largest, abs(x[k]))
         lost += x[k] * np.float32(0)
-    if largest == 0 and lost == 0:
-        return end
-    sums, both = pairs[:BLOCK], pairs[BLOCK : BLOCK + count]
     if lost != 0:  # not a number
         out[:width] = lost
         return end
+    if largest == 0:
+        return end
+    sums, both = pairs[:BLOCK], pairs[BLOCK : BLOCK + count]
     whole = np.float32(min(LARGEST, ROOM // len(x)))  # the largest's whole number: no sum can overflow
     times, unit = whole / largest, largest / whole
     for k in range(count):

@@ -67,7 +67,7 @@ def processes_of(folder: Path, program: str = "") -> list[psutil.Process]:
 def dask_workers_at_work(folder: Path) -> list[psutil.Process]:
     """Return the Dask workers of a local cluster that watch over a stage.
 
-    While such a worker starts it has other children, `uname` for one; killed then, it would delay the whole cluster.
+    While such a worker starts it has other children for a moment; killed then, it ends the whole run.
     """
     return [process for process in processes_of(folder, "spawn_main") if any(map(_is_stage, process.children()))]
 
