@@ -150,7 +150,9 @@ def steps_table(rows: Sequence[Row], character: str) -> Table:
         "medians over turns, on one thread; batches of the profile's size; refined: the squares' networks alone; "
         "regional: on meshes, and ours on coefficients of its bases."
     )
-    return Table(f"A training step: {character}", (("", "", "ms", "times as fast"),), tuple(body), (note,))
+    return Table(
+        f"A training step: {character}", (("", "", "ms", "times as fast"),), tuple(body), (note,), text_columns=2
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -50,21 +50,23 @@ def _trainings_table(rows: Sequence[Row], character: str) -> Table:
         notes.append(
             f"Other clips: trained anew, with whole clips held out, and measured on {max(clips)} poses of these."
         )
-    return Table(f"Trainings that differ in one thing: {character}", (header,), tuple(lines), tuple(notes))
+    return Table(
+        f"Trainings that differ in one thing: {character}", (header,), tuple(lines), tuple(notes), text_columns=2
+    )
 
 
 def axis_text(rows: Iterable[Row]) -> str:
     """Return which controls §3.5's intervals follow most, with their correlations, from `bench_training.csv`.
 
-    A line for each character.
+    A line for each character, after one that says what they are.
     """
     own = [row for row in rows if row.table == TABLE and row.metric.startswith("interval_correlation[")]
     lines = []
     for character in characters_of(own):
         correlations = sorted((row for row in own if row.character == character), key=lambda row: -abs(row.value))
         controls = (f"{row.metric.rstrip(']').partition('[')[2]} {row.value:+.2f}" for row in correlations)
-        lines.append(f"{character}: controls that the intervals follow most (correlation): {', '.join(controls)}")
-    return "\n".join(lines)
+        lines.append(f"{character}: {', '.join(controls)}")
+    return "\n".join(["controls that the intervals follow most, with their correlations", *lines] if lines else [])
 
 
 def draws_text(samples_per_bin: Sequence[int]) -> str:

@@ -116,7 +116,7 @@ def variants_tables(rows: Sequence[Row], name: str, title: str, changes: Mapping
         poses = max(row.poses or 0 for row in values.values())
         note = f"errors on {poses} poses held out of the training animation; one seed; a short schedule."
         header = ("", "", *(COLUMNS[metric][1] for metric in shown))
-        tables.append(Table(f"{title}: {character}", (header,), tuple(lines), (note,)))
+        tables.append(Table(f"{title}: {character}", (header,), tuple(lines), (note,), text_columns=2))
     return tables
 
 

@@ -15,6 +15,7 @@ from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.paths import ROOT
 
 REACHED_WITHIN_S = 8.0
+STARTS = 2  # of local workers, if one of them ends before it is ready
 _SCHEDULER = {"port": 0, "dashboard": False, "dashboard_address": "127.0.0.1:0"}  # any ports that are free
 
 
@@ -59,12 +60,20 @@ def connect(settings: Cluster) -> Connection:
 
 
 def _local(count: int, gpus: list[str]) -> distributed.SpecCluster:
+    """Return workers on this machine; one that ends while it starts ends the others, and all are started once more."""
     folder = os.path.join(tempfile.gettempdir(), f"replicate-dask-{os.getuid()}")
-    return distributed.SpecCluster(
-        workers=local_workers(count, gpus, folder),
-        scheduler={"cls": distributed.Scheduler, "options": _SCHEDULER | {"host": "127.0.0.1"}},
-        silence_logs=logging.CRITICAL,
-    )
+    for attempt in range(1, STARTS + 1):
+        try:
+            return distributed.SpecCluster(
+                workers=local_workers(count, gpus, folder),
+                scheduler={"cls": distributed.Scheduler, "options": _SCHEDULER | {"host": "127.0.0.1"}},
+                silence_logs=logging.CRITICAL,
+            )
+        except RuntimeError as error:  # "Nanny failed to start."
+            why = error.__cause__ or error
+            if attempt == STARTS:
+                what = f"a Dask worker ends while it starts ({type(why).__name__}: {why})"
+                raise RunError(f"CLUSTER is local:{count}: {what}; JOBS without CLUSTER needs none") from None
 
 
 def local_workers(count: int, gpus: list[str], folder: str) -> dict[int, dict]:

@@ -13,6 +13,7 @@ from replicate.engine.stage import Stage, in_order
 from replicate.engine.store import artefact_folder, read_manifest
 
 _VECTORS = ("avx", "fma", "amx", "asimd", "sve")  # beginnings of the names of instructions on many numbers at once
+LABELS = 32  # characters of the column that labels stand in
 PACKAGES = ("jax", "jaxlib", "numba", "numpy", "scikit-learn", "scipy", "torch")  # those that numbers pass through
 
 
@@ -46,10 +47,12 @@ def surroundings() -> dict:
 
 
 def as_lines(facts: dict[str, str]) -> str:
-    """Return facts by their labels as lines, all values in one column, those of several lines too."""
-    width = max(24, *(len(label) + 2 for label in facts))
-    indented = "\n" + " " * width
-    return "\n".join(f"{label:{width}}" + value.replace("\n", indented) for label, value in facts.items())
+    """Return facts by their labels as lines, all values in one column; a long label has a line of its own."""
+    indented = "\n" + " " * LABELS
+    return "\n".join(
+        f"{label:{LABELS}}" + ("" if len(label) < LABELS - 1 else indented) + value.replace("\n", indented)
+        for label, value in facts.items()
+    )
 
 
 def git_state(folder: Path = ROOT) -> dict | None:

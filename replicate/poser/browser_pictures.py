@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 GRAPHICS = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")  # without a graphics card
 SIZE, COLUMNS = (880, 640), 2  # of the window, px; pictures side by side
+FINER = 2  # pixels a pixel of the picture, whose edges are smooth so
 PAGE_MS, PATIENCE_S = 3_000, 300  # of the browser's own time until the picture; of ours
 LINK_STEPS, LINK_MM = 32_767, 0.01  # as front/pose_files.js has them
 # What is dragged in turn, on all points whose names begin so: (outwards, up) mm.
@@ -98,10 +99,11 @@ def picture(page: Path, link: str, program: str) -> UInt8[np.ndarray, "h w 3"]:
         call = [program, "--headless", "--no-first-run", "--hide-scrollbars", "--disable-gpu", *GRAPHICS]
         call += ["--no-sandbox"] if os.geteuid() == 0 else []  # which root can't have
         call += [f"--user-data-dir={folder}/profile", f"--window-size={SIZE[0]},{SIZE[1]}", f"--screenshot={file}"]
+        call += [f"--force-device-scale-factor={FINER}"]
         call += [f"--virtual-time-budget={PAGE_MS}", f"{page.resolve().as_uri()}#{link}"]
         try:
             subprocess.run(call, capture_output=True, timeout=PATIENCE_S, check=True)
             with Image.open(file) as image:
-                return np.asarray(image.convert("RGB"))
+                return np.asarray(image.convert("RGB").reduce(FINER))
         except (OSError, subprocess.SubprocessError) as error:
             raise RunError(f"{program} made no picture of {page.name}: {error}") from error

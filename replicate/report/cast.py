@@ -30,6 +30,11 @@ def has_committed_meshes(character: str) -> bool:
     return character not in OUTSIDE and "@" not in character
 
 
+def led_by(characters: Iterable[str], first: str) -> list[str]:
+    """Return the characters with one of them in front, if it is among them."""
+    return sorted(characters, key=lambda name: name != first)
+
+
 def characters_of(rows: Iterable[Row]) -> list[str]:
     """Return the characters of some rows in the order of the paper's."""
     return sorted({row.character for row in rows}, key=order_of)

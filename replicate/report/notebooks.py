@@ -10,6 +10,8 @@ import json
 import os
 import re
 import sys
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +25,7 @@ from replicate.engine.paths import REFERENCE, ROOT, committed_folders, run_folde
 from replicate.report.cast import order_of
 from replicate.report.manifest import command_of, section, targets
 from replicate.report.results import Row, read_results
-from replicate.report.tables import Table, as_markdown, unbroken
+from replicate.report.tables import Table, as_html, as_markdown, unbroken
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -74,11 +76,27 @@ def figure_files(name: str, target: str, needed: bool = True) -> dict[str, list[
     return dict(sorted(pictures.items(), key=lambda item: order_of(item[0])))
 
 
-def show_table(table: Table) -> None:
-    """Show a printed table in a notebook."""
-    from IPython.display import Markdown, display
+def show_table(table: Table, folded: bool = False) -> None:
+    """Show a printed table in a notebook: as HTML, and as Markdown where no HTML is shown, as in a PDF.
 
-    display(Markdown(unbroken(as_markdown(table))))
+    folded: its title alone, until a reader clicks it.
+    """
+    from IPython.display import display
+
+    display({"text/html": as_html(table, folded), "text/markdown": unbroken(as_markdown(table))}, raw=True)
+
+
+def show_tables(tables: Iterable[Table | None]) -> None:
+    """Show tables of one kind, as of each character: the first as it is, the others folded; None is no table.
+
+    What the notes of the first say is not said again.
+    """
+    first, *others = [table for table in tables if table] or [None]
+    if first:
+        show_table(first)
+    for table in others:
+        notes = tuple(note for note in table.notes if note not in first.notes)
+        show_table(replace(table, notes=notes), folded=True)
 
 
 def show(figure: "matplotlib.figure.Figure", words: Words, largest_bytes: int = LARGEST_BYTES) -> None:

@@ -1,12 +1,15 @@
 """Where the results on a page come from, in words: commits, commands, seeds, machine, versions and times."""
 
+import textwrap
+
 from replicate.engine.paths import display_path
-from replicate.engine.provenance import as_lines
+from replicate.engine.provenance import LABELS, as_lines
 from replicate.report.cast import order_of
 from replicate.report.manifest import DRAWN, section
 from replicate.report.notebooks import folder_of
 
 COMMIT_LENGTH = 12  # hexadecimal digits by which pages name a commit; manifests have all
+LINE = 104  # characters that a page 1,000 px wide has room for
 FEW_STAGES = 4  # pages name no more of them than that
 
 
@@ -26,7 +29,13 @@ def provenance_text(name: str, target: str = "table2") -> str:
     shared = [fact for fact, of in whose.items() if len(of) == len(characters)]
     own = sorted(whose.keys() - set(shared), key=list(whose).index)
     lines |= dict(shared) | {f"{label}, {' '.join(whose[label, value])}": value for label, value in own}
-    return as_lines(lines)
+    return as_lines({label: _in_lines(value) for label, value in lines.items()})
+
+
+def _in_lines(value: str) -> str:
+    """Return a value in lines that a page does not break, each continued further in."""
+    room = {"width": LINE - LABELS, "subsequent_indent": "  ", "break_long_words": False, "break_on_hyphens": False}
+    return "\n".join(part for line in value.split("\n") for part in textwrap.wrap(line, **room))
 
 
 def _facts_in_words(facts: dict) -> dict[str, str]:

@@ -1,5 +1,6 @@
-"""Printed tables: aligned text for a terminal, Markdown and LaTeX for a paper, all from the same cells."""
+"""Printed tables: aligned text for a terminal, HTML for a page, Markdown and LaTeX for a paper, from the same cells."""
 
+import html
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,6 +8,9 @@ from dataclasses import dataclass
 from replicate.report.results import Row
 
 _BREAK = re.compile(r"(?<=±) | (?=[±†‡◊¶§])")
+_CODE = re.compile(r"`([^`]*)`")
+_ONE_LINE = 36  # characters of a cell that a page keeps in one line
+_LEFT, _CENTRE, _RULE = ' style="text-align: left"', ' style="text-align: center"', ' style="border-top: 1px solid"'
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,27 @@ def as_markdown(table: Table) -> str:
     if table.notes:
         lines += ["", "<br>".join(table.notes)]
     return "\n".join(lines) + "\n"
+
+
+def as_html(table: Table, folded: bool = False) -> str:
+    """Return the table for a page, with headers that span columns and labels in one line where they are short.
+
+    folded: the title alone stands there, until a reader clicks it.
+    """
+    title = f"<b>{_html(table.title)}</b>"
+    head = "".join(_html_header(header, table.text_columns) for header in table.headers)
+    above = [None, *table.body]  # a rule is the upper border of the row after it
+    rows = [
+        _html_row(row, table.text_columns, before is None and k > 0)
+        for k, (before, row) in enumerate(zip(above, table.body, strict=False))
+        if row is not None
+    ]
+    whole = f"<table><thead>{head}</thead>\n<tbody>\n" + "\n".join(rows) + "\n</tbody></table>"
+    if table.notes:
+        whole += "\n<p>" + "<br>\n".join(unbroken(_html(note)) for note in table.notes) + "</p>"
+    if folded:
+        return f"<details><summary>{title}</summary>\n{whole}\n</details>"
+    return f"<p>{title}</p>\n{whole}"
 
 
 def unbroken(text: str) -> str:
@@ -148,6 +173,31 @@ def _spans(header: Sequence[str]) -> list[tuple[str, int]]:
 
 def _fill(header: Sequence[str]) -> list[str]:
     return [text for text, n in _spans(header) for _ in range(n)]
+
+
+def _html(text: str) -> str:
+    return _CODE.sub(r"<code>\1</code>", html.escape(text, quote=False))
+
+
+def _html_cell(text: str) -> str:
+    return _html(text.replace(" ", "\u00a0") if len(text) <= _ONE_LINE else unbroken(text))
+
+
+def _html_header(header: Sequence[str], text_columns: int) -> str:
+    cells, start = [], 0
+    for text, n in _spans(header):
+        span = f' colspan="{n}"{_CENTRE}' if n > 1 else _LEFT if start < text_columns else ""
+        cells.append(f"<th{span}>{_html(unbroken(text))}</th>")
+        start += n
+    return f"<tr>{''.join(cells)}</tr>"
+
+
+def _html_row(row: Sequence[str], text_columns: int, ruled: bool) -> str:
+    if len(row) > 1 and not any(row[1:]):  # the heading of those that follow
+        cells = f'<th colspan="{len(row)}"{_LEFT}>{_html(row[0])}</th>'
+    else:
+        cells = "".join(f"<td{_LEFT if k < text_columns else ''}>{_html_cell(cell)}</td>" for k, cell in enumerate(row))
+    return f"<tr{_RULE if ruled else ''}>{cells}</tr>"
 
 
 def _bar(cells: Sequence[str]) -> str:

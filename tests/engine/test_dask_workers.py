@@ -5,14 +5,19 @@ import json
 import os
 import signal
 import sys
+import threading
 import time
 
 import distributed
+import psutil
 import pytest
 from toy_runs import contents, dask_workers_at_work, gone, launch, processes_of, start, survivors, wait_for
 from toy_stages import toy_graph
 
-from replicate.engine.dask_clusters import local_workers
+from replicate.engine import dask_clusters
+from replicate.engine.cluster_config import LocalCluster
+from replicate.engine.dask_clusters import connect, local_workers
+from replicate.engine.exceptions import RunError
 
 STAGE = "replicate.engine.worker"
 GRAPH = (0.22, 10)  # seconds of a step, and steps: more than the two seconds after which a stage speaks
@@ -219,3 +224,39 @@ def test_a_stage_that_wants_a_gpu_is_refused_where_there_is_none(cache):
     )
     said = launch([sys.executable, "-c", program], cache, CUDA_VISIBLE_DEVICES="").communicate(timeout=60)[1]
     assert "RunError: net wants a GPU, and no worker of the cluster offers one: DEVICE=cpu" in said.splitlines()[-1]
+
+
+def test_workers_that_are_killed_while_they_start_are_started_anew(monkeypatch):
+    starts, whole = [], distributed.SpecCluster
+
+    def started(*arguments, **named):
+        if not starts:
+            threading.Thread(target=kill_a_starting_worker, daemon=True).start()
+        starts.append(named)
+        return whole(*arguments, **named)
+
+    monkeypatch.setattr(distributed, "SpecCluster", started)
+    connection = connect(LocalCluster(2))
+    try:
+        assert len(starts) == 2 and len(connection.client.scheduler_info()["workers"]) == 2
+    finally:
+        connection.client.close()
+        connection.cluster.close()
+
+
+def kill_a_starting_worker():
+    """Kill the first worker that this process starts."""
+    children = psutil.Process().children
+    wait_for(lambda: [child for child in children() if "spawn_main" in " ".join(child.cmdline())], "worker")[0].kill()
+
+
+def test_workers_that_never_start_end_the_run_with_a_sentence(monkeypatch):
+    def refuse(*arguments, **named):
+        starts.append(named)
+        raise RuntimeError("Nanny failed to start.") from OSError("no room")
+
+    starts = []
+    monkeypatch.setattr(distributed, "SpecCluster", refuse)
+    with pytest.raises(RunError, match=r"CLUSTER is local:3: a Dask worker ends while it starts \(OSError: no room\)"):
+        connect(LocalCluster(3))
+    assert len(starts) == dask_clusters.STARTS

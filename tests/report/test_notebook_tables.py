@@ -45,9 +45,9 @@ def stored_texts(cell: dict) -> list[str]:
     shown = []
     for output in cell["outputs"]:
         data = output.get("data", {})
-        kinds = [kind for kind in ("text/markdown", "text/html", "text/plain") if kind in data]
-        if kinds and "image/png" not in data:
-            shown.append("".join(data[kinds[0]]))
+        kinds = [kind for kind in ("text/markdown", "text/html") if kind in data] or ["text/plain"]
+        if "image/png" not in data:
+            shown += ["".join(data[kind]) for kind in kinds if kind in data]
     return ["".join(printed), *shown]
 
 
@@ -79,8 +79,11 @@ def displayed(monkeypatch, tmp_path) -> list[str]:
     """The texts that cells display, in place of the screen; pictures are not drawn."""
     texts = []
 
-    def display(*things: object) -> None:
-        texts.extend(thing.data for thing in things if isinstance(thing, IPython.display.Markdown))
+    def display(*things: object, raw: bool = False) -> None:
+        if raw:  # a table
+            texts.extend(things[0][kind] for kind in ("text/markdown", "text/html"))
+        else:
+            texts.extend(thing.data for thing in things if isinstance(thing, IPython.display.Markdown))
 
     monkeypatch.setattr(IPython.display, "display", display)
     monkeypatch.setattr(notebooks, "png", lambda *arguments: b"a picture")

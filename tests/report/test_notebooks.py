@@ -113,6 +113,7 @@ def run_cells(path: Path, monkeypatch) -> list:
     outputs = []
     for name in ("show_table", "show_text", "show_picture"):
         monkeypatch.setattr(notebooks, name, lambda what, **named: outputs.append(what))
+    monkeypatch.setattr(notebooks, "show_tables", lambda tables: outputs.extend(filter(None, tables)))
     monkeypatch.setattr(notebooks, "show", lambda figure, words, *size, **named: outputs.append(words))
     first, *others = (cell["source"] for cell in cells(path, "code"))
     names = {}

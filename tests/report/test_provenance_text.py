@@ -7,7 +7,8 @@ import pytest
 
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import run_folder
-from replicate.report.provenance_text import provenance_text
+from replicate.engine.provenance import LABELS
+from replicate.report.provenance_text import LINE, provenance_text
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 COMMAND = "python -m replicate table2 --profile quick"
@@ -81,3 +82,18 @@ def test_another_target_has_a_text_of_its_own_and_none_names_what_writes_it(mani
     manifest.unlink()
     with pytest.raises(InputError, match="`make table2` writes it"):
         provenance_text("quick")
+
+
+def test_lines_are_no_longer_than_a_page_has_room_for_and_nothing_is_lost(manifest):
+    commands = [
+        f"{COMMAND} --characters teen woman dragon toon --seed {k} --methods coarse refined dense" for k in (1, 2)
+    ]
+    each = {
+        who: {"command": "; ".join(commands), "seeds": [len(who)]} for who in ("teen", "a_character_of_somebody_else")
+    }
+    manifest.write_text(json.dumps({"characters": each}))
+    text = provenance_text("quick")
+    assert all(len(line) <= LINE for line in text.splitlines())
+    assert all(command in " ".join(text.split()) for command in commands)
+    label = "profile, seeds, a_character_of_somebody_else"
+    assert f"{label}\n{'':{LABELS}}None, [28]" in text, "a long label has a line of its own"

@@ -8,10 +8,11 @@ from sample_rows import METHODS, PAPER_ROWS, cells_after, table2_rows
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import PAPER
 from replicate.methods.method_registry import in_order, method_named
-from replicate.report.cast import order_of
+from replicate.report.cast import led_by, order_of
 from replicate.report.comparison import compare, compare_folders
+from replicate.report.notebooks import show_tables
 from replicate.report.results import Row, read_results, write_results
-from replicate.report.tables import Table, as_latex, as_markdown, as_text, paper_value, round_off, unbroken
+from replicate.report.tables import Table, as_html, as_latex, as_markdown, as_text, paper_value, round_off, unbroken
 from replicate.targets.table2.error_table import other_rigs, table2, table2_overview
 from replicate.targets.table2.ratio_tables import table2_questions, table2_ratios, table2_segments
 
@@ -136,11 +137,15 @@ def test_poses_are_counted_character_by_character_where_they_differ():
 def test_rows_of_fewer_seeds_are_named_and_set_no_count_of_poses():
     rows = [replace(row, seeds=3, poses=640, sd=0.1) for row in table2_rows() if row.method != "driven"]
     rows += [replace(row, poses=664) for row in table2_rows() if row.method == "driven"]
-    for table in (table2(rows, PAPER_ROWS, "teen"), table2_overview(rows, PAPER_ROWS)):
-        text = as_text(table)
-        assert "\n640 unique test poses or more a seed" in text and "poses only" not in text
-        assert "Of fewer seeds than the others of teen: LBS moved by a network ◊." in text
-    assert "fewer seeds" not in as_text(table2(table2_rows(), PAPER_ROWS, "teen"))
+    some = [replace(row, seeds=2) if row.method == "driven" else row for row in rows]
+    fewer = "Of fewer seeds than the others of teen: LBS moved by a network ◊."
+    for seen, note in ((rows, "Means without ± are of one seed."), (some, fewer)):
+        for table in (table2(seen, PAPER_ROWS, "teen"), table2_overview(seen, PAPER_ROWS)):
+            text = as_text(table)
+            assert "\n640 unique test poses or more a seed" in text and "poses only" not in text
+            assert note in text and ("fewer seeds" in text) + ("without ±" in text) == 1
+    text = as_text(table2(table2_rows(), PAPER_ROWS, "teen"))
+    assert "fewer seeds" not in text and "without ±" not in text
 
 
 def test_rigs_of_others_have_a_table_of_their_own():
@@ -201,3 +206,52 @@ def test_no_line_of_an_unbroken_text_ends_within_a_number_or_before_a_mark():
     text = unbroken(as_markdown(table))
     assert "|  | Floor\u00a0‡ |" in text and "| LBS: 16 bones\u00a0† | 0.37\u00a0±\u00a00.01 |" in text
     assert "\n‡ An oracle" in text and text.replace("\u00a0", " ") == as_markdown(table)
+
+
+def test_a_page_has_every_cell_once_under_headers_that_span_columns():
+    headers = (("", "distance, mm", "", "texels"), ("", "mean", "max", "per vertex"))
+    body = (
+        ("Mean errors", "", "", ""),
+        ("LBS: 16 bones †", "0.37 ± 0.01", "9", ""),
+        None,
+        ("a < b & c", "1", "2", "3"),
+    )
+    text = as_html(Table("Sizes", headers, body, ("`make table2` writes it", "x < y")))
+    assert text.count("<tr") == text.count("</tr>") == 5 and text.count("<td") == 8
+    assert '<th colspan="2" style="text-align: center">distance, mm</th><th>texels</th>' in text
+    assert '<th colspan="4" style="text-align: left">Mean errors</th>' in text
+    assert "LBS:\u00a016\u00a0bones\u00a0†</td><td>0.37\u00a0±\u00a00.01</td>" in text
+    ruled = [row for row in text.splitlines() if "border-top" in row]
+    assert len(ruled) == 1 and "a\u00a0&lt;\u00a0b\u00a0&amp;\u00a0c" in ruled[0]
+    assert "<code>make table2</code> writes it<br>\nx &lt; y</p>" in text
+
+
+def test_a_long_cell_may_take_several_lines():
+    why = "Distance: refined 0.210 ± 0.0042 mm, in each seed by about as much"
+    row = next(line for line in as_html(Table("t", (("", "why"),), (("teen", why),))).splitlines() if "refined" in line)
+    assert "Distance: refined 0.210\u00a0±\u00a00.0042 mm, in" in row
+
+
+def test_a_folded_table_shows_its_title_and_keeps_the_rest():
+    table = Table("Sizes", (("", "MB"),), (("Dense", "38.3"),), ("A note",))
+    open_one, folded = as_html(table), as_html(table, folded=True)
+    assert folded.startswith("<details><summary><b>Sizes</b></summary>") and folded.endswith("</details>")
+    assert "details" not in open_one and open_one.partition("<table")[2] in folded
+
+
+def test_of_several_tables_the_first_is_open_and_notes_stand_once(monkeypatch):
+    shown = []
+    monkeypatch.setattr("IPython.display.display", lambda bundle, raw: shown.append(bundle))
+    tables = [Table(name, (("", "x"),), ((name, "1"),), ("for all", f"of {name}")) for name in ("teen", "woman")]
+    show_tables(iter([None, *tables]))
+    teen, woman = (bundle["text/html"] for bundle in shown)
+    assert "details" not in teen and "for all" in teen and "of teen" in teen
+    assert woman.startswith("<details>") and "for all" not in woman and "of woman" in woman
+    assert [bundle["text/markdown"].count("for all") for bundle in shown] == [1, 0]
+    show_tables([None])
+    assert len(shown) == 2
+
+
+def test_a_character_that_is_named_leads_and_the_others_keep_their_order():
+    assert led_by(("teen", "woman", "toon"), "toon") == ["toon", "teen", "woman"]
+    assert led_by(("teen", "woman"), "nobody") == ["teen", "woman"]

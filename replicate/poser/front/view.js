@@ -1,35 +1,54 @@
 // The picture: WebGL 2, an orthographic camera that looks along −z, and lights that are fixed to it.
+//
+// With a graphics card each pixel is lit. Without one the processor draws, for which that is ten times too much: there
+// each vertex is lit, and edges are not smoothed.
 
-const VERTEX_SHADER = `#version 300 es
-in vec3 position; in vec3 normal; in vec4 paint;
-uniform mat3 turn; uniform vec3 centre; uniform vec2 scale; uniform vec2 shift; uniform float depth;
-out vec3 n; out vec3 colour; flat out int finish;
-void main() {
-  vec3 p = turn * (position - centre);
-  gl_Position = vec4((p.xy - shift) * scale, -p.z / depth, 1.0);
-  n = turn * normal;
-  colour = paint.rgb;
-  finish = int(paint.a * 255.0 + 0.5);
-}`;
-const FRAGMENT_SHADER = `#version 300 es
-precision highp float;
-in vec3 n; in vec3 colour; flat in int finish;
+const SHADING = `
 uniform vec3 from[LIGHTS]; uniform vec4 light[LIGHTS]; uniform float ambient; uniform vec2 finishes[FINISHES];
-out vec4 seen;
-void main() {
-  if (finish == UNLIT) {
-    seen = vec4(colour, 1.0);
-    return;
-  }
-  vec3 u = normalize(n);
-  if (!gl_FrontFacing && u.z < 0.0) u = -u; // a surface that is seen from behind
+vec3 lit(vec3 u, vec3 colour, int finish) {
+  if (finish == UNLIT) return colour;
   vec3 sum = vec3(ambient), glint = vec3(0.0);
   for (int i = 0; i < LIGHTS; i++) {
     sum += light[i].rgb * light[i].a * max(dot(u, from[i]), 0.0);
     float mirrored = max(reflect(-from[i], u).z, 0.0);
     glint += light[i].rgb * light[i].a * finishes[finish].x * pow(mirrored, finishes[finish].y);
   }
-  seen = vec4(colour * sum + glint, 1.0);
+  return colour * sum + glint;
+}`;
+const VERTEX_SHADER = `#version 300 es
+in vec3 position; in vec3 normal; in vec4 paint;
+uniform mat3 turn; uniform vec3 centre; uniform vec2 scale; uniform vec2 shift; uniform float depth;
+out vec3 n; out vec3 colour; flat out int finish;
+#ifdef BY_VERTEX
+${SHADING}
+#endif
+void main() {
+  vec3 p = turn * (position - centre);
+  gl_Position = vec4((p.xy - shift) * scale, -p.z / depth, 1.0);
+  n = turn * normal;
+  finish = int(paint.a * 255.0 + 0.5);
+#ifdef BY_VERTEX
+  vec3 u = normalize(n);
+  colour = lit(vec3(u.xy, abs(u.z)), paint.rgb, finish); // from either side
+#else
+  colour = paint.rgb;
+#endif
+}`;
+const FRAGMENT_SHADER = `#version 300 es
+precision highp float;
+in vec3 n; in vec3 colour; flat in int finish;
+out vec4 seen;
+#ifndef BY_VERTEX
+${SHADING}
+#endif
+void main() {
+#ifdef BY_VERTEX
+  seen = vec4(colour, 1.0);
+#else
+  vec3 u = normalize(n);
+  if (!gl_FrontFacing && u.z < 0.0) u = -u; // a surface that is seen from behind
+  seen = vec4(lit(u, colour, finish), 1.0);
+#endif
 }`;
 const MATT = [0.1, 24];
 const UNLIT = 255; // in the place of a finish: a colour that means something and is not shaded
@@ -39,10 +58,11 @@ const ZOOM = [0.6, 12];
 
 // canvas, packed, display (see displayModel) → the view. Throws an Error where there is no WebGL 2.
 function createView(canvas, { header, arrays }, display) {
-  const gl = canvas.getContext("webgl2", { antialias: true, alpha: true, premultipliedAlpha: false });
+  const card = hasGraphicsCard();
+  const gl = canvas.getContext("webgl2", { antialias: card, alpha: true, premultipliedAlpha: false });
   if (!gl) throw new Error("this browser shows no WebGL 2, which the picture needs: allow graphics, or try another one");
   const finishes = [MATT, ...(display ? display.finishes : [])];
-  const program = makeProgram(gl, header.lights.length, finishes.length);
+  const program = makeProgram(gl, header.lights.length, finishes.length, !card);
   const at = (name) => gl.getUniformLocation(program, name);
   const skinPaint = new Uint8Array((arrays.neutral.length / 3) * 4);
   for (let i = 0; i < skinPaint.length / 4; i++) skinPaint.set(arrays.paint.subarray(3 * i, 3 * i + 3), 4 * i);
@@ -154,12 +174,24 @@ function bounds(neutral, display) {
   return box;
 }
 
-function makeProgram(gl, lights, finishes) {
+// Whether something other than the processor draws, as far as the browser says.
+function hasGraphicsCard() {
+  const gl = document.createElement("canvas").getContext("webgl2", { failIfMajorPerformanceCaveat: true });
+  if (!gl) return false;
+  const told = gl.getExtension("WEBGL_debug_renderer_info");
+  const name = String(gl.getParameter(told ? told.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+  gl.getExtension("WEBGL_lose_context")?.loseContext();
+  return !/SwiftShader|llvmpipe|Microsoft Basic Render|software/i.test(name);
+}
+
+// byVertex: whether vertices are lit, in the place of pixels.
+function makeProgram(gl, lights, finishes, byVertex) {
   const program = gl.createProgram();
-  const counted = FRAGMENT_SHADER.replaceAll("LIGHTS", String(lights)).replaceAll("FINISHES", String(finishes)).replaceAll("UNLIT", String(UNLIT));
-  for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX_SHADER], [gl.FRAGMENT_SHADER, counted]]) {
-    const shader = gl.createShader(kind);
-    gl.shaderSource(shader, text);
+  const constants = { LIGHTS: lights, FINISHES: finishes, UNLIT, ...(byVertex ? { BY_VERTEX: 1 } : {}) };
+  const defined = Object.entries(constants).map(([name, value]) => `#define ${name} ${value}\n`).join("");
+  for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX_SHADER], [gl.FRAGMENT_SHADER, FRAGMENT_SHADER]]) {
+    const shader = gl.createShader(kind), [version, ...rest] = text.split("\n");
+    gl.shaderSource(shader, [version, defined + rest.join("\n")].join("\n"));
     gl.compileShader(shader);
     if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
     gl.attachShader(program, shader);

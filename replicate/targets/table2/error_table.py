@@ -124,6 +124,7 @@ def _notes(rows: Sequence[Row], present: Sequence[str]) -> tuple[str, ...]:
             f"Eq. 11 leaves out faces that have no area in the true or the predicted mesh: {worst.value:,.0f} (face, "
             f"pose) pairs at most ({method_named(worst.method).title})."
         )
+    single = False  # whether the rows of fewer seeds than the others show it: they have no ±
     for character in sorted({row.character for row in rows}):
         most = most_seeds(row for row in rows if row.character == character)
         own = {row.method: row for row in rows if row.character == character and row.poses}
@@ -131,7 +132,8 @@ def _notes(rows: Sequence[Row], present: Sequence[str]) -> tuple[str, ...]:
             largest = max(row.poses for row in own.values() if row.seeds == own[method].seeds)
             if own[method].poses < largest:
                 notes.append(f"{method_named(method).title}: on {own[method].poses:,} of {character}'s poses only.")
-        fewer = [method_named(m).title for m in present if m in own and (own[m].seeds or 0) < most]
+        fewer = [method_named(m).title for m in present if m in own and 1 < (own[m].seeds or 0) < most]
         if fewer:
             notes.append(f"Of fewer seeds than the others of {character}: {', '.join(fewer)}.")
-    return tuple(notes)
+        single |= most > 1 and any((row.seeds or 0) == 1 for row in own.values())
+    return (*notes, *(["Means without ± are of one seed."] if single else []))

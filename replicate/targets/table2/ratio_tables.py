@@ -39,15 +39,16 @@ READING = (
 
 def table2_ratios(ours: Sequence[Row], paper: Sequence[Row], character: str) -> Table:
     """Return ratios of mean errors beside the same ratios in the paper's own numbers."""
-    theirs = STANDS_FOR.get(character, "")
+    columns = [(ours, character), *((paper, name) for who, name in STANDS_FOR.items() if who == character)]
     body = []
     for method, other, kind in RATIOS:
-        ratios = [_ratio(rows, who, method, other, kind) for rows, who in ((ours, character), (paper, theirs))]
+        ratios = [_ratio(rows, who, method, other, kind) for rows, who in columns]
         if ratios[0] is not None:
             label = f"{method_named(method).title} / {method_named(other).title}, {ERRORS[kind]}"
             body.append((label, *(round_off(ratio, "ratio") for ratio in ratios)))
-    header = ("mean error of one method over another's", character, theirs or "–")
-    return Table(f"Table 2 as ratios: {character} beside {theirs or 'nobody'}", (header,), tuple(body))
+    names = [name for _, name in columns]
+    header = ("mean error of one method over another's", *names)
+    return Table(f"Table 2 as ratios: {' beside '.join(names)}", (header,), tuple(body))
 
 
 def table2_questions(ours: Sequence[Row], paper: Sequence[Row]) -> Table:
