@@ -29,7 +29,7 @@ PYTHON     ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 # An active environment is used as it is if it has all packages, and .venv otherwise.
 MODULES := anywidget beartype dask_jobqueue distributed filelock ipykernel jax jaxtyping jupyter matplotlib \
 	nbclient nbformat numba numpy onnx onnxruntime pandas PIL psutil pytest xdist pyvista ruff safetensors \
-	sklearn scipy threadpoolctl torch tqdm trimesh xatlas
+	sklearn scipy threadpoolctl torch tqdm trimesh websocket xatlas
 COMPLETE := import sys, importlib.util as u; \
 	print(*["yes"] * (sys.version_info >= (3, 11) and all(u.find_spec(m) for m in sys.argv[1:])))
 ACTIVE := $(or $(VIRTUAL_ENV),$(CONDA_PREFIX))

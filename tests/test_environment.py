@@ -17,6 +17,7 @@ from replicate.targets.target_registry import targets
 from replicate.targets.target_table import target_table
 
 MODULE_NAMES = {
+    "websocket-client": "websocket",
     "dask-jobqueue": "dask_jobqueue",
     "pillow": "PIL",
     "pytest-xdist": "xdist",

@@ -96,6 +96,7 @@ function createView(canvas, { header, arrays }, display) {
 
   return {
     view,
+    card,
     draw(vertices, normals, displayVertices, displayNormals) {
       const ratio = window.devicePixelRatio || 1;
       const size = [canvas.clientWidth, canvas.clientHeight].map((x) => Math.max(1, Math.round(x * ratio)));

@@ -76,30 +76,21 @@ def write(context: StageContext) -> None:
 def write_page(context: StageContext, method: str, model: str) -> "tuple[PosedFace, Path]":
     """Write the page of one method, return its face and its file; model: "module:function" of what reads the model."""
     from replicate.poser.approximation_contents import as_on_page
-    from replicate.poser.check_poses import check_contents
-    from replicate.poser.contents import PosedFace, face_contents
-    from replicate.poser.display_parts import display_contents
-    from replicate.poser.page import page
+    from replicate.poser.contents import PosedFace
+    from replicate.poser.face_page import face_page
 
-    rig, settings = built_rig.load(context.inputs), context.config
+    settings = context.config
     face = PosedFace(
-        rig,
+        built_rig.load(context.inputs),
         as_on_page(stage_function(model)(context.inputs)),
         rigid_segments.load(context.inputs),
         ik_stage.load(context.inputs, method),
         control_influence.load(context.inputs),
     )
-    header, arrays = {}, {}
-    for words, values in (
-        face_contents(face),
-        check_contents(face, context.rng("checks")),
-        display_contents(rig, context.progress),
-    ):
-        header |= words
-        arrays |= values
-    option, ending = ("", "") if method in METHODS else (f" METHODS={method}", f"_{method}")
+    option = "" if method in METHODS else f" METHODS={method}"
     made_by = f"make poser CHARACTERS={settings.character}{option} PROFILE={settings.profile}"
-    text = page(header, arrays, f"{made_by}, seed {settings.seed}")
+    text = face_page(face, context.rng("checks"), context.progress, f"{made_by}, seed {settings.seed}")
+    ending = "" if method in METHODS else f"_{method}"
     file = context.out / f"poser_{settings.character}{ending}.html"
     file.write_text(text, encoding="utf-8")
     return face, file

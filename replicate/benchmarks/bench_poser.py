@@ -1,0 +1,154 @@
+"""How long the posing page takes in a real browser: to open, to follow a dragged point, and frames a second meanwhile.
+
+`make bench-poser` makes what is missing of the page, opens it from disk in this machine's Chromium or Chrome and drags
+one control point to and fro, in each frame a little further.
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from replicate.artefacts import built_rig, control_influence, rigid_segments
+from replicate.artefacts.plan import Plan
+from replicate.benchmarks.common import (
+    PROFILE,
+    add_count,
+    add_methods,
+    answer,
+    artefacts_of,
+    bench_methods,
+    make_parser,
+)  # fmt: skip
+from replicate.config import Config
+from replicate.engine.exceptions import InputError
+from replicate.engine.progress import progress
+from replicate.inverse import ik_stage
+from replicate.methods import coarse, refined, regional
+from replicate.methods.method_registry import choose, in_order, method_named
+from replicate.poser.browser_pictures import BROWSERS, browser
+from replicate.report.results import Row, find
+from replicate.report.tables import Table, round_off
+
+ABOUT = "the posing page in a browser: seconds to open, ms to follow a dragged point, frames a second"
+WRITES = "results/runs/bench/bench_poser.csv"
+TABLE = "bench_poser"
+EVALUATED = (regional.METHOD.name, coarse.METHOD.name, refined.METHOD.name)  # by the page's JavaScript
+SECONDS = 10  # of dragging
+READY = "window.mounted && mounted.then(Boolean)"
+WITH_CARD, WITHOUT = "frames[graphics card]", "frames[processor]"
+# Drags the first control point 3 mm to and fro. → {posed, frame}: medians, ms; frames, seconds; card.
+DRAG = """mounted.then(({pose, view, draw}) => new Promise((done) => {
+  const posed = [], frame = [], [x, y] = pose.targets, start = performance.now();
+  const median = (times) => times.sort((a, b) => a - b)[times.length >> 1];
+  const step = () => {
+    const from = performance.now();
+    pose.drag(0, x + 3 * Math.sin(posed.length / 7), y);
+    posed.push(performance.now() - from);
+    draw();
+    frame.push(performance.now() - from);
+    const seconds = (performance.now() - start) / 1000;
+    if (seconds < SECONDS) requestAnimationFrame(step);
+    else done({ posed: median(posed), frame: median(frame), frames: posed.length, seconds, card: view.card });
+  };
+  requestAnimationFrame(step);
+}))"""
+COLUMNS = (
+    ("page_size", "page, MB"),
+    ("opening", "opens in, s"),
+    ("pose_ms", "IK, mesh and normals, ms"),
+    ("frame_ms", "all that JavaScript does, ms"),
+    (WITH_CARD, "frames a second, graphics card"),
+    (WITHOUT, "frames a second, drawn by the processor"),
+)
+
+
+def measure(config: Config, words: Sequence[str], seconds: int) -> list[Row]:
+    """Make one character's pages, drag a point of each in a browser, and return the rows."""
+    from replicate.benchmarks.browser_tab import BrowserTab
+    from replicate.poser.approximation_contents import as_on_page
+    from replicate.poser.contents import PosedFace
+    from replicate.poser.face_page import face_page
+
+    if not (program := browser()):
+        raise InputError(f"this machine has no browser to open the page in: install one of {', '.join(BROWSERS)}")
+    plan = Plan(config)
+    methods = [method for method in choose(words, config) if method.name in EVALUATED]
+    if not methods:
+        raise InputError(f"none of these methods has a page: allowed are {', '.join(EVALUATED)}")
+    shared = [module.stage(plan) for module in (built_rig, rigid_segments, control_influence)]
+    own = [stage for method in methods for stage in (*method.stages(plan), ik_stage.stage(plan, method))]
+    inputs = artefacts_of(TABLE, config, [*shared, *own])
+    rows = []
+    for method in methods:
+        face = PosedFace(
+            built_rig.load(inputs),
+            as_on_page(method.model(inputs)),
+            rigid_segments.load(inputs),
+            ik_stage.load(inputs, method.name),
+            control_influence.load(inputs),
+        )
+        with tempfile.TemporaryDirectory() as folder, BrowserTab(program, Path(folder)) as tab:
+            page = Path(folder) / "page.html"
+            page.write_text(face_page(face, np.random.default_rng(0), progress, TABLE), encoding="utf-8")
+            start = time.perf_counter()
+            tab.open(page.as_uri(), READY)
+            opening = time.perf_counter() - start
+            seen = tab.evaluate(DRAG.replace("SECONDS", str(seconds)))
+        numbers = (
+            ("page_size", "MB", page.stat().st_size / 1e6, None),
+            ("opening", "s", opening, 1),
+            ("pose_ms", "ms", seen["posed"], seen["frames"]),
+            ("frame_ms", "ms", seen["frame"], seen["frames"]),
+            (WITH_CARD if seen["card"] else WITHOUT, "1/s", seen["frames"] / seen["seconds"], seen["frames"]),
+        )
+        for metric, unit, value, count in numbers:
+            facts = (float(value), None, 1, count, PROFILE, plan.character)
+            rows.append(Row(TABLE, plan.character, method.name, metric, unit, *facts))
+    return rows
+
+
+def poser_table(rows: Sequence[Row], character: str) -> Table:
+    """Return what one character's pages take in a browser, a line a method."""
+    own = [row for row in rows if row.table == TABLE and row.character == character]
+    shown = [(metric, words) for metric, words in COLUMNS if any(row.metric == metric for row in own)]
+    body = []
+    for name in in_order({row.method for row in own}):
+        cells = [find(own, TABLE, character, name, metric) for metric, _ in shown]
+        body.append((method_named(name).label, *(_cell(cell) for cell in cells)))
+    notes = (
+        "A point is dragged to and fro, in each frame a little further; medians over the frames, one thread.",
+        "Frames: what the browser shows, 60 a second at most. Without a graphics card the processor draws, too.",
+    )
+    return Table(
+        f"The posing page in a browser: {character}", (("", *(words for _, words in shown)),), tuple(body), notes
+    )
+
+
+def _cell(row: Row | None) -> str:
+    if row is None:
+        return "–"
+    return f"{row.value:.1f}" if row.unit != "MB" else round_off(row.value, row.unit)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the benchmark from the command line; return the exit code."""
+    parser = make_parser(TABLE, "Time the posing page in a browser.", profile="whose trainings are shown")
+    add_methods(parser, "poser")
+    parser.set_defaults(methods=[regional.METHOD.name])
+    add_count(parser, "seconds", SECONDS, "that a point is dragged for")
+    return answer(parser, _run, arguments)
+
+
+def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
+    own = partial(measure, seconds=options.seconds)
+    bench_methods(TABLE, own, poser_table, options, command_line, "for pictures in a browser")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
