@@ -32,3 +32,43 @@ def test_vertices_are_those_of_python(model, tmp_path):
     given = subprocess.run([node, program], capture_output=True, text=True, timeout=120, check=True).stdout
     vertices, soft = np.reshape(json.loads(given), (len(params), -1, 3)), MESH.segment != TOOTH
     np.testing.assert_allclose(vertices[:, soft], (MESH.neutral + face.model.offsets(params))[:, soft], atol=1e-3)
+
+
+SUMS = """
+const count = {count}, n = {n}, rows = Int8Array.from({rows}), factor = Float32Array.from({factor}, Number);
+const both = [addRows, addSmallRows].map((add) => {{
+  const sums = new Float32Array(n).fill(1);
+  add(sums, rows, 1, count, factor, new Int32Array(count), new Int32Array(n));
+  return Array.from(sums, String);
+}});
+console.log(JSON.stringify(both));
+"""
+
+
+def sums_of(rows, factor, tmp_path):
+    """Return the sums of rows times factors, from the second factor on, as `addRows` and `addSmallRows` have them."""
+    node, program = shutil.which("node") or pytest.skip("needs Node.js"), tmp_path / "program.js"
+    numbers = {"rows": rows.ravel().tolist(), "factor": [str(value) for value in factor]}
+    values = {"count": len(rows), "n": rows.shape[1], **{name: json.dumps(each) for name, each in numbers.items()}}
+    program.write_text(joined(PARTS) + SUMS.format(**values), encoding="utf-8")
+    given = subprocess.run([node, program], capture_output=True, text=True, timeout=120, check=True).stdout
+    return np.array(json.loads(given), np.float64)
+
+
+@pytest.mark.parametrize("count", [1, 4, 7, 512, 513])
+def test_small_rows_are_summed_as_whole_numbers_without_overflow(count, tmp_path):
+    rows = np.full((count, 5), 127, np.int8)
+    rows[:, 1::2] = np.random.default_rng(count).integers(-127, 128, (count, 2))
+    factor = np.random.default_rng(1).choice([-0.5, 0.5], count + 1) * np.linspace(0.9, 1.0, count + 1)
+    factor[1:] = np.abs(factor[1:])  # the first column is as large as it can be
+    plain, small = sums_of(rows, factor, tmp_path)
+    np.testing.assert_allclose(plain, 1 + factor[1:] @ rows, rtol=1e-5, atol=1e-4)
+    step = np.abs(factor[1:]).max() / 32767
+    assert np.abs(small - plain).max() <= 0.51 * step * 127 * count + 1e-3
+
+
+@pytest.mark.parametrize(("value", "expected"), [("NaN", np.nan), ("Infinity", np.inf), ("0", 1.0)])
+def test_factors_that_are_no_numbers_show_in_the_sums(value, expected, tmp_path):
+    plain, small = sums_of(np.full((4, 3), 2, np.int8), [9, value, 0, 0, 0], tmp_path)
+    np.testing.assert_array_equal(plain, [expected] * 3)
+    np.testing.assert_array_equal(small, plain)

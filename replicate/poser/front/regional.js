@@ -1,5 +1,7 @@
 // Our method: rig parameters → coefficients → the vertices of regional bases.
 
+const LARGEST_FACTOR = 32767, MOST_SMALL_ROWS = 512; // 512 · 127 · 32767 < 2³¹
+
 // Adds `count` rows of whole numbers to sums, each times its own factor, which are read from `from` on.
 // Four rows at a time: sums are read and written a quarter as often.
 function addRows(sums, rows, from, count, factor) {
@@ -15,6 +17,28 @@ function addRows(sums, rows, from, count, factor) {
     const a = factor[from + c];
     for (let i = 0, j = c * n; i < n; i++, j++) sums[i] += a * rows[j];
   }
+}
+
+// Adds `count` rows of whole numbers to sums, each times a factor that is rounded to 16 bits of the largest one: products
+// and sums of whole numbers take less time than others.
+// whole, total: Int32Arrays, of as many numbers as there are rows and sums.
+function addSmallRows(sums, rows, from, count, factor, whole, total) {
+  let largest = 0;
+  for (let c = 0; c < count; c++) largest = Math.max(largest, Math.abs(factor[from + c]));
+  const step = largest / LARGEST_FACTOR;
+  if (!(step > 0 && step < Infinity) || count > MOST_SMALL_ROWS) return addRows(sums, rows, from, count, factor);
+  const n = sums.length;
+  for (let c = 0; c < count; c++) whole[c] = Math.round(factor[from + c] / step);
+  total.fill(0);
+  let c = 0;
+  for (; c + 3 < count; c += 4) {
+    const a = whole[c], b = whole[c + 1], d = whole[c + 2], e = whole[c + 3];
+    for (let i = 0, j = c * n, k = j + n, l = k + n, m = l + n; i < n; i++, j++, k++, l++, m++) {
+      total[i] += Math.imul(a, rows[j]) + Math.imul(b, rows[k]) + Math.imul(d, rows[l]) + Math.imul(e, rows[m]);
+    }
+  }
+  for (; c < count; c++) for (let i = 0, j = c * n; i < n; i++, j++) total[i] += Math.imul(whole[c], rows[j]);
+  for (let i = 0; i < n; i++) sums[i] += step * total[i];
 }
 
 // Adds rows of three numbers, each times its own weight, to those of some vertices.
@@ -72,7 +96,9 @@ function regionalOffsets(packed) {
   const bases = Array.from({ length: header.regional.regions }, (_, k) => {
     const part = (name) => arrays[`basis.${k}.${name}`];
     const [members, weights, mean, fine, rough, steps] = ["vertices", "weights", "mean", "fine", "rough", "steps"].map(part);
-    return { members, weights, mean, fine, rough, steps, factors: Float32Array.from(steps), sums: new Float32Array(mean.length) };
+    const whole = new Int32Array(rough.shape[0]), total = new Int32Array(mean.length);
+    const factors = Float32Array.from(steps), sums = new Float32Array(mean.length);
+    return { members, weights, mean, fine, rough, steps, factors, sums, whole, total };
   });
   const start = Float32Array.from(neutral);
   for (const { members, weights, mean } of bases) addWeighted(start, members, weights, mean);
@@ -81,12 +107,12 @@ function regionalOffsets(packed) {
     const coefficients = coefficientsOf(params);
     let first = 0;
     vertices.set(start);
-    for (const { members, weights, fine, rough, steps, factors, sums } of bases) {
+    for (const { members, weights, fine, rough, steps, factors, sums, whole, total } of bases) {
       for (let c = 0; c < steps.length; c++) factors[c] = coefficients[first + c] * steps[c];
       first += steps.length;
       sums.fill(0);
       addRows(sums, fine, 0, fine.shape[0], factors);
-      addRows(sums, rough, fine.shape[0], rough.shape[0], factors);
+      addSmallRows(sums, rough, fine.shape[0], rough.shape[0], factors, whole, total);
       addWeighted(vertices, members, weights, sums);
     }
   };
