@@ -70,7 +70,6 @@ COLUMNS = (
 
 def measure(config: Config, words: Sequence[str], seconds: int) -> list[Row]:
     """Make one character's pages, drag a point of each in a browser, and return the rows."""
-    from replicate.benchmarks.browser_tab import BrowserTab
     from replicate.poser.approximation_contents import as_on_page
     from replicate.poser.contents import PosedFace
     from replicate.poser.face_page import face_page
@@ -93,24 +92,32 @@ def measure(config: Config, words: Sequence[str], seconds: int) -> list[Row]:
             ik_stage.load(inputs, method.name),
             control_influence.load(inputs),
         )
-        with tempfile.TemporaryDirectory() as folder, BrowserTab(program, Path(folder)) as tab:
-            page = Path(folder) / "page.html"
-            page.write_text(face_page(face, np.random.default_rng(0), progress, TABLE), encoding="utf-8")
-            start = time.perf_counter()
-            tab.open(page.as_uri(), READY)
-            opening = time.perf_counter() - start
-            seen = tab.evaluate(DRAG.replace("SECONDS", str(seconds)))
-        numbers = (
-            ("page_size", "MB", page.stat().st_size / 1e6, None),
-            ("opening", "s", opening, 1),
-            ("pose_ms", "ms", seen["posed"], seen["frames"]),
-            ("frame_ms", "ms", seen["frame"], seen["frames"]),
-            (WITH_CARD if seen["card"] else WITHOUT, "1/s", seen["frames"] / seen["seconds"], seen["frames"]),
-        )
-        for metric, unit, value, count in numbers:
-            facts = (float(value), None, 1, count, PROFILE, plan.character)
+        page = face_page(face, np.random.default_rng(0), progress, TABLE)
+        for metric, unit, value, count in dragged(page, program, seconds):
+            facts = (value, None, 1, count, PROFILE, plan.character)
             rows.append(Row(TABLE, plan.character, method.name, metric, unit, *facts))
     return rows
+
+
+def dragged(page: str, program: str, seconds: int) -> list[tuple[str, str, float, int | None]]:
+    """Return (metric, unit, value, count) of a page, its HTML, while a browser drags a point of it."""
+    from replicate.benchmarks.browser_tab import BrowserTab
+
+    with tempfile.TemporaryDirectory() as folder, BrowserTab(program, Path(folder)) as tab:
+        file = Path(folder) / "page.html"
+        size = file.write_bytes(page.encode())
+        start = time.perf_counter()
+        tab.open(file.as_uri(), READY)
+        opening = time.perf_counter() - start
+        seen = tab.evaluate(DRAG.replace("SECONDS", str(seconds)))
+    count = seen["frames"]
+    return [
+        ("page_size", "MB", size / 1e6, None),
+        ("opening", "s", opening, 1),
+        ("pose_ms", "ms", float(seen["posed"]), count),
+        ("frame_ms", "ms", float(seen["frame"]), count),
+        (WITH_CARD if seen["card"] else WITHOUT, "1/s", count / seen["seconds"], count),
+    ]
 
 
 def poser_table(rows: Sequence[Row], character: str) -> Table:

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from browser import Tab
+from browser import Tab, program
 from posing_page import page_of
 
 from replicate.benchmarks import bench_poser
-from replicate.benchmarks.bench_poser import DRAG, READY, TABLE, WITHOUT, measure, poser_table
+from replicate.benchmarks.bench_poser import DRAG, READY, TABLE, WITHOUT, dragged, measure, poser_table
 from replicate.config import resolve
 from replicate.engine.exceptions import InputError
 from replicate.report.results import Row
@@ -32,6 +32,16 @@ def test_each_frame_drags_the_point_a_little_and_is_drawn(seen):
     dragged = 3 * np.sin((times["frames"] - 1) / 7)
     np.testing.assert_allclose(after[:3] - before[:3], [dragged, 0, 0], atol=1e-3)
     assert np.abs(after[3:] - before[3:]).max() > 0, "the face follows"
+
+
+def test_a_page_is_opened_dragged_and_measured():
+    text = page_of()
+    numbers = {metric: (unit, value, count) for metric, unit, value, count in dragged(text, program(), 1)}
+    assert list(numbers) == ["page_size", "opening", "pose_ms", "frame_ms", WITHOUT]
+    assert numbers["page_size"] == ("MB", len(text.encode()) / 1e6, None)
+    assert all(value > 0 for _, value, _ in numbers.values())
+    unit, frames, count = numbers[WITHOUT]
+    assert unit == "1/s" and frames < count <= 61, "after a second, the browser shows no more"
 
 
 def test_a_table_names_who_drew_the_frames():
