@@ -41,7 +41,7 @@ TABLE = "bench_poser"
 EVALUATED = (regional.METHOD.name, coarse.METHOD.name, refined.METHOD.name)  # by the page's JavaScript
 SECONDS = 10  # of dragging
 READY = "window.mounted && mounted.then(Boolean)"
-WITH_CARD, WITHOUT = "frames[graphics card]", "frames[processor]"
+WITH_CARD, WITHOUT = "frames_per_s[graphics card]", "frames_per_s[processor]"
 # Drags the first control point 3 mm to and fro. → {posed, frame}: medians, ms; frames, seconds; card.
 DRAG = """mounted.then(({pose, view, draw}) => new Promise((done) => {
   const posed = [], frame = [], [x, y] = pose.targets, start = performance.now();
@@ -116,7 +116,7 @@ def dragged(page: str, program: str, seconds: int) -> list[tuple[str, str, float
         ("opening", "s", opening, 1),
         ("pose_ms", "ms", float(seen["posed"]), count),
         ("frame_ms", "ms", float(seen["frame"]), count),
-        (WITH_CARD if seen["card"] else WITHOUT, "1/s", count / seen["seconds"], count),
+        (WITH_CARD if seen["card"] else WITHOUT, "count", count / seen["seconds"], count),
     ]
 
 
