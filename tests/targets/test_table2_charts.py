@@ -1,5 +1,7 @@
 """Table 2's charts: networks, floors, ours and the paper's; letters that can be read, numbers that stand clear."""
 
+from dataclasses import replace
+
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
@@ -30,7 +32,7 @@ def test_the_chart_of_table_2_shows_ours_and_the_papers():
     named = [text.get_text() for text in figure.legends[0].get_texts()]
     alone = table2_chart(table2_rows(("mine",)), PAPER_ROWS, "mine")[0].legends[0].get_texts()
     assert named == ["teen (ours)", "Hiccup (the paper’s)"] and [text.get_text() for text in alone] == ["mine"]
-    assert [axes.get_xlabel() for axes in figure.axes] == ["distance error, mm", "normal angle error, degrees"]
+    assert [axes.get_xlabel() for axes in figure.axes] == ["distance error, mm", "normal error, degrees"]
 
 
 def test_letters_of_table_2s_charts_are_five_points_high_in_a_column_of_the_paper():
@@ -53,3 +55,15 @@ def test_a_dots_number_stands_clear_of_the_papers_ring_and_of_the_axis():
             box, frame = number.get_window_extent(renderer), panel.get_window_extent(renderer)
             assert frame.x0 < box.x0 and box.x1 < frame.x1 + 10, "no line bounds a panel at its right"
             assert not any(box.contains(*panel.transData.transform(ring.get_xydata()[0])) for ring in rings)
+
+
+def test_numbers_of_the_largest_dots_stand_on_their_left_and_labels_within_the_figure():
+    rows = [replace(row, value=900 * row.value) if row.method == "squares" else row for row in table2_rows()]
+    rows += [replace(row, method="squares", value=900 * row.value) for row in table2_rows() if row.method == "linear"]
+    figure, _ = table2_chart(rows, PAPER_ROWS, "teen")
+    FigureCanvasAgg(figure).draw()
+    renderer, width = figure.canvas.get_renderer(), figure.get_size_inches()[0] * figure.dpi
+    for panel in figure.axes:
+        furthest = max(panel.texts, key=lambda number: number.xy[0])
+        assert furthest.get_ha() == "right" and {number.get_ha() for number in panel.texts} == {"left", "right"}
+        assert panel.xaxis.label.get_window_extent(renderer).x1 <= width

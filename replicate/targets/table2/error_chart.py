@@ -17,6 +17,7 @@ UNITS = {"mm": "mm", "deg": "degrees"}
 OURS, THEIRS = "#333333", "black"
 LINE, FRAME = 0.37, 1.35  # inches: a method, and what is above and below them
 BESIDE = 9  # points from a mark to its number
+AT_THE_END = 3  # times: a dot within them of the largest one has its number on the left, unless a ring is there
 
 
 def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str) -> "tuple[matplotlib.figure.Figure, Words]":
@@ -34,6 +35,8 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str) -> "
     figure = Figure((WIDTH, LINE * len(methods) + FRAME), dpi=DPI, layout="constrained")
     phrases, motion = [], []
     for axes, (metric, unit, label) in zip(figure.subplots(1, 2, sharey=True), MEASURES, strict=True):
+        shown = [find(ours, "table2", character, method.name, metric).value for method in methods]
+        largest = max(shown, default=0.0)
         for y, method in enumerate(methods):
             mine, other = (
                 find(rows, "table2", who, method.name, metric) for rows, who in ((ours, character), (paper, theirs))
@@ -44,14 +47,15 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str) -> "
             axes.plot(mine.value, y, "o", color=method.colour, markersize=8, zorder=3)
             if mine.sd is not None:
                 axes.errorbar(mine.value, y, xerr=mine.sd, color=method.colour, capsize=3)
-            _write_beside(axes, text, mine.value, y, other.value if other else None)
+            left = other.value > mine.value if other else mine.value > largest / AT_THE_END
+            _write_beside(axes, text, mine.value, y, -1 if left else 1)
             phrases.append(f"{method.label} {text} {UNITS[unit]}")
         if still := find(ours, "table2", character, "neutral", metric):
             motion.append(f"{round_off(still.value, unit)} {UNITS[unit]}")
         axes.set_yticks(range(len(methods)), [method.title for method in methods])
         axes.set_ylim(len(methods) - 0.4, -0.6)
         axes.margins(x=0.34)  # room for numbers on both sides
-        axes.set_xlabel(label)
+        axes.set_xlabel(label.replace("normal angle error", "normal error"))
         error_scale(axes)
         tidy(axes)
         enlarge(axes)
@@ -75,8 +79,7 @@ def table2_chart(ours: Sequence[Row], paper: Sequence[Row], character: str) -> "
     )
 
 
-def _write_beside(axes, text: str, value: float, y: int, other: float | None) -> None:
-    """Write a dot's number beside it, on the side where the paper's ring isn't."""
-    side = -1 if other is not None and other > value else 1
+def _write_beside(axes, text: str, value: float, y: int, side: int) -> None:
+    """Write a dot's number beside it, left (-1) or right (1): where the paper's ring isn't, or where there is room."""
     align = "left" if side > 0 else "right"
     axes.annotate(text, (value, y), (side * BESIDE, 0), textcoords="offset points", ha=align, va="center")
