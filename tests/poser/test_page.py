@@ -1,13 +1,15 @@
 """The page itself, in a browser: its arithmetic is Python's, drags and files do what they say, nothing is fetched."""
 
 import html
+import io
 import json
 import re
 import subprocess
 
 import numpy as np
 import pytest
-from browser import command
+from browser import Tab, command
+from PIL import Image
 from posed_face import coarse_model, refined_model
 from posing_page import page_of
 
@@ -118,3 +120,23 @@ def test_a_page_is_one_file_that_asks_for_nothing():
 
 def test_the_same_face_makes_the_same_page():
     assert page_of() == page_of()
+
+
+def test_vertices_lit_without_a_graphics_card_look_like_pixels_lit_by_one(tmp_path):
+    """The tests' browser has no card: a page that takes it for one must still show the face, and the same one."""
+    plain = page_of()
+    as_if = plain.replace("return !/SwiftShader", "return true || !/SwiftShader")
+    assert as_if != plain
+    pictures = []
+    for name, text in {"vertices": plain, "pixels": as_if}.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "page.html").write_text(text, encoding="utf-8")
+        with Tab(tmp_path / name) as tab:
+            tab.open((tmp_path / name / "page.html").as_uri(), "window.mounted && mounted.then(Boolean)")
+            assert tab.evaluate("mounted.then(({view}) => view.card)") is (name == "pixels")
+            tab.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")
+            with Image.open(io.BytesIO(tab.picture())) as image:
+                pictures.append(np.asarray(image.convert("RGB"), np.float64))
+    apart = np.abs(pictures[0] - pictures[1]).mean(axis=2)
+    assert 0 < apart.mean() < 2 and (apart > 40).mean() < 0.01, "of 255"
+    assert (pictures[0].std(axis=2) > 20).mean() > 0.02, "there is a face in it"

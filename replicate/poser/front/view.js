@@ -1,6 +1,6 @@
 // The picture: WebGL 2, an orthographic camera that looks along −z, and lights that are fixed to it.
 //
-// With a graphics card each pixel is lit. Without one the processor draws, for which that is ten times too much: there
+// With a graphics card each pixel is lit. Without one the processor draws, for which that is several times too much: there
 // each vertex is lit, and edges are not smoothed.
 
 const SHADING = `
