@@ -91,6 +91,7 @@ def regional_model():
         inputs, outputs = part.layers[0].in_features, part.output.out_features
         part.start(rng.normal(size=(inputs + 1, outputs)), torch.Generator().manual_seed(0))
         part.bound(np.array([[-0.5], [0.25]]) * np.ones(inputs))
+        part.limit(rng.uniform(-0.2, 0.2, (9, inputs)))
     halve(network)
     return RegionalModel(network, bases, np.linspace(0.5, 1, M), 3.0, len(MESH.neutral))
 

@@ -3,7 +3,8 @@
 Each layer is h = silu(x U) ∘ (x V) (the gated linear units of Dauphin et al. 2017 and Shazeer 2020): a product of two
 linear functions, and what rigs do when controls combine. The skip is a straight line from parameters to outputs, which
 starts as the least squares fit and is trained along. Products of many parameters grow without bounds where training
-saw nothing: there the layers stay at the edge of what it saw, and only the line goes on.
+saw nothing: beyond the range of a parameter, or where many are large at once. So parameters, and what each layer makes
+of them, stay within what training has seen of them.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ class GatedNetwork(nn.Module):
     """(b, j) scaled parameters → (b, d) outputs: layers of the widths `hidden`, beside a line.
 
     gated: False for leaky ReLUs in the products' place. line: False for no skip. Both are there to see what they do.
-    lowest, highest: (j,) scaled parameters; what lies beyond is as far as that for the layers. `bound` sets them.
+    lowest, highest: (j,) scaled parameters; what lies beyond is as far as that. `bound` sets them. least_k, most_k: the
+    same of what layer k gives, (h_k,); `limit` sets them, once the weights are what they will be.
     """
 
     def __init__(self, inputs: int, hidden: Sequence[int], outputs: int, gated: bool = True, line: bool = True):
@@ -36,12 +38,27 @@ class GatedNetwork(nn.Module):
         self.line = nn.Linear(inputs, outputs, bias=False) if line else None
         self.register_buffer("lowest", -torch.ones(inputs))
         self.register_buffer("highest", torch.ones(inputs))
+        for k, width in enumerate(hidden):
+            self.register_buffer(f"least_{k}", torch.full((width,), -torch.inf))
+            self.register_buffer(f"most_{k}", torch.full((width,), torch.inf))
+        self.is_limited = False  # whether there is anything in them
+
+    @property
+    def limits(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
+        """What each layer gives at least and at most."""
+        return [(getattr(self, f"least_{k}"), getattr(self, f"most_{k}")) for k in range(len(self.layers))]
 
     def forward(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b d"]:
-        x = torch.minimum(torch.maximum(params, self.lowest), self.highest)
-        for layer in self.layers:
-            x = _multiply(layer(x)) if self.is_gated else functional.leaky_relu(layer(x), SLOPE)
-        return self.output(x) if self.line is None else self.output(x) + self.line(params)
+        own = torch.minimum(torch.maximum(params, self.lowest), self.highest)
+        x = own
+        for layer, (least, most) in zip(self.layers, self.limits, strict=True):
+            x = self._after(layer(x))
+            if self.is_limited:
+                x = torch.minimum(torch.maximum(x, least), most)
+        return self.output(x) if self.line is None else self.output(x) + self.line(own)
+
+    def _after(self, sums: torch.Tensor) -> torch.Tensor:
+        return _multiply(sums) if self.is_gated else functional.leaky_relu(sums, SLOPE)
 
     def start(self, line: Float[np.ndarray, "i d"], generator: torch.Generator) -> None:
         """Draw the weights, and set the line; the last row of `line` is its constant.
@@ -62,6 +79,18 @@ class GatedNetwork(nn.Module):
         """Set the least and the largest value of each scaled parameter, to what 16 bits hold, to those of samples."""
         for bound, values in ((self.lowest, params.min(axis=0)), (self.highest, params.max(axis=0))):
             bound.copy_(torch.from_numpy(np.asarray(values, np.float32)).half())
+
+    def limit(self, params: Float[np.ndarray, "s j"]) -> None:
+        """Set what each layer gives at least and at most, to what 16 bits hold, to what it gives in samples."""
+        with torch.no_grad():
+            x = torch.from_numpy(np.asarray(params, np.float32))
+            x = torch.minimum(torch.maximum(x, self.lowest), self.highest)
+            for layer, (least, most) in zip(self.layers, self.limits, strict=True):
+                x = self._after(layer(x))
+                least.copy_(x.amin(dim=0).half())
+                most.copy_(x.amax(dim=0).half())
+                x = torch.minimum(torch.maximum(x, least), most)
+        self.is_limited = True
 
     def multiplications(self) -> int:
         """Return how many multiplications one pose takes."""

@@ -236,4 +236,6 @@ def load(folder: Path) -> RegionalModel:
     prefix = "network."
     state = {name.removeprefix(prefix): w.float() for name, w in arrays.items() if name.startswith(prefix)}
     network.load_state_dict(state)
+    for part in network.networks:
+        part.is_limited = True
     return RegionalModel(network, bases, arrays["scale"].numpy(), facts["length_mm"], facts["vertex_count"])

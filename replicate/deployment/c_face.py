@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from torch import nn
 
 from data_recipes.rig import Control
@@ -30,6 +31,8 @@ from replicate.geometry.mesh import Mesh
 LETTER = 79  # small numbers of 8 bits become capitals, which take one character where others take four
 HALF_BIAS = 112  # the exponent of a float less that of a 16-bit float
 LARGEST_HALF = 65504.0
+LIMITS = ("least", "most")  # of what hidden layers give
+BOUNDS = ("lowest", "highest", *LIMITS)
 NOTHING = [["0"]]  # C has no arrays of no elements
 
 
@@ -119,12 +122,21 @@ def _networks(model: RegionalModel) -> tuple[list[str], list[str]]:
         hidden = [_layer(name, layer) for name, layer in zip(names, network.layers, strict=True)]
         last, line = _layer(f"last_{k}", network.output), _layer(f"line_{k}", network.line)
         arrays += [index_list(f"seen_{k}", seen.numpy())]
-        arrays += [float_list(f"{name}_{k}", getattr(network, name).numpy()) for name in ("lowest", "highest")]
+        bounds = {"lowest": network.lowest, "highest": network.highest}
+        bounds |= {name: torch.cat(own) for name, own in zip(LIMITS, zip(*network.limits, strict=True), strict=False)}
+        arrays += [float_list(f"{name}_{k}", _finite(values)) for name, values in bounds.items()]
         arrays += [array for _, own in (*hidden, last, line) for array in own]
         tables.append(f"static const layer layers_{k}[] = {{\n{structures([row for row, _ in hidden] or NOTHING)}}};\n")
         ends = (f"{{{', '.join(row)}}}" for row, _ in (last, line))
-        rows.append([str(len(seen)), *(f"{name}_{k}" for name in ("seen", "lowest", "highest", "layers")), *ends])
+        rows.append([str(len(seen)), f"seen_{k}", *(f"{name}_{k}" if name in bounds else "0" for name in BOUNDS)])
+        rows[-1] += [f"layers_{k}", *ends]
     return [*tables, f"static const network networks[] = {{\n{structures(rows)}}};\n"], arrays
+
+
+def _finite(values: torch.Tensor) -> np.ndarray:
+    """Return bounds as C can write them: the largest number where there is none."""
+    largest = np.finfo(np.float32).max
+    return np.clip(values.numpy(), -largest, largest)
 
 
 def _layer(name: str, layer: nn.Linear | None) -> tuple[list[str], list[str]]:

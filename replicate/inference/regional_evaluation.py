@@ -20,9 +20,9 @@ class RegionalPlan(NamedTuple):
     """Of m parameters, g networks of l hidden layers, Σ c coefficients, r regions and k vertices in all of them.
 
     scale (m,): what parameters are divided by. widths (g, l + 2): numbers before, between and after the layers. seen:
-    flat, the parameters that each network sees; lowest, highest: what its layers see of them at most. weights: flat,
-    network by network each layer's [in, out], then the line's; biases: flat; gated, line: whether there are gates and
-    lines.
+    flat, the parameters that each network sees; lowest, highest: what it sees of them at most; least, most: flat, what
+    its hidden layers give at most. weights: flat, network by network each layer's [in, out], then the line's; biases:
+    flat; gated, line: whether there are gates and lines.
     steps (Σ c,): millimetres of a component's whole number 1, the coefficients' length folded in. fine: the bases in 16
     bits, flat, [component, coordinate] region by region. rough: those in 8, as `in_pairs` stores them. regions (r, 5):
     vertices, those of them that no earlier region has, components in 16 and in 8 bits, and the first coefficient.
@@ -35,6 +35,8 @@ class RegionalPlan(NamedTuple):
     seen: np.ndarray
     lowest: np.ndarray
     highest: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
     weights: np.ndarray
     biases: np.ndarray
     gated: bool
@@ -57,6 +59,7 @@ def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> R
         biases += [layer.bias.detach().numpy() for layer in layers]
         lines = [] if network.line is None else [network.line]
         matrices += [layer.weight.detach().numpy().T for layer in (*layers, *lines)]
+    empty = np.zeros(0, np.float32)  # of networks without hidden layers
     places, known = neutral.astype(np.float64), np.zeros(len(neutral), bool)
     regions, orders, first = [], [], 0
     for basis in model.bases:
@@ -76,6 +79,8 @@ def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> R
         np.concatenate([seen.numpy() for seen in model.network.seen]),
         np.concatenate([network.lowest.numpy() for network in networks]),
         np.concatenate([network.highest.numpy() for network in networks]),
+        np.concatenate([least.numpy() for network in networks for least, _ in network.limits] or [empty]),
+        np.concatenate([most.numpy() for network in networks for _, most in network.limits] or [empty]),
         without_loss(np.concatenate([matrix.ravel() for matrix in matrices])),
         np.concatenate(biases),
         networks[0].is_gated,
@@ -94,6 +99,13 @@ def _in_order(components: torch.Tensor, order: np.ndarray) -> np.ndarray:
     """Return the components (k, 3 v) of a region with its vertices in an order."""
     numbers = components.numpy()
     return numbers.reshape(len(numbers), -1, 3)[:, order].reshape(len(numbers), -1)
+
+
+@njit(inline="always")
+@no_type_check
+def _within(value, least, most):
+    """Return a value within two others; one that is no number stays what it is."""
+    return least if value < least else most if value > most else value
 
 
 @njit(cache=KEEP_CODE, error_model="numpy", nogil=True, fastmath={"afn", "contract"})
@@ -120,20 +132,19 @@ def place_regions(
 ) -> None:  # fmt: skip
     """Write the vertices of all regions (mm) for raw rig parameters (m,) to `out` (n, 3).
 
-    sums, moved, rows, pairs: scratch for layers (5, widest), the largest region, the indices of the widest input, and
-    that of `add_pairs`. A network has its inputs in the third and fourth row of `sums`, for line and layers; the fifth
-    is for the coefficients.
+    sums, moved, rows, pairs: scratch for layers (4, widest), the largest region, the indices of the widest input, and
+    that of `add_pairs`. A network has its inputs in the third row of `sums`; the fourth is for the coefficients.
     """
-    coefficients = sums[4, : len(plan.steps)]
-    first, bias, sees, done = NOTHING, NOTHING, NOTHING, NOTHING
+    coefficients = sums[3, : len(plan.steps)]
+    first, bias, sees, limit, done = NOTHING, NOTHING, NOTHING, NOTHING, NOTHING
     layers = plan.widths.shape[1] - 1
     for network in range(len(plan.widths)):
         widths = plan.widths[network]
-        own, x = sums[2, : widths[0]], sums[3, : widths[0]]
+        own = sums[2, : widths[0]]
         for k in range(widths[0]):
             j = plan.seen[sees + k]
-            own[k] = params[j] / plan.scale[j]
-            x[k] = min(max(own[k], plan.lowest[sees + k]), plan.highest[sees + k])
+            own[k] = _within(params[j] / plan.scale[j], plan.lowest[sees + k], plan.highest[sees + k])
+        x = own
         for layer in range(layers):
             inputs = widths[layer]
             last = layer + 1 == layers
@@ -145,7 +156,11 @@ def place_regions(
             if last and plan.line:
                 add_products(own, plan.weights, first, width, y, rows)
                 first += widths[0] * width
-            x = y if last else y[: _activate(y, plan.gated)]
+            if not last:
+                x = y[: _activate(y, plan.gated)]
+                for k in range(len(x)):
+                    x[k] = _within(x[k], plan.least[limit + k], plan.most[limit + k])
+                limit = limit + len(x)
         sees, done = sees + widths[0], done + widths[layers]
     for k in range(len(coefficients)):
         coefficients[k] *= plan.steps[k]
@@ -173,7 +188,7 @@ class FastRegions:
     def __init__(self, model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]):
         self.plan = plan_regions(model, neutral)
         widest = int(max(len(self.plan.steps), 2 * self.plan.widths.max()))
-        self._sums = np.zeros((5, widest), np.float32)
+        self._sums = np.zeros((4, widest), np.float32)
         self._moved = np.zeros(3 * int(self.plan.regions[:, 0].max()), np.float32)
         self._rows = np.zeros(widest, np.int64)
         self._pairs = np.zeros(BLOCK + (int(self.plan.regions[:, 3].max()) + 1) // 2, np.int32)

@@ -129,6 +129,8 @@ def train(context: StageContext) -> None:
     log = minimise(network, loss_of_step, section.training, context.scratch, context.progress, "regional", measure)
     network = network.to("cpu")
     regional_model.halve(network)
+    for part, seen in zip(network.networks, network.seen, strict=True):
+        part.limit(params[:, seen.numpy()])
     regional_model.save(model(), context.out)
     write_training(context, model(), log)
     context.note(multiplications=model().multiplications())

@@ -61,6 +61,8 @@ def _(model: RegionalModel) -> Parts:
         arrays |= layers(f"regional.{k}", [*network.layers, network.output])
         arrays[f"regional.{k}.seen"] = indices(seen.numpy(), len(model.scale))
         arrays |= {f"regional.{k}.{name}": half(getattr(network, name)) for name in ("lowest", "highest")}
+        for i, ends in enumerate(network.limits):
+            arrays |= {f"regional.{k}.{i}.{name}": half(end) for name, end in zip(("least", "most"), ends, strict=True)}
         if network.line is not None:
             arrays[f"regional.{k}.line"] = half(network.line.weight)
     for k, basis in enumerate(model.bases):

@@ -148,20 +148,22 @@ def _(network: GatedNetwork) -> Traced:
     layers, gated = [_transposed(layer) for layer in (*network.layers, network.output)], network.is_gated
     line = [] if network.line is None else [network.line.weight.detach().numpy().T.copy()]
     lowest, highest = network.lowest.numpy(), network.highest.numpy()
+    limits = [(least.numpy(), most.numpy()) for least, most in network.limits]
 
     def outputs(weights: list, params: "jax.Array") -> "jax.Array":
         import jax
 
         *hidden, (last, constant), lines = weights
-        x = jax.numpy.clip(params, lowest, highest)
-        for weight, bias in hidden:
+        own = x = jax.numpy.clip(params, lowest, highest)
+        for (weight, bias), (least, most) in zip(hidden, limits, strict=True):
             x = x @ weight + bias
             if gated:
                 gate, value = x.reshape(2, -1)
                 x = jax.nn.silu(gate) * value
             else:
                 x = jax.nn.leaky_relu(x, SLOPE)
-        return x @ last + constant + sum(params @ skip for skip in lines)
+            x = jax.numpy.clip(x, least, most)
+        return x @ last + constant + sum(own @ skip for skip in lines)
 
     return Traced([*layers, line], outputs)
 

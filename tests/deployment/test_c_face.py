@@ -49,6 +49,7 @@ def drawn_networks(seen, hidden, outputs, gated=True, line=True):
     for part in networks.networks:
         inputs, width = part.layers[0].in_features, part.output.out_features
         part.start(rng.normal(size=(inputs + 1, width)), torch.Generator().manual_seed(1))
+        part.limit(rng.uniform(-0.3, 0.3, (9, inputs)))
     halve(networks)
     return networks
 

@@ -66,6 +66,8 @@ def regional(gated=True, line=True, apart=True):
     for part, own in zip(network.networks, seen, strict=True):
         part.bound(np.array([[-0.5], [0.25]]) * np.ones(len(own)))
     halve(network)
+    for part, own in zip(network.networks, seen, strict=True):
+        part.limit(RNG.uniform(-0.2, 0.1, (9, len(own))))
     return RegionalModel(network, bases, SCALE, 2.0, len(MESH.neutral))
 
 

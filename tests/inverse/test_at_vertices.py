@@ -65,6 +65,7 @@ def regional_model(tmp_path):
     network = fresh_networks(seen, (8, 8), [len(basis.steps) for basis in bases], gated=True, line=True)
     for part, own, basis in zip(network.networks, seen, bases, strict=True):
         part.start(rng.normal(size=(len(own) + 1, len(basis.steps))), torch.Generator().manual_seed(0))
+        part.limit(rng.uniform(-0.3, 0.3, (9, len(own))))
     return RegionalModel(network, bases, np.ones(M, np.float32), 3.0, len(mesh.neutral))
 
 

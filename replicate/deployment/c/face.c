@@ -33,12 +33,12 @@ typedef struct {
     const byte *high, *low;
 } layer;
 
-/* A network of some of the controls: hidden layers, and after them last + line. The line sees the controls as they are,
-   the layers what training saw of them at most. */
+/* A network of some of the controls: hidden layers, and after them last + line. It sees of the controls, and of what its
+   layers make of them, what training saw at most. least, most: of the hidden layers' outputs, one layer after the other. */
 typedef struct {
     int inputs;
     const uint32_t *controls;
-    const float *lowest, *highest;
+    const float *lowest, *highest, *least, *most;
     const layer *hidden;
     layer last, line;
 } network;
@@ -97,6 +97,12 @@ static void add_product(const float *restrict x, const layer *own, float *restri
             count = 0;
         }
     }
+}
+
+/* A value within two others; one that is no number stays what it is. */
+static float within(float value, float least, float most)
+{
+    return value < least ? least : value > most ? most : value;
 }
 
 static void copy(const float *from, int count, float *to)
@@ -237,19 +243,20 @@ $numbers
 
 void ${name}_pose(const float *parameters, float *vertices)
 {
-    float seen[${upper}_CONTROLS], bounded[${upper}_CONTROLS];
+    float seen[${upper}_CONTROLS];
     float sums[$widest], hidden[$widest], coefficients[COEFFICIENTS], moved[$longest];
     float *out = coefficients;
     for (const network *net = networks; net < networks + NETWORKS; net++) {
         for (int i = 0; i < net->inputs; i++)
-            seen[i] = parameters[net->controls[i]] / scale[net->controls[i]];
-        for (int i = 0; i < net->inputs; i++)
-            bounded[i] = fminf(fmaxf(seen[i], net->lowest[i]), net->highest[i]);
-        const float *x = bounded;
+            seen[i] = within(parameters[net->controls[i]] / scale[net->controls[i]], net->lowest[i], net->highest[i]);
+        const float *x = seen, *least = net->least, *most = net->most;
         for (const layer *own = net->hidden; own < net->hidden + LAYERS; own++) {
             copy(own->bias, own->outputs, sums);
             add_product(x, own, sums);
-            activate(sums, GATED ? own->outputs / 2 : own->outputs, hidden);
+            const int count = GATED ? own->outputs / 2 : own->outputs;
+            activate(sums, count, hidden);
+            for (int k = 0; k < count; k++)
+                hidden[k] = within(hidden[k], *least++, *most++);
             x = hidden;
         }
         copy(net->last.bias, net->last.outputs, out);

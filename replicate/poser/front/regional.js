@@ -56,29 +56,35 @@ function multiply(both) {
   return both.subarray(0, half);
 }
 
+// Takes each value to what training saw at least and at most; one that is no number stays what it is.
+function within(values, least, most) {
+  for (let i = 0; i < values.length; i++) values[i] = Math.min(Math.max(values[i], least[i]), most[i]);
+  return values;
+}
+
 // A function from raw rig parameters (m) to the coefficients of all regions' components, mm.
 function coefficientModel({ header, arrays }) {
   const { layers: count, networks, gated, slope, length_mm: length } = header.regional;
   const scale = arrays["regional.scale"];
   const parts = Array.from({ length: networks }, (_, k) => {
     const layers = layersOf(arrays, `regional.${k}`, count);
+    const limits = layers.slice(1).map((_, i) => ["least", "most"].map((name) => arrays[`regional.${k}.${i}.${name}`]));
     const [seen, lowest, highest, line] = ["seen", "lowest", "highest", "line"].map((n) => arrays[`regional.${k}.${n}`]);
-    const own = new Float32Array(seen.length), bounded = own.slice(), straight = layers[count - 1].out.slice();
-    return { layers, seen, lowest, highest, line, own, bounded, straight };
+    const own = new Float32Array(seen.length), straight = layers[count - 1].out.slice();
+    return { layers, limits, seen, lowest, highest, line, own, straight };
   });
   const coefficients = new Float32Array(parts.reduce((sum, { straight }) => sum + straight.length, 0));
 
   return function coefficientsOf(params) {
     let first = 0;
-    for (const { layers, seen, lowest, highest, line, own, bounded, straight } of parts) {
+    for (const { layers, limits, seen, lowest, highest, line, own, straight } of parts) {
       for (let i = 0; i < seen.length; i++) {
         own[i] = params[seen[i]] / scale[seen[i]];
-        bounded[i] = Math.min(Math.max(own[i], lowest[i]), highest[i]); // beyond what training saw the line goes on alone
       }
-      let x = bounded;
+      let x = within(own, lowest, highest);
       layers.forEach((layer, i) => {
         x = dense(layer.weight, layer.bias, x, layer.out);
-        if (i < count - 1) x = gated ? multiply(x) : leaky(x, slope);
+        if (i < count - 1) x = within(gated ? multiply(x) : leaky(x, slope), ...limits[i]);
       });
       if (line) dense(line, null, own, straight);
       for (let k = 0; k < straight.length; k++) coefficients[first + k] = (x[k] + straight[k]) * length;
