@@ -3,8 +3,8 @@
 Each layer is h = silu(x U) ∘ (x V) (the gated linear units of Dauphin et al. 2017 and Shazeer 2020): a product of two
 linear functions, and what rigs do when controls combine. The skip is a straight line from parameters to outputs, which
 starts as the least squares fit and is trained along. Products of many parameters grow without bounds where training
-saw nothing: beyond the range of a parameter, or where many are large at once. So parameters, and what each layer makes
-of them, stay within what training has seen of them.
+saw nothing: beyond the range of a parameter, or where many are large at once. So for the layers the parameters, and
+what each layer gives, stay within what training has seen of them, and only the line goes on.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class GatedNetwork(nn.Module):
     """(b, j) scaled parameters → (b, d) outputs: layers of the widths `hidden`, beside a line.
 
     gated: False for leaky ReLUs in the products' place. line: False for no skip. Both are there to see what they do.
-    lowest, highest: (j,) scaled parameters; what lies beyond is as far as that. `bound` sets them. least_k, most_k: the
-    same of what layer k gives, (h_k,); `limit` sets them, once the weights are what they will be.
+    lowest, highest: (j,) scaled parameters; what lies beyond is as far as that for the layers. `bound` sets them.
+    least_k, most_k: the same of what layer k gives, (h_k,); `limit` sets them, once the weights are what they will be.
     """
 
     def __init__(self, inputs: int, hidden: Sequence[int], outputs: int, gated: bool = True, line: bool = True):
@@ -49,13 +49,12 @@ class GatedNetwork(nn.Module):
         return [(getattr(self, f"least_{k}"), getattr(self, f"most_{k}")) for k in range(len(self.layers))]
 
     def forward(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b d"]:
-        own = torch.minimum(torch.maximum(params, self.lowest), self.highest)
-        x = own
+        x = torch.minimum(torch.maximum(params, self.lowest), self.highest)
         for layer, (least, most) in zip(self.layers, self.limits, strict=True):
             x = self._after(layer(x))
             if self.is_limited:
                 x = torch.minimum(torch.maximum(x, least), most)
-        return self.output(x) if self.line is None else self.output(x) + self.line(own)
+        return self.output(x) if self.line is None else self.output(x) + self.line(params)
 
     def _after(self, sums: torch.Tensor) -> torch.Tensor:
         return _multiply(sums) if self.is_gated else functional.leaky_relu(sums, SLOPE)

@@ -20,9 +20,9 @@ class RegionalPlan(NamedTuple):
     """Of m parameters, g networks of l hidden layers, Σ c coefficients, r regions and k vertices in all of them.
 
     scale (m,): what parameters are divided by. widths (g, l + 2): numbers before, between and after the layers. seen:
-    flat, the parameters that each network sees; lowest, highest: what it sees of them at most; least, most: flat, what
-    its hidden layers give at most. weights: flat, network by network each layer's [in, out], then the line's; biases:
-    flat; gated, line: whether there are gates and lines.
+    flat, the parameters that each network sees; lowest, highest: what its layers see of them at most; least, most:
+    flat, what its hidden layers give at most. weights: flat, network by network each layer's [in, out], then the
+    line's; biases: flat; gated, line: whether there are gates and lines.
     steps (Σ c,): millimetres of a component's whole number 1, the coefficients' length folded in. fine: the bases in 16
     bits, flat, [component, coordinate] region by region. rough: those in 8, as `in_pairs` stores them. regions (r, 5):
     vertices, those of them that no earlier region has, components in 16 and in 8 bits, and the first coefficient.
@@ -132,19 +132,20 @@ def place_regions(
 ) -> None:  # fmt: skip
     """Write the vertices of all regions (mm) for raw rig parameters (m,) to `out` (n, 3).
 
-    sums, moved, rows, pairs: scratch for layers (4, widest), the largest region, the indices of the widest input, and
-    that of `add_pairs`. A network has its inputs in the third row of `sums`; the fourth is for the coefficients.
+    sums, moved, rows, pairs: scratch for layers (5, widest), the largest region, the indices of the widest input, and
+    that of `add_pairs`. A network has its inputs in the third and fourth row of `sums`, for line and layers; the fifth
+    is for the coefficients.
     """
-    coefficients = sums[3, : len(plan.steps)]
+    coefficients = sums[4, : len(plan.steps)]
     first, bias, sees, limit, done = NOTHING, NOTHING, NOTHING, NOTHING, NOTHING
     layers = plan.widths.shape[1] - 1
     for network in range(len(plan.widths)):
         widths = plan.widths[network]
-        own = sums[2, : widths[0]]
+        own, x = sums[2, : widths[0]], sums[3, : widths[0]]
         for k in range(widths[0]):
             j = plan.seen[sees + k]
-            own[k] = _within(params[j] / plan.scale[j], plan.lowest[sees + k], plan.highest[sees + k])
-        x = own
+            own[k] = params[j] / plan.scale[j]
+            x[k] = _within(own[k], plan.lowest[sees + k], plan.highest[sees + k])
         for layer in range(layers):
             inputs = widths[layer]
             last = layer + 1 == layers
@@ -188,7 +189,7 @@ class FastRegions:
     def __init__(self, model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]):
         self.plan = plan_regions(model, neutral)
         widest = int(max(len(self.plan.steps), 2 * self.plan.widths.max()))
-        self._sums = np.zeros((4, widest), np.float32)
+        self._sums = np.zeros((5, widest), np.float32)
         self._moved = np.zeros(3 * int(self.plan.regions[:, 0].max()), np.float32)
         self._rows = np.zeros(widest, np.int64)
         self._pairs = np.zeros(BLOCK + (int(self.plan.regions[:, 3].max()) + 1) // 2, np.int32)

@@ -154,7 +154,7 @@ def _(network: GatedNetwork) -> Traced:
         import jax
 
         *hidden, (last, constant), lines = weights
-        own = x = jax.numpy.clip(params, lowest, highest)
+        x = jax.numpy.clip(params, lowest, highest)
         for (weight, bias), (least, most) in zip(hidden, limits, strict=True):
             x = x @ weight + bias
             if gated:
@@ -163,7 +163,7 @@ def _(network: GatedNetwork) -> Traced:
             else:
                 x = jax.nn.leaky_relu(x, SLOPE)
             x = jax.numpy.clip(x, least, most)
-        return x @ last + constant + sum(own @ skip for skip in lines)
+        return x @ last + constant + sum(params @ skip for skip in lines)
 
     return Traced([*layers, line], outputs)
 

@@ -33,8 +33,8 @@ typedef struct {
     const byte *high, *low;
 } layer;
 
-/* A network of some of the controls: hidden layers, and after them last + line. It sees of the controls, and of what its
-   layers make of them, what training saw at most. least, most: of the hidden layers' outputs, one layer after the other. */
+/* A network of some of the controls: hidden layers, and after them last + line. The line sees the controls as they are,
+   the layers what training saw of them at most. least, most: what hidden layers give at most, one after the other. */
 typedef struct {
     int inputs;
     const uint32_t *controls;
@@ -243,13 +243,15 @@ $numbers
 
 void ${name}_pose(const float *parameters, float *vertices)
 {
-    float seen[${upper}_CONTROLS];
+    float seen[${upper}_CONTROLS], bounded[${upper}_CONTROLS];
     float sums[$widest], hidden[$widest], coefficients[COEFFICIENTS], moved[$longest];
     float *out = coefficients;
     for (const network *net = networks; net < networks + NETWORKS; net++) {
         for (int i = 0; i < net->inputs; i++)
-            seen[i] = within(parameters[net->controls[i]] / scale[net->controls[i]], net->lowest[i], net->highest[i]);
-        const float *x = seen, *least = net->least, *most = net->most;
+            seen[i] = parameters[net->controls[i]] / scale[net->controls[i]];
+        for (int i = 0; i < net->inputs; i++)
+            bounded[i] = within(seen[i], net->lowest[i], net->highest[i]);
+        const float *x = bounded, *least = net->least, *most = net->most;
         for (const layer *own = net->hidden; own < net->hidden + LAYERS; own++) {
             copy(own->bias, own->outputs, sums);
             add_product(x, own, sums);

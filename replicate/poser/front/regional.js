@@ -70,18 +70,18 @@ function coefficientModel({ header, arrays }) {
     const layers = layersOf(arrays, `regional.${k}`, count);
     const limits = layers.slice(1).map((_, i) => ["least", "most"].map((name) => arrays[`regional.${k}.${i}.${name}`]));
     const [seen, lowest, highest, line] = ["seen", "lowest", "highest", "line"].map((n) => arrays[`regional.${k}.${n}`]);
-    const own = new Float32Array(seen.length), straight = layers[count - 1].out.slice();
-    return { layers, limits, seen, lowest, highest, line, own, straight };
+    const own = new Float32Array(seen.length), bounded = own.slice(), straight = layers[count - 1].out.slice();
+    return { layers, limits, seen, lowest, highest, line, own, bounded, straight };
   });
   const coefficients = new Float32Array(parts.reduce((sum, { straight }) => sum + straight.length, 0));
 
   return function coefficientsOf(params) {
     let first = 0;
-    for (const { layers, limits, seen, lowest, highest, line, own, straight } of parts) {
+    for (const { layers, limits, seen, lowest, highest, line, own, bounded, straight } of parts) {
       for (let i = 0; i < seen.length; i++) {
-        own[i] = params[seen[i]] / scale[seen[i]];
+        bounded[i] = own[i] = params[seen[i]] / scale[seen[i]];
       }
-      let x = within(own, lowest, highest);
+      let x = within(bounded, lowest, highest); // beyond what training saw the line goes on alone
       layers.forEach((layer, i) => {
         x = dense(layer.weight, layer.bias, x, layer.out);
         if (i < count - 1) x = within(gated ? multiply(x) : leaky(x, slope), ...limits[i]);
