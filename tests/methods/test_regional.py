@@ -45,6 +45,20 @@ def test_it_is_nearer_to_the_truth_than_a_straight_line(trained):
     assert error(inputs, regional) < 0.8 * error(inputs, linear)
 
 
+def test_a_trained_and_loaded_models_layers_stay_within_what_training_has_seen(trained):
+    inputs, _ = trained
+    model, samples = regional_model.load(inputs["regional"]), drawn_samples.load(inputs)
+    corners = np.sign(np.random.default_rng(5).normal(size=(200, samples.params.shape[1]))).astype(np.float32)
+    corners *= np.abs(samples.params).max(axis=0)  # many parameters are as large as can be, at once
+    offsets, inside = model.offsets(corners), model.offsets(samples.params[:200])
+    for part in model.network.networks:
+        assert all(bound.isfinite().all() for ends in part.limits for bound in ends)
+        for least, most in part.limits:
+            least.fill_(-torch.inf), most.fill_(torch.inf)
+    assert np.abs(model.offsets(corners) - offsets).max() > 1e-3, "the limits bite in the corners"
+    assert np.abs(model.offsets(samples.params[:200]) - inside).max() < 1e-3, "and not where training has been"
+
+
 def test_its_size_is_that_of_its_file_and_regions_overlap_at_their_borders(trained):
     inputs, notes = trained
     model = regional_model.load(inputs["regional"])
