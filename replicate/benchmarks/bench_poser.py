@@ -29,16 +29,16 @@ from replicate.config import Config
 from replicate.engine.exceptions import InputError
 from replicate.engine.progress import progress
 from replicate.inverse import ik_stage
-from replicate.methods import coarse, refined, regional
+from replicate.methods import regional
 from replicate.methods.method_registry import choose, in_order, method_named
 from replicate.poser.browser_pictures import BROWSERS, browser
+from replicate.poser.opening import EVALUATED, read_face
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
 
 ABOUT = "the posing page in a browser: seconds to open, ms to follow a dragged point, frames a second"
 WRITES = "results/runs/bench/bench_poser.csv"
 TABLE = "bench_poser"
-EVALUATED = (regional.METHOD.name, coarse.METHOD.name, refined.METHOD.name)  # by the page's JavaScript
 SECONDS = 10  # of dragging
 READY = "window.mounted && mounted.then(Boolean)"
 WITH_CARD, WITHOUT = "frames_per_s[graphics card]", "frames_per_s[processor]"
@@ -71,7 +71,6 @@ COLUMNS = (
 def measure(config: Config, words: Sequence[str], seconds: int) -> list[Row]:
     """Make one character's pages, drag a point of each in a browser, and return the rows."""
     from replicate.poser.approximation_contents import as_on_page
-    from replicate.poser.contents import PosedFace
     from replicate.poser.face_page import face_page
 
     if not (program := browser()):
@@ -85,13 +84,7 @@ def measure(config: Config, words: Sequence[str], seconds: int) -> list[Row]:
     inputs = artefacts_of(TABLE, config, [*shared, *own])
     rows = []
     for method in methods:
-        face = PosedFace(
-            built_rig.load(inputs),
-            as_on_page(method.model(inputs)),
-            rigid_segments.load(inputs),
-            ik_stage.load(inputs, method.name),
-            control_influence.load(inputs),
-        )
+        face = read_face(inputs, as_on_page(method.model(inputs)), method.name)
         page = face_page(face, np.random.default_rng(0), progress, TABLE)
         for metric, unit, value, count in dragged(page, program, seconds):
             facts = (value, None, 1, count, PROFILE, plan.character)

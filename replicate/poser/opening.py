@@ -1,5 +1,6 @@
 """Faces to pose, from the artefacts that a folder of results was made with; nothing is trained for it."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,15 +9,17 @@ from replicate.engine.exceptions import InputError
 from replicate.engine.paths import cache_folder, display_path
 from replicate.engine.store import load
 from replicate.inverse import ik_stage
-from replicate.methods import regional
+from replicate.methods import coarse, refined, regional
 from replicate.report.manifest import command_of, entries
 from replicate.report.notebooks import folder_of
 
 if TYPE_CHECKING:
+    from replicate.poser.approximation_contents import Approximation
     from replicate.poser.contents import PosedFace
     from replicate.poser.notebook import Poser
 
 NETWORKS = f"{ik_stage.PREFIX}_"
+EVALUATED = (regional.METHOD.name, coarse.METHOD.name, refined.METHOD.name)  # by the page's JavaScript
 
 
 def open_poser(results: str, character: str, target: str = "figure11") -> "Poser":
@@ -44,15 +47,20 @@ def open_face(results: str, character: str, target: str = "figure11") -> "PosedF
     target: figure11, whose IK networks are trained through the first method that it shows, or poser, whose are trained
     through ours. Raises InputError where the manifest names no such results, or the cache doesn't hold their artefacts.
     """
-    from replicate.poser.contents import PosedFace
-
     inputs = artefacts(results, character, target)
     (networks,) = (name for name in inputs if name.startswith(NETWORKS))
+    return read_face(inputs, regional.load_model(inputs), networks.removeprefix(NETWORKS))
+
+
+def read_face(inputs: Mapping[str, Path], model: "Approximation", trained_through: str) -> "PosedFace":
+    """Return what poses a character. trained_through: the method that the IK networks are trained through."""
+    from replicate.poser.contents import PosedFace
+
     return PosedFace(
         built_rig.load(inputs),
-        regional.load_model(inputs),
+        model,
         rigid_segments.load(inputs),
-        ik_stage.load(inputs, networks.removeprefix(NETWORKS)),
+        ik_stage.load(inputs, trained_through),
         control_influence.load(inputs),
     )
 

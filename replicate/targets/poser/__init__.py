@@ -12,8 +12,9 @@ from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.engine.stage import Stage, StageContext, stage_function
 from replicate.inverse import ik_stage
-from replicate.methods import coarse, refined, regional
+from replicate.methods import regional
 from replicate.methods.method import Method
+from replicate.poser.opening import EVALUATED, read_face
 from replicate.report.publication import publish_files
 from replicate.targets.options import OF_A_RUN, methods
 from replicate.targets.running import make
@@ -25,7 +26,6 @@ ABOUT = "a page to pose a face in with the mouse, by our method or the CNN: one 
 WRITES = "results/runs/<profile>/"
 OPTIONS = (*OF_A_RUN, "methods")
 METHODS = (regional.METHOD.name,)
-EVALUATED = (*METHODS, coarse.METHOD.name, refined.METHOD.name)  # by the page's JavaScript
 LARGEST_MB = 12  # of a page that opens at once
 
 
@@ -76,17 +76,10 @@ def write(context: StageContext) -> None:
 def write_page(context: StageContext, method: str, model: str) -> "tuple[PosedFace, Path]":
     """Write the page of one method, return its face and its file; model: "module:function" of what reads the model."""
     from replicate.poser.approximation_contents import as_on_page
-    from replicate.poser.contents import PosedFace
     from replicate.poser.face_page import face_page
 
     settings = context.config
-    face = PosedFace(
-        built_rig.load(context.inputs),
-        as_on_page(stage_function(model)(context.inputs)),
-        rigid_segments.load(context.inputs),
-        ik_stage.load(context.inputs, method),
-        control_influence.load(context.inputs),
-    )
+    face = read_face(context.inputs, as_on_page(stage_function(model)(context.inputs)), method)
     option = "" if method in METHODS else f" METHODS={method}"
     made_by = f"make poser CHARACTERS={settings.character}{option} PROFILE={settings.profile}"
     text = face_page(face, context.rng("checks"), context.progress, f"{made_by}, seed {settings.seed}")
