@@ -49,11 +49,11 @@ class GatedNetwork(nn.Module):
         return [(getattr(self, f"least_{k}"), getattr(self, f"most_{k}")) for k in range(len(self.layers))]
 
     def forward(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b d"]:
-        x = torch.minimum(torch.maximum(params, self.lowest), self.highest)
+        x = _within(params, self.lowest, self.highest)
         for layer, (least, most) in zip(self.layers, self.limits, strict=True):
             x = self._after(layer(x))
             if self.is_limited:
-                x = torch.minimum(torch.maximum(x, least), most)
+                x = _within(x, least, most)
         return self.output(x) if self.line is None else self.output(x) + self.line(params)
 
     def _after(self, sums: torch.Tensor) -> torch.Tensor:
@@ -82,18 +82,21 @@ class GatedNetwork(nn.Module):
     def limit(self, params: Float[np.ndarray, "s j"]) -> None:
         """Set what each layer gives at least and at most, to what 16 bits hold, to what it gives in samples."""
         with torch.no_grad():
-            x = torch.from_numpy(np.asarray(params, np.float32))
-            x = torch.minimum(torch.maximum(x, self.lowest), self.highest)
+            x = _within(torch.from_numpy(np.asarray(params, np.float32)), self.lowest, self.highest)
             for layer, (least, most) in zip(self.layers, self.limits, strict=True):
                 x = self._after(layer(x))
                 least.copy_(x.amin(dim=0).half())
                 most.copy_(x.amax(dim=0).half())
-                x = torch.minimum(torch.maximum(x, least), most)
+                x = _within(x, least, most)
         self.is_limited = True
 
     def multiplications(self) -> int:
         """Return how many multiplications one pose takes."""
         return sum(weight.numel() for name, weight in self.named_parameters() if name.endswith("weight"))
+
+
+def _within(values: torch.Tensor, least: torch.Tensor, most: torch.Tensor) -> torch.Tensor:
+    return torch.minimum(torch.maximum(values, least), most)
 
 
 def _multiply(both: torch.Tensor) -> torch.Tensor:
