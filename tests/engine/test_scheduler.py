@@ -11,7 +11,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from toy_runs import TOYS, contents, launch, start
+from toy_runs import TOYS, contents, launch, own_children, start
 from toy_stages import ToyConfig, faulty_graph, toy_graph
 
 from replicate.engine import store
@@ -171,7 +171,7 @@ def test_a_killed_worker_ends_the_run_with_a_sentence(cache):
         run(faulty_graph("kill"), workers=2)
     assert "\n" not in str(error.value)
     assert time.monotonic() - beginning < 30, "the other stage, of a minute, was not ended"
-    assert not psutil.Process().children(recursive=True)
+    assert not own_children()
     assert not list((cache / "partial").glob("*")), "what the killed stage had written takes up room"
 
 

@@ -9,6 +9,7 @@ from contextlib import suppress
 
 import psutil
 import pytest
+from toy_runs import own_children
 from toy_stages import ToyConfig
 
 from replicate.engine.exceptions import RunError
@@ -49,14 +50,14 @@ def test_a_stage_finds_loaded_what_an_earlier_one_has_imported_and_is_a_process_
     one, two = (json.loads((folders[title] / "facts.json").read_text()) for title in ("first", "second"))
     assert two["loaded"] and not two["torch"]
     assert len({one["pid"], two["pid"], os.getpid()}) == 3 and two["group"] == two["pid"]
-    assert not psutil.Process().children(recursive=True)
+    assert not own_children()
 
 
 def test_a_killed_nursery_ends_the_run_with_a_sentence(cache, stages):
     def kill():
         while True:
             with suppress(psutil.NoSuchProcess):  # a child that ends while it is looked at
-                for child in psutil.Process().children():
+                for child in own_children():
                     if child.children():
                         child.kill()
                         return
@@ -65,7 +66,7 @@ def test_a_killed_nursery_ends_the_run_with_a_sentence(cache, stages):
     threading.Thread(target=kill, daemon=True).start()
     with pytest.raises(RunError, match="stage sleep was killed by SIGKILL"):
         run([stages[2]])
-    assert not psutil.Process().children(recursive=True)
+    assert not own_children()
 
 
 def test_beside_a_thread_nothing_is_forked_nor_by_a_nursery_that_is_gone(tmp_path):
@@ -79,6 +80,6 @@ def test_beside_a_thread_nothing_is_forked_nor_by_a_nursery_that_is_gone(tmp_pat
     worker.stdin.close()  # who asked is gone: it ends
     assert worker.wait() == worker.returncode == 0
     assert nursery.start(["starts_a_thread"]) is None
-    psutil.Process().children()[0].kill()
+    own_children()[0].kill()
     assert nursery.start([]) is None
     nursery.close()

@@ -45,6 +45,11 @@ def contents(cache, stages) -> dict:
     return {title: store.read_manifest(folder)["files"] for title, folder in folders.items()}
 
 
+def own_children() -> list[psutil.Process]:
+    """Return this process's children, without the tracker that multiprocessing keeps once it was used."""
+    return [one for one in psutil.Process().children() if not _has(one, "multiprocessing.resource_tracker")]
+
+
 def gone(processes: list[psutil.Process]) -> bool:
     """Return whether all these processes have ended, whoever has yet to take note of it."""
     with contextlib.suppress(psutil.NoSuchProcess):
@@ -69,12 +74,17 @@ def dask_workers_at_work(folder: Path) -> list[psutil.Process]:
 
     While such a worker starts it has other children for a moment; killed then, it ends the whole run.
     """
-    return [process for process in processes_of(folder, "spawn_main") if any(map(_is_stage, process.children()))]
+    return [process for process in processes_of(folder, "spawn_main") if _stages_below(process)]
 
 
-def _is_stage(process: psutil.Process) -> bool:
+def _stages_below(process: psutil.Process) -> list[psutil.Process]:
+    return [child for child in process.children() if _has(child, "replicate.engine.worker")]
+
+
+def _has(process: psutil.Process, words: str) -> bool:
+    """Return whether a process is there whose command has these words."""
     with contextlib.suppress(psutil.Error):
-        return "replicate.engine.worker" in process.cmdline()
+        return words in " ".join(process.cmdline())
     return False
 
 
