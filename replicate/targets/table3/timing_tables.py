@@ -8,7 +8,7 @@ from replicate.report.results import Row, find, most_seeds, seeds_note
 from replicate.report.tables import Table, paper_value, round_off
 from replicate.targets.table3.backend_tables import backends_tables
 from replicate.targets.table3.best_times import best_row, cell
-from replicate.targets.table3.timing_rows import ALL, GRAPHICS, NODES_EVERY, ONE
+from replicate.targets.table3.timing_rows import ALL, GRAPHICS, ONE
 from replicate.timing.single_poses import DISTURBED
 from replicate.timing.timed_names import NODES, PARTS, RIG, RIGS, in_table_order, label_of, parted
 
@@ -81,14 +81,18 @@ def gpu_tables(rows: Iterable[Row], paper: Sequence[Row]) -> list[Table]:
     return [Table(title, (("", *spans), ("", *columns)), tuple(body), notes)]
 
 
+def compared_names(rows: Sequence[Row]) -> list[str]:
+    """Return the methods whose speed is compared with the rig's, in the order of tables."""
+    names = (name for name in names_in(rows) if name not in RIGS and name not in PARTS)
+    return [name for name in names if method_named(name).in_charts]
+
+
 def speed_table(rows: Sequence[Row]) -> Table:
     """Return how many times as fast as both evaluations of the rig every method's best one is, on all cores."""
     rows = [row for row in rows if row.table == "table3"]
     characters = characters_of(rows)
     body = []
-    for name in names_in(rows):
-        if name in RIGS or name in PARTS or not method_named(name).in_charts:
-            continue
+    for name in compared_names(rows):
         cells = [label_of(name)]
         for character in characters:
             times = [best_row(rows, character, each, ALL) for each in (*RIGS, name)]
@@ -148,8 +152,10 @@ def _over(rig: float | None, time: float | None) -> str:
 
 
 def _about(rows: Sequence[Row]) -> str:
-    counts = {row.poses or 0 for row in rows if row.metric == f"time_{ALL}" and row.method != NODES}
+    timed = [row for row in rows if row.metric == f"time_{ALL}"]
+    counts, nodes = ({row.poses or 0 for row in timed if (row.method == NODES) == own} for own in (False, True))
     times = "" if most_seeds(rows) < 2 else f"; {seeds_note(rows)}"
     fewer = f" ({min(counts):,} where a method has a quicker way)" if len(counts) > 1 else ""
     many = f"{max(counts, default=0):,} evaluations of single poses{fewer}"
-    return f"Means of {many}, in turns; node by node every {NODES_EVERY}th turn{times}."
+    slow = f"; {min(nodes):,} node by node" if nodes else ""
+    return f"Means of {many}, in turns{slow}{times}."
