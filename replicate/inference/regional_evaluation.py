@@ -126,6 +126,14 @@ def _activate(values, gated):
 
 @njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
 @no_type_check
+def _keep_within(values, least, most):
+    """Bring values within as many limits, with one instruction for several of them."""
+    for k in range(len(values)):
+        values[k] = _within(values[k], least[k], most[k])
+
+
+@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@no_type_check
 def place_regions(
     plan: RegionalPlan, params: np.ndarray, sums: np.ndarray, moved: np.ndarray, rows: np.ndarray, pairs: np.ndarray,
     out: np.ndarray,
@@ -159,8 +167,7 @@ def place_regions(
                 first += widths[0] * width
             if not last:
                 x = y[: _activate(y, plan.gated)]
-                for k in range(len(x)):
-                    x[k] = _within(x[k], plan.least[limit + k], plan.most[limit + k])
+                _keep_within(x, plan.least[limit : limit + len(x)], plan.most[limit : limit + len(x)])
                 limit = limit + len(x)
         sees, done = sees + widths[0], done + widths[layers]
     for k in range(len(coefficients)):
