@@ -2,10 +2,15 @@
 
 import pytest
 
+from replicate.artefacts.plan import Plan
+from replicate.config import resolve
 from replicate.engine.paths import PAPER
+from replicate.engine.stage import in_order
 from replicate.inverse.ik_config import own
+from replicate.methods.method_registry import choose
 from replicate.report.results import Row, read_results
 from replicate.report.tables import as_text
+from replicate.targets import table4
 from replicate.targets.table4.posing_numbers import PosingNumbers, Source
 from replicate.targets.table4.posing_rows import feeder
 from replicate.targets.table4.posing_tables import feeding_table, networks_table, posing_table, tables4
@@ -24,6 +29,15 @@ def rows(character="teen"):
         made.append(row(method, "vertex_error_mean_limited", "mm", mm / 2))
         made += [row(method, "point_error_mean", "mm", 2.5), row(method, "derivative_cosine", "ratio", 0.875)]
     return [*made, row("rig", "point_error_mean", "mm", 2.25)]
+
+
+def test_the_longest_training_begins_first():
+    order = [
+        stage.name for stage in in_order(table4.stages(Plan(resolve("tiny", "quick")), choose(["coarse", "dense"])))
+    ]
+    others = [order.index(f"inverse_{name}") for name in ("coarse", "dense")]
+    assert max(map(order.index, ("coarse", "dense"))) < order.index("inverse_rig") < min(others)
+    assert order[-1] == "table4" and len(order) == len(set(order))
 
 
 def test_the_papers_numbers_stand_beside_ours():

@@ -44,7 +44,8 @@ def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
     shared = (module.stage(plan) for module in (built_rig, drawn_samples, control_influence, rigid_segments))
     own_stages = [stage for method in predicting for stage in method.stages(plan)]
     inputs = (*shared, *own_stages, *trained)
-    return [*own_stages, *trained, posing_stage(plan, "table4", pose, numbers, predicting, inputs)]
+    *_, slowest = trained  # through the rig: it needs none of the methods' networks
+    return [*own_stages, slowest, *trained, posing_stage(plan, "table4", pose, numbers, predicting, inputs)]
 
 
 def pose(context: StageContext) -> None:
