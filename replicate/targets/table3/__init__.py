@@ -77,7 +77,8 @@ def publish(results: Sequence[CharacterResult]) -> None:
     from replicate.targets.table3.timing_tables import tables3
 
     folder = results_folder(results[0].config.profile)
-    before = [row for row in readable(read_results, folder / FILE) or [] if row.character in by_character(results)]
+    own = by_character(results)
+    before = [row for row in readable(read_results, folder / FILE) or [] if row.character in own]
     rows = publish_rows("table3", results)
     for table in tables3(rows, read_results(PAPER / FILE)):
         print(as_text(table))

@@ -20,6 +20,13 @@ def best_row(rows: Iterable[Row], character: str, method: str, where: str, table
     return min((row for row in rows if row.key in keys), key=lambda row: row.value, default=None)
 
 
+def best_time(rows: Sequence[Row], character: str, method: str, where: str, kind: str = "time") -> float | None:
+    """Return the milliseconds of a method's best evaluation, or of a rig. kind: "time", the mean, "median", "p05", …"""
+    best = best_row(rows, character, method, where)
+    row = find(rows, "table3", character, best.method, f"{kind}_{where}") if best else None
+    return row.value if row else None
+
+
 def is_disturbed(rows: Sequence[Row], character: str, name: str, where: str) -> bool:
     """Return whether the slow evaluations took so much longer than the usual ones that the mean says little."""
     median, p95 = (find(rows, "table3", character, name, f"{kind}_{where}") for kind in ("median", "p95"))

@@ -1,11 +1,11 @@
 """Do two runs of Table 3 agree? How far the speed-ups over the rig of one are from those of the other."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 from replicate.report.cast import characters_of
-from replicate.report.results import Row, find
+from replicate.report.results import Row
 from replicate.report.tables import Table
-from replicate.targets.table3.best_times import best_row
+from replicate.targets.table3.best_times import best_time
 from replicate.targets.table3.timing_rows import ALL, ONE
 from replicate.targets.table3.timing_tables import compared_names
 from replicate.timing.timed_names import RIGS, label_of
@@ -29,8 +29,8 @@ def agreement_table(before: Iterable[Row], after: Iterable[Row]) -> Table | None
         body.append((words, f"{len(apart)}", f"{beyond}", f"{100 * (apart[largest] - 1):.0f} %", _words(largest)))
     header = ("", "speed-ups", f"apart by more than {100 * (AGREED - 1):.0f} %", "largest difference", "of what")
     notes = (
-        "Each method's best evaluation over the rig's two, on one core and on all. A 5th percentile is of moments in "
-        "which nothing else used the processor and its memory, so it repeats best.",
+        "Each method's best evaluation over the rig's two, on one core and on all.",
+        "Other programs take memory from some methods and arithmetic from others, so that ratios change too.",
     )
     return Table("Table 3, this run and the one before it", (header,), tuple(body), notes)
 
@@ -41,7 +41,7 @@ def speed_ups_by_kind(rows: Iterable[Row]) -> dict[str, Ratios]:
     found: dict[str, Ratios] = {}
     for kind in KINDS:
         times = {
-            (character, name, where): _time(rows, character, name, where, kind)
+            (character, name, where): best_time(rows, character, name, where, kind)
             for character in characters_of(rows)
             for name in (*RIGS, *compared_names(rows))
             for where in (ONE, ALL)
@@ -58,12 +58,6 @@ def speed_ups_by_kind(rows: Iterable[Row]) -> dict[str, Ratios]:
 def apart_by(one: Ratios, other: Ratios) -> dict[tuple[str, str, str, str], float]:
     """Return the larger over the smaller of two ratios, for those that both have."""
     return {key: max(one[key] / other[key], other[key] / one[key]) for key in one.keys() & other.keys()}
-
-
-def _time(rows: Sequence[Row], character: str, name: str, where: str, kind: str) -> float | None:
-    best = best_row(rows, character, name, where)
-    row = find(rows, "table3", character, best.method, f"{kind}_{where}") if best else None
-    return row.value if row else None
 
 
 def _words(key: tuple[str, str, str, str]) -> str:

@@ -7,7 +7,7 @@ from replicate.report.cast import STANDS_FOR, characters_of
 from replicate.report.results import Row, find, most_seeds, seeds_note
 from replicate.report.tables import Table, paper_value, round_off
 from replicate.targets.table3.backend_tables import backends_tables
-from replicate.targets.table3.best_times import best_row, cell
+from replicate.targets.table3.best_times import best_row, best_time, cell
 from replicate.targets.table3.timing_rows import ALL, GRAPHICS, ONE
 from replicate.timing.single_poses import DISTURBED
 from replicate.timing.timed_names import NODES, PARTS, RIG, RIGS, in_table_order, label_of, parted
@@ -95,8 +95,7 @@ def speed_table(rows: Sequence[Row]) -> Table:
     for name in compared_names(rows):
         cells = [label_of(name)]
         for character in characters:
-            times = [best_row(rows, character, each, ALL) for each in (*RIGS, name)]
-            nodes, compiled, own = (row.value if row else None for row in times)
+            nodes, compiled, own = (best_time(rows, character, each, ALL) for each in (*RIGS, name))
             cells += [_over(nodes, own), _over(compiled, own)]
         body.append(tuple(cells))
     spans = [text for who in characters for text in (who, "")]
@@ -153,7 +152,8 @@ def _over(rig: float | None, time: float | None) -> str:
 
 def _about(rows: Sequence[Row]) -> str:
     timed = [row for row in rows if row.metric == f"time_{ALL}"]
-    counts, nodes = ({row.poses or 0 for row in timed if (row.method == NODES) == own} for own in (False, True))
+    counts = {row.poses or 0 for row in timed if row.method != NODES}
+    nodes = {row.poses or 0 for row in timed if row.method == NODES}
     times = "" if most_seeds(rows) < 2 else f"; {seeds_note(rows)}"
     fewer = f" ({min(counts):,} where a method has a quicker way)" if len(counts) > 1 else ""
     many = f"{max(counts, default=0):,} evaluations of single poses{fewer}"

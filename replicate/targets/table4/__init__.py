@@ -29,7 +29,8 @@ def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
     """Return the stages of one character's table, the last; those of the methods, the slow ones, come first."""
     predicting = [method for method in methods if not method.oracle]
     differentiable = [method for method in predicting if method.model]
-    trained = [ik_stage.stage(plan, method) for method in (*differentiable, None)]
+    through_rig = ik_stage.stage(plan, None)  # takes longest, and needs none of the methods' networks
+    trained = [*(ik_stage.stage(plan, method) for method in differentiable), through_rig]
     sources = [Source(method.name, reference(method.model)) for method in differentiable]
     base = plan.character.partition("@")[0]
     numbers = PosingNumbers(
@@ -44,8 +45,7 @@ def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
     shared = (module.stage(plan) for module in (built_rig, drawn_samples, control_influence, rigid_segments))
     own_stages = [stage for method in predicting for stage in method.stages(plan)]
     inputs = (*shared, *own_stages, *trained)
-    *_, slowest = trained  # through the rig: it needs none of the methods' networks
-    return [*own_stages, slowest, *trained, posing_stage(plan, "table4", pose, numbers, predicting, inputs)]
+    return [*own_stages, through_rig, *trained, posing_stage(plan, "table4", pose, numbers, predicting, inputs)]
 
 
 def pose(context: StageContext) -> None:
