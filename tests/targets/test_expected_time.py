@@ -11,6 +11,7 @@ from replicate.engine.paths import REFERENCE
 from replicate.engine.stage import in_order
 from replicate.methods.method_registry import choose, method_named, sections
 from replicate.targets.expected_time import Known, known_times, sentence, stage_s, wall_s, work
+from replicate.targets.reference.table2_times import times_card
 from replicate.targets.table2 import stages
 
 TIMES = {"coarse-teen": 600.0, "rig-teen": 10.0, "coarse-tiny": 66.0, "samples-teen": 100.0, "linear-teen": 30.0}
@@ -73,3 +74,20 @@ def test_the_committed_results_know_the_times_of_all_rows():
     line = sentence(graph, 2, REFERENCE)
     assert "about" in line and "unknown" not in line
     assert work(stage_of("lbs16", "teen")) > work(replace(stage_of("lbs16", "teen", "quick")))
+
+
+def test_of_several_seeds_the_shortest_whole_run_counts(tmp_path):
+    seconds = {"coarse-teen": (900.0, False), "coarse-teen-seed1": (700.0, False), "coarse-teen-seed2": (9.0, True)}
+    times = {title: {"wall_s": time, "resumed": resumed} for title, (time, resumed) in seconds.items()}
+    facts = {"profile": "laptop", "stages": times | {"dense-teen": {"wall_s": 5.0, "resumed": True}}}
+    (tmp_path / "manifest.json").write_text(json.dumps({"profile": "laptop", "characters": {"teen": facts}}))
+    assert known_times(tmp_path) == {"coarse-teen": Known(700.0, "laptop"), "dense-teen": Known(5.0, "laptop")}
+
+
+def test_a_table_shows_what_is_said_before_runs(folder):
+    table = times_card(folder)
+    assert table.headers == (("", "teen", "woman", "dragon", "toon"),)
+    hour, *_ = (row[1:] for row in table.body if row[0] == "`make table2`")
+    assert len(set(hour)) == 1 and hour[0].endswith("min"), "all by the teen's times, the only ones that are known"
+    config = resolve("teen", "laptop", sections=sections("laptop"))
+    assert f"about {hour[0]} on 2 cores" in sentence(in_order(stages(Plan(config), choose([], config))), 2, folder)

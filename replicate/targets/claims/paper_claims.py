@@ -245,7 +245,7 @@ CLAIMS = (
         dense_is_faster,
     ),
     Claim(
-        "C9", "For single poses a CPU beats the GPUs of the time", "Table 3",
+        "C9", "For single poses a CPU beats a GPU of its time", "Table 3",
         "The coarse and the refined model take less time for a pose on the CPU than on a GPU, each by the best "
         "evaluation of its weights. The paper's GPUs are of 2014 and 2016. `make table3` times ours where there is a "
         "GPU.",

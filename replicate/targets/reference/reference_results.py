@@ -30,6 +30,7 @@ from replicate.targets.reference import committed_seeds
 from replicate.targets.reference.gpu_times import TARGET as GPU_TIMES
 from replicate.targets.reference.gpu_times import is_of_gpu, put_gpu_times
 from replicate.targets.reference.joined_poses import put_first_seed
+from replicate.targets.reference.table2_times import times_card
 from replicate.targets.rig_report.report_tables import report_card
 from replicate.targets.table2.error_table import other_rigs, table2_overview
 from replicate.targets.table2.ratio_tables import table2_questions
@@ -183,6 +184,7 @@ def tables_in_texts() -> dict[str, tuple[Path, str, Callable[[Path], Table]]]:
         "table3_speed": (README, "table3.csv", lambda file: speed_table(read_results(file))),
         "table3": (README, "table3.csv", lambda file: timing_table(read_results(file), times)),
         "bench_poses": (DATA_CARD, "bench_poses.csv", lambda file: health_card(read_results(file))),
+        "table2_times": (REPRODUCING, manifest.NAME, lambda file: times_card(file.parent)),
         "bench_train": (REPRODUCING, "bench_train.csv", lambda file: steps_table(read_results(file), TRAINED)),
         "bench_rig": (REPRODUCING, "bench_rig.csv", lambda file: speed_card(read_results(file))),
         "rig_report": (DATA_CARD, "rig_report.csv", lambda file: report_card(read_results(file))),
