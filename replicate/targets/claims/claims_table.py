@@ -54,7 +54,7 @@ def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequen
         notes.append(f"≈ Narrowly: the two numbers that decide differ by less than {shares}.")
     notes += line_notes(evidence, characters)
     if "–" in cells.values():
-        notes.append("–: not tested yet.")
+        notes.append("–: not tested; `claims.csv` has the reason of each.")
     header = ("", *(_heading(name, list(by_key.values())) for name in characters))
     title = "What the paper claims, on our characters"
     return Table(title, (header,), body, tuple(notes), text_columns=len(header))
