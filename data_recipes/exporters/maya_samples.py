@@ -296,8 +296,8 @@ def say(sentence: str) -> None:
 
 
 TRANSFORMS = {  # attributes of a transform whose limits Maya keeps apart, and the flags that ask for them
-    f"{long}{axis}": (f"{long}{axis}", f"enable{long[0].upper()}{long[1:]}{axis}")
-    for long in ("translate", "rotate", "scale")
+    f"{attribute}{axis}": (f"{flag}{axis}", f"enable{flag[0].upper()}{flag[1:]}{axis}")
+    for attribute, flag in (("translate", "translation"), ("rotate", "rotation"), ("scale", "scale"))
     for axis in "XYZ"
 }
 FRAMES_PER_SECOND = {"game": 15.0, "film": 24.0, "pal": 25.0, "ntsc": 30.0, "show": 48.0, "palf": 50.0, "ntscf": 60.0}

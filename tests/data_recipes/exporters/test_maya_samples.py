@@ -8,6 +8,8 @@ import pytest
 
 from data_recipes.exporters import maya_samples
 
+MOVES = ("translation", "rotation", "scale", "enableTranslation", "enableRotation", "enableScale")
+FLAGS = {f"{move}{axis}" for move in MOVES for axis in "XYZ"}  # of Maya's transformLimits
 SQUARE = np.array([[0, 0, 0], [20, 0, 0], [20, 20, 0], [0, 20, 0]], float)
 
 
@@ -52,6 +54,8 @@ class Scene:
 
     def transformLimits(self, node, query, **flags):
         (flag,) = flags
+        if flag not in FLAGS:
+            raise TypeError(f"Invalid flag '{flag}'")
         return [True, True] if flag.startswith("enable") else [-3.0, 3.0]
 
     def attributeQuery(self, attribute, node, **flags):
@@ -150,6 +154,12 @@ def test_keys_become_clips_and_poses_are_what_the_attributes_make(stage, tmp_pat
     assert 'unit = "cm"' in text and 'up = "y"' in text and "frames_per_second = 25" in text
     rows = (tmp_path / "square" / "controls.csv").read_text().splitlines()
     assert rows[1] == "lip_ctrl.translateX,-3,0,3,mouth" and rows[3] == "shapes.smile,0,0,1,mouth"
+
+
+@pytest.mark.parametrize("attribute", [f"{move}{axis}" for move in ("translate", "rotate", "scale") for axis in "XYZ"])
+def test_maya_knows_every_flag_that_asks_for_the_limits_of_a_transform(attribute, stage):
+    stage(Scene())
+    assert maya_samples.limits_of("lip_ctrl", attribute) == (-3.0, 3.0)
 
 
 def test_without_keys_all_controls_need_limits(stage, tmp_path, capsys):
