@@ -5,13 +5,13 @@ from pathlib import Path
 
 from replicate.engine.exceptions import InputError
 from replicate.methods.method_registry import in_order
-from replicate.report.cast import STANDS_FOR
+from replicate.report.cast import STANDS_FOR, order_of
 from replicate.report.results import Row, find, read_results
 from replicate.report.tables import Table, paper_value, round_off
 from replicate.timing.timed_names import label_of
 
 SPREAD = tuple(f"{kind}_{cores}" for kind in ("median", "p05", "p95") for cores in ("one_core", "all_cores"))
-NO_METHODS = {"model": "Model", "dense_released": "Dense, 256 and 512"}  # what Table 1 counts besides
+TABLE1_NAMES = {"model": "Model", "dense_released": "Dense, 256 and 512"}  # what Table 1 calls what is no method of it
 
 
 def compare(paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row], table: str) -> Table:
@@ -33,8 +33,8 @@ def compare(paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row]
         unit = keys[character, method, metric]
         ratio = f"{new.value / old.value:.3f}" if old and new and old.value else "–"
         cells = (round_off(row.value, unit, row.sd) if row else "–" for row in (old, new))
-        label = f"{character}, {NO_METHODS.get(method) or label_of(method, marked=True)}, {metric} [{unit}]"
-        body.append((label, paper_value(theirs), *cells, ratio))
+        name = (TABLE1_NAMES.get(method) if table == "table1" else None) or label_of(method, marked=True)
+        body.append((f"{character}, {name}, {metric} [{unit}]", paper_value(theirs), *cells, ratio))
     return Table(f"{table}: the paper's rig | the reference results | yours", (_header(reference, yours),), tuple(body))
 
 
@@ -70,7 +70,7 @@ def _has_line(row: Row) -> bool:
 def _order(key: tuple[str, str, str], order: Sequence[str]) -> tuple:
     character, method, metric = key
     place = order.index(method) if method in order else len(order)
-    return character, metric != "vertex_error_mean", metric, place, method
+    return order_of(character), metric != "vertex_error_mean", metric, place, method
 
 
 def _header(reference: Sequence[Row], yours: Sequence[Row]) -> tuple[str, ...]:

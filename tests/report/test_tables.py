@@ -16,6 +16,8 @@ from replicate.report.tables import Table, as_html, as_latex, as_markdown, as_te
 from replicate.targets.table2.error_table import other_rigs, table2, table2_overview
 from replicate.targets.table2.ratio_tables import table2_questions, table2_ratios, table2_segments
 
+RELEASED = ("dense_released",)
+
 
 def test_a_line_shows_ours_and_then_the_papers():
     text = as_text(table2(table2_rows(), PAPER_ROWS, "teen"))
@@ -102,6 +104,22 @@ def test_compare_puts_paper_reference_and_yours_side_by_side():
     assert cells_after(text, "teen, Coarse, vertex_error_mean [mm]") == ["0.36", "0.11", "0.22", "2.000"]
     assert cells_after(text, "teen, Neutral pose §, normal_error_mean [deg]") == ["–", "–", "4.80", "–"]
     assert "reference (quick)" in text and "yours (laptop)" in text and "p95" not in text
+
+
+def test_compare_has_the_characters_in_the_order_of_all_tables():
+    rows = table2_rows(("dragon", "ict", "teen@3", "toon", "teen", "woman"), ("coarse",))
+    labels = [line[0] for line in compare(PAPER_ROWS, rows, rows, "table2").body if line]
+    characters = list(dict.fromkeys(label.partition(",")[0] for label in labels))
+    assert characters == ["teen", "woman", "dragon", "toon", "ict", "teen@3"]
+
+
+def test_compare_calls_a_dense_network_by_its_widths_in_table_1_alone():
+    sizes = [Row("table1", "teen", name, "model_size", "MB", 9.0, None, 1, None, "quick", "r") for name in RELEASED]
+    errors = table2_rows(methods=RELEASED)
+    (size,) = (line[0] for line in compare([], sizes, sizes, "table1").body)
+    assert size == "teen, Dense, 256 and 512, model_size [MB]"
+    labels = {line[0] for line in compare([], errors, errors, "table2").body if line}
+    assert f"teen, {method_named(RELEASED[0]).title}, vertex_error_mean [mm]" in labels
 
 
 def test_compare_without_results_of_yours_names_the_target_that_makes_them(tmp_path):
