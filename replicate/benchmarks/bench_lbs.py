@@ -17,8 +17,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from replicate.benchmarks import lbs_fits
-from replicate.benchmarks.common import PROFILE, add_count, answer, bench_folder, make_parser, merge, note, split_names
-from replicate.benchmarks.lbs_comparison import EQUAL, METHODS, lbs_table
+from replicate.benchmarks.common import (
+    PROFILE,
+    add_count,
+    add_counts,
+    answer,
+    bench_folder,
+    make_parser,
+    merge,
+    note,
+    split_names,
+)
+from replicate.benchmarks.lbs_comparison import EQUAL, METHODS, USUAL, lbs_table, metric_of
 from replicate.engine.exceptions import RunError
 from replicate.engine.worker_process import thread_limits
 from replicate.report.results import Row, read_results
@@ -28,7 +38,6 @@ ABOUT = "our SSDR beside Dem Bones (pip install py-dem-bones) on the same poses"
 WRITES = "results/runs/bench/bench_lbs.csv"
 TABLE = "bench_lbs"
 BONES, SEEDS = (16, 24, 32), (0, 1, 2)
-TRAINING, TEST = 1_000, 200
 METRICS = {
     "rmse": "mm", "mean": "mm", "normal": "deg", "max": "mm", "training_rmse": "mm", "iterations": "count",
     "time": "ms", "time_at_equal_iterations": "ms", "time_to_dem_bones_error": "ms", "peak_memory": "MB",
@@ -40,12 +49,12 @@ def rows_of_character(character: str, options: argparse.Namespace, file: Path) -
     """Fit all methods at all numbers of bones and seeds that the file lacks, and return all rows of this character."""
     from replicate.artefacts.built_rig import rig_identifier, rig_of
 
-    rig, run = rig_of(character), rig_identifier(character)
+    rig, run, poses = rig_of(character), rig_identifier(character), (options.training, options.test)
     for seed in options.seeds:
         with tempfile.TemporaryDirectory(prefix="bench-lbs-") as name:
             folder, missing = Path(name), _missing(file, rig.name, run, seed, options)
             if missing:
-                lbs_fits.write_poses(rig, seed, options.training, options.test, folder / "poses.npz")
+                lbs_fits.write_poses(rig, seed, *poses, folder / "poses.npz")
             for bones, method in missing:
                 print(f"{rig.name}, {bones} bones, seed {seed}: {METHODS[method]} …", file=sys.stderr, flush=True)
                 command = [sys.executable, "-m", lbs_fits.__name__, str(folder), method, str(bones), str(seed)]
@@ -53,21 +62,22 @@ def rows_of_character(character: str, options: argparse.Namespace, file: Path) -
                     raise RunError(f"{METHODS[method]}, {bones} bones, seed {seed}: the fit failed; see above")
                 results = json.loads((folder / f"{method}.json").read_text())
                 own = method == "dem_bones"
-                reach = min(results["rmse_course"]) if own else _peer_error(file, rig.name, run, bones, seed)
-                _keep(file, rows_of(rig.name, method, bones, seed, run, results, reach, options.test))
+                reach = min(results["rmse_course"]) if own else _peer_error(file, rig.name, run, bones, seed, poses)
+                _keep(file, rows_of(rig.name, method, bones, seed, run, results, reach, poses))
     return [row for row in read_results(file) if row.character == rig.name]
 
 
 def _missing(file: Path, character: str, run: str, seed: int, options: argparse.Namespace) -> list[tuple[int, str]]:
-    """Return the numbers of bones and methods without numbers of this rig and seed, the peers' first."""
+    """Return the numbers of bones and methods without numbers of this rig, seed and poses, the peers' first."""
     entries = {(row.method, row.metric) for row in _read_rows(file) if (row.character, row.run) == (character, run)}
     methods = sorted(options.methods, key=lambda method: method in lbs_fits.OURS)  # ours is timed against theirs
-    return [(b, m) for b in options.bones for m in methods if (m, f"rmse[{b}, seed {seed}]") not in entries]
+    poses = options.training, options.test
+    return [(b, m) for b in options.bones for m in methods if (m, metric_of("rmse", b, seed, poses)) not in entries]
 
 
-def _peer_error(file: Path, character: str, run: str, bones: int, seed: int) -> float:
+def _peer_error(file: Path, character: str, run: str, bones: int, seed: int, poses: tuple[int, int] = USUAL) -> float:
     """Return the training error that Dem Bones reached; zero, which nothing reaches, if that isn't done."""
-    key = (character, run, "dem_bones", f"training_rmse[{bones}, seed {seed}]")
+    key = (character, run, "dem_bones", metric_of("training_rmse", bones, seed, poses))
     return next((r.value for r in _read_rows(file) if (r.character, r.run, r.method, r.metric) == key), 0.0)
 
 
@@ -83,9 +93,19 @@ def _keep(file: Path, rows: Sequence[Row]) -> None:
 
 
 def rows_of(
-    character: str, method: str, bones: int, seed: int, run: str, results: dict, peer_error: float, poses: int
+    character: str,
+    method: str,
+    bones: int,
+    seed: int,
+    run: str,
+    results: dict,
+    peer_error: float,
+    poses: tuple[int, int] = USUAL,
 ) -> list[Row]:
-    """Return one fit's numbers as rows; times in ms. peer_error: Dem Bones' training RMSE, mm."""
+    """Return one fit's numbers as rows; times in ms.
+
+    peer_error: Dem Bones' training RMSE, mm. poses: how many training poses and test poses there are.
+    """
     course = lbs_fits.Course(results["seconds"], results["rmse_course"])
     values = {
         name: results[name] for name in ("rmse", "mean", "normal", "max", "bones_of_own_start") if name in results
@@ -101,8 +121,8 @@ def rows_of(
     if math.isfinite(seconds):
         values["time_to_dem_bones_error"] = 1e3 * seconds
     return [
-        Row(TABLE, character, method, f"{name}[{bones}, seed {seed}]", METRICS[name], float(value), None, 1,
-            poses, PROFILE, run)
+        Row(TABLE, character, method, metric_of(name, bones, seed, poses), METRICS[name], float(value), None, 1,
+            poses[1], PROFILE, run)
         for name, value in values.items()
     ]  # fmt: skip
 
@@ -110,11 +130,11 @@ def rows_of(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
     parser = make_parser(TABLE, __doc__, "teen, dragon")
-    parser.add_argument("--bones", type=int, nargs="+", default=BONES, help="numbers of bones (default: 16 24 32)")
-    parser.add_argument("--seeds", type=int, nargs="+", default=SEEDS, help="seeds of the poses (default: 0 1 2)")
+    add_counts(parser, "bones", BONES, "numbers of bones")
+    add_counts(parser, "seeds", SEEDS, "seeds of the poses", least=0)
     parser.add_argument("--methods", nargs="+", default=tuple(METHODS), choices=METHODS, help="default: all")
-    add_count(parser, "training", TRAINING, "training poses")
-    add_count(parser, "test", TEST, "held-out poses")
+    add_count(parser, "training", USUAL[0], "training poses")
+    add_count(parser, "test", USUAL[1], "held-out poses")
     return answer(parser, _run, arguments)
 
 
@@ -125,7 +145,7 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
         solver_class()
     for character in split_names(options.characters, "for vertices in poses of its own"):
         rows = rows_of_character(character, options, bench_folder() / f"{TABLE}.csv")
-        print(as_text(lbs_table(rows, rows[0].character)) + "\n")
+        print(as_text(lbs_table(rows, rows[0].character, (options.training, options.test))) + "\n")
         note(TABLE, [rows[0].character], command_line, options.seeds)
 
 

@@ -54,12 +54,21 @@ def add_count(parser: argparse.ArgumentParser, name: str, usual: int, about: str
     parser.add_argument(f"--{name}", action=_Count, type=int, default=usual, const=least, help=words)
 
 
-class _Count(argparse.Action):
-    """Takes a whole number of at least `const`."""
+def add_counts(parser: argparse.ArgumentParser, name: str, usual: Sequence[int], about: str, least: int = 1) -> None:
+    """Add an option for one whole number or more, as `add_count` does for one."""
+    words = f"{about} (default: {' '.join(map(str, usual))})"
+    parser.add_argument(f"--{name}", action=_Count, type=int, nargs="+", default=usual, const=least, help=words)
 
-    def __call__(self, parser: object, namespace: argparse.Namespace, values: int, option_string: str = "") -> None:
-        if values < self.const:
-            raise InputError(f"{self.dest} is {values}: allowed is a whole number of at least {self.const}")
+
+class _Count(argparse.Action):
+    """Takes a whole number of at least `const`, or several."""
+
+    def __call__(
+        self, parser: object, namespace: argparse.Namespace, values: int | list[int], option_string: str = ""
+    ) -> None:
+        for value in values if isinstance(values, list) else [values]:
+            if value < self.const:
+                raise InputError(f"{self.dest} is {value}: allowed is a whole number of at least {self.const}")
         setattr(namespace, self.dest, values)
 
 

@@ -17,12 +17,28 @@ COLUMNS = {
     "time_at_equal_iterations": f"{EQUAL} iterations, s", "time_to_dem_bones_error": "to equal error, s",
     "peak_memory": "memory, MB", "iterations": "iterations",
 }  # fmt: skip
+USUAL = (1_000, 200)  # training and test poses
+METRIC = re.compile(r"(\w+)\[(\d+)(?:, seed (\d+))?(?:, (\d+) training and (\d+) test poses)?\]")
 RATIO = "ratio"  # in the place of a method: ours over Dem Bones'
 
 
-def lbs_table(rows: Sequence[Row], character: str) -> Table:
-    """Return one character's table: each method's means over seeds, and ours over Dem Bones' with its spread."""
-    by_seed = _by_seed([row for row in rows if row.character == character])
+def metric_of(name: str, bones: int, seed: int, poses: tuple[int, int] = USUAL) -> str:
+    """Return what a fit's number is called: "rmse[16, seed 0]", with the numbers of poses where others than usual.
+
+    poses: how many training poses and test poses there are.
+    """
+    training, test = poses
+    own = "" if poses == USUAL else f", {training} training and {test} test poses"
+    return f"{name}[{bones}, seed {seed}{own}]"
+
+
+def lbs_table(rows: Sequence[Row], character: str, poses: tuple[int, int] = USUAL) -> Table:
+    """Return one character's table: each method's means over seeds, and ours over Dem Bones' with its spread.
+
+    poses: the numbers of training and test poses whose rows count.
+    """
+    rows = [row for row in rows if row.character == character and _poses(row.metric) == poses]
+    by_seed = _by_seed(rows)
     runs = [[*own, *_ratios(own)] for own in by_seed.values()]
     by_metric = {(row.method, row.metric): row for row in over_seeds(runs)}
     body: list[tuple[str, ...] | None] = []
@@ -43,15 +59,20 @@ def lbs_table(rows: Sequence[Row], character: str) -> Table:
         "To equal error: until the training error is no larger than Dem Bones'. Times are the processor's, one thread, "
         "with all that comes before the first iteration."
         + (" In brackets: over so many seeds only; in the others it wasn't reached, or not measured." if partly else "")
-        + _note_on_starts(rows, character),
+        + _note_on_starts(rows),
     )
     return Table(f"LBS: {character}", (("", *COLUMNS.values()),), tuple(body), notes)
 
 
 def _place(metric: str) -> tuple[str, int, int | None]:
     """Return the name, the number of bones and the seed of a metric, "rmse[16, seed 0]"; None if it has no seed."""
-    name, bones, seed = re.fullmatch(r"(\w+)\[(\d+)(?:, seed (\d+))?\]", metric).groups()
+    name, bones, seed, *_ = METRIC.fullmatch(metric).groups()
     return name, int(bones), None if seed is None else int(seed)
+
+
+def _poses(metric: str) -> tuple[int, int]:
+    training, test = METRIC.fullmatch(metric).groups()[3:]
+    return (int(training), int(test)) if training else USUAL
 
 
 def _by_seed(rows: Sequence[Row]) -> dict[int, list[Row]]:
@@ -70,9 +91,9 @@ def _ratios(rows: Sequence[Row]) -> list[Row]:
     return [replace(ours[m], method=RATIO, unit="ratio", value=ours[m].value / theirs[m].value) for m in sorted(both)]
 
 
-def _note_on_starts(rows: Sequence[Row], character: str) -> str:
+def _note_on_starts(rows: Sequence[Row]) -> str:
     """Return a sentence on where Dem Bones was not left to its own start, or nothing."""
-    theirs = [row for row in rows if (row.character, row.method) == (character, "dem_bones")]
+    theirs = [row for row in rows if row.method == "dem_bones"]
     starts = [(_place(row.metric)[1], int(row.value)) for row in theirs if row.metric.startswith("bones_of_own_start")]
     few = sorted({(bones, own) for bones, own in starts if own < bones})
     if not few:

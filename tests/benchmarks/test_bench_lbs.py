@@ -17,8 +17,12 @@ def fit_facts(rmse: float, course: list[float]) -> dict:
 def append_fit(file: Path, method: str, seed: int, rmse: float, course: list[float], **more: float) -> list[Row]:
     """Put a fit of teen's 16 bones into the file; Dem Bones came to 1 mm. Return all rows."""
     facts = fit_facts(rmse, course) | more
-    bench._keep(file, bench.rows_of("teen", method, 16, seed, "rig-1", facts, 1.0, 9))
+    bench._keep(file, bench.rows_of("teen", method, 16, seed, "rig-1", facts, 1.0))
     return read_results(file)
+
+
+def options_of(training: int = 1_000, test: int = 200) -> argparse.Namespace:
+    return argparse.Namespace(bones=[16], methods=["ssdr", "dem_bones"], training=training, test=test)
 
 
 def lines(rows: list[Row]) -> dict[str, tuple[str, ...]]:
@@ -36,7 +40,7 @@ def both(tmp_path) -> Path:
 
 
 def test_what_a_file_lacks_is_fitted_the_peer_first(tmp_path):
-    file, options = tmp_path / "bench_lbs.csv", argparse.Namespace(bones=[16], methods=["ssdr", "dem_bones"])
+    file, options = tmp_path / "bench_lbs.csv", options_of()
     assert bench._missing(file, "teen", "rig-1", 0, options) == [(16, "dem_bones"), (16, "ssdr")]
     append_fit(file, "dem_bones", 0, 1.0, [3.0, 2.0, 1.0])
     assert bench._missing(file, "teen", "rig-1", 0, options) == [(16, "ssdr")]
@@ -44,8 +48,31 @@ def test_what_a_file_lacks_is_fitted_the_peer_first(tmp_path):
     append_fit(file, "ssdr", 0, 0.9, [3.0, 1.0, 0.5])
     assert bench._missing(file, "teen", "rig-1", 0, options) == []
     assert bench._missing(file, "teen", "rig-2", 0, options), "another rig's numbers don't count"
-    bench._keep(file, bench.rows_of("teen", "ssdr", 16, 0, "rig-2", fit_facts(0.5, [1.0]), 0.0, 9))
+    bench._keep(file, bench.rows_of("teen", "ssdr", 16, 0, "rig-2", fit_facts(0.5, [1.0]), 0.0))
     assert {row.run for row in read_results(file)} == {"rig-2"}
+
+
+def test_numbers_of_other_counts_of_poses_stay_apart_and_are_fitted_anew(both):
+    few = (100, 200)
+    assert bench._missing(both, "teen", "rig-1", 0, options_of()) == []
+    assert bench._missing(both, "teen", "rig-1", 0, options_of(training=100)) == [(16, "dem_bones"), (16, "ssdr")]
+    assert bench._missing(both, "teen", "rig-1", 0, options_of(test=50))
+    usual = bench.lbs_table(read_results(both), "teen")
+    for method, rmse in (("dem_bones", 4.0), ("ssdr", 2.0)):
+        facts = fit_facts(rmse, [9.0, rmse])
+        bench._keep(both, bench.rows_of("teen", method, 16, 0, "rig-1", facts, 4.0, few))
+    rows = read_results(both)
+    assert bench._missing(both, "teen", "rig-1", 0, options_of(training=100)) == []
+    assert bench._peer_error(both, "teen", "rig-1", 16, 0) == 1
+    assert bench._peer_error(both, "teen", "rig-1", 16, 0, few) == 4
+    assert bench.lbs_table(rows, "teen") == usual
+    assert bench.lbs_table(rows, "teen", few).body[0][:2] == ("ours, 16 bones", "2.00")
+
+
+@pytest.mark.parametrize("words", [("--bones", "16", "0"), ("--bones", "-1"), ("--seeds", "0", "-1")])
+def test_numbers_of_bones_and_seeds_that_there_are_not_end_in_a_sentence(words, capsys):
+    assert bench.main(["--characters", "tiny", *words]) == 2
+    assert f"{words[0][2:]} is {words[-1]}: allowed is a whole number of at least" in capsys.readouterr().err
 
 
 def test_the_time_to_equal_error_ends_where_the_peers_error_is_reached(both):
