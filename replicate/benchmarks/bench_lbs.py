@@ -31,6 +31,7 @@ from replicate.benchmarks.common import (
 from replicate.benchmarks.lbs_comparison import EQUAL, METHODS, USUAL, lbs_table, metric_of
 from replicate.engine.exceptions import RunError
 from replicate.engine.worker_process import thread_limits
+from replicate.report.publication import alone
 from replicate.report.results import Row, read_results
 from replicate.report.tables import as_text
 
@@ -89,7 +90,8 @@ def _keep(file: Path, rows: Sequence[Row]) -> None:
     """Put rows into the file, in place of those about the same things; another rig's numbers go."""
     runs = {(row.character, row.run) for row in rows}
     names = {character for character, _ in runs}
-    merge(file, rows, lambda row: row.character not in names or (row.character, row.run) in runs)
+    with alone(file.parent):
+        merge(file, rows, lambda row: row.character not in names or (row.character, row.run) in runs)
 
 
 def rows_of(

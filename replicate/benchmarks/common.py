@@ -19,6 +19,7 @@ from replicate.engine.word_lists import words
 from replicate.methods.method_registry import choose, sections
 from replicate.profiles import PROFILES, check_profile
 from replicate.report import manifest
+from replicate.report.publication import alone, check_results_folder, results_folder
 from replicate.report.results import Row, read_results, write_results
 from replicate.report.tables import Table, as_text
 
@@ -79,14 +80,29 @@ def add_methods(parser: argparse.ArgumentParser, like: str) -> None:
 
 
 def answer(parser: argparse.ArgumentParser, body: Callable, arguments: Sequence[str] | None) -> int:
-    """Run a benchmark, `body(options, words)`, as the command line says; return the exit code."""
+    """Run a benchmark, `body(options, words)`, as the command line says; return the exit code.
+
+    An error about where its results go comes before it measures anything.
+    """
 
     def checked() -> None:
         options, words = parse(parser, arguments)
         check_profile(getattr(options, "profile", next(iter(PROFILES))))
+        _check_results(parser.prog.rpartition(".")[2])
         body(options, words)
 
     return guard(checked)
+
+
+def _check_results(name: str) -> None:
+    """Raise InputError where <name>.csv can't be written, or can't be read so that new rows could join the others."""
+    check_results_folder(PROFILE)
+    file = paths.run_folder(PROFILE) / f"{name}.csv"
+    try:
+        if file.exists():
+            read_results(file)
+    except InputError as error:
+        raise InputError(f"{str(error).rstrip('.')}; new rows would join that file: mend or remove it") from None
 
 
 def add_only(parser: argparse.ArgumentParser) -> None:
@@ -160,10 +176,8 @@ def artefacts_of(name: str, config: Config, stages: Sequence[Stage]) -> dict[str
 
 
 def bench_folder() -> Path:
-    """Return the folder that benchmarks write to; it is there then."""
-    folder = paths.run_folder(PROFILE)
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
+    """Return the folder that benchmarks write to; it is there then. Raises InputError where it can't be written."""
+    return results_folder(PROFILE)
 
 
 def publish(
@@ -180,13 +194,17 @@ def publish(
     """
     for table in tables:
         print(as_text(table))
-    characters = {row.character for row in rows}
-    merge(bench_folder() / f"{name}.csv", rows, lambda row: in_part or row.character not in characters)
-    note(name, characters, arguments)
+    characters, into = {row.character for row in rows}, bench_folder()
+    with alone(into):
+        merge(into / f"{name}.csv", rows, lambda row: in_part or row.character not in characters)
+        note(name, characters, arguments)
 
 
 def merge(file: Path, rows: Sequence[Row], keep: Callable[[Row], bool]) -> None:
-    """Write rows to a CSV file beside those that it has already and that shall stay; never two about the same thing."""
+    """Write rows to a CSV file beside those that it has already and that shall stay; never two about the same thing.
+
+    Where others may write there too, the caller holds the lock of its folder: see `publication.alone`.
+    """
     new = {row.key for row in rows}
     others = [row for row in read_results(file) if keep(row) and row.key not in new] if file.is_file() else []
     write_results(file, [*others, *rows])
@@ -197,6 +215,7 @@ def note(name: str, characters: Iterable[str], arguments: Sequence[str], seeds: 
     into = bench_folder()
     command = ["python", "-m", f"replicate.benchmarks.{name}", *arguments]
     facts = provenance(command, PROFILE, list(seeds), core_count())
-    before = manifest.entries(into, name)
-    manifest.write_entries(into, name, dict(sorted((before | dict.fromkeys(characters, facts)).items())))
+    with alone(into):
+        before = manifest.entries(into, name)
+        manifest.write_entries(into, name, dict(sorted((before | dict.fromkeys(characters, facts)).items())))
     print(f"written to {paths.display_path(into)}: {name}.csv, {manifest.NAME}")
