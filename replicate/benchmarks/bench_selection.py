@@ -11,8 +11,9 @@ import sys
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Integer
 
+from data_recipes.rig import Rig
 from replicate.approximation import refinement
 from replicate.approximation.evaluation import unique_poses
 from replicate.approximation.segments import Segment
@@ -21,6 +22,7 @@ from replicate.artefacts.plan import Plan
 from replicate.benchmarks.bench_floors import BATCH, floor_errors, placed_floor
 from replicate.benchmarks.common import answer, artefacts_of, make_parser, publish, split_names
 from replicate.config import Config, resolve
+from replicate.engine.exceptions import InputError
 from replicate.engine.progress import progress
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
@@ -76,16 +78,26 @@ def centroids(
     return selected
 
 
-def readings(config: Config) -> list[Row]:
-    """Make what is needed of a character, nothing trained, and return what each reading selects."""
+def wrinkled_vertices(rig: Rig) -> Integer[np.ndarray, " s"]:
+    """Return the vertices that a rig's wrinkles move. Raises InputError for a rig without wrinkles."""
+    states = rig.wrinkle_states(rig.default) if hasattr(rig, "wrinkle_states") else {}
+    if not states:
+        raise InputError(f"the rig {rig.name} has no wrinkles, and this benchmark asks what of them is refined")
+    return np.unique(np.concatenate([state.vertices for state in states.values()]))
+
+
+def readings(config: Config, wrinkled: Integer[np.ndarray, " s"]) -> list[Row]:
+    """Make what is needed of a character, nothing trained, and return what each reading selects.
+
+    wrinkled: the vertices that its wrinkles move.
+    """
     from replicate.approximation.deformation_map import Floor
 
     selection = refinement_squares.stage(Plan(config))
     inputs = artefacts_of(TABLE, config, [selection])
-    mesh, samples, rig = built_rig.load_mesh(inputs), drawn_samples.load(inputs), built_rig.load(inputs)
+    mesh, samples = built_rig.load_mesh(inputs), drawn_samples.load(inputs)
     segments, influence = rigid_segments.load_coarse_segments(inputs, mesh), control_influence.load(inputs)
     attachments = rigid_segments.load(inputs)
-    wrinkled = np.unique(np.concatenate([state.vertices for state in rig.wrinkle_states(rig.default).values()]))
     poses = samples.draw(np.random.default_rng(0), min(config.refinement.poses, len(samples)))
     offsets = samples.offsets(poses)
     test = unique_poses(np.asarray(samples.test_params))
@@ -141,8 +153,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    for character in split_names(options.characters, "where its skin wrinkles"):
-        rows = readings(resolve(character, options.profile))
+    names = split_names(options.characters, "where its skin wrinkles")
+    wrinkled = {name: wrinkled_vertices(built_rig.rig_of(name)) for name in names}
+    for name in names:
+        rows = readings(resolve(name, options.profile), wrinkled[name])
         publish(TABLE, rows, [selection_table(rows, rows[0].character)], command_line)
 
 

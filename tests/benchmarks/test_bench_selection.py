@@ -1,6 +1,10 @@
 """Readings of §3.3: their rules for the number of clusters, and how they are shown."""
 
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
+from plain_rig import PlainRig
 
 from replicate.approximation.segments import make_segment
 from replicate.benchmarks import bench_selection as selection
@@ -39,6 +43,31 @@ def test_the_table_has_a_line_a_reading():
     lines = {line[0]: line[1:] for line in table.body if line}
     assert lines["offsets, a cluster in one chart, gap"] == ("4", "4", "4.00", "4.00", "4.00")
     assert len(lines) == 16 and set(lines["positions, all charts in one plane, gap"]) == {"–"}
+
+
+class Smooth(PlainRig):
+    """A rig of ours whose chain of deformers has no wrinkles."""
+
+    name = "smooth"
+
+    def wrinkle_states(self, params):
+        return {}
+
+
+@pytest.mark.parametrize("rig", [PlainRig(), Smooth()])
+def test_a_rig_without_wrinkles_ends_in_a_sentence_before_anything_is_made(rig, monkeypatch, capsys):
+    monkeypatch.setattr(selection.built_rig, "rig_of", lambda name: rig)
+    monkeypatch.setattr(selection, "readings", lambda *inputs: pytest.fail("it makes samples"))
+    assert selection.main(["--characters", "teen"]) == 2
+    assert f"the rig {rig.name} has no wrinkles" in capsys.readouterr().err
+
+
+def test_wrinkled_vertices_are_those_of_all_regions_each_once():
+    class Wrinkled(PlainRig):
+        def wrinkle_states(self, params):
+            return {name: SimpleNamespace(vertices=np.array(v)) for name, v in (("brow", [4, 2]), ("nose", [2, 7]))}
+
+    assert selection.wrinkled_vertices(Wrinkled()).tolist() == [2, 4, 7]
 
 
 def test_a_character_that_there_is_not_is_named(capsys):
