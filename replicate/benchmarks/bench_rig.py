@@ -138,10 +138,12 @@ def tables(rows: Sequence[Row], rounds: int | None = None) -> list[Table]:
     share = lambda metric: value.get((characters[0], "nodes_batched", metric), 0.0)  # noqa: E731
     for metric in sorted(dict.fromkeys(names), key=share, reverse=True):
         cells = []
-        for who in characters:
-            for way in ("nodes_batched", "nodes"):
-                cells += [f"{value[who, way, metric.replace('share', 'per_pose')]:.2f}"]
-                cells += [f"{100 * value[who, way, metric]:.0f} %"]
+        for key in ((who, way) for who in characters for way in ("nodes_batched", "nodes")):
+            if (*key, metric) in value:
+                cells += [f"{value[*key, metric.replace('share', 'per_pose')]:.2f}"]
+                cells += [f"{100 * value[*key, metric]:.0f} %"]
+            else:
+                cells += ["–", "–"]  # one of another rig
         nodes.append((metric.removeprefix("time_share[").removesuffix("]"), *cells))
     header = ("", "batched", "single", "nodes", "nodes batched", "batched, processor", "poses/s")
     header += (*(pair.replace("_", " ") for pair in RATIOS), f"{DATA_SET:,} poses, min")

@@ -62,6 +62,14 @@ def test_each_node_gets_the_time_that_it_took():
     assert seconds["slow"] >= 0.1 and seconds["slow"] > seconds["quick"]
 
 
+def test_a_node_that_a_rig_lacks_has_no_numbers_of_it(measurement):
+    fewer = [row for row in rows("teen@1", measurement) if "[second]" not in row.metric]
+    _, nodes = tables([*rows("teen", measurement), *fewer], 3)
+    second, first = nodes.body
+    assert second[0] == "second" and second[5:] == ("–",) * 4 and "–" not in second[:5]
+    assert "–" not in first and len(second) == len(first)
+
+
 def test_the_printed_tables_have_every_character_and_every_node(measurement):
     speeds, nodes = tables([*rows("teen", measurement), *rows("woman", measurement)], 3)
     assert [line[0] for line in speeds.body] == ["teen", "woman"]
