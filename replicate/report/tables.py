@@ -56,11 +56,11 @@ def as_text(table: Table) -> str:
     """Return the table aligned for a terminal."""
     width = _widths(table)
     lines = [table.title, ""]
-    lines += [_span_line(header, width) for header in table.headers[:-1]]
-    lines.append(_text_line(table.headers[-1], width))
+    lines += [_span_line(header, width, table.text_columns) for header in table.headers[:-1]]
+    lines.append(_text_line(table.headers[-1], width, table.text_columns))
     rule = "─" * len(lines[-1])
     lines.append(rule)
-    lines += [rule if row is None else _text_line(row, width) for row in table.body]
+    lines += [rule if row is None else _text_line(row, width, table.text_columns) for row in table.body]
     if table.notes:
         lines += ["", *table.notes]
     return "\n".join(line.rstrip() for line in lines) + "\n"
@@ -113,11 +113,11 @@ def unbroken(text: str) -> str:
 
 def as_latex(table: Table) -> str:
     """Return the table as a LaTeX tabular (packages: booktabs) with its title as the caption."""
-    columns = len(table.headers[-1])
+    sides = ["l" if column < table.text_columns else "r" for column in range(len(table.headers[-1]))]
     lines = [
         r"\begin{table}",
         rf"\caption{{{_tex(table.title)}}}",
-        rf"\begin{{tabular}}{{l{'r' * (columns - 1)}}}",
+        rf"\begin{{tabular}}{{{''.join(sides)}}}",
         r"\toprule",
     ]
     for header in table.headers[:-1]:
@@ -146,16 +146,19 @@ def _widths(table: Table) -> list[int]:
     return width
 
 
-def _text_line(cells: Sequence[str], width: Sequence[int]) -> str:
-    first, *rest = cells
-    return "  ".join([first.ljust(width[0]), *(cell.rjust(w) for cell, w in zip(rest, width[1:], strict=True))])
+def _text_line(cells: Sequence[str], width: Sequence[int], text_columns: int) -> str:
+    return "  ".join(_aligned(cell, w, k < text_columns) for k, (cell, w) in enumerate(zip(cells, width, strict=True)))
 
 
-def _span_line(header: Sequence[str], width: Sequence[int]) -> str:
+def _aligned(text: str, room: int, left: bool) -> str:
+    return text.ljust(room) if left else text.rjust(room)
+
+
+def _span_line(header: Sequence[str], width: Sequence[int], text_columns: int) -> str:
     parts, start = [], 0
     for text, n in _spans(header):
         room = sum(width[start : start + n]) + 2 * (n - 1)
-        parts.append(text.center(room) if n > 1 else text.rjust(room))
+        parts.append(text.center(room) if n > 1 else _aligned(text, room, start < text_columns))
         start += n
     return "  ".join(parts)
 
@@ -223,6 +226,8 @@ _TEX = {
     "§": r"\S{}",
     "¶": r"\P{}",
     "★": r"$\star$",
+    "☆": r"$\ast$",  # without a package there is one star
+    "‖": r"$\parallel$",
     "¤": r"$\circ$",
     "◊": r"$\diamond$",
     "≈": r"$\approx$",

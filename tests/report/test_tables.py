@@ -7,7 +7,7 @@ from sample_rows import METHODS, PAPER_ROWS, cells_after, table2_rows
 
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import PAPER
-from replicate.methods.method_registry import in_order, method_named
+from replicate.methods.method_registry import in_order, method_named, methods
 from replicate.report.cast import led_by, order_of
 from replicate.report.comparison import compare, compare_folders
 from replicate.report.notebooks import show_tables
@@ -79,6 +79,25 @@ def test_latex_rows_have_as_many_columns_as_the_tabular():
     text = as_latex(table2_overview(table2_rows(("teen", "toon")), PAPER_ROWS))
     assert r"\begin{tabular}{lrrrr}" in text
     assert r"Coarse & 0.11 & 0.36 & 0.11 & 1.00 \\" in text
+
+
+def test_columns_of_text_are_flush_left_in_every_kind_of_table():
+    headers = (("", "", "times", ""), ("rig", "way", "s", "MB"))
+    table = Table("t", headers, (("teen", "fast", "1", "2"), ("a", "b", "30", "40")), text_columns=2)
+    _, _, spans, *lines = as_text(table).splitlines()
+    assert lines == ["rig   way    s  MB", "──────────────────", "teen  fast   1   2", "a     b     30  40"]
+    assert spans.strip() == "times" and r"\begin{tabular}{llrr}" in as_latex(table)
+    (line,) = as_text(replace(table, headers=(("", "by", "MB", "s"), headers[1]))).splitlines()[2:3]
+    assert line.split("by")[0] == " " * len("teen  ")
+    assert as_markdown(table).count(":--") == as_html(table).count("<td style=") / 2 == 2
+
+
+def test_a_methods_mark_is_one_of_its_own_in_latex():
+    marks = tuple(sorted({method.mark for method in methods().values() if method.mark}))
+    assert {"★", "☆", "‖"} < set(marks)
+    (line,) = [row for row in as_latex(Table("t", (marks,), ())).splitlines() if row.endswith(r"\\")]
+    shown = line.removesuffix(r" \\").split(" & ")
+    assert len(set(shown)) == len(marks) and line.isascii()
 
 
 @pytest.mark.parametrize(
