@@ -20,10 +20,16 @@ def first_pose(way: str, pose: list[float], model: dict) -> dict[str, float]:
 
     way: TORCH, FAST or ONNX. pose: raw rig parameters. model: for ONNX {"file": an ONNX file}; else {"method": a
     method's name, "inputs": the folders that its model, the mesh and the rigid segments are read from, by name}.
+    Raises RunError, with the last line that the process has written, where it fails.
     """
+    from replicate.engine.exceptions import RunError
+
     asked = json.dumps({"way": way, "pose": pose, **model})
     command = [sys.executable, "-m", "replicate.benchmarks.first_pose"]
-    done = subprocess.run(command, input=asked, capture_output=True, text=True, check=True)
+    done = subprocess.run(command, input=asked, capture_output=True, text=True, check=False)
+    if done.returncode:
+        *_, last = done.stderr.splitlines() or [f"it ends with code {done.returncode}"]
+        raise RunError(f"a fresh process can't pose {model.get('method') or model['file']}: {last}")
     return json.loads(done.stdout.splitlines()[-1])
 
 
