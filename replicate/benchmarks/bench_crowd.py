@@ -20,6 +20,7 @@ from replicate.approximation.rigid import Attachments, attach
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.benchmarks.common import PROFILE, add_methods, answer, artefacts_of, bench_methods, make_parser
+from replicate.benchmarks.rigid_placing import placing_attachments
 from replicate.config import Config
 from replicate.engine.progress import progress
 from replicate.geometry.mesh import Mesh
@@ -83,12 +84,12 @@ def ways_of(
     """Return by name, method and ending, the ways to pose the characters of a frame, (1, c, m) parameters."""
     ways = {}
     for method in methods:
-        model = method.model(inputs)
-        found = {"": _by_torch(model, mesh, attachments), ONNX: onnx_evaluation(model, mesh, attachments)}
-        if alone := fast_evaluation(model, mesh, attachments):
+        model, placing = method.model(inputs), placing_attachments(method, attachments)
+        found = {"": _by_torch(model, mesh, placing), ONNX: onnx_evaluation(model, mesh, placing)}
+        if alone := fast_evaluation(model, mesh, placing):
             found[FAST] = _one_by_one(alone)
         if torch.cuda.is_available():
-            found[GPU] = gpu_evaluation(model, mesh, attachments)
+            found[GPU] = gpu_evaluation(model, mesh, placing)
         ways |= {method.name + ending: Way(_of_frame(evaluate)) for ending, evaluate in found.items() if evaluate}
     return ways
 

@@ -28,6 +28,7 @@ from replicate.benchmarks.common import (
     bench_methods,
     make_parser,
 )  # fmt: skip
+from replicate.benchmarks.rigid_placing import placing_attachments
 from replicate.config import Config
 from replicate.engine.progress import progress
 from replicate.inference.fast_evaluation import fast_evaluation
@@ -111,7 +112,7 @@ def ways_of(
 
     updates: dict[str, Callable] = {RIG: update(networks[methods[0].name], rig)}
     for method in methods:
-        predict = fast_evaluation(method.model(inputs), rig.mesh, attachments)
+        predict = fast_evaluation(method.model(inputs), rig.mesh, placing_attachments(method, attachments))
         if predict is None:
             slow = measurement.predictor(measurement.numbers_of(method, plan.config), inputs)
             predict = lambda params, own=slow: own(params, nothing)  # noqa: E731

@@ -16,6 +16,7 @@ from replicate.artefacts import built_rig, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.benchmarks import first_pose
 from replicate.benchmarks.common import PROFILE, add_methods, answer, artefacts_of, bench_methods, make_parser
+from replicate.benchmarks.rigid_placing import placing_attachments
 from replicate.config import Config
 from replicate.engine.progress import progress
 from replicate.inference.fast_evaluation import fast_evaluation
@@ -44,10 +45,11 @@ def measure(config: Config, words: Sequence[str]) -> list[Row]:
     numbers = []
     with tempfile.TemporaryDirectory() as scratch, progress(len(methods), "fresh processes") as bar:
         for method in methods:
-            model, asked = method.model(inputs), {"method": method.name, "inputs": folders}
+            model, placing = method.model(inputs), placing_attachments(method, attachments)
+            asked = {"method": method.name, "inputs": folders}
             numbers.append((method.name, "model_size", "MB", model.size_mb(), None))
-            ways = {"": asked} | ({FAST: asked} if fast_evaluation(model, mesh, attachments) else {})
-            if written := onnx_bytes(model, mesh, attachments):
+            ways = {"": asked} | ({FAST: asked} if fast_evaluation(model, mesh, placing) else {})
+            if written := onnx_bytes(model, mesh, placing):
                 file = Path(scratch) / f"{method.name}.onnx"
                 file.write_bytes(written)
                 ways[ONNX] = {"file": str(file)}

@@ -61,17 +61,18 @@ def _by_onnx(asked: dict, pose: object) -> None:
 def _by_suite(asked: dict, pose: object) -> None:
     from replicate.approximation.rigid import attach
     from replicate.artefacts import built_rig, rigid_segments
+    from replicate.benchmarks.rigid_placing import placing_attachments
     from replicate.methods.method_registry import method_named
 
     inputs = {name: Path(folder) for name, folder in asked["inputs"].items()}
-    model = method_named(asked["method"]).model(inputs)
-    mesh, attachments = built_rig.load_mesh(inputs), rigid_segments.load(inputs)
+    method, mesh = method_named(asked["method"]), built_rig.load_mesh(inputs)
+    model, placing = method.model(inputs), placing_attachments(method, rigid_segments.load(inputs))
     if asked["way"] == TORCH:
-        attach(mesh, attachments, mesh.neutral + model.offsets(pose))
+        attach(mesh, placing, mesh.neutral + model.offsets(pose))
         return
     from replicate.inference.fast_evaluation import fast_evaluation
 
-    fast_evaluation(model, mesh, attachments)(pose)
+    fast_evaluation(model, mesh, placing)(pose)
 
 
 if __name__ == "__main__":

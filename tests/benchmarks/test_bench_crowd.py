@@ -1,6 +1,7 @@
 """Frames of several characters: who is where, whether all ways pose them alike, and the table."""
 
 import numpy as np
+import pytest
 from small_face import pose_offsets
 from untrained_models import MESH, MODELS
 
@@ -30,6 +31,15 @@ def test_all_ways_pose_all_characters_of_a_frame_alike():
     assert posed[0].shape == (5, len(MESH.neutral), 3) and np.abs(posed[0] - posed[0][:1]).max() > 0.01
     for other in posed[1:]:
         np.testing.assert_allclose(other, posed[0], atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ["driven", "dense"])
+def test_a_method_without_the_rigid_step_is_timed_without_it_in_all_ways(name):
+    model = MODELS[name]()
+    method = Method(name, name, lambda plan: (), model=lambda inputs: model, rigid_step=False)
+    frame = crowd(POSES, 5, 1)
+    for way in ways_of([method], {}, MESH, ATTACHMENTS).values():
+        np.testing.assert_allclose(way.evaluate(frame), MESH.neutral + model.offsets(frame[0]), atol=1e-3)
 
 
 def test_the_table_has_a_column_for_each_number_of_characters():
