@@ -31,7 +31,7 @@ class BrowserTab:
         call = [program, *COMMON, *(["--no-sandbox"] if os.geteuid() == 0 else [])]  # which root can't have
         call += [f"--user-data-dir={profile}", f"--window-size={SIZE[0]},{SIZE[1]}", *options]
         call += ["--remote-debugging-port=0", "--remote-allow-origins=*", "about:blank"]
-        self._number, self._session = 0, None
+        self._number, self._session, self._socket = 0, None, None
         self._process = subprocess.Popen(call, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
             port, path = wait_for(functools.partial(_lines, profile / "DevToolsActivePort"))
@@ -56,7 +56,9 @@ class BrowserTab:
         self.close()
 
     def close(self) -> None:
-        """End the browser."""
+        """End the browser, and the connection to it."""
+        if self._socket is not None:
+            self._socket.shutdown()
         self._process.terminate()
         try:
             self._process.wait(10)
