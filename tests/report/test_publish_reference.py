@@ -1,6 +1,7 @@
 """`make reference`: whole runs from clean trees alone, other characters' benchmarks kept, README's table replaced."""
 
 import json
+import warnings
 from dataclasses import replace
 
 import pytest
@@ -62,6 +63,16 @@ def test_results_benchmarks_manifest_and_readme_are_written(folders):
     assert "| Coarse | 0.50 |" in text and "| teen (Hiccup) |" in text
     verdicts = {one.results for one in read_verdicts(reference_folder / "claims.csv")}
     assert verdicts <= {"", "reference"}, "they are of the committed rows, not of the run's"
+
+
+def test_no_file_is_left_open(folders):
+    _, _, reference_folder, _ = folders
+    reference_folder.mkdir()
+    write_results(reference_folder / "bench_floors.csv", [row("woman", "bench_floors", 2.0)])
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", ResourceWarning)
+        reference.publish_reference("laptop")
+    assert [str(one.message) for one in said if issubclass(one.category, ResourceWarning)] == []
 
 
 def test_a_benchmark_that_was_run_in_part_joins_what_is_committed(folders):

@@ -234,7 +234,8 @@ def _put(file: Path, stay: Collection[str] = (), joining: Collection[str] = ()) 
     """
     into = paths.REFERENCE / file.name
     if file.suffix == ".csv" and into.is_file():
-        columns = file.open(encoding="utf-8").readline().rstrip("\n").split(",")
+        with file.open(encoding="utf-8") as lines:
+            columns = lines.readline().rstrip("\n").split(",")
         if columns == list(COLUMNS):
             rows = [row for row in read_results(file) if row.character not in stay]
             characters = {row.character for row in rows}
