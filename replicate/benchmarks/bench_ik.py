@@ -51,6 +51,7 @@ WRITES = "results/runs/bench/bench_ik.csv"
 TABLE = "bench_ik"
 RIG = "rig"
 ROUNDS = 50
+ONE_THREAD = "--xla_cpu_multi_thread_eigen=false"
 SOLVED = 5  # configurations that the solver is timed on
 COLUMNS = (
     ("ik_ms", "IK networks, ms"),
@@ -62,8 +63,7 @@ COLUMNS = (
 
 def measure(config: Config, words: Sequence[str], rounds: int) -> list[Row]:
     """Make what is missing of one character's IK networks, time them, and return the rows."""
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen=false".strip()
-    os.environ["NPROC"] = "1"  # the size of XLA's pool; both before JAX is loaded
+    confine_jax()
     plan = Plan(config)
     methods = [method for method in choose(words, config) if method.model and not method.oracle]
     stages = [measurement.stage(plan, method) for method in methods]
@@ -88,6 +88,13 @@ def measure(config: Config, words: Sequence[str], rounds: int) -> list[Row]:
             facts = (value, None, 1, count, PROFILE, plan.character)
             rows.append(Row(TABLE, plan.character, method, metric, unit, *facts))
     return rows
+
+
+def confine_jax() -> None:
+    """Have JAX, where it isn't loaded yet, work on one thread."""
+    flags = os.environ.get("XLA_FLAGS", "").split()
+    os.environ["XLA_FLAGS"] = " ".join(flags if ONE_THREAD in flags else [*flags, ONE_THREAD])
+    os.environ["NPROC"] = "1"  # the size of XLA's pool
 
 
 def timed(ways: Mapping[str, Callable], targets: np.ndarray, rounds: int) -> dict[str, Times]:

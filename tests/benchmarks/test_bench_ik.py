@@ -1,5 +1,7 @@
 """The times of inverse kinematics: what is timed, on models that are known, and the table."""
 
+import os
+
 import numpy as np
 
 from replicate.benchmarks import bench_ik
@@ -15,6 +17,16 @@ def test_every_way_gets_the_same_configurations_one_a_call():
     assert {points.shape for calls in seen.values() for points in calls} == {(1, 2, 3)}
     np.testing.assert_array_equal(seen["a"], seen["b"])
     assert all(each.evaluations == 3 and each.p05 > 0 for each in times.values())
+
+
+def test_jax_is_asked_for_one_thread_once_however_many_characters_there_are(monkeypatch):
+    monkeypatch.setenv("NPROC", "4")
+    for before, after in (("", []), ("--xla_a=1", ["--xla_a=1"])):
+        monkeypatch.setenv("XLA_FLAGS", before)
+        for _ in range(3):
+            bench_ik.confine_jax()
+        assert os.environ["XLA_FLAGS"].split() == [*after, "--xla_cpu_multi_thread_eigen=false"]
+    assert os.environ["NPROC"] == "1"
 
 
 def test_the_table_has_the_rig_first_and_a_line_a_method():
