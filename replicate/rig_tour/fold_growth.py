@@ -119,7 +119,8 @@ def fold_chart(
     profile.legend(fontsize=7, frameon=False)
     for axes in (growth, soft, profile):
         tidy(axes)
-    top, under = last.height_mm.max(), last.height_mm.min()
+    section = last.height_mm[line]
+    top, under = section.max(), section.min()
     return figure, Words(
         f"Three charts of the {region} of {rig.name} while controls rise: growth at one vertex, the soft threshold, "
         f"and the profile of the folds, from {under:.2f} to {top:.2f} mm.",

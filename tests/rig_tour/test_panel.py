@@ -157,6 +157,8 @@ def test_a_fold_chart_starts_at_rest_and_grows(tiny):
     region = next(iter(tiny.wrinkle_states(tiny.default)))
     figure, words = fold_chart(tiny, {**BROWS_UP, **SMILE, "chin_raise": 1.0}, region)
     assert region in words.caption and len(figure.axes) == 4
+    heights = figure.axes[2].get_lines()[-1].get_ydata()
+    assert f"from {heights.min():.2f} to {heights.max():.2f} mm in the end" in words.caption, "as the chart shows it"
 
 
 def test_a_derivative_is_that_of_finite_differences_and_of_a_known_control(tiny):
