@@ -65,11 +65,13 @@ def _toml() -> dict[str, Fault]:
         "a landmark below zero": "[points]\nlandmarks = [1, 2, -1]",
         "two landmarks": "[points]\nlandmarks = [1, 2]",
         "a landmark twice": "[points]\nlandmarks = [1, 2, 2]",
+        "the first vertex as a landmark twice": "[points]\nlandmarks = [0, 1, 2, 0]",
         "landmarks in fractions": "[points]\nlandmarks = [1, 2, 2.5]",
         "control points that are a list": "[points]\ncontrol_points = [1, 2]",
         "control points without vertices": "[points.control_points]\nmouth = []",
         "a control point that is no vertex": "[points.control_points]\nmouth = [30]",
         "a control point of two regions": "[points.control_points]\nmouth = [3]\nbrows = [3]",
+        "the first vertex as a control point of two regions": "[points.control_points]\nmouth = [0]\nbrows = [0]",
         "a control point by name": '[points.control_points]\nmouth = ["chin"]',
         "no TOML": "= =",
     }

@@ -78,6 +78,7 @@ def open_folder(folder: Path) -> SampleFolder:
     Raises InputError, naming the file, for a folder that contradicts itself.
     """
     found = read_folder(folder)
+    _check_named_once(found.face, folder)
     check_size(found)
     looked_at = 0
     for index, shard in enumerate(found.shards):
@@ -162,6 +163,20 @@ def check_vertices(found: SampleFolder, index: int, vertices: Float[np.ndarray, 
             raise InputError(
                 f"{where}: pose {pose} is at all defaults, and its vertex {off.argmax()} is {off.max() / size:.2%} of "
                 f"the face's size from the mesh: allowed are {NEUTRAL:.1%}"
+            )
+
+
+def _check_named_once(face: FaceFile, folder: Path) -> None:
+    """Raise InputError for a landmark or a control point that is there twice, the mesh's first vertex too.
+
+    `Points` refuses the others by themselves.
+    """
+    every = [vertex for vertices in face.points.control_points.values() for vertex in vertices]
+    for name, vertices in (("landmarks", face.points.landmarks), ("control_points", every)):
+        twice = [vertex for vertex in vertices if vertices.count(vertex) > 1]
+        if twice:
+            raise InputError(
+                f"{shown_path(folder / FACE_FILE)}: points, {name}: found vertex {twice[0]} twice: allowed is once"
             )
 
 
