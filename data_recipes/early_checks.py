@@ -9,11 +9,12 @@ from data_recipes.acting.clip_file import read_clip
 from data_recipes.controls import Control, limit_controls, make_controls
 from data_recipes.head.dentition import arch, tooth_centres
 from data_recipes.head.topology import build_layout, check_count
-from data_recipes.ict.facekit_files import expression_names
+from data_recipes.ict.facekit_files import INDICES, expression_names, model_folder
 from data_recipes.ict.marks import model_controls
 from data_recipes.recipe.character import Recipe
 from data_recipes.recipe.facekit import FaceKitRecipe
 from replicate.engine.exceptions import InputError
+from replicate.engine.user_files import shown_path
 
 ROW_OF_ARCH = 1.3  # teeth stand in an arch or a little beyond its ends; ours fill 0.2 to 1.0 of it
 
@@ -25,15 +26,31 @@ def recipe_controls(recipe: Recipe) -> tuple[Control, ...]:
 
 
 def check_early(recipe: Recipe | FaceKitRecipe) -> None:
-    """Raise InputError for a clip that can't be read, and for a head whose vertices are not as many as it says."""
+    """Raise InputError for a clip that can't be read, and for a head that its recipe can't give.
+
+    Its vertices are not as many as the recipe says, its teeth have no room, or the model has no jaw.
+    """
     if isinstance(recipe, FaceKitRecipe):
         controls = model_controls(expression_names())
+        _check_jaw()
     else:
         controls = recipe_controls(recipe)
         check_count(recipe, build_layout(recipe))
         _check_rows_of_teeth(recipe)
     for file in recipe.clip_files:
         read_clip(Path(file), controls)
+
+
+def _check_jaw() -> None:
+    """Raise InputError for a model in ICT-FaceKit's format without the expressions that the jaw is fitted to."""
+    from data_recipes.ict.jaw_fit import JAW_CONTROLS  # with JAX, which the others do without
+
+    missing = [name for name in JAW_CONTROLS if name not in expression_names()]
+    if missing:
+        raise InputError(
+            f"{shown_path(model_folder() / INDICES)}: 'expressions': found no '{missing[0]}', where "
+            f"{', '.join(JAW_CONTROLS)} are required"
+        )
 
 
 def _check_rows_of_teeth(recipe: Recipe) -> None:

@@ -84,9 +84,9 @@ def _break(name):
         elif name == "loop":
             (data / "eyeBlink_L.obj").unlink()
             (data / "eyeBlink_L.obj").symlink_to("eyeBlink_L.obj")
-        elif name == "jaw":
+        elif name in ("jawOpen", "jawForward"):
             table = json.loads((data / "vertex_indices.json").read_text())
-            table["expressions"].remove("jawForward")
+            table["expressions"].remove(name)
             (data / "vertex_indices.json").write_text(json.dumps(table))
 
     return edit
@@ -104,7 +104,8 @@ def _break(name):
         ("deep", ("vertex_indices.json: found no readable table",)),
         ("huge", ("'idx_to_landmark_verts': found vertex 1000000000000000000000000000000, where",)),
         ("loop", ("eyeBlink_L.obj: found no such file",)),
-        ("jaw", ("found no 'jawForward'",)),
+        ("jawOpen", ("vertex_indices.json: 'expressions': found no 'jawOpen', where jawOpen, jawForward",)),
+        ("jawForward", ("vertex_indices.json: 'expressions': found no 'jawForward', where jawOpen",)),
     ],
 )
 def test_a_folder_that_is_no_such_model_gets_one_sentence(kit, folder, tmp_path, monkeypatch, fault, words):
