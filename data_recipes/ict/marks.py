@@ -9,7 +9,7 @@ from jaxtyping import Int
 
 from data_recipes.controls import Control
 
-# Thirty of them, of both sides and the middle; the model's left is the picture's right.
+# Of both sides and the middle; the model's left is the picture's right.
 LANDMARKS = {
     "chin": 8,
     "jaw_right": 5,

@@ -186,7 +186,7 @@ def clips(seed: int, fine: list[str], lids: Pose) -> dict[str, list[tuple[int, P
 
 
 def _nudge(generator: np.random.Generator, pose: Pose, fine: list[str]) -> Pose:
-    """Return a pose in which a tenth of the fine controls are moved by some millimetres besides."""
+    """Return a pose in which a sixth of the fine controls are moved besides, by about a millimetre."""
     pose = dict(pose)
     for control in generator.permutation(fine)[: max(1, len(fine) // 6)]:
         pose[control] = pose.get(control, 0.0) + generator.normal(0.0, 1.0, 3)
