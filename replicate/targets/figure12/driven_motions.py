@@ -13,7 +13,7 @@ from replicate.artefacts import control_influence, drawn_samples
 from replicate.capture import landmark_ik, landmark_rig
 from replicate.capture.driven_face import ApproximatedRig
 from replicate.capture.landmark_file import MM, Recording
-from replicate.capture.landmark_motion import control_motion, jitter_mm
+from replicate.capture.landmark_motion import FRAMES_PER_SECOND, control_motion, jitter_mm
 from replicate.engine.stage import stream_rng
 from replicate.inverse import ik_stage
 from replicate.inverse.control_points import control_points
@@ -107,8 +107,11 @@ def windows(trial: CaptureTrial) -> tuple[int, ...]:
 def targets_of(
     trial: CaptureTrial, recording: Recording, rig: Rig, window: int
 ) -> tuple[Float[np.ndarray, "t l 3"], float]:
-    """Return where the character's landmarks shall go for a recording, mm, and the scale of the movement."""
-    section = replace(trial.section, smoothing_frames=window)
+    """Return where the character's landmarks shall go for a recording, mm, and the scale of the movement.
+
+    recording: of a performance of ours, whose rate is that of all clips, whatever the section says of a user's.
+    """
+    section = replace(trial.section, smoothing_frames=window, frames_per_second=FRAMES_PER_SECOND)
     motion = control_motion(recording, rig.mesh.neutral[rig.control_points], section)
     return motion.targets, motion.scale
 
