@@ -241,6 +241,20 @@ def test_what_is_missing_is_named_with_the_target_that_makes_it():
     assert "table2.csv has no vertex_error_mean of refined for woman; `make table2 CHARACTERS=woman`" in one.reason
 
 
+def test_a_number_that_only_a_remark_needs_undoes_no_verdict():
+    facts = ("mm", 0.2, None, 1, 9, "quick", "r")
+    mean, *tails = (
+        Row("table2_segments", "teen", "attachment", f"vertex_error_{s}[rigid]", *facts) for s in ("mean", "p95", "max")
+    )
+    one, whole = (judge(claim_named("C11"), "teen", Evidence(rows), PAPER) for rows in ([mean], [mean, *tails]))
+    assert whole.reason == f"{one.reason} The 95th percentile over their vertices and the test poses is 0.200 mm, " + (
+        "the maximum 0.200 mm."
+    )
+    assert one.verdict == "holds" and replace(one, reason=whole.reason) == whole
+    normals = [row for row in mean_rows(normal={"dense": 1.1}) if row.metric == "normal_error_mean"]
+    assert verdict("C5", normals) == "holds"
+
+
 def test_verdicts_are_read_back_as_they_are_and_pivot(tmp_path):
     evidence = Evidence([*mean_rows(normal={"refined": 0.5}), *mean_rows(character="ict"), *table1_rows()])
     verdicts = judge_all(evidence, PAPER)

@@ -72,9 +72,9 @@ def judge(claim: Claim, character: str, evidence: Evidence, paper: Evidence) -> 
     published = published_verdict(claim, theirs, paper) if theirs else ""
     try:
         holds, way, deciding = decide(claim.ways(evidence, character))
-        remarks = [claim.remark(evidence, character), line_remark(claim, evidence, character)]
     except MissingNumber as missing:
         return Verdict(*head, NOT_TESTED, published, "", "", None, None, None, None, None, "", "", "", str(missing))
+    remarks = [remark(claim, evidence, character), line_remark(claim, evidence, character)]
     rows = [row for comparison in way for number in (comparison.left, comparison.right) for row in number.rows]
     seeds = [row.seeds for row in rows if row.seeds]
     return Verdict(
@@ -116,6 +116,14 @@ def in_words(way: Sequence[Comparison], deciding: Comparison) -> str:
     lead = f"closest of {len(way)}, " if len(shown) < len(way) and not failing else ""
     text = lead + "; ".join(map(str, shown))
     return f"{text[0].upper()}{text[1:]}."
+
+
+def remark(claim: Claim, evidence: Evidence, character: str) -> str:
+    """Return what a claim says beside its verdict, or "" where a number is missing that only this needs."""
+    try:
+        return claim.remark(evidence, character)
+    except MissingNumber:
+        return ""
 
 
 def line_remark(claim: Claim, evidence: Evidence, character: str) -> str:

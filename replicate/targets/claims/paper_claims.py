@@ -41,8 +41,8 @@ class Claim:
 
     name: its number in our list. text: the claim, in a short sentence. where: in the paper. rule: when it holds, in
     words. ways: (evidence, character) → what it needs; raises MissingNumber. remark: (evidence, character) → sentences
-    that belong beside the verdict, or "". kinds: the errors, keys of `QUANTITIES`, in which a straight line is compared
-    with the paper's networks beside the verdict.
+    that belong beside the verdict, or ""; raises MissingNumber too, which leaves the verdict as it is. kinds: the
+    errors, keys of `QUANTITIES`, in which a straight line is compared with the paper's networks beside the verdict.
     """
 
     name: str
