@@ -19,7 +19,8 @@ POSES = 2  # that a network is run on; no shape in the graph depends on it
 def recorded(network: nn.Module, graph: OnnxGraph, params: str, count: int) -> str:
     """Return the value of what a network gives for scaled parameters (b, count), the value `params`.
 
-    Raises InputError for a network that calls a function of torch that `CONVERTERS` lacks.
+    Raises InputError for a network that calls a function of torch that `CONVERTERS` lacks, or one with arguments that
+    its converter doesn't know.
     """
     example = torch.zeros(POSES, count)
     with torch.no_grad(), _Recorder(graph, type(network).__name__) as recorder:
@@ -57,7 +58,10 @@ class _Recorder(TorchFunctionMode):
                 name = getattr(function, "__name__", "").strip("_")
                 if name not in CONVERTERS:
                     raise self.unknown(name)
-                values = CONVERTERS[name](self, *args, **kwargs)
+                try:
+                    values = CONVERTERS[name](self, *args, **kwargs)
+                except TypeError as error:  # a converter has the arguments that it knows, and no others
+                    raise self.unknown(f"{name} with {', '.join(kwargs) or 'such arguments'}") from error
                 for tensor, value in zip(results, [values] if isinstance(values, str) else values, strict=True):
                     self.follow(tensor, value)
         return result
@@ -93,12 +97,17 @@ def _silu(recorder: _Recorder, x: torch.Tensor, inplace: bool = False) -> str:
     return recorder.graph.node("Mul", value, recorder.graph.node("Sigmoid", value))
 
 
+def _relu(recorder: _Recorder, x: torch.Tensor, inplace: bool = False) -> str:
+    return recorder.graph.node("Relu", recorder.value(x))
+
+
 def _square(recorder: _Recorder, x: torch.Tensor) -> str:
     value = recorder.value(x)
     return recorder.graph.node("Mul", value, value)
 
 
 def _unflatten(recorder: _Recorder, x: torch.Tensor, dim: int, sizes: Sequence[int]) -> str:
+    dim %= x.ndim
     before, after = [0] * dim, list(x.shape[dim + 1 :])
     return recorder.graph.reshape(recorder.value(x), [*before, *sizes, *after])
 
@@ -139,17 +148,19 @@ def _getitem(recorder: _Recorder, x: torch.Tensor, index: object) -> str:
     return recorder.graph.node("Unsqueeze", recorder.value(x), recorder.graph.whole(axes))
 
 
-def _squeeze(recorder: _Recorder, x: torch.Tensor, dim: int) -> str:
-    return recorder.graph.node("Squeeze", recorder.value(x), recorder.graph.whole([dim]))
+def _squeeze(recorder: _Recorder, x: torch.Tensor, dim: int | Sequence[int]) -> str:
+    return recorder.graph.node("Squeeze", recorder.value(x), recorder.graph.whole(np.atleast_1d(dim)))
 
 
 def _flatten(recorder: _Recorder, x: torch.Tensor, start_dim: int = 0, end_dim: int = -1) -> str:
-    end_dim %= x.ndim
+    start_dim, end_dim = start_dim % x.ndim, end_dim % x.ndim
     return recorder.graph.reshape(recorder.value(x), [*[0] * start_dim, -1, *x.shape[end_dim + 1 :]])
 
 
-def _sum(recorder: _Recorder, x: torch.Tensor, dim: int) -> str:
-    return recorder.graph.node("ReduceSum", recorder.value(x), recorder.graph.whole([dim]), keepdims=0)
+def _sum(recorder: _Recorder, x: torch.Tensor, dim: int | Sequence[int], keepdim: bool = False) -> str:
+    return recorder.graph.node(
+        "ReduceSum", recorder.value(x), recorder.graph.whole(np.atleast_1d(dim)), keepdims=int(keepdim)
+    )
 
 
 def _ones_like(recorder: _Recorder, x: torch.Tensor) -> str:
@@ -171,11 +182,12 @@ def _pointwise(operator: str) -> Callable:
     return convert
 
 
-ALIKE = ("add", "mul", "sub", "div", "neg", "pow", "abs", "sqrt", "sin", "cos", "tanh", "sigmoid", "relu", "where")
+ALIKE = ("add", "mul", "sub", "div", "neg", "pow", "abs", "sqrt", "sin", "cos", "tanh", "sigmoid", "where")
 CONVERTERS = {
     "linear": _linear,
     "addmm": _addmm,
     "leaky_relu": _leaky_relu,
+    "relu": _relu,
     "silu": _silu,
     "square": _square,
     "unflatten": _unflatten,

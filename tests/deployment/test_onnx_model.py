@@ -103,14 +103,64 @@ class FirstOnly(nn.Module):
         return params[:1]
 
 
+class Doubled(nn.Module):
+    def forward(self, params):
+        return torch.add(params, params, alpha=2)
+
+
+class RoundedDown(nn.Module):
+    def forward(self, params):
+        return torch.div(params, 2, rounding_mode="floor")
+
+
+class SumOfAll(nn.Module):
+    def forward(self, params):
+        return params - params.sum()
+
+
 @pytest.mark.parametrize(
     ("network", "words"),
-    [(Arctangent, "atan"), (FirstOnly, "getitem, but to add dimensions")],
+    [
+        (Arctangent, "atan"),
+        (FirstOnly, "getitem, but to add dimensions"),
+        (Doubled, "add with alpha"),
+        (RoundedDown, "div with rounding_mode"),
+        (SumOfAll, "sum with such arguments"),
+    ],
 )
 def test_what_has_no_operator_is_refused_in_a_sentence(network, words):
     model = SegmentedModel([network()], SEGMENTS[:1], SCALE, [1.0], len(MESH.neutral))
     with pytest.raises(InputError, match=f"{network.__name__} calls torch's {words}, which has no ONNX operator here"):
         onnx_model(model, MESH, ATTACHMENTS)
+
+
+class Turned(nn.Module):
+    """A layer whose output is `turn`ed into offsets: (b, 3k) → (b, k, 3)."""
+
+    def __init__(self, turn, segment):
+        super().__init__()
+        torch.manual_seed(5)
+        self.turn, self.count = turn, len(segment.vertices)
+        self.layer = nn.Sequential(nn.Linear(len(segment.parameters), 3 * self.count), nn.ReLU())
+
+    def forward(self, params):
+        return self.turn(self.layer(params), self.count)
+
+
+TURNS = {
+    "unflattened from the end": lambda x, k: x.unflatten(-1, (k, 3)),
+    "unflattened before the end": lambda x, k: x.unflatten(1, (3 * k, 1)).unflatten(-2, (k, 3)).sum(-1),
+    "flattened from the end": lambda x, k: x.unflatten(1, (k, 3)).flatten(-2).unflatten(1, (k, 3)),
+    "beside sums that keep their dimension": lambda x, k: (x - x.sum(-1, keepdim=True) / (3 * k)).unflatten(1, (k, 3)),
+    "beside sums over two dimensions": lambda x, k: x.unflatten(1, (k, 3)) / x.unflatten(1, (k, 3)).sum((1, 2), True),
+}
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_dimensions_that_count_from_the_end_and_sums_give_what_torch_gives(turn):
+    model = SegmentedModel([Turned(TURNS[turn], SEGMENTS[0])], SEGMENTS[:1], SCALE, [1.0], len(MESH.neutral))
+    found = run(onnx_model(model, MESH, None), POSES)
+    assert furthest(found, wanted(model, None)) < 1e-4 and furthest(found, MESH.neutral) > 1e-2
 
 
 def test_what_is_no_model_is_refused_in_a_sentence():
