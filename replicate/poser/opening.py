@@ -19,35 +19,35 @@ if TYPE_CHECKING:
     from replicate.poser.notebook import Poser
 
 NETWORKS = f"{ik_stage.PREFIX}_"
+SHOWN = "figure11"  # whose networks pose a face; its IK networks are trained through the first method that it shows
 EVALUATED = (regional.METHOD.name, coarse.METHOD.name, refined.METHOD.name)  # by the page's JavaScript
 
 
-def open_poser(results: str, character: str, target: str = "figure11") -> "Poser":
-    """Return a widget to pose a character in, with the networks that one of its figures was made with.
+def open_poser(results: str, character: str) -> "Poser":
+    """Return a widget to pose a character in, with the networks that its Figure 11 was made with.
 
     results: "reference", or the profile of a run of yours. Raises InputError as `open_face` does.
     """
     from replicate.poser.notebook import Poser
 
-    return Poser(open_face(results, character, target))
+    return Poser(open_face(results, character))
 
 
-def what_is_missing(results: str, character: str, target: str = "figure11") -> str:
+def what_is_missing(results: str, character: str) -> str:
     """Return "" if `open_poser` can do its work, else a sentence with the command that makes what is missing."""
     try:
-        artefacts(results, character, target)
+        artefacts(results, character)
     except InputError as error:
         return str(error)
     return ""
 
 
-def open_face(results: str, character: str, target: str = "figure11") -> "PosedFace":
+def open_face(results: str, character: str) -> "PosedFace":
     """Return what poses a character: the rig, our method's model and the IK networks.
 
-    target: figure11, whose IK networks are trained through the first method that it shows, or poser, whose are trained
-    through ours. Raises InputError where the manifest names no such results, or the cache doesn't hold their artefacts.
+    Raises InputError where the manifest names no such results, or the cache doesn't hold their artefacts.
     """
-    inputs = artefacts(results, character, target)
+    inputs = artefacts(results, character)
     (networks,) = (name for name in inputs if name.startswith(NETWORKS))
     return read_face(inputs, regional.load_model(inputs), networks.removeprefix(NETWORKS))
 
@@ -65,16 +65,16 @@ def read_face(inputs: Mapping[str, Path], model: "Approximation", trained_throug
     )
 
 
-def artefacts(results: str, character: str, target: str) -> dict[str, Path]:
+def artefacts(results: str, character: str) -> dict[str, Path]:
     """Return the folders of what poses a character, by stage name, all of them verified.
 
     Raises InputError as `open_face` does; the sentence has the command that makes what is missing.
     """
     folder = folder_of(results)
-    facts = entries(folder, target).get(character)
+    facts = entries(folder, SHOWN).get(character)
     if facts is None:
-        command = f"make {command_of(target)} CHARACTERS={character}"
-        raise InputError(f"{display_path(folder)}: there is no {target} of {character}; `{command}` makes it.")
+        command = f"make {command_of(SHOWN)} CHARACTERS={character}"
+        raise InputError(f"{display_path(folder)}: there is no {SHOWN} of {character}; `{command}` makes it.")
     needed = ("rig", "rigid", "influence", regional.METHOD.name)
     found: dict[str, Path] = {}
     for title, stage in facts["stages"].items():
@@ -82,7 +82,7 @@ def artefacts(results: str, character: str, target: str) -> dict[str, Path]:
         if name in needed or name.startswith(NETWORKS):
             artefact = load(f"{title}-{stage['key']}")
             if artefact is None:
-                command = f"make {command_of(target)} CHARACTERS={character} PROFILE={facts['profile']}"
+                command = f"make {command_of(SHOWN)} CHARACTERS={character} PROFILE={facts['profile']}"
                 raise InputError(
                     f"The cache, {display_path(cache_folder())}, does not hold {title} as these results have it. "
                     f"`{command}` trains what is missing; then open the results of {facts['profile']!r}."
