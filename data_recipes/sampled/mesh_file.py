@@ -18,7 +18,6 @@ from replicate.engine.schema import cut, shown
 from replicate.engine.user_files import read_bytes, read_text, shown_path
 
 MOST_BYTES = 400_000_000
-MOST_VERTICES = 2_000_000
 MOST_CORNERS = 64  # of a polygon
 FAR = 1e9
 NO_LABEL = ""

@@ -62,14 +62,6 @@ class SampleFolder:
         return shown_path(self.folder / FOLDER)
 
 
-def is_sample_folder(folder: Path) -> bool:
-    """Return whether there is a folder with a `face.toml` at a path, or one that was to be one."""
-    try:
-        return (folder / FACE_FILE).exists()
-    except (OSError, ValueError):
-        return False
-
-
 @cache
 def open_folder(folder: Path) -> SampleFolder:
     """Return a folder's content, after all checks that take seconds.

@@ -22,6 +22,7 @@ from replicate.targets.figure13.moved_meshes import MEANS, Mean
 
 if TYPE_CHECKING:
     from data_recipes.rig import Rig
+    from replicate.approximation.model import SegmentedModel
 
 ALIGNMENT, POSE = "alignment.json", "pose.npz"
 
@@ -61,12 +62,13 @@ def make(context: StageContext) -> None:
     rig, other = (_rig(inputs, name) for name in (numbers.source, numbers.other))
     marks = shared_marks(rig, other)
     face = aligned(rig.mesh, other.mesh, marks)
-    ways = ways_onto(rig.mesh, face, coarse.load_model(inputs), refined.load_model(inputs))
-    means = _means(context, rig, other, face, ways)
+    model = coarse.load_model(inputs)
+    ways = ways_onto(rig.mesh, face, model, refined.load_model(inputs))
+    means = _means(context, rig, other, model, face, ways)
     (context.out / MEANS).write_text(json.dumps([asdict(mean) for mean in means], indent=1) + "\n", encoding="utf-8")
     params = drawn_samples.load(inputs).test_params[[shown_pose.load(inputs)]]
     known = bool(_shared(rig, other))
-    shown = _poses(rig, inputs, _with_shared(rig, other, params) if known else params)
+    shown = _poses(rig, model, _with_shared(rig, other, params) if known else params)
     own = other(_answers(rig, other, shown.params)) if known else other.mesh.neutral[None]
     posed = {name: np.float32(move(shown)[0]) for name, move in ways.items()}
     facts = {
@@ -81,7 +83,9 @@ def make(context: StageContext) -> None:
     (context.out / ALIGNMENT).write_text(json.dumps(about) + "\n", encoding="utf-8")
 
 
-def _means(context: StageContext, rig: "Rig", other: "Rig", face: object, ways: Mapping) -> list[Mean]:
+def _means(
+    context: StageContext, rig: "Rig", other: "Rig", model: "SegmentedModel", face: object, ways: Mapping
+) -> list[Mean]:
     """Return the mean errors against the other rig at the same controls; none where no control has the same name."""
     from replicate.transfer.new_mesh_poses import pose_means
 
@@ -93,7 +97,7 @@ def _means(context: StageContext, rig: "Rig", other: "Rig", face: object, ways: 
     with context.progress(len(rows), f"onto {numbers.other}") as bar:
         for start in range(0, len(rows), numbers.batch):
             params = _with_shared(rig, other, test[rows[start : start + numbers.batch]])
-            poses = _poses(rig, context.inputs, params)
+            poses = _poses(rig, model, params)
             truth = np.float32(other(_answers(rig, other, params))[:, face.vertices])
             for name, move in ways.items():
                 errors[name].append(pose_means(move(poses), truth, face.new.mesh.faces))
@@ -107,11 +111,11 @@ def _rig(inputs: Mapping[str, Path], character: str) -> "Rig":
     return landmark_rig.load({landmark_rig.NAME: inputs[f"{landmark_rig.NAME}-{character}"]})
 
 
-def _poses(rig: "Rig", inputs: Mapping[str, Path], params: np.ndarray) -> object:
+def _poses(rig: "Rig", model: "SegmentedModel", params: np.ndarray) -> object:
     from replicate.transfer.new_mesh_poses import SourcePoses
 
     neutral = rig.mesh.neutral
-    return SourcePoses(params, np.float32(rig(params)), neutral + coarse.load_model(inputs).offsets(params))
+    return SourcePoses(params, np.float32(rig(params)), neutral + model.offsets(params))
 
 
 def _shared(rig: "Rig", other: "Rig") -> list[tuple[int, int]]:

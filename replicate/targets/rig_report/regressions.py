@@ -13,8 +13,9 @@ from jaxtyping import Float, Float64, Int
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan
 from replicate.config import ReportFitsConfig
-from replicate.engine.stage import Stage, StageContext, stream_rng
+from replicate.engine.stage import Stage, StageContext
 from replicate.geometry.mesh import Mesh
+from replicate.methods.measurement import measured_poses
 
 if TYPE_CHECKING:
     import replicate.approximation.evaluation
@@ -54,7 +55,7 @@ def make(context: StageContext) -> None:
     numbers, section = context.config, context.config.section
     mesh, samples = built_rig.load_mesh(context.inputs), drawn_samples.load(context.inputs)
     rigid = rigid_segments.load(context.inputs).segment.tolist()
-    poses = held_out_poses(samples, numbers.test_poses, numbers.seed)
+    poses = measured_poses(samples.test_params, numbers.test_poses, numbers.seed)
     with context.progress(6 + sum(TIMES.values()), "rig report, fits") as bar:
         some = _choose(context.rng("basis"), len(samples), section.basis_samples)
         basis = principal_components(samples.offsets(some), section.components)
@@ -71,19 +72,6 @@ def make(context: StageContext) -> None:
     (context.out / FACTS).write_text(json.dumps(facts) + "\n", encoding="utf-8")
     np.save(context.out / SPECTRUM, basis.variances / basis.total)
     context.note(**facts)
-
-
-def held_out_poses(
-    samples: "replicate.approximation.samples.SampleSet", count: int, seed: int
-) -> Int[np.ndarray, " u"]:
-    """Return the unique test poses that Table 2's errors are of: a random subset of so many, or all for 0."""
-    from replicate.approximation.evaluation import unique_poses
-
-    poses = unique_poses(samples.test_params)
-    if count and count < len(poses):
-        order = stream_rng(seed, "errors", "poses").permutation(len(poses))
-        poses = poses[np.sort(order[:count])]
-    return poses
 
 
 def fit_all(
