@@ -157,8 +157,8 @@ def command_lines() -> Iterator[tuple[str, list[str]]]:
     run = ["table2", "--profile", "quick", "--characters"]
     for number in ("1.5", "x", "0x3", HUGE, "4294967296", "1e3", "½"):
         yield f"seed {number[:20]!r}", [*run, "tiny", "--seed", number]
-    long = "n" * 300
-    for name in ("hiccup", "n" * 5_000, "a/b", "..", "tiny.txt", "tiny\0", f"{long}.toml", "~nobody/x.toml", "'a\nb'"):
+    long, home = "n" * 300, "~nobody-of-this-name"
+    for name in ("hiccup", "n" * 5_000, "a/b", "..", "tiny.txt", "tiny\0", f"{long}.toml", f"{home}/x.toml", "'a\nb'"):
         yield f"character {name[:20]!r}", [*run, name]
     for profile in ("fast", "", HUGE):
         yield f"profile {profile[:20]!r}", ["table2", "--profile", profile, "--characters", "tiny"]
@@ -166,8 +166,12 @@ def command_lines() -> Iterator[tuple[str, list[str]]]:
         yield f"split {split[:20]!r}", [*run, "tiny", "--split", split]
     for jobs in ("0", "-3", "many"):
         yield f"jobs {jobs!r}", [*run, "tiny", f"--jobs={jobs}"]
-    for to in ("face.fbx", "/dev/full", "nowhere/at/all/a.glb", "~nobody/a.glb", "a\0.glb", f"{long}.glb"):
+    for to in ("face.fbx", "/dev/full", "nowhere/at/all/a.glb", f"{home}/a.glb", "a\0.glb", f"{long}.glb"):
         yield f"to {to[:20]!r}", ["export", "--characters", "tiny", "--to", to]
+    for recording in (f"{home}/a.csv", "a\0.csv", "/dev/full", f"{long}.csv"):
+        yield f"landmarks {recording[:20]!r}", ["capture", "--characters", "tiny", "--landmarks", recording]
+    for method in (f"{home}/a.py", "nowhere/a.py", "nearest"):
+        yield f"method {method[:20]!r}", [*run, "tiny", "--methods", method]
     for tolerance in ("0", "nan", "inf", "-1", "thin"):
         yield f"tolerance {tolerance}", ["export", "--characters", "tiny", f"--tolerance={tolerance}"]
 

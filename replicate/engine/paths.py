@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 from replicate.engine.exceptions import InputError
+from replicate.engine.schema import shown
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "results"
@@ -56,15 +57,24 @@ def named_folder(variable: str) -> Path | None:
     name = os.environ.get(variable, "").strip()
     if not name:
         return None
-    try:
-        folder = Path(os.path.abspath(Path(name).expanduser()))
-    except RuntimeError:  # ~nobody
-        raise InputError(f"{variable} is {name}: there is no such home folder, allowed is a folder's path") from None
+    folder = Path(os.path.abspath(with_home(name, variable, "folder")))
     if any(len(os.fsencode(part)) > LONGEST_NAME for part in folder.parts):
         raise InputError(f"{variable} has a name of more than {LONGEST_NAME} bytes in it: allowed is a folder's path")
     if os.path.exists(folder) and not os.path.isdir(folder):
         raise InputError(f"{variable} is {name}: allowed is a folder, and this is none")
     return Path(os.path.realpath(folder))
+
+
+def with_home(text: str, what: str, kind: str = "file") -> Path:
+    """Return the path that a text names, its ~ replaced by the home folder.
+
+    what: its name, for messages. kind: what it is a path of. Raises InputError for the home folder of nobody.
+    """
+    try:
+        return Path(text).expanduser()
+    except RuntimeError:  # ~nobody
+        requirement = f"allowed is a {kind}'s path"
+        raise InputError(f"{what} is {shown(text)}: there is no such home folder, {requirement}") from None
 
 
 def display_path(path: Path) -> str:

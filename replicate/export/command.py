@@ -48,16 +48,9 @@ class Request:
                 f"tolerance is {self.tolerance_mm}: allowed is a number of at least {LEAST_TOLERANCE_MM} mm"
             )
         if self.to is not None:
-            _check_file(_file(self.to))
+            _check_file(paths.with_home(self.to, "to"))
             if self.clip is not None and Path(self.to).suffix.lower() == ".obj":
                 raise InputError(f"{self.to} can hold one pose and not a clip: allowed for a clip is .glb")
-
-
-def _file(text: str) -> Path:
-    try:
-        return Path(text).expanduser()
-    except RuntimeError:  # ~nobody
-        raise InputError(f"to is {shown(text)}: there is no such home folder, allowed is a file's path") from None
 
 
 def _check_file(file: Path) -> None:
@@ -74,7 +67,7 @@ def export(rig: Rig, request: Request) -> tuple[list[Path], str]:
     Raises InputError for an unknown pose or clip, or a bad file of parameters.
     """
     name, poses = requested_poses(rig, request)
-    file = _file(request.to) if request.to else paths.run_folder("export") / f"{rig.name}_{name}.glb"
+    file = paths.with_home(request.to, "to") if request.to else paths.run_folder("export") / f"{rig.name}_{name}.glb"
     file.parent.mkdir(parents=True, exist_ok=True)
     about = {"character": rig.name, "pose": name}
     if len(poses) > 1:

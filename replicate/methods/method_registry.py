@@ -14,6 +14,7 @@ from types import ModuleType
 from data_recipes.recipe_paths import sample_folder
 from replicate.config import Config
 from replicate.engine.exceptions import InputError
+from replicate.engine.paths import with_home
 from replicate.engine.schema import Checked
 from replicate.methods.method import Method
 
@@ -109,7 +110,7 @@ def _outside_files() -> list[Path]:
 
 def _bring(file: Path) -> ModuleType:
     """Import a method's file and remember it in the environment, which other processes inherit."""
-    file = file.expanduser().resolve()
+    file = with_home(str(file), "METHODS").resolve()
     module = _outside_module(file)
     files = dict.fromkeys([*map(str, _outside_files()), str(file)])
     os.environ[VARIABLE] = os.pathsep.join(files)

@@ -16,7 +16,7 @@ from replicate.capture.capture_numbers import CaptureNumbers
 from replicate.engine.atomic_files import copy_file
 from replicate.engine.exceptions import InputError
 from replicate.engine.folders import check_writable
-from replicate.engine.paths import display_path, run_folder
+from replicate.engine.paths import display_path, run_folder, with_home
 from replicate.engine.schema import naming
 from replicate.engine.stage import Stage, StageContext
 from replicate.engine.user_files import shown_path
@@ -94,7 +94,7 @@ def checked(options: argparse.Namespace) -> Path:
 
     if not options.landmarks:
         raise InputError("no recording is named: allowed is LANDMARKS=file.csv, as REPRODUCING.md describes it")
-    file = Path(os.path.abspath(Path(options.landmarks).expanduser()))
+    file = Path(os.path.abspath(with_home(options.landmarks, "LANDMARKS")))
     for config in configurations(options):
         own = section(config)
         names = tuple(FACE_LANDMARKS)
