@@ -22,6 +22,7 @@ from data_recipes.exporters.blender_python import blender_python, run_scripts
 from data_recipes.head.neutral_head import Head, build_head
 from data_recipes.recipe.reading import Recipe, load_recipe
 from data_recipes.rigify.head_file import write_head_file
+from data_recipes.rigify.head_stamp import check_stamp, stamp_of, write_stamp
 from replicate.engine.command_line import guard
 from replicate.engine.exceptions import InputError
 
@@ -71,14 +72,20 @@ def write_folder(
 ) -> None:
     """Write the samples of Rigify's face rig on a character's head into a folder. Raises InputError.
 
+    A .blend that is there is used as it is, unless it has the rig on another head.
+
     poses: to draw, beside all frames. jobs: processes side by side. clips: a pattern of names of `face_acting.clips`.
     """
     python = blender_python()
     head = build_head(_recipe(character))
     blend = folder.with_name(f"{folder.name}.blend")
     if not blend.exists():
+        blend.parent.mkdir(parents=True, exist_ok=True)
+        write_stamp(head, character, blend)  # first, so that no rig is without one
         print(f"making {blend}: Rigify's face rig on the head of {character}, in half a minute", flush=True)
         make_blend(head, blend, python)
+    elif not check_stamp(head, character, blend):
+        print(f"{blend}: no {stamp_of(blend).name} says whose head this is, which is taken for that of {character}")
     with tempfile.TemporaryDirectory() as temporary:
         points = Path(temporary) / "points.toml"
         points.write_text(points_text(head), "utf-8")

@@ -1,6 +1,7 @@
 """Rigify's face rig on a head of ours: its joints, its acting, and, where Blender is, the rig and its samples."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -96,6 +97,54 @@ def test_a_character_without_a_head_of_ours_is_refused(tmp_path, monkeypatch):
     with pytest.raises(InputError):
         rigify_face.write_folder(tmp_path / "out", "nobody", 10, 0, 1, None)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture
+def without_blender(monkeypatch, head):
+    """Stand in for Blender: rigs are empty files, and the exporter only counts; returns whose samples are written."""
+    written = []
+    monkeypatch.setattr(rigify_face, "blender_python", lambda: "python")
+    monkeypatch.setattr(rigify_face, "make_blend", lambda head, blend, python: blend.write_bytes(b"a rig"))
+    monkeypatch.setattr(rigify_face, "run_scripts", lambda python, script, calls, quiet: written.append(calls[0][0]))
+    monkeypatch.setattr(rigify_face, "build_head", lambda recipe: head)
+    return written
+
+
+def test_a_blend_is_used_as_it_is_for_its_own_head_and_refused_for_another(
+    without_blender, tmp_path, monkeypatch, head
+):
+    def write(character="tiny"):
+        rigify_face.write_folder(tmp_path / "out", character, 10, 0, 1, None)
+
+    write()
+    (tmp_path / "out.blend").write_bytes(b"a rig, posed")
+    write()
+    assert without_blender == 2 * [str(tmp_path / "out.blend")]
+    assert (tmp_path / "out.blend").read_bytes() == b"a rig, posed"
+    changed = replace(head, vertices=head.vertices + 0.1 * (np.arange(len(head.vertices)) == 7)[:, None])
+    monkeypatch.setattr(rigify_face, "build_head", lambda recipe: changed)
+    with pytest.raises(
+        InputError, match=r"has the rig on the head of tiny: name another folder, or remove the \.blend"
+    ):
+        write("toon")
+    with pytest.raises(InputError, match=r"out\.blend has the rig on tiny's head as it was before its recipe changed"):
+        write()
+    assert len(without_blender) == 2
+    (tmp_path / "out.blend").unlink()
+    write()
+    assert len(without_blender) == 3
+
+
+def test_a_blend_that_does_not_say_whose_head_it_has_is_taken_as_it_is_and_a_broken_word_is_refused(
+    without_blender, tmp_path, capsys
+):
+    (tmp_path / "out.blend").write_bytes(b"a rig of before")
+    rigify_face.write_folder(tmp_path / "out", "tiny", 10, 0, 1, None)
+    assert "no out.head.npz says whose head this is, which is taken for that of tiny" in capsys.readouterr().out
+    (tmp_path / "out.head.npz").write_bytes(b"half")
+    with pytest.raises(InputError, match=r"out\.head\.npz can't be read: remove it"):
+        rigify_face.write_folder(tmp_path / "out", "tiny", 10, 0, 1, None)
+    assert len(without_blender) == 1
 
 
 def test_without_blender_one_sentence_says_how_to_get_it(tmp_path, monkeypatch, capsys):
