@@ -32,7 +32,6 @@ LETTER = 79  # small numbers of 8 bits become capitals, which take one character
 HALF_BIAS = 112  # the exponent of a float less that of a 16-bit float
 LARGEST_HALF = 65504.0
 LIMITS = ("least", "most")  # of what hidden layers give
-BOUNDS = ("lowest", "highest", *LIMITS)
 NOTHING = [["0"]]  # C has no arrays of no elements
 
 
@@ -69,7 +68,7 @@ def _words(face: CFace, stem: str) -> dict[str, object]:
     tables, numbers = _networks(face.model)
     regions, shapes = _regions(face)
     rigid, placed = _rigid(mesh, face.attachments)
-    widest = max((layer.out_features for network in networks for layer in network.layers), default=1)
+    widest = max(layer.out_features for network in networks for layer in network.layers)
     coefficients = sum(network.output.out_features for network in networks)
     longest = 3 * max(region[0] for region in regions)
     numbers += [*shapes, *placed, *tables, *_tables(regions, rigid)]
@@ -123,12 +122,12 @@ def _networks(model: RegionalModel) -> tuple[list[str], list[str]]:
         last, line = _layer(f"last_{k}", network.output), _layer(f"line_{k}", network.line)
         arrays += [index_list(f"seen_{k}", seen.numpy())]
         bounds = {"lowest": network.lowest, "highest": network.highest}
-        bounds |= {name: torch.cat(own) for name, own in zip(LIMITS, zip(*network.limits, strict=True), strict=False)}
+        bounds |= {name: torch.cat(own) for name, own in zip(LIMITS, zip(*network.limits, strict=True), strict=True)}
         arrays += [float_list(f"{name}_{k}", _finite(values)) for name, values in bounds.items()]
         arrays += [array for _, own in (*hidden, last, line) for array in own]
-        tables.append(f"static const layer layers_{k}[] = {{\n{structures([row for row, _ in hidden] or NOTHING)}}};\n")
+        tables.append(f"static const layer layers_{k}[] = {{\n{structures(row for row, _ in hidden)}}};\n")
         ends = (f"{{{', '.join(row)}}}" for row, _ in (last, line))
-        rows.append([str(len(seen)), f"seen_{k}", *(f"{name}_{k}" if name in bounds else "0" for name in BOUNDS)])
+        rows.append([str(len(seen)), f"seen_{k}", *(f"{name}_{k}" for name in bounds)])
         rows[-1] += [f"layers_{k}", *ends]
     return [*tables, f"static const network networks[] = {{\n{structures(rows)}}};\n"], arrays
 

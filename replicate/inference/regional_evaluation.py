@@ -59,7 +59,6 @@ def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> R
         biases += [layer.bias.detach().numpy() for layer in layers]
         lines = [] if network.line is None else [network.line]
         matrices += [layer.weight.detach().numpy().T for layer in (*layers, *lines)]
-    empty = np.zeros(0, np.float32)  # of networks without hidden layers
     places, known = neutral.astype(np.float64), np.zeros(len(neutral), bool)
     regions, orders, first = [], [], 0
     for basis in model.bases:
@@ -79,8 +78,8 @@ def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> R
         np.concatenate([seen.numpy() for seen in model.network.seen]),
         np.concatenate([network.lowest.numpy() for network in networks]),
         np.concatenate([network.highest.numpy() for network in networks]),
-        np.concatenate([least.numpy() for network in networks for least, _ in network.limits] or [empty]),
-        np.concatenate([most.numpy() for network in networks for _, most in network.limits] or [empty]),
+        np.concatenate([least.numpy() for network in networks for least, _ in network.limits]),
+        np.concatenate([most.numpy() for network in networks for _, most in network.limits]),
         without_loss(np.concatenate([matrix.ravel() for matrix in matrices])),
         np.concatenate(biases),
         networks[0].is_gated,
