@@ -81,7 +81,7 @@ def report_figure(
             label.set_fontsize(SIZE_PT)
     figure.suptitle(f"How hard is a rig? {numbers.character}: {len(mesh.neutral):,} vertices, "
                     f"{numbers.value('influence', 'controls'):,.0f} controls", fontsize=SIZE_PT)  # fmt: skip
-    return figure, _words(mesh, numbers)
+    return figure, _words(numbers)
 
 
 def _draw_errors(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
@@ -206,7 +206,7 @@ def _map_sizes(numbers: Measurements) -> list[int]:
     return sorted(int(metric[len("normal_error_mean[") : -1]) for metric in metrics if metric.startswith("normal_"))
 
 
-def _words(mesh: Mesh, numbers: Measurements) -> Words:
+def _words(numbers: Measurements) -> Words:
     fits = "; ".join(
         f"{LABELS[name]} {numbers.value(name, 'normal_error_mean'):.2f}° and "
         f"{round_off(numbers.value(name, 'vertex_error_mean'), 'mm')} mm"
