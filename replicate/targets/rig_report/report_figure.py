@@ -15,6 +15,7 @@ from replicate.geometry.mesh import Mesh
 from replicate.report.results import Row, find
 from replicate.report.tables import round_off
 from replicate.targets.rig_report.method_names import LABELS, features_text
+from replicate.targets.rig_report.report_tables import map_sizes
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -175,7 +176,7 @@ def _spoken(control: str) -> str:
 
 
 def _draw_maps(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
-    sizes = _map_sizes(numbers)
+    sizes = map_sizes(numbers.rows)
     per_segment: dict[str, list[tuple[int, float]]] = {}
     for row in numbers.rows:
         if row.table == "rig_report_segments" and row.method == "maps" and row.metric.startswith("normal_error_mean["):
@@ -199,11 +200,6 @@ def _draw_maps(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
     axes.legend(handles.values(), handles, edgecolor="white", fontsize=SIZE_PT, loc="upper right")
     axes.set_title("What maps of a size can hold", fontsize=SIZE_PT)
     tidy(axes)
-
-
-def _map_sizes(numbers: Measurements) -> list[int]:
-    metrics = (row.metric for row in numbers.rows if row.table == "rig_report" and row.method == "maps")
-    return sorted(int(metric[len("normal_error_mean[") : -1]) for metric in metrics if metric.startswith("normal_"))
 
 
 def _words(numbers: Measurements) -> Words:
