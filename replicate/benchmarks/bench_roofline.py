@@ -30,6 +30,7 @@ from replicate.benchmarks.common import (
     bench_methods,
     make_parser,
 )  # fmt: skip
+from replicate.benchmarks.roofline_figure import BILLION, CACHE, MACHINE, MEMORY, PEAK, TABLE, roofline_figure
 from replicate.config import Config
 from replicate.engine.progress import progress
 from replicate.geometry.mesh import Mesh
@@ -49,12 +50,9 @@ from replicate.timing.timed_names import BACKENDS, FAST, HALF, JAX, ONNX, PLAIN,
 
 ABOUT = "how near each evaluation of the networks comes to the peaks of one core's arithmetic and memory"
 WRITES = "results/runs/bench/bench_roofline.csv, bench_roofline_<character>.png"
-TABLE = "bench_roofline"
-MACHINE = "machine"
-PEAK, CACHE, MEMORY = "multiply_adds_per_s", "bytes_per_s[cache]", "bytes_per_s[memory]"
 EVALUATIONS = 200
 FLOAT = 4  # bytes
-BILLION, MILLION = 1e9, 1e6
+MILLION = 1e6
 
 
 def measure(config: Config, words: Sequence[str], evaluations: int) -> list[Row]:
@@ -179,7 +177,6 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
 
 
 def _draw(rows: Sequence[Row], character: str) -> None:
-    from replicate.benchmarks.roofline_figure import roofline_figure
     from replicate.drawing.panels import save_figure
 
     figure, words = roofline_figure(rows, character)

@@ -17,13 +17,14 @@ if TYPE_CHECKING:
     import matplotlib.text
 
 TABLE, MACHINE = "bench_roofline", "machine"
+PEAK, CACHE, MEMORY = "multiply_adds_per_s", "bytes_per_s[cache]", "bytes_per_s[memory]"
 HEIGHT = 6.4  # inches
 BILLION = 1e9
 MARKERS = {PLAIN: "v", "": "^", JAX: "P", ONNX: "s", FAST: "o", HALF: "D"}
 KEYS = {PLAIN: "plain torch", "": "the suite's torch"}
 ROOFS = (  # metric, label, line, and the label's place: at this share of the peak, on this side, so many points off
-    ("bytes_per_s[cache]", "caches", "-", 0.11, "bottom", (-2, 4)),
-    ("bytes_per_s[memory]", "memory", ":", 0.14, "top", (2, -4)),
+    (CACHE, "caches", "-", 0.11, "bottom", (-2, 4)),
+    (MEMORY, "memory", ":", 0.14, "top", (2, -4)),
 )
 BACKGROUND = {"facecolor": "white", "edgecolor": "none", "pad": 1}  # of letters that lines would cross
 
@@ -40,7 +41,7 @@ def roofline_figure(rows: Sequence[Row], character: str) -> "tuple[matplotlib.fi
 
     names = in_table_order({row.method for row in own} - {MACHINE})
     dots = {name: _dot(value, name) for name in names}
-    peak = value(MACHINE, "multiply_adds_per_s") / BILLION
+    peak = value(MACHINE, PEAK) / BILLION
     low, high = min(x for x, _ in dots.values()) / 2, max(x for x, _ in dots.values()) * 3
     bottom = min(y for _, y in dots.values()) / 2
     figure = Figure((WIDTH, HEIGHT), dpi=DPI, layout="constrained")

@@ -17,6 +17,7 @@ from replicate.drawing.scene import Camera, Surface, camera_for, frame_surfaces
 from replicate.drawing.wireframe import wireframe
 from replicate.targets.figure13 import moved_meshes, new_meshes
 from replicate.targets.figure13.moved_meshes import ORIGINAL, Mean
+from replicate.targets.figure13.transfer_tables import MESHES
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -30,7 +31,6 @@ TITLES = {
     "coarse": "Coarse: new mesh",
     "deformation_transfer": "Deformation transfer †",
 }
-SIZES = {ORIGINAL: "its own mesh", "half": "half of the vertices", "quarter": "a quarter"}
 LINES = ("distance", "normal error")
 HEAD, CLOSE = 1.3, 0.9  # a picture's height over its width
 RIBBON_MM = 0.2
@@ -112,7 +112,7 @@ def _errors(mesh: ShownMesh, way: str) -> tuple[str, str]:
 def _words(character: str, shown: Mapping[str, ShownMesh], means: Sequence[Mean]) -> Words:
     pairs = [(name, way) for name, mesh in shown.items() for way in NEW[1:] if way in mesh.vertices]
     names = {"coarse": "coarse networks", "deformation_transfer": "deformation transfer"}
-    own = [f"{names[way]} on {SIZES[name]}, {' and '.join(_errors(shown[name], way))}" for name, way in pairs]
+    own = [f"{names[way]} on {MESHES[name]}, {' and '.join(_errors(shown[name], way))}" for name, way in pairs]
     return Words(
         "Two rows of four clay heads, their mouths close up below them with all edges. First in each row is the "
         "original mesh, above as the rig has it and below as the coarse networks have it. Then comes a mesh of half "
@@ -131,7 +131,7 @@ def _in_numbers(means: Sequence[Mean]) -> str:
     """Return what new places and charts that are off do to the distance over the test poses, in sentences."""
     mm = {(mean.mesh, mean.method, mean.charts): f"{mean.distance_mm:.2f} mm" for mean in means}
     poses = {mean.charts: mean.poses for mean in means}
-    read, carried = (" and ".join(mm[name, way, ""] for name in SIZES if name != ORIGINAL) for way in CARRIED)
+    read, carried = (" and ".join(mm[name, way, ""] for name in MESHES if name != ORIGINAL) for way in CARRIED)
     shifts = [charts for charts in poses if charts.startswith("shift")]
     off = ", ".join(f"{in_pixels(charts.split()[1])} {mm['half', 'coarse', charts]}" for charts in shifts)
     return (
