@@ -16,6 +16,8 @@ from data_recipes.recipe.facekit import FaceKitRecipe
 from replicate.engine.exceptions import InputError
 from replicate.engine.user_files import shown_path
 
+EXERCISE = 8  # the first of the acting's shots that is an exercise
+MOVED = 7  # kinds of controls that a pose of an exercise moves, left and right as one
 ROW_OF_ARCH = 1.3  # teeth stand in an arch or a little beyond its ends; ours fill 0.2 to 1.0 of it
 
 
@@ -28,7 +30,8 @@ def recipe_controls(recipe: Recipe) -> tuple[Control, ...]:
 def check_early(recipe: Recipe | FaceKitRecipe) -> None:
     """Raise InputError for a clip that can't be read, and for a head that its recipe can't give.
 
-    Its vertices are not as many as the recipe says, its teeth have no room, or the model has no jaw.
+    Its vertices are not as many as the recipe says, its teeth have no room, its controls are too few for the acting, or
+    the model has no jaw.
     """
     if isinstance(recipe, FaceKitRecipe):
         controls = model_controls(expression_names())
@@ -37,6 +40,7 @@ def check_early(recipe: Recipe | FaceKitRecipe) -> None:
         controls = recipe_controls(recipe)
         check_count(recipe, build_layout(recipe))
         _check_rows_of_teeth(recipe)
+        _check_exercises(recipe, controls)
     for file in recipe.clip_files:
         read_clip(Path(file), controls)
 
@@ -50,6 +54,16 @@ def _check_jaw() -> None:
         raise InputError(
             f"{shown_path(model_folder() / INDICES)}: 'expressions': found no '{missing[0]}', where "
             f"{', '.join(JAW_CONTROLS)} are required"
+        )
+
+
+def _check_exercises(recipe: Recipe, controls: tuple[Control, ...]) -> None:
+    """Raise InputError for acting with exercises by a rig with fewer kinds of controls than their poses move."""
+    kinds = {control.name.replace("left", "*").replace("right", "*") for control in controls}
+    if recipe.acting.clips >= EXERCISE and len(kinds) < min(MOVED, len(controls)):
+        raise InputError(
+            f"{recipe.file}: controls are {len(controls)} of {len(kinds)} kinds, where left and right are one: allowed "
+            f"are {MOVED} kinds, or acting.clips of {EXERCISE - 1} at most"
         )
 
 

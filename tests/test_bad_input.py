@@ -131,6 +131,10 @@ def table2_refusal(capfd, cache, tmp_path, monkeypatch):
     return run
 
 
+NO_OTHERS = "\n".join(f"{group} = 0" for group in ("jaw", "lids", "lips", "handles", "wrinkles", "head", "lid_follow"))
+FEW_CONTROLS = re.sub(r"(?s)\[controls\].*", f"[controls]\nface = 8\n{NO_OTHERS}\n", TINY)
+
+
 @pytest.mark.parametrize(
     ("recipe", "parts"),
     [
@@ -140,6 +144,7 @@ def table2_refusal(capfd, cache, tmp_path, monkeypatch):
         ("name = ", ["mine.toml", "not a readable TOML file"]),
         ('clip_files = ["none.csv"]\n' + TINY, ["none.csv", "there is no such file"]),
         (TINY.replace("vertices = 918", "vertices = 917"), ["mine.toml", "vertices is 917: allowed is 918"]),
+        (FEW_CONTROLS, ["mine.toml", "controls are 8 of 4 kinds", "allowed are 7 kinds, or acting.clips of 7 at most"]),
         (TINY.replace("[teeth]", "[teeth]\nwidths_upper = [60, 60]"), ["mine.toml", "teeth.widths_upper", "240 mm"]),
     ],
 )

@@ -9,6 +9,7 @@ import pytest
 from data_recipes.acting.motion import FRAMES_PER_SECOND
 from data_recipes.acting.procedural_acting import KINDS, Acting, act
 from data_recipes.controls import control_groups, make_controls
+from data_recipes.early_checks import EXERCISE, MOVED
 from data_recipes.recipe.sections import Controls
 
 TEEN = make_controls(asdict(Controls()))
@@ -132,6 +133,15 @@ def test_values_are_offsets_from_each_default():
     plain, shifted = act(groups, Acting(clips=2)), act(moved, Acting(clips=2))
     inside = np.abs(plain[0][1]) < 0.7
     assert np.allclose((shifted[0][1] - plain[0][1])[inside], 0.25, atol=1e-6)
+
+
+def test_controls_of_too_few_kinds_for_an_exercise_act_without_one():
+    few = make_controls(dict.fromkeys(asdict(Controls()), 0) | {"face": 8})
+    kinds = {control.name.replace("left", "*").replace("right", "*") for control in few}
+    assert len(kinds) < min(MOVED, len(few))
+    assert len(act(few, Acting(clips=EXERCISE - 1, clip_s=3.0))) == EXERCISE - 1
+    with pytest.raises(ValueError, match="larger sample"):
+        act(few, Acting(clips=EXERCISE, clip_s=3.0))
 
 
 def test_a_character_of_few_words_has_more_takes_instead():
