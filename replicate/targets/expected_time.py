@@ -34,11 +34,10 @@ def sentence(missing: Sequence[Stage], workers: int, folder: Path = REFERENCE) -
     missing: those that are not in the cache. workers: processes side by side. folder: the results whose manifest is
     asked. Its times are of other cores, perhaps faster ones, and of the teen where it lacks the character.
     """
-    known = known_times(folder)
-    times = {stage.identifier: stage_s(stage, known) for stage in missing}
+    times = times_s(missing, known_times(folder))
     if not any(times.values()):
         return ""
-    seconds = wall_s(missing, {name: time or 0.0 for name, time in times.items()}, workers)
+    seconds = wall_s(missing, times, workers)
     cores = f"{workers} core{'s' * (workers > 1)}"
     many = f"{len(missing)} artefact{'s' * (len(missing) > 1)} to make"
     text = f"{many}: about {duration(seconds)} on {cores}, if they are as fast as those of the reference results"
@@ -69,6 +68,11 @@ def known_times(folder: Path) -> dict[str, Known]:
     return known
 
 
+def times_s(stages: Sequence[Stage], known: dict[str, Known]) -> dict[str, float | None]:
+    """Return the seconds of some stages by their identifiers, as `stage_s` does of each."""
+    return {stage.identifier: stage_s(stage, known) for stage in stages}
+
+
 def stage_s(stage: Stage, known: dict[str, Known]) -> float | None:
     """Return the seconds that a stage takes, None where nothing is known of it or its kin.
 
@@ -94,8 +98,12 @@ def work(stage: Stage) -> float:
     return 1.0
 
 
-def wall_s(missing: Sequence[Stage], times: dict[str, float], workers: int) -> float:
-    """Return how long stages take side by side: all work over the workers, or the longest chain of inputs."""
+def wall_s(missing: Sequence[Stage], times: dict[str, float | None], workers: int) -> float:
+    """Return how long stages take side by side: all work over the workers, or the longest chain of inputs.
+
+    times: seconds by the stages' identifiers; one that is unknown counts nothing.
+    """
+    times = {name: time or 0.0 for name, time in times.items()}
     ends: dict[str, float] = {}
     for stage in in_order(list(missing)):
         before = max((ends.get(source.identifier, 0.0) for source in stage.inputs), default=0.0)

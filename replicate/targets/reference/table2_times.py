@@ -7,7 +7,7 @@ from replicate.config import resolve
 from replicate.engine.stage import in_order
 from replicate.methods.method_registry import choose, sections
 from replicate.report.tables import Table
-from replicate.targets.expected_time import duration, known_times, stage_s, wall_s
+from replicate.targets.expected_time import duration, known_times, times_s, wall_s
 from replicate.targets.table2 import stages
 
 CHARACTERS = ("teen", "woman", "dragon", "toon")
@@ -30,8 +30,7 @@ def times_card(folder: Path) -> Table:
     def cell(character: str, profile: str, names: tuple[str, ...]) -> str:
         config = resolve(character, profile, sections=sections(profile))
         graph = in_order(stages(Plan(config), choose(names, config)))
-        times = {stage.identifier: stage_s(stage, known) or 0.0 for stage in graph}
-        return duration(wall_s(graph, times, WORKERS))
+        return duration(wall_s(graph, times_s(graph, known), WORKERS))
 
     body = [(f"`{command}`", *(cell(each, *how) for each in CHARACTERS)) for command, *how in COMMANDS]
     note = f"One seed, on {WORKERS} cores. Pictures and notebooks come on top."

@@ -51,7 +51,6 @@ def make(context: StageContext) -> None:
     """Fit the regressions, measure them on the test poses, and count the components that these need."""
     from replicate.approximation.evaluation import evaluate
     from replicate.approximation.offset_basis import principal_components
-    from replicate.methods.measurement import measured_poses
 
     numbers, section = context.config, context.config.section
     mesh, samples = built_rig.load_mesh(context.inputs), drawn_samples.load(context.inputs)
