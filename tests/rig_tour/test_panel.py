@@ -16,6 +16,7 @@ from replicate.rig_tour.fold_growth import NO_REGION, fold_chart, strain, strain
 from replicate.rig_tour.layers import BROWS_UP, EXHIBITS, SMILE, build_up, layer_sheet, layer_table, scale_for
 from replicate.rig_tour.live_view import LiveView
 
+FOLDED = {**BROWS_UP, **SMILE, "chin_raise": 1.0}
 SMALL = {"width": 60, "height": 66, "renderer": "software"}
 
 
@@ -155,10 +156,17 @@ def test_strain_is_painted_where_regions_are_and_rest_is_white(tiny):
 
 def test_a_fold_chart_starts_at_rest_and_grows(tiny):
     region = next(iter(tiny.wrinkle_states(tiny.default)))
-    figure, words = fold_chart(tiny, {**BROWS_UP, **SMILE, "chin_raise": 1.0}, region)
+    figure, words = fold_chart(tiny, FOLDED, region)
     assert region in words.caption and len(figure.axes) == 4
-    heights = figure.axes[2].get_lines()[-1].get_ydata()
-    assert f"from {heights.min():.2f} to {heights.max():.2f} mm in the end" in words.caption, "as the chart shows it"
+
+
+def test_the_caption_of_a_fold_chart_tells_the_heights_of_its_section(tiny):
+    folds = tiny.wrinkle_states(pose_params(tiny, FOLDED))
+    region = max(folds, key=lambda name: np.ptp(folds[name].height_mm))
+    figure, words = fold_chart(tiny, FOLDED, region)
+    section, whole = figure.axes[2].get_lines()[-1].get_ydata(), folds[region].height_mm
+    assert np.ptp(section) < 0.9 * np.ptp(whole), "elsewhere in the region folds are higher"
+    assert f"from {section.min():.2f} to {section.max():.2f} mm in the end" in words.caption
 
 
 def test_a_derivative_is_that_of_finite_differences_and_of_a_known_control(tiny):
