@@ -1,10 +1,14 @@
 """A manifest names files of its own folder alone, and what is damaged counts as none."""
 
 import json
+from dataclasses import replace
 
 import pytest
+from toy_stages import toy_graph
 
+from replicate.config import resolve
 from replicate.engine.exceptions import InputError
+from replicate.engine.scheduler import run
 from replicate.report import manifest
 
 BAD = [
@@ -50,3 +54,14 @@ def test_a_manifest_is_written_with_what_it_told_before(tmp_path):
     manifest.write_entries(tmp_path, "figure05", {"teen": {"run": "r", "files": ["figure05_teen.png"]}})
     manifest.write_entries(tmp_path, "table1", {"teen": {"run": "s"}})
     assert manifest.targets(tmp_path) == ["figure05", "table1"] and len(list(tmp_path.iterdir())) == 1
+
+
+def test_results_of_seeds_that_several_runs_made_name_each_command_once(cache):
+    *_, last = toy_graph()
+    lasts = [replace(last, label=f"toy-seed{seed}") for seed in (0, 1, 2)]
+    for stages, command in ((lasts[:1], "table4"), (lasts[1:], "table4 --seed 0 1 2")):
+        run(stages, facts={"command": command, "profile": "quick", "git": {"commit": "c", "clean": True}})
+    configs = [replace(resolve("tiny", "quick"), seed=seed) for seed in (0, 1, 2)]
+    facts = manifest.facts_of(configs, lasts, "r")
+    assert facts["command"] == "table4; table4 --seed 0 1 2" and facts["seeds"] == [0, 1, 2]
+    assert manifest.facts_of(configs[1:], lasts[1:], "r")["command"] == "table4 --seed 0 1 2"
