@@ -25,8 +25,8 @@ SURROUNDINGS = ("python", "packages", "processor", "instruction_set")
 def facts_of(configs: Sequence[Config], lasts: Sequence[Stage], run: str) -> dict:
     """Return where one character's results come from: the run that made them, and every stage behind it.
 
-    configs, lasts: the configuration and the last stage of each seed; they differ in nothing else. Where seeds were made
-    by several runs, their commands stand side by side; what else is said of a run is the first seed's.
+    configs, lasts: the configuration and the last stage of each seed; they differ in nothing else. Where several runs
+    made the seeds, their commands stand side by side; what else is said of a run is the first seed's.
     """
     runs = [read_manifest(artefact_folder(last.identifier))["run"] for last in lasts]
     commands = dict.fromkeys(each["command"] for each in runs if "command" in each)
