@@ -60,7 +60,7 @@ def joined(facts: dict, earlier: dict) -> dict:
     """Return the facts of numbers that two runs have made together: both commits, commands and seeds."""
     git, before = facts["git"], earlier["git"]
     commits = [name for each in (git, before) for name in (each["commit"], *each.get("commits", ()))]
-    commands = dict.fromkeys([*earlier["command"].split("; "), facts["command"]])
+    commands = dict.fromkeys(each for both in (earlier, facts) for each in both["command"].split("; "))
     return {
         **facts,
         "git": {**git, "clean": git["clean"] and before["clean"], "commits": [*dict.fromkeys(commits)]},

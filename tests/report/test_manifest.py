@@ -65,3 +65,5 @@ def test_results_of_seeds_that_several_runs_made_name_each_command_once(cache):
     facts = manifest.facts_of(configs, lasts, "r")
     assert facts["command"] == "table4; table4 --seed 0 1 2" and facts["seeds"] == [0, 1, 2]
     assert manifest.facts_of(configs[1:], lasts[1:], "r")["command"] == "table4 --seed 0 1 2"
+    joined = manifest.joined(facts, {"git": facts["git"], "command": "table4", "seeds": [0]})
+    assert joined["command"] == facts["command"], "what stands there already isn't said twice"
