@@ -65,7 +65,7 @@ def fast_rigid_step(
 
 
 def largest_difference(
-    one: Callable[[np.ndarray], np.ndarray], other: Callable[[np.ndarray], np.ndarray], poses: Float[np.ndarray, "t m"]
+    evaluate: Callable[[np.ndarray], np.ndarray], poses: Float[np.ndarray, "t m"], expected: Float[np.ndarray, "t n 3"]
 ) -> float:
-    """Return the largest difference of a coordinate between two ways to evaluate some poses, mm."""
-    return max(float(np.abs(one(pose[None]) - other(pose[None])).max()) for pose in poses)
+    """Return the largest difference of a coordinate between some poses as evaluated and as expected, mm."""
+    return max(float(np.abs(evaluate(pose[None])[0] - own).max()) for pose, own in zip(poses, expected, strict=True))

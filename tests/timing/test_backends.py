@@ -31,10 +31,10 @@ def test_all_backends_of_a_model_give_its_vertices(name, endings, monkeypatch):
     monkeypatch.setattr("replicate.timing.backends.core_total", lambda: 2)
     found = other_backends(model, MESH, ATTACHMENTS)
     assert tuple(found) == endings
+    own = attach(MESH, ATTACHMENTS, MESH.neutral + model.offsets(POSES))
     for ending, evaluate in found.items():
-        own = lambda params: attach(MESH, ATTACHMENTS, MESH.neutral + model.offsets(params))  # noqa: E731
-        assert largest_difference(evaluate, own, POSES) < (0.02 if ending == HALF else 1e-3), ending
-    assert largest_difference(own, lambda params: MESH.neutral, POSES) > 0.1
+        assert largest_difference(evaluate, POSES, own) < (0.02 if ending == HALF else 1e-3), ending
+    assert largest_difference(lambda params: MESH.neutral[None], POSES, own) > 0.1
 
 
 def test_one_core_has_no_evaluation_that_is_divided_among_threads(monkeypatch):
