@@ -1,8 +1,10 @@
 """Runs stages on this machine: worker processes of one thread each, as many side by side as there are cores."""
 
+import os
 import selectors
 import sys
 from collections.abc import Sequence
+from tempfile import TemporaryDirectory
 
 from replicate.engine.executor import Task
 from replicate.engine.worker_nursery import Nursery
@@ -20,6 +22,7 @@ class LocalWorkers:
         self._selector = selectors.DefaultSelector()
         self._nursery: Nursery | None = None
         self._libraries: set[str] = set()  # that stages of this run have needed
+        self._kernels: TemporaryDirectory | None = None
 
     def submit(self, tasks: Sequence[Task]) -> None:
         """Take the whole graph."""
@@ -31,7 +34,7 @@ class LocalWorkers:
         messages: list[tuple[str, dict]] = []
         for task in self._startable():
             threads = task.threads(self._cores)
-            worker = WorkerProcess(task.orders(threads), self._start)
+            worker = WorkerProcess(task.orders(threads) | self._kernels_of(task), self._start)
             self._running[task.identifier] = worker, threads
             self._selector.register(worker, selectors.EVENT_READ, task.identifier)
             self._pending.remove(task)
@@ -56,6 +59,8 @@ class LocalWorkers:
         self._selector.close()
         if self._nursery is not None:
             self._nursery.close()
+        if self._kernels is not None:
+            self._kernels.cleanup()
 
     def _start(self, orders: dict) -> Process:
         """Start a worker: where it is safe, as a fork of a process that has its libraries."""
@@ -65,6 +70,18 @@ class LocalWorkers:
                 self._nursery = Nursery(worker_environment(orders))
             worker = self._nursery.start(self._libraries)
         return worker or spawn(orders)
+
+    def _kernels_of(self, task: Task) -> dict[str, str]:
+        """Return the order to keep the code of Numba's kernels in a folder of this run, for stages that run alone.
+
+        Each of them is spared what another has compiled. Others get none: processes that write to such a folder at once
+        can mistake the code of one signature for another's.
+        """
+        if task.stage.threads or "NUMBA_CACHE_DIR" in os.environ:
+            return {}
+        if self._kernels is None:
+            self._kernels = TemporaryDirectory(prefix="replicate-kernels-", ignore_cleanup_errors=True)
+        return {"kernels": self._kernels.name}
 
     def _startable(self) -> list[Task]:
         """Return the tasks to start now, in their order: inputs done, and threads to spare."""

@@ -113,9 +113,11 @@ def worker_environment(orders: dict) -> dict[str, str]:
     that sets JAX_PLATFORMS.
     """
     threads = orders["threads"]
+    kernels = {"NUMBA_CACHE_DIR": orders["kernels"]} if orders.get("kernels") else {}  # see `jit_cache`
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen={'true' if threads > 1 else 'false'}"
     return {
         "JAX_PLATFORMS": "cpu",
+        **kernels,
         **os.environ,
         **thread_limits(threads),
         "NPROC": str(threads),  # the size of XLA's pool

@@ -207,6 +207,21 @@ def test_a_worker_has_one_thread_unless_the_stage_asks_for_more(cache):
         assert variables["JAX_PLATFORMS"] == os.environ.get("JAX_PLATFORMS", "cpu")
 
 
+def test_stages_that_run_alone_share_compiled_kernels_until_the_run_ends(cache, monkeypatch):
+    def named(folder):
+        return json.loads((folder / "environment.json").read_text()).get("NUMBA_CACHE_DIR")
+
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    alone = [Stage(title, "toy_stages:environment", ToyConfig(), threads=0) for title in ("a", "b")]
+    beside = Stage("beside", "toy_stages:environment", ToyConfig())
+    folders = run([*alone, beside], workers=2)
+    assert named(folders["a"]) == named(folders["b"]) and not Path(named(folders["a"])).exists()
+    assert named(folders["beside"]) is None
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "the user's own")
+    folders = run([Stage("c", "toy_stages:environment", ToyConfig(), threads=0)], workers=2)
+    assert named(folders["c"]) == "the user's own"
+
+
 def test_a_run_on_this_machine_loads_no_dask(cache):
     program = (
         "import sys, toy_stages, replicate.__main__; toy_stages.run_toys(0, 1, 1); "
