@@ -80,7 +80,10 @@ class LocalWorkers:
         if task.stage.threads or "NUMBA_CACHE_DIR" in os.environ:
             return {}
         if self._kernels is None:
-            self._kernels = TemporaryDirectory(prefix="replicate-kernels-", ignore_cleanup_errors=True)
+            try:
+                self._kernels = TemporaryDirectory(prefix="replicate-kernels-", ignore_cleanup_errors=True)
+            except OSError:  # no room for temporary files: each stage compiles its own
+                return {}
         return {"kernels": self._kernels.name}
 
     def _startable(self) -> list[Task]:

@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from pathlib import Path
+from unittest.mock import Mock
 
 import psutil
 import pytest
@@ -217,6 +218,10 @@ def test_stages_that_run_alone_share_compiled_kernels_until_the_run_ends(cache, 
     folders = run([*alone, beside], workers=2)
     assert named(folders["a"]) == named(folders["b"]) and not Path(named(folders["a"])).exists()
     assert named(folders["beside"]) is None
+    with monkeypatch.context() as full:
+        full.setattr("replicate.engine.local_workers.TemporaryDirectory", Mock(side_effect=OSError("no space left")))
+        folders = run([Stage("d", "toy_stages:environment", ToyConfig(), threads=0)], workers=2)
+    assert named(folders["d"]) is None
     monkeypatch.setenv("NUMBA_CACHE_DIR", "the user's own")
     folders = run([Stage("c", "toy_stages:environment", ToyConfig(), threads=0)], workers=2)
     assert named(folders["c"]) == "the user's own"
