@@ -47,7 +47,7 @@ def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequen
         notes.append("† By the same rule the paper's own numbers fail too, for the character that it stands for.")
     if "‡" in marks:
         notes.append(
-            f"‡ Decided by less than {CLOSE:.0%} on a single seed: another seed may turn it.".replace("%", " %")
+            f"‡ Decided by less than {CLOSE:.0%} on a single seed or run of times: another may turn it.".replace("%", " %")
         )
     if "≈" in marks:
         shares = f"{NARROW:.0%}, times by less than {NARROW_TIME:.0%}".replace("%", " %")
