@@ -46,9 +46,8 @@ def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequen
     if "†" in marks:
         notes.append("† By the same rule the paper's own numbers fail too, for the character that it stands for.")
     if "‡" in marks:
-        notes.append(
-            f"‡ Decided by less than {CLOSE:.0%} on a single seed or run of times: another may turn it.".replace("%", " %")
-        )
+        share = f"{CLOSE:.0%}".replace("%", " %")
+        notes.append(f"‡ Decided by less than {share} on a single seed or run of times: another may turn it.")
     if "≈" in marks:
         shares = f"{NARROW:.0%}, times by less than {NARROW_TIME:.0%}".replace("%", " %")
         notes.append(f"≈ Narrowly: the two numbers that decide differ by less than {shares}.")
