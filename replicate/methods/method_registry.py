@@ -16,6 +16,7 @@ from replicate.config import Config
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import with_home
 from replicate.engine.schema import Checked
+from replicate.engine.user_files import is_file, shown_path
 from replicate.methods.method import Method
 
 VARIABLE = "REPLICATE_METHODS"  # files of methods from outside: worker processes and notebooks find them by it
@@ -119,8 +120,8 @@ def _bring(file: Path) -> ModuleType:
 
 def _outside_module(file: Path) -> ModuleType:
     """Import a file as the module of its name; its folder joins the path, so that it may import its neighbours."""
-    if not file.is_file():
-        raise InputError(f"{file}: there is no such file; METHODS takes names and paths of .py files")
+    if not is_file(file):
+        raise InputError(f"{shown_path(file)}: there is no such file; METHODS takes names and paths of .py files")
     name, folder = file.stem, str(file.parent)
     if not name.isidentifier():
         raise InputError(f"{file}: {name!r} can't name a module; allowed are letters, digits and _")

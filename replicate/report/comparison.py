@@ -8,7 +8,7 @@ from replicate.methods.method_registry import in_order
 from replicate.report.cast import STANDS_FOR, order_of
 from replicate.report.results import Row, find, read_results
 from replicate.report.tables import Table, paper_value, round_off
-from replicate.timing.timed_names import label_of
+from replicate.timing.timed_names import CHANGE, label_of
 
 SPREAD = tuple(f"{kind}_{cores}" for kind in ("median", "p05", "p95") for cores in ("one_core", "all_cores"))
 TABLE1_NAMES = {"model": "Model", "dense_released": "Dense, 256 and 512"}  # what Table 1 calls what is no method of it
@@ -17,7 +17,8 @@ TABLE1_NAMES = {"model": "Model", "dense_released": "Dense, 256 and 512"}  # wha
 def compare(paper: Sequence[Row], reference: Sequence[Row], yours: Sequence[Row], table: str) -> Table:
     """Return one printed table: a line for every number of `table` that the reference results or yours have.
 
-    The last column is yours over the reference's. Percentiles, maxima and brackets stay in the full tables.
+    The last column is yours over the reference's. Percentiles, maxima and brackets stay in the full tables, and so does
+    what compares a run with the one before it.
     """
     keys = {row.key[1:]: row.unit for row in (*reference, *yours) if row.table == table and _has_line(row)}
     body: list[tuple[str, ...] | None] = []
@@ -63,6 +64,7 @@ def compare_folders(paper: Path, reference: Path, yours: Path, tables: Sequence[
 def _has_line(row: Row) -> bool:
     return (
         not row.metric.endswith(("_p95", "_max", "_left_out", "_least", "_most", *SPREAD))
+        and not row.metric.startswith(CHANGE)
         and "texels" not in row.metric
     )
 

@@ -1,6 +1,6 @@
 """Rows of some characters' artefacts in one CSV of results, with files beside them and a notebook to read them in."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from replicate.engine.atomic_files import copy_file
@@ -9,10 +9,15 @@ from replicate.report.publication import CharacterResult, alone, by_character, f
 from replicate.report.results import Row, over_seeds, read_results, write_results
 
 
-def publish_rows(name: str, results: Sequence[CharacterResult]) -> list[Row]:
+def publish_rows(
+    name: str,
+    results: Sequence[CharacterResult],
+    compare: Callable[[Sequence[Row], Sequence[Row]], Sequence[Row]] | None = None,
+) -> list[Row]:
     """Write a target's rows of some characters to the profile's folder, execute its notebook, return all of its rows.
 
     name: the target's; artefacts and results have a file name.csv, and beside it files called name_character…, if any.
+    compare: (rows that were there, new rows of a character) → more rows, which are written beside the new ones.
     Of several seeds the means are written, and the files of the first. Results of characters that are not among them
     stay, as far as they are whole and of the run that the manifest names.
     """
@@ -22,11 +27,12 @@ def publish_rows(name: str, results: Sequence[CharacterResult]) -> list[Row]:
     folder, groups = results_folder(profile), by_character(results)
     with alone(folder):
         before = manifest.entries(folder, name)
-        rows = readable(read_results, folder / file) or []
-        facts = {c: own for c, own in before.items() if c not in groups and _is_whole(folder, own, rows, c)}
-        rows = [row for row in rows if row.character in facts]
+        earlier = readable(read_results, folder / file) or []
+        facts = {c: own for c, own in before.items() if c not in groups and _is_whole(folder, own, earlier, c)}
+        rows = [row for row in earlier if row.character in facts]
         for character, each in groups.items():
-            rows += over_seeds([read_results(one.folder / file) for one in each])
+            new = over_seeds([read_results(one.folder / file) for one in each])
+            rows += [*new, *(compare(earlier, new) if compare else ())]
             facts[character] = facts_of(each, rows[-1].run)
             names = _copy(each[0].folder, folder, f"{name}_{character}", before.get(character, {}).get("files", ()))
             facts[character] |= {"files": names} if names else {}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from replicate.report.results import Row
 
-_BREAK = re.compile(r"(?<=±) | (?=[±†‡◊¶§])")
+_BREAK = re.compile(r"(?<=±) | (?=[±†‡◊¶§‖★☆¤≈])")
 _CODE = re.compile(r"`([^`]*)`")
 _ONE_LINE = 36  # characters of a cell that a page keeps in one line
 _LEFT, _CENTRE, _RULE = ' style="text-align: left"', ' style="text-align: center"', ' style="border-top: 1px solid"'

@@ -33,6 +33,7 @@ EXACT = (
 )  # those that give the method's own vertices, but for float32's rounding
 RIGS = {NODES: "The rig, node by node", RIG: "The rig, compiled"}
 PARTS = {RIGID_STEP: "Rigid step alone"}
+CHANGE = "change_"  # how metrics begin that compare a run with the one before it
 
 
 def parted(name: str) -> tuple[str, str]:

@@ -111,6 +111,11 @@ def test_a_file_that_there_is_not_is_named(bring, tmp_path):  # noqa: F811
         choose([str(tmp_path / "none.py")])
 
 
+def test_a_name_that_is_too_long_for_a_file_is_none_either():
+    with pytest.raises(InputError, match=r"a\.py: there is no such file; METHODS takes names and paths"):
+        choose(["a" * 300 + ".py"])
+
+
 def test_all_methods_of_a_folder_of_samples_are_those_that_do_without_the_rigs_derivatives(monkeypatch):
     every = set(names("all", config=CONFIG))
     monkeypatch.setattr(method_registry, "sample_folder", Path)

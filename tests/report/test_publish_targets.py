@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 from sample_results import GIT, publish_numbers, result
 from sample_rows import table1_rows
+from timed_rows import timed_rows
 from toy_stages import ToyConfig
 
 from replicate.config import resolve
@@ -14,7 +15,7 @@ from replicate.engine.stage import Stage
 from replicate.report import manifest, notebooks
 from replicate.report.publication import CharacterResult, publish_pictures
 from replicate.report.results import read_results, write_results
-from replicate.targets import table1
+from replicate.targets import table1, table3
 
 
 @pytest.fixture
@@ -69,6 +70,36 @@ def test_rows_of_table_1_that_the_manifest_does_not_know_are_left_out(place, not
     write_results(place / "table1.csv", [replace(row, run="killed before the manifest was written") for row in rows])
     table1.publish([size_result("tiny")])
     assert {row.character for row in read_results(place / "table1.csv")} == {"tiny"}
+
+
+def time_result(character: str, run: str, times: float = 1.0) -> CharacterResult:
+    """Return a character whose artefact holds made-up times for Table 3; those of the networks are `times` as long."""
+
+    def build(out, scratch):
+        rows = [row for row in timed_rows(character) if row.table == "table3"]
+        slow = [
+            replace(row, value=row.value * (times if row.unit == "ms" and "rig" not in row.method else 1))
+            for row in rows
+        ]
+        write_results(out / "table3.csv", [replace(row, run=run) for row in slow])
+        return {"key": "k", "wall_s": 1.0, "run": {"git": GIT, "profile": "quick"}}
+
+    stage = Stage("table3", "toy_stages:numbers", ToyConfig(), label=f"{character}-{run}")
+    store.make(stage.identifier, build)
+    return CharacterResult(resolve(character, "quick"), stage)
+
+
+def test_a_second_table_3_says_how_far_it_is_from_the_first_of_the_same_characters(place, notebook_names, capsys):
+    def changes():
+        rows = read_results(place / "table3.csv")
+        return {row.character: row.value for row in rows if row.metric == "change_time_one_core[rig]"}
+
+    table3.publish([time_result("teen", "r")])
+    assert not changes() and "the one before it" not in capsys.readouterr().out
+    table3.publish([time_result("teen", "s", times=0.5), time_result("tiny", "s")])
+    assert changes() == {"teen": 2.0} and "100 %" in capsys.readouterr().out
+    table3.publish([time_result("tiny", "t")])
+    assert changes() == {"teen": 2.0, "tiny": 1.0} and "100 %" not in capsys.readouterr().out
 
 
 def figure_result(character: str, run: str = "r", clips: bool = True) -> CharacterResult:

@@ -141,6 +141,12 @@ def test_compare_calls_a_dense_network_by_its_widths_in_table_1_alone():
     assert f"teen, {method_named(RELEASED[0]).title}, vertex_error_mean [mm]" in labels
 
 
+def test_compare_leaves_out_what_compares_a_run_with_the_one_before_it():
+    metrics = ("time_one_core", "change_time_one_core[rig]")
+    rows = [Row("table3", "teen", "dense", metric, "ms", 2.0, None, 1, None, "laptop", "r") for metric in metrics]
+    assert [line[0] for line in compare([], rows, rows, "table3").body] == ["teen, Dense, time_one_core [ms]"]
+
+
 def test_compare_without_results_of_yours_names_the_target_that_makes_them(tmp_path):
     with pytest.raises(InputError, match="make table2"):
         compare_folders(PAPER, tmp_path, tmp_path / "none", ("table1", "table2"))
@@ -243,6 +249,11 @@ def test_no_line_of_an_unbroken_text_ends_within_a_number_or_before_a_mark():
     text = unbroken(as_markdown(table))
     assert "|  | Floor\u00a0‡ |" in text and "| LBS: 16 bones\u00a0† | 0.37\u00a0±\u00a00.01 |" in text
     assert "\n‡ An oracle" in text and text.replace("\u00a0", " ") == as_markdown(table)
+
+
+@pytest.mark.parametrize("mark", sorted({method.mark for method in methods().values() if method.mark}))
+def test_no_line_of_an_unbroken_text_ends_before_the_mark_of_any_method(mark):
+    assert unbroken(f"The method {mark}") == f"The method\u00a0{mark}"
 
 
 def test_a_page_has_every_cell_once_under_headers_that_span_columns():

@@ -11,7 +11,7 @@ from replicate.engine.stage import Stage, StageContext
 from replicate.methods import measurement
 from replicate.methods.method import Method
 from replicate.methods.prediction import reading
-from replicate.report.publication import CharacterResult, by_character, readable, results_folder
+from replicate.report.publication import CharacterResult, by_character, results_folder
 from replicate.targets.options import OF_A_RUN, methods
 from replicate.targets.running import make
 from replicate.targets.table3.timing_numbers import TimingNumbers
@@ -67,21 +67,21 @@ def run(options: argparse.Namespace) -> None:
 def publish(results: Sequence[CharacterResult]) -> None:
     """Write Table 3 of some characters to the profile's folder, print it, and execute its notebook if it is stale.
 
-    Where the folder has a Table 3 of the same characters, how far its speed-ups are from these is printed too.
+    Where the folder has a Table 3 of the same characters, how far its speed-ups are from these is in the rows and
+    printed too.
     """
     from replicate.engine.paths import PAPER, display_path
     from replicate.report.results import read_results
     from replicate.report.row_publication import publish_rows
     from replicate.report.tables import as_text
-    from replicate.targets.table3.run_agreement import agreement_table
+    from replicate.targets.table3.run_agreement import agreement_rows, agreement_table
     from replicate.targets.table3.timing_tables import tables3
 
     folder = results_folder(results[0].config.profile)
     own = by_character(results)
-    before = [row for row in readable(read_results, folder / FILE) or [] if row.character in own]
-    rows = publish_rows("table3", results)
+    rows = publish_rows("table3", results, agreement_rows)
     for table in tables3(rows, read_results(PAPER / FILE)):
         print(as_text(table))
-    if table := agreement_table(before, rows):
+    if table := agreement_table(row for row in rows if row.character in own):
         print(as_text(table))
     print(f"written to {display_path(folder)}: {FILE}, manifest.json, and table3.ipynb to read them in")

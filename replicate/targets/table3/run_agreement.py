@@ -1,5 +1,6 @@
 """Do two runs of Table 3 agree? How far the speed-ups over the rig of one are from those of the other."""
 
+import re
 from collections.abc import Iterable, Mapping
 
 from replicate.report.cast import characters_of
@@ -8,7 +9,7 @@ from replicate.report.tables import Table
 from replicate.targets.table3.best_times import best_time
 from replicate.targets.table3.timing_rows import ALL, ONE
 from replicate.targets.table3.timing_tables import compared_names
-from replicate.timing.timed_names import RIGS, label_of
+from replicate.timing.timed_names import CHANGE, RIGS, label_of
 
 AGREED = 1.1  # ratios further apart than this don't agree
 KINDS = {"time": "by the means", "median": "by the medians", "p05": "by the 5th percentiles"}
@@ -16,12 +17,31 @@ KINDS = {"time": "by the means", "median": "by the medians", "p05": "by the 5th 
 Ratios = Mapping[tuple[str, str, str, str], float]  # by character, method, rig and where
 
 
-def agreement_table(before: Iterable[Row], after: Iterable[Row]) -> Table | None:
-    """Return how many speed-ups over the rig agree in two runs; None where they have none in common."""
+def agreement_rows(before: Iterable[Row], after: Iterable[Row]) -> list[Row]:
+    """Return one row a speed-up over the rig that two runs have: the later run's over the earlier one's.
+
+    A row is named as a time of the later run is, as `change_time_one_core[rig]`: of the means, on one core, over the
+    compiled rig.
+    """
+    after = list(after)
     one, other = (speed_ups_by_kind(rows) for rows in (before, after))
+    profile, run = (after[0].profile, after[0].run) if after else ("", "")
+    return [
+        Row(
+            "table3", character, name, f"{CHANGE}{kind}_{where}[{rig}]", "ratio", new / old, None, 1, None, profile, run
+        )
+        for kind in KINDS
+        for (character, name, rig, where), new in other[kind].items()
+        if (old := one[kind].get((character, name, rig, where)))
+    ]
+
+
+def agreement_table(rows: Iterable[Row]) -> Table | None:
+    """Return how many speed-ups over the rig agree with the run before; None where no row says so."""
+    changes = [row for row in rows if row.table == "table3" and row.metric.startswith(CHANGE)]
     body = []
     for kind, words in KINDS.items():
-        apart = apart_by(one[kind], other[kind])
+        apart = {row: max(row.value, 1 / row.value) for row in changes if row.metric.startswith(f"{CHANGE}{kind}_")}
         if not apart:
             return None
         largest = max(apart, key=apart.__getitem__)
@@ -55,11 +75,6 @@ def speed_ups_by_kind(rows: Iterable[Row]) -> dict[str, Ratios]:
     return found
 
 
-def apart_by(one: Ratios, other: Ratios) -> dict[tuple[str, str, str, str], float]:
-    """Return the larger over the smaller of two ratios, for those that both have."""
-    return {key: max(one[key] / other[key], other[key] / one[key]) for key in one.keys() & other.keys()}
-
-
-def _words(key: tuple[str, str, str, str]) -> str:
-    character, name, rig, where = key
-    return f"{character}, {label_of(name)}, {RIGS[rig].removeprefix('The rig, ')}, {where.replace('_', ' ')}"
+def _words(row: Row) -> str:
+    where, rig = re.fullmatch(rf"{CHANGE}[a-z0-9]+_(\w+)\[(\w+)\]", row.metric).groups()
+    return f"{row.character}, {label_of(row.method)}, {RIGS[rig].removeprefix('The rig, ')}, {where.replace('_', ' ')}"
