@@ -7,7 +7,8 @@ only ever follows other ones would be timed at fetching what they have displaced
 
 import gc
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,33 +45,65 @@ class Times:
         return self.p95 > DISTURBED * self.median
 
 
+class Turns:
+    """Some ways to evaluate poses, which take turns, and how long each has taken so far."""
+
+    def __init__(self, ways: Mapping[str, Way], poses: Float[np.ndarray, "t ..."]):
+        """ways: by name. poses: what the ways are given, one after the other, from the first again after the last."""
+        self._ways, self._poses = ways, poses
+        self._taken: dict[str, list[float]] = {name: [] for name in ways}
+        self._turn = self._done = 0
+
+    def take(self, evaluations: int, advance: Callable[[int], object]) -> None:
+        """Take turns until so many more evaluations are done of each way that takes part in all turns.
+
+        The first call warms up all ways before. advance: called with the number that is done since its last call.
+        """
+        if not self._turn:
+            self._warm_up()
+        end = self._done + evaluations
+        while self._done < end:
+            last = min(self._done + TURN, end)
+            for name, way in self._ways.items():
+                if self._turn % way.every == 0:
+                    self._taken[name] += _milliseconds(way.evaluate, self._poses, self._done, last)
+            advance(last - self._done)
+            self._turn, self._done = self._turn + 1, last
+
+    def _warm_up(self) -> None:
+        for way in self._ways.values():
+            for k in range(WARM_UP):
+                way.evaluate(self._poses[k % len(self._poses)][None])
+
+    def times(self) -> dict[str, Times]:
+        """Return each way's times by name."""
+        return {name: summary(taken) for name, taken in self._taken.items()}
+
+
+@contextmanager
+def without_collections() -> Iterator[None]:
+    """Keep Python's garbage collector at rest while the context lasts: it would fall on whoever's turn it is."""
+    collecting = gc.isenabled()
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
+
+
 def time_single_poses(
     ways: Mapping[str, Way], poses: Float[np.ndarray, "t ..."], evaluations: int, advance: Callable[[int], object]
 ) -> dict[str, Times]:
     """Return the times of some ways to evaluate poses, by name.
 
-    poses: what the ways are given, one after the other, from the first again after the last. evaluations: how many of a
-    way are timed that takes part in all turns. advance: called with the number of them that are done since its last
-    call.
+    poses, advance: as for `Turns`. evaluations: how many of a way are timed that takes part in all turns.
     """
-    taken: dict[str, list[float]] = {name: [] for name in ways}
-    collecting = gc.isenabled()
-    gc.collect()
-    gc.disable()  # a collection would fall on whoever's turn it is
-    try:
-        for way in ways.values():
-            for k in range(WARM_UP):
-                way.evaluate(poses[k % len(poses)][None])
-        for turn, first in enumerate(range(0, evaluations, TURN)):
-            last = min(first + TURN, evaluations)
-            for name, way in ways.items():
-                if turn % way.every == 0:
-                    taken[name] += _milliseconds(way.evaluate, poses, first, last)
-            advance(last - first)
-    finally:
-        if collecting:
-            gc.enable()
-    return {name: summary(values) for name, values in taken.items()}
+    turns = Turns(ways, poses)
+    with without_collections():
+        turns.take(evaluations, advance)
+    return turns.times()
 
 
 def _milliseconds(evaluate: Evaluate, poses: np.ndarray, first: int, last: int) -> list[float]:

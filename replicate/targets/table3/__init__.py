@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import replace
 from datetime import UTC, datetime
 
 from replicate.artefacts import built_rig, drawn_samples, rigid_segments
@@ -12,9 +11,9 @@ from replicate.methods import measurement
 from replicate.methods.method import Method
 from replicate.methods.prediction import reading
 from replicate.report.publication import CharacterResult, by_character, results_folder
-from replicate.targets.options import OF_A_RUN, methods
+from replicate.targets.options import OF_A_RUN, configurations, methods
 from replicate.targets.running import make
-from replicate.targets.table3.timing_numbers import TimingNumbers
+from replicate.targets.table3.timing_numbers import RigNumbers, RowsNumbers, TimingNumbers
 
 ABOUT = "Table 3: milliseconds a pose of the rig and every method, on one core, on all, and on a GPU if there is one"
 WRITES = "results/runs/<profile>/"
@@ -24,44 +23,76 @@ FILE = "table3.csv"
 TURNS = {"quick": 100, "laptop": 1_000, "paper": 1_000}  # evaluations of single poses
 
 
-def stages(plan: Plan, methods: Sequence[Method], measured: str = "") -> list[Stage]:
+def stages(plan: Plan, methods: Sequence[Method], timing: Stage | None = None) -> list[Stage]:
     """Return the stages of one character's table, the last; those of the methods, the slow ones, come first.
+
+    timing: the measurement of all rigs of the run, this one among them; by default of this one alone.
+    """
+    timing = timing or timing_stage([(plan, methods)])
+    own_rows = plan.stage("table3", read_rows, RowsNumbers(_file(plan)), timing)
+    return [*(stage for method in _timed(methods) for stage in method.stages(plan)), own_rows]
+
+
+def timing_stage(rigs: Sequence[tuple[Plan, Sequence[Method]]], measured: str = "") -> Stage:
+    """Return the stage that times some rigs and their methods together.
 
     measured: when the measurement is asked for, so that no earlier one is taken for it.
     """
-    timed = [method for method in methods if not method.oracle]
-    numbers = TimingNumbers(
-        plan.character,
-        plan.config.profile,
-        plan.config.seed,
-        tuple(measurement.numbers_of(method, plan.config) for method in timed),
-        tuple((method.name, reference(method.model)) for method in timed if method.model),
-        TURNS[plan.config.profile],
-        measured,
-    )
-    shared = (module.stage(plan) for module in (built_rig, drawn_samples, rigid_segments))
-    own_stages = [stage for method in timed for stage in method.stages(plan)]
-    inputs = {stage.title: stage for stage in (*shared, *own_stages)}
-    readers = [source for method in timed for source in reading(method, plan.config).sources]
-    functions = dict.fromkeys(map(reference, (measure, *readers)))
-    last = plan.stage("table3", ", ".join(functions), numbers, *inputs.values())
-    return [*own_stages, replace(last, threads=0)]  # 0: it runs alone, with all cores
+    inputs: dict[str, Stage] = {}
+    numbers, functions = [], [reference(measure)]
+    for plan, chosen in rigs:
+        timed = _timed(chosen)
+        shared = [module.stage(plan) for module in (built_rig, drawn_samples, rigid_segments)]
+        own = {stage.name: stage for stage in (*shared, *(stage for method in timed for stage in method.stages(plan)))}
+        inputs |= {stage.title: stage for stage in own.values()}
+        functions += [reference(source) for method in timed for source in reading(method, plan.config).sources]
+        numbers.append(
+            RigNumbers(
+                plan.character,
+                plan.config.profile,
+                plan.config.seed,
+                tuple(measurement.numbers_of(method, plan.config) for method in timed),
+                tuple((method.name, reference(method.model)) for method in timed if method.model),
+                TURNS[plan.config.profile],
+                tuple((name, stage.title) for name, stage in own.items()),
+                _file(plan),
+            )
+        )
+    label = f"{len(rigs)}_rigs" if len(rigs) > 1 else rigs[0][0].character
+    settings = TimingNumbers(tuple(numbers), measured)
+    return Stage("timing", ", ".join(dict.fromkeys(functions)), settings, tuple(inputs.values()), label, threads=0)
+
+
+def _timed(methods: Sequence[Method]) -> list[Method]:
+    return [method for method in methods if not method.oracle]
+
+
+def _file(plan: Plan) -> str:
+    return f"{plan.character}-seed{plan.config.seed}.csv"
 
 
 def measure(context: StageContext) -> None:
-    """Time the rig and all methods; the rig on the CPU, even where JAX has a GPU."""
+    """Time the rigs and all methods; the rigs on the CPU, even where JAX has a GPU."""
     import jax
 
     from replicate.targets.table3.timing_rows import write_all
 
     with jax.default_device(jax.devices("cpu")[0]):
-        write_all(context.config, context.inputs, context.progress, context.out)
+        write_all(context.config.rigs, context.inputs, context.progress, context.out)
+
+
+def read_rows(context: StageContext) -> None:
+    """Take one character's rows from the measurement."""
+    from replicate.engine.atomic_files import copy_file
+
+    copy_file(context.inputs["timing"] / context.config.file, context.out / FILE)
 
 
 def run(options: argparse.Namespace) -> None:
-    """Make the methods of every character, time them, publish the rows and print them."""
+    """Make the methods of every character, time all of them together, publish the rows and print them."""
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    publish(make(options, lambda plan: stages(plan, methods(options, plan.config), now)))
+    timing = timing_stage([(Plan(one), methods(options, one)) for one in configurations(options)], now)
+    publish(make(options, lambda plan: stages(plan, methods(options, plan.config), timing)))
 
 
 def publish(results: Sequence[CharacterResult]) -> None:

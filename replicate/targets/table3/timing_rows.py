@@ -1,6 +1,6 @@
-"""One character's numbers of Table 3, from its rig and its methods' models."""
+"""The numbers of Table 3, from rigs and their methods' models, which are timed together."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -16,42 +16,75 @@ from replicate.engine.store import read_manifest
 from replicate.methods.measurement import MeasurementNumbers, predictor
 from replicate.report.results import Row, write_results
 from replicate.report.run_name import run_name
-from replicate.targets.table3.timing_numbers import TimingNumbers
+from replicate.targets.table3.timing_numbers import RigNumbers
 from replicate.timing.backends import fast_rigid_step, gpu_backends, largest_difference, other_backends
 from replicate.timing.cores import can_confine, core_total, one_core, threads
-from replicate.timing.single_poses import Times, Way, time_single_poses
+from replicate.timing.single_poses import Times, Turns, Way, without_collections
 from replicate.timing.timed_names import BACKENDS, FAST, HALF, NODES, ON_GPU, RIG, RIGID_STEP, THREADED, parted
 
 ROWS = "table3.csv"
 NODES_EVERY = 5  # turns: node by node the rig takes long
 PEERS_EVERY = 5  # turns: the other evaluations of what has a fast one
+ROUND = 50  # evaluations of a rig and its methods before the next one's; those that every fifth turn has, have one turn
 COMPARED = 20  # poses in which every backend is compared with the method's own prediction
 ONE, ALL, GRAPHICS = "one_core", "all_cores", "gpu"  # where: endings of the metrics
 
 
-def write_all(settings: TimingNumbers, inputs: Mapping[str, Path], progress: Callable, out: Path) -> None:
-    """Write a character's rows to a folder. progress: (total, label) → a context manager."""
-    rig, samples = built_rig.load(inputs), drawn_samples.load(inputs)
-    poses = np.asarray(samples.test_params[unique_poses(samples.test_params)], np.float32)
-    ways = ways_of(settings, inputs, rig)
-    times = {}
-    for where, confined in settings_of_cores():
-        with progress(settings.turns, f"timing, {where.replace('_', ' ')}") as bar, confined:
-            times[where] = time_single_poses(ways_on(where, ways), poses, settings.turns, bar.update)
-    facts = settings.profile, run_name(inputs)
-    numbers = [
-        (name, f"{metric}_{where}", "ms", value, one.evaluations)
-        for where, own in times.items()
-        for name, one in own.items()
-        for metric, value in metrics(one)
-    ]
-    numbers += [(RIG, "cores", "count", core_total(), None), *costs(settings, inputs)]
-    numbers += differences(ways, poses[:: -(-len(poses) // COMPARED)])
-    rows = [
-        Row("table3", settings.character, method, metric, unit, float(value), None, 1, evaluations, *facts)
-        for method, metric, unit, value, evaluations in numbers
-    ]
-    write_results(out / ROWS, rows)
+def write_all(rigs: Sequence[RigNumbers], inputs: Mapping[str, Path], progress: Callable, out: Path) -> None:
+    """Write the rows of some rigs to a folder, a file each. progress: (total, label) → a context manager."""
+    timed = {}
+    with progress(len(rigs), "loading") as bar:
+        for rig in rigs:
+            timed[rig] = TimedRig(rig, rig.own(inputs))
+            bar.update(1)
+    take_turns(timed, progress)
+    for rig, own in timed.items():
+        write_results(out / rig.file, own.rows())
+
+
+def take_turns(timed: Mapping[RigNumbers, "TimedRig"], progress: Callable) -> None:
+    """Time all rigs in rounds: in each, every rig on all cores, on one core and on a GPU, where there is one.
+
+    What else a machine does comes and goes in seconds to minutes. In rounds it slows all of them alike; a rig that was
+    timed as a whole before the next one would have its own share of it.
+    """
+    wheres = [where for where, _ in settings_of_cores()]
+    most = max(rig.turns for rig in timed)
+    with without_collections(), progress(len(wheres) * sum(rig.turns for rig in timed), "timing") as bar:
+        for first in range(0, most, ROUND):
+            for rig, own in timed.items():
+                for where, confined in settings_of_cores():
+                    with confined:
+                        own.turns[where].take(max(0, min(ROUND, rig.turns - first)), bar.update)
+
+
+class TimedRig:
+    """A rig and its methods: all ways to evaluate a pose, and their turns on all cores, on one and on a GPU."""
+
+    def __init__(self, settings: RigNumbers, inputs: Mapping[str, Path]):
+        """inputs: artefacts by the names of their stages."""
+        rig, samples = built_rig.load(inputs), drawn_samples.load(inputs)
+        self._settings, self._inputs = settings, inputs
+        self._poses = np.asarray(samples.test_params[unique_poses(samples.test_params)], np.float32)
+        self._ways = ways_of(settings, inputs, rig)
+        self.turns = {where: Turns(ways_on(where, self._ways), self._poses) for where, _ in settings_of_cores()}
+
+    def rows(self) -> list[Row]:
+        """Return the rig's rows."""
+        settings, poses = self._settings, self._poses
+        facts = settings.profile, run_name(self._inputs)
+        numbers = [
+            (name, f"{metric}_{where}", "ms", value, one.evaluations)
+            for where, turns in self.turns.items()
+            for name, one in turns.times().items()
+            for metric, value in metrics(one)
+        ]
+        numbers += [(RIG, "cores", "count", core_total(), None), *costs(settings, self._inputs)]
+        numbers += differences(self._ways, poses[:: -(-len(poses) // COMPARED)])
+        return [
+            Row("table3", settings.character, method, metric, unit, float(value), None, 1, evaluations, *facts)
+            for method, metric, unit, value, evaluations in numbers
+        ]
 
 
 def settings_of_cores() -> Iterator[tuple[str, AbstractContextManager[None]]]:
@@ -79,7 +112,7 @@ def metrics(times: Times) -> list[tuple[str, float]]:
     return [("time", times.mean), ("median", times.median), ("p05", times.p05), ("p95", times.p95)]
 
 
-def ways_of(settings: TimingNumbers, inputs: Mapping[str, Path], rig: Rig) -> dict[str, Way]:
+def ways_of(settings: RigNumbers, inputs: Mapping[str, Path], rig: Rig) -> dict[str, Way]:
     """Return all that is timed by name: the rig compiled and, where it has nodes, node by node; every method, as the
     suite evaluates it and by all other backends; and the rigid step alone, which all approximations contain.
 
@@ -109,7 +142,7 @@ def turns_of(ending: str, endings: Collection[str]) -> int:
     return PEERS_EVERY if FAST in endings and ending not in (FAST, HALF, *ON_GPU) else 1
 
 
-def costs(settings: TimingNumbers, inputs: Mapping[str, Path]) -> list[tuple[str, str, str, float, None]]:
+def costs(settings: RigNumbers, inputs: Mapping[str, Path]) -> list[tuple[str, str, str, float, None]]:
     """Return what else a pose costs: each method's multiplications, and its size where it has one."""
     found = []
     for numbers in settings.methods:
