@@ -1,5 +1,6 @@
 """How long a run takes, said before it starts: from the times of the stages in the reference results' manifest."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -76,8 +77,12 @@ def times_s(stages: Sequence[Stage], known: dict[str, Known]) -> dict[str, float
 def stage_s(stage: Stage, known: dict[str, Known]) -> float | None:
     """Return the seconds that a stage takes, None where nothing is known of it or its kin.
 
-    That of the same character, else of the teen; in proportion to its steps, samples or iterations.
+    That of the same character, else of the teen; in proportion to its steps, samples or iterations. Rigs that are timed
+    together take their share of the time of those that were.
     """
+    if rigs := getattr(stage.config, "rigs", ()):
+        together = ((re.fullmatch(rf"{stage.name}-(\d+)_rigs", title), one) for title, one in known.items())
+        return min((len(rigs) * one.wall_s / int(match[1]) for match, one in together if match), default=None)
     for name, times in _candidates(stage):
         for title in (f"{name}-{stage.label.partition('-seed')[0]}", f"{name}-{EXAMPLE}"):
             if title in known:

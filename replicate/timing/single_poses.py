@@ -59,7 +59,7 @@ class Turns:
 
         The first call warms up all ways before. advance: called with the number that is done since its last call.
         """
-        if not self._turn:
+        if evaluations and not self._turn:
             self._warm_up()
         end = self._done + evaluations
         while self._done < end:

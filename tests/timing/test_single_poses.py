@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from replicate.timing.single_poses import TURN, WARM_UP, Times, Way, summary, time_single_poses
+from replicate.timing.single_poses import TURN, WARM_UP, Times, Turns, Way, summary, time_single_poses
 
 
 def test_ways_take_turns_of_some_poses_one_at_a_time():
@@ -28,6 +28,19 @@ def test_a_slow_way_takes_part_in_fewer_turns_and_is_warm_before_the_first():
     times = time_single_poses(ways, np.zeros((1, 1)), 8 * TURN, lambda done: None)
     assert times["slow"].evaluations == 2 * TURN and len(calls) == WARM_UP + 2 * (TURN + 1)
     assert times["other"].evaluations == 8 * TURN
+
+
+def test_turns_go_on_where_they_ended_and_warm_up_once():
+    calls = []
+    turns = Turns({"a": Way(lambda pose: calls.append(float(pose[0, 0])))}, np.arange(100.0)[:, None])
+    turns.take(0, lambda done: None)
+    turns.take(TURN, lambda done: None)
+    turns.take(5, lambda done: None)
+    turns.take(TURN + 2, lambda done: None)
+    later = calls[WARM_UP:]
+    assert len(later) == 27 + 4, "one before each of four turns does not count"
+    assert [pose for k, pose in enumerate(later) if k not in (0, 11, 17, 28)] == [*range(27)]
+    assert turns.times()["a"].evaluations == 27
 
 
 def test_the_garbage_collector_rests_meanwhile_and_works_again_after_an_error():
