@@ -83,7 +83,7 @@ def rounds(monkeypatch):
             assert sum(done) == total
 
         rigs = {
-            RigNumbers(name, "quick", 0, (), (), count, (), ""): SimpleNamespace(
+            RigNumbers(name, "quick", (), (), count, (), ""): SimpleNamespace(
                 turns={where: Recorder(name, where) for where in ("all", "one")}
             )
             for name, count in evaluations.items()

@@ -7,14 +7,15 @@ from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.report import manifest
 from replicate.report.results import read_results
-from replicate.targets.table3.timing_rows import GRAPHICS, ROWS
+from replicate.targets.table3 import FILE
+from replicate.targets.table3.timing_rows import GRAPHICS
 
 TARGET = "table3"
 
 
 def is_of_gpu(run: Path) -> bool:
     """Return whether a run's Table 3 has times on a GPU. Raises InputError where some characters lack them."""
-    rows = read_results(run / ROWS) if (run / ROWS).is_file() else []
+    rows = read_results(run / FILE) if (run / FILE).is_file() else []
     every = dict.fromkeys(row.character for row in rows)
     timed = {row.character for row in rows if row.metric == f"time_{GRAPHICS}"}
     if timed and (others := [name for name in every if name not in timed]):
@@ -25,10 +26,10 @@ def is_of_gpu(run: Path) -> bool:
 
 def put_gpu_times(run: Path, into: Path) -> list[Path]:
     """Put a run's Table 3 into a folder, numbers and manifest; characters that it lacks stay. Return the file."""
-    rows = read_results(run / ROWS)
+    rows = read_results(run / FILE)
     characters = {row.character for row in rows}
     into.mkdir(parents=True, exist_ok=True)
-    merge(into / ROWS, rows, lambda row: row.character not in characters)
+    merge(into / FILE, rows, lambda row: row.character not in characters)
     entries = manifest.entries(into, TARGET) | manifest.entries(run, TARGET)
     manifest.write_entries(into, TARGET, dict(sorted(entries.items())))
-    return [into / ROWS]
+    return [into / FILE]

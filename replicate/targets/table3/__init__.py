@@ -50,7 +50,6 @@ def timing_stage(rigs: Sequence[tuple[Plan, Sequence[Method]]], measured: str = 
             RigNumbers(
                 plan.character,
                 plan.config.profile,
-                plan.config.seed,
                 tuple(measurement.numbers_of(method, plan.config) for method in timed),
                 tuple((method.name, reference(method.model)) for method in timed if method.model),
                 TURNS[plan.config.profile],

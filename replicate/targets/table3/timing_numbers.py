@@ -17,7 +17,6 @@ class RigNumbers:
 
     character: str
     profile: str
-    seed: int
     methods: tuple[MeasurementNumbers, ...]
     models: tuple[tuple[str, str], ...]
     turns: int

@@ -22,7 +22,6 @@ from replicate.timing.cores import can_confine, core_total, one_core, threads
 from replicate.timing.single_poses import Times, Turns, Way, without_collections
 from replicate.timing.timed_names import BACKENDS, FAST, HALF, NODES, ON_GPU, RIG, RIGID_STEP, THREADED, parted
 
-ROWS = "table3.csv"
 NODES_EVERY = 2  # turns: node by node the rig takes long
 PEERS_EVERY = 5  # turns: the other evaluations of what has a fast one
 ROUND = 50  # evaluations of a rig and its methods before the next one's; those that every fifth turn has, have one turn
