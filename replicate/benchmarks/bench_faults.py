@@ -4,8 +4,8 @@
 texture coordinates flipped, a segment that predicts nothing, a refinement left out, teeth carried by others' vertices,
 half of the bones lost, and coarse networks trained without the normal term of Eq. 1. The sound run is measured on the
 same poses.
-`tests/report/test_reference.py` holds that every band of tolerances.toml beside it goes red under the fault that it
-names.
+`tests/report/test_tolerances.py` holds that every band of tolerances.toml beside it goes red under the fault that it
+names, and does to other characters' numbers what a fault did here.
 """
 
 import argparse
