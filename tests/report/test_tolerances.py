@@ -336,16 +336,19 @@ def test_bands_of_table_2_go_red_under_what_a_fault_did_to_the_teen(character, f
         method, by = REPLACED[fault]
         faulty = {(method, metric): value for (name, metric), value in sound.items() if name == by}
     concerned = {method for method, metric in after if after[method, metric] != before[method, metric]}
-    assert concerned <= methods_in(red("table2", character, sound | faulty))
+    left = red("table2", character, sound | faulty)
+    assert concerned <= methods_in(left)
+    assert {band for band in bands_of("table2", character) if band.fault == fault} <= left.keys()
 
 
 @pytest.mark.parametrize("character", TABLES["table2"]["characters"])
-def test_bands_of_table_2_go_red_where_methods_or_units_are_mixed_up(character):
+def test_bands_of_table_2_go_red_where_methods_or_units_are_mixed_up_or_an_error_is_off_by_a_quarter(character):
     sound = committed("table2", character)
     for one, other in combinations(STANDARD, 2):
         assert red("table2", character, swapped(sound, one, other, "(vertex|normal)_error_mean"))
     for method in {method for method, _ in sound if character != "rigify" or method != "attachment"}:
-        for metric, factor in ((".*vertex_error.*", 1e-3), (".*vertex_error.*", 10), (".*normal_error.*", pi / 180)):
+        units = ((".*vertex_error.*", 1e-3), (".*vertex_error.*", 10), (".*normal_error.*", pi / 180))
+        for metric, factor in (*units, *((metric, factor) for metric in MEANS for factor in (1.25, 0.8))):
             faulty = changed(sound, lambda value, factor=factor: value * factor, method, metric)
             assert method in methods_in(red("table2", character, faulty))
 
@@ -379,7 +382,7 @@ def test_bands_of_table_3_go_red_under_faults(character):
             assert method in methods_in(red("table3", character, faulty))
     for one, other in [("rig", "rig_nodes"), *combinations(TIMED, 2)]:
         pair = [speeds[name, "speed_up_one_core[rig]"] for name in (one, other)]
-        if max(pair) > 1.2 * min(pair):  # two runs may differ by more than what is between dense and coarse or refined
+        if max(pair) > 1.2 * min(pair):  # two runs can be further apart than some dense networks and CNNs are
             assert {one, other} & methods_in(red("table3", character, swapped(sound, one, other, timed)))
     for method in TIMED:  # what falls back to torch's operations, or computes something else
         slow = {(f"{method}_fast", metric): ms for (name, metric), ms in sound.items() if name == method}
@@ -400,6 +403,7 @@ def test_bands_of_table_4_go_red_under_faults(character):
             changed(sound, lambda deg: deg * pi / 180, method, "normal_error_mean.*"),
             changed(sound, lambda mm: mm + motion, method, "vertex_error_mean.*"),  # a face that stands still
             changed(sound, lambda cosine: -cosine, method, "derivative_cosine.*"),
+            *(changed(sound, lambda error: error * 1.5, method, metric) for metric in MEANS),
             # parameters that were never brought within their limits:
             sound | {(method, f"{metric}_limited"): sound[method, metric] for metric in MEANS},
         ]
