@@ -73,15 +73,18 @@ def refined_model():
     return RefinedModel(coarse, residual)
 
 
-def regional_model():
-    """Return our method's model with bases of two regions and a network that is drawn at random."""
+def regional_model(fine=(2, 2)):
+    """Return our method's model with bases of two regions and a network that is drawn at random.
+
+    fine: how many of each region's seven shapes are stored in 16 bits.
+    """
     rng = np.random.default_rng(1)
     offsets = pose_offsets(MESH, rng.uniform(-1, 1, (60, M)))
     bases = []
     for k in (0, 1):
         vertices, others = np.flatnonzero(MESH.segment == k), np.flatnonzero(MESH.segment == 1 - k)[:9]
         metric = loss_metric(MESH.neutral[vertices], np.zeros((0, 3), int), len(vertices), 1, 0.0)
-        basis = store(principal_basis(vertices, offsets[:, vertices], metric, 7), 2)
+        basis = store(principal_basis(vertices, offsets[:, vertices], metric, 7), fine[k])
         weights = np.where(np.arange(len(vertices) + 9) < len(vertices), 0.75, 0.25)
         coefficients = rng.normal(size=(60, len(basis.steps)))
         bases.append(blended(basis, np.concatenate([vertices, others]), weights, coefficients, offsets[:, others]))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from posed_face import posed_face
+from posed_face import posed_face, regional_model
 from small_face import M, pose_offsets, small_influence, small_mesh
 
 from replicate.approximation import cnn, dense
@@ -80,4 +80,7 @@ MODELS = {
     "PCA beside a line": lambda: whole_face(CoefficientsBesideLine),
     "driven": driven_model,
     "regional": lambda: posed_face().model,
+    "regional, all shapes in 16 bits": lambda: regional_model((7, 7)),  # as of regions of few shapes
+    "regional, a region's shapes in 16 bits": lambda: regional_model((7, 2)),
+    "regional, all shapes in 8 bits": lambda: regional_model((0, 0)),
 }

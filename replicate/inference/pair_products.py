@@ -43,7 +43,7 @@ def in_pairs(rows: Int8[np.ndarray, "k w"]) -> np.ndarray:
     count, width = rows.shape
     full = np.zeros((count + count % 2, padded(width)), np.int8)
     full[:count, :width] = rows
-    return full.reshape(len(full) // 2, 2, -1, BLOCK).transpose(2, 0, 3, 1).ravel()
+    return full.reshape(len(full) // 2, 2, padded(width) // BLOCK, BLOCK).transpose(2, 0, 3, 1).ravel()
 
 
 @njit(inline="always")

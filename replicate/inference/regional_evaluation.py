@@ -95,9 +95,8 @@ def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> R
 
 
 def _in_order(components: torch.Tensor, order: np.ndarray) -> np.ndarray:
-    """Return the components (k, 3 v) of a region with its vertices in an order."""
-    numbers = components.numpy()
-    return numbers.reshape(len(numbers), -1, 3)[:, order].reshape(len(numbers), -1)
+    """Return the components (k, v, 3) of a region as (k, 3 v), with its vertices in an order."""
+    return components.numpy()[:, order].reshape(len(components), 3 * len(order))
 
 
 @njit(inline="always")

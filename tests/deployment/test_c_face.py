@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from c_compiler import compiled, library, posed_by
-from posed_face import posed_face
+from posed_face import posed_face, regional_model
 from small_face import M
 
 from data_recipes.controls import Control
@@ -87,10 +87,12 @@ NONE = attached([], np.zeros((0, 10), int))
         {"model": other_model(line=False)},
         {"model": other_model(seen=[np.arange(M)])},
         {"model": without_small_shapes()},
+        {"model": regional_model((7, 2))},
+        {"model": regional_model((0, 0))},
         {"attachments": ON_A_LINE},
         {"attachments": NONE},
     ],
-    ids=["ours", "leaky ReLUs", "no line", "one network", "one region, 16 bits", "carriers on a line", "nothing rigid"],
+    ids=["ours", "leaky ReLUs", "no line", "one network", "one region, 16 bits", "a region in 16 bits", "8 bits", "carriers on a line", "nothing rigid"],
 )
 def test_c_gives_pythons_vertices_beyond_the_limits_too(changes, tmp_path):
     assert furthest_from_python(c_face(**changes), tmp_path) < 1e-3

@@ -52,11 +52,12 @@ def lines():
     return model
 
 
-def regional(gated=True, line=True, apart=True):
+def regional(gated=True, line=True, apart=True, fine=(5, 5)):
+    """fine: how many of each region's 13 shapes are stored in 16 bits."""
     bases = []
-    for segment in SEGMENTS:
+    for segment, first in zip(SEGMENTS, fine, strict=True):
         shapes = RNG.normal(size=(14, len(segment.vertices), 3)).astype(np.float32)
-        basis = store(RegionalBasis(segment.vertices, shapes[0], shapes[1:]), 5)
+        basis = store(RegionalBasis(segment.vertices, shapes[0], shapes[1:]), first)
         basis.vertices[:7] = torch.from_numpy(SEGMENTS[0].vertices[:7])  # both regions have them
         basis.weights[:7] = torch.linspace(0.2, 0.8, 7)
         bases.append(basis)
@@ -79,6 +80,9 @@ MODELS = {
     "regional": regional,
     "regional without gates and line": lambda: regional(False, False),
     "regional with one network": lambda: regional(apart=False),
+    "regional with all shapes in 16 bits": lambda: regional(fine=(13, 13)),  # as of regions of few shapes
+    "regional with a region's shapes in 16 bits": lambda: regional(fine=(13, 5)),
+    "regional with all shapes in 8 bits": lambda: regional(fine=(0, 0)),
 }
 
 

@@ -50,13 +50,13 @@ def linear_model(tmp_path):
     return line_model(segments, weights, parameter_scale(PARAMS), len(mesh.neutral))
 
 
-def regional_model(tmp_path):
+def regional_model(tmp_path, fine=2):
     mesh, samples = small_mesh(), small_samples(small_mesh(), 60)
     bases = []
     for k in (0, 1):
         vertices = np.flatnonzero(mesh.segment == k)
         metric = loss_metric(mesh.neutral[vertices], np.zeros((0, 3), int), len(vertices), 1, 0.0)
-        basis = store(principal_basis(vertices, samples.offsets(np.arange(60))[:, vertices], metric, 6), 2)
+        basis = store(principal_basis(vertices, samples.offsets(np.arange(60))[:, vertices], metric, 6), fine)
         if k == 1:  # it has vertices of the first region too
             basis.vertices[::4] = torch.from_numpy(np.flatnonzero(mesh.segment == 0)[: len(vertices[::4])])
             basis.weights[::2] = 0.4
@@ -75,6 +75,7 @@ MODELS = {
     "dense": dense_model,
     "linear": linear_model,
     "regional": regional_model,
+    "regional, all shapes in 16 bits": lambda tmp_path: regional_model(tmp_path, 6),
 }
 
 

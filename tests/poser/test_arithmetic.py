@@ -21,10 +21,20 @@ readPacked(bytesOf({packed})).then((face) => {{
 """
 
 
-@pytest.mark.parametrize("model", [regional_model, coarse_model, refined_model])
-def test_vertices_are_those_of_python(model, tmp_path):
+MODELS = {
+    "regional": regional_model,
+    "regional, all shapes in 16 bits": lambda: regional_model((7, 7)),  # as of regions of few shapes
+    "regional, a region's shapes in 16 bits": lambda: regional_model((7, 2)),
+    "regional, all shapes in 8 bits": lambda: regional_model((0, 0)),
+    "coarse": coarse_model,
+    "refined": refined_model,
+}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_vertices_are_those_of_python(name, tmp_path):
     node = shutil.which("node") or pytest.skip("needs Node.js")
-    face = posed_face(model())
+    face = posed_face(MODELS[name]())
     params = np.random.default_rng(3).uniform(-0.8, 0.8, (5, len(face.rig.default))).astype(np.float32)
     values = {"packed": json.dumps(as_text(packed(*face_contents(face)))), "params": json.dumps(params.tolist())}
     program = tmp_path / "program.js"

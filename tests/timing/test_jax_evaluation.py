@@ -10,7 +10,8 @@ from replicate.timing.jax_evaluation import jax_evaluation
 
 POSES = np.random.default_rng(3).uniform(-1, 1, (4, 12)).astype(np.float32)
 ATTACHMENTS = find_attachments(MESH, MESH.neutral + pose_offsets(MESH, POSES), 0.3, 4)
-KNOWN = ("coarse", "refined", "dense", "linear", "coarse beside a line", "regional")
+FEW = ("regional, all shapes in 16 bits", "regional, a region's shapes in 16 bits")
+KNOWN = ("coarse", "refined", "dense", "linear", "coarse beside a line", "regional", *FEW)
 
 
 @pytest.mark.parametrize("name", KNOWN)
