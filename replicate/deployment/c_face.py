@@ -73,10 +73,11 @@ def _words(face: CFace, stem: str) -> dict[str, object]:
     longest = 3 * max(region[0] for region in regions)
     numbers += [*shapes, *placed, *tables, *_tables(regions, rigid)]
     limits = [(c.lower, c.default, c.upper) for c in face.controls]
+    guard = f"{identifier(stem).upper()}_H"
     return {
         "name": name,
         "upper": name.upper(),
-        "guard": f"{identifier(stem).upper()}_H",
+        "guard": guard,
         "header": f"{stem}.h",
         "source": f"{stem}.c",
         "mesh": face.mesh_file,
@@ -85,7 +86,7 @@ def _words(face: CFace, stem: str) -> dict[str, object]:
         "controls": len(face.controls),
         "vertices": len(mesh.neutral),
         "segments": len(mesh.segment_names),
-        "enum": ",\n".join(f"    {n}" for n in _enumerators(name.upper(), face.controls)),
+        "enum": ",\n".join(f"    {n}" for n in _enumerators(name.upper(), face.controls, guard)),
         "stack_kb": -(-4 * (2 * len(face.controls) + 2 * widest + coefficients + longest) // 1000),
         "letter": LETTER,
         "gated": int(networks[0].is_gated),
@@ -106,11 +107,20 @@ def _words(face: CFace, stem: str) -> dict[str, object]:
     }
 
 
-def _enumerators(prefix: str, controls: Sequence[Control]) -> list[str]:
-    """Return a name for each control; those that C can't tell apart get their numbers too."""
+def _enumerators(prefix: str, controls: Sequence[Control], guard: str) -> list[str]:
+    """Return a name for each control, each another one; those that C can't tell apart get their numbers too."""
     names = [f"{prefix}_{identifier(control.name).upper()}" for control in controls]
-    taken = {f"{prefix}_{word}" for word in ("CONTROLS", "VERTICES", "SEGMENTS", "DEMO")}
-    return [f"{name}_{i}" if names.count(name) > 1 or name in taken else name for i, name in enumerate(names)]
+    taken = {f"{prefix}_{word}" for word in ("CONTROLS", "VERTICES", "SEGMENTS", "DEMO")} | {guard}
+    alike = taken | {name for name in names if names.count(name) > 1}
+    known = taken | set(names)
+    found = []
+    for i, name in enumerate(names):
+        if name in alike:
+            while name in known:
+                name = f"{name}_{i}"
+            known.add(name)
+        found.append(name)
+    return found
 
 
 def _networks(model: RegionalModel) -> tuple[list[str], list[str]]:

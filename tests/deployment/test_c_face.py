@@ -79,21 +79,20 @@ ON_A_LINE = attached([2], np.flatnonzero(MESH.segment == 0)[None, 16:26])  # but
 NONE = attached([], np.zeros((0, 10), int))
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {},
-        {"model": other_model(gated=False)},
-        {"model": other_model(line=False)},
-        {"model": other_model(seen=[np.arange(M)])},
-        {"model": without_small_shapes()},
-        {"model": regional_model((7, 2))},
-        {"model": regional_model((0, 0))},
-        {"attachments": ON_A_LINE},
-        {"attachments": NONE},
-    ],
-    ids=["ours", "leaky ReLUs", "no line", "one network", "one region, 16 bits", "a region in 16 bits", "8 bits", "carriers on a line", "nothing rigid"],
-)
+CHANGES = {
+    "ours": {},
+    "leaky ReLUs": {"model": other_model(gated=False)},
+    "no line": {"model": other_model(line=False)},
+    "one network": {"model": other_model(seen=[np.arange(M)])},
+    "one region, 16 bits": {"model": without_small_shapes()},
+    "a region in 16 bits": {"model": regional_model((7, 2))},
+    "8 bits": {"model": regional_model((0, 0))},
+    "carriers on a line": {"attachments": ON_A_LINE},
+    "nothing rigid": {"attachments": NONE},
+}
+
+
+@pytest.mark.parametrize("changes", CHANGES.values(), ids=CHANGES)
 def test_c_gives_pythons_vertices_beyond_the_limits_too(changes, tmp_path):
     assert furthest_from_python(c_face(**changes), tmp_path) < 1e-3
 
@@ -136,3 +135,13 @@ def test_names_that_c_can_not_tell_apart_or_say_get_numbers(tmp_path):
         assert f"    _3RD_FACE_{name}," in text
     compiled(write(face, tmp_path), tmp_path / "face.o", "-c")
     assert identifier("2x-y") == "_2x_y"
+
+
+def test_a_name_with_its_number_is_not_another_controls_name(tmp_path):
+    names = ["a b", "a_b_10", "face h", *map(str, range(3, M - 2)), "a_b", "a_b_10_10"]
+    controls = tuple(Control(name, -1.0, 0.0, 2.0, "mouth") for name in names)
+    face = c_face(controls=controls, name="my")  # its header is guarded by MY_FACE_H
+    compiled(write(face, tmp_path), tmp_path / "face.o", "-c")
+    lines = c_files(face, "my_face")["my_face.h"].splitlines()
+    first, *_, last_but_one, last = (line.strip(" ,") for line in lines[lines.index("enum {") + 1 :][:M])
+    assert (first, last_but_one, last) == ("MY_A_B_0", "MY_A_B_10_10_10", "MY_A_B_10_10")
