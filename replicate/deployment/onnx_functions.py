@@ -108,8 +108,8 @@ def _square(recorder: _Recorder, x: torch.Tensor) -> str:
 
 def _unflatten(recorder: _Recorder, x: torch.Tensor, dim: int, sizes: Sequence[int]) -> str:
     dim %= x.ndim
-    before, after = [0] * dim, list(x.shape[dim + 1 :])
-    return recorder.graph.reshape(recorder.value(x), [*before, *sizes, *after])
+    sizes = x.unflatten(dim, sizes).shape[dim:] if dim else [*sizes, *x.shape[1:]]
+    return recorder.graph.reshape(recorder.value(x), [*[0] * dim, *sizes])
 
 
 def _chunk(recorder: _Recorder, x: torch.Tensor, chunks: int, dim: int = 0) -> tuple[str, ...]:
@@ -154,7 +154,8 @@ def _squeeze(recorder: _Recorder, x: torch.Tensor, dim: int | Sequence[int]) -> 
 
 def _flatten(recorder: _Recorder, x: torch.Tensor, start_dim: int = 0, end_dim: int = -1) -> str:
     start_dim, end_dim = start_dim % x.ndim, end_dim % x.ndim
-    return recorder.graph.reshape(recorder.value(x), [*[0] * start_dim, -1, *x.shape[end_dim + 1 :]])
+    size = math.prod(x.shape[start_dim : end_dim + 1]) if start_dim else -1
+    return recorder.graph.reshape(recorder.value(x), [*[0] * start_dim, size, *x.shape[end_dim + 1 :]])
 
 
 def _sum(recorder: _Recorder, x: torch.Tensor, dim: int | Sequence[int], keepdim: bool = False) -> str:

@@ -60,7 +60,10 @@ class OnnxGraph:
         return names
 
     def reshape(self, value: str, shape: list[int]) -> str:
-        """Return a value in another shape; 0 keeps a dimension, −1 is what is left."""
+        """Return a value in another shape; 0 keeps a dimension.
+
+        −1 is what is left: of no poses, beside a 0, runtimes can't tell how much that is.
+        """
         return self.node("Reshape", value, self.whole(shape))
 
     def gather(self, value: str, indices: np.ndarray, axis: int) -> str:

@@ -38,7 +38,7 @@ def _(network: MapNetwork, graph: OnnxGraph, params: str, count: int) -> str:
         x = _convolution(layer, graph, x, network.slope)
     x = _convolution(network.last, graph, x, network.slope)
     x = graph.node("Conv", x, *map(graph.weight, _arrays(network.output)), kernel_shape=[1, 1])
-    maps = graph.node("Transpose", graph.reshape(x, [0, 0, -1]), perm=[0, 2, 1])  # (b, size², 3)
+    maps = graph.node("Transpose", graph.reshape(x, [0, 0, network.map_size**2]), perm=[0, 2, 1])  # (b, size², 3)
     read = graph.gather(maps, network.pixels.numpy().T, 1)  # (b, 4, k, 3)
     shares = network.shares.numpy().T[:, :, None]
     shares = graph.node(
@@ -55,7 +55,7 @@ def _start(network: MapNetwork, graph: OnnxGraph, params: str) -> str:
     weight, bias = _arrays(network.dense[-1])
     order = np.arange(len(bias)).reshape(START**2, -1).T.ravel()
     flat = graph.node("Gemm", params, graph.weight(weight[order]), graph.weight(bias[order]), transB=1)
-    return graph.reshape(flat, [0, -1, START, START])
+    return graph.reshape(flat, [0, len(bias) // START**2, START, START])
 
 
 def _convolution(layer: nn.Conv2d, graph: OnnxGraph, x: str, slope: float) -> str:

@@ -55,7 +55,7 @@ def add_rigid_segments(graph: OnnxGraph, mesh: Mesh, attachments: Attachments, c
         arms[row, : len(vertices)] = mesh.neutral[vertices] - centre[row]
     placed = graph.node("Add", graph.node("MatMul", graph.number(arms), rotation), posed_centre)
     rows = np.concatenate([row * most + np.arange(len(vertices)) for row, vertices in enumerate(members)])
-    return Placed(graph.reshape(placed, [0, -1, 3]), rows, np.concatenate(members))
+    return Placed(graph.reshape(placed, [0, count * most, 3]), rows, np.concatenate(members))
 
 
 def add_rotations(graph: OnnxGraph, rest: np.ndarray, posed: str) -> str:

@@ -46,6 +46,13 @@ def test_onnxruntime_gives_pythons_vertices_beyond_the_limits_too(kind):
 
 
 @pytest.mark.parametrize("kind", MODELS)
+def test_no_poses_give_no_vertices(kind):
+    for attachments in (ATTACHMENTS, None):
+        found = run(onnx_model(MODELS[kind](), MESH, attachments), POSES[:0])
+        assert found.shape == (0, len(MESH.neutral), 3) and found.dtype == np.float32
+
+
+@pytest.mark.parametrize("kind", MODELS)
 def test_weights_of_16_bits_cost_some_thousandths_of_the_movement_at_most(kind):
     model = MODELS[kind]()
     whole, half = (onnx_model(model, MESH, ATTACHMENTS, half) for half in (False, True))
@@ -150,7 +157,8 @@ class Turned(nn.Module):
 TURNS = {
     "unflattened from the end": lambda x, k: x.unflatten(-1, (k, 3)),
     "unflattened before the end": lambda x, k: x.unflatten(1, (3 * k, 1)).unflatten(-2, (k, 3)).sum(-1),
-    "flattened from the end": lambda x, k: x.unflatten(1, (k, 3)).flatten(-2).unflatten(1, (k, 3)),
+    "flattened from the end": lambda x, k: x.unflatten(1, (k, 3)).flatten(-2).unflatten(1, (-1, 3)),
+    "flattened with the poses": lambda x, k: x.unflatten(1, (k, 3)).flatten(0, 1).unflatten(0, (-1, k)),
     "beside sums that keep their dimension": lambda x, k: (x - x.sum(-1, keepdim=True) / (3 * k)).unflatten(1, (k, 3)),
     "beside sums over two dimensions": lambda x, k: x.unflatten(1, (k, 3)) / x.unflatten(1, (k, 3)).sum((1, 2), True),
 }
@@ -159,7 +167,9 @@ TURNS = {
 @pytest.mark.parametrize("turn", TURNS)
 def test_dimensions_that_count_from_the_end_and_sums_give_what_torch_gives(turn):
     model = SegmentedModel([Turned(TURNS[turn], SEGMENTS[0])], SEGMENTS[:1], SCALE, [1.0], len(MESH.neutral))
-    found = run(onnx_model(model, MESH, None), POSES)
+    written = onnx_model(model, MESH, None)
+    found = run(written, POSES)
+    assert run(written, POSES[:0]).shape == (0, len(MESH.neutral), 3)
     assert furthest(found, wanted(model, None)) < 1e-4 and furthest(found, MESH.neutral) > 1e-2
 
 
