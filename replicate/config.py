@@ -20,6 +20,7 @@ from replicate.engine.user_files import is_file, read_toml, shown_path
 from replicate.profiles import PROFILES, check_profile
 
 LARGEST_SEED = 2**32 - 1
+START = 8  # pixels a side of the maps that the dense layers make
 
 
 @dataclass(frozen=True)
@@ -72,9 +73,13 @@ class ConditioningConfig(Checked):
     weights: Literal["he", "released"] = "he"  # first ones: He et al. (2015), or as TensorFlow and the released code do
 
 
-def _check_map_size(size: int) -> None:
+def _check_maps(size: int, hidden: tuple[int, ...]) -> None:
     if size & (size - 1):
         raise InputError(f"map_size is {size}: allowed is a power of two, since each level doubles the 8×8 maps")
+    if hidden[-1] % START**2:
+        raise InputError(
+            f"hidden: expected a multiple of {START**2} as its last width, for maps of 8×8 pixels, got {shown(hidden)}"
+        )
 
 
 @dataclass(frozen=True)
@@ -91,7 +96,7 @@ class CoarseConfig(Checked):
 
     def __post_init__(self):
         super().__post_init__()
-        _check_map_size(self.map_size)
+        _check_maps(self.map_size, self.hidden)
 
 
 @dataclass(frozen=True)
@@ -111,7 +116,7 @@ class RefinementConfig(Checked):
 
     def __post_init__(self):
         super().__post_init__()
-        _check_map_size(self.map_size)
+        _check_maps(self.map_size, self.hidden)
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,8 @@ def test_a_file_overrides_a_profile_and_values_override_both(tmp_path, recipe):
             "[coarse.training]\nschedule = 'cosine'",
             ["coarse.training.schedule is 'cosine'", "paper, one_cycle, two_cycles"],
         ),
+        ("[coarse]\nhidden = [32, 32]", ["coarse.hidden", "multiple of 64", "got [32, 32]"]),
+        ("[refinement]\nhidden = [100]", ["refinement.hidden", "multiple of 64", "got [100]"]),
         ("[coarse]\nmap_size = 33", ["coarse.map_size is 33", "power of two"]),
         ("[coarse]\nnormal_weight = nan", ["coarse.normal_weight is nan", "number"]),
         ("[coarse]\nnormal_weight = inf", ["coarse.normal_weight is inf", "number"]),

@@ -21,10 +21,7 @@ from replicate.approximation.kernels.pixel_lists import layers_of, places
 from replicate.approximation.kernels.vector_code import CHANNELS
 from replicate.approximation.model import SegmentedModel, load_model, save_model
 from replicate.approximation.segments import Segment
-from replicate.config import CoarseConfig, RefinementConfig
-from replicate.engine.exceptions import InputError
-
-START = 8  # pixels a side of the maps that the dense layers make
+from replicate.config import START, CoarseConfig, RefinementConfig
 
 
 class MapNetwork(nn.Module):
@@ -37,8 +34,6 @@ class MapNetwork(nn.Module):
 
     def __init__(self, inputs: int, uv: np.ndarray, map_size: int, channels: int, hidden: Sequence[int], slope: float):
         super().__init__()
-        if hidden[-1] % START**2:
-            raise InputError(f"hidden is {list(hidden)}: allowed as its last width are multiples of {START**2}.")
         self.slope, self.map_size = slope, map_size
         widths = (inputs, *hidden)
         self.dense = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(widths))

@@ -68,7 +68,8 @@ def _(model: RegionalModel, graph: OnnxGraph, params: str) -> Moved:
     if len(shares) < len(counts):
         shares = graph.nodes("Split", len(counts), *shares, graph.whole(counts), axis=1)
     parts = [_region(basis, graph, share) for basis, share in zip(model.bases, shares, strict=True)]
-    rows = graph.reshape(graph.node("Concat", *parts, axis=1), [0, sum(len(basis.vertices) for basis in model.bases), 3])
+    count = sum(len(basis.vertices) for basis in model.bases)
+    rows = graph.reshape(graph.node("Concat", *parts, axis=1), [0, count, 3])
     return Moved(_summed(rows, graph, model.layers), model.vertices)
 
 

@@ -39,9 +39,9 @@ class PcaConfig(Checked):
 
     components: int = number(200, 1, 4_096)
     basis_samples: int = number(2_000, 2)  # training samples, spread over the set, that the components are of
-    hidden: tuple[int, ...] = number((256, 256), 1)
+    hidden: tuple[int, ...] = number((256, 256), 1, 65_536)
     leaky_slope: float = number(0.2, 0.0, 1.0)
-    normal_weight: float = number(5.0, 0.0)
+    normal_weight: float = number(5.0, 0.0, 1e6)
     training: TrainingConfig = TRAINING
 
 

@@ -42,8 +42,8 @@ def answers(face: PosedFace, rng: np.random.Generator) -> Answers:
 
 
 def posed_vertices(face: PosedFace, params: Float[np.ndarray, "b m"]) -> Float32[np.ndarray, "b n 3"]:
-    """Return an approximation's face with its rigid segments in place, mm; a single pose by the fast evaluation."""
-    if len(params) == 1:
+    """Return an approximation's face with its rigid segments in place, mm; a single pose by a fast evaluation."""
+    if len(params) == 1 and face.evaluate:
         return face.evaluate(params)
     mesh = face.rig.mesh
     return attach(mesh, face.attachments, mesh.neutral + face.model.offsets(params))

@@ -33,8 +33,11 @@ class PosedFace:
     influence: Bool[np.ndarray, "n m"]
 
     @cached_property
-    def evaluate(self) -> Callable[[np.ndarray], np.ndarray]:
-        """Raw rig parameters (1, m) → the whole posed mesh (1, n, 3), mm, as fast as the suite can."""
+    def evaluate(self) -> Callable[[np.ndarray], np.ndarray] | None:
+        """Raw rig parameters (1, m) → the whole posed mesh (1, n, 3), mm, as fast as the suite can.
+
+        None for networks that have no fast evaluation, as those with other numbers of channels than the paper's.
+        """
         return fast_evaluation(self.model, self.rig.mesh, self.attachments)
 
     def dragged(

@@ -130,11 +130,6 @@ def test_two_forward_passes_before_their_gradients_do_not_disturb_each_other():
         assert torch.equal(one, other)
 
 
-def test_a_hidden_width_that_makes_no_maps_is_refused():
-    with pytest.raises(InputError, match="multiples of 64"):
-        cnn.MapNetwork(3, UV, 32, 16, (256, 500), 0.2)
-
-
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
     config = CoarseConfig(map_size=16, training=TrainingConfig("one_cycle", steps=250, peak_rate=5e-3))

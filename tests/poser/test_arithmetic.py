@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from posed_face import MESH, TOOTH, coarse_model, posed_face, refined_model, regional_model
 
+from replicate.poser.check_poses import posed_vertices
 from replicate.poser.contents import face_contents
 from replicate.poser.pack import as_text, packed
 from replicate.poser.page import FRONT, joined
@@ -27,6 +28,7 @@ MODELS = {
     "regional, a region's shapes in 16 bits": lambda: regional_model((7, 2)),
     "regional, all shapes in 8 bits": lambda: regional_model((0, 0)),
     "coarse": coarse_model,
+    "coarse, small maps of 4 channels": lambda: coarse_model(16, 4),
     "refined": refined_model,
 }
 
@@ -42,6 +44,14 @@ def test_vertices_are_those_of_python(name, tmp_path):
     given = subprocess.run([node, program], capture_output=True, text=True, timeout=120, check=True).stdout
     vertices, soft = np.reshape(json.loads(given), (len(params), -1, 3)), MESH.segment != TOOTH
     np.testing.assert_allclose(vertices[:, soft], (MESH.neutral + face.model.offsets(params))[:, soft], atol=1e-3)
+
+
+@pytest.mark.parametrize("channels", [4, 16])
+def test_a_single_pose_is_pythons_of_networks_without_a_fast_evaluation_too(channels):
+    face = posed_face(coarse_model(channels=channels))
+    params = np.random.default_rng(4).uniform(-0.8, 0.8, (2, len(face.rig.default))).astype(np.float32)
+    assert (face.evaluate is None) == (channels == 4)
+    np.testing.assert_allclose(posed_vertices(face, params[:1]), posed_vertices(face, params)[:1], atol=1e-3)
 
 
 SUMS = """
