@@ -5,6 +5,7 @@ import pytest
 
 from data_recipes.controls import control_index, make_controls
 from data_recipes.deformers import brow_fields, face_build, mouth_fields
+from data_recipes.deformers.face import JAW_CONTROLS, jaw_motion
 from data_recipes.deformers.face_points import control_points, face_marks, handle_vertices
 from data_recipes.deformers.lid_fields import build_patch, ring_shares
 from data_recipes.deformers.lip_motions import ACTIONS
@@ -116,6 +117,23 @@ def test_the_jaw_carries_chin_and_lower_gum_and_leaves_the_brows(sculptor):
     assert weight[marks["mouth_corner_left"]] == pytest.approx(0.5)
     assert weight[marks["brow_mid_left"]] < 1e-3
     assert (weight[sculptor.in_parts("gum_lower")] == 1).all()
+
+
+def test_each_control_of_the_jaw_turns_and_shifts_it_as_far_as_a_real_jaw_goes():
+    motion = jaw_motion({"jaw_controls": np.eye(len(JAW_CONTROLS), dtype=np.float32)}, np.eye(len(JAW_CONTROLS)))
+    turns = dict(zip(JAW_CONTROLS, np.rad2deg(motion.rotation), strict=True))
+    shifts = dict(zip(JAW_CONTROLS, np.asarray(motion.translation), strict=True))
+    still = (0, 0, 0)
+    expected_deg = {"jaw_open": (27, 0, 0), "jaw_sideways": (0, 4.5, 0), "jaw_twist": (0, 0, -4.5)}
+    expected_mm = {
+        "jaw_open": (0, -1, 1.5),
+        "jaw_sideways": (5, 0, 0),
+        "jaw_forward": (0, -0.8, 6),
+        "jaw_drop": (0, -7, -1),
+    }
+    for name in JAW_CONTROLS:
+        np.testing.assert_allclose(turns[name], expected_deg.get(name, still), atol=1e-4, err_msg=name)
+        np.testing.assert_allclose(shifts[name], expected_mm.get(name, still), atol=1e-6, err_msg=name)
 
 
 def test_a_recipe_lists_control_points_by_the_region_that_they_drive(sculptor):
