@@ -22,7 +22,7 @@ from data_recipes.landmark_set import FACE_LANDMARKS, region_of_landmark
 from data_recipes.recipe.facekit import FaceKitRecipe
 from data_recipes.recipe.reading import Recipe, load_recipe, with_clips, without_place
 from data_recipes.recipe_paths import character_names
-from data_recipes.rig import Rig
+from data_recipes.rig import AlteredRig, Rig
 
 if TYPE_CHECKING:
     from data_recipes.sampled.importing import SampledRecipe
@@ -92,6 +92,8 @@ def with_face_landmarks(rig: Rig, recipe: Recipe | FaceKitRecipe) -> Rig:
 
     recipe: what the rig was built from, as `character_parts` gives it; of its head the landmarks are read off.
     """
+    from data_recipes.function_rig import FunctionRig
+
     if isinstance(recipe, FaceKitRecipe):
         from data_recipes.ict.facekit_rig import facekit_landmarks
 
@@ -101,12 +103,12 @@ def with_face_landmarks(rig: Rig, recipe: Recipe | FaceKitRecipe) -> Rig:
         from data_recipes.head.neutral_head import build_head
 
         vertices = landmark_vertices(build_head(recipe))
-    return replace(
-        rig,
-        control_points=vertices,
-        control_point_names=tuple(FACE_LANDMARKS),
-        control_point_regions=tuple(map(region_of_landmark, FACE_LANDMARKS)),
-    )
+    points = {
+        "control_points": vertices,
+        "control_point_names": tuple(FACE_LANDMARKS),
+        "control_point_regions": tuple(map(region_of_landmark, FACE_LANDMARKS)),
+    }
+    return replace(rig, **points) if isinstance(rig, FunctionRig) else AlteredRig(rig, **points)
 
 
 def performance(rig: Rig) -> Float32[np.ndarray, "t m"]:

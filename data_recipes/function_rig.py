@@ -13,14 +13,11 @@ from numpy.typing import ArrayLike
 
 from data_recipes.controlled_rig import ControlledRig
 from data_recipes.controls import Control
-from data_recipes.rig import Clip, Rig
+from data_recipes.rig import BATCH, Clip, Rig
 from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
 POINTS = ("landmarks", "control_points", "face_marks")
-# Poses evaluated at once; larger calls go through in parts, so that a function compiles for few sizes. The working
-# memory of 24 film faces stays below 32 MiB: more would be taken from the system and given back at each call.
-BATCH = 24
 
 
 @dataclass(frozen=True)
@@ -62,7 +59,7 @@ class FunctionRig(ControlledRig):
         if p.ndim == 1 or len(p) == 1:
             vertices = np.asarray(self.function(p.reshape(1, -1)), np.float32)
             return vertices[0] if p.ndim == 1 else vertices
-        out = np.empty((len(p), *self.mesh.neutral.shape), np.float32)
+        out = np.empty((len(p), *self.mesh.neutral.shape), np.float32)  # in parts: a function compiles for few sizes
         for first in range(0, len(p), BATCH):
             part = p[first : first + BATCH]
             padded = np.concatenate([part, np.repeat(part[-1:], BATCH - len(part), axis=0)])

@@ -9,9 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float, Float32
 
-from data_recipes.rig import Rig
-
-BATCH = 24  # poses a call: always the same, so that JAX compiles once
+from data_recipes.rig import BATCH, Rig
 
 
 def derivative_batches(

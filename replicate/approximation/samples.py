@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32, Int, Int16
 
-from data_recipes.rig import Rig, has_function
+from data_recipes.rig import BATCH, Rig, has_function
 from replicate.approximation.known_samples import choose_known
 from replicate.approximation.samples_scratch import Scratch
 from replicate.approximation.sampling import (
@@ -33,8 +33,7 @@ from replicate.approximation.sampling import (
 from replicate.config import SamplesConfig
 from replicate.engine.exceptions import InputError
 
-BATCH = 32  # poses a rig call: always the same, so that a compiled rig compiles once
-CHUNK = 256  # poses between two checkpoints
+CHUNK = 10 * BATCH  # poses between two checkpoints
 INT16_MAX = 32767
 PARTS = ("training", "validation", "test")
 

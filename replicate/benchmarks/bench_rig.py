@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from data_recipes import recipe_paths
-from data_recipes.rig import Rig
+from data_recipes.rig import BATCH, Rig
 from replicate.artefacts.built_rig import rig_of
 from replicate.benchmarks.common import PROFILE, add_count, answer, make_parser, publish, split_names
 from replicate.engine.exceptions import InputError
@@ -26,7 +26,6 @@ from replicate.report.tables import Table
 
 ABOUT = "poses per second of all rigs, batched and one at a time, and each deformer's share"
 WRITES = "results/runs/bench/bench_rig.csv"
-BATCH = 24
 APART = 4  # poses that a round evaluates one by one
 ROUNDS = 15
 POSES = {"batched": BATCH, "single": APART, "nodes": APART, "nodes_batched": BATCH}  # that each way evaluates a round

@@ -5,14 +5,9 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Float32
 
-from data_recipes.rig import Prop, Rig
+from data_recipes.rig import BATCH, AlteredRig, Prop, Rig
 from replicate.drawing.prop_surfaces import carry_props
 from replicate.inverse.ik_network import IkModel
-
-BATCH = 32  # poses that are predicted at a time
-FIELDS = ("name", "mesh", "controls", "lower", "default", "upper", "landmarks", "landmark_names", "control_points",
-          "control_point_regions", "control_point_names", "face_marks", "face_mark_regions", "clips", "nodes",
-          "paint")  # fmt: skip
 
 
 def driven_params(ik: IkModel, targets: Float[np.ndarray, "t l 3"], rig: Rig) -> Float32[np.ndarray, "t m"]:
@@ -23,7 +18,7 @@ def driven_params(ik: IkModel, targets: Float[np.ndarray, "t l 3"], rig: Rig) ->
     return np.clip(ik.solve(targets), rig.lower, rig.upper).astype(np.float32)
 
 
-class ApproximatedRig:
+class ApproximatedRig(AlteredRig):
     """A rig whose skin an approximation gives: what is drawn and exported of a captured performance.
 
     Props, as eyeballs and hair, are not part of the approximation: the rig poses them, and they go with the skin.
@@ -31,9 +26,8 @@ class ApproximatedRig:
 
     def __init__(self, rig: Rig, predict: Callable[[np.ndarray, np.ndarray], np.ndarray]):
         """rig: the character. predict: (params (b, m), the rig's vertices (b, n, 3)) → vertices (b, n, 3), mm."""
-        self._rig, self._predict = rig, predict
-        for name in FIELDS:
-            setattr(self, name, getattr(rig, name))
+        super().__init__(rig)
+        self._predict = predict
 
     def __call__(self, params: Float[np.ndarray, "*b m"]) -> Float32[np.ndarray, "*b n 3"]:
         """Return the vertices (n, 3) or (b, n, 3), mm, of one pose (m,) or a batch (b, m)."""

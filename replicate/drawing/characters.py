@@ -44,10 +44,8 @@ def character_surfaces(rig: Rig, params: Float[np.ndarray, " m"], camera: Camera
 
     camera: gives the eyes catchlights, see `prop_surfaces`.
     """
-    paint = getattr(rig, "paint", None)
-    colours = {"colours": segment_colours(rig.mesh)} if paint is None else {"paint": paint}
-    props = rig.pose_props(params) if hasattr(rig, "pose_props") else []
-    return [Surface(rig(params), rig.mesh.faces, **colours), *prop_surfaces(props, camera)]
+    colours = {"colours": segment_colours(rig.mesh)} if rig.paint is None else {"paint": rig.paint}
+    return [Surface(rig(params), rig.mesh.faces, **colours), *prop_surfaces(rig.pose_props(params), camera)]
 
 
 def expression_sheet(

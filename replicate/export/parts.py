@@ -5,12 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
-from data_recipes.rig import Rig
+from data_recipes.rig import BATCH, Rig
 from replicate.drawing.characters import COLOURS, colours_by_segment
 from replicate.engine.progress import progress
 from replicate.geometry.normals import vertex_normals
-
-BATCH = 32  # poses between two steps of the progress bar
 
 
 @dataclass(frozen=True)
@@ -43,32 +41,27 @@ def posed_parts(rig: Rig, params: Float[np.ndarray, " m"]) -> list[Part]:
     """
     mesh = rig.mesh
     vertices = rig(params)
-    paint = getattr(rig, "paint", None)
-    colours = colours_by_segment(mesh)[mesh.segment] if paint is None else paint
+    colours = colours_by_segment(mesh)[mesh.segment] if rig.paint is None else rig.paint
     head = Part(rig.name, vertices, unit_normals(vertices, mesh.faces), mesh.faces, colours, mesh.uv)
     parts = [head]
-    for name, vertices, faces, colours in _props(rig, params):
+    for name, vertices, faces, colours in rig.pose_props(params):
         used, faces = np.unique(faces, return_inverse=True)
         vertices, faces = vertices[used], faces.reshape(-1, 3).astype(np.int32)
         parts.append(Part(name, vertices, unit_normals(vertices, faces), faces, np.asarray(colours, np.uint8)[used]))
     return parts
 
 
-def _props(rig, params: np.ndarray) -> list[tuple]:
-    return rig.pose_props(params) if hasattr(rig, "pose_props") else []
-
-
 def moving_parts(rig: Rig, poses: Float[np.ndarray, "t m"]) -> tuple[list[Part], list[Float32[np.ndarray, "t n 3"]]]:
     """Return the parts in the rig's neutral pose, and where the vertices of each are in every frame, in mm."""
     rest = posed_parts(rig, rig.default)
-    used = [np.unique(faces) for _, _, faces, _ in _props(rig, rig.default)]
+    used = [np.unique(faces) for _, _, faces, _ in rig.pose_props(rig.default)]
     frames = [np.empty((len(poses), *part.vertices.shape), np.float32) for part in rest]
     with progress(len(poses), "frames") as bar:
         for first in range(0, len(poses), BATCH):
             batch = poses[first : first + BATCH]
             frames[0][first : first + BATCH] = rig(batch)
             for t, params in enumerate(batch, start=first):
-                for track, (_, vertices, _, _), rows in zip(frames[1:], _props(rig, params), used, strict=True):
+                for track, (_, vertices, _, _), rows in zip(frames[1:], rig.pose_props(params), used, strict=True):
                     track[t] = vertices[rows]
                 bar.update(1)
     return rest, frames

@@ -49,7 +49,7 @@ class Lids:
 def find_eyes(rig: Rig) -> Eyes | None:
     """Return a rig's eyes, or None where it brings no eyeballs or has no controls called blink_left and blink_right."""
     columns = {control.name: index for index, control in enumerate(rig.controls)}
-    balls = _eyeballs(rig.pose_props(rig.default)) if hasattr(rig, "pose_props") else {}
+    balls = _eyeballs(rig.pose_props(rig.default))
     blink = {side: columns[f"blink_{side}"] for side in SIDES if f"blink_{side}" in columns}
     if set(balls) != set(SIDES) or set(blink) != set(SIDES):
         return None

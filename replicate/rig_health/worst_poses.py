@@ -107,8 +107,7 @@ def _flip_colours(mesh: Mesh, skin: Skin, flipped: Bool[np.ndarray, " f"]) -> np
 
 
 def _picture(rig, params, vertices, colours, camera: Camera, width: int, height: int, renderer) -> np.ndarray:
-    props = rig.pose_props(params) if hasattr(rig, "pose_props") else []
-    surfaces = [Surface(vertices, rig.mesh.faces, colours), *prop_surfaces(props)]
+    surfaces = [Surface(vertices, rig.mesh.faces, colours), *prop_surfaces(rig.pose_props(params))]
     return render(surfaces, camera, width, height, BACKGROUND, renderer, STUDIO)
 
 

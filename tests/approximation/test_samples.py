@@ -137,6 +137,20 @@ def test_every_rig_call_has_one_shape(tmp_path):
     assert set(rig.calls) == {(samples.BATCH, 4)}
 
 
+def test_a_batch_is_as_large_as_rigs_evaluate_at_once_so_that_it_is_filled_up_once():
+    from box import foreign, lift  # here: the killed process of another test doesn't find it
+
+    seen = []
+
+    def counted(params):
+        seen.append(len(params))
+        return lift(params)
+
+    found = [vertices for _, vertices in samples.evaluate(foreign(function=counted), np.zeros((100, 2), np.float32))]
+    assert sum(map(len, found)) == 100 and sum(seen) < 100 + samples.BATCH
+    assert samples.CHUNK % samples.BATCH == 0
+
+
 def test_draws_are_balanced_and_a_function_of_the_step(tmp_path):
     data = write(tmp_path)
     rows = np.concatenate([data.draw_for_step(1, "coarse", step, 8) for step in range(4_000)])
@@ -217,7 +231,7 @@ def test_only_what_follows_the_damage_is_evaluated_again(tmp_path, capfd):
     flip_a_bit(tmp_path / "scratch" / "offsets.npy", 0.5)
     rig = Waves(clips())
     write(tmp_path, rig, settings)
-    assert "training poses from 768 on differ" in capfd.readouterr().err
+    assert "training poses from 960 on differ" in capfd.readouterr().err
     assert len(rig.calls) < 50
 
 

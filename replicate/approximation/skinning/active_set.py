@@ -17,7 +17,8 @@ def solve_all(
 ) -> None:  # fmt: skip
     """Solve for the weights of all vertices; fill in `index`, `result` and `error`.
 
-    products (n, 10), table (10, bones²), carried (n, bones), square (n,); from old_index, old_weights (n, influences).
+    products (n, 10), table (10, bones²), projection (n, bones), square (n,); from old_index and old_weights
+    (n, influences).
     """
     n, bones = projection.shape
     influences = old_index.shape[1]

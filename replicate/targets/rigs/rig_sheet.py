@@ -95,7 +95,7 @@ def _portrait(rig, view: str, width: int, height: int, renderer) -> np.ndarray:
 def _pictures(rig, width: int, height: int, renderer) -> dict[str, np.ndarray]:
     pictures = {view.replace("_", "-"): _portrait(rig, view, width, height, renderer) for view in VIEWS}
     mesh, neutral = rig.mesh, rig(rig.default)
-    props = rig.pose_props(rig.default) if hasattr(rig, "pose_props") else []
+    props = rig.pose_props(rig.default)
     clay = [Surface(neutral, mesh.faces), *prop_surfaces([prop for prop in props if prop[0].startswith("eye")])]
     camera = frame_surfaces(camera_for("three_quarter", mesh.neutral), clay[:1], width / height)
     lines = wireframe(neutral, mesh.faces, camera)

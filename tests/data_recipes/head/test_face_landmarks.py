@@ -4,12 +4,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+from plain_rig import PlainRig
 from small_facekit import write_facekit
 
 from data_recipes.catalogue import FACE_LANDMARKS, build_rig, character_parts, with_face_landmarks
 from data_recipes.head.face_landmarks import OUTER, landmark_vertices
 from data_recipes.head.neutral_head import build_head
 from data_recipes.landmark_set import region_of_landmark
+from data_recipes.rig import Rig
 
 NAMES = tuple(FACE_LANDMARKS)
 
@@ -59,6 +61,15 @@ def test_a_rig_gets_them_as_its_control_points_and_stays_what_it_is():
     pose = rig.default + np.float32(0.2) * (rig.upper - rig.lower)
     np.testing.assert_array_equal(other(pose), rig(pose))
     assert len(rig.control_points) != 54
+
+
+def test_a_rig_of_ones_own_gets_them_whatever_its_class_is():
+    class Own(PlainRig):
+        name = "own"
+
+    other = with_face_landmarks(Own(), character_parts("tiny")[0])
+    assert isinstance(other, Rig) and other.name == "own" and other.control_point_names == NAMES
+    assert len(other.control_points) == len(other.control_point_regions) == 54 and len(Own.control_points) == 0
 
 
 def test_ict_facekit_has_them_by_the_models_own_numbers(tmp_path, monkeypatch):
