@@ -17,7 +17,7 @@ from jaxtyping import Float32
 
 from data_recipes.acting import clip_file
 from data_recipes.acting.expression_poses import expression_poses
-from data_recipes.ict.facekit_files import model_files
+from data_recipes.ict.facekit_files import expression_names, model_files
 from data_recipes.landmark_set import FACE_LANDMARKS, region_of_landmark
 from data_recipes.recipe.facekit import FaceKitRecipe
 from data_recipes.recipe.reading import Recipe, load_recipe, with_clips, without_place
@@ -33,6 +33,7 @@ __all__ = [
     "build_rig",
     "character_parts",
     "check_empty",
+    "control_count",
     "expression_poses",
     "forget_folders",
     "import_sampled",
@@ -65,6 +66,16 @@ def character_parts(name_or_recipe: str | Path) -> tuple[Recipe | FaceKitRecipe,
     check_early(recipe)
     model = model_files() if isinstance(recipe, FaceKitRecipe) else ()
     return without_place(recipe), (*map(Path, recipe.clip_files), *model)
+
+
+def control_count(recipe: Recipe | FaceKitRecipe | SampledRecipe, files: Sequence[Path]) -> int:
+    """Return how many controls the rig of what `character_parts` or `sampled_parts` gives has; nothing is built."""
+    from data_recipes.early_checks import recipe_controls
+    from data_recipes.sampled.control_file import read_controls
+
+    if isinstance(recipe, Recipe):
+        return len(recipe_controls(recipe))
+    return len(expression_names() if isinstance(recipe, FaceKitRecipe) else read_controls(files[1].parent))
 
 
 def build_rig(name_or_recipe: str | Path) -> Rig:

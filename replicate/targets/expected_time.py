@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from data_recipes.catalogue import control_count
+from replicate.artefacts import built_rig
 from replicate.artefacts.plan import Plan
 from replicate.config import resolve
 from replicate.engine.paths import REFERENCE
@@ -18,6 +20,9 @@ from replicate.report import manifest
 # reading the samples is the larger part; derivatives come before the training and make its steps longer.
 KIN = {"pca": ("dense", 1), "pca_line": ("dense", 1), "driven": ("dense", 1), "squares": ("linear", 4),
        "dense_compact": ("linear", 1), "regional_derivatives": ("regional", 2)}  # fmt: skip
+# The power of the number of controls that a time grows with: influence is found for each of them, our networks have an
+# input for each, and regressions a product for each pair.
+GROWTH = {"influence": 1, "regional": 1, "regional_derivatives": 1, "linear": 2, "squares": 2}
 EXAMPLE = "teen"
 
 
@@ -77,17 +82,19 @@ def times_s(stages: Sequence[Stage], known: dict[str, Known]) -> dict[str, float
 def stage_s(stage: Stage, known: dict[str, Known]) -> float | None:
     """Return the seconds that a stage takes, None where nothing is known of it or its kin.
 
-    That of the same character, else of the teen; in proportion to its steps, samples or iterations. Rigs that are timed
-    together take their share of the time of those that were.
+    That of the same character, else of the teen, more of it where there are more controls; in proportion to its steps,
+    samples or iterations. Rigs that are timed together take their share of the time of those that were.
     """
     if rigs := getattr(stage.config, "rigs", ()):
         together = ((re.fullmatch(rf"{stage.name}-(\d+)_rigs", title), one) for title, one in known.items())
         return min((len(rigs) * one.wall_s / int(match[1]) for match, one in together if match), default=None)
     for name, times in _candidates(stage):
-        for title in (f"{name}-{stage.label.partition('-seed')[0]}", f"{name}-{EXAMPLE}"):
-            if title in known:
-                other = _of_profile(known[title].profile).get(name)
-                return known[title].wall_s * times * (work(stage) / work(other) if other else 1.0)
+        label = stage.label.partition("-seed")[0]
+        for whose in (label, EXAMPLE):
+            if one := known.get(f"{name}-{whose}"):
+                other = _of_profile(one.profile).get(name)
+                growth = 1.0 if whose == label else _growth(stage)
+                return one.wall_s * times * growth * (work(stage) / work(other) if other else 1.0)
     return None
 
 
@@ -101,6 +108,15 @@ def work(stage: Stage) -> float:
     if hasattr(config, "iterations"):
         return float(config.samples * (config.iterations + config.relaxed))
     return 1.0
+
+
+def _growth(stage: Stage) -> float:
+    """Return how many times as long as the teen's a stage takes for more controls; 1 for fewer, which save little."""
+    rig = next((source for source in in_order([stage]) if source.name == "rig"), None)
+    if rig is None or stage.name not in GROWTH:
+        return 1.0
+    own, example = (control_count(r.config.recipe, r.files) for r in (rig, built_rig.stage(Plan(resolve(EXAMPLE)))))
+    return max(1.0, own / example) ** GROWTH[stage.name]
 
 
 def wall_s(missing: Sequence[Stage], times: dict[str, float | None], workers: int) -> float:

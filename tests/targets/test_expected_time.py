@@ -3,8 +3,12 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
+import sample_folders
 
+from data_recipes.early_checks import recipe_controls
+from data_recipes.recipe.reading import load_recipe
 from replicate.artefacts.plan import Plan
 from replicate.config import resolve
 from replicate.engine.paths import REFERENCE
@@ -38,6 +42,24 @@ def test_a_stage_takes_as_long_as_the_reference_in_proportion_to_its_steps(folde
     assert stage_s(stage_of("coarse", "teen", overrides=half), known) == pytest.approx(300)
     assert stage_s(stage_of("coarse", "toon"), known) == 600, "of the teen, where the character's is unknown"
     assert stage_s(stage_of("coarse", "tiny"), known) == 66
+
+
+def test_what_is_fitted_to_each_control_takes_longer_where_there_are_more_than_the_teen_has(folder, tmp_path):
+    wide = sample_folders.write(tmp_path / "box")
+    more = 2 * len(recipe_controls(load_recipe("teen"))) - len(sample_folders.NAMES)
+    with (wide / "controls.csv").open("a") as file:
+        file.writelines(f"more_{k},0,0,1,mouth\n" for k in range(more))
+    for shard in (wide / "poses").iterdir():
+        with np.load(shard) as stored:
+            arrays = dict(stored)
+        np.savez(shard, **arrays | {"params": np.pad(arrays["params"], ((0, 0), (0, more)))})
+    known = known_times(folder) | {"regional-teen": Known(50.0, "laptop")}
+    assert stage_s(stage_of("linear", str(wide)), known) == 4 * 30
+    assert stage_s(stage_of("regional", str(wide)), known) == 2 * 50
+    assert stage_s(stage_of("squares", str(wide)), known) == 4 * 4 * 30
+    assert stage_s(stage_of("coarse", str(wide)), known) == 600
+    assert stage_s(stage_of("linear", str(wide)), known | {"linear-box": Known(7.0, "laptop")}) == 7
+    assert stage_s(stage_of("linear", "tiny"), known) == 30, "fewer controls than the teen's save little"
 
 
 def test_kin_tell_the_times_that_the_reference_lacks_and_strangers_have_none(folder):
