@@ -19,6 +19,7 @@ from replicate.engine.store import artefact_folder, read_manifest
 NAME = "manifest.json"
 TOP = "table2"
 DRAWN = "pictures"  # the word for where pictures come from that are younger than their entry
+POSES = "from"  # the word for the poses of Table 2 that a figure's numbers come from; `run` is then Table 2's
 SURROUNDINGS = ("python", "packages", "processor", "instruction_set")
 
 
@@ -136,7 +137,7 @@ def write_entries(folder: Path, target: str, characters: dict[str, dict]) -> Non
     shared = {
         key: value
         for key, value in each[0].items()
-        if key not in ("stages", "run", "files", DRAWN) and all(facts.get(key) == value for facts in each)
+        if key not in ("stages", "run", "files", DRAWN, POSES) and all(facts.get(key) == value for facts in each)
     }
     new = {**shared, "characters": characters}
     top, targets = _other(folder)

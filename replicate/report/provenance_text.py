@@ -5,7 +5,7 @@ import textwrap
 from replicate.engine.paths import display_path
 from replicate.engine.provenance import LABELS, as_lines
 from replicate.report.cast import order_of
-from replicate.report.manifest import DRAWN, section
+from replicate.report.manifest import DRAWN, POSES, section
 from replicate.report.notebooks import folder_of
 
 COMMIT_LENGTH = 12  # hexadecimal digits by which pages name a commit; manifests have all
@@ -41,15 +41,21 @@ def _in_lines(value: str) -> str:
 def _facts_in_words(facts: dict) -> dict[str, str]:
     stages = (facts.get("stages") or {}).values()
     seconds = [stage.get("wall_s", 0) for stage in stages]
+    settings = {
+        "profile, seeds": f"{facts.get('profile')}, {facts.get('seeds')}",
+        **({"test poses": f"split by {facts['split']}"} if "split" in facts else {}),
+    }
+    pictures = {"pictures drawn anew": _commits(drawn)} if (drawn := facts.get(DRAWN)) else {}
+    if POSES in facts:  # all else is Table 2's
+        return {"numbers from": f"{facts[POSES]} of Table 2's run {facts['run']}", **settings, **pictures}
     gpu = facts.get("gpu") or next((stage["gpu"] for stage in stages if stage.get("gpu")), "none")
     return {
         "commit": _commits(facts.get("git")),
         "command": str(facts.get("command")).replace("; ", "\n"),
-        "profile, seeds": f"{facts.get('profile')}, {facts.get('seeds')}",
-        **({"test poses": f"split by {facts['split']}"} if "split" in facts else {}),
+        **settings,
         "machine": f"{facts.get('processor')}, {facts.get('cores')} cores, GPU: {gpu}",
         "packages": ", ".join(f"{name} {version}" for name, version in sorted((facts.get("packages") or {}).items())),
-        **({"pictures drawn anew": _commits(drawn)} if (drawn := facts.get(DRAWN)) else {}),
+        **pictures,
         **({"made elsewhere": elsewhere} if (elsewhere := _elsewhere(facts)) else {}),
         "time of all stages": f"{sum(seconds) / 60:.1f} min",
     }

@@ -78,23 +78,21 @@ def readable(read: Callable[[Path], object], file: Path) -> object:
         return None
 
 
-def publish_pictures(name: str, results: Sequence[CharacterResult], notebook: bool = True) -> None:
+def publish_pictures(name: str, results: Sequence[CharacterResult]) -> None:
     """Copy a figure of some characters, with its words and numbers, to the profile's folder, and execute its notebook.
 
-    name, results: as for `publish_files`. notebook: whether the figure has one of its own.
+    name, results: as for `publish_files`.
     """
     from replicate.report.notebooks import run_notebook
 
     profile = results[0].config.profile
-    finish = (lambda: run_notebook(name, profile)) if notebook else None
-    folder, files = publish_files(name, results, finish)
+    folder, files = publish_files(name, results, lambda: run_notebook(name, profile))
     for character in by_character(results):
         pictures = [file for file in files[character] if file.endswith(".png")]
         print(
             f"written to {paths.display_path(folder)}: {', '.join(pictures)}, with their words and numbers beside them"
         )
-    if notebook:
-        print(f"written to {paths.display_path(folder)}: {name}.ipynb to read them in")
+    print(f"written to {paths.display_path(folder)}: {name}.ipynb to read them in")
 
 
 def publish_files(

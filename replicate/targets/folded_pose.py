@@ -23,13 +23,15 @@ def folded_pose_stages(
 
 
 def save_folded_pose(context: StageContext, figure_of: Callable[[PoseRecord], tuple]) -> None:
-    """Draw the pose of a stage's character and save the figure, which is called as the stage.
+    """Draw the pose of a stage's character and save the figure, which is called as the stage, and its numbers.
 
     figure_of: the pose → (figure, words), as `save_figure` takes them.
     """
     from replicate.drawing.face_sheet import LARGEST_BYTES
     from replicate.drawing.panels import save_figure
+    from replicate.targets.pose_numbers import save_rows
 
-    record = load_records(context.config.character, context.inputs)[FOLDED]
-    figure, words = figure_of(record)
-    save_figure(figure, context.out / f"{context.name}_{record.character}.png", words, LARGEST_BYTES)
+    records = load_records(context.config.character, context.inputs)
+    figure, words = figure_of(records[FOLDED])
+    save_figure(figure, context.out / f"{context.name}_{context.config.character}.png", words, LARGEST_BYTES)
+    save_rows(context, records)

@@ -21,9 +21,12 @@ from replicate.report.pose_record import CHOICES, FOLDED, TRUTH, PoseRecord, loa
 
 @dataclass(frozen=True)
 class PosePicture:
-    """Whose poses are drawn, up to which normal error the colours go, and what the methods are called."""
+    """Whose poses are drawn as results of which profile, up to which normal error the colours go, and what the methods
+    are called.
+    """
 
     character: str
+    profile: str
     limit_deg: float
     titles: tuple[str, ...]
 
@@ -31,7 +34,7 @@ class PosePicture:
 def picture_settings(plan: Plan, methods: Sequence[Method]) -> PosePicture:
     """Return the settings of a stage that draws the poses of a plan's character."""
     titles = tuple(method.title for method in methods)
-    return PosePicture(plan.character, plan.config.evaluation.heatmap_deg, titles)
+    return PosePicture(plan.character, plan.config.profile, plan.config.evaluation.heatmap_deg, titles)
 
 
 def input_stages(plan: Plan, methods: Sequence[Method], typical: bool = True) -> list[Stage]:

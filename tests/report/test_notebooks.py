@@ -196,7 +196,7 @@ def test_the_claims_notebook_shows_every_claim_with_its_reasons(folder, monkeypa
     "target",
     [
         *"claims table1 table3 table4 rig_report bench_released".split(),
-        *(f"figure{k}" for k in "05 07 08 11 12 13".split()),
+        *(f"figure{k}" for k in "01 05 07 08 09 10 11 12 13".split()),
     ],
 )
 def test_a_notebook_without_its_results_names_the_target_that_makes_them(folder, monkeypatch, target):

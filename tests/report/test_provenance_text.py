@@ -84,6 +84,15 @@ def test_another_target_has_a_text_of_its_own_and_none_names_what_writes_it(mani
         provenance_text("quick")
 
 
+def test_numbers_from_table_2s_poses_name_them_and_leave_the_rest_to_table_2(manifest):
+    drawn = {"pictures": {"commit": COMMIT, "clean": True}}
+    facts = {"profile": "quick", "seeds": [0], "run": "c0ffee", "from": "table2_teen_pose*.npz", **drawn}
+    manifest.write_text(json.dumps({"targets": {"figure10": {"characters": {"teen": facts}}}}))
+    text = provenance_text("quick", "figure10")
+    assert "table2_teen_pose*.npz of Table 2's run c0ffee" in text and "quick, [0]" in text and COMMIT[:12] in text
+    assert "unknown" not in text and "None" not in text
+
+
 def test_lines_are_no_longer_than_a_page_has_room_for_and_nothing_is_lost(manifest):
     commands = [
         f"{COMMAND} --characters teen woman dragon toon --seed {k} --methods coarse refined dense" for k in (1, 2)

@@ -5,11 +5,13 @@ import warnings
 from dataclasses import replace
 
 import pytest
+from bumpy_plate import bumpy_plate
 from toy_texts import TABLES, texts_to_fill
 
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.report import manifest, notebooks
+from replicate.report.pose_record import pose_file, save_pose
 from replicate.report.results import Row, read_results, write_results
 from replicate.report.tables import Table
 from replicate.report.training_curves import read_curves, write_curves
@@ -120,13 +122,24 @@ def test_a_character_that_the_run_lacks_stays(folders):
     assert runs == {"teen": "0.5", "woman": "0.7"}
 
 
+def test_numbers_of_figures_go_with_the_poses_of_table_2(folders):
+    run, _, reference_folder, _ = folders
+    save_pose(pose_file(run, "teen"), bumpy_plate())
+    manifest.write_entries(run, "table2", {"teen": {**CLEAN, "profile": "laptop"}})
+    reference.publish_reference("laptop")
+    rows = read_results(reference_folder / "figure10.csv")
+    assert {(row.character, row.run) for row in rows} == {("teen", "r")}
+    assert {row.method for row in rows} == {"truth", "coarse", "dense"}
+    assert not (reference_folder / "figure01.csv").exists(), "it has no picture"
+
+
 def test_meshes_of_a_face_from_elsewhere_and_of_variants_stay_out(folders):
     run, _, reference_folder, _ = folders
-    for name in ("table2_ict_pose.npz", "table2_teen_pose.npz", "table2_teen@fine_pose.npz", "figure10_ict.png"):
+    for name in ("table2_ict_pose.npz", "table2_toon_pose.npz", "table2_teen@fine_pose.npz", "figure10_ict.png"):
         (run / name).write_bytes(b"meshes or a picture")
     reference.publish_reference("laptop")
     there = {file.name for file in reference_folder.iterdir()}
-    assert {"table2_teen_pose.npz", "figure10_ict.png"} <= there and not {
+    assert {"table2_toon_pose.npz", "figure10_ict.png"} <= there and not {
         "table2_ict_pose.npz",
         "table2_teen@fine_pose.npz",
     } & there

@@ -1,5 +1,7 @@
 """Committed pictures drawn anew from committed numbers: the manifest says by which commit, and numbers stay."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from plane import flat_grid
@@ -8,12 +10,13 @@ from sample_rows import roofline_rows, table2_rows
 from replicate.engine import paths
 from replicate.engine.exceptions import InputError
 from replicate.report import manifest
-from replicate.report.pose_record import PoseRecord, pose_file, save_pose
-from replicate.report.results import write_results
+from replicate.report.pose_errors import normal_means_deg
+from replicate.report.pose_record import PoseRecord, load_pose, pose_file, save_pose
+from replicate.report.results import read_results, write_results
 from replicate.report.training_curves import write_curves
 from replicate.targets.reference import redrawn_pictures
 
-ENTRY = {"git": {"commit": "a" * 40, "clean": True}, "run": "r"}
+ENTRY = {"git": {"commit": "a" * 40, "clean": True}, "run": "r", "profile": "laptop", "seeds": [0, 1]}
 
 
 @pytest.fixture
@@ -38,12 +41,13 @@ def reference(tmp_path, monkeypatch):
 def test_pictures_are_drawn_and_their_entries_say_by_which_commit(reference):
     files = redrawn_pictures.redraw(["teen"], renderer="software")
     names = ["table2_teen_chart", "figure10_teen", "figure09_teen", "table2_teen_curves", "figure10_teen_forehead"]
-    assert [file.stem for file in files] == [*names, "bench_roofline_teen"]
-    assert all(file.stat().st_size > 500 and file.with_suffix(".json").is_file() for file in files)
+    assert [file.stem for file in files] == [*names, "bench_roofline_teen", "figure09", "figure10"]
+    assert all(file.stat().st_size > 500 and file.with_suffix(".json").is_file() for file in files[:-2])
     for target in ("table2", "figure10"):
         facts = manifest.entries(reference, target)["teen"]
         assert facts["pictures"] == {"commit": "d" * 40, "clean": True, "from": "table2_teen_pose*.npz"}
-        assert facts["git"] == ENTRY["git"] and facts["run"] == "r", "the numbers' own"
+        assert facts["run"] == "r", "the numbers' own"
+    assert manifest.entries(reference, "table2")["teen"]["git"] == ENTRY["git"]
     drawn = manifest.entries(reference, "bench_roofline")["teen"]["pictures"]
     assert drawn == {"commit": "d" * 40, "clean": True}, "from rows alone"
 
@@ -53,3 +57,19 @@ def test_what_no_commit_would_tell_of_is_not_drawn(reference, monkeypatch):
     with pytest.raises(InputError, match="the tree has changes"):
         redrawn_pictures.redraw(["teen"])
     assert "pictures" not in manifest.entries(reference, "table2")["teen"]
+
+
+def test_numbers_are_those_of_the_poses_and_their_entry_names_the_run_of_these(reference):
+    (reference / "figure10_teen.png").write_bytes(b"a picture")
+    others = [replace(row, table="figure10", character="ict") for row in table2_rows(("toon",))[:1]]
+    write_results(reference / "figure10.csv", others)
+    (file,) = redrawn_pictures.put_numbers(["teen", "toon"])
+    rows = read_results(file)
+    assert {row.character: row.run for row in rows} == {"ict": "r", "teen": "r"} and file.name == "figure10.csv"
+    whole = next(row for row in rows if row.key[1:] == ("teen", "dense", "normal_error_mean[folded]"))
+    assert whole.value == pytest.approx(
+        normal_means_deg(load_pose(pose_file(reference, "teen")), "dense")["whole mesh"]
+    )
+    facts = manifest.entries(reference, "figure10")["teen"]
+    assert facts["from"] == "table2_teen_pose*.npz" and facts["seeds"] == [0], "of the first seed"
+    assert facts["files"] == ["figure10_teen.png", "figure10_teen_forehead.png"] and "git" not in facts

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
-from replicate.report.publication import publish_pictures
 from replicate.targets.figure_methods import FIGURE01
 from replicate.targets.folded_pose import folded_pose_stages, save_folded_pose
 from replicate.targets.options import OF_A_RUN
@@ -30,5 +29,7 @@ def draw(context: StageContext) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Draw the figure of every character and publish it."""
-    publish_pictures("figure01", make(options, stages), notebook=False)
+    """Draw the figure of every character, publish it and print its numbers."""
+    from replicate.targets.pose_numbers import publish
+
+    publish("figure01", make(options, stages))

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
-from replicate.report.publication import publish_pictures
 from replicate.targets.options import OF_A_RUN, methods
 from replicate.targets.running import make
 from replicate.targets.shown_records import load_records, picture_settings, record_stages
@@ -28,14 +27,18 @@ def draw(context: StageContext) -> None:
     from replicate.drawing.panels import save_figure
     from replicate.report.pose_record import FOLDED
     from replicate.targets.figure10.error_faces import figure10, picture_name
+    from replicate.targets.pose_numbers import save_rows
 
-    for record in load_records(context.config.character, context.inputs).values():
+    records = load_records(context.config.character, context.inputs)
+    save_rows(context, records)
+    for record in records.values():
         for camera in ("front", "forehead") if record.choice == FOLDED else ("front",):
             figure, words = figure10(record, context.config.limit_deg, camera)
             save_figure(figure, context.out / f"{picture_name(record, camera)}.png", words, LARGEST_BYTES)
 
 
 def run(options: argparse.Namespace) -> None:
-    """Draw the figure of every character and publish it."""
-    results = make(options, lambda plan: stages(plan, methods(options, plan.config)))
-    publish_pictures("figure10", results, notebook=False)
+    """Draw the figure of every character, publish it and print its numbers."""
+    from replicate.targets.pose_numbers import publish
+
+    publish("figure10", make(options, lambda plan: stages(plan, methods(options, plan.config))))

@@ -2,19 +2,22 @@
 
 `python -m replicate.targets.reference.redrawn_pictures teen woman` draws those of some characters, of all by default:
 the figures of Table 2, Figure 1, the ladder and the roofline. It reads no cache, no network and no rig. The manifest
-then says of each entry at which commit its pictures were drawn; what it says of the numbers stays.
+then says of each entry at which commit its pictures were drawn; what it says of the numbers stays. The numbers of
+Figures 1, 9 and 10 are written anew with their pictures.
 """
 
+import re
 import sys
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
+from replicate.benchmarks.common import merge
 from replicate.engine import paths
 from replicate.engine.command_line import guard
 from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import git_state
 from replicate.report import manifest
-from replicate.report.pose_record import FOLDED
+from replicate.report.pose_record import CHOICES, FOLDED, load_pose, pose_file
 from replicate.report.results import read_results
 
 CHARTS = ("bench_ladder", "bench_roofline")  # benchmarks whose charts their rows suffice for
@@ -29,7 +32,7 @@ def redraw(characters: Collection[str], renderer: str | None = None) -> list[Pat
     state = git_state()
     if not (state and state["clean"]):
         raise InputError("the tree has changes: commit them, so that the manifest can say what drew the pictures")
-    files = [*_of_table2(characters, renderer), *_charts(characters)]
+    files = [*_of_table2(characters, renderer), *_charts(characters), *put_numbers(characters)]
     for target in (manifest.TOP, *OF_A_POSE, *CHARTS):
         entries = manifest.entries(paths.REFERENCE, target)
         for name in entries:
@@ -39,6 +42,49 @@ def redraw(characters: Collection[str], renderer: str | None = None) -> list[Pat
         if entries:
             manifest.write_entries(paths.REFERENCE, target, entries)
     return files
+
+
+def put_numbers(characters: Collection[str]) -> list[Path]:
+    """Write the numbers of Figures 1, 9 and 10 anew from the committed poses of some characters; return the files.
+
+    Of a figure those characters have rows that have its picture and a pose. Their entries in the manifest then name
+    Table 2's run, which the poses are of.
+    """
+    from replicate.targets.figure10.error_faces import LIMIT_DEG
+    from replicate.targets.pose_numbers import rows_of
+
+    folder, runs, files = paths.REFERENCE, manifest.entries(paths.REFERENCE, manifest.TOP), []
+    for figure in OF_A_POSE:
+        entries, rows = manifest.entries(folder, figure), []
+        for name in characters:
+            poses = {choice: file for choice in CHOICES if (file := pose_file(folder, name, choice)).is_file()}
+            if name not in runs or not poses or not (folder / f"{figure}_{name}.png").is_file():
+                continue
+            facts, records = runs[name], {choice: load_pose(file) for choice, file in poses.items()}
+            rows += rows_of(figure, records, LIMIT_DEG, facts["profile"], facts["run"])
+            entries[name] = _entry_of_poses(figure, name, facts, entries.get(name, {}))
+        if rows:
+            files.append(folder / f"{figure}.csv")
+            merge(files[-1], rows, lambda row, own=tuple(row.character for row in rows): row.character not in own)
+            manifest.write_entries(folder, figure, dict(sorted(entries.items())))
+    return files
+
+
+def _entry_of_poses(figure: str, character: str, facts: dict, earlier: dict) -> dict:
+    """Return what the manifest says of a figure's numbers that come from Table 2's poses.
+
+    facts, earlier: Table 2's entry, and the figure's own so far. How long the figure's stage took is still said.
+    """
+    pictures = paths.REFERENCE.glob(f"{figure}_{character}*")
+    own = re.compile(rf"{re.escape(f'{figure}_{character}')}(_\w+)?\.(png|json)")
+    last = f"{figure}-{character}"
+    return {
+        **{key: facts[key] for key in ("profile", "split", "run", manifest.DRAWN) if key in facts},
+        "seeds": [min(facts["seeds"])],
+        manifest.POSES: f"table2_{character}_pose*.npz",
+        "files": sorted(file.name for file in pictures if own.fullmatch(file.name)),
+        "stages": {title: stage for title, stage in earlier.get("stages", {}).items() if title == last},
+    }
 
 
 def _of_table2(characters: Collection[str], renderer: str | None) -> list[Path]:

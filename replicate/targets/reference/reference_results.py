@@ -30,6 +30,7 @@ from replicate.targets.reference import committed_seeds
 from replicate.targets.reference.gpu_times import TARGET as GPU_TIMES
 from replicate.targets.reference.gpu_times import is_of_gpu, put_gpu_times
 from replicate.targets.reference.joined_poses import put_first_seed
+from replicate.targets.reference.redrawn_pictures import put_numbers
 from replicate.targets.reference.table2_times import times_card
 from replicate.targets.rig_report.report_tables import report_card
 from replicate.targets.table2.error_table import other_rigs, table2_overview
@@ -101,6 +102,7 @@ def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
                 if both:
                     manifest.write_entries(paths.REFERENCE, target, dict(sorted(both.items())))
     files += redraw_charts(paths.REFERENCE, shared)
+    files += put_numbers(manifest.entries(run, TABLE2))
     write_claims(paths.REFERENCE, gather([paths.REFERENCE]))
     files.append(paths.REFERENCE / CLAIMS)
     files += [_put(rigs / name) for name in shown_pictures() if (rigs / name).is_file()]

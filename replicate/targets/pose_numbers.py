@@ -1,0 +1,208 @@
+"""The numbers of Figures 1, 9 and 10: as rows of results, as printed tables, and as the answer of their notebooks."""
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from replicate.engine.stage import StageContext
+from replicate.methods.method_registry import in_order, method_named
+from replicate.methods.typical_poses import MEDIAN, WORST
+from replicate.report.cast import characters_of
+from replicate.report.panel_titles import marks_in_words, panel_title, plain_name
+from replicate.report.pose_errors import WHOLE, normal_means_deg, vertex_mean_mm
+from replicate.report.pose_record import CHOICES, FOLDED, TRUTH, PoseRecord
+from replicate.report.publication import CharacterResult, by_character, results_folder
+from replicate.report.results import Row, find, write_results
+from replicate.report.run_name import run_name
+from replicate.report.tables import Table
+from replicate.targets.figure09.forehead_wrinkles import REGION, fold_change_deg
+from replicate.targets.figure_methods import FIGURE01, FIGURE09
+
+KINDS = {"vertex": ("distance", "mm", " mm"), "normal": ("normal", "deg", "°")}  # how it is called, and its unit, shown
+ERROR = re.compile(r"(vertex|normal)_error_mean\[(\w+)\](?:\[(.+)\])?")  # of a pose, by its rule, over a region
+TITLES = {
+    "figure01": "Figure 1: mean errors in the pictures' pose",
+    "figure09": "Figure 9: mean normal errors of the forehead",
+    "figure10": "Figure 10: mean normal errors",
+}
+RIVALS = {"figure01": ("refined", "lbs32"), "figure09": ("refined", "lbs32"), "figure10": ("refined", "dense")}
+REGIONS = (WHOLE, "forehead", "eyes", "nose", "cheeks", "mouth", "jaw")  # columns; other names stand behind
+RULES = {FOLDED: "the forehead folds most", MEDIAN: "the median", WORST: "the worst"}
+Number = tuple[str, str, str, float]  # method, metric, unit, value
+
+
+def rows_of(figure: str, records: Mapping[str, PoseRecord], limit_deg: float, profile: str, run: str) -> list[Row]:
+    """Return one character's numbers in Figure 1, 9 or 10, its name as results have it, "figure01".
+
+    records: by the rule that chose the pose, as `load_records` gives them; of those the figure shows. limit_deg: the
+    upper end of Figure 10's colours. An error's metric has the rule in brackets and, where it isn't of the whole mesh,
+    the region: normal_error_mean[folded][forehead]. The rows of the truth say which test pose it is, how much its
+    forehead folds (Fig. 9) and where the colours end (Fig. 10). A region without normals has no row.
+    """
+    numbers = [number for rule in CHOICES if rule in records for number in _numbers(figure, records[rule])]
+    if figure == "figure10":
+        numbers.append((TRUTH, "colour_limit", "deg", limit_deg))
+    character = next(iter(records.values())).character
+    return [
+        Row(figure, character, method, metric, unit, float(value), None, 1, 1, profile, run)
+        for method, metric, unit, value in numbers
+        if math.isfinite(value)
+    ]
+
+
+def save_rows(context: StageContext, records: Mapping[str, PoseRecord]) -> None:
+    """Write the numbers of a stage's figure, which is called as the stage, to <its name>.csv.
+
+    The stage's settings are a `PosePicture`.
+    """
+    settings = context.config
+    rows = rows_of(context.name, records, settings.limit_deg, settings.profile, run_name(context.inputs))
+    write_results(context.out / f"{context.name}.csv", rows)
+
+
+def _numbers(figure: str, record: PoseRecord) -> Iterator[Number]:
+    rule = f"[{record.choice}]"
+    if figure != "figure10" and record.choice != FOLDED:
+        return
+    yield TRUTH, f"test_pose{rule}", "count", record.pose
+    if figure == "figure01":
+        for method in (name for name in FIGURE01 if name in record.vertices):
+            yield method, f"vertex_error_mean{rule}", "mm", vertex_mean_mm(record, method)
+            yield method, f"normal_error_mean{rule}", "deg", normal_means_deg(record, method)[WHOLE]
+    elif figure == "figure09":
+        region = REGION if REGION in record.region_names else WHOLE
+        yield TRUTH, f"fold_change_mean{rule}{_of(region)}", "deg", fold_change_deg(record)
+        for method in (name for name in FIGURE09 if name in record.vertices):
+            yield method, f"normal_error_mean{rule}{_of(region)}", "deg", normal_means_deg(record, method)[region]
+    else:
+        for method in set(record.vertices) - {TRUTH}:
+            if method_named(method).in_figures:
+                for region, mean in normal_means_deg(record, method).items():
+                    yield method, f"normal_error_mean{rule}{_of(region)}", "deg", mean
+
+
+def _of(region: str) -> str:
+    return "" if region == WHOLE else f"[{region}]"
+
+
+def publish(figure: str, results: Sequence[CharacterResult]) -> None:
+    """Write a figure's rows and pictures of some characters to the profile's folder, and print its tables.
+
+    Of several seeds of a character the first is shown, in numbers too: each has test poses of its own.
+    """
+    from replicate.engine.paths import display_path
+    from replicate.report.row_publication import publish_rows
+    from replicate.report.tables import as_text
+
+    for table in pose_tables(publish_rows(figure, [first for first, *_ in by_character(results).values()]), figure):
+        print(as_text(table))
+    folder = display_path(results_folder(results[0].config.profile))
+    print(f"written to {folder}: {figure}.csv, its pictures, manifest.json, and {figure}.ipynb to read them in")
+
+
+def pose_tables(rows: Iterable[Row], figure: str) -> list[Table]:
+    """Return the numbers of a figure: of Figure 10 a table for each character, of the others one for all of them."""
+    own = [row for row in rows if row.table == figure]
+    characters = characters_of(own)
+    groups = [[name] for name in characters] if figure == "figure10" else [characters] if characters else []
+    return [_table([row for row in own if row.character in group], figure, group) for group in groups]
+
+
+def _table(rows: Sequence[Row], figure: str, characters: Sequence[str]) -> Table:
+    """Return a table with a heading for each pose, a line for each method and a column for each kind and region."""
+    errors = _errors(rows)
+    columns = list(dict.fromkeys((kind, region) for *_, kind, region in errors))
+    body: list[tuple[str, ...]] = []
+    for character, rule in dict.fromkeys((character, rule) for character, rule, *_ in errors):
+        pose = find(rows, figure, character, TRUTH, f"test_pose[{rule}]")
+        where = f"test pose {pose.value:.0f}" if pose else "test pose"
+        heading = f"{where}, {RULES[rule]}" if figure == "figure10" else f"{character}, {where}"
+        body.append((heading, *[""] * len(columns)))
+        for method in in_order({method for who, by, method, *_ in errors if (who, by) == (character, rule)}):
+            cells = [errors.get((character, rule, method, *column)) for column in columns]
+            shown = ("–" if value is None else f"{value:.2f}" for value in cells)
+            body.append((panel_title(method), *shown))
+    kinds = [f"{KINDS[kind][0]} error, {KINDS[kind][2].strip()}" for kind, _ in columns]
+    spans = [kind if k == 0 or kind != kinds[k - 1] else "" for k, kind in enumerate(kinds)]
+    whose = f", {characters[0]}" if figure == "figure10" else ""
+    header = (("", *spans), ("", *(region for _, region in columns)))
+    notes = marks_in_words({method for _, _, method, *_ in errors})
+    return Table(TITLES[figure] + whose, header, tuple(body), (notes,) if notes else ())
+
+
+def _errors(rows: Iterable[Row]) -> dict[tuple[str, str, str, str, str], float]:
+    """Return the mean errors among some rows by character, rule, method, kind and region, in the order of tables."""
+    found = {}
+    for row in rows:
+        if match := ERROR.fullmatch(row.metric):
+            kind, rule, region = match.groups(WHOLE)
+            found[row.character, rule, row.method, kind, region] = row.value
+    characters = characters_of(rows)
+
+    def place(key: tuple[str, ...]) -> tuple:
+        character, rule, _, kind, region = key
+        at = REGIONS.index(region) if region in REGIONS else len(REGIONS)
+        return characters.index(character), CHOICES.index(rule), [*KINDS].index(kind), at, region
+
+    return {key: found[key] for key in sorted(found, key=place)}
+
+
+def answer(rows: Iterable[Row], figure: str) -> str:
+    """Return what a figure says, in a sentence or two: in how many poses the paper's claim holds, and who is nearest.
+
+    Poses are compared by the normal error: of the whole mesh, or the forehead's where the figure has it alone.
+    """
+    own = [row for row in rows if row.table == figure]
+    errors = _errors(own)
+    regions = {region for *_, region in errors}
+    region = WHOLE if WHOLE in regions else next(iter(regions), WHOLE)
+    poses: dict[tuple[str, str], dict[str, float]] = {}
+    for (character, rule, method, kind, where), value in errors.items():
+        if kind == "normal" and where == region:
+            poses.setdefault((character, rule), {})[method] = value
+    first, other = RIVALS[figure]
+    both = [pose for pose in poses.values() if first in pose and other in pose]
+    sentences = []
+    if both:
+        nearer = _share(sum(pose[first] < pose[other] for pose in both), both)
+        sentences.append(
+            f"**“{plain_name(first)}” has smaller normal errors than “{plain_name(other)}” in {nearer}**: "
+            f"{_range(pose[first] for pose in both)} against {_range(pose[other] for pose in both)}, "
+            f"means over the {region}{_distances(own, first, other)}."
+        )
+    blind = [{name: own[name] for name in own if not method_named(name).oracle} for own in poses.values()]
+    best = [min(own, key=own.get) for own in blind if own]
+    if best:
+        most = max(in_order(best), key=best.count)
+        sentences.append(
+            f"Of all that see rig parameters alone, “{plain_name(most)}” is the nearest in "
+            f"{_share(best.count(most), best)}, with {_range(own[most] for own in blind if most in own)}."
+        )
+    return " ".join(sentences)
+
+
+def _distances(rows: Sequence[Row], first: str, other: str) -> str:
+    """Return the mean distances of two methods, where the rows have them of both."""
+    values = [
+        [row.value for row in rows if row.method == name and row.metric.startswith("vertex_error_mean")]
+        for name in (first, other)
+    ]
+    if not all(values):
+        return ""
+    left, right = (_range(each, " mm") for each in values)
+    return f" (in distance {left} against {right})"
+
+
+def _share(count: int, poses: Sequence[object]) -> str:
+    if len(poses) == 1:
+        return "this pose" if count else "no pose"
+    if count == len(poses):
+        return f"all {len(poses)} poses"
+    return f"{count} of {len(poses)} poses" if count else f"none of the {len(poses)} poses"
+
+
+def _range(values: Iterable[float], unit: str = "°") -> str:
+    """Return the smallest and the largest of some values with their unit; once where they are shown alike."""
+    each = list(values)
+    low, high = f"{min(each):.2f}", f"{max(each):.2f}"
+    return f"{low}{unit}" if low == high else f"{low}{unit if unit == '°' else ''} to {high}{unit}"
