@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+from replicate.engine.paths import display_path
 from replicate.engine.stage import StageContext
 from replicate.methods.method_registry import in_order, method_named
 from replicate.methods.typical_poses import MEDIAN, WORST
@@ -13,12 +14,12 @@ from replicate.report.pose_errors import WHOLE, normal_means_deg, vertex_mean_mm
 from replicate.report.pose_record import CHOICES, FOLDED, TRUTH, PoseRecord
 from replicate.report.publication import CharacterResult, by_character, results_folder
 from replicate.report.results import Row, find, write_results
+from replicate.report.row_publication import publish_rows
 from replicate.report.run_name import run_name
-from replicate.report.tables import Table
-from replicate.targets.figure09.forehead_wrinkles import REGION, fold_change_deg
+from replicate.report.tables import Table, as_text
 from replicate.targets.figure_methods import FIGURE01, FIGURE09
 
-KINDS = {"vertex": ("distance", "mm", " mm"), "normal": ("normal", "deg", "°")}  # how it is called, and its unit, shown
+KINDS = {"vertex": "distance error, mm", "normal": "normal error, °"}
 ERROR = re.compile(r"(vertex|normal)_error_mean\[(\w+)\](?:\[(.+)\])?")  # of a pose, by its rule, over a region
 TITLES = {
     "figure01": "Figure 1: mean errors in the pictures' pose",
@@ -70,6 +71,8 @@ def _numbers(figure: str, record: PoseRecord) -> Iterator[Number]:
             yield method, f"vertex_error_mean{rule}", "mm", vertex_mean_mm(record, method)
             yield method, f"normal_error_mean{rule}", "deg", normal_means_deg(record, method)[WHOLE]
     elif figure == "figure09":
+        from replicate.targets.figure09.forehead_wrinkles import REGION, fold_change_deg
+
         region = REGION if REGION in record.region_names else WHOLE
         yield TRUTH, f"fold_change_mean{rule}{_of(region)}", "deg", fold_change_deg(record)
         for method in (name for name in FIGURE09 if name in record.vertices):
@@ -90,10 +93,6 @@ def publish(figure: str, results: Sequence[CharacterResult]) -> None:
 
     Of several seeds of a character the first is shown, in numbers too: each has test poses of its own.
     """
-    from replicate.engine.paths import display_path
-    from replicate.report.row_publication import publish_rows
-    from replicate.report.tables import as_text
-
     for table in pose_tables(publish_rows(figure, [first for first, *_ in by_character(results).values()]), figure):
         print(as_text(table))
     folder = display_path(results_folder(results[0].config.profile))
@@ -109,23 +108,31 @@ def pose_tables(rows: Iterable[Row], figure: str) -> list[Table]:
 
 
 def _table(rows: Sequence[Row], figure: str, characters: Sequence[str]) -> Table:
-    """Return a table with a heading for each pose, a line for each method and a column for each kind and region."""
-    errors = _errors(rows)
-    columns = list(dict.fromkeys((kind, region) for *_, kind, region in errors))
+    """Return a table with a line for each method: of Figure 10 under a heading for each pose, with a column for each
+    region; of the others with a column for each character.
+    """
+    errors, by_region = _errors(rows), figure == "figure10"
+    found = dict.fromkeys((kind, region if by_region else who) for who, *_, kind, region in errors)
+    columns = sorted(found, key=lambda column: [*KINDS].index(column[0]))
     body: list[tuple[str, ...]] = []
-    for character, rule in dict.fromkeys((character, rule) for character, rule, *_ in errors):
-        pose = find(rows, figure, character, TRUTH, f"test_pose[{rule}]")
-        where = f"test pose {pose.value:.0f}" if pose else "test pose"
-        heading = f"{where}, {RULES[rule]}" if figure == "figure10" else f"{character}, {where}"
-        body.append((heading, *[""] * len(columns)))
-        for method in in_order({method for who, by, method, *_ in errors if (who, by) == (character, rule)}):
-            cells = [errors.get((character, rule, method, *column)) for column in columns]
-            shown = ("–" if value is None else f"{value:.2f}" for value in cells)
-            body.append((panel_title(method), *shown))
-    kinds = [f"{KINDS[kind][0]} error, {KINDS[kind][2].strip()}" for kind, _ in columns]
+    for rule in dict.fromkeys(rule for _, rule, *_ in errors):
+        poses = [find(rows, figure, who, TRUTH, f"test_pose[{rule}]") for who in characters]
+        names = [f"{pose.value:.0f}" if pose else "–" for pose in poses]
+        if by_region:
+            body.append((f"test pose {names[0]}, {RULES[rule]}", *[""] * len(columns)))
+        else:
+            body.append(("test pose", *(names[characters.index(who)] for _, who in columns)))
+        for method in in_order({method for _, by, method, *_ in errors if by == rule}):
+            cells = {
+                (kind, region if by_region else who): f"{value:.2f}"
+                for (who, by, name, kind, region), value in errors.items()
+                if (by, name) == (rule, method)
+            }
+            body.append((panel_title(method), *(cells.get(column, "–") for column in columns)))
+    kinds = [KINDS[kind] for kind, _ in columns]
     spans = [kind if k == 0 or kind != kinds[k - 1] else "" for k, kind in enumerate(kinds)]
-    whose = f", {characters[0]}" if figure == "figure10" else ""
-    header = (("", *spans), ("", *(region for _, region in columns)))
+    whose = f", {characters[0]}" if by_region else ""
+    header = (("", *spans), ("", *(name for _, name in columns)))
     notes = marks_in_words({method for _, _, method, *_ in errors})
     return Table(TITLES[figure] + whose, header, tuple(body), (notes,) if notes else ())
 
