@@ -151,6 +151,20 @@ def test_a_figures_notebook_shows_the_pictures_that_the_manifest_names(folder, m
         notebooks.figure_files("quick", target)
 
 
+@pytest.mark.parametrize("target", ["figure01", "figure09", "figure10"])
+def test_a_notebook_of_poses_shows_the_answer_the_picture_and_the_numbers_of_a_run(folder, monkeypatch, target):
+    facts = (None, 1, 1, "quick", "r")
+    means = {"refined": 1.5, "dense": 1.25, "lbs32": 2.5}
+    rows = [Row(target, "toon", name, "normal_error_mean[folded]", "deg", mean, *facts) for name, mean in means.items()]
+    rows.append(Row(target, "toon", "truth", "fold_change_mean[folded]", "deg", 4.0, *facts))
+    write_results(folder / f"{target}.csv", rows)
+    (folder / f"{target}_toon.png").write_bytes(b"a picture")
+    in_manifest(folder, target, {"toon": {"run": "r", "files": [f"{target}_toon.png"]}})
+    answer, picture, table = run_cells(notebooks.NOTEBOOKS / f"{target}.ipynb", monkeypatch)
+    assert "“Refined” has smaller normal errors than" in answer and "1.50°" in answer
+    assert picture == folder / f"{target}_toon.png" and cells_after(as_text(table), "Refined") == ["1.50"]
+
+
 def test_the_rig_reports_notebook_shows_tables_pictures_and_pairs(folder, monkeypatch):
     write_results(folder / "rig_report.csv", rig_report_rows())
     (folder / "rig_report_teen.png").write_bytes(b"a picture")
