@@ -16,7 +16,8 @@ from replicate.engine.paths import ROOT
 
 REACHED_WITHIN_S = 8.0
 STARTS = 2  # of local workers, if one of them ends before it is ready
-_SCHEDULER = {"port": 0, "dashboard": False, "dashboard_address": "127.0.0.1:0"}  # any ports that are free
+_HERE = "127.0.0.1"  # a scheduler or a worker runs whatever code reaches one of its ports
+_SCHEDULER = {"host": _HERE, "port": 0, "dashboard": False, "dashboard_address": f"{_HERE}:0"}  # any ports that are free
 
 
 @dataclass
@@ -66,7 +67,7 @@ def _local(count: int, gpus: list[str]) -> distributed.SpecCluster:
         try:
             return distributed.SpecCluster(
                 workers=local_workers(count, gpus, folder),
-                scheduler={"cls": distributed.Scheduler, "options": _SCHEDULER | {"host": "127.0.0.1"}},
+                scheduler={"cls": distributed.Scheduler, "options": _SCHEDULER},
                 silence_logs=logging.CRITICAL,
             )
         except RuntimeError as error:  # "Nanny failed to start."
@@ -82,6 +83,7 @@ def local_workers(count: int, gpus: list[str], folder: str) -> dict[int, dict]:
     for place in range(count):
         own_gpu = gpus[place : place + 1]
         options = {
+            "host": _HERE,  # of the worker, of its page, and of the nanny that looks after it
             "nthreads": 1,
             "memory_limit": 0,  # it would count the memory of the Dask worker, not that of its stage
             "local_directory": folder,

@@ -1,9 +1,11 @@
 """A run on a Dask cluster ends as the same run on one machine does, whatever is killed, and leaves no process."""
 
 import contextlib
+import ipaddress
 import json
 import os
 import signal
+import socket
 import sys
 import threading
 import time
@@ -53,6 +55,26 @@ def test_a_cluster_on_this_machine_writes_what_a_local_run_writes(cache, undistu
     stages = ("first", "middle-0", "middle-1", "middle-2")
     said_of_them = [line for line in lines if not line.startswith("last")]  # it is quick, and named on a busy machine
     assert sorted(said_of_them) == sorted(f"{stage}: {word}" for stage in stages for word in ("started", "made"))
+
+
+def test_a_cluster_on_this_machine_is_reached_from_this_machine_alone(cache):
+    process = start(cache, 1.0, 20, 1, "local:2")
+    wait_for(lambda: processes_of(cache, STAGE), "stage")
+    run = psutil.Process(process.pid)
+    listening = {one.pid: listening_at(one) for one in [run, *run.children(recursive=True)]}
+    process.terminate()
+    process.communicate(timeout=15)
+    assert sum(map(bool, listening.values())) >= 3, "the scheduler and two workers"
+    addresses = [ipaddress.ip_address(address) for found in listening.values() for address in found]
+    assert all(address.is_loopback for address in addresses), listening
+
+
+def listening_at(process):
+    """Return the addresses at which a process takes connections, or datagrams."""
+    with contextlib.suppress(psutil.NoSuchProcess):
+        sockets = process.net_connections("inet")
+        return [one.laddr.ip for one in sockets if one.type == socket.SOCK_DGRAM or one.status == psutil.CONN_LISTEN]
+    return []
 
 
 def test_a_dask_worker_that_is_killed_twice_changes_nothing_and_its_stage_ends_with_it(cache, undisturbed):
