@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from replicate.engine.exceptions import InputError
+from replicate.engine.make_options import FROM_MAKE
 from replicate.engine.schema import Checked, number
 from replicate.engine.stage import Stage
 
@@ -110,7 +111,7 @@ def run_toys(pause_s: str, steps: str, workers: str, cluster: str | None = None)
 def main() -> None:
     """Do as the command line says: `run_toys`' arguments."""
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it, and hands that on
-    run_toys(*sys.argv[1:])
+    run_toys(*(word for word in sys.argv[1:] if word != FROM_MAKE))
 
 
 if __name__ == "__main__":

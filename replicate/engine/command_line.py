@@ -18,6 +18,7 @@ import sys
 from collections.abc import Callable
 
 from replicate.engine.exceptions import InputError, RunError
+from replicate.engine.signals import end_with_make
 
 INTERRUPTION = "interrupted: what is finished is kept, and the same command goes on from there"
 
@@ -28,6 +29,7 @@ def run(function: str) -> int:
     Ctrl-C ends the process at once while modules are imported and when the work is done: an exception in the middle of
     an import, or of the interpreter's end, could become any other.
     """
+    end_with_make()
     prepare_streams()
     has_interrupts = signal.getsignal(signal.SIGINT) is not signal.SIG_IGN  # a shell's background job ignores it
 

@@ -17,7 +17,7 @@ from replicate.engine.paths import ROOT
 REACHED_WITHIN_S = 8.0
 STARTS = 2  # of local workers, if one of them ends before it is ready
 _HERE = "127.0.0.1"  # a scheduler or a worker runs whatever code reaches one of its ports
-_SCHEDULER = {"host": _HERE, "port": 0, "dashboard": False, "dashboard_address": f"{_HERE}:0"}  # any ports that are free
+_PORTS = {"port": 0, "dashboard": False, "dashboard_address": f"{_HERE}:0"}  # any that are free
 
 
 @dataclass
@@ -67,7 +67,7 @@ def _local(count: int, gpus: list[str]) -> distributed.SpecCluster:
         try:
             return distributed.SpecCluster(
                 workers=local_workers(count, gpus, folder),
-                scheduler={"cls": distributed.Scheduler, "options": _SCHEDULER},
+                scheduler={"cls": distributed.Scheduler, "options": {"host": _HERE, **_PORTS}},
                 silence_logs=logging.CRITICAL,
             )
         except RuntimeError as error:  # "Nanny failed to start."

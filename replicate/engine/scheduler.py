@@ -11,10 +11,10 @@ from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.executor import Executor, Task
 from replicate.engine.local_workers import LocalWorkers
 from replicate.engine.provenance import core_count
-from replicate.engine.signals import ParentWatch, ended_by_signals
+from replicate.engine.signals import ended_by_signals
 from replicate.engine.stage import Stage, in_order
 
-_TICK_S = 0.5  # the longest time between two looks at what is shown, and at who is still there
+_TICK_S = 0.5  # the longest time between two looks at what is shown
 
 
 def run(
@@ -72,7 +72,6 @@ def _make(tasks: list[Task], executor: Executor) -> None:
     """Run tasks to their end; raises as `run` does, with nothing left running."""
     undone = {task.identifier: task.stage for task in tasks}
     displays: dict[str, StageDisplay] = {}
-    parent = ParentWatch()
     try:
         executor.submit(tasks)
         while undone:
@@ -83,7 +82,6 @@ def _make(tasks: list[Task], executor: Executor) -> None:
                     undone.pop(identifier, None)
             for display in displays.values():
                 display.tick()
-            parent.check()
     finally:
         executor.close()
         for display in displays.values():

@@ -3,19 +3,25 @@
 import os
 import signal
 import sys
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
+from replicate.engine.make_options import FROM_MAKE
+
+_LOOK_EVERY_S = 0.5
+_ended_with_make = threading.Event()
 _ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 class Stopped(SystemExit):
-    """A signal, or the end of the `make` that started it, ends this process; the exit code is 128 + the signal's."""
+    """A signal ends this process; the exit code is 128 + the signal's."""
 
-    def __init__(self, number: int, reason: str):
+    def __init__(self, number: int):
         super().__init__(128 + number)
-        self.reason = reason
-        self.announced = False
+        self.reason = f"ended by {signal.Signals(number).name}"
+        self.announced = _ended_with_make.is_set()  # which has been said
 
 
 @contextmanager
@@ -31,7 +37,7 @@ def ended_by_signals() -> Iterator[None]:
         nonlocal stopping
         if not stopping:
             stopping = True
-            raise Stopped(number, f"ended by {signal.Signals(number).name}")
+            raise Stopped(number)
 
     before = {}
     try:
@@ -53,21 +59,45 @@ def ended_by_signals() -> Iterator[None]:
 def _announce(end: Stopped) -> None:
     if not end.announced:
         end.announced = True
-        with suppress(OSError, ValueError):  # the terminal may be gone
-            line = f"{end.reason}: what is finished is kept, and the same command goes on from there"
-            print(line, file=sys.stderr, flush=True)
+        _say(end.reason)
 
 
-class ParentWatch:
-    """Notices the end of the `make` that started this process.
+def _say(reason: str) -> None:
+    with suppress(OSError, ValueError):  # the terminal may be gone
+        line = f"{reason}: what is finished is kept, and the same command goes on from there"
+        print(line, file=sys.stderr, flush=True)
 
-    Whoever starts a process otherwise may leave it behind on purpose, as with `nohup`; a killed `make` never does.
+
+def end_with_make() -> None:
+    """Have this process ended by SIGTERM when the `make` that started it is gone, and say so.
+
+    The Makefile says `--from-make` and starts Python with `exec`, so that its parent is make. Whoever starts a process
+    otherwise may leave it behind on purpose, as with `nohup`; a killed `make` never does. To be called first of all: a
+    `make` may be killed while modules are imported.
     """
+    if FROM_MAKE in sys.argv:
+        threading.Thread(target=_watch, args=(os.getppid(),), daemon=True).start()
 
-    def __init__(self):
-        self._make = os.getppid() if "MAKELEVEL" in os.environ else None
 
-    def check(self) -> None:
-        """Raise `Stopped` if the `make` is gone."""
-        if self._make is not None and os.getppid() != self._make:
-            raise Stopped(signal.SIGTERM, "ended, since the make that started it is gone")
+def _watch(make: int) -> None:
+    with suppress(OSError):  # where the session can't be asked for it is another one, or that process is gone
+        if os.getsid(make) == os.getsid(0):  # else make was gone before this process asked for its parent
+            while os.getppid() == make and not _is_hung_up(make):
+                time.sleep(_LOOK_EVERY_S)
+    _say("ended with the make that started it")
+    _ended_with_make.set()
+    signal.pthread_kill(threading.main_thread().ident, signal.SIGTERM)
+
+
+def _is_hung_up(make: int) -> bool:
+    """Return whether SIGHUP has reached make alone: it waits for its recipes then, and tells them nothing (Linux).
+
+    Its handler blocks the signal and has given up catching it.
+    """
+    try:
+        with open(f"/proc/{make}/status", encoding="utf-8", errors="replace") as stream:
+            masks = dict(line.split(":", 1) for line in stream if line.startswith("Sig"))
+    except OSError:
+        return False
+    blocked, ignored, caught = (int(masks[name], 16) & 1 for name in ("SigBlk", "SigIgn", "SigCgt"))
+    return bool(blocked and not ignored and not caught)

@@ -3,7 +3,6 @@
 import json
 import os
 import random
-import shutil
 import signal
 import sys
 import time
@@ -141,17 +140,6 @@ def test_under_nohup_a_run_outlives_its_terminal(cache):
     process.send_signal(signal.SIGHUP)
     out, errors = process.communicate(timeout=60)
     assert process.returncode == 0 and "made 5 of 5 artefacts" in out, errors
-
-
-@pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
-def test_a_killed_make_takes_its_run_with_it(cache, tmp_path):
-    (tmp_path / "Makefile").write_text(f"toys:\n\t@exec {sys.executable} {TOYS} 1.0 20 2\n")
-    process = launch(["make", "-C", str(tmp_path)], cache)
-    children = children_after(process, 2)  # the run, and a worker at least
-    process.kill()
-    _, alive = psutil.wait_procs(children, timeout=10)
-    assert not alive
-    assert "the make that started it is gone: what is finished is kept" in process.communicate()[1]
 
 
 def test_a_stage_is_not_made_from_sources_that_were_edited_after_the_start(cache, tmp_path, monkeypatch):
