@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import signal
 import sys
 import time
@@ -73,6 +74,13 @@ def faulty(context) -> None:
             stream.write(b"x" * 100_000)
     if context.config.fault == "kill":
         os.kill(os.getpid(), 9)
+    if context.config.fault == "memory":
+        resource.setrlimit(resource.RLIMIT_AS, (1 << 30, 1 << 30))
+        raise MemoryError(sum(map(len, [bytes(1 << 24) for _ in range(100)])))  # which is too much on Linux
+    if context.config.fault == "abort":
+        os.abort()
+    if context.config.fault == "exit":
+        os._exit(1)
     if context.config.fault == "hang":
         (context.scratch / "process").write_text(str(os.getpid()))
         time.sleep(60)

@@ -10,6 +10,7 @@ and imports nothing before that but this module, which loads next to nothing: Ct
 """
 
 import contextlib
+import errno
 import importlib
 import os
 import select
@@ -20,6 +21,10 @@ from collections.abc import Callable
 from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.signals import end_with_make
 
+_NO_MEMORY = (
+    os.strerror(errno.ENOMEM), "bad_alloc", "out of memory", "Out of memory", "can't allocate memory",
+    "failed to map segment",
+)  # fmt: skip
 INTERRUPTION = "interrupted: what is finished is kept, and the same command goes on from there"
 
 
@@ -67,14 +72,14 @@ def guard(body: Callable[[], int | None]) -> int:
         return _tell(str(error), 1)
     except KeyboardInterrupt:
         return _tell(INTERRUPTION, 130)
-    except MemoryError:
-        return _tell("the memory is too small: what is finished is kept; close other programs or name fewer JOBS", 1)
     except BrokenPipeError:
         if not _is_unread():
             raise
         _silence()
         return 141
-    except OSError as error:
+    except Exception as error:
+        if is_out_of_memory(error):
+            return _tell("memory ran out: what is finished is kept; close other programs or name fewer JOBS", 1)
         from replicate.engine.full_disk import shortage
 
         short = shortage(error)
@@ -83,6 +88,11 @@ def guard(body: Callable[[], int | None]) -> int:
         code = _tell(f"{short}, then run the same command; what is finished is kept", 1)
         _silence()  # it may be standard output that found no room
         return code
+
+
+def is_out_of_memory(error: Exception) -> bool:
+    """Return whether an error says that memory could not be had, in whatever words a library has for that."""
+    return isinstance(error, MemoryError) or any(words in str(error) for words in _NO_MEMORY)
 
 
 def prepare_streams() -> None:

@@ -14,7 +14,7 @@ from replicate.engine.exceptions import RunError
 from replicate.engine.executor import Task
 from replicate.engine.shared_cache import not_visible
 
-_RETRIES = 2  # of a stage whose process was killed, for want of memory perhaps; with luck on another machine
+_RETRIES = 2  # of a stage whose process was killed or ran out of memory; with luck on another machine
 _CLOSED_WITHIN_S = 10.0
 
 

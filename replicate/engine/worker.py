@@ -17,7 +17,7 @@ from pathlib import Path
 
 from replicate.engine import progress, store
 from replicate.engine.code_hash import are_unchanged, sources_digest
-from replicate.engine.command_line import prepare_streams
+from replicate.engine.command_line import is_out_of_memory, prepare_streams
 from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.paths import ROOT
 from replicate.engine.provenance import gpu, peak_memory_mb, surroundings
@@ -29,6 +29,7 @@ LIBRARIES = (  # that take long to import, and start no thread by it where there
     "sklearn.decomposition", "pandas", "matplotlib.figure",
 )  # fmt: skip
 _PR_SET_PDEATHSIG = 1
+_RESERVE_BYTES = 8 << 20  # for the words of a stage that has run out of memory; nothing is written to it
 
 
 def main() -> None:
@@ -48,6 +49,7 @@ def main() -> None:
     os.dup2(log, 2)
     prepare_streams()
     speaking = threading.Lock()
+    reserve = bytearray(_RESERVE_BYTES)
 
     def answer(event: str, **facts) -> None:
         with speaking:
@@ -65,9 +67,14 @@ def main() -> None:
     except (InputError, RunError) as error:
         answer("failed", kind=type(error).__name__, message=str(error))
     except Exception as error:
+        del reserve
+        words = f"{type(error).__name__}: {error}".splitlines()[0].removesuffix(": ")
+        if is_out_of_memory(error):
+            answer("failed", kind="died", message=f"ran out of memory ({words})")
+        else:
+            answer("failed", kind="Exception", message=words)
         traceback.print_exc()
         sys.stderr.flush()
-        answer("failed", kind="Exception", message=f"{type(error).__name__}: {error}".splitlines()[0])
 
 
 def _build(orders: dict, out: Path, scratch: Path) -> dict:

@@ -129,7 +129,12 @@ def worker_environment(orders: dict) -> dict[str, str]:
 
 
 def _manner(code: int) -> str:
+    """Return how a process ended that has not said why: most often it found no memory, even to say so."""
     if code >= 0:
-        return f"ended by itself with exit code {code}"
-    hints = {signal.SIGKILL: ", for want of memory perhaps", signal.SIGBUS: ", because the disk is full perhaps"}
+        return f"ended by itself with exit code {code}{', perhaps because memory ran out' if code else ''}"
+    hints = {
+        signal.SIGKILL: ", probably because memory ran out",
+        signal.SIGABRT: ", perhaps because memory ran out",  # std::bad_alloc ends so
+        signal.SIGBUS: ", probably because the disk is full",
+    }
     return f"was killed by {signal.Signals(-code).name}{hints.get(-code, '')}"

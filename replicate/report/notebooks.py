@@ -162,7 +162,7 @@ def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str |
             raise
         except DeadKernelError:
             raise RunError(
-                f"{source}: its kernel was killed, for want of memory perhaps; run the same command again"
+                f"{source}: its kernel was killed, probably because memory ran out; run the same command again"
             ) from None
     notebook.metadata = nbformat.from_dict(METADATA | ({"replicate": {"stamp": stamp}} if stamp else {}))
     for cell in notebook.cells:

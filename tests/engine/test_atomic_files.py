@@ -1,6 +1,10 @@
 """Files are there as a whole or not at all, and who can't write one is told where."""
 
 import errno
+import os
+import shutil
+from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -70,6 +74,75 @@ def test_a_full_disk_says_which_variable_moves_its_folder(tmp_path, monkeypatch,
     folder = tmp_path / str(["REPLICATE_CACHE", "REPLICATE_RESULTS", "TMPDIR"].index(variable))
     folder.mkdir()
     assert f"or set {variable} to a folder elsewhere" in shortage(OSError(errno.ENOSPC, "full", str(folder / "x")))
+
+
+@pytest.fixture
+def folders(tmp_path, monkeypatch):
+    """The folders of the cache and of results, the second in the first."""
+    cache, results = tmp_path / "cache", tmp_path / "cache" / "results"
+    results.mkdir(parents=True)
+    monkeypatch.setenv("REPLICATE_CACHE", str(cache))
+    monkeypatch.setenv("REPLICATE_RESULTS", str(results))
+    return cache, results
+
+
+@pytest.mark.skipif(not getattr(shutil, "_USE_CP_SENDFILE", False), reason="where files are copied in another way")
+def test_a_copy_that_finds_no_room_names_the_folder_of_the_new_file(folders, monkeypatch):
+    def refuse(*arguments):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    cache, results = folders
+    (cache / "picture.png").write_bytes(b"picture")
+    monkeypatch.setattr(os, "sendfile", refuse)
+    with pytest.raises(OSError, match="No space left") as error:
+        copy_file(cache / "picture.png", results / "picture.png")
+    assert f"free at {results}): make room or set REPLICATE_RESULTS to" in shortage(error.value, cache)
+
+
+def test_a_full_folder_is_named_itself_and_not_the_one_above(folders):
+    error = OSError(errno.ENOSPC, "No space left on device", str(folders[1]))  # as for an unnamed file in it
+    assert f"free at {folders[1]}): make room or set REPLICATE_RESULTS to" in shortage(error)
+
+
+def room(monkeypatch, **free):
+    """Have one folder without room, by the name of the number that is 0 there, and much of all elsewhere."""
+    file_systems = {"f_files": 1000, "f_favail": 900, "f_blocks": 1000, "f_bavail": 900}
+
+    def statvfs(folder):
+        return Mock(**file_systems | {name: 0 for name, full in free.items() if Path(folder) == full})
+
+    def disk_usage(folder):
+        return Mock(free=statvfs(folder).f_bavail << 20)
+
+    monkeypatch.setattr(os, "statvfs", statvfs)
+    monkeypatch.setattr(shutil, "disk_usage", disk_usage)
+
+
+def test_where_no_more_files_can_be_made_the_sentence_speaks_of_files(folders, monkeypatch):
+    room(monkeypatch, f_favail=folders[1])
+    sentence = shortage(OSError(errno.ENOSPC, "No space left on device", str(folders[1] / "table2.csv")))
+    assert sentence == (
+        f"no more files can be made at {folders[1]} (900 MB are free, but no inodes): "
+        "remove some or set REPLICATE_RESULTS to a folder elsewhere"
+    )
+
+
+@pytest.mark.parametrize("number", ["f_favail", "f_bavail"])
+def test_an_error_without_a_name_is_of_the_folder_that_is_full(folders, monkeypatch, number):
+    cache, results = folders
+    room(monkeypatch, **{number: results})
+    sentence = shortage(OSError(errno.ENOSPC, "No space left on device"), cache)
+    assert f"at {results}" in sentence and "REPLICATE_RESULTS" in sentence
+
+
+def test_a_quota_is_called_a_quota(folders):
+    sentence = shortage(OSError(errno.EDQUOT, "Disk quota exceeded", str(folders[0] / "file")))
+    assert sentence == f"your quota is used up at {folders[0]}: make room or set REPLICATE_CACHE to a folder elsewhere"
+
+
+def test_a_full_disk_is_a_sentence_where_there_is_no_room_for_temporary_files(folders, monkeypatch):
+    monkeypatch.setattr("tempfile.gettempdir", Mock(side_effect=FileNotFoundError("No usable temporary directory")))
+    assert shortage(OSError(errno.ENOSPC, "No space left on device", str(folders[0] / "file")))
 
 
 def test_other_errors_are_no_full_disk():

@@ -13,8 +13,9 @@ from replicate.engine import command_line
 from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.paths import ROOT
 
+NO_MEMORY = "memory ran out: what is finished is kept; close other programs or name fewer JOBS\n"
 COMMANDS = """
-import os, sys, time
+import errno, os, sys, time
 from pathlib import Path
 from replicate.engine.exceptions import InputError, RunError
 
@@ -50,6 +51,18 @@ def run_error():
 
 def memory():
     raise MemoryError
+
+def fork():
+    raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
+
+def bad_alloc():
+    raise RuntimeError("std::bad_alloc")
+
+def library():
+    raise ImportError("libtorch.so: failed to map segment from shared object")
+
+def full():
+    raise RuntimeError("I/O: No space left on device (os error 28)")
 
 def code():
     return 5
@@ -114,7 +127,7 @@ def outcome(process: subprocess.Popen) -> tuple[int, str, str]:
     [
         ("input_error", 2, "head.toml: teeth is 3: allowed is an even number\n"),
         ("run_error", 1, "stage coarse failed\n"),
-        ("memory", 1, "the memory is too small: what is finished is kept; close other programs or name fewer JOBS\n"),
+        *((words, 1, NO_MEMORY) for words in ("memory", "fork", "bad_alloc", "library")),
         ("text", 1, "a last word\n"),
         ("code", 5, ""),
         ("fine", 0, ""),
@@ -154,6 +167,11 @@ def test_a_command_works_with_its_streams_closed(start, tmp_path, redirection):
 
 def test_a_full_output_is_a_sentence(start):
     code, _, errors = outcome(start("commands:fine", "{} > /dev/full"))
+    assert code == 1 and errors.startswith("the disk is full") and errors.count("\n") == 1
+
+
+def test_a_full_disk_is_a_sentence_in_the_words_of_a_library_too(start):
+    code, _, errors = outcome(start("commands:full"))
     assert code == 1 and errors.startswith("the disk is full") and errors.count("\n") == 1
 
 

@@ -116,7 +116,7 @@ def test_a_signal_ends_a_cluster_and_its_stages(cache, number):
     [
         ("input", "InputError: head.toml: teeth is 3: allowed is an even number"),
         ("error", "RunError: stage faulty failed (RuntimeError: the fault that was asked for); its log is "),
-        ("kill", "RunError: stage faulty was killed by SIGKILL, for want of memory perhaps, on "),
+        ("kill", "RunError: stage faulty was killed by SIGKILL, probably because memory ran out, on "),
     ],
 )
 def test_a_stage_that_fails_ends_the_run_with_the_sentence_of_a_local_run(cache, tmp_path, fault, sentence):

@@ -164,6 +164,22 @@ def test_a_killed_worker_ends_the_run_with_a_sentence(cache):
     assert not list((cache / "partial").glob("*")), "what the killed stage had written takes up room"
 
 
+@pytest.mark.parametrize(
+    ("fault", "sentence"),
+    [
+        ("kill", r"stage faulty was killed by SIGKILL, probably because memory ran out; its log is "),
+        ("abort", r"stage faulty was killed by SIGABRT, perhaps because memory ran out; its log is "),
+        ("exit", r"stage faulty ended by itself with exit code 1, perhaps because memory ran out; its log is "),
+        ("memory", r"stage faulty ran out of memory \(MemoryError\); its log is "),
+    ],
+)
+def test_a_stage_that_finds_no_memory_ends_with_a_sentence_about_memory(cache, fault, sentence):
+    with pytest.raises(RunError, match=sentence) as error:
+        run(faulty_graph(fault)[1:], workers=1)
+    log = Path(str(error.value).rpartition("its log is ")[2])
+    assert fault != "memory" or "MemoryError" in log.read_text()
+
+
 def test_a_failed_stage_leaves_its_traceback_in_the_log_it_names(cache):
     with pytest.raises(RunError, match=r"stage faulty failed \(RuntimeError: the fault that was asked for\)") as error:
         run(faulty_graph("error"), workers=2)
