@@ -1,11 +1,13 @@
 """Bad input from the command line to its one sentence: exit code 2, and nothing written.
 
-The cases are generated (see bad_inputs), from a fixed seed and, once more, from one of the day, so that new ones are
-tried.
+The cases are generated (see bad_inputs) from the seed in the test's name. TEST_SEED=7 tries other ones:
+`TEST_SEED=7 python -m pytest tests/test_bad_input.py`.
 """
 
-import datetime
+import os
 import re
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -24,7 +26,7 @@ from replicate.engine.exceptions import InputError
 LONGEST_S = 30.0  # none takes a second on a quiet machine; what hangs takes for ever
 LONGEST_SENTENCE = 2_000
 CONTROLS = make_controls({"face": 4, "head": 1})
-SEEDS = (0, datetime.date.today().toordinal())
+SEED = int(os.environ.get("TEST_SEED", "0"))
 
 
 def refusal(read, value) -> str:
@@ -51,13 +53,13 @@ def all_refused(read, cases, write) -> None:
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", [SEED])
 def test_generated_recipes_are_refused_in_a_sentence_before_anything_is_built(tmp_path, seed):
     file = tmp_path / "mine.toml"
     all_refused(character_parts, recipes(seed), lambda data: (file.write_bytes(data), file)[1])
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", [SEED])
 def test_generated_configurations_are_refused_in_a_sentence(tmp_path, seed):
     file = tmp_path / "mine.toml"
     all_refused(
@@ -67,11 +69,20 @@ def test_generated_configurations_are_refused_in_a_sentence(tmp_path, seed):
     )
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", [SEED])
 def test_generated_clips_are_refused_in_a_sentence(tmp_path, seed):
     file = tmp_path / "shot.csv"
     cases = clip_mutations(np.random.default_rng(seed))
     all_refused(lambda file: read_clip(file, CONTROLS), cases, lambda data: (file.write_bytes(data), file)[1])
+
+
+@pytest.mark.parametrize(("variables", "seed"), [({"TEST_SEED": "7"}, 7), ({}, 0)])
+def test_generated_cases_are_those_of_a_seed_that_is_named_and_of_no_date(variables, seed):
+    environment = {name: value for name, value in os.environ.items() if name != "TEST_SEED"} | variables
+    options = "--collect-only -q -p no:xdist -k generated_clips".split()
+    command = [sys.executable, "-m", "pytest", *options, __file__]
+    named = subprocess.run(command, env=environment, cwd=paths.ROOT, capture_output=True, text=True, check=True).stdout
+    assert re.findall(r"generated_clips\w*\[(.*?)\]", named) == [str(seed)]
 
 
 def test_what_is_no_file_is_refused_at_once(tmp_path):

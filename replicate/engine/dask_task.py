@@ -21,7 +21,7 @@ _running: dict[str, WorkerProcess] = {}  # in this Dask worker, by the task's ke
 
 
 class WorkerDied(Exception):
-    """The process of a stage died without a word; Dask may try the stage again elsewhere."""
+    """The process of a stage died or ran out of memory; Dask may try the stage again elsewhere."""
 
 
 class KillCancelled(WorkerPlugin):
@@ -45,7 +45,7 @@ def supervise(orders: dict, inputs: list[dict]) -> dict:
     """Make one artefact in a process of its own and return the last message about it, "done" or "failed".
 
     orders: as `Task.orders` returns them. inputs: what this function has returned for the stages that it needs.
-    Raises WorkerDied if the process was killed.
+    Raises WorkerDied if the process was killed, or ran out of memory.
     """
     failures = [outcome for outcome in inputs if outcome["event"] == "failed"]
     if failures:
