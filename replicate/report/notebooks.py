@@ -25,7 +25,7 @@ from replicate.engine.paths import REFERENCE, ROOT, committed_folders, run_folde
 from replicate.report.cast import order_of
 from replicate.report.manifest import command_of, section, targets
 from replicate.report.results import Row, read_results
-from replicate.report.tables import Table, as_html, as_markdown, unbroken
+from replicate.report.tables import Table, as_html, as_markdown, plain_markdown, unbroken
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -103,11 +103,11 @@ def show(figure: "matplotlib.figure.Figure", words: Words, largest_bytes: int = 
     """Show a figure in a notebook, with its alt text and its caption. largest_bytes: as for `panels.png`."""
     from IPython.display import Image, Markdown, display
 
-    display(Image(png(figure, words, largest_bytes), alt=words.alt), Markdown(f"*{words.caption}*"))
+    display(Image(png(figure, words, largest_bytes), alt=words.alt), Markdown(f"*{plain_markdown(words.caption)}*"))
 
 
 def show_text(text: str) -> None:
-    """Show a sentence in a notebook."""
+    """Show a sentence of our own in a notebook, in Markdown."""
     from IPython.display import Markdown, display
 
     display(Markdown(text))
@@ -123,7 +123,7 @@ def show_picture(file: Path, largest_bytes: int | None = None) -> None:
     words, data = json.loads(file.with_suffix(".json").read_text(encoding="utf-8")), file.read_bytes()
     if largest_bytes and len(data) > largest_bytes:
         data = compress(data, words["alt"], largest_bytes)
-    display(Image(data, alt=words["alt"]), Markdown(f"*{words['caption']}*"))
+    display(Image(data, alt=words["alt"]), Markdown(f"*{plain_markdown(words['caption'])}*"))
 
 
 def execute(source: Path, out: Path, parameters: dict[str, object], stamp: str | None = None) -> None:

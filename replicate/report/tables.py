@@ -9,6 +9,8 @@ from replicate.report.results import Row
 
 _BREAK = re.compile(r"(?<=±) | (?=[±†‡◊¶§‖★☆¤≈])")
 _CODE = re.compile(r"`([^`]*)`")
+_MARKUP = re.compile(r"<(?=[A-Za-z/!?])|&(?=[#\w])|(?<=\])\(|[\\*]")  # tags, entities, links, emphasis
+_CODE_OR_MARKUP = re.compile(rf"(`[^`]+`)|{_MARKUP.pattern}")
 _ONE_LINE = 36  # characters of a cell that a page keeps in one line
 _LEFT, _CENTRE, _RULE = ' style="text-align: left"', ' style="text-align: center"', ' style="border-top: 1px solid"'
 
@@ -75,11 +77,25 @@ def as_markdown(table: Table) -> str:
             for span, cell in zip(_fill(upper), header, strict=True)
         ]
     sides = [":--" if column < table.text_columns else "--:" for column in range(len(header))]
-    lines = [f"**{table.title}**", "", _bar(header), _bar(sides)]
+    lines = [f"**{plain_markdown(table.title)}**", "", _bar(header), _bar(sides)]
     lines += [_bar(row) for row in table.body if row is not None]
     if table.notes:
-        lines += ["", "<br>".join(table.notes)]
+        lines += ["", plain_markdown("\n".join(table.notes)).replace("\n", "<br>")]  # code may begin in one note
     return "\n".join(lines) + "\n"
+
+
+def plain_markdown(text: str) -> str:
+    """Return a text as Markdown that shows it as it is, whatever names are in it; `code` alone stays code.
+
+    So text becomes Markdown everywhere: a name that somebody gave a region, say, makes no tag, link or image.
+    """
+    if "``" in text:  # readers disagree on where such code ends: there is none then
+        return _MARKUP.sub(_entity, text)
+    return _CODE_OR_MARKUP.sub(lambda found: found[1] or _entity(found), text)
+
+
+def _entity(found: re.Match) -> str:
+    return f"&#{ord(found[0])};"
 
 
 def as_html(table: Table, folded: bool = False) -> str:
@@ -204,34 +220,44 @@ def _html_row(row: Sequence[str], text_columns: int, ruled: bool) -> str:
 
 
 def _bar(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
+    # a bar would end the cell, and the code that it stands in
+    return "| " + " | ".join(plain_markdown(cell).replace("|", "&#124;") for cell in cells) + " |"
 
 
 def _tex(text: str) -> str:
-    for plain, escape in _TEX.items():
-        text = text.replace(plain, escape)
-    return text
+    return text.translate(_TEX)
 
 
-_TEX = {
-    "&": r"\&",
-    "%": r"\%",
-    "_": r"\_",
-    "|": r"\textbar{}",
-    "–": "--",
-    "±": r"$\pm$",
-    "×": r"$\times$",
-    "†": r"$\dagger$",
-    "‡": r"$\ddagger$",
-    "§": r"\S{}",
-    "¶": r"\P{}",
-    "★": r"$\star$",
-    "☆": r"$\ast$",  # without a package there is one star
-    "‖": r"$\parallel$",
-    "¤": r"$\circ$",
-    "◊": r"$\diamond$",
-    "≈": r"$\approx$",
-    "≤": r"$\le$",
-    "°": r"$^\circ$",
-    "τ": r"$\tau$",
-}
+_TEX = str.maketrans(
+    {
+        "\\": r"\textbackslash{}",
+        "{": r"\{",
+        "}": r"\}",
+        "#": r"\#",
+        "$": r"\$",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "&": r"\&",
+        "%": r"\%",
+        "_": r"\_",
+        "|": r"\textbar{}",
+        "–": "--",
+        "±": r"$\pm$",
+        "×": r"$\times$",
+        "†": r"$\dagger$",
+        "‡": r"$\ddagger$",
+        "§": r"\S{}",
+        "¶": r"\P{}",
+        "★": r"$\star$",
+        "☆": r"$\ast$",  # without a package there is one star
+        "‖": r"$\parallel$",
+        "¤": r"$\circ$",
+        "◊": r"$\diamond$",
+        "≈": r"$\approx$",
+        "≤": r"$\le$",
+        "°": r"$^\circ$",
+        "τ": r"$\tau$",
+    }
+)
