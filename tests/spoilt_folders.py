@@ -19,6 +19,7 @@ from folder_faults import (
 from sample_folders import CONTROLS, FACE, neutral, obj, shard
 
 HUGE = "9" * 400
+HEADER_OF_BRACKETS = b"\x93NUMPY\x01\x00" + (9_000).to_bytes(2, "little") + b"[" * 9_000
 SPECIAL = {
     "a folder": lambda file: file.mkdir(),
     "a pipe": lambda file: os.mkfifo(file),
@@ -178,6 +179,12 @@ def _shards() -> dict[str, Fault]:
         "Python objects": set_array("clip", lambda c: c.astype(object)),
         "bytes for clips": set_array("clip", lambda c: c.astype(bytes)),
         "a clip's name of a thousand letters": set_array("clip", lambda c: np.array(["c" * 1000] * len(c))),
+        "a clip's name beyond Unicode": set_array("clip", lambda c: np.full(len(c), 0x110000, np.uint32).view("<U1")),
+        "half a pair of surrogates as a clip's name": set_array("clip", lambda c: np.array(["\ud800"] * len(c))),
+        "a clip's name of two lines": set_array("clip", lambda c: np.array(["talk\nmore"] * len(c))),
+        "a path as a clip's name": set_array("clip", lambda c: np.array(["../../x"] * len(c))),
+        "a path of Windows as a clip's name": set_array("clip", lambda c: np.array(["x\\y"] * len(c))),
+        "a header of brackets": _brackets,
         "frames in fractions": set_array("frame", lambda f: f + 0.5),
         "frames below zero": set_array("frame", lambda f: f - 100),
         "frames too few": set_array("frame", lambda f: f[:-1]),
@@ -239,6 +246,7 @@ def _influence() -> dict[str, Fault]:
         "a promise": promise,
         "text": write_bytes("influence.npy", b"jaw moves the chin\n"),
         "empty": write_bytes("influence.npy", b""),
+        "a header of brackets": write_bytes("influence.npy", HEADER_OF_BRACKETS),
         "half": lambda folder: (save(np.ones((vertices, controls), bool))(folder), cut("influence.npy", 0.6)(folder)),
         **{what: lambda folder, make=make: make(folder / "influence.npy")
            for what, make in SPECIAL.items() if what != "missing"},
@@ -254,6 +262,11 @@ def _only_unfinished(folder: Path) -> None:
 def _too_few(folder: Path) -> None:
     (folder / "poses" / "001.npz").unlink()
     np.savez(folder / "poses" / "000.npz", **shard(0, 8))
+
+
+def _brackets(folder: Path) -> None:
+    two_shards(params=np.zeros((4, 3), np.float32), vertices=np.zeros((4, 30, 3), np.float32))(folder)
+    (folder / "poses" / "pair.params.npy").write_bytes(HEADER_OF_BRACKETS)
 
 
 def _half_npy(folder: Path) -> None:

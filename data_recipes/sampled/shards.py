@@ -10,6 +10,8 @@ import os
 import re
 import stat
 import struct
+import sys
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -39,8 +41,8 @@ WORDS = {
     "b": "true or false (bool)",
 }
 _PAIR = re.compile(r"(.+)\.(" + "|".join(ARRAYS) + r")\.npy")
-DAMAGE = (OSError, EOFError, ValueError, KeyError, RuntimeError, NotImplementedError, struct.error, zlib.error,
-          zipfile.BadZipFile)  # fmt: skip
+DAMAGE = (OSError, EOFError, ValueError, KeyError, RuntimeError, NotImplementedError, SyntaxError, struct.error,
+          tokenize.TokenError, zlib.error, zipfile.BadZipFile)  # fmt: skip
 
 
 class _UnfitError(ValueError):
@@ -88,7 +90,10 @@ class Shard:
             if len(data) != count * header.dtype.itemsize:
                 raise ValueError("it ends too early")
             order = "F" if _is_fortran(file, name) else "C"
-            return np.frombuffer(data, header.dtype).reshape(header.shape, order=order)
+            array = np.frombuffer(data, header.dtype).reshape(header.shape, order=order)
+        if header.dtype.kind == "U":
+            _check_names(array, f"{shown_path(file)}: {name}")
+        return array
 
 
 def shard_files(folder: Path) -> tuple[Path, ...]:
@@ -131,6 +136,17 @@ def read_shards(files: Sequence[Path], controls: int, vertices: int) -> tuple[Sh
             if not groups[file.name]:
                 raise InputError(f"{shown_path(file)}: it is empty: allowed are shards with params and vertices")
     return tuple(_shard(name, own, controls, vertices) for name, own in groups.items())
+
+
+def _check_names(names: np.ndarray, where: str) -> None:
+    """Raise InputError for a text that no clip and no file could be named by; one without letters is no name."""
+    allowed = "expected a name of printable characters without / or \\"
+    codes = names.astype(names.dtype.newbyteorder("=")).view(np.uint32).reshape(len(names), -1)
+    if (codes > sys.maxunicode).any():
+        raise InputError(f"{where}[{np.argwhere(codes > sys.maxunicode)[0, 0]}] is no Unicode text: {allowed}")
+    for name, place in zip(*np.unique(names, return_index=True), strict=True):
+        if not name.isprintable() or "/" in name or "\\" in name:
+            raise InputError(f"{where}[{place}] is {shown(str(name))}: {allowed}")
 
 
 def _check_kind(file: Path) -> None:
@@ -205,7 +221,10 @@ def _read_header(stream: BufferedIOBase) -> tuple[tuple[int, ...], bool, np.dtyp
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version not in readers:
         raise ValueError(f"its format is {version}")
-    return readers[version](stream)
+    try:
+        return readers[version](stream)
+    except (tokenize.TokenError, MemoryError):  # thousands of brackets, say
+        raise ValueError("its header is none") from None
 
 
 def _header(stream: BufferedIOBase, size: int) -> Header:

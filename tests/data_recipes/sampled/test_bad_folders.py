@@ -89,6 +89,25 @@ def test_a_folder_that_is_not_there_is_refused_by_its_path(capfd, cache, tmp_pat
     assert "face.toml: there is no such file" in capfd.readouterr().err or " " in name
 
 
+@pytest.mark.parametrize("name", ["../../x", "a\nb", "x\\y"])
+def test_a_clip_that_no_file_could_be_named_after_is_told_what_a_name_may_hold(tmp_path, name):
+    folder = write(tmp_path / "box")
+    arrays = shard(20)
+    np.savez(folder / "poses" / "001.npz", **arrays | {"clip": np.array([name] * len(arrays["frame"]))})
+    with pytest.raises(
+        InputError, match=r"001\.npz: clip\[0\] is .*: expected a name of printable characters without / or \\"
+    ):
+        read_folder(folder)
+
+
+def test_a_clip_may_be_named_by_any_printable_characters(tmp_path):
+    folder = write(tmp_path / "box")
+    for k, file in enumerate(sorted((folder / "poses").iterdir())):
+        arrays = shard(20 * k)
+        np.savez(file, **arrays | {"clip": np.array(["<script> ß №1"] * len(arrays["frame"]), ">U20")})
+    assert read_folder(folder).poses.clips == (("<script> ß №1", 40),)
+
+
 def test_what_is_written_beside_the_shards_by_another_program_is_ignored(tmp_path):
     folder = write(tmp_path / "box")
     (folder / "poses" / "002.npz.part").write_bytes(b"half")
