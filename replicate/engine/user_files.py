@@ -12,9 +12,11 @@ from typing import Any
 
 from replicate.engine.exceptions import InputError
 from replicate.engine.paths import LONGEST_NAME
-from replicate.engine.schema import cut, shown
+from replicate.engine.schema import LONGEST, cut, shown
 
-TOML_BYTES = 1_000_000  # of a recipe or a configuration; ours have 2 to 6 KB
+TOML_BYTES = 100_000  # of a recipe or a configuration; ours have 2 to 6 KB
+MOST_DOTS = 200  # of a line: the time to read a key grows with the square of its parts
+MOST_TABLES = 8  # one within the other
 
 BESIDE = ".0000000.part"  # what the name of a half-written file is longer by
 
@@ -66,14 +68,35 @@ def read_text(file: Path, most_bytes: int) -> str:
 
 
 def read_toml(file: Path) -> dict[str, Any]:
-    """Return a TOML file's table. Raises InputError as `read_text` does, and for what is no TOML."""
+    """Return a TOML file's table.
+
+    Raises InputError as `read_text` does, for what is no TOML, and for keys that are longer or deeper than any has to
+    be.
+    """
     text = read_text(file, TOML_BYTES)
+    for number, line in enumerate(text.split("\n"), 1):
+        if (dots := line.count(".")) > MOST_DOTS:
+            allowed = f"expected at most {MOST_DOTS}, with keys of a few parts and numbers line by line"
+            raise InputError(f"{shown_path(file)}: line {number} has {dots:,} dots: {allowed}")
     try:
-        return tomllib.loads(text)
+        table = tomllib.loads(text)
     except RecursionError:
         raise InputError(f"{shown_path(file)}: not a readable TOML file (it is nested too deeply)") from None
     except ValueError as error:  # also whole numbers of more digits than Python reads
         raise InputError(f"{shown_path(file)}: not a readable TOML file ({cut(str(error))})") from None
+    _check_keys(table, shown_path(file))
+    return table
+
+
+def _check_keys(table: dict[str, Any], name: str, depth: int = 1) -> None:
+    if depth > MOST_TABLES:
+        raise InputError(f"{name}: its tables are nested more than {MOST_TABLES} deep: expected a few")
+    for key, value in table.items():
+        if len(key) > LONGEST:
+            raise InputError(f"{name}: the key {cut(key)} has {len(key):,} characters: expected at most {LONGEST}")
+        for inner in value if isinstance(value, list) else [value]:
+            if isinstance(inner, dict):
+                _check_keys(inner, name, depth + 1)
 
 
 def is_file(file: Path) -> bool:

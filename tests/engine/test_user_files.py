@@ -1,6 +1,7 @@
 """What a user hands over is read safely, and refused in one sentence."""
 
 import os
+import time
 
 import pytest
 
@@ -58,3 +59,35 @@ def test_only_regular_files_are_written(tmp_path):
     for bad in ("/dev/full", tmp_path, tmp_path / "a\0b", tmp_path / ("n" * 250)):
         with pytest.raises(InputError):
             check_output_file(user_files.Path(bad))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (".".join(["a"] * 49_000) + " = 1", "line 1 has 48,999 dots: expected at most 200, with keys of a few parts"),
+        ("[" + ".".join(["a"] * 49_000) + "]", "line 1 has 48,999 dots: expected at most 200"),
+        (
+            ("[" + ".".join(["a"] * 190) + "]\n") + "".join(f"b{k}{'.a' * 190} = 1\n" for k in range(200)),
+            "nested more than 8 deep",
+        ),
+        ("x = 1\n" + "k" * 90_000 + " = 1", "the key k+… has 90,000 characters: expected at most 100"),
+        ('[points.control_points]\n"' + "k" * 101 + '" = [1]', "the key k+… has 101 characters: expected at most 100"),
+        ("a = " + "{a = " * 9 + "1" + "}" * 9, "its tables are nested more than 8 deep"),
+        ("a = [" + "{a = [" * 9 + "1" + "]}" * 9 + "]", "its tables are nested more than 8 deep"),
+        ("a = " + "{a = " * 9_000 + "1" + "}" * 9_000, "nested too deeply"),
+        ("# " + "x" * 100_000, "the file is too long: allowed are 0.1 MB"),
+    ],
+)
+def test_a_toml_file_that_would_take_minutes_is_refused_in_seconds(tmp_path, text, message):
+    file = tmp_path / "a.toml"
+    file.write_text(text)
+    beginning = time.monotonic()
+    with pytest.raises(InputError, match=rf"a\.toml: .*{message}") as caught:
+        read_toml(file)
+    assert len(str(caught.value)) < 500 and time.monotonic() - beginning < 20
+
+
+def test_a_toml_file_may_have_long_lists_and_tables_within_tables(tmp_path):
+    file = tmp_path / "a.toml"
+    file.write_text(f"a = {[0.5] * 150}\n[b.c.d.e]\nf = {{g = {{h = 1}}}}\n[[i]]\nj = 2\n")
+    assert read_toml(file)["b"]["c"]["d"]["e"] == {"f": {"g": {"h": 1}}}
