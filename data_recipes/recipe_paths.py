@@ -9,9 +9,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from replicate.engine.exceptions import InputError
+from replicate.engine.paths import with_home
+from replicate.engine.user_files import is_file, read_toml
 
 RECIPES = Path(__file__).resolve().parent
-FACE_FILE = "face.toml"  # of a folder of samples
+FACE_FILE, CONTROL_FILE = "face.toml", "controls.csv"  # of a folder of samples
+LABEL = r"[\w.-]+"  # what results can be called
 OUTSIDE = {"ict": "ICT_FACEKIT"}  # characters whose data is not in the project → the variable that names its folder
 
 
@@ -19,6 +22,17 @@ def character_names() -> tuple[str, ...]:
     """Return the names of the characters: one recipe file each, and those whose data a variable names."""
     outside = tuple(name for name, variable in OUTSIDE.items() if os.environ.get(variable, "").strip())
     return (*sorted(path.stem for path in RECIPES.glob("*.toml")), *outside)
+
+
+def named(character: str) -> str:
+    """Return a character's name or path as it is meant: ~ is the home folder, a folder's face.toml is the folder.
+
+    Raises InputError for the home folder of nobody.
+    """
+    path = str(with_home(character, "CHARACTERS")) if character.startswith("~") else character
+    folder = os.path.dirname(os.path.abspath(path))
+    is_its_file = os.path.basename(path) == FACE_FILE and _is_there(Path(folder, CONTROL_FILE))
+    return folder if is_its_file else path
 
 
 def sample_folder(character: str) -> Path | None:
@@ -51,9 +65,16 @@ def split_character(character: str) -> tuple[str, tuple[str, ...]]:
 
 
 def character_label(character: str) -> str:
-    """Return what results call a character: the stem of its recipe's file, and its variants; a folder's name."""
+    """Return what results call a character: the stem of its recipe's file, and its variants; a folder's name.
+
+    Of a folder whose name can't name files it is the name in its face.toml, if there is one.
+    """
     if folder := sample_folder(character):
-        return folder.name
+        file = folder / FACE_FILE
+        if re.fullmatch(LABEL, folder.name) or not is_file(file):
+            return folder.name
+        name = read_toml(file).get("name")
+        return name if isinstance(name, str) else folder.name
     return "@".join([recipe_file(character).stem, *split_character(character)[1]])
 
 

@@ -13,7 +13,15 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
-from data_recipes.recipe_paths import character_names, recipe_file, sample_folder, split_character
+from data_recipes.recipe_paths import (
+    LABEL,
+    character_label,
+    character_names,
+    named,
+    recipe_file,
+    sample_folder,
+    split_character,
+)
 from replicate.engine.exceptions import InputError
 from replicate.engine.schema import LONGEST, Checked, naming, number, read_table, shown
 from replicate.engine.user_files import is_file, read_toml, shown_path
@@ -231,14 +239,15 @@ class Config(Checked):
 
     def __post_init__(self):
         super().__post_init__()
+        object.__setattr__(self, "character", named(self.character))
         recipe, folder = recipe_file(self.character), sample_folder(self.character)
-        name, stem = split_character(self.character)[0], folder.name if folder else recipe.stem
+        name, stem = split_character(self.character)[0], character_label(self.character) if folder else recipe.stem
         if not is_file(recipe) and not folder and not name.endswith(".toml"):
             raise InputError(
                 f"character {shown(name)} has no recipe: allowed are {', '.join(character_names())}, "
                 "or the path of a .toml recipe or of a folder of samples"
             )
-        if not re.fullmatch(r"[\w.-]+", stem) or len(os.fsencode(stem)) > LONGEST:
+        if not re.fullmatch(LABEL, stem) or len(os.fsencode(stem)) > LONGEST:
             raise InputError(
                 f"{'folder' if folder else 'recipe'} {shown_path(folder or recipe)}: the name {shown(stem)} can't name "
                 f"folders: allowed are letters, digits, _, . and -, {LONGEST} of them at most"

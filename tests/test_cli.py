@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from refusal import refusal
+from sample_folders import write
 from toy_stages import faulty_graph
 
 import replicate.targets
@@ -15,7 +16,9 @@ from replicate.engine import paths
 from replicate.engine.cache_report import inventory
 from replicate.engine.store import artefact_folder, read_manifest
 from replicate.report.results import Row, write_results
+from replicate.targets import command_parser
 from replicate.targets import target_registry as registry
+from replicate.targets.options import configurations
 
 TOYS = Path(__file__).parent / "toy_targets"
 
@@ -97,6 +100,17 @@ def test_two_recipes_of_one_name_are_refused_with_both_files(capsys, cache, reci
         and "rename one of them" in sentence
     )
     assert not cache.exists()
+
+
+@pytest.mark.parametrize("ending", ["", "/face.toml"])
+def test_a_path_with_a_space_and_the_home_folder_need_no_quotes_of_their_own(tmp_path, monkeypatch, ending):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    folder = write(tmp_path / "my faces" / "a face")
+    (tmp_path / "few.toml").write_text("[samples]\ncount = 123\n")
+    line = ["table2", "--profile", "quick", "--config", "~/few.toml", "--characters"]
+    for name in (f"{folder}{ending}", f"~/my faces/a face{ending}", f"tiny,~/my faces/a face{ending}"):
+        *_, config = configurations(command_parser.parser().parse_args([*line, name]))
+        assert config.character == str(folder) and config.samples.count == 123
 
 
 def test_what_make_hands_to_every_target_is_left_out_where_a_target_lacks_it(capfd, cache, recipes, toy):

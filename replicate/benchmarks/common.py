@@ -131,7 +131,7 @@ def split_names(characters: str, asks_the_rig: str = "") -> list[str]:
     asks_the_rig: what for the benchmark evaluates rigs at poses of its own. Raises InputError if there are none, and
     for one that is known by its samples alone where the rig is asked.
     """
-    names = list(dict.fromkeys(words(characters)))
+    names = list(dict.fromkeys(map(recipe_paths.named, words(characters))))
     if not names:
         raise InputError(f"no character is named: allowed are {', '.join(recipe_paths.character_names())}")
     if asks_the_rig:
@@ -158,7 +158,7 @@ def bench_methods(
     words = split_names(" ".join(options.methods))
     choose(words)
     own = sections(options.profile)
-    file = Path(options.config) if options.config else None
+    file = paths.with_home(options.config, "CONFIG") if options.config else None
     for character in split_names(options.characters, asks_the_rig):
         rows = measure(resolve(character, options.profile, file=file, sections=own), words)
         publish(name, rows, [table(rows, rows[0].character)], command_line)

@@ -1,7 +1,6 @@
 """A rig as a folder of samples, which other programs can read, and this one: the format of rigs without a function."""
 
 import argparse
-from pathlib import Path
 
 from data_recipes.recipe_paths import character_label
 from replicate.config import resolve
@@ -26,11 +25,12 @@ def run(options: argparse.Namespace) -> None:
         raise InputError(f"{len(names)} characters can't all be written to {options.to}: name one, or leave out to")
     if len(seeds(options)) > 1:
         raise InputError("several seeds are named: allowed is one, whose poses are written")
-    file, overrides = Path(options.config) if options.config else None, {"samples": {"split": options.split}}
+    file = paths.with_home(options.config, "CONFIG") if options.config else None
+    overrides = {"samples": {"split": options.split}}
     for character in names:
         config = resolve(character, options.profile, overrides if options.split else None, file, seed=seeds(options)[0])
         usual = paths.run_folder("export") / f"{character_label(character)}_samples"
-        folder = Path(options.to).absolute() if options.to is not None else usual
+        folder = paths.with_home(options.to, "to").absolute() if options.to is not None else usual
         check_empty(folder)
         rig = rig_of(character)
         count, shards = drawn_shards(rig, config.samples, config.seed)

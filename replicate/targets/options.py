@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from data_recipes.recipe_paths import OUTSIDE, character_label, character_names, recipe_file
+from data_recipes.recipe_paths import OUTSIDE, character_label, character_names, named, recipe_file
 from replicate.artefacts.plan import Plan
 from replicate.capture.capture_config import own as capture_section
 from replicate.config import LARGEST_SEED, Config, resolve
@@ -94,7 +94,7 @@ def configurations(options: argparse.Namespace) -> list[Config]:
     if options.split and options.split not in SPLITS:
         raise InputError(f"split is {shown(options.split)}: allowed are {', '.join(SPLITS)}")
     overrides = {"samples": {"split": options.split}} if options.split else None
-    file = Path(options.config) if options.config else None
+    file = paths.with_home(options.config, "CONFIG") if options.config else None
     registry.choose(words(getattr(options, "methods", "")))  # those from outside have sections of their own too
     sections = registry.sections(options.profile)
     sections |= {"inverse": inverse_section(options.profile), "capture": capture_section(options.profile)}
@@ -108,7 +108,7 @@ def configurations(options: argparse.Namespace) -> list[Config]:
 def characters(options: argparse.Namespace) -> list[str]:
     """Return the characters that are named, each recipe once; results are kept by its label."""
     recipes: dict[str, tuple[Path, str]] = {}
-    for character in words(options.characters):
+    for character in map(named, words(options.characters)):
         file, label = recipe_file(character), character_label(character)
         first, _ = recipes.setdefault(label, (file, character))
         if first != file:
@@ -131,8 +131,8 @@ def methods(options: argparse.Namespace, config: Config) -> Sequence[Method]:
 
 def others(options: argparse.Namespace, plan: Plan) -> list[str]:
     """Return the characters that `onto` names, each once, without the plan's own."""
-    named = {character_label(character): character for character in words(options.onto)}
-    return [character for label, character in named.items() if label != plan.character]
+    each = {character_label(character): character for character in map(named, words(options.onto))}
+    return [character for label, character in each.items() if label != plan.character]
 
 
 def workers(options: argparse.Namespace) -> int:
