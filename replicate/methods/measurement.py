@@ -16,7 +16,7 @@ from replicate.config import Config
 from replicate.engine.stage import Stage, StageContext, stage_function, stream_rng
 from replicate.engine.store import read_manifest
 from replicate.methods.method import Method, Number
-from replicate.methods.prediction import reading
+from replicate.methods.prediction import checked, reading
 from replicate.methods.training_stage import LOG
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def stage(plan: Plan, method: Method) -> Stage:
 def predictor(numbers: MeasurementNumbers, inputs: Mapping[str, Path]) -> Callable:
     """Return (parameters (b, m), truth (b, n, 3)) → vertices (b, n, 3) mm of one method, rigid segments placed.
 
-    Only an oracle is handed the truth.
+    Only an oracle is handed the truth. It raises RunError where the method predicts anything but real, finite vertices.
     """
     from replicate.approximation.rigid import attach
 
@@ -82,7 +82,8 @@ def predictor(numbers: MeasurementNumbers, inputs: Mapping[str, Path]) -> Callab
     mesh, attachments = built_rig.load_mesh(inputs), rigid_segments.load(inputs)
 
     def vertices(params: np.ndarray, truth: np.ndarray) -> np.ndarray:
-        predicted = predict(params, truth) if numbers.oracle else predict(params)
+        answer = predict(params, truth) if numbers.oracle else predict(params)
+        predicted = checked(answer, (len(params), *mesh.neutral.shape), numbers.method)
         return attach(mesh, attachments, predicted) if numbers.rigid_step else predicted
 
     return vertices

@@ -132,11 +132,12 @@ def _outside_module(file: Path) -> ModuleType:
         raise InputError(f"{file}: there is another module {name}; give the file another name")
     try:
         module = importlib.import_module(name)
-    except Exception as error:
+        found = _methods_in(module, None) if _holds_methods(module) else ()
+    except (Exception, SystemExit) as error:
         raise InputError(f"{file}: it can't be imported ({type(error).__name__}: {error})") from error
     if not _holds_methods(module):
         raise InputError(f"{file}: it has no METHOD; README shows what a method's file looks like")
-    for method in _methods_in(module, None):
+    for method in found:
         if not isinstance(method, Method) or not re.fullmatch(r"[a-z]\w*", method.name):
             raise InputError(f"{file}: METHOD must be a Method whose name is of small letters, digits and _")
         if method.name in {own.name for m in _own_modules() for own in _methods_in(m, None)}:

@@ -1,6 +1,7 @@
 """The measurement of a method: the truth is handed to oracles alone, rigid segments are placed, and all is kept."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from toy_methods import BLIND
 from replicate.artefacts import drawn_samples, rigid_segments
 from replicate.artefacts.plan import Plan, reference
 from replicate.config import resolve
+from replicate.engine.exceptions import RunError
 from replicate.methods import measurement
 from replicate.methods.measurement import predictor
 from replicate.methods.method_registry import methods
@@ -60,6 +62,20 @@ def test_rigid_segments_are_placed_by_their_attachments_where_the_method_wants_i
     torn = truth.copy()
     torn[:, rigid] += 50
     np.testing.assert_allclose(predictor(seeing, inputs)(params, torn), truth, atol=1e-3)
+
+
+@pytest.mark.parametrize("answer", toy_methods.ANSWERS)
+@pytest.mark.parametrize("rigid_step", [False, True])
+def test_a_prediction_is_real_finite_and_of_the_meshs_shape_or_its_method_is_named(inputs, answer, rigid_step):
+    numbers = replace(BLIND, load=reference(toy_methods.mistaken), numbers=answer, rigid_step=rigid_step)
+    params, truth = np.zeros((2, 12), np.float32), np.zeros((2, 0, 3), np.float32)
+    if answer in toy_methods.GOOD:
+        assert predictor(numbers, inputs)(params, truth).shape == (2, *small_mesh().neutral.shape)
+        return
+    shape = re.escape(f"(2, {len(small_mesh().neutral)}, 3)")
+    with pytest.raises(RunError, match=f"^method toy: expected vertices {shape}, real and finite, got ") as error:
+        predictor(numbers, inputs)(params, truth)
+    assert len(str(error.value)) < 300 and "\n" not in str(error.value)
 
 
 def test_errors_pose_numbers_size_and_curve_are_kept(inputs, tmp_path):

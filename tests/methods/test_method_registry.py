@@ -89,6 +89,10 @@ def test_a_file_from_outside_joins_the_others_and_other_processes_find_it(bring)
         ),
         ((("import numpy", "import no_such_library"),), "can't be imported .ModuleNotFoundError"),
         ((("def load", "def load("),), "can't be imported .SyntaxError"),
+        (
+            (("import numpy as np", "import sys\n\nimport numpy as np\n\nsys.exit(0)"),),
+            "can't be imported .SystemExit: 0",
+        ),
     ],
 )
 def test_a_file_that_holds_no_usable_method_is_refused(bring, changes, message):  # noqa: F811

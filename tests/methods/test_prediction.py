@@ -11,7 +11,7 @@ from small_face import small_mesh
 from replicate.artefacts import drawn_samples
 from replicate.artefacts.plan import Plan
 from replicate.config import resolve
-from replicate.engine.exceptions import InputError
+from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.schema import from_json, to_json
 from replicate.engine.stage import stage_function
 from replicate.methods import linear, measurement, neutral_pose
@@ -40,6 +40,17 @@ def test_what_a_model_adds_to_the_neutral_pose_is_predicted_and_its_own_count_is
     np.testing.assert_allclose(vertices, np.broadcast_to(small_mesh().neutral + mean, vertices.shape), atol=1e-5)
     read = reading(method, CONFIG)
     assert read.multiplications(inputs, read.numbers) == 7
+
+
+@pytest.mark.parametrize("answer", ["self.mean", "self.mean[:1]", "None", "np.zeros((len(params), 1, 3))", "0.0"])
+def test_offsets_that_only_numpy_would_spread_over_the_mesh_are_refused_by_the_models_name(tmp_path, bring, answer):  # noqa: F811
+    text = WITH_MODEL.replace("np.broadcast_to(self.mean, (len(params), *self.mean.shape))", answer)
+    (method,) = choose([str(bring(text=text))])
+    inputs = write_artefacts(tmp_path)
+    (fit,) = method.stages(Plan(CONFIG))
+    inputs, _ = run_stage(stage_function(fit.function), inputs, "mine", fit.config, tmp_path)
+    with pytest.raises(RunError, match=r"^model brought_mine:read: expected offsets \(3, \d+, 3\), got "):
+        predicted(method, inputs, np.zeros((3, 12), np.float32))
 
 
 def test_another_process_finds_the_model_by_what_the_stage_says(inputs):

@@ -79,7 +79,7 @@ def _models(face: DeployedFace, method: DeployedMethod, errors: Errors) -> list[
     """Return (name, bytes, what it is) of a method's models: float32 and float16. errors: its own on held-out poses."""
     mesh, model = face.rig.mesh, stage_function(method.model)(face.inputs)
     placing = face.attachments if method.rigid_step else None
-    wanted = vertices_of(face.inputs, model)(face.params)
+    wanted = vertices_of(face.inputs, model, method.model)(face.params)
     wanted = attach(mesh, placing, wanted) if placing else wanted
     allowed = max(TOLERANCE_MM, TOLERANCE_SHARE * largest_distance(wanted, mesh.neutral))
     files = []
