@@ -81,6 +81,8 @@ def faulty(context) -> None:
         os.abort()
     if context.config.fault == "exit":
         os._exit(1)
+    if context.config.fault.startswith("exit "):
+        sys.exit(int(context.config.fault.removeprefix("exit ")))
     if context.config.fault == "hang":
         (context.scratch / "process").write_text(str(os.getpid()))
         time.sleep(60)

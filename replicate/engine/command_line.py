@@ -95,6 +95,14 @@ def is_out_of_memory(error: Exception) -> bool:
     return isinstance(error, MemoryError) or any(words in str(error) for words in _NO_MEMORY)
 
 
+def exit_in_words(end: SystemExit) -> str:
+    """Return whose function called sys.exit where it was to return: a method of somebody's own, say."""
+    import traceback
+
+    place = traceback.extract_tb(end.__traceback__)[-1]
+    return f"{place.filename}: {place.name} called sys.exit({end.code!r}), where it had to return"
+
+
 def prepare_streams() -> None:
     """Make the standard streams take whatever is printed.
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from replicate.engine import progress, store
 from replicate.engine.code_hash import are_unchanged, sources_digest
-from replicate.engine.command_line import is_out_of_memory, prepare_streams
+from replicate.engine.command_line import exit_in_words, is_out_of_memory, prepare_streams
 from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.paths import ROOT
 from replicate.engine.provenance import gpu, peak_memory_mb, surroundings
@@ -40,6 +40,7 @@ def main() -> None:
     if not line:  # whoever started this process was gone sooner than the lines above
         return
     orders = json.loads(line)
+    sys.path += [folder for folder in orders["path"] if folder not in sys.path]  # last: its files hide no library
     threading.Thread(target=_end_with_parent, daemon=True).start()
     answers = os.fdopen(os.dup(1), "w", buffering=1)
     log_file = store.log_file(orders["identifier"])
@@ -66,6 +67,8 @@ def main() -> None:
         answer("done", made=bool(calls), libraries=[name for name in LIBRARIES if name in sys.modules])
     except (InputError, RunError) as error:
         answer("failed", kind=type(error).__name__, message=str(error))
+    except SystemExit as end:
+        answer("failed", kind="Exception", message=exit_in_words(end))
     except Exception as error:
         del reserve
         words = f"{type(error).__name__}: {error}".splitlines()[0].removesuffix(": ")

@@ -122,7 +122,7 @@ def worker_environment(orders: dict) -> dict[str, str]:
         **thread_limits(threads),
         "NPROC": str(threads),  # the size of XLA's pool
         "XLA_FLAGS": flags.strip(),
-        "PYTHONPATH": os.pathsep.join(dict.fromkeys([str(ROOT), *orders["path"]])),
+        "PYTHONPATH": str(ROOT),
         "PYTHONUNBUFFERED": "1",
         "REPLICATE_CACHE": orders["cache"],
     }

@@ -7,9 +7,11 @@ from collections.abc import Sequence
 
 from data_recipes.catalogue import forget_folders
 from data_recipes.recipe_paths import OUTSIDE, check_function
-from replicate.engine.exceptions import InputError
+from replicate.engine.command_line import exit_in_words
+from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.make_options import without_foreign
 from replicate.engine.paths import settle_folders
+from replicate.engine.signals import Stopped
 from replicate.targets.options import OPTIONS, characters
 from replicate.targets.target_registry import Target, targets
 
@@ -42,7 +44,12 @@ def command(arguments: Sequence[str] | None = None) -> None:
     target = targets()[options.target]
     if target.asks_the_rig:
         check_function(characters(options), f"make {target.name}", target.asks_the_rig)
-    target.run(options)
+    try:
+        target.run(options)
+    except Stopped:
+        raise
+    except SystemExit as end:  # a method's function, say: silence would look like success
+        raise RunError(exit_in_words(end)) from None
 
 
 def parser() -> argparse.ArgumentParser:

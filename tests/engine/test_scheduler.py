@@ -6,6 +6,7 @@ import random
 import signal
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -186,6 +187,31 @@ def test_a_failed_stage_leaves_its_traceback_in_the_log_it_names(cache):
     log = Path(str(error.value).rpartition("its log is ")[2])
     assert "Traceback" in log.read_text()
     assert not list(cache.glob("faulty-*"))
+
+
+@pytest.mark.parametrize("threads", [1, 2], ids=["fork", "new Python"])
+@pytest.mark.parametrize("code", [0, 3])
+def test_a_stage_that_calls_sys_exit_ends_the_run_with_a_sentence(cache, code, threads):
+    stage = replace(faulty_graph(f"exit {code}")[1], threads=threads)
+    where = rf"toy_stages\.py: faulty called sys\.exit\({code}\), where it had to return"
+    with pytest.raises(RunError, match=rf"^stage faulty failed \(.*{where}\); its log is .*faulty-.*\.log$"):
+        run([stage], workers=2)
+    assert not list(cache.glob("faulty-*"))
+
+
+@pytest.mark.parametrize("threads", [1, 2], ids=["fork", "new Python"])
+def test_what_lies_beside_a_stages_module_is_found_last(cache, tmp_path, monkeypatch, threads):
+    for name in ("random", "numpy", "json", "torch", "replicate"):
+        (tmp_path / f"{name}.py").write_text("raise RuntimeError('a neighbour was taken for the library')\n")
+    (tmp_path / "beside.py").write_text("ANSWER = '42'\n")
+    (tmp_path / "visited.py").write_text(
+        "import json, random\nimport numpy\nimport beside\n\ndef look(context):\n"
+        "    random.random(), numpy.zeros(1), json.dumps(1)\n"
+        "    (context.out / 'answer').write_text(beside.ANSWER)\n"
+    )
+    monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path)])
+    stage = Stage("visit", "visited:look", ToyConfig(), threads=threads)
+    assert (run([stage], workers=2)["visit"] / "answer").read_text() == "42"
 
 
 def test_bad_input_that_a_stage_finds_is_passed_on(cache):

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from outside import bring  # noqa: F401, a fixture
 
+from replicate import __main__ as cli
 from replicate.artefacts.plan import Plan, reference
 from replicate.config import resolve
 from replicate.engine.exceptions import InputError
@@ -108,6 +109,12 @@ def test_a_file_that_holds_no_usable_method_is_refused(bring, changes, message):
 def test_a_file_is_named_as_no_other_module_is(bring, name, message):  # noqa: F811
     with pytest.raises(InputError, match=message):
         choose([str(bring(name=name))])
+
+
+def test_a_method_that_calls_sys_exit_before_the_run_is_named_and_is_no_success(bring, cache, capfd):  # noqa: F811
+    file = bring(("def stages(plan):", "def stages(plan):\n    raise SystemExit(0)"), name="brought_exit")
+    assert cli.main(["table2", "--profile", "quick", "--characters", "tiny", "--methods", str(file)]) == 1
+    assert capfd.readouterr().err == f"{file}: stages called sys.exit(0), where it had to return\n"
 
 
 def test_a_file_that_there_is_not_is_named(bring, tmp_path):  # noqa: F811
