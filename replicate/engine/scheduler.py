@@ -23,13 +23,15 @@ def run(
     facts: dict | None = None,
     cluster: str | None = None,
     foresee: Callable[[list[Stage]], str] | None = None,
+    failures: dict[str, InputError | RunError] | None = None,
 ) -> dict[str, Path]:
     """Make what is missing of a graph and return the artefacts' folders by the stages' titles.
 
     stages: those to make, the more urgent first; their inputs are made too. workers: processes side by side, by
     default one a core. facts: provenance for the manifests. cluster: where they run instead, as CLUSTER names it (see
-    `cluster_config`). foresee: what is missing → a line to print before it is made, "" for none. Prints what was done,
-    or that there was nothing to do. Raises InputError or RunError if a stage does, RunError if one fails or is killed;
+    `cluster_config`). foresee: what is missing → a line to print before it is made, "" for none. failures: where given,
+    a stage that fails costs only what needs it, and its error is put there by its title. Prints what was done, or
+    that there was nothing to do. Raises InputError or RunError if a stage does, RunError if one fails or is killed;
     the others are ended then, as they are by SIGINT, SIGTERM and SIGHUP. Raises InputError for a cluster that is none
     or can't be reached.
     """
@@ -43,12 +45,13 @@ def run(
             if line := foresee(missing) if foresee else "":
                 print(line, flush=True)
             with ended_by_signals():
-                _make(_tasks(missing, facts or {}), _executor(elsewhere, workers or core_count()))
+                lost = _make(_tasks(missing, facts or {}), _executor(elsewhere, workers or core_count()), failures)
     if not missing:
         print(f"nothing to do: {len(graph)} artefacts up to date", flush=True)
     else:
         took = duration(time.monotonic() - start)
-        print(f"made {len(missing)} of {len(graph)} artefacts in {took}; the rest were up to date", flush=True)
+        rest = f"{lost} could not be made" if lost else "the rest were up to date"
+        print(f"made {len(missing) - lost} of {len(graph)} artefacts in {took}; {rest}", flush=True)
     return {stage.title: store.artefact_folder(stage.identifier) for stage in graph}
 
 
@@ -68,8 +71,9 @@ def _tasks(missing: list[Stage], facts: dict) -> list[Task]:
     ]
 
 
-def _make(tasks: list[Task], executor: Executor) -> None:
-    """Run tasks to their end; raises as `run` does, with nothing left running."""
+def _make(tasks: list[Task], executor: Executor, failures: dict[str, InputError | RunError] | None) -> int:
+    """Run tasks to their end and return how many were lost; raises as `run` does, with nothing left running."""
+    lost: set[str] = set()
     undone = {task.identifier: task.stage for task in tasks}
     displays: dict[str, StageDisplay] = {}
     try:
@@ -77,7 +81,13 @@ def _make(tasks: list[Task], executor: Executor) -> None:
         while undone:
             for identifier, message in executor.listen(_TICK_S):
                 if identifier in undone:  # a cluster may run a task again whose result was lost
-                    _show(undone[identifier], message, displays)
+                    try:
+                        _show(undone[identifier], message, displays)
+                    except (InputError, RunError) as error:
+                        if failures is None:
+                            raise
+                        failures[undone[identifier].title] = error
+                        lost |= _without(identifier, tasks, undone)
                 if message["event"] == "done":
                     undone.pop(identifier, None)
             for display in displays.values():
@@ -86,6 +96,18 @@ def _make(tasks: list[Task], executor: Executor) -> None:
         executor.close()
         for display in displays.values():
             display.end("stopped")
+    return len(lost)
+
+
+def _without(identifier: str, tasks: list[Task], undone: dict[str, Stage]) -> set[str]:
+    """Take a task and all that need it from those to be done, and return their identifiers."""
+    lost = {identifier}
+    for task in tasks:  # inputs first
+        if not lost.isdisjoint(task.needs):
+            lost.add(task.identifier)
+    for one in lost:
+        undone.pop(one, None)
+    return lost
 
 
 def _show(stage: Stage, message: dict, displays: dict[str, StageDisplay]) -> None:

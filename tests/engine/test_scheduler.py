@@ -214,6 +214,18 @@ def test_what_lies_beside_a_stages_module_is_found_last(cache, tmp_path, monkeyp
     assert (run([stage], workers=2)["visit"] / "answer").read_text() == "42"
 
 
+def test_a_failure_that_is_noted_costs_only_what_needs_it(cache, capfd):
+    _, faulty = faulty_graph("error")
+    (sound,) = toy_graph()
+    lost = Stage("lost", "toy_stages:total", ToyConfig(), (Stage("after", "toy_stages:total", ToyConfig(), (faulty,)),))
+    failures = {}
+    folders = run([lost, sound], workers=2, failures=failures)
+    assert list(failures) == ["faulty"] and "the fault that was asked for" in str(failures["faulty"])
+    assert (folders["last"] / "numbers.json").is_file() and not folders["lost"].exists()
+    assert "made 5 of 8 artefacts" in (said := capfd.readouterr().out) and "; 3 could not be made" in said
+    assert not own_children()
+
+
 def test_bad_input_that_a_stage_finds_is_passed_on(cache):
     with pytest.raises(InputError, match=r"^head.toml: teeth is 3: allowed is an even number$"):
         run(faulty_graph("input"), workers=2)

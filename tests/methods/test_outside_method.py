@@ -7,7 +7,9 @@ import sys
 
 import numpy as np
 import pytest
+from outside import bring  # noqa: F401, a fixture
 
+from replicate import __main__ as cli
 from replicate.engine.paths import ROOT
 from replicate.methods.method_registry import VARIABLE, choose, method_named
 from replicate.report.pose_record import load_pose
@@ -73,3 +75,23 @@ def test_it_is_timed(runs):
         )
         assert 0 < p05 <= median <= p95
     assert find(rows, "table3", "tiny", "nearest", "model_size").value > 0
+
+
+def test_methods_that_fail_cost_their_own_rows_alone(bring, cache, capfd, monkeypatch, tmp_path):  # noqa: F811
+    monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path / "results"))
+    (tmp_path / "few.toml").write_text(FEW)
+    answer = "np.broadcast_to(vertices, (len(params), *vertices.shape))"
+    blind = bring((answer, "np.full((len(params), *vertices.shape), np.nan)"), name="brought_blind")
+    gone = bring(("    vertices = built", "    raise SystemExit(0)\n    vertices = built"), name="brought_gone")
+    gone.write_text(gone.read_text().replace('"mine', '"gone').replace("#", "%").replace("%123", "#123"))
+    line = ["table2", "--numbers-only", "--profile", "quick", "--characters", "tiny"]
+    methods = ["--methods", "neutral", str(blind), str(gone)]
+    assert cli.main([*line, "--config", str(tmp_path / "few.toml"), *methods]) == 1
+    printed, said = capfd.readouterr()
+    nan = r"method mine: expected vertices \(\d+, \d+, 3\), real and finite, got nan at \[0, 0, 0\]"
+    end = r"stage errors_gone-tiny failed \(.*brought_gone\.py: load called sys\.exit\(0\), .*\); its log is .*"
+    assert re.fullmatch(f"tiny has no row of gone: {end}; tiny has no row of mine: {nan}\n", said.splitlines(True)[-1])
+    assert "Neutral pose" in printed and "could not be made" in printed
+    rows = read_results(tmp_path / "results" / "quick" / "table2.csv")
+    assert find(rows, "table2", "tiny", "neutral", "vertex_error_mean")
+    assert {row.method for row in rows} == {"neutral"}

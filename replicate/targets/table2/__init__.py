@@ -4,10 +4,11 @@ import argparse
 from collections.abc import Sequence
 
 from replicate.artefacts.plan import Plan
+from replicate.engine.exceptions import RunError
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
-from replicate.targets.options import OF_A_RUN, methods
-from replicate.targets.running import make
+from replicate.targets.options import OF_A_RUN
+from replicate.targets.running import make_rows
 from replicate.targets.shown_records import record_stages
 from replicate.targets.table2.table_numbers import TableNumbers
 
@@ -31,8 +32,13 @@ def write_table(context: StageContext) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Make the errors of every method on every character, publish and print them."""
+    """Make the errors of every method on every character, publish and print them.
+
+    Raises RunError at the end for methods that failed: the other rows are published then.
+    """
     from replicate.targets.table2.publishing import publish
 
-    results = make(options, lambda plan: stages(plan, methods(options, plan.config)))
+    results, missing = make_rows(options, stages)
     publish(results, not options.numbers_only)
+    if missing:
+        raise RunError("; ".join(missing))
