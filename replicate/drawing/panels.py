@@ -84,9 +84,23 @@ def png(
     dither: mix neighbouring colours, where more hues are drawn than a palette holds; not for colours that are read off
     a bar. The same figure gives the same bytes.
     """
+    _spell_names(figure)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
     return compress(buffer.getvalue(), words.alt, largest_bytes, dither)
+
+
+def _spell_names(figure: "matplotlib.figure.Figure") -> None:
+    """Have texts that are no formulas drawn letter by letter: a name may have $ and \\ in it."""
+    from matplotlib.mathtext import MathTextParser
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        if text.get_text().count("$") > 1:
+            try:
+                MathTextParser("path").parse(text.get_text())
+            except ValueError:
+                text.set_parse_math(False)
 
 
 def compress(data: bytes, alt: str, largest_bytes: int, dither: bool = False) -> bytes:

@@ -9,7 +9,7 @@ from replicate.report.results import Row
 
 _BREAK = re.compile(r"(?<=±) | (?=[±†‡◊¶§‖★☆¤≈])")
 _CODE = re.compile(r"`([^`]*)`")
-_MARKUP = re.compile(r"<(?=[A-Za-z/!?])|&(?=[#\w])|(?<=\])\(|[\\*]")  # tags, entities, links, emphasis
+_MARKUP = re.compile(r"<(?=[A-Za-z/!?])|&(?=[#\w])|(?<=\])\(|[\\*$]")  # tags, entities, links, emphasis, formulas
 _CODE_OR_MARKUP = re.compile(rf"(`[^`]+`)|{_MARKUP.pattern}")
 _ONE_LINE = 36  # characters of a cell that a page keeps in one line
 _LEFT, _CENTRE, _RULE = ' style="text-align: left"', ' style="text-align: center"', ' style="border-top: 1px solid"'

@@ -30,6 +30,7 @@ NAMES = (  # each has something that HTML, Markdown or a table's cell could take
     "<!--",
     "**bold**",
     "C:\\<b>",
+    "$\\x{$",
 )
 CODE = "`<script>alert(1)</script>`"  # it shows a tag, and is none
 READERS = {
