@@ -17,15 +17,19 @@ from jaxtyping import Float32
 
 from data_recipes.acting import clip_file
 from data_recipes.acting.expression_poses import expression_poses
+from data_recipes.acting.procedural_acting import Acting, act
+from data_recipes.ict.facekit_acting import perform
 from data_recipes.ict.facekit_files import expression_names, model_files
 from data_recipes.landmark_set import FACE_LANDMARKS, region_of_landmark
 from data_recipes.recipe.facekit import FaceKitRecipe
 from data_recipes.recipe.reading import Recipe, load_recipe, with_clips, without_place
 from data_recipes.recipe_paths import character_names
 from data_recipes.rig import AlteredRig, Rig
+from replicate.base.exceptions import InputError
 
 if TYPE_CHECKING:
     from data_recipes.sampled.importing import SampledRecipe
+
 
 __all__ = [
     "FACE_LANDMARKS",
@@ -71,7 +75,7 @@ def character_parts(name_or_recipe: str | Path) -> tuple[Recipe | FaceKitRecipe,
 def control_count(recipe: Recipe | FaceKitRecipe | SampledRecipe, files: Sequence[Path]) -> int:
     """Return how many controls the rig of what `character_parts` or `sampled_parts` gives has; nothing is built."""
     from data_recipes.early_checks import recipe_controls
-    from data_recipes.sampled.control_file import read_controls
+    from data_recipes.sampled.face_file import read_controls
 
     if isinstance(recipe, Recipe):
         return len(recipe_controls(recipe))
@@ -128,8 +132,6 @@ def performance(rig: Rig) -> Float32[np.ndarray, "t m"]:
     The frames are parameters within the controls' limits, 24 a second, and the first is the neutral pose. Raises
     InputError for a rig with other controls than ours or ARKit's.
     """
-    from data_recipes.fresh_acting import perform_afresh
-
     return perform_afresh(rig)
 
 
@@ -154,12 +156,12 @@ def forget_folders() -> None:
 
 def import_sampled(recipe: SampledRecipe, files: Sequence[Path], target: Path, progress: Callable) -> Rig:
     """Return the rig of what `sampled_parts` gives, and write it into a folder. Raises InputError for bad poses."""
-    from data_recipes.sampled import sampled_rig_file
+    from data_recipes.sampled import sampled_rig
     from data_recipes.sampled.importing import import_rig
 
     target.mkdir(parents=True, exist_ok=True)
     rig = import_rig(recipe, files, target, progress)
-    sampled_rig_file.save_rig(rig, target)
+    sampled_rig.save_rig(rig, target)
     return rig
 
 
@@ -187,9 +189,9 @@ def check_empty(folder: Path) -> None:
 def load_rig(folder: Path) -> Rig:
     """Return the rig that `save_rig` or `import_sampled` wrote. Raises InputError for a damaged or missing one."""
     from data_recipes import rig_file
-    from data_recipes.sampled import sampled_rig_file
+    from data_recipes.sampled import sampled_rig
 
-    kind = sampled_rig_file if sampled_rig_file.is_sampled(Path(folder)) else rig_file
+    kind = sampled_rig if sampled_rig.is_sampled(Path(folder)) else rig_file
     return kind.load_rig(Path(folder))
 
 
@@ -219,3 +221,20 @@ def write_rigify_samples(folder: Path, character: str, poses: int, jobs: int, na
     from data_recipes.rigify.rigify_face import write_folder
 
     write_folder(folder, character, poses, 0, jobs, name)
+
+
+# A performance that is in no character's animation: the same acting from another seed, to be captured (§5.3.2).
+
+AFRESH = Acting(seed=54, clips=3, clip_s=4.0)  # an emotion, a take and a dialogue
+
+
+def perform_afresh(rig: Rig) -> Float32[np.ndarray, "t m"]:
+    """Return the frames of the performance, (t, m) within the controls' limits, 24 a second; each shot begins at rest.
+
+    Raises InputError for a rig with other controls than ours or ARKit's.
+    """
+    for shots in (act, perform):
+        values = np.concatenate([values for _, values in shots(rig.controls, AFRESH)])
+        if (values != rig.default).any():
+            return np.clip(values, rig.lower, rig.upper).astype(np.float32)
+    raise InputError(f"rig '{rig.name}': it has none of the controls that our acting moves, so it can't be the actor.")

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 
 @dataclass(frozen=True)

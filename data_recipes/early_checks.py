@@ -13,8 +13,8 @@ from data_recipes.ict.facekit_files import INDICES, expression_names, model_fold
 from data_recipes.ict.marks import model_controls
 from data_recipes.recipe.character import Recipe
 from data_recipes.recipe.facekit import FaceKitRecipe
-from replicate.engine.exceptions import InputError
-from replicate.engine.user_files import shown_path
+from replicate.base.exceptions import InputError
+from replicate.base.user_files import shown_path
 
 EXERCISE = 8  # the first of the acting's shots that is an exercise
 MOVED = 7  # kinds of controls that a pose of an exercise moves, left and right as one

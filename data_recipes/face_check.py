@@ -14,7 +14,7 @@ from jaxtyping import Float
 from data_recipes.recipe.character import Recipe
 from data_recipes.recipe.facekit import FaceKitRecipe
 from data_recipes.rig import Rig
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 from replicate.geometry.rays import ray_hits
 
 SIZE_MM = (100.0, 450.0)  # width, height and depth [176 to 338]

@@ -13,12 +13,11 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from data_recipes.deformers import node_chain, wrinkles
-from data_recipes.deformers.node_chain import Chain, Node, State
-from data_recipes.deformers.planes import Values
+from data_recipes.deformers.node_chain import Chain, Node, State, Values
 from data_recipes.deformers.posed_props import RestProp
 from data_recipes.function_rig import FunctionRig
 from data_recipes.rig import Prop
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 
 @dataclass(frozen=True)

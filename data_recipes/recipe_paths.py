@@ -8,9 +8,9 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from replicate.engine.exceptions import InputError
-from replicate.engine.paths import with_home
-from replicate.engine.user_files import is_file, read_toml
+from replicate.base.exceptions import InputError
+from replicate.base.paths import with_home
+from replicate.base.user_files import is_file, read_toml
 
 RECIPES = Path(__file__).resolve().parent
 FACE_FILE, CONTROL_FILE = "face.toml", "controls.csv"  # of a folder of samples

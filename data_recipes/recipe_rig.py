@@ -10,8 +10,8 @@ import numpy as np
 
 from data_recipes.acting.clip_file import read_clip
 from data_recipes.acting.procedural_acting import act
+from data_recipes.deformers.face_build import build_step
 from data_recipes.deformers.face_points import control_points, face_marks
-from data_recipes.deformers.ladder import build_step
 from data_recipes.deformers.posed_props import rest_props
 from data_recipes.deformers.sculpting import Sculptor
 from data_recipes.early_checks import recipe_controls
@@ -20,8 +20,8 @@ from data_recipes.face_rig import FaceParts, FaceRig
 from data_recipes.head.neutral_head import build_head
 from data_recipes.recipe.character import Recipe
 from data_recipes.rig import Clip, check_rig
-from replicate.engine.exceptions import InputError
-from replicate.engine.schema import cut, naming
+from replicate.base.exceptions import InputError
+from replicate.base.schema import cut, naming
 from replicate.geometry.mesh import Mesh
 
 

@@ -14,10 +14,10 @@ from data_recipes.deformers.face_chain import LADDER
 from data_recipes.deformers.posed_props import RestProp
 from data_recipes.face_rig import FaceParts, FaceRig
 from data_recipes.function_rig import POINTS
-from data_recipes.ict.facekit_chain import FACEKIT
+from data_recipes.ict.facekit_nodes import FACEKIT
 from data_recipes.rig import Clip, Rig
-from replicate.engine.atomic_files import write_text
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
+from replicate.base.files import write_text
 from replicate.geometry.mesh import Mesh
 
 DESCRIPTION, ARRAYS = "rig.json", "rig.npz"

@@ -17,26 +17,26 @@ Eq. 5    poses beyond the animation               approximation/sampling.py
 Eq. 6    minimised by iteration                   inverse/solver.py
 Eq. 7    the IK networks                          inverse/ik_network.py
 §4.1     control points, region by region         inverse/control_points.py
-Eq. 8–10 their losses, §4.2 their training        inverse/ik_training.py
-§5.1     the dense baseline                       approximation/dense.py
-§5.1     linear blend skinning (SSDR)             approximation/skinning/ssdr.py
-§5.1     errors over all unique test poses        approximation/evaluation.py
+Eq. 8–10 their losses, §4.2 their training        inverse/ik_network.py
+§5.1     the dense baseline                       baselines/dense.py
+§5.1     linear blend skinning (SSDR)             baselines/skinning/ssdr.py
+§5.1     errors over all unique test poses        approximation/metrics.py
 Eq. 11   the normal error                         approximation/metrics.py
 §5.2     the time of single poses                 timing/single_poses.py
-§5.3.1   posing in a browser                      poser/page.py
+§5.3.1   posing in a browser                      poser/pack.py
 §5.3.2   landmarks become control points          capture/landmark_motion.py
 §5.3.2   what landmarks drive, as an animation    capture/capture_files.py
 Table 1  model sizes                              targets/table1/
 Table 2  approximation errors                     targets/table2/
 Table 3  milliseconds a pose                      targets/table3/
 Table 4  errors in poses of inverse kinematics    targets/table4/
-Fig. 1   the rig beside approximations            targets/figure01/
-Fig. 5   training poses                           targets/figure05/
-Fig. 7   mesh segments                            targets/figure07/
-Fig. 8   refinement segments                      targets/figure08/
+Fig. 1   the rig beside approximations            targets/figure01.py
+Fig. 5   training poses                           targets/figure05.py
+Fig. 7   mesh segments                            targets/figure07.py
+Fig. 8   refinement segments                      targets/figure08.py
 Fig. 9   forehead wrinkles                        targets/figure09/
-Fig. 10  heatmaps of normal errors                targets/figure10/
-Fig. 11  faces that inverse kinematics poses      targets/figure11/
+Fig. 10  heatmaps of normal errors                targets/figure10.py
+Fig. 11  faces that inverse kinematics poses      targets/figure11.py
 Fig. 12  performance capture, scored              targets/figure12/
 Fig. 13  the networks on another mesh             targets/figure13/
 
@@ -61,6 +61,6 @@ def results(run: str = "reference") -> "pandas.DataFrame":
     GPU; "published" for the paper's own. Raises InputError for another name, with the `make` target that writes them
     for results that aren't there, and with file and line for a file of anything else.
     """
-    from replicate.report.tidy_results import read_run  # not before it is asked for: it loads pandas
+    from replicate.report.results import read_run  # not before it is asked for: it loads pandas
 
     return read_run(run)

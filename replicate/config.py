@@ -22,10 +22,9 @@ from data_recipes.recipe_paths import (
     sample_folder,
     split_character,
 )
-from replicate.engine.exceptions import InputError
-from replicate.engine.schema import LONGEST, Checked, naming, number, read_table, shown
-from replicate.engine.user_files import is_file, read_toml, shown_path
-from replicate.profiles import PROFILES, check_profile
+from replicate.base.exceptions import InputError
+from replicate.base.schema import LONGEST, Checked, naming, number, read_table, shown
+from replicate.base.user_files import is_file, read_toml, shown_path
 
 LARGEST_SEED = 2**32 - 1
 START = 8  # pixels a side of the maps that the dense layers make
@@ -301,3 +300,41 @@ def _overridden(config: Config, overrides: dict, source: str) -> Config:
             raise InputError(f"{source}: {name} can't be set here: use {name.upper()}{'S' * (name == 'character')}=")
     with naming(source):
         return read_table(config, overrides)
+
+
+# The profiles: how many samples and steps a run takes, as overrides of the paper's values.
+
+BEST = {"schedule": "one_cycle", "peak_rate": 5e-3, "draws": "uniform", "largest_gradient": 1.0}  # DEVIATIONS D6
+
+
+def _one_cycle(steps: int) -> dict:
+    return {"training": BEST | {"steps": steps}}
+
+
+PROFILES: dict[str, dict] = {
+    "quick": {
+        "samples": {"count": 1_500, "uniform_test": 200},
+        "coarse": _one_cycle(800),
+        "refinement": {"poses": 200, **_one_cycle(500)},
+        "dense": _one_cycle(600),
+        "rigid": {"poses": 100},
+        "lbs": {"samples": 200, "relaxed": 10, "iterations": 15, "refit_sweeps": 40},
+        "driven": _one_cycle(400),
+        "evaluation": {"test_poses": 200, "floor_poses": 50},
+        "rig_report": {"pairs": {"count": 500}, "maps": {"poses": 50}},
+    },
+    "laptop": {
+        "samples": {"count": 10_000, "uniform_test": 1_000},
+        "coarse": _one_cycle(22_000),
+        "refinement": _one_cycle(10_000),
+        "dense": _one_cycle(16_000),
+        "driven": _one_cycle(8_000),
+    },
+    "paper": {},
+}
+
+
+def check_profile(profile: str) -> None:
+    """Raise InputError for an unknown profile."""
+    if profile not in PROFILES:
+        raise InputError(f"profile {shown(profile)} is unknown: allowed are {', '.join(PROFILES)}")

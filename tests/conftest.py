@@ -29,7 +29,7 @@ import pytest
 from jaxtyping import install_import_hook
 
 import replicate.config  # loaded before the hook: it checks its values itself, with sentences that are tested
-import replicate.engine.cluster_config  # noqa: F401, likewise
+import replicate.engine.cluster.config  # noqa: F401, likewise
 
 _hook = install_import_hook(["replicate", "data_recipes"], "typechecker.check")
 

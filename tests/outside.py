@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from replicate.engine import code_hash
+from replicate.base import code_hash
 from replicate.methods.method_registry import VARIABLE
 
 SOURCE = """

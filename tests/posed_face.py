@@ -9,15 +9,14 @@ from data_recipes.controls import Control
 from replicate.approximation.cnn import MapNetwork
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel, square_segments
-from replicate.approximation.regional_basis import loss_metric, principal_basis
-from replicate.approximation.regional_model import RegionalModel, blended, halve, store
-from replicate.approximation.regional_networks import fresh_networks
 from replicate.approximation.rigid import Attachments
 from replicate.approximation.segments import make_segment
 from replicate.inverse.control_points import control_points
 from replicate.inverse.ik_network import IkModel
-from replicate.poser.approximation_contents import as_on_page
-from replicate.poser.contents import PosedFace
+from replicate.poser.contents import PosedFace, as_on_page
+from replicate.regional.basis import loss_metric, principal_basis
+from replicate.regional.model import RegionalModel, blended, halve, store
+from replicate.regional.networks import fresh_networks
 
 MESH = small_mesh()
 TOOTH, EYE_CENTRE, GAZE = 2, np.array([30.0, 40.0, 5.0]), 10

@@ -3,11 +3,11 @@
 import numpy as np
 from posed_face import posed_face
 
-from replicate.engine.progress import progress
-from replicate.poser.check_poses import check_contents
+from replicate.base.progress import progress
 from replicate.poser.contents import face_contents
 from replicate.poser.display_parts import display_contents
-from replicate.poser.page import page
+from replicate.poser.face_page import check_contents
+from replicate.poser.pack import page
 
 
 def contents_of(face):

@@ -11,9 +11,8 @@ from replicate.engine import store
 from replicate.engine.stage import Stage
 from replicate.report.pose_record import CHOICES, PoseRecord, pose_file, save_pose
 from replicate.report.publication import CharacterResult
-from replicate.report.results import write_results
-from replicate.report.training_curves import write_curves
-from replicate.targets.table2 import publishing
+from replicate.report.results import write_curves, write_results
+from replicate.targets import table2
 
 GIT = {"commit": "c0ffee", "clean": True}
 
@@ -54,4 +53,4 @@ def result(
 
 
 def publish_numbers(*runs: CharacterResult) -> None:
-    publishing.publish(runs, draw=False)
+    table2.publish(runs, draw=False)

@@ -1,6 +1,6 @@
 """Results as runs write them, with numbers that are easy to recognise: for whatever prints, draws or publishes them."""
 
-from replicate.engine.paths import PAPER
+from replicate.base.paths import PAPER
 from replicate.report.results import Row, read_results
 
 METHODS = ("coarse", "refined", "dense", "lbs16", "lbs24", "lbs32", "driven", "floor", "floor_refined", "attachment",

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from replicate.approximation.skinning.ssdr import Skin
+from replicate.baselines.skinning.ssdr import Skin
 from replicate.geometry.alignment import nearest_rotation
 
 

@@ -8,11 +8,11 @@ from small_face import M, SmallSamples, exact_samples, small_influence, small_me
 
 from replicate.approximation.rigid import find_attachments
 from replicate.approximation.samples import quantise
-from replicate.artefacts import shown_pose
 from replicate.config import resolve
 from replicate.engine.stage import StageContext
+from replicate.methods import artefacts
+from replicate.methods.measurement import reading
 from replicate.methods.method import Method
-from replicate.methods.prediction import reading
 
 SHOWN_POSE = 3
 
@@ -29,7 +29,7 @@ def write_artefacts(folder: Path, samples: SmallSamples | None = None) -> dict[s
     find_attachments(mesh, mesh.neutral + samples.offsets(np.arange(32)), 0.3, 4).save(
         inputs["rigid"] / "attachments.npz"
     )
-    (inputs["wrinkled"] / shown_pose.FILE).write_text(json.dumps({"pose": SHOWN_POSE}))
+    (inputs["wrinkled"] / artefacts.SHOWN_POSE).write_text(json.dumps({"pose": SHOWN_POSE}))
     offsets, steps = quantise(samples.offsets(np.arange(len(samples))))
     arrays = {
         "params": samples.params,

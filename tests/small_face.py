@@ -6,9 +6,9 @@ import numpy as np
 
 from replicate.approximation.conditioning import parameter_scale
 from replicate.approximation.samples import SampleSet
-from replicate.approximation.segment_training import train_segments
 from replicate.approximation.segments import coarse_segments
-from replicate.engine.progress import progress
+from replicate.approximation.training import train_segments
+from replicate.base.progress import progress
 from replicate.geometry.mesh import Mesh
 
 SIDES = (16, 9, 2)

@@ -4,7 +4,7 @@ import ast
 
 import pytest
 
-from replicate.engine.paths import ROOT
+from replicate.base.paths import ROOT
 
 FOLDERS = (
     "approximation",

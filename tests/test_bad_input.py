@@ -19,9 +19,9 @@ from data_recipes.catalogue import character_parts
 from data_recipes.controls import make_controls
 from data_recipes.recipe_paths import OUTSIDE
 from replicate import __main__ as cli
+from replicate.base import paths
+from replicate.base.exceptions import InputError
 from replicate.config import resolve
-from replicate.engine import paths
-from replicate.engine.exceptions import InputError
 
 LONGEST_S = 30.0  # none takes a second on a quiet machine; what hangs takes for ever
 LONGEST_SENTENCE = 2_000

@@ -12,13 +12,13 @@ from toy_stages import faulty_graph
 import replicate.targets
 from data_recipes import recipe_paths
 from replicate import __main__ as cli
-from replicate.engine import paths
+from replicate.base import paths
+from replicate.cli import parser
+from replicate.cli import target_list as registry
+from replicate.cli.options import configurations
 from replicate.engine.cache_report import inventory
 from replicate.engine.store import artefact_folder, read_manifest
 from replicate.report.results import Row, write_results
-from replicate.targets import command_parser
-from replicate.targets import target_registry as registry
-from replicate.targets.options import configurations
 
 TOYS = Path(__file__).parent / "toy_targets"
 
@@ -109,7 +109,7 @@ def test_a_path_with_a_space_and_the_home_folder_need_no_quotes_of_their_own(tmp
     (tmp_path / "few.toml").write_text("[samples]\ncount = 123\n")
     line = ["table2", "--profile", "quick", "--config", "~/few.toml", "--characters"]
     for name in (f"{folder}{ending}", f"~/my faces/a face{ending}", f"tiny,~/my faces/a face{ending}"):
-        *_, config = configurations(command_parser.parser().parse_args([*line, name]))
+        *_, config = configurations(parser.parser().parse_args([*line, name]))
         assert config.character == str(folder) and config.samples.count == 123
 
 
@@ -135,7 +135,7 @@ def test_make_leaves_no_misspelt_option_out_of_a_typed_command(capsys, cache, re
 def test_the_tour_is_executed_once_for_each_character(capfd, monkeypatch, tmp_path):
     calls = []
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path / "runs"))
-    monkeypatch.setattr("replicate.artefacts.built_rig.rig_of", lambda character: calls.append(character))
+    monkeypatch.setattr("replicate.methods.artefacts.rig_of", lambda character: calls.append(character))
     monkeypatch.setattr("replicate.report.notebooks.execute", lambda *call: calls.append(call))
     mine = tmp_path / "mine.toml"
     assert cli.main(["tour", "--characters", "teen", str(mine)]) == 0

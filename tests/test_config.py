@@ -6,10 +6,9 @@ import pytest
 
 from data_recipes import recipe_paths
 from replicate import config
-from replicate.config import Config, resolve
-from replicate.engine.exceptions import InputError
-from replicate.engine.schema import from_json, to_json
-from replicate.profiles import PROFILES
+from replicate.base.exceptions import InputError
+from replicate.base.schema import from_json, to_json
+from replicate.config import PROFILES, Config, resolve
 
 
 @pytest.fixture

@@ -12,9 +12,8 @@ import pytest
 from packaging.specifiers import SpecifierSet
 
 from data_recipes import recipe_paths
-from replicate.engine.paths import ROOT
-from replicate.targets.target_registry import targets
-from replicate.targets.target_table import target_table
+from replicate.base.paths import ROOT
+from replicate.cli.target_list import target_table, targets
 
 MODULE_NAMES = {
     "websocket-client": "websocket",

@@ -7,7 +7,7 @@ from graphlib import CycleError, TopologicalSorter
 
 import pytest
 
-from replicate.engine.paths import ROOT
+from replicate.base.paths import ROOT
 
 SOURCES = sorted(path for folder in ("replicate", "data_recipes") for path in (ROOT / folder).rglob("*.py"))
 DISPLAY_ONLY = {"pyvista", "trimesh", "vtk", "vtkmodules"}
@@ -125,7 +125,7 @@ def test_the_command_line_loads_nothing_heavy_to_see_that_nothing_is_to_be_done(
     heavy = "{'jax', 'torch', 'scipy', 'numba', 'pandas', 'matplotlib', 'pyvista', 'dask', 'distributed'}"
     program = (
         "import sys, replicate.__main__, replicate.engine.scheduler, replicate.engine.cache_report\n"
-        "from replicate.targets.target_registry import targets\nfrom replicate.methods.method_registry import methods\n"
+        "from replicate.cli.target_list import targets\nfrom replicate.methods.method_registry import methods\n"
         f"targets(), methods()\nprint(sorted({heavy} & set(sys.modules)))"
     )
     process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)

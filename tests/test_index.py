@@ -6,7 +6,7 @@ import re
 import pytest
 
 import replicate
-from replicate.engine.paths import ROOT
+from replicate.base.paths import ROOT
 
 LINE = re.compile(r"^(Fig\. \d+|Eq\. \d+|§[\d.]+|Table \d)  +\S.*?  +(\S+)$", re.MULTILINE)
 ENTRIES = [(match[1], match[2]) for match in LINE.finditer(replicate.__doc__)]

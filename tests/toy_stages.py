@@ -9,9 +9,9 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from replicate.engine.exceptions import InputError
-from replicate.engine.make_options import FROM_MAKE
-from replicate.engine.schema import Checked, number
+from replicate.base.exceptions import InputError
+from replicate.base.schema import Checked, number
+from replicate.base.signals import FROM_MAKE
 from replicate.engine.stage import Stage
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from replicate.targets.reference import reference_results as reference
+from replicate.targets import reference
 
 TABLES = (
     *("claims", "table2_ratios", "table2", "table2_others", "table3", "table3_speed"),

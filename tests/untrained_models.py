@@ -7,14 +7,14 @@ import torch
 from posed_face import posed_face, regional_model
 from small_face import M, pose_offsets, small_influence, small_mesh
 
-from replicate.approximation import cnn, dense
-from replicate.approximation.coefficient_line import CoefficientsBesideLine
-from replicate.approximation.linear_skip import add_line, line_model
+from replicate.approximation import cnn
 from replicate.approximation.model import SegmentedModel, fresh_model
 from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.segments import Segment, coarse_segments, make_segment
-from replicate.approximation.skinning.bone_network import BoneNetwork
-from replicate.approximation.skinning.ssdr import Skin
+from replicate.baselines import dense
+from replicate.baselines.line import CoefficientsBesideLine, add_line, line_model
+from replicate.baselines.skinning.bone_network import BoneNetwork
+from replicate.baselines.skinning.ssdr import Skin
 from replicate.config import CoarseConfig, DenseConfig
 from replicate.methods import pca
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32
 
-from replicate.engine.exceptions import InputError
-from replicate.engine.schema import shown
-from replicate.engine.user_files import read_text, shown_path
+from replicate.base.exceptions import InputError
+from replicate.base.schema import shown
+from replicate.base.user_files import read_text, shown_path
 
 TOLERANCE = 1e-6  # of a control's range: writing decimals rounds that much
 MOST_FRAMES = 20_000  # 14 minutes, three times what our longest character acts

@@ -7,8 +7,7 @@ together here: a smile lifts the cheeks and narrows the eyes, a cry opens the ja
 
 from collections.abc import Container
 
-from data_recipes.acting.antics import ANTICS
-from data_recipes.acting.creature_acts import CREATURE
+from data_recipes.acting.antics import ANTICS, CREATURE
 from data_recipes.acting.feelings import FEELINGS
 
 EXPRESSIONS = FEELINGS | ANTICS

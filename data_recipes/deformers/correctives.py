@@ -12,8 +12,7 @@ import numpy as np
 
 from data_recipes.controls import SIDES
 from data_recipes.deformers.face_fields import fade, tongue_reach
-from data_recipes.deformers.lip_motions import Curve, Motion, arch
-from data_recipes.deformers.mouth_fields import lip_change
+from data_recipes.deformers.mouth_fields import Curve, Motion, arch, lip_change
 from data_recipes.deformers.pose_curves import PoseFields
 from data_recipes.deformers.sculpting import FLIP, Path, Sculptor, smoothstep
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from data_recipes.deformers.face_fields import fade
-from data_recipes.deformers.lip_motions import Curve, LipAction, Motion
+from data_recipes.deformers.mouth_fields import Curve, LipAction, Motion
 from data_recipes.deformers.mouth_fields import sculpt as sculpt_lips
 from data_recipes.deformers.sculpting import Path, Sculptor, smoothstep
 from data_recipes.head.ears import ear_frame

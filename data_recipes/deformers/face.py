@@ -27,9 +27,8 @@ from data_recipes.deformers import (
 )
 from data_recipes.deformers.head_shape import ShapeValues
 from data_recipes.deformers.jaw import JawMotion
-from data_recipes.deformers.node_chain import FaceConstants, Node, State
-from data_recipes.deformers.planes import Values
-from data_recipes.deformers.saturation import saturate
+from data_recipes.deformers.node_chain import FaceConstants, Node, State, Values
+from data_recipes.deformers.pose_curves import saturate
 
 JAW_CONTROLS = ("jaw_open", "jaw_sideways", "jaw_forward", "jaw_drop", "jaw_twist")
 # Rotation vector (x, y, z) in radians of each jaw control at 1, and translation in mm: the condyle glides.

@@ -4,34 +4,37 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
 from data_recipes.controls import Control, control_groups, control_index, handle_names
 from data_recipes.deformers import (
-    brow_fields,
     creature_fields,
     face_fields,
     flesh,
     handles,
     head_shape,
     jaw,
-    lid_fields,
     lids,
     lips,
     mouth_fields,
+    node_chain,
     pose_curves,
     riders,
     rigid_teeth,
     skull_slide,
+    upper_face_fields,
     wrinkles,
 )
 from data_recipes.deformers.correctives import add_correctives
 from data_recipes.deformers.face import GAZE, HEAD_CONTROLS, JAW_CONTROLS
+from data_recipes.deformers.face_chain import LADDER, ROTATIONS, SHORT_WAVES, TARGETS, prepare_rivets, sample_targets
 from data_recipes.deformers.face_fields import fade
 from data_recipes.deformers.face_points import handle_vertices
-from data_recipes.deformers.planes import selection
-from data_recipes.deformers.saturation import limits
+from data_recipes.deformers.node_chain import Chain, selection
+from data_recipes.deformers.pose_curves import limits
 from data_recipes.deformers.sculpting import Path, Sculptor, smoothstep
 from data_recipes.deformers.wrinkle_regions import build_regions
 from data_recipes.head.frills import frill_parts
@@ -53,8 +56,8 @@ def build_constants(head: Head, controls: tuple[Control, ...], wave: float = 1.0
     columns, m = control_index(controls), len(controls)
     numbers = np.array([[c.lower, c.upper, c.default] for c in controls], np.float64)
     pose, bulge = _pose_fields(s, columns, m)
-    lid_columns = columns | {name: m + i for i, name in enumerate(lid_fields.GAZE_PRODUCTS)}
-    several = m + len(lid_fields.GAZE_PRODUCTS)
+    lid_columns = columns | {name: m + i for i, name in enumerate(upper_face_fields.GAZE_PRODUCTS)}
+    several = m + len(upper_face_fields.GAZE_PRODUCTS)
     constants: dict[str, Any] = {
         "neutral": np.ascontiguousarray(s.x.T, np.float32),
         "limits": limits(*numbers.T),
@@ -90,7 +93,7 @@ def build_constants(head: Head, controls: tuple[Control, ...], wave: float = 1.0
         constants[name] = _wall(s, upper)
     for side in ("left", "right"):
         eye = head.eyes[side]
-        patch = lid_fields.build_patch(s, side, lid_columns, several)
+        patch = upper_face_fields.build_patch(s, side, lid_columns, several)
         constants[f"lids_{side}"] = lids.prepare(
             s.x,
             patch,
@@ -110,7 +113,7 @@ def _pose_fields(s: Sculptor, columns: dict[str, int], m: int) -> tuple[dict[str
     """Sculpt every action that the rig has, both sides, with correctives; return offsets and bulges."""
     offsets, bulges = pose_curves.PoseFields(s.n), pose_curves.PoseFields(s.n)
     paths: dict[str, Path] = dict(face_fields.sculpt(s))
-    for name, path in brow_fields.sculpt(s).items():
+    for name, path in upper_face_fields.sculpt(s).items():
         paths[name] = path
     for name, action in mouth_fields.ACTIONS.items():
         if name.replace("*", "left") in columns:
@@ -244,3 +247,36 @@ def _wall(s: Sculptor, upper: bool) -> dict[str, np.ndarray]:
     points = s.x[rows.ravel()]
     clearance = lips.LIP_CLEARANCE_MM * max(1.0, head.recipe.mouth.half_width / 24.0)
     return lips.prepare_wall(s.x, vertices, points, float(points[:, 2].min()), upper, head.jaw_pivot, clearance)
+
+
+# A face on one step of the ladder (see `face_chain`): its chain, and the constants that this chain needs.
+
+BATCH = 32
+
+
+def build_step(head: Head, controls: tuple[Control, ...], step: int) -> tuple[Chain, dict[str, Any]]:
+    """Return the chain of a step, 1 to 6, and its constants."""
+    chain, wave = LADDER[step], 0.5 if step == SHORT_WAVES else 1.0
+    constants = build_constants(head, controls, wave)
+    if chain is TARGETS:
+        constants |= _target_constants(head, controls, constants, curved=step > 1)
+    return chain, constants
+
+
+def _target_constants(head: Head, controls: tuple[Control, ...], constants: dict, curved: bool) -> dict[str, Any]:
+    """Return the targets of steps 1 and 2, taken from step 3 without its limits, and the teeth's rivets."""
+    chain = Chain(ROTATIONS.name, ROTATIONS.nodes[1:], ROTATIONS.pose_props)
+    arrays, neutral = jax.tree.map(jnp.asarray, constants), head.vertices.astype(np.float32)
+    evaluate = jax.jit(lambda u: node_chain.evaluate(chain, arrays, u + arrays["limits"]["default"]))
+
+    def offsets(u: np.ndarray) -> np.ndarray:
+        padded = np.concatenate([u, np.zeros((-len(u) % BATCH, u.shape[1]), np.float32)])
+        parts = [np.asarray(evaluate(padded[i : i + BATCH])) - neutral for i in range(0, len(padded), BATCH)]
+        return np.concatenate(parts)[: len(u)]
+
+    one_sided = np.array([control.lower >= control.default for control in controls])
+    columns = control_index(controls)
+    return {
+        "targets": sample_targets(offsets, one_sided, columns, len(neutral), curved),
+        "rivets": prepare_rivets(head.vertices, list(head.grids["teeth"]), constants["teeth"]["place"]),
+    }

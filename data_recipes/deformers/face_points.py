@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int
 
 from data_recipes.deformers.sculpting import Sculptor
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 
 def _left_points(s: Sculptor) -> dict[str, int]:

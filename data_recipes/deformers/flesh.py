@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Array, Float, Int
 
-from data_recipes.deformers.planes import Constants, Values, add_rows, pick, place_of, rows_at
+from data_recipes.deformers.node_chain import Constants, Values, add_rows, pick, place_of, rows_at
 from data_recipes.deformers.surface_operators import padded_neighbours, vertex_normals
 
 PASSES = 6

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from data_recipes.deformers.planes import Constants, Values, place_of, spread
+from data_recipes.deformers.node_chain import Constants, Values, place_of, spread
 
 
 def wendland(distance: Float[np.ndarray, "*s"], radius: float) -> Float[np.ndarray, "*s"]:

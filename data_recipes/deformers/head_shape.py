@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from data_recipes.deformers.planes import Constants, Values, sine_cosine
+from data_recipes.deformers.node_chain import Constants, Values, sine_cosine
 
 SQUASH = 0.24  # at control value 1, the height loses this share
 PART_SQUASH = 0.16

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float, Int
 
-from data_recipes.deformers.planes import Constants, Values, cross, place_of, spread
+from data_recipes.deformers.node_chain import Constants, Values, cross, place_of, spread
 from data_recipes.deformers.surface_operators import harmonic, smooth_values
 
 SMOOTHING_PASSES = 14

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from data_recipes.deformers.planes import Constants, Values, place_of, selection, sine_cosine, spread
-from data_recipes.deformers.saturation import hinge
+from data_recipes.deformers.node_chain import Constants, Values, place_of, selection, sine_cosine, spread
+from data_recipes.deformers.pose_curves import hinge
 
 CLOSED_SHARE = 0.22  # where closed lids meet, between the lower edge (0) and the upper one (1)
 CLEARANCE_MM = 0.3  # lids stay this far from the eyeball, unless they rest closer

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from data_recipes.deformers.jaw import JawMotion, turn_with_jaw, undo_jaw
-from data_recipes.deformers.planes import Constants, Values, place_of, selection, spread
-from data_recipes.deformers.saturation import hinge
+from data_recipes.deformers.node_chain import Constants, Values, place_of, selection, spread
+from data_recipes.deformers.pose_curves import hinge
 
 STICK_MM = 2.2  # gap at which resting corners let go
 STICK_REACH_MM = 16.0  # and at which a full sticky control does

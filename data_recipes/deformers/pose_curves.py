@@ -12,12 +12,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from sklearn.cluster import KMeans
 
-from data_recipes.deformers.planes import Constants, Values, place_of, spread
+from data_recipes.deformers.node_chain import Constants, Values, place_of, spread
 
 BLOCKS = 12  # of vertices
 SMALLEST_BLOCK = 50  # vertices to a block, on average
@@ -103,3 +104,39 @@ def move(constants: Mapping[str, Any], u: Float[Values, "b m"]) -> Float[Values,
         (amount[:, blocks[name]["used"]] @ blocks[name]["fields"]).reshape(len(u), 3, -1) for name in sorted(blocks)
     ]
     return spread(jnp.concatenate(moved, axis=2), constants["place"])
+
+
+# Soft limits on controls, so that Eq. 5's factor 3 gives a stronger face and not an explosion.
+
+REACH = 1.3  # the furthest effective value, in units of the control's own limit
+SLACK = 0.12  # how far a one-sided control gives way on its closed side
+SHARPNESS = 6  # even; larger follows the identity longer
+
+
+def limits(lower: np.ndarray, upper: np.ndarray, default: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the effective limits below and above each control's default, (m,) each, and the default."""
+    above = REACH * (upper - default)
+    below = REACH * (default - lower)
+    return {
+        "default": default.astype(np.float32),
+        "below": np.where(below > 0, below, SLACK * above).astype(np.float32),
+        "above": np.where(above > 0, above, SLACK * below).astype(np.float32),
+    }
+
+
+def saturate(limit: Constants, params: Float[Values, "b m"]) -> Float[Values, "b m"]:
+    """Return p − default bent towards its limits: x (1 + (x/c)⁶)^(−1/6), the identity to sixth order at 0.
+
+    c is the limit on x's side; below c/2 the change is under 0.3 %, and |result| < c up to |x| = 1000 c.
+    """
+    x = params - limit["default"]
+    c = jnp.where(x < 0, limit["below"], limit["above"])
+    # Clipping keeps the power finite for wild inputs.
+    ratio = jnp.clip(x / c, -1e3, 1e3)
+    return x * (1 + ratio**SHARPNESS) ** (-1 / SHARPNESS)
+
+
+def hinge(x: Float[Values, "*s"], width: float | Values) -> Float[Values, "*s"]:
+    """Return max(x, 0) with a quadratic start over `width`: exactly 0 below 0, x − width/2 beyond `width`, C¹."""
+    y = jax.nn.relu(x)
+    return jnp.where(y < width, y * y / (2 * width), y - width / 2)

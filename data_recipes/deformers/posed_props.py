@@ -14,7 +14,7 @@ from jaxtyping import Float, Int, UInt8
 from scipy.spatial import cKDTree
 
 from data_recipes.deformers import face, head_shape
-from data_recipes.deformers.saturation import saturate
+from data_recipes.deformers.pose_curves import saturate
 
 NEAREST = 4
 SCALP_MM = 26.0  # hair that hangs below this height, on a head of adult size, moves with the scalp at it

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from data_recipes.deformers.planes import Constants, Values, place_of, spread
+from data_recipes.deformers.node_chain import Constants, Values, place_of, spread
 
 NEAREST = 12  # skin vertices around a root
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from data_recipes.deformers.jaw import JawMotion, turn
-from data_recipes.deformers.planes import Constants, Values, place_of, spread
+from data_recipes.deformers.node_chain import Constants, Values, place_of, spread
 
 PROBE_MM = 2.0
 POLAR_STEPS = 6

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from data_recipes.deformers.planes import Constants, Values, place_of, spread
+from data_recipes.deformers.node_chain import Constants, Values, place_of, spread
 
 STEP_MM = 4.0
 # Radii of curvature below this (mm) are features such as a nose wing, which skin does not slide over.

@@ -19,14 +19,8 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Array, Float, Int
 
-from data_recipes.deformers.planes import Values, add_rows, pick, place_of, rows_at
-from data_recipes.deformers.surface_operators import (
-    face_gradients,
-    padded_rows,
-    stiffness,
-    submesh,
-    vertex_areas,
-)
+from data_recipes.deformers.node_chain import Values, add_rows, pick, place_of, rows_at
+from data_recipes.deformers.surface_operators import face_gradients, padded_rows, stiffness, submesh, vertex_areas
 
 DIFFUSION_MM2 = 30.0
 MEMBRANE_MM2 = 0.10

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from replicate.engine.exceptions import InputError
-from replicate.engine.paths import ROOT
+from replicate.base.exceptions import InputError
+from replicate.base.paths import ROOT
 
 VARIABLE = "REPLICATE_BLENDER_PYTHON"
 OWN = ROOT / ".bpy"  # an environment for bpy, beside .venv: bpy and the suite need other versions of numpy

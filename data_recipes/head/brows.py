@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_recipes.head.hair_locks import Paths, ribbons
+from data_recipes.head.hair_locks import Paths, Scalp, ribbons
 from data_recipes.head.prop_mesh import Prop, join, on_skin, sheet, smooth_step
-from data_recipes.head.scalp import Scalp
 from data_recipes.head.shape import lidded_distance
 from data_recipes.recipe.reading import Recipe
 

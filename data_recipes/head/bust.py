@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from data_recipes.head.head_paint import bare_skin
 from data_recipes.head.prop_mesh import Prop, sheet, smooth_step
-from data_recipes.head.sdf import Distances, Points, cone, ellipsoid, raycast, smooth_max, smooth_min, soft_abs
+from data_recipes.head.shape import Distances, Points, cone, ellipsoid, raycast, smooth_max, smooth_min, soft_abs
 from data_recipes.recipe.reading import Recipe
 
 COLUMNS, ROWS, RAYS = 121, 56, 240

@@ -11,8 +11,7 @@ from dataclasses import asdict
 import numpy as np
 from jaxtyping import Float
 
-from data_recipes.head.sdf import project
-from data_recipes.head.shape import Shape, skull_distance
+from data_recipes.head.shape import Shape, project, skull_distance
 from data_recipes.recipe.reading import Recipe
 
 # From the root to the tip: place along the leaf, half width, thickness (shares of the leaf's largest ones).

@@ -14,9 +14,8 @@ from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
-from data_recipes.head.hair_locks import Layer, combed, falling, ribbons
+from data_recipes.head.hair_locks import RAYS, Layer, Scalp, build_scalp, combed, falling, head_centre, ribbons
 from data_recipes.head.prop_mesh import Prop, join, sheet, smooth_step
-from data_recipes.head.scalp import RAYS, Scalp, build_scalp, head_centre
 from data_recipes.recipe.reading import Recipe
 
 COLUMNS, ROWS = 217, 40

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from data_recipes.head.ears import nostril_rim
 from data_recipes.head.mouth import ring_parameter
-from data_recipes.head.nostrils import nostril_rim
 from data_recipes.head.prop_mesh import smooth_step
 from data_recipes.head.shape import lid_angles
 from data_recipes.head.topology import (

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from data_recipes.head.topology import Layout
 from data_recipes.recipe.reading import Recipe
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 
 def name_curves(recipe: Recipe, layout: Layout) -> dict[str, np.ndarray]:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from data_recipes.head.sdf import raycast
-from data_recipes.head.shape import Shape, skin_distance, wrapped_rays
+from data_recipes.head.shape import Shape, raycast, skin_distance, wrapped_rays
 from data_recipes.recipe.reading import Recipe
 
 SEAM_DIP = 0.5  # mm by which closed lips meet lower behind the seam than at it: nothing is seen through the gap

@@ -10,8 +10,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.sparse import csr_matrix
 
 from data_recipes.head.mouth import fill_cap
-from data_recipes.head.sdf import project, raycast
-from data_recipes.head.shape import Shape, skin_distance
+from data_recipes.head.shape import Shape, project, raycast, skin_distance
 from data_recipes.head.topology import Layout
 from data_recipes.recipe.reading import Recipe
 

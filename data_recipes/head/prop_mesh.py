@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from data_recipes.head.sdf import distance_and_gradient, raycast
+from data_recipes.head.shape import distance_and_gradient, raycast
 from data_recipes.head.topology import grid_quads
 
 FLIP = np.array([-1.0, 1.0, 1.0])

@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from replicate.engine.exceptions import InputError
-from replicate.engine.paths import named_folder
-from replicate.engine.schema import cut, shown
-from replicate.engine.user_files import is_file, read_text, shown_path
+from replicate.base.exceptions import InputError
+from replicate.base.paths import named_folder
+from replicate.base.schema import cut, shown
+from replicate.base.user_files import is_file, read_text, shown_path
 
 VARIABLE = "ICT_FACEKIT"
 SOURCE = "ICT-FaceKit by USC ICT on GitHub, ICT-FaceKit/FaceXModel"

@@ -10,26 +10,23 @@ from jaxtyping import Float, Int
 
 from data_recipes.acting.clip_file import read_clip
 from data_recipes.deformers import jaw, wrinkles
-from data_recipes.deformers.planes import place_of
-from data_recipes.deformers.saturation import REACH, SHARPNESS, limits
+from data_recipes.deformers.node_chain import place_of
+from data_recipes.deformers.pose_curves import REACH, SHARPNESS, limits
 from data_recipes.deformers.surface_operators import adjacency
 from data_recipes.face_check import check_face
 from data_recipes.face_rig import FaceParts, FaceRig
 from data_recipes.ict.facekit_acting import perform
-from data_recipes.ict.facekit_chain import FACEKIT
-from data_recipes.ict.facekit_charts import build_charts
-from data_recipes.ict.facekit_eyeballs import rest_props, sphere_centre
 from data_recipes.ict.facekit_files import FaceKit, read_model
-from data_recipes.ict.facekit_paint import paint
-from data_recipes.ict.facekit_segments import SOFT, Segments, split
-from data_recipes.ict.fold_regions import build_regions
+from data_recipes.ict.facekit_nodes import FACEKIT, rest_props, sphere_centre
+from data_recipes.ict.facekit_segments import SOFT, Segments, build_charts, split
+from data_recipes.ict.fold_regions import build_regions, paint
 from data_recipes.ict.jaw_fit import JAW_CONTROLS, fit_jaw
 from data_recipes.ict.marks import control_points, face_marks, landmarks, model_controls
 from data_recipes.landmark_set import FACE_LANDMARKS
 from data_recipes.recipe.facekit import FaceKitRecipe, Reach
 from data_recipes.rig import Clip, check_rig
-from replicate.engine.exceptions import InputError
-from replicate.engine.schema import naming
+from replicate.base.exceptions import InputError
+from replicate.base.schema import naming
 from replicate.geometry.mesh import Mesh
 
 EYES_Z_MM = 62.0  # our own heads' eyes are at y = 0 and here, and the cameras know it

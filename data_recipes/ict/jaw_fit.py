@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from data_recipes.deformers.jaw import turn
 from data_recipes.deformers.surface_operators import smooth_values
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 JAW_CONTROLS = ("jawOpen", "jawForward", "jawLeft", "jawRight")
 SMOOTHING_PASSES = 6

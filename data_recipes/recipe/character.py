@@ -1,5 +1,4 @@
 """A recipe: one character as numbers and choices, section by section."""
-# ruff: noqa: RUF009 — what stands as a default is a `dataclasses.field`, or frozen
 
 from dataclasses import dataclass
 from typing import Literal
@@ -18,10 +17,82 @@ from data_recipes.recipe.sections import (
     Teeth,
     Template,
     Tongue,
+    Triple,
     Wrinkles,
+    triple,
 )
-from data_recipes.recipe.skull import Nose, Skull
-from replicate.engine.schema import Checked, groups, identifier, names, number
+from replicate.base.schema import Checked, groups, identifier, names, number
+
+# The sections of a recipe that give a head its solid shape: the skull and the nose. Lengths in mm, angles in deg.
+
+# ruff: noqa: RUF009 — what stands as a default is a `dataclasses.field`
+
+
+@dataclass(frozen=True)
+class Skull(Checked):
+    """The primitives of the head's signed distance function: centres, radii (mm)."""
+
+    cranium: Triple = triple((0.0, 44.0, -12.0))
+    cranium_radii: Triple = triple((75.0, 74.0, 86.0), 5.0)
+    forehead: Triple = triple((0.0, 42.0, 34.0))
+    forehead_radii: Triple = triple((60.0, 52.0, 48.0), 5.0)
+    face: Triple = triple((0.0, -18.0, 20.0))
+    face_radii: Triple = triple((61.0, 66.0, 64.0), 5.0)
+    jaw_ramus: Triple = triple((54.0, -8.0, -6.0))
+    jaw_angle: Triple = triple((37.0, -52.0, 8.0))
+    jaw_radius: float = number(15.0, 2.0, 60.0)
+    jaw_bow: Triple = triple((7.0, -5.0, 3.0))
+    chin: Triple = triple((0.0, -95.0, 68.0))
+    chin_radii: Triple = triple((19.0, 14.0, 15.0), 2.0)
+    chin_blend: float = number(16.0, 1.0, 60.0)
+    chin_corner: Triple = triple((9.0, -93.0, 64.0))
+    neck_top: Triple = triple((0.0, -70.0, -10.0))
+    neck_bottom: Triple = triple((0.0, -200.0, -30.0))
+    neck_radii: tuple[float, float, float] = triple((40.0, 45.0, 22.0), 5.0)
+    cheekbone: Triple = triple((40.0, -22.0, 57.0))
+    cheekbone_radii: Triple = triple((21.0, 18.0, 20.0), 2.0)
+    cheek: Triple = triple((28.0, -50.0, 58.0))
+    cheek_radii: Triple = triple((27.0, 27.0, 25.0), 2.0)
+    muzzle: Triple = triple((0.0, -62.0, 68.0))
+    muzzle_radii: Triple = triple((30.0, 28.0, 24.0), 2.0)
+    brow_inner: Triple = triple((11.0, 23.0, 80.0))
+    brow_outer: Triple = triple((50.0, 26.0, 54.0))
+    brow_radii: Triple = triple((7.0, 8.5, 20.0), 1.0)
+    socket: Triple = triple((33.0, 1.0, 97.0))
+    socket_radii: Triple = triple((28.0, 20.0, 20.0), 2.0)
+    socket_yaw_deg: float = number(-20.0, -80.0, 80.0)
+    jaw_pivot: Triple = triple((0.0, -14.0, 2.0))
+
+
+@dataclass(frozen=True)
+class Nose(Checked):
+    """The nose's cones and the nostrils (mm).
+
+    Nostrils open towards `nostril_facing`, are longest along `nostril_long` and lead on to `nostril_inwards`, three
+    directions.
+    """
+
+    root: Triple = triple((0.0, 12.0, 77.0))
+    root_radius: float = number(8.0, 1.0, 40.0)
+    tip: Triple = triple((0.0, -31.0, 104.0))
+    tip_radius: float = number(9.0, 1.0, 40.0)
+    sidewall: Triple = triple((0.0, 4.0, 69.0))
+    sidewall_radii: Triple = triple((7.0, 6.0, 9.0), 1.0)
+    columella: Triple = triple((0.0, -41.0, 97.0))
+    columella_radii: Triple = triple((6.5, 5.0, 7.0), 1.0)
+    wing: Triple = triple((11.0, -36.5, 94.0))
+    wing_radii: Triple = triple((8.0, 7.2, 9.5), 1.0)
+    blend: float = number(20.0, 1.0, 60.0)
+    wing_blend: float = number(8.0, 1.0, 40.0)
+    nostril_axes: Triple = triple((2.5, 3.5, 5.0), 0.3, 30.0)
+    nostril_place: Triple = triple((0.74, 0.73, 0.0), -30.0, 30.0)
+    nostril_facing: Triple = triple((0.0, -1.0, 0.0), -1.0, 1.0)
+    nostril_long: Triple = triple((0.25, 0.0, 1.0), -1.0, 1.0)
+    nostril_inwards: Triple = triple((0.0, 0.8, -0.1), -1.0, 1.0)
+
+
+# ruff: noqa: RUF009 — what stands as a default is a `dataclasses.field`, or frozen
+
 
 VERTICES_MOST = 1_000_000
 CONTROL_POINTS = {  # of a human face

@@ -7,8 +7,8 @@ from typing import Literal
 from data_recipes.acting.procedural_acting import Acting
 from data_recipes.recipe.character import VERTICES_MOST
 from data_recipes.recipe.sections import Wrinkles
-from replicate.engine.exceptions import InputError
-from replicate.engine.schema import Checked, identifier, names, number, span
+from replicate.base.exceptions import InputError
+from replicate.base.schema import Checked, identifier, names, number, span
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,34 @@
 
 Lengths in mm, angles in degrees. Skull and nose are in `recipe.skull`; `recipe.reading` reads them all from TOML.
 """
-# ruff: noqa: RUF009 — what stands as a default is a `dataclasses.field`
 
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from data_recipes.recipe.fields import Triple, colour, share, triple
-from replicate.engine.schema import Checked, groups, names, number, numbers, span, table
+from replicate.base.schema import Checked, groups, names, number, numbers, span, table
+
+# Fields that several sections of a recipe have: points, directions and radii, colours, shares.
+
+Triple = tuple[float, float, float]
+
+
+def triple(default: Triple, lower: float = -300.0, upper: float = 300.0) -> Any:
+    """Declare three numbers: a point or radii in mm, a direction."""
+    return numbers(default, 3, lower, upper)
+
+
+def colour(red: float, green: float, blue: float) -> Any:
+    """Declare a colour, RGB from 0 to 1."""
+    return numbers((red, green, blue), 3, 0.0, 1.0)
+
+
+def share(default: float) -> Any:
+    """Declare a share, 0 to 1."""
+    return number(default, 0.0, 1.0)
+
+
+# ruff: noqa: RUF009 — what stands as a default is a `dataclasses.field`
+
 
 # What a head is made of besides its teeth. Each part has a chart of its own unless a recipe puts several into one.
 PARTS = (

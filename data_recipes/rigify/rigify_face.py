@@ -11,6 +11,7 @@ import json
 import os
 import sys
 import tempfile
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -22,9 +23,9 @@ from data_recipes.exporters.blender_python import blender_python, run_scripts
 from data_recipes.head.neutral_head import Head, build_head
 from data_recipes.recipe.reading import Recipe, load_recipe
 from data_recipes.rigify.head_file import write_head_file
-from data_recipes.rigify.head_stamp import check_stamp, stamp_of, write_stamp
-from replicate.engine.command_line import guard
-from replicate.engine.exceptions import InputError
+from replicate.base.command_line import guard
+from replicate.base.exceptions import InputError
+from replicate.base.user_files import shown_path
 
 BUILDER = Path(__file__).with_name("rigify_rig.py")
 EXPORTER = Path(__file__).parents[1] / "exporters" / "blender_samples.py"
@@ -120,3 +121,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 if __name__ == "__main__":
     sys.exit(main())
+
+
+# Whose head the rig in a Blender file is on: a small file beside it, `rigify.head.npz` beside `rigify.blend`.
+
+SAME_MM = 0.01  # heads that differ by less are one, built by two machines
+
+
+def stamp_of(blend: Path) -> Path:
+    """Return the file beside a .blend that says whose head is in it."""
+    return blend.with_suffix(".head.npz")
+
+
+def write_stamp(head: Head, character: str, blend: Path) -> None:
+    """Write down whose head the rig of a .blend is made on, and where its vertices are, mm."""
+    np.savez_compressed(stamp_of(blend), character=character, vertices_mm=head.vertices.astype(np.float32))
+
+
+def check_stamp(head: Head, character: str, blend: Path) -> bool:
+    """Return whether a .blend says whose head it has. Raises InputError where that is another head than this one."""
+    try:
+        with np.load(stamp_of(blend)) as stamp:
+            whose, vertices = str(stamp["character"]), stamp["vertices_mm"]
+    except FileNotFoundError:
+        return False
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
+        allowed = "remove it, and the .blend is taken as it is"
+        raise InputError(f"{shown_path(stamp_of(blend))} can't be read: {allowed}") from None
+    if vertices.shape == head.vertices.shape and np.abs(vertices - head.vertices).max() < SAME_MM:
+        return True
+    other = f"the head of {whose}" if whose != character else f"{character}'s head as it was before its recipe changed"
+    allowed = "name another folder, or remove the .blend, so that it is made anew"
+    raise InputError(f"{shown_path(blend)} has the rig on {other}: {allowed}")

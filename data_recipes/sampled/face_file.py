@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from replicate.engine.exceptions import InputError
-from replicate.engine.schema import Checked, identifier, naming, number, numbers, read_table, shown
-from replicate.engine.user_files import read_toml, shown_path
+from data_recipes.controls import Control
+from data_recipes.sampled.shards import DAMAGE
+from replicate.base.exceptions import InputError
+from replicate.base.schema import Checked, identifier, naming, number, numbers, read_table, shown
+from replicate.base.user_files import read_text, read_toml, shown_path
 
 FACE_FILE = "face.toml"
 MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
@@ -106,3 +110,93 @@ def read_face(folder: Path) -> FaceFile:
     table = read_toml(file)
     with naming(shown_path(file)):
         return read_table(FaceFile, table)
+
+
+# The controls of a folder of samples, `controls.csv`: a line a control, in the order of the columns of `params`.
+
+CONTROL_FILE = "controls.csv"
+HEADER = ["name", "lower", "default", "upper", "region"]
+MOST_BYTES = 4_000_000
+MOST_CONTROLS = 5_000
+LONGEST_NAME = 63  # bytes
+FARTHEST_LIMIT = 1e9  # beyond it a limit is a mistake
+WITHOUT_REGION = "face"
+
+
+def read_controls(folder: Path) -> tuple[Control, ...]:
+    """Return the controls. Raises InputError, naming file, line and control, for anything that is not allowed."""
+    file = folder / CONTROL_FILE
+    where = shown_path(file)
+    reader = csv.reader(io.StringIO(read_text(file, MOST_BYTES), newline=""), strict=True)
+    controls: dict[str, Control] = {}
+    try:
+        header = next(reader, [])
+        if header != HEADER:
+            raise InputError(f"{where}: its first line is {shown(','.join(header))}: allowed is {','.join(HEADER)}")
+        for row in reader:
+            if not row:
+                continue
+            control = _control(row, f"{where}: line {reader.line_num}")
+            if control.name in controls:
+                raise InputError(f"{where}: line {reader.line_num} is the second {shown(control.name)}: allowed is one")
+            controls[control.name] = control
+            if len(controls) > MOST_CONTROLS:
+                raise InputError(f"{where}: found more than {MOST_CONTROLS:,} controls: allowed are so many at most")
+    except csv.Error as error:
+        raise InputError(f"{where}: found no CSV text ({error})") from None
+    if not controls:
+        raise InputError(f"{where}: found no controls: allowed is one at least")
+    return tuple(controls.values())
+
+
+def _control(row: list[str], where: str) -> Control:
+    if len(row) != len(HEADER):
+        raise InputError(f"{where} has {len(row)} values: allowed are {len(HEADER)}, {','.join(HEADER)}")
+    name, *texts, region = (cell.strip() for cell in row)
+    for text, what, least in ((name, "name", 1), (region, "region", 0)):
+        if not (text.isprintable() and least <= len(text.encode()) <= LONGEST_NAME and "," not in text):
+            raise InputError(f"{where}: its {what} is {shown(text)}: allowed is one of {LONGEST_NAME} bytes at most")
+    values = []
+    for text, what in zip(texts, HEADER[1:4], strict=True):
+        try:
+            values.append(float(text))
+        except ValueError:
+            raise InputError(f"{where}: {what} of {shown(name)} is {shown(text)}: allowed is a number") from None
+        if not abs(values[-1]) <= FARTHEST_LIMIT:  # False for NaN as well
+            raise InputError(
+                f"{where}: {what} of {shown(name)} is {shown(text)}: allowed is a number up to {FARTHEST_LIMIT:g}"
+            )
+    with naming(where):
+        return Control(name, *values, region or WITHOUT_REGION)
+
+
+# What a folder of samples may say of its controls, `influence.npy`: which of them moves which vertex.
+
+INFLUENCE_FILE = "influence.npy"
+
+
+def influence_file(folder: Path) -> tuple[Path, ...]:
+    """Return the file of a folder, as a tuple of one, or () where there is none."""
+    file = folder / INFLUENCE_FILE
+    return (file,) if file.exists() or file.is_symlink() else ()
+
+
+def read_influence(file: Path, vertices: int, controls: int) -> Bool[np.ndarray, "n m"]:
+    """Return which control (a column) moves which vertex (a row). Raises InputError for a file that is anything else.
+
+    A control that moves nothing is allowed: it is idle.
+    """
+    where = shown_path(file)
+    if not file.is_file():
+        raise InputError(f"{where}: found no regular file: allowed is an array of true and false, or no such file")
+    try:
+        moves = np.load(file, mmap_mode="r", allow_pickle=False)
+    except (*DAMAGE, OverflowError, MemoryError) as error:
+        raise InputError(f"{where}: found no readable npy file ({error})".replace("\n", " ")) from None
+    if not isinstance(moves, np.ndarray) or moves.dtype != bool or moves.shape != (vertices, controls):
+        found = f"{moves.dtype} {moves.shape}" if isinstance(moves, np.ndarray) else "several arrays"
+        allowed = f"true or false (bool) for every vertex and control, ({vertices}, {controls})"
+        raise InputError(f"{where}: found {found}: allowed is {allowed}")
+    if not moves.any():
+        raise InputError(f"{where}: no control moves a vertex: allowed is one at least, or no such file")
+    return np.array(moves)

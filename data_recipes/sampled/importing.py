@@ -8,18 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int
 
-from data_recipes.known_poses import INT16_MAX, KnownPoses, create
-from data_recipes.rig import Clip
-from data_recipes.sampled.chosen_points import CONTROL_POINTS, LANDMARKS, POSES, motion_mm, regions_of, spread_out
-from data_recipes.sampled.face_file import FaceFile
-from data_recipes.sampled.influence_file import INFLUENCE_FILE
+from data_recipes.rig import INT16_MAX, Clip, KnownPoses, create
+from data_recipes.sampled.face_file import INFLUENCE_FILE, FaceFile
 from data_recipes.sampled.sample_folder import NEUTRAL, SampleFolder, check_size, check_vertices, read_folder
 from data_recipes.sampled.sampled_rig import SampledRig
 from data_recipes.sampled.segment_charts import make_mesh
-from replicate.engine.exceptions import InputError
-from replicate.engine.user_files import shown_path
+from replicate.base.exceptions import InputError
+from replicate.base.user_files import shown_path
 
 EYES_MM = (0.0, 0.0, 62.0)  # where the middle between the eyes is on our own heads, and the cameras know it
 # Of a face that doesn't say where its eyes are: the teen's width, top and front, in proportion to the width.
@@ -142,3 +139,46 @@ def _points(
     default = np.array([control.default for control in found.controls])
     regions = [control.region for control in found.controls]
     return landmarks, points, regions_of(known.frame_params[some] - default, offsets[:, points], regions)
+
+
+# Landmarks and control points for a face that names none: vertices that are far apart and move much.
+
+LANDMARKS, CONTROL_POINTS = 24, 20
+POSES = 500  # most that are looked at
+RIDGE = 1e-3  # of the mean square of a column
+
+
+def motion_mm(offsets: Float[np.ndarray, "b n 3"]) -> Float64[np.ndarray, " n"]:
+    """Return how far each vertex moves: the root mean square over poses."""
+    return np.sqrt((np.asarray(offsets, np.float64) ** 2).sum(axis=2).mean(axis=0))
+
+
+def spread_out(neutral: Float[np.ndarray, "n 3"], motion: Float[np.ndarray, " n"], count: int) -> Int[np.ndarray, " k"]:
+    """Return up to `count` vertices that move more than the median one, far apart."""
+    candidates = np.flatnonzero(motion >= np.median(motion))
+    places = np.asarray(neutral[candidates], np.float64)
+    chosen = [int(np.argmax(motion[candidates]))]
+    distance = ((places - places[chosen[0]]) ** 2).sum(axis=1)
+    while len(chosen) < min(count, len(candidates)):
+        chosen.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, ((places - places[chosen[-1]]) ** 2).sum(axis=1))
+    return candidates[chosen].astype(np.int32)
+
+
+def regions_of(
+    params: Float[np.ndarray, "b m"], offsets: Float[np.ndarray, "b k 3"], regions: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the region of the controls that move each of k points most.
+
+    params: less their defaults. regions: each control's. The controls' effects are those of a ridge regression.
+    """
+    x = np.asarray(params, np.float64)
+    size = np.sqrt((x**2).mean(axis=0))
+    x = x / np.where(size > 0, size, 1.0)
+    y = np.asarray(offsets, np.float64).reshape(len(x), -1)
+    effects = np.linalg.solve(x.T @ x + RIDGE * len(x) * np.eye(x.shape[1]), x.T @ y)  # (m, 3 k)
+    strength = (effects**2).reshape(x.shape[1], -1, 3).sum(axis=2)  # (m, k)
+    names = list(dict.fromkeys(regions))
+    own = np.array([names.index(region) for region in regions])
+    sums = np.stack([strength[own == k].sum(axis=0) for k in range(len(names))])  # (r, k)
+    return tuple(names[k] for k in sums.argmax(axis=0))

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from replicate.engine.exceptions import InputError
-from replicate.engine.schema import cut, shown
-from replicate.engine.user_files import read_bytes, read_text, shown_path
+from replicate.base.exceptions import InputError
+from replicate.base.schema import cut, shown
+from replicate.base.user_files import read_bytes, read_text, shown_path
 
 MOST_BYTES = 400_000_000
 MOST_CORNERS = 64  # of a polygon

@@ -16,11 +16,9 @@ from jaxtyping import Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from data_recipes.sampled.chart_overlap import covered_and_doubled
 from data_recipes.sampled.mesh_file import NO_LABEL, NeutralFile
-from replicate.engine.exceptions import InputError
-from replicate.geometry.mesh import Mesh
-from replicate.geometry.normals import degenerate_faces
+from replicate.base.exceptions import InputError
+from replicate.geometry.mesh import Mesh, degenerate_faces
 
 MOST_SEGMENTS = 300
 MOST_OVERLAP = 0.02  # of the texels that a segment covers: how many may be covered twice
@@ -181,3 +179,34 @@ def _clean_names(names: Sequence[str]) -> tuple[str, ...]:
             own = f"{stem or WITHOUT_NAME}_{k}"
         clean.append(own)
     return tuple(clean)
+
+
+# Whether charts overlap: the share of the unit square that triangles cover, and of that what they cover twice.
+
+TEXELS = 256  # a side
+
+
+def covered_and_doubled(corners: Float[np.ndarray, "f 3 2"]) -> tuple[float, float]:
+    """Return which share of the unit square triangles cover, and which share of that more than one of them covers.
+
+    A texel counts for each triangle that its middle lies in; one on an edge belongs to neither side.
+    """
+    counts = np.zeros((TEXELS, TEXELS), np.int32)  # row: v
+    places = corners * TEXELS - 0.5
+    low = np.clip(np.ceil(places.min(axis=1)).astype(int), 0, TEXELS)
+    high = np.clip(np.floor(places.max(axis=1)).astype(int) + 1, 0, TEXELS)
+    for triangle in np.flatnonzero((high > low).all(axis=1)):
+        (left, lower), (right, upper) = low[triangle].tolist(), high[triangle].tolist()
+        counts[lower:upper, left:right] += _inside(places[triangle], left, right, lower, upper)
+    covered = counts > 0
+    return float(covered.mean()), float((counts > 1).sum() / max(covered.sum(), 1))
+
+
+def _inside(triangle: np.ndarray, left: int, right: int, lower: int, upper: int) -> np.ndarray:
+    """Return (rows, columns) bool: which of some texels' middles lie within a triangle, either way round."""
+    x, y = np.arange(left, right)[None, :], np.arange(lower, upper)[:, None]
+    sides = []
+    for (ax, ay), (bx, by) in zip(triangle, np.roll(triangle, -1, axis=0), strict=True):
+        sides.append((bx - ax) * (y - ay) - (by - ay) * (x - ax))
+    a, b, c = sides
+    return ((a > 0) & (b > 0) & (c > 0)) | ((a < 0) & (b < 0) & (c < 0))

@@ -22,9 +22,9 @@ from pathlib import Path
 
 import numpy as np
 
-from replicate.engine.exceptions import InputError
-from replicate.engine.schema import cut, shown
-from replicate.engine.user_files import shown_path
+from replicate.base.exceptions import InputError
+from replicate.base.schema import cut, shown
+from replicate.base.user_files import shown_path
 
 FOLDER = "poses"
 NEEDED, OPTIONAL = ("params", "vertices"), ("clip", "frame", "drawn")

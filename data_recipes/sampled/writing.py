@@ -10,14 +10,12 @@ import numpy as np
 from jaxtyping import Bool
 
 from data_recipes.rig import Rig
-from data_recipes.sampled.control_file import CONTROL_FILE, HEADER
-from data_recipes.sampled.face_file import FACE_FILE
+from data_recipes.sampled.face_file import CONTROL_FILE, FACE_FILE, HEADER, INFLUENCE_FILE
 from data_recipes.sampled.importing import EYES_MM
-from data_recipes.sampled.influence_file import INFLUENCE_FILE
 from data_recipes.sampled.shards import FOLDER, UNFINISHED
-from replicate.engine.atomic_files import write_text
-from replicate.engine.exceptions import InputError
-from replicate.engine.user_files import shown_path
+from replicate.base.exceptions import InputError
+from replicate.base.files import write_text
+from replicate.base.user_files import shown_path
 from replicate.geometry.mesh import Mesh
 
 MESH_FILE = "mesh.obj"

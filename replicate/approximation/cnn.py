@@ -16,12 +16,12 @@ from torch import nn
 from torch.nn import functional
 
 from replicate.approximation.deformation_map import bilinear, sample
-from replicate.approximation.kernels.map_kernel import Grid, MapOffsets
-from replicate.approximation.kernels.pixel_lists import layers_of, places
-from replicate.approximation.kernels.vector_code import CHANNELS
 from replicate.approximation.model import SegmentedModel, load_model, save_model
 from replicate.approximation.segments import Segment
 from replicate.config import START, CoarseConfig, RefinementConfig
+from replicate.kernels.map_kernel import Grid, MapOffsets
+from replicate.kernels.pixel_kernel import layers_of, places
+from replicate.kernels.vector_code import CHANNELS
 
 
 class MapNetwork(nn.Module):

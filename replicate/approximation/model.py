@@ -16,8 +16,8 @@ from torch import nn
 
 from replicate.approximation.conditioning import initialise, output_lengths
 from replicate.approximation.segments import Segment, segment_vertices
+from replicate.base.exceptions import InputError
 from replicate.config import CoarseConfig, DenseConfig, RefinementConfig
-from replicate.engine.exceptions import InputError
 
 
 class SegmentedModel(nn.Module):

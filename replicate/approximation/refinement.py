@@ -13,13 +13,13 @@ from threadpoolctl import threadpool_limits
 
 from replicate.approximation.cnn import make_network, shape_facts
 from replicate.approximation.deformation_map import bilinear, polyharmonic_map, sampling_matrix
+from replicate.approximation.losses import Supervision
 from replicate.approximation.model import SegmentedModel, fresh_model, load_model
 from replicate.approximation.samples import SampleSet
 from replicate.approximation.segments import Segment, make_segment, segment_vertices
-from replicate.approximation.supervision import Supervision
 from replicate.approximation.training import prepare, train
+from replicate.base.exceptions import InputError
 from replicate.config import RefinementConfig
-from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
 UNCOVERED_COST = 0.25  # squared distance, in widths of a chart, of a vertex whose chart has no cluster: half a width

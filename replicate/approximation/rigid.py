@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 from replicate.geometry.alignment import align
 from replicate.geometry.mesh import Mesh
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int16
 
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 
 def split_frames(

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Int
 
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
 

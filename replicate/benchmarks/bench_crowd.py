@@ -15,26 +15,42 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from replicate.approximation.evaluation import unique_poses
+from replicate.approximation.metrics import unique_poses
 from replicate.approximation.rigid import Attachments, attach
-from replicate.artefacts import built_rig, drawn_samples, rigid_segments
-from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import PROFILE, add_methods, answer, artefacts_of, bench_methods, make_parser
-from replicate.benchmarks.rigid_placing import placing_attachments
+from replicate.base.progress import progress
+from replicate.benchmarks.common import (
+    PROFILE,
+    add_methods,
+    answer,
+    artefacts_of,
+    bench_methods,
+    make_parser,
+    placing_attachments,
+)
 from replicate.config import Config
-from replicate.engine.progress import progress
 from replicate.geometry.mesh import Mesh
 from replicate.inference.fast_evaluation import fast_evaluation
+from replicate.methods import artefacts
 from replicate.methods.method import Method, Model
 from replicate.methods.method_registry import choose
+from replicate.methods.plan import Plan
 from replicate.report.results import Row, find
 from replicate.report.tables import Table
-from replicate.timing.cores import can_confine, one_core, threads
-from replicate.timing.energy import counters, energy_j, why_no_energy
 from replicate.timing.gpu_evaluation import gpu_evaluation
+from replicate.timing.machine import can_confine, counters, energy_j, one_core, threads, why_no_energy
 from replicate.timing.onnx_evaluation import onnx_evaluation
-from replicate.timing.single_poses import Evaluate, Way, time_single_poses
-from replicate.timing.timed_names import BACKENDS, FAST, GPU, ONNX, in_table_order, label_of, parted
+from replicate.timing.single_poses import (
+    BACKENDS,
+    FAST,
+    GPU,
+    ONNX,
+    Evaluate,
+    Way,
+    in_table_order,
+    label_of,
+    parted,
+    time_single_poses,
+)
 
 ABOUT = "frames a second for 1, 10 and 100 characters at once, and the energy of a thousand poses"
 WRITES = "results/runs/bench/bench_crowd.csv"
@@ -47,11 +63,11 @@ def measure(config: Config, words: Sequence[str]) -> list[Row]:
     """Make what is missing of one character's methods, time frames of several characters, and return the rows."""
     plan = Plan(config)
     methods = [method for method in choose(words, config) if method.model]
-    shared = [module.stage(plan) for module in (built_rig, drawn_samples, rigid_segments)]
+    shared = [stage(plan) for stage in (artefacts.rig_stage, artefacts.samples_stage, artefacts.rigid_stage)]
     inputs = artefacts_of(TABLE, config, [*shared, *(stage for method in methods for stage in method.stages(plan))])
-    samples = drawn_samples.load(inputs)
+    samples = artefacts.load_samples(inputs)
     poses = np.asarray(samples.test_params[unique_poses(samples.test_params)], np.float32)
-    ways = ways_of(methods, inputs, built_rig.load_mesh(inputs), rigid_segments.load(inputs))
+    ways = ways_of(methods, inputs, artefacts.load_mesh(inputs), artefacts.load_attachments(inputs))
     rows = []
     with one_core() if can_confine() else threads(1), progress(sum(FRAMES.values()), "timing") as bar:
         for characters, frames in FRAMES.items():

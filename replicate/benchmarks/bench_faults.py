@@ -19,22 +19,20 @@ import numpy as np
 
 from data_recipes import recipe_paths
 from replicate.approximation.cnn import make_network
-from replicate.approximation.evaluation import Predictor, evaluate, unique_poses
+from replicate.approximation.metrics import Predictor, evaluate, unique_poses
 from replicate.approximation.model import SegmentedModel, load_model
 from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.rigid import Attachments, attach
 from replicate.approximation.samples import SampleSet
-from replicate.artefacts import built_rig, drawn_samples, rigid_segments
-from replicate.artefacts.plan import Plan
+from replicate.base.progress import progress
 from replicate.benchmarks.common import add_count, answer, artefacts_of, make_parser, publish, split_names
 from replicate.config import Config, resolve
-from replicate.engine.progress import progress
 from replicate.geometry.mesh import Mesh
+from replicate.methods import artefacts, measurement
 from replicate.methods import coarse as coarse_method
-from replicate.methods import measurement
 from replicate.methods.method_registry import method_named
-from replicate.report.error_rows import error_rows
-from replicate.report.results import Row
+from replicate.methods.plan import Plan
+from replicate.report.results import Row, error_rows
 from replicate.report.tables import Table, round_off
 
 ABOUT = "what deliberate faults do to the numbers of Table 2"
@@ -81,7 +79,11 @@ def faults(config: Config) -> tuple[Mesh, SampleSet, Attachments, dict[str, dict
     inputs = artefacts_of(TABLE, config, list(measured.values()))
     unweighted = replace(config, coarse=replace(config.coarse, normal_weight=0.0))
     faulty = artefacts_of(TABLE, unweighted, [coarse_method.stage(Plan(unweighted))])
-    mesh, samples, attachments = built_rig.load_mesh(inputs), drawn_samples.load(inputs), rigid_segments.load(inputs)
+    mesh, samples, attachments = (
+        artefacts.load_mesh(inputs),
+        artefacts.load_samples(inputs),
+        artefacts.load_attachments(inputs),
+    )
     sound = {name: measurement.predictor(stage.config, inputs) for name, stage in measured.items()}
     place = partial(predictor_of, mesh, attachments)
     coarse, refined = networks(inputs)

@@ -13,15 +13,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from replicate.approximation.evaluation import unique_poses
-from replicate.approximation.metrics import normal_error, vertex_error
+from replicate.approximation.metrics import normal_error, unique_poses, vertex_error
 from replicate.approximation.rigid import Attachments, attach
-from replicate.artefacts import built_rig, drawn_samples, refinement_squares, rigid_segments
-from replicate.artefacts.plan import Plan
+from replicate.base.progress import progress
 from replicate.benchmarks.common import answer, artefacts_of, make_parser, publish, split_names
 from replicate.config import Config, resolve
-from replicate.engine.progress import progress
 from replicate.geometry.mesh import Mesh
+from replicate.methods import artefacts
+from replicate.methods.plan import Plan
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
 
@@ -76,11 +75,11 @@ def floors(config: Config) -> list[Row]:
     """Make what is needed of a character, nothing trained, and return its floors at all sizes."""
     from replicate.approximation.deformation_map import Floor
 
-    selection = refinement_squares.stage(Plan(config))
+    selection = artefacts.squares_stage(Plan(config))
     inputs = artefacts_of(TABLE, config, [selection])
-    mesh, samples = built_rig.load_mesh(inputs), drawn_samples.load(inputs)
-    segments, squares = rigid_segments.load_coarse_segments(inputs, mesh), refinement_squares.load(inputs)
-    attachments, inside = rigid_segments.load(inputs), np.zeros(len(mesh.neutral), bool)
+    mesh, samples = artefacts.load_mesh(inputs), artefacts.load_samples(inputs)
+    segments, squares = artefacts.load_coarse_segments(inputs, mesh), artefacts.load_squares(inputs)
+    attachments, inside = artefacts.load_attachments(inputs), np.zeros(len(mesh.neutral), bool)
     for square in squares:
         inside[square.vertices] = True
     poses = unique_poses(np.asarray(samples.test_params))

@@ -8,24 +8,143 @@ step.
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
+import torch
 from jaxtyping import Float32
 
+from replicate.approximation import cnn
+from replicate.approximation.model import SegmentedModel
+from replicate.approximation.segments import Segment
+from replicate.base.progress import progress
+from replicate.baselines import dense
+from replicate.baselines.line import Line
 from replicate.benchmarks.common import PROFILE, add_count, answer, bench_folder, publish
-from replicate.benchmarks.growth_models import COARSE, DENSE, LINEAR, OURS, PARAMETERS, Face, flat_mesh, models_of
-from replicate.engine.progress import progress
+from replicate.config import CoarseConfig, DenseConfig
+from replicate.drawing.panels import DPI, WIDTH, Words, enlarge, error_scale, tidy
 from replicate.geometry.mesh import Mesh
 from replicate.inference.fast_evaluation import placing_of
 from replicate.methods.method import Model
+from replicate.methods.method_registry import method_named
+from replicate.methods.regional import RegionalConfig
+from replicate.regional.model import RegionalModel, StoredBasis
+from replicate.regional.networks import fresh_networks
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
-from replicate.timing.cores import can_confine, one_core, threads
+from replicate.timing.machine import can_confine, one_core, threads
 from replicate.timing.plain_evaluation import plain_offsets
-from replicate.timing.single_poses import Evaluate, Way, time_single_poses
-from replicate.timing.timed_names import FAST, PLAIN, in_table_order, label_of
+from replicate.timing.single_poses import (
+    BACKENDS,
+    FAST,
+    PLAIN,
+    Evaluate,
+    Way,
+    in_table_order,
+    label_of,
+    parted,
+    time_single_poses,
+)
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+
+# Models of any size with weights drawn at random, for times alone: what a network multiplies does not change them.
+
+COARSE, DENSE, LINEAR, OURS = "coarse", "dense", "linear", "regional"
+PARAMETERS, SEEN = 256, 100  # of the rig, and by the network of each segment, and of each region
+OWN = RegionalConfig()  # of ours
+RING = 5.3  # a region of k vertices has about this times √k in the ring about it, as on the teen
+
+
+@dataclass(frozen=True)
+class Face:
+    """What is varied; by default about what `teen` has."""
+
+    vertices: int = 11_200
+    segments: int = 8
+    map_size: int = 32
+    components: int = 96
+
+
+def models_of(face: Face, names: tuple[str, ...]) -> dict[str, SegmentedModel | RegionalModel]:
+    """Return the models of a face by method: networks of the usual widths, vertices dealt evenly to all segments.
+
+    The charts' vertices lie anywhere in them, so that a map's pixels are read evenly.
+    """
+    torch.manual_seed(0)
+    rng = np.random.default_rng(0)
+    parts = np.array_split(np.arange(face.vertices, dtype=np.int32), face.segments)
+    segments = [
+        Segment(
+            f"segment {k}",
+            own,
+            rng.uniform(size=(len(own), 2)).astype(np.float32),
+            _some_parameters(rng),
+        )
+        for k, own in enumerate(parts)
+    ]
+    maps = cnn.shape_facts(CoarseConfig(map_size=face.map_size))
+    make = {
+        COARSE: lambda: _segmented([cnn.make_network(s, maps) for s in segments], segments, face),
+        DENSE: lambda: _segmented(
+            [dense.make_network(s, dense.shape_facts(DenseConfig())) for s in segments], segments, face
+        ),
+        LINEAR: lambda: _segmented([_line(s) for s in segments], segments, face),
+        OURS: lambda: _regional(face, rng),
+    }
+    return {name: make[name]() for name in names}
+
+
+def flat_mesh(vertices: int) -> Mesh:
+    """Return a mesh of so many vertices anywhere; nothing here needs its triangles."""
+    places = np.random.default_rng(1).normal(size=(vertices, 3)).astype(np.float32)
+    faces, uv = np.array([[0, 1, 2]], np.int32), np.zeros((vertices, 2), np.float32)
+    return Mesh(places, faces, uv, np.zeros(vertices, np.int32), ("face",))
+
+
+def _segmented(networks: list, segments: list[Segment], face: Face) -> SegmentedModel:
+    scale = np.ones(PARAMETERS, np.float32)
+    return SegmentedModel(networks, segments, scale, [1.0] * len(segments), face.vertices)
+
+
+def _line(segment: Segment) -> Line:
+    line = Line(len(segment.parameters), len(segment.vertices))
+    line.weight.normal_()
+    return line
+
+
+def _regional(face: Face, rng: np.random.Generator) -> RegionalModel:
+    bases = list(_bases(face, rng))
+    seen = [_some_parameters(rng) for _ in bases] if OWN.by_region else [np.arange(PARAMETERS)]
+    network = fresh_networks(seen, OWN.hidden, [face.components] * len(bases), OWN.gated, OWN.line)
+    with torch.no_grad():
+        for weight in network.parameters():  # in 16 bits, as trainings leave them
+            weight.copy_(weight.half().float())
+    return RegionalModel(network, bases, np.ones(PARAMETERS, np.float32), 1.0, face.vertices)
+
+
+def _some_parameters(rng: np.random.Generator) -> np.ndarray:
+    return np.sort(rng.choice(PARAMETERS, SEEN, replace=False)).astype(np.int32)
+
+
+def _bases(face: Face, rng: np.random.Generator) -> Iterator[StoredBasis]:
+    fine = min(OWN.fine, face.components)
+    for region in np.array_split(np.arange(face.vertices, dtype=np.int32), OWN.regions):
+        beyond = min(round(RING * len(region) ** 0.5), face.vertices - len(region)) if OWN.blend_rings else 0
+        own = (region[0] + np.arange(len(region) + beyond, dtype=np.int32)) % face.vertices
+        yield StoredBasis(
+            torch.from_numpy(own),
+            torch.ones(len(own)),
+            torch.zeros(len(own), 3, dtype=torch.float16),
+            torch.from_numpy(rng.integers(-9999, 9999, (fine, len(own), 3)).astype(np.int16)),
+            torch.from_numpy(rng.integers(-99, 99, (face.components - fine, len(own), 3)).astype(np.int8)),
+            torch.full((face.components,), 1e-4),
+        )
+
 
 ABOUT = "how the cost of a pose grows with vertices, segments, map size and components, each varied alone"
 WRITES = "results/runs/bench/bench_growth.csv, bench_growth.png"
@@ -123,7 +242,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    from replicate.benchmarks.growth_figure import growth_figure
     from replicate.drawing.panels import save_figure
 
     rows = measure(options.rounds)
@@ -134,3 +252,74 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
 
 if __name__ == "__main__":
     sys.exit(main())
+
+
+# How the cost of a pose grows, as a figure of four panels: milliseconds against what is varied, a method a colour.
+
+HEIGHT = 8.4  # inches
+LABELS = {
+    "vertices": "vertices",
+    "segments": "segments",
+    "map_size": "pixels a side of a map",
+    "components": "components a region",
+}
+USUAL = {"vertices": 11_200, "segments": 8, "map_size": 32, "components": 96}
+STYLES = {PLAIN: (":", "v"), "": ("--", "^"), FAST: ("-", "o")}
+KEYS = {PLAIN: "plain torch", "": "the suite's torch", FAST: "fast"}
+
+
+def growth_figure(rows: Sequence[Row]) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words): `bench_growth`'s times, a panel for each size that is varied."""
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+    figure = Figure((WIDTH, HEIGHT), dpi=DPI, layout="constrained")
+    panels = figure.subplots(2, 2, sharey=True)
+    phrases = []
+    for axes, (varied, label) in zip(panels.flat, LABELS.items(), strict=True):
+        lines = _lines(rows, varied)
+        for name, points in lines.items():
+            method, ending = parted(name)
+            style, marker = STYLES[ending]
+            colour = method_named(method).colour
+            axes.plot(*zip(*points, strict=True), style, marker=marker, color=colour, linewidth=2.2, markersize=8)
+            (low, least), (high, most) = points[0], points[-1]
+            words = f"{method_named(method).label}, {BACKENDS[ending]}"
+            phrases.append(
+                f"{words}, {low:,} to {high:,} {label}: {round_off(least, 'ms')} to {round_off(most, 'ms')} ms"
+            )
+        axes.axvline(USUAL[varied], color="0.55", linewidth=1.2, linestyle=(0, (1, 3)), zorder=1)
+        values = [value for value, _ in next(iter(lines.values()))]
+        axes.set_xscale("log", base=2)
+        unit = 1_000 if values[0] >= 1_000 else 1
+        axes.set_xticks(values, [f"{value / unit:g}" for value in values])
+        axes.set_xlabel(f"thousand {label}" if unit > 1 else label)
+    error_scale(panels[0, 0], "y")
+    for axes in panels.flat:
+        tidy(axes)
+        enlarge(axes)
+    for axes in panels[:, 0]:
+        axes.set_ylabel("milliseconds a pose")
+        enlarge(axes)
+    names = in_table_order({row.method for row in rows})
+    methods = list(dict.fromkeys(parted(name)[0] for name in names))
+    endings = [ending for ending in STYLES if any(parted(name)[1] == ending for name in names)]
+    keys = [Line2D([], [], color=method_named(method).colour, linewidth=4) for method in methods]
+    keys += [Line2D([], [], color="0.35", linestyle=STYLES[e][0], marker=STYLES[e][1], markersize=8) for e in endings]
+    labels = [method_named(method).label for method in methods] + [KEYS[ending] for ending in endings]
+    figure.legend(keys, labels, loc="outside upper center", ncols=4, frameon=False, fontsize=15.5)
+    return figure, Words(
+        f"Four line charts of milliseconds a pose on one core. {'; '.join(phrases)}.",
+        "How the cost of a pose grows: networks of random weights on one core; both axes are logarithmic. In each "
+        "panel one size is varied; the dotted line is about where teen is.",
+    )
+
+
+def _lines(rows: Sequence[Row], varied: str) -> dict[str, list[tuple[int, float]]]:
+    """Return by name the points (size, milliseconds) of one panel, from the least size on."""
+    start = f"network[{varied}="
+    own = [row for row in rows if row.metric.startswith(start)]
+    return {
+        name: sorted((int(row.metric.removeprefix(start).rstrip("]")), row.value) for row in own if row.method == name)
+        for name in in_table_order({row.method for row in own})
+    }

@@ -17,9 +17,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from data_recipes.rig import Rig
-from replicate.artefacts import built_rig, control_influence, rigid_segments
-from replicate.artefacts.plan import Plan, reference
-from replicate.benchmarks.common import (
+from replicate.base.progress import progress
+from replicate.benchmarks.common import (  # fmt: skip
     PROFILE,
     add_count,
     add_methods,
@@ -27,21 +26,20 @@ from replicate.benchmarks.common import (
     artefacts_of,
     bench_methods,
     make_parser,
-)  # fmt: skip
-from replicate.benchmarks.rigid_placing import placing_attachments
+    placing_attachments,
+)
 from replicate.config import Config
-from replicate.engine.progress import progress
 from replicate.inference.fast_evaluation import fast_evaluation
 from replicate.inference.vertex_normals import fast_vertex_normals
 from replicate.inverse import ik_stage
 from replicate.inverse.configurations import configurations
-from replicate.inverse.control_points import ControlPoints, control_points
-from replicate.inverse.ik_config import InverseConfig
-from replicate.inverse.ik_training import parameter_ranges
+from replicate.inverse.control_points import ControlPoints, InverseConfig, control_points
+from replicate.inverse.ik_network import parameter_ranges
 from replicate.inverse.solver import solve
-from replicate.methods import measurement
+from replicate.methods import artefacts, measurement
 from replicate.methods.method import Method
 from replicate.methods.method_registry import choose, in_order, method_named
+from replicate.methods.plan import Plan, reference
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
 from replicate.timing.single_poses import Times, Way, time_single_poses
@@ -69,8 +67,8 @@ def measure(config: Config, words: Sequence[str], rounds: int) -> list[Row]:
     stages = [measurement.stage(plan, method) for method in methods]
     stages += [ik_stage.stage(plan, method) for method in methods]
     inputs = artefacts_of(TABLE, config, stages)
-    rig = built_rig.load(inputs)
-    points = control_points(rig, control_influence.load(inputs))
+    rig = artefacts.load_rig(inputs)
+    points = control_points(rig, artefacts.load_influence(inputs))
     targets = configurations(rig, points, stream=TABLE, count=rounds)
     with threadpool_limits(1):
         networks, updates = ways_of(methods, plan, inputs, rig)
@@ -111,7 +109,7 @@ def ways_of(
     The rig's update takes the networks of the first method.
     """
     faces, nothing = rig.mesh.faces, np.zeros((1, 0, 3), np.float32)
-    attachments = rigid_segments.load(inputs)
+    attachments = artefacts.load_attachments(inputs)
     networks: dict[str, Callable] = {m.name: ik_stage.load(inputs, m.name).solve for m in methods}
 
     def update(network: Callable, predict: Callable) -> Callable:

@@ -12,9 +12,11 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from data_recipes.recipe_paths import split_character
-from replicate.artefacts.plan import Plan
+from replicate.base import paths
+from replicate.base.exceptions import InputError
 from replicate.benchmarks.common import (
     add_count,
     add_only,
@@ -26,15 +28,17 @@ from replicate.benchmarks.common import (
     selected,
     split_names,
 )
-from replicate.benchmarks.ladder_tables import CLIPS, RAW, RUNGS, TABLE, ladder_tables
 from replicate.config import Config, resolve
-from replicate.engine import paths
-from replicate.engine.exceptions import InputError
+from replicate.drawing.panels import DPI, LETTER_PT, MEASURES, WIDTH, Words, enlarge, error_scale, tidy
 from replicate.methods import measurement
-from replicate.methods.method_registry import choose, sections
-from replicate.report.error_rows import error_rows
-from replicate.report.results import Row, read_results
-from replicate.report.tables import as_text
+from replicate.methods.method_registry import choose, in_order, method_named, sections
+from replicate.methods.plan import Plan
+from replicate.report.results import Row, error_rows, find, read_results
+from replicate.report.tables import Table, as_text, round_off
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
 
 ABOUT = "on which rigs the claims would hold: Table 2's errors from an easy rig of a head to a hard one"
 WRITES = "results/runs/bench/bench_ladder.csv, bench_ladder_<character>.png"
@@ -77,7 +81,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    from replicate.benchmarks.ladder_figure import ladder_figure
     from replicate.drawing.panels import save_figure
 
     rungs = options.rungs.replace(",", " ").split()
@@ -101,3 +104,133 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
 
 if __name__ == "__main__":
     sys.exit(main())
+
+
+# The ladder's numbers as tables: the errors on each rig of a head, and the ratios that claims are about.
+
+TABLE = "bench_ladder"
+UNIFORM, ONE_FACE, CLIPS, RAW = "uniform", "one_face", "clips", "raw"
+APART = (UNIFORM, ONE_FACE, CLIPS, RAW)  # no steps of the ladder: a whole rig with other charts or poses
+RUNGS = {  # of a ladder → what its rig adds to the one before, or what its poses are
+    "1": "targets",
+    "2": "+ pairs",
+    "3": "+ turns",
+    "4": "+ flesh",
+    "5": "+ wrinkles",
+    "6": "shorter wrinkles",
+    UNIFORM: "uniform poses",
+    ONE_FACE: "@5, the face in one chart",
+    CLIPS: "@5, clips held out",
+    RAW: "clips, raw animation",
+}
+ERRORS = {"vertex_error_mean": ("mm", "Distance error, mm"), "normal_error_mean": ("deg", "Normal error, degrees")}
+RATIOS = (  # (what, method, over which other)
+    ("C1: refined over coarse", "refined", "coarse"),
+    ("C2: refined over dense", "refined", "dense"),
+    ("C3: refined over LBS with 32 bones", "refined", "lbs32"),
+    ("refined over a straight line", "refined", "linear"),
+    ("ours over refined", "regional", "refined"),
+    ("ours over dense", "regional", "dense"),
+    ("ours over a straight line", "regional", "linear"),
+)
+
+
+def rungs_of(rows: Sequence[Row], head: str) -> list[str]:
+    """Return the rungs of a head's ladder that some rows are of, in its order."""
+    present = {row.character for row in rows if row.table == TABLE}
+    return [rung for rung in RUNGS if f"{head}@{rung}" in present]
+
+
+def ladder_tables(rows: Sequence[Row], head: str) -> list[Table]:
+    """Return a head's errors on each rung of its ladder, and ratios of them that claims and bounds are about."""
+    rungs = rungs_of(rows, head)
+    values = {
+        (method, metric, rung): row
+        for method in in_order({row.method for row in rows if row.table == TABLE})
+        for metric in ERRORS
+        for rung in rungs
+        if (row := find(rows, TABLE, f"{head}@{rung}", method, metric))
+    }
+    methods = list(dict.fromkeys(method for method, _, _ in values))
+    header = ("", *(RUNGS[rung] if rung in APART else f"@{rung} {RUNGS[rung]}" for rung in rungs))
+    errors: list[tuple[str, ...] | None] = []
+    ratios: list[tuple[str, ...] | None] = []
+    for metric, (unit, words) in ERRORS.items():
+        errors += [None] if errors else []
+        errors.append((words, *("" for _ in rungs)))
+        for method in methods:
+            cells = (values.get((method, metric, rung)) for rung in rungs)
+            errors.append((method_named(method).title, *(round_off(row.value if row else None, unit) for row in cells)))
+        ratios += [None] if ratios else []
+        ratios.append((words.partition(",")[0], *("" for _ in rungs)))
+        for question, method, other in RATIOS:
+            pairs = [(values.get((method, metric, rung)), values.get((other, metric, rung))) for rung in rungs]
+            if any(above and below for above, below in pairs):
+                ratios.append((question, *map(_ratio, pairs)))
+    poses = sorted({row.poses for row in values.values() if row.poses})
+    count = f"{poses[0]:,}" if len(poses) == 1 else f"{poses[0]:,} to {poses[-1]:,}" if poses else "no"
+    notes = (f"{count} test poses; one seed; a part of the profile's steps.",)
+    return [
+        Table(f"The ladder of {head}: mean errors", (header,), tuple(errors), notes),
+        Table(f"The ladder of {head}: ratios", (header,), tuple(ratios), ("Below 1 the first has the smaller error.",)),
+    ]
+
+
+def _ratio(pair: tuple[Row | None, Row | None]) -> str:
+    above, below = pair
+    return round_off(above.value / below.value if above and below and below.value else None, "ratio")
+
+
+# The ladder as a figure: each method's errors from an easy rig of a head to a hard one.
+
+HEIGHT = 8.4  # inches, of both panels
+LEFT_OUT = "neutral"  # far above all others
+SIZES = {"coarse": 14}  # of marks: refined ones lie on the coarse ones
+MARKERS = {"dense": "s", "lbs32": "^", "regional": "D", "linear": "v"}  # others are round
+WORDS = {"mm": "mm", "deg": "degrees"}
+
+
+def ladder_figure(rows: Sequence[Row], head: str) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words): both mean errors of each method on the rungs of a head's ladder, a method a colour."""
+    from matplotlib.figure import Figure
+
+    rungs = rungs_of(rows, head)
+    places = {rung: place + 0.4 * (rung in APART) for place, rung in enumerate(rungs)}
+    methods = [name for name in in_order({row.method for row in rows if row.table == TABLE}) if name != LEFT_OUT]
+    figure = Figure((WIDTH, HEIGHT), dpi=DPI, layout="constrained")
+    phrases = []
+    for axes, (metric, unit, label) in zip(figure.subplots(2, 1, sharex=True), MEASURES, strict=True):
+        for name in methods:
+            found = {rung: find(rows, TABLE, f"{head}@{rung}", name, metric) for rung in rungs}
+            values = {rung: row.value for rung, row in found.items() if row}
+            climb, alone = ([rung for rung in values if (rung in APART) is apart] for apart in (False, True))
+            looks = {
+                "color": method_named(name).colour,
+                "marker": MARKERS.get(name, "o"),
+                "markersize": SIZES.get(name, 8),
+                "linewidth": 2.2,
+            }
+            title = method_named(name).title
+            axes.plot([places[rung] for rung in climb], [values[rung] for rung in climb], label=title, **looks)
+            axes.plot([places[rung] for rung in alone], [values[rung] for rung in alone], linestyle="", **looks)
+            numbers = ", ".join(
+                f"{_label(rung)} {round_off(value, unit)}".replace("\n", " ") for rung, value in values.items()
+            )
+            phrases.append(f"{title}, {WORDS[unit]}: {numbers}")
+        axes.set_xticks(list(places.values()), [_label(rung).replace(" ", "\n") for rung in rungs])
+        axes.set_ylabel(label)
+        error_scale(axes, "y")
+        tidy(axes)
+        enlarge(axes)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False, fontsize=LETTER_PT)
+    steps = "; ".join(RUNGS[rung] if rung in APART else f"@{rung} {RUNGS[rung]}" for rung in rungs)
+    return figure, Words(
+        f"Two line charts of mean errors on rigs of {head}, one above the other, logarithmic. {'; '.join(phrases)}.",
+        f"The ladder of {head}: mean errors of each method on rigs of one head, from an easy one to a hard one "
+        f"({steps}). Trainings are shorter than the profile's. † sees the true mesh of each test pose.",
+    )
+
+
+def _label(rung: str) -> str:
+    return rung.replace("_", " ") if rung in APART else f"@{rung}"

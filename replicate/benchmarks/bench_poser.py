@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from replicate.artefacts import built_rig, control_influence, rigid_segments
-from replicate.artefacts.plan import Plan
-from replicate.benchmarks.common import (
+from replicate.base.exceptions import InputError
+from replicate.base.progress import progress
+from replicate.benchmarks.common import (  # fmt: skip
     PROFILE,
     add_count,
     add_methods,
@@ -24,15 +24,14 @@ from replicate.benchmarks.common import (
     artefacts_of,
     bench_methods,
     make_parser,
-)  # fmt: skip
+)
 from replicate.config import Config
-from replicate.engine.exceptions import InputError
-from replicate.engine.progress import progress
 from replicate.inverse import ik_stage
-from replicate.methods import regional
+from replicate.methods import artefacts, regional
 from replicate.methods.method_registry import choose, in_order, method_named
+from replicate.methods.plan import Plan
 from replicate.poser.browser_pictures import BROWSERS, browser
-from replicate.poser.opening import EVALUATED, read_face
+from replicate.poser.notebook import EVALUATED, read_face
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
 
@@ -70,7 +69,7 @@ COLUMNS = (
 
 def measure(config: Config, words: Sequence[str], seconds: int) -> list[Row]:
     """Make one character's pages, drag a point of each in a browser, and return the rows."""
-    from replicate.poser.approximation_contents import as_on_page
+    from replicate.poser.contents import as_on_page
     from replicate.poser.face_page import face_page
 
     if not (program := browser()):
@@ -79,7 +78,7 @@ def measure(config: Config, words: Sequence[str], seconds: int) -> list[Row]:
     methods = [method for method in choose(words, config) if method.name in EVALUATED]
     if not methods:
         raise InputError(f"none of these methods has a page: allowed are {', '.join(EVALUATED)}")
-    shared = [module.stage(plan) for module in (built_rig, rigid_segments, control_influence)]
+    shared = [stage(plan) for stage in (artefacts.rig_stage, artefacts.rigid_stage, artefacts.influence_stage)]
     own = [stage for method in methods for stage in (*method.stages(plan), ik_stage.stage(plan, method))]
     inputs = artefacts_of(TABLE, config, [*shared, *own])
     rows = []

@@ -15,18 +15,16 @@ import numpy as np
 
 from data_recipes.rig import Rig
 from replicate.approximation.samples import choose_poses
-from replicate.artefacts.built_rig import rig_of
+from replicate.base import paths
 from replicate.benchmarks.common import PROFILE, add_count, answer, bench_folder, make_parser, publish, split_names
 from replicate.config import SamplesConfig
-from replicate.engine import paths
 from replicate.engine.stage import stream_rng
-from replicate.report.cast import order_of
-from replicate.report.results import Row
+from replicate.methods.artefacts import rig_of
+from replicate.report.results import Row, order_of
 from replicate.report.tables import Table, as_text
-from replicate.rig_health.eyelids import find_eyes
-from replicate.rig_health.mouth_contents import find_mouth
-from replicate.rig_health.pose_health import Health, each_alone, measure, strongest, worst
-from replicate.rig_health.skin_folds import Skin
+from replicate.rig_study.eyelids import find_eyes
+from replicate.rig_study.mouth_contents import find_mouth
+from replicate.rig_study.pose_health import Health, Skin, each_alone, measure, strongest, worst
 
 ABOUT = "how many poses are broken: flipped triangles, teeth through skin, eyes through lids"
 WRITES = "results/runs/bench/bench_poses.csv, <character>_worst_poses.png"
@@ -194,7 +192,7 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
 def _rows_of(character: str, options: argparse.Namespace, command_line: Sequence[str]) -> list[Row]:
     """Measure one character; write its rows, in place of those of an earlier run, and draw its worst poses."""
     from replicate.drawing.panels import save_figure
-    from replicate.rig_health.worst_poses import worst_poses
+    from replicate.rig_study.worst_poses import worst_poses
 
     rig = rig_of(character)
     sets = bench(rig, options.count, options.every)

@@ -16,12 +16,11 @@ import numpy as np
 
 from data_recipes import recipe_paths
 from data_recipes.rig import BATCH, Rig
-from replicate.artefacts.built_rig import rig_of
+from replicate.base.exceptions import InputError
+from replicate.base.progress import progress
 from replicate.benchmarks.common import PROFILE, add_count, answer, make_parser, publish, split_names
-from replicate.engine.exceptions import InputError
-from replicate.engine.progress import progress
-from replicate.report.cast import STANDS_FOR, order_of
-from replicate.report.results import Row, read_results
+from replicate.methods.artefacts import rig_of
+from replicate.report.results import STANDS_FOR, Row, order_of, read_results
 from replicate.report.tables import Table
 
 ABOUT = "poses per second of all rigs, batched and one at a time, and each deformer's share"

@@ -15,15 +15,15 @@ from jaxtyping import Float, Integer
 
 from data_recipes.rig import Rig
 from replicate.approximation import refinement
-from replicate.approximation.evaluation import unique_poses
+from replicate.approximation.metrics import unique_poses
 from replicate.approximation.segments import Segment
-from replicate.artefacts import built_rig, control_influence, drawn_samples, refinement_squares, rigid_segments
-from replicate.artefacts.plan import Plan
+from replicate.base.exceptions import InputError
+from replicate.base.progress import progress
 from replicate.benchmarks.bench_floors import BATCH, floor_errors, placed_floor
 from replicate.benchmarks.common import answer, artefacts_of, make_parser, publish, split_names
 from replicate.config import Config, resolve
-from replicate.engine.exceptions import InputError
-from replicate.engine.progress import progress
+from replicate.methods import artefacts
+from replicate.methods.plan import Plan
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
 
@@ -93,11 +93,11 @@ def readings(config: Config, wrinkled: Integer[np.ndarray, " s"]) -> list[Row]:
     """
     from replicate.approximation.deformation_map import Floor
 
-    selection = refinement_squares.stage(Plan(config))
+    selection = artefacts.squares_stage(Plan(config))
     inputs = artefacts_of(TABLE, config, [selection])
-    mesh, samples = built_rig.load_mesh(inputs), drawn_samples.load(inputs)
-    segments, influence = rigid_segments.load_coarse_segments(inputs, mesh), control_influence.load(inputs)
-    attachments = rigid_segments.load(inputs)
+    mesh, samples = artefacts.load_mesh(inputs), artefacts.load_samples(inputs)
+    segments, influence = artefacts.load_coarse_segments(inputs, mesh), artefacts.load_influence(inputs)
+    attachments = artefacts.load_attachments(inputs)
     poses = samples.draw(np.random.default_rng(0), min(config.refinement.poses, len(samples)))
     offsets = samples.offsets(poses)
     test = unique_poses(np.asarray(samples.test_params))
@@ -154,7 +154,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     names = split_names(options.characters, "where its skin wrinkles")
-    wrinkled = {name: wrinkled_vertices(built_rig.rig_of(name)) for name in names}
+    wrinkled = {name: wrinkled_vertices(artefacts.rig_of(name)) for name in names}
     for name in names:
         rows = readings(resolve(name, options.profile), wrinkled[name])
         publish(TABLE, rows, [selection_table(rows, rows[0].character)], command_line)

@@ -4,27 +4,36 @@
 poses one face by one way and says what that took (`first_pose`).
 """
 
+import json
+import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from replicate.artefacts import built_rig, drawn_samples, rigid_segments
-from replicate.artefacts.plan import Plan
-from replicate.benchmarks import first_pose
-from replicate.benchmarks.common import PROFILE, add_methods, answer, artefacts_of, bench_methods, make_parser
-from replicate.benchmarks.rigid_placing import placing_attachments
+from replicate.base.progress import progress
+from replicate.benchmarks.common import (
+    PROFILE,
+    add_methods,
+    answer,
+    artefacts_of,
+    bench_methods,
+    make_parser,
+    placing_attachments,
+)
 from replicate.config import Config
-from replicate.engine.progress import progress
 from replicate.inference.fast_evaluation import fast_evaluation
+from replicate.methods import artefacts
 from replicate.methods.method_registry import choose
+from replicate.methods.plan import Plan
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
 from replicate.timing.onnx_evaluation import onnx_bytes
-from replicate.timing.timed_names import BACKENDS, FAST, ONNX, in_table_order, label_of, parted
+from replicate.timing.single_poses import BACKENDS, FAST, ONNX, in_table_order, label_of, parted
 
 ABOUT = "seconds and memory of a fresh process until its first pose, by method and way to evaluate it"
 WRITES = "results/runs/bench/bench_start.csv"
@@ -37,10 +46,10 @@ def measure(config: Config, words: Sequence[str]) -> list[Row]:
     """Make what is missing of one character's methods, let fresh processes pose it once, and return the rows."""
     plan = Plan(config)
     methods = [method for method in choose(words, config) if method.model]
-    shared = [module.stage(plan) for module in (built_rig, drawn_samples, rigid_segments)]
+    shared = [stage(plan) for stage in (artefacts.rig_stage, artefacts.samples_stage, artefacts.rigid_stage)]
     inputs = artefacts_of(TABLE, config, [*shared, *(stage for method in methods for stage in method.stages(plan))])
-    pose = np.asarray(drawn_samples.load(inputs).test_params[0], np.float32).tolist()
-    mesh, attachments = built_rig.load_mesh(inputs), rigid_segments.load(inputs)
+    pose = np.asarray(artefacts.load_samples(inputs).test_params[0], np.float32).tolist()
+    mesh, attachments = artefacts.load_mesh(inputs), artefacts.load_attachments(inputs)
     folders = {name: str(Path(folder).absolute()) for name, folder in inputs.items()}
     numbers = []
     with tempfile.TemporaryDirectory() as scratch, progress(len(methods), "fresh processes") as bar:
@@ -54,7 +63,7 @@ def measure(config: Config, words: Sequence[str]) -> list[Row]:
                 file.write_bytes(written)
                 ways[ONNX] = {"file": str(file)}
             for ending, what in ways.items():
-                runs = [first_pose.first_pose(ending, pose, what) for _ in range(FRESH)]
+                runs = [first_pose(ending, pose, what) for _ in range(FRESH)]
                 best = min(runs, key=lambda one: one["seconds"])
                 numbers.append((method.name + ending, "first_pose", "s", best["seconds"], FRESH))
                 if best["peak_mb"] is not None:
@@ -102,3 +111,74 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 if __name__ == "__main__":
     sys.exit(main())
+
+
+# What a fresh process needs until it has posed a face once: seconds from its first import, and its peak of memory.
+
+START = time.perf_counter()  # in the fresh process: before anything large is imported
+STATUS = Path("/proc/self/status")  # where Linux says what a process's memory was at most
+TORCH, FAST_WAY, ONNX_WAY = "", "_fast", "_onnx"  # `timed_names`, which imports more than a fresh process may
+
+
+def first_pose(way: str, pose: list[float], model: dict) -> dict[str, float]:
+    """Return what a fresh process takes to pose a face once: "seconds", and "peak_mb" where the system tells.
+
+    way: TORCH, FAST or ONNX. pose: raw rig parameters. model: for ONNX {"file": an ONNX file}; else {"method": a
+    method's name, "inputs": the folders that its model, the mesh and the rigid segments are read from, by name}.
+    Raises RunError, with the last line that the process has written, where it fails.
+    """
+    from replicate.base.exceptions import RunError
+
+    asked = json.dumps({"way": way, "pose": pose, **model})
+    command = [sys.executable, "-m", "replicate.benchmarks.bench_start"]
+    done = subprocess.run(command, input=asked, capture_output=True, text=True, check=False)
+    if done.returncode:
+        *_, last = done.stderr.splitlines() or [f"it ends with code {done.returncode}"]
+        raise RunError(f"a fresh process can't pose {model.get('method') or model['file']}: {last}")
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def peak_mb() -> float | None:
+    """Return how much memory this process has had resident at most, in MB of 10⁶ bytes; None where nothing tells."""
+    if not STATUS.is_file():
+        return None
+    peaks = [line.split()[1] for line in STATUS.read_text().splitlines() if line.startswith("VmHWM")]
+    return int(peaks[0]) * 1024 / 1e6 if peaks else None
+
+
+def _pose_once(asked: dict) -> dict[str, float | None]:
+    import numpy as np
+
+    pose = np.array([asked["pose"]], np.float32)
+    (_by_onnx if asked["way"] == ONNX_WAY else _by_suite)(asked, pose)
+    return {"seconds": time.perf_counter() - START, "peak_mb": peak_mb()}
+
+
+def _by_onnx(asked: dict, pose: object) -> None:
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    session = onnxruntime.InferenceSession(asked["file"], options, providers=["CPUExecutionProvider"])
+    session.run(None, {session.get_inputs()[0].name: pose})
+
+
+def _by_suite(asked: dict, pose: object) -> None:
+    from replicate.approximation.rigid import attach
+    from replicate.benchmarks.common import placing_attachments
+    from replicate.methods import artefacts
+    from replicate.methods.method_registry import method_named
+
+    inputs = {name: Path(folder) for name, folder in asked["inputs"].items()}
+    method, mesh = method_named(asked["method"]), artefacts.load_mesh(inputs)
+    model, placing = method.model(inputs), placing_attachments(method, artefacts.load_attachments(inputs))
+    if asked["way"] == TORCH:
+        attach(mesh, placing, mesh.neutral + model.offsets(pose))
+        return
+    from replicate.inference.fast_evaluation import fast_evaluation
+
+    fast_evaluation(model, mesh, placing)(pose)
+
+
+if __name__ == "__main__":
+    print(json.dumps(_pose_once(json.load(sys.stdin))))

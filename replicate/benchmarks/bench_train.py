@@ -14,28 +14,30 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
+from jaxtyping import Bool, Float, Int
 from torch import nn
+from torch.nn import functional
 
-from replicate.approximation.cnn import make_network, shape_facts
+from replicate.approximation.cnn import MapNetwork, make_network, shape_facts
 from replicate.approximation.conditioning import parameter_scale
-from replicate.approximation.dense import make_network as make_dense
-from replicate.approximation.dense import shape_facts as dense_facts
+from replicate.approximation.deformation_map import sample
+from replicate.approximation.losses import FacialLoss, Supervision, reference_loss
 from replicate.approximation.model import SegmentedModel, fresh_model
 from replicate.approximation.segments import segment_vertices
-from replicate.approximation.supervision import Supervision
 from replicate.approximation.training import prepare
-from replicate.artefacts import built_rig, control_influence, drawn_samples, refinement_squares, rigid_segments
-from replicate.artefacts.plan import Plan
+from replicate.base.progress import progress
+from replicate.baselines.dense import make_network as make_dense
+from replicate.baselines.dense import shape_facts as dense_facts
 from replicate.benchmarks.common import PROFILE, add_count, answer, artefacts_of, make_parser, publish, split_names
-from replicate.benchmarks.plain_networks import FullMaps, PlainLoss, Rewritten
-from replicate.benchmarks.regional_steps import fresh_regional, regional_batches, regional_ways
 from replicate.config import Config, resolve
-from replicate.engine.progress import progress
-from replicate.methods import regional
+from replicate.methods import artefacts, regional
 from replicate.methods.method_registry import method_named, sections
+from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks
+from replicate.regional.model import RegionalModel, regional_loss
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
+from replicate.timing.plain_evaluation import read_full_maps
 
 ABOUT = "milliseconds of a training step, ours beside a plain one, and what each piece of ours brings"
 WRITES = "results/runs/bench/bench_train.csv"
@@ -99,10 +101,10 @@ def time_steps(
 def measure(config: Config, rounds: int) -> list[Row]:
     """Time every network's step on one character, and return the rows."""
     plan = Plan(config)
-    inputs = artefacts_of(TABLE, config, [*inputs_of_networks(plan), refinement_squares.stage(plan)])
-    mesh, samples = built_rig.load_mesh(inputs), drawn_samples.load(inputs)
-    coarse = rigid_segments.load_coarse_segments(inputs, mesh)
-    squares = refinement_squares.load(inputs)
+    inputs = artefacts_of(TABLE, config, [*inputs_of_networks(plan), artefacts.squares_stage(plan)])
+    mesh, samples = artefacts.load_mesh(inputs), artefacts.load_samples(inputs)
+    coarse = artefacts.load_coarse_segments(inputs, mesh)
+    squares = artefacts.load_squares(inputs)
     device, scale, rows = prepare("cpu"), parameter_scale(samples.params), []
     movable = np.sort(segment_vertices(coarse))
     for method, segments, section, make, facts in (
@@ -116,7 +118,7 @@ def measure(config: Config, rounds: int) -> list[Row]:
         model = fresh_model(networks, segments, scale, supervision.statistics()[1], section, config.seed)
         batches = [supervision.batch(config.seed, "bench", turn, section.training) for turn in range(rounds)]
         rows += _rows(plan.character, method, time_steps(ways_of(model, supervision), batches, f"{method} steps"))
-    section, influence = regional.METHOD.section(config), control_influence.load(inputs)
+    section, influence = regional.METHOD.section(config), artefacts.load_influence(inputs)
     supervision = Supervision(mesh, samples, movable, section.normal_weight, device)
     model, coefficients = fresh_regional(supervision, influence, section, config.seed, progress)
     batches = regional_batches(supervision, coefficients, section, config.seed, rounds)
@@ -170,3 +172,134 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
 
 if __name__ == "__main__":
     sys.exit(main())
+
+
+# The networks' training step as one would write it first, in plain torch: what ours is compared with.
+
+
+class FullMaps(nn.Module):
+    """A `MapNetwork` as in Fig. 3, layer by layer: maps in full, which the vertices then read."""
+
+    def __init__(self, network: MapNetwork):
+        super().__init__()
+        self.network = network
+
+    def forward(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b k 3"]:
+        return read_full_maps(self.network, params)
+
+
+class Rewritten(nn.Module):
+    """The same with our exact rewrites (DEVIATIONS D14) and torch's own layers: no compiled kernel.
+
+    Upsampling and the 3×3 convolution after it are one transposed convolution of stride 2, and the vertices read the
+    features before the last 1×1 convolution.
+    """
+
+    def __init__(self, network: MapNetwork):
+        super().__init__()
+        self.network = network
+        spread = torch.tensor([[1.0, 0, 0], [1, 1, 0], [0, 1, 1], [0, 0, 1]])  # 4×4 taps of 3×3 ones, along an axis
+        self.register_buffer("spread", spread, persistent=False)
+
+    def forward(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b k 3"]:
+        network = self.network
+        x = network._start(params).permute(0, 3, 1, 2)
+        for layer in network.upsampled:
+            taps = torch.einsum("pr,qs,oirs->iopq", self.spread, self.spread, layer.weight.flip(2, 3))
+            x = functional.conv_transpose2d(x, taps, layer.bias, stride=2, padding=1)
+            x = functional.leaky_relu(x, network.slope)
+        features = functional.leaky_relu(network.last(x), network.slope).permute(0, 2, 3, 1)
+        read = sample(features, network.pixels, network.shares)
+        return functional.linear(read, network.output.weight[:, :, 0, 0], network.output.bias)
+
+
+class PlainLoss:
+    """Eq. 1 in plain torch, with the numbers of a `FacialLoss`."""
+
+    def __init__(self, loss: FacialLoss):
+        self.neutral, self.faces = torch.from_numpy(loss.neutral), torch.from_numpy(loss.faces).long()
+        self.numbers = (loss.normal_weight, loss.vertex_count, loss.face_count)
+
+    def __call__(self, offsets: Float[torch.Tensor, "b n 3"], target: Float[torch.Tensor, "b n 3"]) -> torch.Tensor:
+        return reference_loss(self.neutral + offsets, self.neutral + target, self.faces, *self.numbers)
+
+
+# The regional method's training step on coefficients, as ours is, and on meshes, as one would write it first.
+
+STREAM = "bench"  # of the batches that are drawn
+
+
+class OnMeshes(nn.Module):
+    """Raw rig parameters (b, m) → offsets (b, v, 3), mm, of some vertices: what a loss of meshes needs."""
+
+    def __init__(self, model: RegionalModel, vertices: Int[np.ndarray, " v"]):
+        super().__init__()
+        self.network, self.scale, self.moved = model.network, model.scale, model.moved
+        order = np.argsort(model.vertices)
+        self.order = torch.from_numpy(order[np.searchsorted(model.vertices, vertices, sorter=order)])
+
+    def forward(self, params: Float[torch.Tensor, "b m"]) -> Float[torch.Tensor, "b v 3"]:
+        return self.moved(self.network(params / self.scale))[:, self.order]
+
+
+class OnCoefficients(nn.Module):
+    """Raw rig parameters (b, m) → coefficients (b, d) over the network's unit of length."""
+
+    def __init__(self, model: RegionalModel):
+        super().__init__()
+        self.network, self.scale = model.network, model.scale
+
+    def forward(self, params: Float[torch.Tensor, "b m"]) -> Float[torch.Tensor, "b d"]:
+        return self.network(params / self.scale)
+
+
+def fresh_regional(
+    supervision: Supervision,
+    influence: Bool[np.ndarray, "n m"],
+    section: regional.RegionalConfig,
+    seed: int,
+    progress: Callable,
+) -> tuple[RegionalModel, Float[np.ndarray, "s d"]]:
+    """Return the method's model with random weights, and all training samples' coefficients over its length."""
+    samples = supervision.samples
+    bases, _, coefficients = regional.stored_bases(supervision, section, progress)
+    length = float(np.sqrt(np.mean(np.square(coefficients), dtype=np.float64))) or 1.0
+    network = regional.untrained_networks(bases, influence, section)
+    generator = torch.Generator().manual_seed(seed)
+    for part in network.networks:
+        part.start(np.zeros((part.layers[0].in_features + 1, part.output.out_features)), generator)
+    model = RegionalModel(network, bases, parameter_scale(samples.params), length, len(supervision.mesh.neutral))
+    return model, coefficients / np.float32(length)
+
+
+def regional_ways(
+    model: RegionalModel, supervision: Supervision, plain: str, loss: str, ours: str
+) -> dict[str, tuple[nn.Module, Callable]]:
+    """Return the ways to train it, by the names that are given: on meshes by either loss, and on coefficients.
+
+    A target is a pair: true offsets (b, v, 3) in mm, and coefficients (b, d).
+    """
+    counts = [len(basis.steps) for basis in model.bases]
+    membership = torch.from_numpy(np.eye(len(counts), dtype=np.float32)[np.repeat(np.arange(len(counts)), counts)])
+    on_meshes, of_meshes = OnMeshes(model, supervision.vertices), PlainLoss(supervision.loss)
+    return {
+        plain: (on_meshes, lambda offsets, target: of_meshes(offsets, target[0])),
+        loss: (on_meshes, lambda offsets, target: supervision.loss(offsets, target[0])),
+        ours: (OnCoefficients(model), lambda found, target: regional_loss(found - target[1], membership)),
+    }
+
+
+def regional_batches(
+    supervision: Supervision,
+    coefficients: Float[np.ndarray, "s d"],
+    section: regional.RegionalConfig,
+    seed: int,
+    rounds: int,
+) -> list[tuple[torch.Tensor, tuple[torch.Tensor, torch.Tensor]]]:
+    """Return batches of raw rig parameters (b, m) and targets, as `regional_ways` needs them."""
+    batches = []
+    for turn in range(rounds):
+        rows = supervision.samples.draw_for_step(seed, STREAM, turn, section.training.batch, section.training.draws)
+        params, offsets = supervision.batch(seed, STREAM, turn, section.training)
+        batches.append((params, (offsets, torch.from_numpy(np.ascontiguousarray(coefficients[rows])))))
+    return batches

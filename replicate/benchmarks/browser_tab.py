@@ -11,7 +11,7 @@ from typing import Any
 
 import websocket
 
-from replicate.engine.exceptions import RunError
+from replicate.base.exceptions import RunError
 
 COMMON = ("--headless", "--no-first-run", "--proxy-server=127.0.0.1:9")  # where no proxy is
 GRAPHICS = ("--enable-unsafe-swiftshader",)  # the card that there is; where there is none, the processor

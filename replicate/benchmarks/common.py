@@ -6,18 +6,19 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from data_recipes import recipe_paths
-from replicate.config import Config, resolve
-from replicate.engine import paths
-from replicate.engine.command_line import guard
-from replicate.engine.exceptions import InputError
-from replicate.engine.make_options import without_foreign
+from replicate.approximation.rigid import Attachments
+from replicate.base import paths
+from replicate.base.command_line import guard
+from replicate.base.exceptions import InputError
+from replicate.base.signals import without_foreign
+from replicate.base.user_files import words
+from replicate.config import PROFILES, Config, check_profile, resolve
 from replicate.engine.provenance import core_count, provenance
 from replicate.engine.scheduler import run
 from replicate.engine.stage import Stage, in_order
 from replicate.engine.store import artefact_folder
-from replicate.engine.word_lists import words
+from replicate.methods.method import Method
 from replicate.methods.method_registry import choose, sections
-from replicate.profiles import PROFILES, check_profile
 from replicate.report import manifest
 from replicate.report.publication import alone, check_results_folder, results_folder
 from replicate.report.results import Row, read_results, write_results
@@ -219,3 +220,13 @@ def note(name: str, characters: Iterable[str], arguments: Sequence[str], seeds: 
         before = manifest.entries(into, name)
         manifest.write_entries(into, name, dict(sorted((before | dict.fromkeys(characters, facts)).items())))
     print(f"written to {paths.display_path(into)}: {name}.csv, {manifest.NAME}")
+
+
+# What places the rigid segments of a method that is timed: its attachments, or nothing.
+
+
+def placing_attachments(method: Method, attachments: Attachments) -> Attachments:
+    """Return the attachments by which a method places rigid segments (§3.4); of one without that step, no segment's."""
+    if method.rigid_step:
+        return attachments
+    return Attachments(**{name: array[:0] for name, array in vars(attachments).items()})

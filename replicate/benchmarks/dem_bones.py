@@ -19,10 +19,10 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from replicate.approximation.skinning.clusters import cluster
-from replicate.approximation.skinning.compression import compress
-from replicate.approximation.skinning.ssdr import Skin
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
+from replicate.baselines.skinning.clusters import cluster
+from replicate.baselines.skinning.compression import compress
+from replicate.baselines.skinning.ssdr import Skin
 from replicate.engine.stage import stream_rng
 from replicate.geometry.alignment import align
 

@@ -20,9 +20,9 @@ from replicate.engine.provenance import peak_memory_mb
 from replicate.engine.stage import stream_rng
 
 if TYPE_CHECKING:
-    import replicate.approximation.skinning.alternation
-    import replicate.approximation.skinning.compression
-    import replicate.approximation.skinning.ssdr
+    import replicate.baselines.skinning.alternation
+    import replicate.baselines.skinning.compression
+    import replicate.baselines.skinning.ssdr
 
 OURS = {"ssdr": None, "ssdr_sparse": 0}  # relaxed iterations; None: as usual
 MOST, LEAST = 200, 30  # iterations
@@ -71,14 +71,14 @@ def fit_ours(
     seed: int,
     course: Course,
     relaxed: int | None = None,
-) -> "replicate.approximation.skinning.ssdr.Skin":
+) -> "replicate.baselines.skinning.ssdr.Skin":
     """Fit as `ssdr.fit` does with its usual settings, an iteration at a time; notes cost no time.
 
     relaxed: iterations in which all bones may act; the usual number by default.
     """
-    from replicate.approximation.skinning.compression import canonical_order, compress
-    from replicate.approximation.skinning.relaxation import alternation
-    from replicate.approximation.skinning.ssdr import check, skin_of
+    from replicate.baselines.skinning.compression import canonical_order, compress
+    from replicate.baselines.skinning.ssdr import check, skin_of
+    from replicate.baselines.skinning.starts import alternation
     from replicate.config import LbsConfig
 
     usual = LbsConfig()
@@ -101,14 +101,14 @@ def fit_ours(
 
 
 def training_rmse(
-    data: "replicate.approximation.skinning.compression.CompressedPoses",
-    state: "replicate.approximation.skinning.alternation.State",
+    data: "replicate.baselines.skinning.compression.CompressedPoses",
+    state: "replicate.baselines.skinning.alternation.State",
 ) -> float:
     """Return the root of the mean squared distance over vertices and poses, in mm."""
     from scipy.sparse import eye_array
 
-    from replicate.approximation.skinning.alternation import Problem, normal_equations
-    from replicate.approximation.skinning.edge_metric import Metric
+    from replicate.baselines.skinning.alternation import Problem, normal_equations
+    from replicate.baselines.skinning.compression import Metric
 
     n, bones = len(data.points), state.motion.shape[2]
     plain = Metric(eye_array(n, format="csr"), eye_array(n, format="csr"), ())
@@ -119,12 +119,10 @@ def training_rmse(
     return data.radius_mm * math.sqrt(max(float(squared), 0.0) / (n * data.frames))
 
 
-def held_out(
-    skin: "replicate.approximation.skinning.ssdr.Skin", truth: np.ndarray, faces: np.ndarray
-) -> dict[str, float]:
+def held_out(skin: "replicate.baselines.skinning.ssdr.Skin", truth: np.ndarray, faces: np.ndarray) -> dict[str, float]:
     """Return the errors of a skin that is refitted to test poses."""
     from replicate.approximation.metrics import normal_error, vertex_error
-    from replicate.approximation.skinning.ssdr import refit
+    from replicate.baselines.skinning.ssdr import refit
 
     posed = skin.deform(*refit(skin, truth))
     distance = vertex_error(posed, truth).astype(np.float64)
@@ -138,7 +136,7 @@ def held_out(
 
 def compile_kernels() -> None:
     """Fit a sheet of a few vertices, so that no time goes into compiling."""
-    from replicate.approximation.skinning.ssdr import fit
+    from replicate.baselines.skinning.ssdr import fit
 
     x, y = np.meshgrid(np.arange(6.0), np.arange(6.0))
     neutral = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], 1).astype(np.float32)

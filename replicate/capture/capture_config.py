@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from replicate.engine.exceptions import InputError
-from replicate.engine.schema import Checked, number
+from replicate.base.exceptions import InputError
+from replicate.base.schema import Checked, number
+from replicate.methods.measurement import MeasurementNumbers
 
 DEGREE = 2  # of the polynomials that smoothing fits to a window of frames
 
@@ -41,3 +42,15 @@ class CaptureConfig(Checked):
 def own(profile: str) -> CaptureConfig:
     """Return the section `[capture]` of a profile's configuration, the same in every profile."""
     return CaptureConfig()
+
+
+# The settings of the stage "capture".
+
+
+@dataclass(frozen=True)
+class CaptureNumbers:
+    """Whose face is driven, how landmarks are taken over, and what approximation gives the mesh."""
+
+    character: str
+    section: CaptureConfig
+    method: MeasurementNumbers

@@ -1,30 +1,28 @@
 """What `make capture` writes of a recording: parameters, an animated GLB, and a strip of frames (§5.3.2)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from data_recipes.rig import Rig
-from replicate.capture import landmark_ik, landmark_rig
-from replicate.capture.capture_config import CaptureConfig
-from replicate.capture.capture_numbers import CaptureNumbers
-from replicate.capture.driven_face import ApproximatedRig, driven_params
-from replicate.capture.face_pictures import face_picture, head_camera
-from replicate.capture.landmark_drawing import landmark_picture, window_of
+from replicate.base.tables import Column, write_csv
+from replicate.capture import landmark_rig
+from replicate.capture.capture_config import CaptureConfig, CaptureNumbers
+from replicate.capture.driven_face import ApproximatedRig, driven_params, face_picture, head_camera
 from replicate.capture.landmark_file import Recording, read_landmarks
 from replicate.capture.landmark_motion import Motion, control_motion, telling_frames
 from replicate.drawing.face_sheet import LARGEST_BYTES, Cell, cell_width, face_sheet
-from replicate.drawing.panels import Words, save_figure
-from replicate.engine.tidy_files import Column, write_csv
+from replicate.drawing.panels import DPI, Words, save_figure
 from replicate.export.animation import FRAMES_PER_SECOND, animated_glb
-from replicate.export.parts import moving_parts
+from replicate.export.files import moving_parts
 from replicate.methods.measurement import predictor
 
 if TYPE_CHECKING:
     import matplotlib.figure
+
 
 STEM = "capture"  # of the files' names
 FRAMES, TALL = 5, 1.2  # frames of a strip; a picture's height over its width
@@ -33,10 +31,10 @@ TOLERANCE_MM = 0.25  # that a vertex of the GLB may be off: less than a landmark
 
 def write_all(settings: CaptureNumbers, inputs: Mapping[str, Path], file: Path, out: Path) -> dict:
     """Write a recording's files into a folder and return facts about it. file: the recording, as CSV."""
-    rig, section = landmark_rig.load(inputs), settings.section
+    rig, section = landmark_rig.load_landmark_rig(inputs), settings.section
     recording = read_landmarks(file, rig.control_point_names, section.longest_gap)
     motion = control_motion(recording, rig.mesh.neutral[rig.control_points], section)
-    params = driven_params(landmark_ik.load(inputs, settings.method.method), motion.targets, rig)
+    params = driven_params(landmark_rig.load_networks(inputs, settings.method.method), motion.targets, rig)
     face = ApproximatedRig(rig, predictor(settings.method, inputs))
     write_params(out / f"{STEM}_parameters.csv", rig, params)
     how = in_words(recording, motion, section)
@@ -96,3 +94,65 @@ def strip(
         f"Landmarks drive {character} (after Fig. 12): IK networks give rig parameters, the refined networks the mesh. "
         f"{how}",
     )
+
+
+# Landmarks as a picture: points, with the lines of brows, eyes, nose and mouth through them.
+
+RED, GREY = "#d62728", "#8a8a8a"
+MARGIN = 0.12  # around the landmarks, as a share of their height
+CHAINS = (  # beginnings of names whose landmarks a line joins in their order; True: back to the first one
+    ("chin_", False),
+    ("brow_right", False),
+    ("brow_left", False),
+    ("nose_bridge", False),
+    ("below nose", False),
+    ("eye_right", True),
+    ("eye_left", True),
+    ("outer lip", True),
+    ("seam", True),
+)
+
+
+def landmark_picture(
+    places: Float[np.ndarray, "l 2"],
+    names: Sequence[str],
+    window: tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]],
+    width: int,
+    height: int,
+) -> UInt8[np.ndarray, "h w 3"]:
+    """Return a picture of one frame's landmarks. window: the lower left and the upper right corner of what is shown."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure((width / DPI, height / DPI), dpi=DPI, facecolor="white")
+    canvas = FigureCanvasAgg(figure)
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.set_axis_off()
+    for chain, closed in CHAINS:
+        own = [k for k, name in enumerate(names) if _belongs(name, chain)]
+        own = own + own[:1] if closed else own
+        axes.plot(*places[own].T, color=GREY, linewidth=width / 160, solid_joinstyle="round")
+    axes.plot(*places.T, "o", color=RED, markersize=width / 55, markeredgewidth=0)
+    (left, bottom), (right, top) = window
+    axes.set_xlim(left, right)
+    axes.set_ylim(bottom, top)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def window_of(places: Float[np.ndarray, "t l 2"], aspect: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners of a window of this width over height that shows the landmarks of all frames."""
+    low, high = places.min(axis=(0, 1)), places.max(axis=(0, 1))
+    tall = (1 + 2 * MARGIN) * max(high[1] - low[1], (high[0] - low[0]) / aspect)
+    half = np.array([aspect * tall, tall]) / 2
+    return (low + high) / 2 - half, (low + high) / 2 + half
+
+
+def _belongs(name: str, chain: str) -> bool:
+    if chain == "outer lip":
+        return name.startswith(("lip_", "mouth_"))
+    if chain == "below nose":
+        return name.startswith(("nose_wing", "nostril", "nose_base"))
+    if chain == "nose_bridge":
+        return name.startswith(("nose_bridge", "nose_tip"))
+    return name.startswith(chain) or (chain == "chin_" and name == "chin")

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from replicate.engine.exceptions import InputError
-from replicate.engine.schema import shown
-from replicate.engine.tidy_files import Column, read_csv, write_csv
-from replicate.engine.user_files import read_text, shown_path
+from replicate.base.exceptions import InputError
+from replicate.base.schema import shown
+from replicate.base.tables import Column, read_csv, write_csv
+from replicate.base.user_files import read_text, shown_path
 
 if TYPE_CHECKING:
     import pandas

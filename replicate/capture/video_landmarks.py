@@ -14,11 +14,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from data_recipes.catalogue import FACE_LANDMARKS
+from replicate.base.command_line import guard
+from replicate.base.exceptions import InputError
+from replicate.base.tables import Column, read_csv
+from replicate.base.user_files import check_output_file, is_file, shown_path
 from replicate.capture.landmark_file import PIXELS, write_landmarks
-from replicate.engine.command_line import guard
-from replicate.engine.exceptions import InputError
-from replicate.engine.tidy_files import Column, read_csv
-from replicate.engine.user_files import check_output_file, is_file, shown_path
 
 POINTS = Path(__file__).with_name("mediapipe_points.csv")
 SCHEMA = (Column("landmark"), Column("point", "whole number"))

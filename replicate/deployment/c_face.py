@@ -5,28 +5,21 @@ take three times the memory and no less time: most of a pose's time goes into re
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from string import Template
 
 import numpy as np
 import torch
+from jaxtyping import Float, Int, UInt8
 from torch import nn
 
 from data_recipes.rig import Control
-from replicate.approximation.gated_network import SLOPE
-from replicate.approximation.regional_model import RegionalModel, StoredBasis
 from replicate.approximation.rigid import Attachments
-from replicate.deployment.c_literals import (
-    byte_rows,
-    float_list,
-    float_number,
-    in_comment,
-    index_list,
-    quoted,
-    structures,
-)
-from replicate.deployment.c_templates import filled
 from replicate.geometry.mesh import Mesh
+from replicate.regional.model import RegionalModel, StoredBasis
+from replicate.regional.networks import SLOPE
 
 LETTER = 79  # small numbers of 8 bits become capitals, which take one character where others take four
 HALF_BIAS = 112  # the exponent of a float less that of a 16-bit float
@@ -216,3 +209,78 @@ def _tables(regions: list[tuple], rigid: list[list[str]]) -> list[str]:
         f"static const moving_region regions[] = {{\n{structures(map(str, row) for row in regions)}}};\n",
         f"static const rigid_segment rigid[] = {{\n{structures(rigid or NOTHING)}}};",
     ]
+
+
+# Numbers as C99 source that compiles in seconds: bytes as strings, few numbers as lists.
+
+BYTES_A_LINE = 48
+NUMBERS_A_LINE = 12
+PLAIN = {code for code in range(32, 127) if chr(code) not in '"\\?'}  # "??" begins a trigraph
+SHORT = [chr(code) if code in PLAIN else f"\\{code:o}" for code in range(256)]
+LONG = [chr(code) if code in PLAIN else f"\\{code:03o}" for code in range(256)]  # before a digit
+DIGITS = set(b"01234567")
+
+
+def byte_rows(name: str, rows: UInt8[np.ndarray, "r k"]) -> str:
+    """Return `static const byte name[r][k + 1]`: strings a row, and a zero at its end."""
+    strings = ",\n".join(_strings(row.tobytes()) for row in rows)
+    return f"static const byte {name}[{rows.shape[0]}][{rows.shape[1] + 1}] = {{\n{strings}}};\n"
+
+
+def float_list(name: str, values: Float[np.ndarray, "*shape"]) -> str:
+    """Return `static const float name[k]`, to the last bit."""
+    return _list("float", name, list(map(float_number, np.asarray(values, np.float32).ravel().tolist())))
+
+
+def index_list(name: str, values: Int[np.ndarray, " k"]) -> str:
+    """Return `static const uint32_t name[k]`."""
+    return _list("uint32_t", name, list(map(str, np.asarray(values).tolist())))
+
+
+def float_number(value: float) -> str:
+    """Return a number as C has it, float32 to the last bit."""
+    text = f"{value:.9g}"
+    return f"{text}f" if set(text) & set(".e") else f"{text}.0f"
+
+
+def quoted(text: str) -> str:
+    """Return a text as a string of C in ASCII."""
+    return _string(text.encode())
+
+
+def in_comment(text: str) -> str:
+    """Return a text that doesn't end the comment in which it stands."""
+    return text.replace("*/", "* /").replace("/*", "/ *")
+
+
+def structures(rows: Iterable[Sequence[str]]) -> str:
+    """Return the rows of an array of structures."""
+    return ",\n".join(f"    {{{', '.join(row)}}}" for row in rows)
+
+
+def _list(kind: str, name: str, words: list[str]) -> str:
+    lines = ",\n".join(", ".join(words[i : i + NUMBERS_A_LINE]) for i in range(0, len(words), NUMBERS_A_LINE))
+    return f"static const {kind} {name}[{len(words)}] = {{\n{lines}}};\n"
+
+
+def _strings(data: bytes) -> str:
+    """Return bytes as strings that C joins, one a line."""
+    return "\n".join(_string(data[i : i + BYTES_A_LINE]) for i in range(0, len(data), BYTES_A_LINE))
+
+
+def _string(data: bytes) -> str:
+    following = data[1:] + b" "
+    return (
+        f'"{"".join((LONG if after in DIGITS else SHORT)[code] for code, after in zip(data, following, strict=True))}"'
+    )
+
+
+# The C99 files before a face is put into them: what is arithmetic stands there as C, what is a face's as $words.
+
+FOLDER = Path(__file__).parent / "c"
+TEMPLATES = (FOLDER / "face.h", FOLDER / "face.c")
+
+
+def filled(stem: str, words: Mapping[str, object]) -> dict[str, str]:
+    """Return the texts of the header and of the source by their names, stem.h and stem.c."""
+    return {f"{stem}{file.suffix}": Template(file.read_text(encoding="ascii")).substitute(words) for file in TEMPLATES}

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from data_recipes.rig import Control
-from replicate.approximation.evaluation import Errors
-from replicate.approximation.metrics import summary
+from replicate.approximation.metrics import Errors, summary
 
 PARAMETERS = "raw rig parameters without a unit, in the order of controls; the neutral pose is every control's default"
 VERTICES = (

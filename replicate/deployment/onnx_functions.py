@@ -10,8 +10,8 @@ import torch
 from torch import nn
 from torch.overrides import TorchFunctionMode
 
+from replicate.base.exceptions import InputError
 from replicate.deployment.onnx_graph import OnnxGraph
-from replicate.engine.exceptions import InputError
 
 POSES = 2  # that a network is run on; no shape in the graph depends on it
 

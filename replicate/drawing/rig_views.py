@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from data_recipes.rig import Rig, has_function
+from replicate.base.tables import Column, read_csv, write_csv
 from replicate.drawing.face_sheet import LETTER, WIDE, WIDTH, Cell, cell_width, face_sheet
 from replicate.drawing.panels import DPI
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.scene import Surface, camera_for, frame_surfaces
-from replicate.engine.tidy_files import Column, read_csv, write_csv
 
 if TYPE_CHECKING:
     import matplotlib.figure

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from filelock import Timeout
 
+from replicate.base.code_hash import sources_digest
+from replicate.base.paths import ROOT, cache_folder
 from replicate.engine import store
-from replicate.engine.code_hash import sources_digest
-from replicate.engine.paths import ROOT, cache_folder
 from replicate.engine.stage import Stage, in_order
 from replicate.engine.store import MANIFEST, MARKER, artefact_folder, find_damage, lock, read_manifest
 

@@ -6,7 +6,7 @@ import os
 import re
 from pathlib import Path
 
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 
 def choose_device(choice: str = "auto", elsewhere: bool = False) -> str:

@@ -6,7 +6,7 @@ from io import TextIOBase
 
 from tqdm import tqdm
 
-from replicate.engine.progress import DELAY_S
+from replicate.base.progress import DELAY_S
 
 LINE_EVERY_S = 30.0  # between two lines on the same stage, when there is no terminal
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
+from replicate.base.code_hash import project_roots, source_texts, sources_digest
+from replicate.base.paths import ROOT
+from replicate.base.schema import to_json
 from replicate.engine import store
-from replicate.engine.code_hash import project_roots, source_texts, sources_digest
-from replicate.engine.paths import ROOT
-from replicate.engine.schema import to_json
 from replicate.engine.stage import Stage, input_names
 
 

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from replicate.engine.paths import ROOT
+from replicate.base.paths import ROOT
 from replicate.engine.stage import Stage, in_order
 from replicate.engine.store import artefact_folder, read_manifest
 

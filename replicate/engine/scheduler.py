@@ -4,15 +4,15 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from replicate.base.exceptions import InputError, RunError
+from replicate.base.signals import ended_by_signals
 from replicate.engine import store
-from replicate.engine.cluster_config import Cluster, read_cluster
+from replicate.engine.cluster.config import Cluster, read_cluster
 from replicate.engine.display import StageDisplay, duration
-from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.executor import Executor, Task
-from replicate.engine.local_workers import LocalWorkers
 from replicate.engine.provenance import core_count
-from replicate.engine.signals import ended_by_signals
 from replicate.engine.stage import Stage, in_order
+from replicate.engine.workers import LocalWorkers
 
 _TICK_S = 0.5  # the longest time between two looks at what is shown
 
@@ -58,7 +58,7 @@ def run(
 def _executor(cluster: Cluster | None, cores: int) -> Executor:
     if cluster is None:
         return LocalWorkers(cores)
-    from replicate.engine.dask_workers import DaskWorkers  # Dask is loaded for those alone who ask for it
+    from replicate.engine.cluster.workers import DaskWorkers  # Dask is loaded for those alone who ask for it
 
     return DaskWorkers(cluster)
 

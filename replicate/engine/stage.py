@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from replicate.engine.code_hash import sources_digest
-from replicate.engine.exceptions import InputError
-from replicate.engine.progress import Progress, progress
-from replicate.engine.schema import to_json
+from replicate.base.code_hash import sources_digest
+from replicate.base.exceptions import InputError
+from replicate.base.progress import Progress, progress
+from replicate.base.schema import to_json
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,13 +15,14 @@ import time
 import traceback
 from pathlib import Path
 
-from replicate.engine import progress, store
-from replicate.engine.code_hash import are_unchanged, sources_digest
-from replicate.engine.command_line import exit_in_words, is_out_of_memory, prepare_streams
-from replicate.engine.exceptions import InputError, RunError
-from replicate.engine.paths import ROOT
+from replicate.base import progress
+from replicate.base.code_hash import are_unchanged, sources_digest
+from replicate.base.command_line import exit_in_words, is_out_of_memory, prepare_streams
+from replicate.base.exceptions import InputError, RunError
+from replicate.base.paths import ROOT
+from replicate.base.schema import from_json
+from replicate.engine import store
 from replicate.engine.provenance import gpu, peak_memory_mb, surroundings
-from replicate.engine.schema import from_json
 from replicate.engine.stage import StageContext, stage_function
 
 LIBRARIES = (  # that take long to import, and start no thread by it where there is to be only one

@@ -8,13 +8,12 @@ from jaxtyping import Float32
 
 from data_recipes.catalogue import expression_poses, read_clip
 from data_recipes.rig import Rig, frames_per_second
-from replicate.engine import paths
-from replicate.engine.exceptions import InputError
-from replicate.engine.schema import shown
-from replicate.engine.user_files import as_whole_number, check_output_file
+from replicate.base import paths
+from replicate.base.exceptions import InputError
+from replicate.base.schema import shown
+from replicate.base.user_files import as_whole_number, check_output_file
 from replicate.export.animation import animated_glb
-from replicate.export.files import glb, obj, write_whole
-from replicate.export.parts import by_material, moving_parts, posed_parts
+from replicate.export.files import by_material, glb, moving_parts, obj, posed_parts, write_whole
 from replicate.poser.saved_pose import read_pose
 
 ENDINGS = (".glb", ".obj")

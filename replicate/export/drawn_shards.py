@@ -6,6 +6,7 @@ training, validation and test poses as the rig itself.
 """
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int
@@ -13,8 +14,10 @@ from jaxtyping import Bool, Float32, Int
 from data_recipes.rig import Rig
 from replicate.approximation.influence import influence, influence_poses
 from replicate.approximation.samples import PARTS, choose_poses
+from replicate.base import paths
 from replicate.config import SamplesConfig
 from replicate.engine.stage import stream_rng
+from replicate.methods.artefacts import rig_of
 
 POSES_A_SHARD = 256
 STAGE = "samples"  # whose random streams the poses are drawn from
@@ -66,3 +69,21 @@ def _sources(
 def _in_shards(arrays: dict[str, np.ndarray]) -> Iterator[dict[str, np.ndarray]]:
     for first in range(0, len(arrays["params"]), POSES_A_SHARD):
         yield {name: array[first : first + POSES_A_SHARD] for name, array in arrays.items()}
+
+
+# A small folder of samples of one of our rigs, so that the format can be tried before a rig of one's own is there.
+
+CHARACTER = "toon"  # it has no clips, so that few poses will do
+SAMPLES = SamplesConfig(count=120, validation=8, uniform_test=40)
+
+
+def example_folder() -> Path:
+    """Return a folder of the toon's samples; it is written where it isn't there yet (half a minute, 10 MB)."""
+    from data_recipes.catalogue import write_folder
+    from data_recipes.recipe_paths import FACE_FILE
+
+    folder = paths.run_folder("export") / f"{CHARACTER}_example"
+    if not (folder / FACE_FILE).is_file():
+        rig = rig_of(CHARACTER)
+        write_folder(rig, folder, *drawn_shards(rig, SAMPLES, seed=0))
+    return folder

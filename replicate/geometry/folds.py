@@ -3,10 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from replicate.engine.exceptions import InputError
-from replicate.geometry.edges import inner_edges
-from replicate.geometry.mesh import Mesh
-from replicate.geometry.normals import face_normals
+from replicate.base.exceptions import InputError
+from replicate.geometry.mesh import Mesh, face_normals, inner_edges
 
 
 def fold_angles(

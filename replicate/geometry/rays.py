@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numba import njit
 
-from replicate.engine.jit_cache import KEEP_CODE
+from replicate.base.jit_cache import KEEP_CODE
 
 
 def ray_hits(

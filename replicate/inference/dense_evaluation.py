@@ -7,12 +7,11 @@ from jaxtyping import Float32
 from numba import njit
 from torch import nn
 
-from replicate.approximation.dense import DenseNetwork
-from replicate.approximation.linear_skip import Line
 from replicate.approximation.model import SegmentedModel
-from replicate.engine.jit_cache import KEEP_CODE
-from replicate.inference.row_products import NOTHING, add_products, without_loss
-from replicate.inference.work import Work, of_layers, total
+from replicate.base.jit_cache import KEEP_CODE
+from replicate.baselines.dense import DenseNetwork
+from replicate.baselines.line import Line
+from replicate.inference.products import NOTHING, Work, add_products, of_layers, total, without_loss
 
 
 class DensePlan(NamedTuple):

@@ -8,19 +8,18 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from replicate.approximation.cnn import MapNetwork
-from replicate.approximation.dense import DenseNetwork
-from replicate.approximation.linear_skip import Line
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel
-from replicate.approximation.regional_model import RegionalModel
 from replicate.approximation.rigid import Attachments
+from replicate.baselines.dense import DenseNetwork
+from replicate.baselines.line import Line
 from replicate.geometry.mesh import Mesh
 from replicate.inference.dense_evaluation import FastDense
-from replicate.inference.map_evaluation import fast_maps
-from replicate.inference.map_plan import has_plan
+from replicate.inference.map_evaluation import fast_maps, has_plan
+from replicate.inference.products import Work
 from replicate.inference.regional_evaluation import FastRegions
 from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
-from replicate.inference.work import Work
+from replicate.regional.model import RegionalModel
 
 Evaluate = Callable[[np.ndarray], np.ndarray]
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32, Int
 from numba import njit
 
-from replicate.engine.jit_cache import KEEP_CODE
+from replicate.base.jit_cache import KEEP_CODE
 
 
 def fast_vertex_normals(

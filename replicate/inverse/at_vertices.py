@@ -10,13 +10,13 @@ from jaxtyping import Float, Int
 from torch import nn
 
 from replicate.approximation.cnn import MapNetwork
-from replicate.approximation.dense import DenseNetwork
-from replicate.approximation.linear_skip import Line
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel
-from replicate.approximation.regional_model import RegionalModel
-from replicate.approximation.regional_networks import RegionalNetworks
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
+from replicate.baselines.dense import DenseNetwork
+from replicate.baselines.line import Line
+from replicate.regional.model import RegionalModel
+from replicate.regional.networks import RegionalNetworks
 
 Points = Callable[[Float[torch.Tensor, "b m"]], Float[torch.Tensor, "b c 3"]]
 

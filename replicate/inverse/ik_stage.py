@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replicate.artefacts import built_rig, control_influence, drawn_samples
-from replicate.artefacts.plan import Plan, TrainingNumbers, reference
 from replicate.engine.stage import Stage, StageContext, stage_function
-from replicate.inverse.ik_config import InverseConfig
+from replicate.inverse.control_points import InverseConfig
+from replicate.methods import artefacts
 from replicate.methods.method import Method
+from replicate.methods.plan import Plan, TrainingNumbers, reference
 
 if TYPE_CHECKING:
     import replicate.inverse.ik_network
@@ -28,7 +28,7 @@ class ThroughModel(TrainingNumbers):
 
 def section(plan: Plan) -> InverseConfig:
     """Return the numbers of inverse kinematics that a plan's configuration has."""
-    from replicate.inverse.ik_config import own
+    from replicate.inverse.control_points import own
 
     return getattr(plan.config, PREFIX, None) or own(plan.config.profile)
 
@@ -42,7 +42,7 @@ def stage(plan: Plan, method: Method | None) -> Stage:
     """Return the stage that trains the IK networks through a method's model; through the rig where it is None."""
     model, stages = (reference(method.model), method.stages(plan)) if method else ("", ())
     numbers = ThroughModel(section(plan), plan.config.seed, plan.config.device, model)
-    common = tuple(module.stage(plan) for module in (built_rig, drawn_samples, control_influence))
+    common = tuple(stage(plan) for stage in (artefacts.rig_stage, artefacts.samples_stage, artefacts.influence_stage))
     names = {one.name for one in common}
     inputs = (*common, *(one for one in stages if one.name not in names))
     functions = ",".join([reference(train), *([model] if model else [])])  # the model's sources count too
@@ -53,11 +53,10 @@ def train(context: StageContext) -> None:
     """Train the IK networks (§4.2) and write model and log."""
     from replicate.approximation.training import write_log
     from replicate.inverse.control_points import control_points
-    from replicate.inverse.ik_network import save_ik
-    from replicate.inverse.ik_training import read_truth, train_ik
+    from replicate.inverse.ik_network import read_truth, save_ik, train_ik
 
-    numbers, rig, samples = context.config, built_rig.load(context.inputs), drawn_samples.load(context.inputs)
-    points = control_points(rig, control_influence.load(context.inputs))
+    numbers, rig, samples = context.config, artefacts.load_rig(context.inputs), artefacts.load_samples(context.inputs)
+    points = control_points(rig, artefacts.load_influence(context.inputs))
     model, log = train_ik(
         positions(context.inputs, numbers.model, points.vertices),
         rig,
@@ -80,12 +79,12 @@ def positions(inputs: Mapping[str, Path], model: str, vertices: "object") -> Cal
     import torch
 
     from replicate.inverse.at_vertices import at_vertices
-    from replicate.inverse.rig_points import RigPoints
+    from replicate.inverse.posing import RigPoints
 
     if not model:
-        return RigPoints(built_rig.load(inputs), vertices)
+        return RigPoints(artefacts.load_rig(inputs), vertices)
     offsets = at_vertices(stage_function(model)(inputs), vertices)
-    neutral = torch.from_numpy(built_rig.load_mesh(inputs).neutral[vertices])
+    neutral = torch.from_numpy(artefacts.load_mesh(inputs).neutral[vertices])
     return lambda params: neutral + offsets(params)
 
 

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from replicate.artefacts import rigid_segments
 from replicate.geometry.mesh import Mesh
+from replicate.methods import artefacts
 from replicate.methods.method import Method, Number
 
 
@@ -15,7 +15,7 @@ def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
 
 def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Number]:
     """Return how many rigid segments §3.4 has, how rigid they are, and how well they are placed at the worst."""
-    attachments = rigid_segments.load(inputs)
+    attachments = artefacts.load_attachments(inputs)
     count: list[Number] = [("rigid_segments", "count", len(attachments.segment))]
     if not len(attachments.segment):
         return count

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
 from replicate.geometry.mesh import Mesh
 from replicate.methods.method import Method, Number
+from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks, train_on_segments
 
 if TYPE_CHECKING:

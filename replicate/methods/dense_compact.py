@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from replicate.artefacts import drawn_samples
-from replicate.artefacts.plan import Plan
-from replicate.engine.schema import Checked, number
+from replicate.base.schema import Checked, number
 from replicate.engine.stage import Stage, StageContext
-from replicate.methods import dense_network
+from replicate.methods import artefacts, dense_network
+from replicate.methods.dense_small import RefinedShapes, inputs_of_size, refined_size_mb, shapes
 from replicate.methods.method import variant
-from replicate.methods.refined_size import RefinedShapes, inputs_of_size, refined_size_mb, shapes
+from replicate.methods.plan import Plan
 
 if TYPE_CHECKING:
     import replicate.approximation.model
@@ -51,14 +50,14 @@ def stage(plan: Plan) -> Stage:
 
 def make(context: StageContext) -> None:
     """Read the dense networks, and write them with low-rank last layers."""
-    from replicate.approximation import low_rank_dense
-    from replicate.approximation.dense import load_dense
+    from replicate.approximation.losses import spread
     from replicate.approximation.model import save_model
-    from replicate.approximation.supervision import spread
     from replicate.approximation.training import prepare
+    from replicate.baselines import low_rank_dense
+    from replicate.baselines.dense import load_dense
 
     prepare("cpu")
-    samples, trained = drawn_samples.load(context.inputs), load_dense(context.inputs["dense"])
+    samples, trained = artefacts.load_samples(context.inputs), load_dense(context.inputs["dense"])
     params = np.asarray(samples.params[spread(len(samples), context.config.section.samples)])
     size_mb = refined_size_mb(context.inputs, context.config.shapes)
     model = low_rank_dense.compact(trained, params, size_mb)
@@ -71,8 +70,8 @@ def make(context: StageContext) -> None:
 
 def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
     """Return the networks with low-rank last layers."""
-    from replicate.approximation.low_rank_dense import empty_network
     from replicate.approximation.model import load_model
+    from replicate.baselines.low_rank_dense import empty_network
 
     return load_model(inputs["dense_compact"], empty_network)
 

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method, Model
+from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks, train_on_segments
 
 
@@ -16,14 +16,14 @@ def stage(plan: Plan) -> Stage:
 
 def train(context: StageContext) -> None:
     """Train the dense networks on Eq. 1."""
-    from replicate.approximation import dense
+    from replicate.baselines import dense
 
     train_on_segments(context, dense.make_network, dense.shape_facts(context.config.section), dense.save)
 
 
 def load_model(inputs: Mapping[str, Path]) -> Model:
     """Return the dense networks."""
-    from replicate.approximation.dense import load_dense
+    from replicate.baselines.dense import load_dense
 
     return load_dense(inputs["dense"])
 

@@ -9,17 +9,44 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replicate.artefacts import built_rig, rigid_segments
-from replicate.artefacts.plan import Plan, TrainingNumbers
-from replicate.engine.exceptions import InputError
+from replicate.approximation.model_size import MapShape, cnn_size_mb, shape_of
+from replicate.base.exceptions import InputError
 from replicate.engine.stage import Stage, StageContext
-from replicate.methods import dense_network
+from replicate.methods import artefacts, dense_network
 from replicate.methods.method import variant
-from replicate.methods.refined_size import RefinedShapes, inputs_of_size, refined_size_mb, shapes
-from replicate.methods.training_stage import train_on_segments
+from replicate.methods.plan import Plan, TrainingNumbers
+from replicate.methods.training_stage import inputs_of_networks, train_on_segments
 
 if TYPE_CHECKING:
     import replicate.approximation.model
+
+
+# How large the refined model is under a configuration, for methods that are to be no larger.
+
+
+@dataclass(frozen=True)
+class RefinedShapes:
+    """The shapes of the map networks of both levels."""
+
+    coarse: MapShape
+    refined: MapShape
+
+
+def shapes(plan: Plan) -> RefinedShapes:
+    """Return the shapes that a configuration gives to the map networks."""
+    return RefinedShapes(shape_of(plan.config.coarse), shape_of(plan.config.refinement))
+
+
+def inputs_of_size(plan: Plan) -> tuple[Stage, ...]:
+    """Return the stages that `refined_size_mb` reads; none of them trains a network."""
+    return (*inputs_of_networks(plan), artefacts.squares_stage(plan))
+
+
+def refined_size_mb(inputs: Mapping[str, Path], shapes: RefinedShapes) -> float:
+    """Return the size of coarse and refinement networks in MB of 10⁶ bytes, from their segments and shapes alone."""
+    coarse = artefacts.load_coarse_segments(inputs, artefacts.load_mesh(inputs))
+    seen = ([len(segment.parameters) for segment in part] for part in (coarse, artefacts.load_squares(inputs)))
+    return cnn_size_mb(*seen, shapes.coarse, shapes.refined)
 
 
 @dataclass(frozen=True)
@@ -38,7 +65,7 @@ def stage(plan: Plan) -> Stage:
 
 def train(context: StageContext) -> None:
     """Choose the width, and train the networks on Eq. 1."""
-    from replicate.approximation import dense
+    from replicate.baselines import dense
 
     numbers = context.config
     hidden = narrow_widths(context.inputs, numbers.section.hidden, numbers.shapes)
@@ -56,7 +83,7 @@ def narrow_widths(inputs: Mapping[str, Path], hidden: tuple[int, ...], shapes: R
     from replicate.approximation.model_size import dense_width
 
     size_mb = refined_size_mb(inputs, shapes)
-    segments = rigid_segments.load_coarse_segments(inputs, built_rig.load_mesh(inputs))
+    segments = artefacts.load_coarse_segments(inputs, artefacts.load_mesh(inputs))
     seen, moved = (
         [len(part) for part in parts] for parts in zip(*((s.parameters, s.vertices) for s in segments), strict=True)
     )
@@ -71,7 +98,7 @@ def narrow_widths(inputs: Mapping[str, Path], hidden: tuple[int, ...], shapes: R
 
 def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
     """Return the narrow networks."""
-    from replicate.approximation.dense import load_dense
+    from replicate.baselines.dense import load_dense
 
     return load_dense(inputs["dense_small"])
 

@@ -4,11 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from replicate.artefacts import built_rig, drawn_samples
-from replicate.artefacts.plan import Plan, TrainingNumbers
 from replicate.engine.stage import Stage, StageContext
-from replicate.methods import skinned
+from replicate.methods import artefacts, skinned
 from replicate.methods.method import Method, Model
+from replicate.methods.plan import Plan, TrainingNumbers
 from replicate.methods.training_stage import write_training
 
 
@@ -23,19 +22,19 @@ def stage(plan: Plan) -> Stage:
     """Return the stage that trains the network; it needs the skin with the most bones."""
     config, bones = plan.config, max(plan.config.lbs.bones)
     numbers = DrivenNumbers(config.driven, config.seed, config.device, bones)
-    inputs = (built_rig.stage(plan), drawn_samples.stage(plan), skinned.stage(plan, bones))
+    inputs = (artefacts.rig_stage(plan), artefacts.samples_stage(plan), skinned.stage(plan, bones))
     return plan.stage("driven", train, numbers, *inputs)
 
 
 def train(context: StageContext) -> None:
     """Train the network that moves a skin's bones as the rig parameters say."""
-    from replicate.approximation.skinning.bone_network import save, train_driven
+    from replicate.baselines.skinning.bone_network import save, train_driven
 
     numbers, skin = context.config, skinned.load_skin(context.inputs, context.config.bones)
     model, log = train_driven(
-        built_rig.load_mesh(context.inputs),
+        artefacts.load_mesh(context.inputs),
         skin,
-        drawn_samples.load(context.inputs),
+        artefacts.load_samples(context.inputs),
         numbers.section,
         context.scratch,
         context.progress,
@@ -51,7 +50,7 @@ def load_model(inputs: Mapping[str, Path]) -> Model:
 
     The multiplications from rotation vectors to matrices are not counted.
     """
-    from replicate.approximation.skinning.bone_network import load_driven
+    from replicate.baselines.skinning.bone_network import load_driven
 
     return load_driven(inputs["driven"])
 

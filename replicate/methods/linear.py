@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Float64
 
-from replicate.artefacts import built_rig, drawn_samples, rigid_segments
-from replicate.artefacts.plan import Plan
-from replicate.engine.schema import Checked, number
+from replicate.base.schema import Checked, number
 from replicate.engine.stage import Stage, StageContext
+from replicate.methods import artefacts
 from replicate.methods.method import Method
+from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks
 
 if TYPE_CHECKING:
@@ -61,8 +61,8 @@ def fit_features(context: StageContext, features: Callable[[np.ndarray, np.ndarr
     from replicate.approximation.conditioning import parameter_scale
     from replicate.approximation.segments import save_segments
 
-    mesh, samples = built_rig.load_mesh(context.inputs), drawn_samples.load(context.inputs)
-    segments = rigid_segments.load_coarse_segments(context.inputs, mesh)
+    mesh, samples = artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
+    segments = artefacts.load_coarse_segments(context.inputs, mesh)
     scale, strengths = parameter_scale(samples.params), context.config.section.strengths
     params, others = samples.params / scale, samples.validation_params / scale
     squares, fits = np.zeros(len(strengths)), []
@@ -114,7 +114,7 @@ def ridge(
 
 def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
     """Return the straight lines as a model of one linear layer a segment."""
-    from replicate.approximation.linear_skip import line_model
+    from replicate.baselines.line import line_model
 
     return load_fits(inputs, "linear", line_model)
 
@@ -131,7 +131,7 @@ def load_fits(
     segments = load_segments(inputs[name] / SEGMENTS)
     with np.load(inputs[name] / WEIGHTS, allow_pickle=False) as stored:
         weights = [stored[f"{k}"] for k in range(len(segments))]
-        return make_model(segments, weights, stored["scale"], len(built_rig.load_mesh(inputs).neutral))
+        return make_model(segments, weights, stored["scale"], len(artefacts.load_mesh(inputs).neutral))
 
 
 METHOD = Method(

@@ -4,11 +4,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from replicate.artefacts import built_rig, control_influence, refinement_squares, rigid_segments
-from replicate.artefacts.plan import Plan
 from replicate.config import Config
 from replicate.engine.stage import Stage
+from replicate.methods import artefacts
 from replicate.methods.method import Method
+from replicate.methods.plan import Plan
 
 NOTE = "An oracle: the true mesh projected onto the deformation maps by least squares: what their resolution allows."
 
@@ -22,20 +22,20 @@ class MapNumbers:
 
 
 def _stages(plan: Plan) -> tuple[Stage, ...]:
-    return (control_influence.stage(plan),)
+    return (artefacts.influence_stage(plan),)
 
 
 def _refined_stages(plan: Plan) -> tuple[Stage, ...]:
-    return (control_influence.stage(plan), refinement_squares.stage(plan))
+    return (artefacts.influence_stage(plan), artefacts.squares_stage(plan))
 
 
 def load(inputs: Mapping[str, Path], numbers: MapNumbers) -> Callable:
     """Return (parameters, truth (b, n, 3)) → the vertices that the maps can hold of the truth."""
     from replicate.approximation.deformation_map import Floor
 
-    mesh = built_rig.load_mesh(inputs)
-    squares = refinement_squares.load(inputs) if numbers.refined_map_size else ()
-    segments = rigid_segments.load_coarse_segments(inputs, mesh)
+    mesh = artefacts.load_mesh(inputs)
+    squares = artefacts.load_squares(inputs) if numbers.refined_map_size else ()
+    segments = artefacts.load_coarse_segments(inputs, mesh)
     floor = Floor(segments, numbers.map_size, squares, numbers.refined_map_size)
     return lambda params, truth: mesh.neutral + floor(truth - mesh.neutral)
 

@@ -10,17 +10,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
-from replicate.artefacts import built_rig, drawn_samples, rigid_segments, shown_pose
-from replicate.artefacts.plan import Plan, reference
+from replicate.base.exceptions import RunError
+from replicate.base.schema import cut
 from replicate.config import Config
 from replicate.engine.stage import Stage, StageContext, stage_function, stream_rng
 from replicate.engine.store import read_manifest
-from replicate.methods.method import Method, Number
-from replicate.methods.prediction import checked, reading
+from replicate.methods import artefacts
+from replicate.methods.method import Method, Model, Number
+from replicate.methods.plan import Plan, reference
 from replicate.methods.training_stage import LOG
 
 if TYPE_CHECKING:
-    import replicate.approximation.evaluation
+    import replicate.approximation.metrics
+
 
 PREFIX = "errors_"
 ERRORS, POSE, NUMBERS = "errors.npz", "pose.npy", "numbers.json"
@@ -64,7 +66,12 @@ def stage(plan: Plan, method: Method) -> Stage:
     """Return the stage that measures a method; what its predictor is read from is among the stage's inputs."""
     numbers = numbers_of(method, plan.config)
     read = reading(method, plan.config)
-    shared = (built_rig.stage(plan), drawn_samples.stage(plan), shown_pose.stage(plan), rigid_segments.stage(plan))
+    shared = (
+        artefacts.rig_stage(plan),
+        artefacts.samples_stage(plan),
+        artefacts.shown_pose_stage(plan),
+        artefacts.rigid_stage(plan),
+    )
     inputs = {stage.title: stage for stage in (*shared, *method.stages(plan))}
     further = (numbers.facts, numbers.multiplications)
     functions = ", ".join(filter(None, (*map(reference, (measure, *read.sources)), *further)))
@@ -79,7 +86,7 @@ def predictor(numbers: MeasurementNumbers, inputs: Mapping[str, Path]) -> Callab
     from replicate.approximation.rigid import attach
 
     predict = stage_function(numbers.load)(inputs, numbers.numbers)
-    mesh, attachments = built_rig.load_mesh(inputs), rigid_segments.load(inputs)
+    mesh, attachments = artefacts.load_mesh(inputs), artefacts.load_attachments(inputs)
 
     def vertices(params: np.ndarray, truth: np.ndarray) -> np.ndarray:
         answer = predict(params, truth) if numbers.oracle else predict(params)
@@ -94,7 +101,7 @@ def measured_poses(params: Float[np.ndarray, "t m"], count: int, seed: int) -> I
 
     params: of all test poses. count: how many of them, drawn by the seed; 0 for all.
     """
-    from replicate.approximation.evaluation import unique_poses
+    from replicate.approximation.metrics import unique_poses
 
     poses = unique_poses(params)
     if count and count < len(poses):
@@ -105,10 +112,10 @@ def measured_poses(params: Float[np.ndarray, "t m"], count: int, seed: int) -> I
 
 def measure(context: StageContext) -> None:
     """Measure a method on the unique test poses (§5.1, Eq. 11), and predict the pose that figures show."""
-    from replicate.approximation.evaluation import evaluate
+    from replicate.approximation.metrics import evaluate
 
     numbers, inputs = context.config, context.inputs
-    mesh, samples = built_rig.load_mesh(inputs), drawn_samples.load(inputs)
+    mesh, samples = artefacts.load_mesh(inputs), artefacts.load_samples(inputs)
     predict = predictor(numbers, inputs)
     poses = measured_poses(samples.test_params, numbers.test_poses, numbers.seed)
     with context.progress(len(poses), f"errors, {numbers.method}") as bar:
@@ -117,12 +124,12 @@ def measure(context: StageContext) -> None:
             samples.test_params[poses],
             samples.test_offsets[poses],
             {numbers.method: predict},
-            rigid_segments.load(inputs).segment.tolist(),
+            artefacts.load_attachments(inputs).segment.tolist(),
             numbers.batch,
             bar,
         )[numbers.method]
     errors.save(context.out / ERRORS)
-    row = shown_pose.load(inputs)
+    row = artefacts.load_shown_pose(inputs)
     truth = mesh.neutral + samples.test_offsets[row : row + 1]
     np.save(context.out / POSE, predict(samples.test_params[row : row + 1], truth)[0].astype(np.float32))
     entries = stage_function(numbers.facts)(inputs, mesh) if numbers.facts else []
@@ -146,9 +153,9 @@ def error_folders(inputs: Mapping[str, Path]) -> dict[str, Path]:
     return {name.removeprefix(PREFIX): inputs[name] for name in names}
 
 
-def load_errors(folder: Path) -> "replicate.approximation.evaluation.Errors":
+def load_errors(folder: Path) -> "replicate.approximation.metrics.Errors":
     """Return the `Errors` of a measured method."""
-    from replicate.approximation.evaluation import load_errors
+    from replicate.approximation.metrics import load_errors
 
     return load_errors(folder / ERRORS)
 
@@ -166,3 +173,99 @@ def load_numbers(folder: Path) -> list[Number]:
 def load_curve(folder: Path) -> Path | None:
     """Return the file of the method's training curve, if it was trained step by step."""
     return folder / LOG if (folder / LOG).is_file() else None
+
+
+# How a method is read from its artefacts: what it predicts, and how many multiplications that takes.
+
+FAR_MM = 1e15  # where no vertex is; its square is a float32
+
+
+@dataclass(frozen=True)
+class ModelNumbers:
+    """Which model is read: "module:function" of the method's `model`."""
+
+    model: str
+
+
+@dataclass(frozen=True)
+class Reading:
+    """The functions that a method is read with; other processes find them at the top of their modules.
+
+    load: (inputs, numbers) → predict, as `Method` says. multiplications: (inputs, numbers) → how many a pose takes;
+    None where they are not counted. numbers: what both take beside the artefacts. sources: the functions whose code
+    decides what is predicted.
+    """
+
+    load: Callable[[Mapping[str, Path], object], Callable]
+    multiplications: Callable[[Mapping[str, Path], object], int] | None
+    numbers: object
+    sources: tuple[Callable, ...]
+
+
+def reading(method: Method, config: Config) -> Reading:
+    """Return how a method is read under a configuration."""
+    if method.model is None:
+        return Reading(method.load, method.multiplications, method.numbers(config), (method.load,))
+    return Reading(load, multiplications, ModelNumbers(reference(method.model)), (load, method.model))
+
+
+def load(inputs: Mapping[str, Path], numbers: ModelNumbers) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3), mm, of a method that has a model."""
+    return vertices_of(inputs, stage_function(numbers.model)(inputs), numbers.model)
+
+
+def multiplications(inputs: Mapping[str, Path], numbers: ModelNumbers) -> int:
+    """Return how many multiplications one pose takes of a method that has a model."""
+    from replicate.baselines.multiplications import of_model
+
+    return of_model(stage_function(numbers.model)(inputs))
+
+
+def vertices_of(inputs: Mapping[str, Path], model: Model, name: str) -> Callable:
+    """Return parameters (b, m) → vertices (b, n, 3), mm, of a model that predicts offsets; on the CPU, one thread.
+
+    name: the model's, for messages. They raise RunError for offsets of another shape, which NumPy might spread.
+    """
+    from replicate.approximation.training import prepare
+
+    prepare("cpu")
+    mesh = artefacts.load_mesh(inputs)
+
+    def vertices(params: Float[np.ndarray, "b m"]) -> Float[np.ndarray, "b n 3"]:
+        offsets, shape = model.offsets(params), (len(params), *mesh.neutral.shape)
+        if getattr(offsets, "shape", None) != shape:
+            raise RunError(f"model {name}: expected offsets {shape}, got {_in_words(offsets)}")
+        return mesh.neutral + offsets
+
+    return vertices
+
+
+def checked(predicted: object, shape: tuple[int, int, int], method: str) -> Float[np.ndarray, "b n 3"]:
+    """Return what a method's predict has returned as an array of real and finite vertices of a shape (b, n, 3).
+
+    method: its name. Raises RunError, naming it, for anything else. It takes microseconds.
+    """
+    demand = f"method {method}: expected vertices {shape}, real and finite, got"
+    try:
+        array = np.asarray(predicted)
+    except Exception as error:  # whatever an object of somebody's raises
+        raise RunError(f"{demand} {_in_words(predicted)} ({cut(' '.join(str(error).split()))})") from None
+    if array.shape != shape or array.dtype.kind not in "fiu":
+        raise RunError(f"{demand} {_in_words(predicted if predicted is None else array)}")
+    if array.dtype.kind != "f":
+        array = array.astype(np.float32)
+    flat = array.reshape(-1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        square = flat @ flat  # a tenth of the time that the look at each number takes
+    if not square < FAR_MM**2 and not (near := np.abs(flat) < FAR_MM).all():  # NaN is not near either
+        pose, vertex, axis = np.unravel_index(np.argmin(near), shape)
+        raise RunError(f"{demand} {flat[np.argmin(near)]:g} at [{pose}, {vertex}, {axis}]")
+    return array
+
+
+def _in_words(found: object) -> str:
+    """Return what something is that is no prediction."""
+    if found is None:
+        return "None"
+    kind = type(found).__name__
+    return f"{kind} {found.shape} of {found.dtype}" if isinstance(found, np.ndarray) else f"a value of the type {kind}"

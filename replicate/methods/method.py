@@ -8,11 +8,11 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from replicate.artefacts.plan import Plan
+from replicate.base.schema import Checked
 from replicate.config import Config
-from replicate.engine.schema import Checked
 from replicate.engine.stage import Stage
 from replicate.geometry.mesh import Mesh
+from replicate.methods.plan import Plan
 
 OTHER_COLOUR = "#7B4EA3"
 Number = tuple[str, str, float]  # metric, unit (one of report.results.UNITS), value

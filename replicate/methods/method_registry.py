@@ -12,11 +12,11 @@ from pathlib import Path
 from types import ModuleType
 
 from data_recipes.recipe_paths import sample_folder
+from replicate.base.exceptions import InputError
+from replicate.base.paths import with_home
+from replicate.base.schema import Checked
+from replicate.base.user_files import is_file, shown_path
 from replicate.config import Config
-from replicate.engine.exceptions import InputError
-from replicate.engine.paths import with_home
-from replicate.engine.schema import Checked
-from replicate.engine.user_files import is_file, shown_path
 from replicate.methods.method import Method
 
 VARIABLE = "REPLICATE_METHODS"  # files of methods from outside: worker processes and notebooks find them by it

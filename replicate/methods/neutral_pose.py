@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from replicate.artefacts import built_rig
+from replicate.methods import artefacts
 from replicate.methods.method import Method
 
 
 def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
     """Return parameters (b, m) → the neutral vertices (b, n, 3)."""
-    neutral = built_rig.load_mesh(inputs).neutral
+    neutral = artefacts.load_mesh(inputs).neutral
     return lambda params: np.broadcast_to(neutral, (len(params), *neutral.shape))
 
 

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from replicate.artefacts import built_rig, drawn_samples, rigid_segments
-from replicate.artefacts.plan import Plan
+from replicate.base.schema import Checked, number
 from replicate.config import ConditioningConfig, TrainingConfig
-from replicate.engine.schema import Checked, number
 from replicate.engine.stage import Stage, StageContext
+from replicate.methods import artefacts
 from replicate.methods.method import Method
+from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks, write_training
 
 if TYPE_CHECKING:
@@ -111,16 +111,16 @@ def train_on_basis(context: StageContext, make: Callable, start: Callable) -> No
     import torch
 
     from replicate.approximation.conditioning import parameter_scale
+    from replicate.approximation.losses import Supervision
     from replicate.approximation.model import SegmentedModel, save_model
     from replicate.approximation.segments import Segment, segment_vertices
-    from replicate.approximation.supervision import Supervision
     from replicate.approximation.training import prepare
     from replicate.approximation.training import train as minimise
 
     numbers, section, name = context.config, context.config.section, context.name
     device = prepare(numbers.device)
-    mesh, samples = built_rig.load_mesh(context.inputs), drawn_samples.load(context.inputs)
-    vertices = np.sort(segment_vertices(rigid_segments.load_coarse_segments(context.inputs, mesh)))
+    mesh, samples = artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
+    vertices = np.sort(segment_vertices(artefacts.load_coarse_segments(context.inputs, mesh)))
     count, places = samples.params.shape[1], np.zeros((len(vertices), 2), np.float32)
     segment = Segment("deformable", vertices.astype(np.int32), places, np.arange(count, dtype=np.int32))
     basis, mean = components(samples, segment.vertices, section, numbers.seed)
@@ -160,7 +160,7 @@ def components(
     from sklearn.decomposition import PCA
     from threadpoolctl import threadpool_limits
 
-    from replicate.approximation.supervision import spread
+    from replicate.approximation.losses import spread
 
     rows = spread(len(samples), section.basis_samples)
     offsets = samples.vertices_subset(rows, vertices).reshape(len(rows), -1)

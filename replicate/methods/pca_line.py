@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from replicate.artefacts.plan import Plan
-from replicate.engine.schema import number
+from replicate.base.schema import number
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import pca
 from replicate.methods.linear import LinearConfig, chunks, ridge, with_constant
 from replicate.methods.method import Method
 from replicate.methods.pca import PcaConfig
+from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def stage(plan: Plan) -> Stage:
 
 def train(context: StageContext) -> None:
     """Compute the basis, fit the line to the coefficients, and train it with the network on Eq. 1."""
-    from replicate.approximation.coefficient_line import CoefficientsBesideLine
+    from replicate.baselines.line import CoefficientsBesideLine
 
     pca.train_on_basis(context, CoefficientsBesideLine, _start)
 
@@ -78,7 +78,7 @@ def fit_line(
     λ is the one with the smallest squared error, in mm², of the validation poses' coefficients. scale: (m,), what
     parameters are divided by. basis: (c, 3k) mm; mean: (3k,) mm; vertices: the k that they move.
     """
-    from replicate.approximation.coefficient_line import onto_basis
+    from replicate.baselines.line import onto_basis
 
     def coefficients() -> Iterator[np.ndarray]:
         return (onto_basis(part, basis, mean) for part in chunks(samples, vertices))
@@ -94,7 +94,7 @@ def fit_line(
 
 def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
     """Return the network, its line and its basis."""
-    from replicate.approximation.coefficient_line import CoefficientsBesideLine
+    from replicate.baselines.line import CoefficientsBesideLine
 
     return pca.load_on_basis(inputs["pca_line"], CoefficientsBesideLine)
 

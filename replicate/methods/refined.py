@@ -4,12 +4,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replicate.artefacts import built_rig, drawn_samples, refinement_squares
-from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
 from replicate.geometry.mesh import Mesh
-from replicate.methods import coarse
+from replicate.methods import artefacts, coarse
 from replicate.methods.method import Method, Number
+from replicate.methods.plan import Plan
 from replicate.methods.training_stage import write_training
 
 if TYPE_CHECKING:
@@ -25,7 +24,7 @@ def stage(plan: Plan) -> Stage:
 
 def inputs_of_refinement(plan: Plan, coarse_stage: Stage) -> tuple[Stage, ...]:
     """Return the stages that refinement networks are trained on, one of them that of the coarse networks."""
-    return (built_rig.stage(plan), drawn_samples.stage(plan), coarse_stage, refinement_squares.stage(plan))
+    return (artefacts.rig_stage(plan), artefacts.samples_stage(plan), coarse_stage, artefacts.squares_stage(plan))
 
 
 def train(context: StageContext) -> None:
@@ -40,10 +39,10 @@ def train_on(context: StageContext, coarse_model: "replicate.approximation.model
 
     numbers, inputs = context.config, context.inputs
     model, log = train_refined(
-        built_rig.load_mesh(inputs),
+        artefacts.load_mesh(inputs),
         coarse_model,
-        refinement_squares.load(inputs),
-        drawn_samples.load(inputs),
+        artefacts.load_squares(inputs),
+        artefacts.load_samples(inputs),
         numbers.section,
         context.scratch,
         context.progress,

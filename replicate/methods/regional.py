@@ -14,23 +14,23 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 from data_recipes.rig import has_function
-from replicate.artefacts import built_rig, control_influence, drawn_samples, rigid_segments
-from replicate.artefacts.plan import Plan
+from replicate.base.exceptions import InputError
+from replicate.base.schema import Checked, number
 from replicate.config import TrainingConfig
-from replicate.engine.exceptions import InputError
-from replicate.engine.schema import Checked, number
 from replicate.engine.stage import Stage, StageContext
+from replicate.methods import artefacts
 from replicate.methods.linear import CHUNK, ridge, with_constant
 from replicate.methods.method import Method
+from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks, write_training
 
 if TYPE_CHECKING:
     import torch
 
-    import replicate.approximation.regional_basis
-    import replicate.approximation.regional_model
-    import replicate.approximation.regional_networks
     import replicate.approximation.samples
+    import replicate.regional.basis
+    import replicate.regional.model
+    import replicate.regional.networks
 
 STEPS = {"quick": 1_200, "laptop": 16_000, "paper": 100_000}
 TRAINING = TrainingConfig("one_cycle", STEPS["paper"], 64, "uniform", peak_rate=1.6e-2, largest_gradient=1.0)
@@ -72,24 +72,24 @@ def train(context: StageContext) -> None:
     """Compute the bases, project all training samples onto them, and train the networks on the coefficients."""
     import torch
 
-    from replicate.approximation import regional_model
     from replicate.approximation.conditioning import parameter_scale
+    from replicate.approximation.losses import Supervision
     from replicate.approximation.segments import segment_vertices
-    from replicate.approximation.supervision import Supervision
     from replicate.approximation.training import prepare
     from replicate.approximation.training import train as minimise
+    from replicate.regional import model as regional_model
 
     numbers, section = context.config, context.config.section
     device = prepare(numbers.device)
-    mesh, samples = built_rig.load_mesh(context.inputs), drawn_samples.load(context.inputs)
-    movable = np.sort(segment_vertices(rigid_segments.load_coarse_segments(context.inputs, mesh)))
+    mesh, samples = artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
+    movable = np.sort(segment_vertices(artefacts.load_coarse_segments(context.inputs, mesh)))
     supervision = Supervision(mesh, samples, movable, section.normal_weight, device)
     bases, projections, coefficients = stored_bases(supervision, section, context.progress)
     scale = parameter_scale(samples.params)
     params = np.asarray(samples.params / scale, np.float32)
     slopes = rig_slopes(context, samples.params, bases, projections) if section.derivatives else None
     length = float(np.sqrt(np.mean(np.square(coefficients), dtype=np.float64))) or 1.0
-    influence = control_influence.load(context.inputs)
+    influence = artefacts.load_influence(context.inputs)
     network = untrained_networks(bases, influence, section)
     start(network, params, coefficients / np.float32(length), torch.Generator().manual_seed(numbers.seed))
     network = network.to(device)
@@ -137,12 +137,12 @@ def train(context: StageContext) -> None:
 
 
 def untrained_networks(
-    bases: "Sequence[replicate.approximation.regional_model.StoredBasis]",
+    bases: "Sequence[replicate.regional.model.StoredBasis]",
     influence: Bool[np.ndarray, "n m"],
     section: RegionalConfig,
-) -> "replicate.approximation.regional_networks.RegionalNetworks":
+) -> "replicate.regional.networks.RegionalNetworks":
     """Return the networks of some bases; influence: which control moves which vertex."""
-    from replicate.approximation.regional_networks import fresh_networks
+    from replicate.regional.networks import fresh_networks
 
     members = [basis.vertices.numpy() for basis in bases]
     members = members if section.by_region else [np.concatenate(members)]
@@ -161,7 +161,7 @@ def parameters_of(influence: Bool[np.ndarray, "k m"]) -> Int[np.ndarray, " j"]:
 
 
 def start(
-    network: "replicate.approximation.regional_networks.RegionalNetworks",
+    network: "replicate.regional.networks.RegionalNetworks",
     params: Float[np.ndarray, "s m"],
     coefficients: Float[np.ndarray, "s d"],
     generator: "torch.Generator",
@@ -178,8 +178,8 @@ def start(
 
 
 def stored_bases(
-    supervision: "replicate.approximation.supervision.Supervision", section: RegionalConfig, progress: Callable
-) -> "tuple[list[replicate.approximation.regional_model.StoredBasis], list[np.ndarray], np.ndarray]":
+    supervision: "replicate.approximation.losses.Supervision", section: RegionalConfig, progress: Callable
+) -> "tuple[list[replicate.regional.model.StoredBasis], list[np.ndarray], np.ndarray]":
     """Return bases, what projects onto them, and coefficients.
 
     Each region's basis comes in few bits, with the (3k, c) matrix that gives coefficients of it. Coefficients are those
@@ -187,16 +187,10 @@ def stored_bases(
     """
     from threadpoolctl import threadpool_limits
 
-    from replicate.approximation.regional_basis import (
-        RegionalBasis,
-        loss_metric,
-        principal_basis,
-        projection,
-        split_regions,
-    )
-    from replicate.approximation.regional_model import store
+    from replicate.approximation.losses import spread
     from replicate.approximation.segments import faces_within
-    from replicate.approximation.supervision import spread
+    from replicate.regional.basis import RegionalBasis, loss_metric, principal_basis, projection, split_regions
+    from replicate.regional.model import store
 
     mesh, samples, movable = supervision.mesh, supervision.samples, supervision.movable
     few = spread(len(samples), section.basis_samples)
@@ -228,17 +222,17 @@ def stored_bases(
 
 
 def blended_bases(
-    supervision: "replicate.approximation.supervision.Supervision",
-    bases: "Sequence[replicate.approximation.regional_model.StoredBasis]",
+    supervision: "replicate.approximation.losses.Supervision",
+    bases: "Sequence[replicate.regional.model.StoredBasis]",
     coefficients: Float32[np.ndarray, "s d"],
     section: RegionalConfig,
-) -> "list[replicate.approximation.regional_model.StoredBasis]":
+) -> "list[replicate.regional.model.StoredBasis]":
     """Return bases that overlap, of some that don't; coefficients: of all training samples."""
     from threadpoolctl import threadpool_limits
 
-    from replicate.approximation.regional_basis import blend_weights
-    from replicate.approximation.regional_model import blended
-    from replicate.approximation.supervision import spread
+    from replicate.approximation.losses import spread
+    from replicate.regional.basis import blend_weights
+    from replicate.regional.model import blended
 
     mesh, samples = supervision.mesh, supervision.samples
     few = spread(len(samples), section.basis_samples)
@@ -256,7 +250,7 @@ def blended_bases(
 def rig_slopes(
     context: StageContext,
     params: Float[np.ndarray, "s m"],
-    bases: "Sequence[replicate.approximation.regional_model.StoredBasis]",
+    bases: "Sequence[replicate.regional.model.StoredBasis]",
     projections: Sequence[np.ndarray],
 ) -> tuple[Float32[np.ndarray, "s m"], Float32[np.ndarray, "s d"]]:
     """Return, for each training sample, a direction and the exact change of its coefficients along it (Sobolev).
@@ -264,9 +258,9 @@ def rig_slopes(
     A direction leads some of the way to another training sample, so that it is one that poses differ by. Raises
     InputError for a rig that can't be differentiated.
     """
-    from replicate.approximation.rig_derivatives import derivative_batches
+    from replicate.regional.derivatives import derivative_batches
 
-    section, rig = context.config.section, built_rig.load(context.inputs)
+    section, rig = context.config.section, artefacts.load_rig(context.inputs)
     if not has_function(rig):
         raise InputError(
             f"{context.name}.derivatives is {section.derivatives}, where only 0 is allowed: {rig.name} is known by its "
@@ -292,9 +286,9 @@ def chunks_of(array: np.ndarray) -> Iterator[np.ndarray]:
         yield array[start : start + CHUNK].astype(np.float64)
 
 
-def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.regional_model.RegionalModel":
+def load_model(inputs: Mapping[str, Path]) -> "replicate.regional.model.RegionalModel":
     """Return the networks and their bases."""
-    from replicate.approximation.regional_model import load
+    from replicate.regional.model import load
 
     return load(inputs["regional"])
 

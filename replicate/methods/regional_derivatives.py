@@ -9,14 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage
 from replicate.methods import regional
 from replicate.methods.method import variant
+from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks
 
 if TYPE_CHECKING:
-    import replicate.approximation.regional_model
+    import replicate.regional.model
 
 WEIGHT = 1.0  # of the derivatives in the loss
 
@@ -32,9 +32,9 @@ def stage(plan: Plan) -> Stage:
     return plan.stage("regional_derivatives", regional.train, plan.training(section), *inputs_of_networks(plan))
 
 
-def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.regional_model.RegionalModel":
+def load_model(inputs: Mapping[str, Path]) -> "replicate.regional.model.RegionalModel":
     """Return the network and its bases."""
-    from replicate.approximation.regional_model import load
+    from replicate.regional.model import load
 
     return load(inputs["regional_derivatives"])
 

@@ -13,14 +13,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replicate.artefacts.plan import Plan
-from replicate.config import CoarseConfig, ConditioningConfig, DenseConfig, RefinementConfig, TrainingConfig
-from replicate.engine.schema import read_table
+from replicate.base.schema import read_table
+from replicate.config import PROFILES, CoarseConfig, ConditioningConfig, DenseConfig, RefinementConfig, TrainingConfig
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import coarse, dense_network, refined
 from replicate.methods.method import Method, variant
+from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks
-from replicate.profiles import PROFILES
 
 if TYPE_CHECKING:
     import replicate.approximation.model
@@ -114,14 +113,14 @@ def load_refined_model(inputs: Mapping[str, Path]) -> "replicate.approximation.r
 
 def load_dense_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
     """Return the dense networks of the released widths."""
-    from replicate.approximation.dense import load_dense
+    from replicate.baselines.dense import load_dense
 
     return load_dense(inputs[DENSE])
 
 
 def load_narrow_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
     """Return the dense networks of the paper's widths."""
-    from replicate.approximation.dense import load_dense
+    from replicate.baselines.dense import load_dense
 
     return load_dense(inputs[NARROW])
 

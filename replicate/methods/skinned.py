@@ -7,15 +7,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replicate.artefacts import built_rig, drawn_samples
-from replicate.artefacts.plan import Plan
 from replicate.config import Config, LbsConfig
 from replicate.engine.stage import Stage, StageContext, stream_rng
 from replicate.geometry.mesh import Mesh
+from replicate.methods import artefacts
 from replicate.methods.method import Method, Number
+from replicate.methods.plan import Plan
 
 if TYPE_CHECKING:
-    import replicate.approximation.skinning.ssdr
+    import replicate.baselines.skinning.ssdr
 
 FILE = "skin.npz"
 GREYS = {16: "#BBBBBB", 24: "#888888", 32: "#555555"}
@@ -50,14 +50,14 @@ def stage(plan: Plan, bones: int) -> Stage:
     numbers = SkinNumbers(
         bones, lbs.influences, lbs.samples, lbs.relaxed, lbs.iterations, lbs.coherence, plan.config.seed
     )
-    return plan.stage(f"lbs{bones}", fit_skin, numbers, built_rig.stage(plan), drawn_samples.stage(plan))
+    return plan.stage(f"lbs{bones}", fit_skin, numbers, artefacts.rig_stage(plan), artefacts.samples_stage(plan))
 
 
 def fit_skin(context: StageContext) -> None:
     """Fit bones and weights to training poses, the same poses for every number of bones."""
-    from replicate.approximation.skinning.ssdr import fit
+    from replicate.baselines.skinning.ssdr import fit
 
-    numbers, mesh, samples = context.config, built_rig.load_mesh(context.inputs), drawn_samples.load(context.inputs)
+    numbers, mesh, samples = context.config, artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
     poses = samples.draw(stream_rng(numbers.seed, "lbs", "poses"), min(numbers.samples, len(samples)))
     skin = fit(
         mesh.neutral,
@@ -75,16 +75,16 @@ def fit_skin(context: StageContext) -> None:
     skin.save(context.out / FILE)
 
 
-def load_skin(inputs: Mapping[str, Path], bones: int) -> "replicate.approximation.skinning.ssdr.Skin":
+def load_skin(inputs: Mapping[str, Path], bones: int) -> "replicate.baselines.skinning.ssdr.Skin":
     """Return the skin with some number of bones."""
-    from replicate.approximation.skinning.ssdr import Skin
+    from replicate.baselines.skinning.ssdr import Skin
 
     return Skin.load(inputs[f"lbs{bones}"] / FILE)
 
 
 def load(inputs: Mapping[str, Path], numbers: RefitNumbers) -> Callable:
     """Return (parameters, truth (b, n, 3)) → vertices of the skin in the poses that come nearest to the truth."""
-    from replicate.approximation.skinning.ssdr import refit
+    from replicate.baselines.skinning.ssdr import refit
 
     skin = load_skin(inputs, numbers.bones)
     return lambda params, truth: skin.deform(*refit(skin, truth, numbers.sweeps, numbers.settled))
@@ -98,7 +98,7 @@ def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Number]:
 
 def multiplications(inputs: Mapping[str, Path], numbers: RefitNumbers) -> int:
     """Return how many multiplications the blend of one pose takes; finding its bones from the truth is left out."""
-    from replicate.approximation.multiplications import of_blend
+    from replicate.baselines.multiplications import of_blend
 
     return of_blend(load_skin(inputs, numbers.bones).weights)
 

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.linear import fit_features, load_fits, own, with_constant
 from replicate.methods.method import Method
+from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks
 
 if TYPE_CHECKING:
@@ -31,14 +31,14 @@ def fit(context: StageContext) -> None:
 
 
 def _features(params: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    from replicate.approximation.polynomial_fits import explicit_features
+    from replicate.baselines.ridge import explicit_features
 
     return with_constant(explicit_features("squares", params[:, seen]))
 
 
 def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
     """Return the fits as a model of one matrix a segment."""
-    from replicate.approximation.squares_line import squares_model
+    from replicate.baselines.ridge import squares_model
 
     return load_fits(inputs, "squares", squares_model)
 

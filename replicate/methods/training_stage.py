@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from replicate.artefacts import built_rig, control_influence, drawn_samples, rigid_segments
-from replicate.artefacts.plan import Plan
 from replicate.engine.stage import Stage, StageContext
+from replicate.methods import artefacts
+from replicate.methods.plan import Plan
 
 if TYPE_CHECKING:
     import replicate.approximation.model
@@ -16,7 +16,10 @@ LOG = "log.csv"
 
 def inputs_of_networks(plan: Plan) -> tuple[Stage, ...]:
     """Return the stages that a network for each coarse segment is trained on."""
-    return tuple(module.stage(plan) for module in (built_rig, drawn_samples, control_influence, rigid_segments))
+    return tuple(
+        stage(plan)
+        for stage in (artefacts.rig_stage, artefacts.samples_stage, artefacts.influence_stage, artefacts.rigid_stage)
+    )
 
 
 def train_on_segments(
@@ -31,13 +34,13 @@ def train_on_segments(
     lines: straight lines that the networks learn to add to, and that become part of the model; none by default.
     """
     from replicate.approximation.conditioning import input_scale
-    from replicate.approximation.linear_skip import add_line
-    from replicate.approximation.segment_training import train_segments
+    from replicate.approximation.training import train_segments
+    from replicate.baselines.line import add_line
 
-    numbers, mesh = context.config, built_rig.load_mesh(context.inputs)
-    samples, segments = drawn_samples.load(context.inputs), rigid_segments.load_coarse_segments(context.inputs, mesh)
+    numbers, mesh = context.config, artefacts.load_mesh(context.inputs)
+    samples, segments = artefacts.load_samples(context.inputs), artefacts.load_coarse_segments(context.inputs, mesh)
     networks = [make_network(segment, facts) for segment in segments]
-    scale = input_scale(numbers.section.conditioning, samples.params, lambda: built_rig.load(context.inputs))
+    scale = input_scale(numbers.section.conditioning, samples.params, lambda: artefacts.load_rig(context.inputs))
     model, log = train_segments(
         mesh,
         segments,

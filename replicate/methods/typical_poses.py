@@ -13,13 +13,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32
 
-from replicate.artefacts import built_rig, drawn_samples
-from replicate.artefacts.plan import Plan, reference
 from replicate.engine.stage import Stage, StageContext
-from replicate.methods import measurement
-from replicate.methods.measurement import MeasurementNumbers, measured_poses, predictor
+from replicate.methods import artefacts, measurement
+from replicate.methods.measurement import MeasurementNumbers, measured_poses, predictor, reading
 from replicate.methods.method import Method
-from replicate.methods.prediction import reading
+from replicate.methods.plan import Plan, reference
 
 RANKED_BY = ("refined", "coarse")
 MEDIAN, WORST = "median", "worst"
@@ -56,7 +54,7 @@ def ranking_stage(plan: Plan, methods: Sequence[Method]) -> Stage:
     """Return the stage that chooses the median and the worst test pose."""
     method = ranking_method(methods)
     numbers = RankingNumbers(method.name, method.poses(plan.config), plan.config.seed)
-    return plan.stage("ranked", rank, numbers, drawn_samples.stage(plan), measurement.stage(plan, method))
+    return plan.stage("ranked", rank, numbers, artefacts.samples_stage(plan), measurement.stage(plan, method))
 
 
 def stages(plan: Plan, methods: Sequence[Method], known: KnownPoses | None = None) -> list[Stage]:
@@ -67,7 +65,7 @@ def stages(plan: Plan, methods: Sequence[Method], known: KnownPoses | None = Non
     if not methods:
         return []
     if known and known.ranked_by not in {method.name for method in methods}:
-        ranked = plan.stage("ranked", take, known, drawn_samples.stage(plan))
+        ranked = plan.stage("ranked", take, known, artefacts.samples_stage(plan))
     else:
         ranked = ranking_stage(plan, methods)
     return [ranked, *(_prediction(plan, method, ranked) for method in methods if method.in_figures)]
@@ -81,7 +79,7 @@ def _prediction(plan: Plan, method: Method, ranked: Stage) -> Stage:
 
 def rank(context: StageContext) -> None:
     """Choose the median and the worst test pose."""
-    numbers, samples = context.config, drawn_samples.load(context.inputs)
+    numbers, samples = context.config, artefacts.load_samples(context.inputs)
     poses = measured_poses(samples.test_params, numbers.test_poses, numbers.seed)
     errors = measurement.load_errors(measurement.error_folders(context.inputs)[numbers.method]).pose_deg
     order = poses[np.argsort(errors, kind="stable")]
@@ -97,7 +95,7 @@ def take(context: StageContext) -> None:
 def predict(context: StageContext) -> None:
     """Predict the median and the worst test pose with one method."""
     numbers: MeasurementNumbers = context.config
-    mesh, samples = built_rig.load_mesh(context.inputs), drawn_samples.load(context.inputs)
+    mesh, samples = artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
     rows = [load_chosen(context.inputs)[1][choice] for choice in CHOICES]
     truth = mesh.neutral + np.asarray(samples.test_offsets[rows], np.float32)
     predicted = predictor(numbers, context.inputs)(samples.test_params[rows], truth)

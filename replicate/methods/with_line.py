@@ -8,11 +8,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replicate.artefacts.plan import Plan
 from replicate.config import CoarseConfig, DenseConfig
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import coarse, dense_network, linear, refined
 from replicate.methods.method import Method, variant
+from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks, train_on_segments
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def train_coarse(context: StageContext) -> None:
 
 def train_dense(context: StageContext) -> None:
     """Train dense networks on what the line leaves."""
-    from replicate.approximation import dense
+    from replicate.baselines import dense
 
     facts = dense.shape_facts(context.config.section)
     train_on_segments(context, dense.make_network, facts, dense.save, linear.load_model(context.inputs))
@@ -70,8 +70,8 @@ def train_refined(context: StageContext) -> None:
 def load_coarse_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
     """Return the coarse networks with their line."""
     from replicate.approximation import cnn
-    from replicate.approximation.linear_skip import maker
     from replicate.approximation.model import load_model
+    from replicate.baselines.line import maker
 
     return load_model(inputs[COARSE], maker(cnn.make_network))
 
@@ -85,9 +85,9 @@ def load_refined_model(inputs: Mapping[str, Path]) -> "replicate.approximation.r
 
 def load_dense_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
     """Return the dense networks with their line."""
-    from replicate.approximation import dense
-    from replicate.approximation.linear_skip import maker
     from replicate.approximation.model import load_model
+    from replicate.baselines import dense
+    from replicate.baselines.line import maker
 
     return load_model(inputs[DENSE], maker(dense.make_network))
 

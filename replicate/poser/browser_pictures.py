@@ -17,11 +17,11 @@ from urllib.parse import quote
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from replicate.base.exceptions import RunError
 from replicate.drawing.panels import Words, panel_grid
-from replicate.engine.exceptions import RunError
 from replicate.inverse.control_points import control_points, targets_of_drags
-from replicate.poser.check_poses import posed_vertices
 from replicate.poser.contents import PosedFace
+from replicate.poser.face_page import posed_vertices
 
 if TYPE_CHECKING:
     import matplotlib.figure

@@ -8,7 +8,7 @@ from jaxtyping import Float, Float32
 
 from data_recipes.rig import Rig
 from replicate.drawing.heatmap import ROOT, colour_bar
-from replicate.drawing.marker_balls import balls_in_front
+from replicate.drawing.marks import balls_in_front
 from replicate.drawing.panels import Words, panel_grid
 from replicate.drawing.prop_surfaces import carry_props, prop_surfaces
 from replicate.drawing.render import render

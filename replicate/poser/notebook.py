@@ -6,21 +6,32 @@ the rig at them and answers with a colour for each vertex. While an answer is on
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import anywidget
 import numpy as np
 import traitlets
 from jaxtyping import Float
 
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
+from replicate.base.paths import cache_folder, display_path
+from replicate.engine.store import load
+from replicate.inverse import ik_stage
 from replicate.inverse.control_points import control_points, targets_of_drags
-from replicate.poser.check_poses import posed_vertices
+from replicate.methods import artefacts as methods_artefacts
+from replicate.methods import coarse, refined, regional
 from replicate.poser.contents import PosedFace, face_contents
 from replicate.poser.display_parts import display_contents
-from replicate.poser.pack import packed
-from replicate.poser.page import FRONT, SCRIPTS, STYLES, joined
+from replicate.poser.face_page import posed_vertices
+from replicate.poser.pack import FRONT, SCRIPTS, STYLES, joined, packed
 from replicate.poser.rig_errors import NORMAL, SCALES, RigErrors, rig_errors
 from replicate.poser.saved_pose import SLACK, read_pose, write_pose
+from replicate.report.manifest import command_of, entries
+from replicate.report.notebooks import folder_of
+
+if TYPE_CHECKING:
+    from replicate.poser.contents import Approximation, PosedFace
+
 
 BAR_STEPS = 24  # colours of the legend's bar
 AS_LISTS = {
@@ -50,7 +61,7 @@ class Poser(anywidget.AnyWidget):
     errors = traitlets.Dict().tag(sync=True)
 
     def __init__(self, face: PosedFace):
-        from replicate.engine.progress import progress
+        from replicate.base.progress import progress
 
         self.face, self.judged = face, None
         self._points = control_points(face.rig, face.influence)
@@ -167,3 +178,76 @@ def _numbers(value: object, shape: tuple[int, ...], name: str) -> np.ndarray:
         found = f"an array of shape {array.shape}" if np.isfinite(array).all() else "an array with NaN or infinity"
         raise InputError(f"{name} is {found}: allowed are finite numbers in the shape {shape}")
     return array
+
+
+# Faces to pose, from the artefacts that a folder of results was made with; nothing is trained for it.
+
+NETWORKS = f"{ik_stage.PREFIX}_"
+SHOWN = "figure11"  # whose networks pose a face; its IK networks are trained through the first method that it shows
+EVALUATED = (regional.METHOD.name, coarse.METHOD.name, refined.METHOD.name)  # by the page's JavaScript
+
+
+def open_poser(results: str, character: str) -> "Poser":
+    """Return a widget to pose a character in, with the networks that its Figure 11 was made with.
+
+    results: "reference", or the profile of a run of yours. Raises InputError as `open_face` does.
+    """
+    return Poser(open_face(results, character))
+
+
+def what_is_missing(results: str, character: str) -> str:
+    """Return "" if `open_poser` can do its work, else a sentence with the command that makes what is missing."""
+    try:
+        artefacts_of_run(results, character)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def open_face(results: str, character: str) -> "PosedFace":
+    """Return what poses a character: the rig, our method's model and the IK networks.
+
+    Raises InputError where the manifest names no such results, or the cache doesn't hold their artefacts.
+    """
+    inputs = artefacts_of_run(results, character)
+    (networks,) = (name for name in inputs if name.startswith(NETWORKS))
+    return read_face(inputs, regional.load_model(inputs), networks.removeprefix(NETWORKS))
+
+
+def read_face(inputs: Mapping[str, Path], model: "Approximation", trained_through: str) -> "PosedFace":
+    """Return what poses a character. trained_through: the method that the IK networks are trained through."""
+    from replicate.poser.contents import PosedFace
+
+    return PosedFace(
+        methods_artefacts.load_rig(inputs),
+        model,
+        methods_artefacts.load_attachments(inputs),
+        ik_stage.load(inputs, trained_through),
+        methods_artefacts.load_influence(inputs),
+    )
+
+
+def artefacts_of_run(results: str, character: str) -> dict[str, Path]:
+    """Return the folders of what poses a character, by stage name, all of them verified.
+
+    Raises InputError as `open_face` does; the sentence has the command that makes what is missing.
+    """
+    folder = folder_of(results)
+    facts = entries(folder, SHOWN).get(character)
+    if facts is None:
+        command = f"make {command_of(SHOWN)} CHARACTERS={character}"
+        raise InputError(f"{display_path(folder)}: there is no {SHOWN} of {character}; `{command}` makes it.")
+    needed = ("rig", "rigid", "influence", regional.METHOD.name)
+    found: dict[str, Path] = {}
+    for title, stage in facts["stages"].items():
+        name = title.partition("-")[0]
+        if name in needed or name.startswith(NETWORKS):
+            artefact = load(f"{title}-{stage['key']}")
+            if artefact is None:
+                command = f"make {command_of(SHOWN)} CHARACTERS={character} PROFILE={facts['profile']}"
+                raise InputError(
+                    f"The cache, {display_path(cache_folder())}, does not hold {title} as these results have it. "
+                    f"`{command}` trains what is missing; then open the results of {facts['profile']!r}."
+                )
+            found[name] = artefact
+    return found

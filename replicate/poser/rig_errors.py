@@ -7,8 +7,8 @@ from jaxtyping import Float, Float32, Int, UInt8
 
 from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.drawing.heatmap import NORMAL_TICKS_DEG, ROOT, error_colours
-from replicate.poser.check_poses import posed_vertices
 from replicate.poser.contents import PosedFace
+from replicate.poser.face_page import posed_vertices
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from data_recipes.rig import Rig
-from replicate.engine.atomic_files import write_text
-from replicate.engine.exceptions import InputError
-from replicate.engine.schema import shown
-from replicate.engine.user_files import read_text, shown_path
+from replicate.base.exceptions import InputError
+from replicate.base.files import write_text
+from replicate.base.schema import shown
+from replicate.base.user_files import read_text, shown_path
 
 FORMAT, VERSION = "facial pose", 1
 SLACK = 1e-4  # beyond a limit, as rounding in the page leaves it

@@ -9,9 +9,9 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from replicate.base.exceptions import InputError
+from replicate.base.files import write_text
 from replicate.config import Config
-from replicate.engine.atomic_files import write_text
-from replicate.engine.exceptions import InputError
 from replicate.engine.provenance import graph_git, stage_facts
 from replicate.engine.stage import Stage
 from replicate.engine.store import artefact_folder, read_manifest

@@ -4,17 +4,23 @@ Figures and notebooks read these files, so they need neither a cache nor a train
 """
 
 import json
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
 
-from replicate.drawing.colours import colour_in_bytes
-from replicate.engine.atomic_files import replacing
-from replicate.engine.exceptions import InputError
+from replicate.approximation.metrics import normal_error, vertex_error
+from replicate.base.exceptions import InputError
+from replicate.base.files import replacing
+from replicate.drawing.prop_surfaces import carry_props, colour_in_bytes, prop_surfaces
+from replicate.drawing.scene import Camera, Surface, camera_for, forehead_camera, frame_surfaces
 from replicate.geometry.face_regions import NO_REGION
 from replicate.methods import typical_poses
+from replicate.methods.method_registry import in_order, method_named
+from replicate.methods.typical_poses import MEDIAN, WORST
 
 TRUTH = "truth"
 FOLDED = "folded"
@@ -102,3 +108,97 @@ def load_pose(path: Path) -> PoseRecord:
         raise InputError(f"{path}: found no pose as `make table2` writes it ({error}).") from None
     vertices = dict(zip(facts["labels"], neutral + offsets, strict=True))
     return PoseRecord(facts["character"], facts["pose"], neutral, faces, vertices, props, *rule, region)
+
+
+# How far a method is off in one recorded pose: over the whole mesh, and region by region of the face.
+
+WHOLE = "whole mesh"  # what the mean over the whole mesh is called beside those of regions
+
+
+def normal_means_deg(record: PoseRecord, method: str) -> dict[str, float]:
+    """Return the mean normal error (Eq. 11) of a method in degrees, over the whole mesh and over each region.
+
+    A region whose mesh faces have no normal gives NaN.
+    """
+    errors = normal_error(record.vertices[method], record.vertices[TRUTH], record.faces)
+    means = {WHOLE: float(np.nanmean(errors))}
+    for k, name in enumerate(record.region_names):
+        own = errors[record.region == k]
+        means[name] = float(np.nanmean(own)) if np.isfinite(own).any() else float("nan")
+    return means
+
+
+def vertex_mean_mm(record: PoseRecord, method: str) -> float:
+    """Return the mean distance of a method's vertices from the true ones, in mm."""
+    return float(vertex_error(record.vertices[method], record.vertices[TRUTH]).mean())
+
+
+# How figures name what they show: a method's title, or the ground truth; and by which rule a pose was chosen.
+
+
+def panel_title(method: str) -> str:
+    """Return a method's title, with the mark of its note, or that of the truth."""
+    return "Ground truth" if method == TRUTH else method_named(method).title
+
+
+def plain_name(method: str) -> str:
+    """Return the same without the mark."""
+    return "Ground truth" if method == TRUTH else method_named(method).label
+
+
+def marks_in_words(methods: Iterable[str]) -> str:
+    """Return the notes of the marks that some methods' titles have, each once, as sentences."""
+    notes = [method_named(name) for name in in_order(set(methods) - {TRUTH})]
+    return " ".join(dict.fromkeys(f"{method.mark} {method.note}" for method in notes if method.mark))
+
+
+def pose_in_words(record: PoseRecord) -> str:
+    """Return which test pose a record holds, whose, and by which rule it was chosen."""
+    rules = {
+        FOLDED: "the one whose forehead folds most",
+        MEDIAN: f"the median of the mean normal errors of “{plain_name(record.ranked_by)}”",
+        WORST: f"the one with the largest mean normal error of “{plain_name(record.ranked_by)}”",
+    }
+    return f"test pose {record.pose} of {record.character}, {rules[record.choice]}"
+
+
+# What a method has of a pose, as surfaces in clay: its skin, and brows and eyeballs with it; and the view of them.
+
+
+def clay_surfaces(record: PoseRecord, method: str) -> list[Surface]:
+    """Return the surfaces of a pose as one of the record's methods has it."""
+    vertices = record.vertices[method]
+    props = carry_props(record.props, record.vertices[TRUTH], vertices)
+    return [Surface(vertices, record.faces), *prop_surfaces(props)]
+
+
+def view_of(record: PoseRecord, camera: str, aspect: float) -> Camera:
+    """Return a named camera for the panels of a pose, whose width is so many times their height.
+
+    From the front the whole head fills the panel, wherever the pose has moved it; the camera on the forehead follows
+    that. Other views are fixed.
+    """
+    if camera == "forehead":
+        return forehead_camera(record.neutral, record.faces, record.vertices[TRUTH])
+    view = camera_for(camera, record.neutral)
+    return frame_surfaces(view, clay_surfaces(record, TRUTH), aspect) if camera == "front" else view
+
+
+# How captions name a character whose segments they show: with the charts that its face lies in.
+
+
+def with_layout(character: str, segment_names: Sequence[str]) -> str:
+    """Return a character's name as results have it and in how many charts its face lies: "teen (face in 4 charts)".
+
+    segment_names: those of its mesh; charts of the face are called face, or face_1, face_2 … (D21). The name alone
+    where there are none.
+    """
+    charts = sum(bool(re.fullmatch(r"face(_\d+)?", name)) for name in segment_names)
+    layout = {0: "", 1: " (face in one chart)"}.get(charts, f" (face in {charts} charts)")
+    return character + layout
+
+
+# Which methods Figures 1 and 9 show beside the truth, in their order.
+
+FIGURE01 = ("refined", "regional", "lbs32")
+FIGURE09 = ("refined", "regional", "lbs32", "coarse", "floor_refined")

@@ -1,16 +1,23 @@
 """Results as tidy CSV: one row a number, full precision, sorted, so that two runs can be compared with `diff`."""
 
 import hashlib
+import re
 import statistics
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replicate.engine.tidy_files import Column, read_csv, write_csv
+from data_recipes.recipe_paths import OUTSIDE, recipe_file
+from replicate.approximation.metrics import Errors, summary
+from replicate.base.exceptions import InputError
+from replicate.base.paths import PAPER, committed_folders, display_path, run_folder
+from replicate.base.tables import Column, read_csv, write_csv
+from replicate.config import PROFILES
 
 if TYPE_CHECKING:
     import pandas
+
 
 UNITS = ("mm", "deg", "ms", "s", "J", "MB", "count", "ratio")
 KEY = ("table", "character", "method", "metric")  # what a number is
@@ -133,3 +140,186 @@ def find(rows: Iterable[Row], table: str, character: str, method: str, metric: s
         if row.metric == metric and row.method == method and row.character == character and row.table == table:
             return row
     return None
+
+
+# The name of a run, as results have it in the column `run`.
+
+
+def run_name(inputs: Mapping[str, Path]) -> str:
+    """Return the name of a run: a hash of the keys of the artefacts that its numbers come from."""
+    return hashlib.sha256("\n".join(sorted(path.name for path in inputs.values())).encode()).hexdigest()[:12]
+
+
+# A method's errors as rows of Table 2: over the whole mesh, and segment by segment.
+
+
+def error_rows(character: str, errors: Mapping[str, Errors], profile: str, run: str, seeds: int = 1) -> list[Row]:
+    """Return Table 2's rows, and those of "table2_segments" as metric[segment]."""
+    rows = []
+    for label, error in errors.items():
+        numbers = [("table2", "normal_faces_left_out", "count", summary(error.normal).left_out)]
+        for group in (None, *range(len(error.group_names))):
+            table = "table2" if group is None else "table2_segments"
+            suffix = "" if group is None else f"[{error.group_names[group]}]"
+            for kind, unit, tally in (("vertex", "mm", error.vertex), ("normal", "deg", error.normal)):
+                statistics = summary(tally, group)
+                for name in ("mean", "p95", "max") if statistics.count else ():
+                    numbers.append((table, f"{kind}_error_{name}{suffix}", unit, getattr(statistics, name)))
+        for table, metric, unit, value in numbers:
+            poses = len(error.pose_mm)
+            rows.append(Row(table, character, label, metric, unit, float(value), None, seeds, poses, profile, run))
+    return rows
+
+
+# Results of each seed by itself, beside the table of their means: one row a number and a seed.
+
+SEED_SCHEMA = (Column("seed", "whole number"), *SCHEMA)
+SEED_KEY = ("seed", *KEY)
+Seeds = Mapping[int, Sequence[Row]]  # rows by their seed
+
+
+def write_seeds(path: Path, seeds: Seeds) -> None:
+    """Write the rows of every seed, sorted, to a CSV file: the columns of a table with `seed` before them."""
+    lines = ((seed, row) for seed in sorted(seeds) for row in sorted(seeds[seed], key=lambda row: row.key))
+    write_csv(path, SEED_SCHEMA, ((seed, *astuple(row)) for seed, row in lines), SEED_KEY)
+
+
+def read_seeds(path: Path) -> dict[int, list[Row]]:
+    """Read the rows of every seed. Raises InputError, naming the file and the line, for a file that holds none."""
+    frame = read_csv(path, SEED_SCHEMA, SEED_KEY, missing="there is no such file of single seeds.").astype(object)
+    seeds: dict[int, list[Row]] = {}
+    for seed, *cells in frame.where(frame.notna(), None).itertuples(index=False, name=None):
+        seeds.setdefault(int(seed), []).append(Row(*cells))
+    return seeds
+
+
+def where(seeds: Seeds, keep: Callable[[str], bool]) -> dict[int, list[Row]]:
+    """Return the rows of those characters whose name a function says yes to."""
+    return {seed: [row for row in rows if keep(row.character)] for seed, rows in seeds.items()}
+
+
+def of_character(seeds: Seeds, character: str) -> dict[int, list[Row]]:
+    """Return the rows of one character, of the seeds that it has."""
+    return {seed: rows for seed, rows in where(seeds, character.__eq__).items() if rows}
+
+
+def joined(seeds: Seeds, others: Seeds) -> dict[int, list[Row]]:
+    """Return the rows of both, seed by seed."""
+    return {seed: [*seeds.get(seed, ()), *others.get(seed, ())] for seed in sorted({*seeds, *others})}
+
+
+# Who stands for whom: our characters beside the paper's, and the order in which tables list them.
+
+STANDS_FOR = {"teen": "Hiccup", "woman": "Valka", "dragon": "Toothless", "toon": "Ray"}
+
+
+def cast() -> tuple[str, ...]:
+    """Return the characters that stand for the paper's four, in its order: those that have a recipe."""
+    return tuple(name for name in STANDS_FOR if recipe_file(name).is_file())
+
+
+def order_of(character: str) -> tuple[bool, int, str]:
+    """Return what sorts characters: those that stand for one of the paper's in its order, then others by name.
+
+    Variants, as teen@one_face, come last, in the order of the characters that they are variants of.
+    """
+    names, (base, at, _) = list(STANDS_FOR), character.partition("@")
+    return bool(at), (names.index(base) if base in names else len(names)), character
+
+
+def has_committed_meshes(character: str) -> bool:
+    """Return whether meshes of a character's test poses are committed, beside numbers and pictures.
+
+    Those of a face that is no part of this project are not; those of variants, as teen@one_face, would take space.
+    """
+    return character not in OUTSIDE and "@" not in character
+
+
+def led_by(characters: Iterable[str], first: str) -> list[str]:
+    """Return the characters with one of them in front, if it is among them."""
+    return sorted(characters, key=lambda name: name != first)
+
+
+def characters_of(rows: Iterable[Row]) -> list[str]:
+    """Return the characters of some rows in the order of the paper's."""
+    return sorted({row.character for row in rows}, key=order_of)
+
+
+# Held-out error against training step, from the networks' training logs.
+
+LOG_MEASURES = (Column("step", "whole number"), *(Column(name, "number") for name in ("loss", "mm", "degrees")))
+CURVE_NAMES = ("character", "method")
+CURVE_COLUMNS = (*map(Column, CURVE_NAMES), *LOG_MEASURES)
+MISSING = "there are no such training curves; `make table2` makes them."
+
+Curve = tuple[tuple[float, float, float, float], ...]  # (step, loss, mm, degrees) at each measurement
+
+
+def read_log(path: Path) -> Curve:
+    """Read a network's log.csv: step, mean loss since the row before, and mm and degrees on held-out poses.
+
+    Raises InputError, naming file and line, for anything else.
+    """
+    return _curve(read_csv(path, LOG_MEASURES, (), MISSING))
+
+
+def write_curves(path: Path, curves: Mapping[tuple[str, str], Curve]) -> None:
+    """Write the curves of every (character, method) to one CSV file, sorted."""
+    lines = ((*names, int(step), *map(float, rest)) for names, curve in sorted(curves.items()) for step, *rest in curve)
+    write_csv(path, CURVE_COLUMNS, lines)
+
+
+def read_curves(path: Path) -> dict[tuple[str, str], Curve]:
+    """Read what `write_curves` wrote. Raises InputError, naming file and line, for anything else."""
+    frame = read_csv(path, CURVE_COLUMNS, (), MISSING)
+    return {names: _curve(rows) for names, rows in frame.groupby(list(CURVE_NAMES), sort=False)}
+
+
+def _curve(frame) -> Curve:
+    columns = (column.name for column in LOG_MEASURES)
+    return tuple(zip(*(frame[name].astype(float).tolist() for name in columns), strict=True))
+
+
+# All results of a run as one tidy DataFrame.
+
+TABLE_FILE = re.compile(
+    r"(table\d+|figure\d+|rig_report|bench_\w+)\.csv"
+)  # other CSV files hold what is behind a figure
+
+
+def read_run(run: str) -> "pandas.DataFrame":
+    """Return every table of a run, with the columns and dtypes of `results.SCHEMA`; empty cells are missing values.
+
+    run: as in `replicate.results`. Raises InputError for a run of another name, for one without results, for a file
+    that is no table, and for a number that two files have.
+    """
+    import pandas
+
+    folder = _folder(run)
+    files = sorted(file for file in folder.glob("*.csv") if TABLE_FILE.fullmatch(file.name))
+    if not files:
+        raise InputError(f"{display_path(folder)}: there are no results yet; {_how_to_make(run)}.")
+    tables = pandas.concat({file: read_table(file) for file in files}, names=["file", "line"])
+    repetitions = tables.index[tables.duplicated(list(KEY))]
+    if len(repetitions):
+        file, line = repetitions[0]
+        key = tuple(tables.loc[(file, line), list(KEY)])
+        raise InputError(f"{file}, line {line + 2}: found a second row for {key}, which another file has already.")
+    return tables.reset_index(drop=True)
+
+
+def _folder(run: str) -> Path:
+    folders = committed_folders() | {"published": PAPER}
+    if run in folders:
+        return folders[run]
+    if run not in (*PROFILES, "bench"):
+        choices = ", ".join((*folders, *PROFILES, "bench"))
+        raise InputError(f"there are no results named {run!r}: allowed are {choices}.")
+    return run_folder(run)
+
+
+def _how_to_make(run: str) -> str:
+    if run == "bench":
+        return "`make bench-rig` writes the first, and `make help` lists the other benchmarks"
+    advice = f"`make table1 PROFILE={run}` or `make table2 PROFILE={run}` writes them"
+    return advice + (', and "published" are the paper\'s own' if run == "paper" else "")

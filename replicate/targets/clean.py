@@ -2,7 +2,7 @@
 
 import argparse
 
-from replicate.engine import paths
+from replicate.base import paths
 
 ABOUT = "remove stale, damaged and unfinished artefacts; current ones stay"
 WRITES = "the cache"

@@ -2,9 +2,9 @@
 
 import argparse
 
-from replicate.engine import paths
-from replicate.engine.exceptions import InputError
-from replicate.targets.options import characters
+from replicate.base import paths
+from replicate.base.exceptions import InputError
+from replicate.cli.options import characters
 
 ABOUT = "a pose as OBJ or GLB, or a clip as an animated GLB"
 WRITES = "results/runs/export/, or TO"
@@ -13,8 +13,8 @@ OPTIONS = ("characters", "pose", "clip", "params", "to", "tolerance")
 
 def run(options: argparse.Namespace) -> None:
     """Write a pose or a clip of every character."""
-    from replicate.artefacts.built_rig import rig_of
     from replicate.export.command import Request, export
+    from replicate.methods.artefacts import rig_of
 
     request = Request(options.pose, options.clip, options.params, options.to, options.tolerance)
     names = characters(options)

@@ -3,10 +3,10 @@
 import argparse
 
 from data_recipes.recipe_paths import character_label
+from replicate.base import paths
+from replicate.base.exceptions import InputError
+from replicate.cli.options import characters, seeds
 from replicate.config import resolve
-from replicate.engine import paths
-from replicate.engine.exceptions import InputError
-from replicate.targets.options import characters, seeds
 
 ABOUT = "a rig as a folder of samples: mesh, controls, clips and poses drawn as training draws them"
 WRITES = "results/runs/export/, or TO"
@@ -16,9 +16,9 @@ OPTIONS = ("profile", "characters", "seed", "config", "split", "to")
 def run(options: argparse.Namespace) -> None:
     """Write a folder of samples of every character."""
     from data_recipes.catalogue import check_empty, write_folder
-    from replicate.artefacts.built_rig import rig_of
-    from replicate.engine.progress import progress
+    from replicate.base.progress import progress
     from replicate.export.drawn_shards import drawn_shards, tried_influence
+    from replicate.methods.artefacts import rig_of
 
     names = characters(options)
     if options.to is not None and len(names) > 1:

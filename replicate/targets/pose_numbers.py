@@ -2,22 +2,32 @@
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-from replicate.engine.paths import display_path
-from replicate.engine.stage import StageContext
+from replicate.base.paths import display_path
+from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method_registry import in_order, method_named
+from replicate.methods.method_registry import methods as all_methods
+from replicate.methods.plan import Plan
 from replicate.methods.typical_poses import MEDIAN, WORST
-from replicate.report.cast import characters_of
-from replicate.report.panel_titles import marks_in_words, panel_title, plain_name
-from replicate.report.pose_errors import WHOLE, normal_means_deg, vertex_mean_mm
-from replicate.report.pose_record import CHOICES, FOLDED, TRUTH, PoseRecord
-from replicate.report.publication import CharacterResult, by_character, results_folder
-from replicate.report.results import Row, find, write_results
-from replicate.report.row_publication import publish_rows
-from replicate.report.run_name import run_name
+from replicate.report.pose_record import (
+    CHOICES,
+    FIGURE01,
+    FIGURE09,
+    FOLDED,
+    TRUTH,
+    WHOLE,
+    PoseRecord,
+    marks_in_words,
+    normal_means_deg,
+    panel_title,
+    plain_name,
+    vertex_mean_mm,
+)
+from replicate.report.publication import CharacterResult, by_character, publish_rows, results_folder
+from replicate.report.results import Row, characters_of, find, run_name, write_results
 from replicate.report.tables import Table, as_text
-from replicate.targets.figure_methods import FIGURE01, FIGURE09
+from replicate.targets.shown_records import load_records, picture_settings, record_stages
 
 KINDS = {"vertex": "distance error, mm", "normal": "normal error, °"}
 ERROR = re.compile(r"(vertex|normal)_error_mean\[(\w+)\](?:\[(.+)\])?")  # of a pose, by its rule, over a region
@@ -213,3 +223,33 @@ def _range(values: Iterable[float], unit: str = "°") -> str:
     each = list(values)
     low, high = f"{min(each):.2f}", f"{max(each):.2f}"
     return f"{low}{unit}" if low == high else f"{low}{unit if unit == '°' else ''} to {high}{unit}"
+
+
+# Figures of one test pose, the one whose forehead folds most: as it is, and as a few methods have it.
+
+
+def folded_pose_stages(
+    plan: Plan, figure: str, names: Sequence[str], draw: Callable[[StageContext], None]
+) -> list[Stage]:
+    """Return the stages of one character's figure; those of the methods, the slow ones, come first.
+
+    figure: the name of the last stage. names: of the methods; those that the registry lacks are left out. draw: the
+    last stage's function.
+    """
+    registry = all_methods(plan.config)
+    shown = [registry[name] for name in names if name in registry]
+    return record_stages(plan, shown, figure, draw, picture_settings(plan, shown), typical=False)
+
+
+def save_folded_pose(context: StageContext, figure_of: Callable[[PoseRecord], tuple]) -> None:
+    """Draw the pose of a stage's character and save the figure, which is called as the stage, and its numbers.
+
+    figure_of: the pose → (figure, words), as `save_figure` takes them.
+    """
+    from replicate.drawing.face_sheet import LARGEST_BYTES
+    from replicate.drawing.panels import save_figure
+
+    records = load_records(context.config.character, context.inputs)
+    figure, words = figure_of(records[FOLDED])
+    save_figure(figure, context.out / f"{context.name}_{context.config.character}.png", words, LARGEST_BYTES)
+    save_rows(context, records)

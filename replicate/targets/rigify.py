@@ -3,11 +3,10 @@
 import argparse
 
 from data_recipes.catalogue import write_rigify_samples
-from replicate.config import SamplesConfig
-from replicate.engine import paths
-from replicate.profiles import PROFILES, check_profile
+from replicate.base import paths
+from replicate.cli.options import OF_A_RUN, workers
+from replicate.config import PROFILES, SamplesConfig, check_profile
 from replicate.targets import table2
-from replicate.targets.options import OF_A_RUN, workers
 
 ABOUT = "samples of Blender's Rigify face rig on the woman's head, then its Table 2; it needs bpy or Blender"
 WRITES = "results/runs/samples/rigify/, and as table2"

@@ -1,19 +1,20 @@
 """The test poses that figures show, put together from the artefacts of a run; and the stages that make those."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from replicate.artefacts import built_rig, drawn_samples, rigid_segments, shown_pose
-from replicate.artefacts.plan import Plan
-from replicate.engine import paths
-from replicate.engine.exceptions import InputError
+from replicate.base import paths
+from replicate.base.exceptions import InputError
 from replicate.engine.stage import Stage, StageContext
 from replicate.geometry.face_regions import face_regions
-from replicate.methods import measurement, typical_poses
+from replicate.inverse.configurations import files_of
+from replicate.methods import artefacts, measurement, typical_poses
+from replicate.methods.measurement import reading
 from replicate.methods.method import Method
+from replicate.methods.plan import Plan, reference
 from replicate.methods.typical_poses import KnownPoses
 from replicate.report import manifest
 from replicate.report.pose_record import CHOICES, FOLDED, TRUTH, PoseRecord, load_pose, pose_file
@@ -42,7 +43,10 @@ def input_stages(plan: Plan, methods: Sequence[Method], typical: bool = True) ->
 
     Without the method that ranks them, these are the poses that the committed results show.
     """
-    shared = [module.stage(plan) for module in (built_rig, drawn_samples, shown_pose, rigid_segments)]
+    shared = [
+        stage(plan)
+        for stage in (artefacts.rig_stage, artefacts.samples_stage, artefacts.shown_pose_stage, artefacts.rigid_stage)
+    ]
     errors = [measurement.stage(plan, method) for method in methods]
     typical_stages = typical_poses.stages(plan, methods, committed_poses(plan)) if typical else []
     return [*shared, *errors, *typical_stages]
@@ -67,7 +71,7 @@ def record_stages(
 
 def committed_poses(plan: Plan) -> KnownPoses | None:
     """Return the median and the worst pose that the committed results show, if they are of the plan's samples."""
-    samples, character = drawn_samples.stage(plan), plan.character
+    samples, character = artefacts.samples_stage(plan), plan.character
     entry = manifest.entries(paths.REFERENCE, manifest.TOP).get(character, {})
     is_first = plan.config.seed == min(entry.get("seeds", ()), default=None)  # poses are of a character's first seed
     if not is_first or entry.get("stages", {}).get(samples.title, {}).get("key") != samples.key:
@@ -84,13 +88,13 @@ def load_records(character: str, inputs: Mapping[str, Path]) -> dict[str, PoseRe
 
     The pose with the most folds has the vertices of every method, the others those of the methods that figures show.
     """
-    rig, samples = built_rig.load(inputs), drawn_samples.load(inputs)
+    rig, samples = artefacts.load_rig(inputs), artefacts.load_samples(inputs)
     mesh, regions = rig.mesh, face_regions(rig.mesh, rig.face_marks, rig.face_mark_regions)
     ranked_by, chosen = typical_poses.load_chosen(inputs) if "ranked" in inputs else ("", {})
     records = {}
     for choice in CHOICES:
         if choice == FOLDED:
-            pose, folders = shown_pose.load(inputs), measurement.error_folders(inputs)
+            pose, folders = artefacts.load_shown_pose(inputs), measurement.error_folders(inputs)
             predicted = {method: measurement.load_pose(folder) for method, folder in folders.items()}
         elif choice in chosen:
             pose, predicted = chosen[choice], typical_poses.load_predictions(inputs, choice)
@@ -102,3 +106,30 @@ def load_records(character: str, inputs: Mapping[str, Path]) -> dict[str, PoseRe
         vertices = {TRUTH: truth} | predicted
         records[choice] = PoseRecord(character, pose, mesh.neutral, mesh.faces, vertices, props, *rule, *regions)
     return records
+
+
+# What Table 4 and Figure 11 end with: a stage that sees methods, IK networks and a character's drags.
+
+
+def posing_stage(
+    plan: Plan, name: str, function: Callable, settings: object, methods: Sequence[Method], inputs: Iterable[Stage]
+) -> Stage:
+    """Return a stage that poses a character by its drags; the code that its methods are read with counts as its own.
+
+    function, settings: as for `Plan.stage`. inputs: what it needs; a stage that is named twice counts once.
+    """
+    readers = [source for method in methods for source in reading(method, plan.config).sources]
+    functions = ", ".join(dict.fromkeys(map(reference, (function, *readers))))
+    once = {stage.title: stage for stage in inputs}
+    return plan.stage(name, functions, settings, *once.values(), files=files_of(plan.config.character))
+
+
+# The settings of stages that draw figures.
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Whose figure is drawn, and the seed that decides its examples."""
+
+    character: str
+    seed: int

@@ -3,8 +3,8 @@
 import argparse
 
 from data_recipes.recipe_paths import sample_folder
-from replicate.engine import paths
-from replicate.targets.options import OF_A_RUN, configurations, methods
+from replicate.base import paths
+from replicate.cli.options import OF_A_RUN, configurations, methods
 
 ABOUT = "which artefacts of tables and figures are up to date, and what the cache holds"
 WRITES = "printed"
@@ -13,9 +13,9 @@ OPTIONS = (*(option for option in OF_A_RUN if option not in ("jobs", "cluster"))
 
 def run(options: argparse.Namespace) -> None:
     """Print the state of every stage of every target, then what the cache holds."""
-    from replicate.artefacts.plan import Plan
+    from replicate.cli.target_list import targets
     from replicate.engine.cache_report import inventory, states
-    from replicate.targets.target_registry import targets
+    from replicate.methods.plan import Plan
 
     for config in configurations(options):
         plan, rows = Plan(config), methods(options, config)

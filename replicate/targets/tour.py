@@ -3,8 +3,8 @@
 import argparse
 
 from data_recipes import recipe_paths
-from replicate.engine import paths
-from replicate.targets.options import characters
+from replicate.base import paths
+from replicate.cli.options import characters
 
 ABOUT = "a notebook that takes a rig apart: layers, wrinkles, sliders, derivatives, speed"
 WRITES = "results/runs/tour/"
@@ -14,7 +14,7 @@ ASKS_THE_RIG = "for its layers and its derivative"
 
 def run(options: argparse.Namespace) -> None:
     """Execute the notebook on every character."""
-    from replicate.artefacts.built_rig import rig_of
+    from replicate.methods.artefacts import rig_of
     from replicate.report.notebooks import NOTEBOOKS, execute
     from replicate.report.publication import results_folder
 

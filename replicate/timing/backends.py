@@ -11,12 +11,12 @@ from replicate.geometry.mesh import Mesh
 from replicate.inference.fast_evaluation import fast_evaluation
 from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
 from replicate.methods.method import Model
-from replicate.timing.cores import core_total
 from replicate.timing.gpu_evaluation import gpu_evaluation, graph_evaluation
 from replicate.timing.jax_evaluation import jax_evaluation
+from replicate.timing.machine import core_total
 from replicate.timing.onnx_evaluation import onnx_bytes, run_by_onnx
 from replicate.timing.plain_evaluation import plain_offsets
-from replicate.timing.timed_names import FAST, GPU, GRAPH, HALF, JAX, ONNX, ONNX_SPINNING, ONNX_THREADS, PLAIN
+from replicate.timing.single_poses import FAST, GPU, GRAPH, HALF, JAX, ONNX, ONNX_SPINNING, ONNX_THREADS, PLAIN
 
 
 def other_backends(model: Model, mesh: Mesh, attachments: Attachments) -> dict[str, Callable[[np.ndarray], np.ndarray]]:

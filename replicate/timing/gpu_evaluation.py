@@ -16,10 +16,10 @@ from torch.backends import cudnn
 
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel
-from replicate.approximation.regional_model import RegionalModel
 from replicate.approximation.rigid import Attachments
 from replicate.geometry.mesh import Mesh
 from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
+from replicate.regional.model import RegionalModel
 
 WARM_UP = 3  # evaluations before a recording, in which libraries choose their functions
 

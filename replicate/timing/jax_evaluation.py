@@ -13,15 +13,15 @@ from jaxtyping import Float
 from torch import nn
 
 from replicate.approximation.cnn import START, MapNetwork
-from replicate.approximation.dense import DenseNetwork
-from replicate.approximation.gated_network import SLOPE, GatedNetwork
-from replicate.approximation.linear_skip import Line, WithLine
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel
-from replicate.approximation.regional_model import RegionalModel
 from replicate.approximation.rigid import Attachments
+from replicate.baselines.dense import DenseNetwork
+from replicate.baselines.line import Line, WithLine
 from replicate.geometry.mesh import Mesh
 from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
+from replicate.regional.model import RegionalModel
+from replicate.regional.networks import SLOPE, GatedNetwork
 
 if TYPE_CHECKING:
     import jax

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from replicate.approximation.rigid import Attachments
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
 Evaluate = Callable[[np.ndarray], np.ndarray]

@@ -13,10 +13,9 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import factorized
 
-from replicate.engine.exceptions import InputError
-from replicate.geometry.normals import face_vectors
-from replicate.transfer.surface_places import nearest_faces
-from replicate.transfer.surface_ways import Nearby
+from replicate.base.exceptions import InputError
+from replicate.geometry.mesh import face_vectors
+from replicate.transfer.surface_places import Nearby, nearest_faces
 
 
 class DeformationTransfer:

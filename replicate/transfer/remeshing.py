@@ -13,11 +13,9 @@ from jaxtyping import Float, Float32, Int
 from scipy.sparse import coo_array, csr_array
 
 from replicate.approximation.segments import faces_within
-from replicate.engine.exceptions import InputError
-from replicate.geometry.mesh import Mesh
-from replicate.geometry.normals import degenerate_faces, vertex_normals
-from replicate.transfer.surface_places import Places, nearest_places
-from replicate.transfer.surface_ways import Nearby, edge_graph, surface_ways
+from replicate.base.exceptions import InputError
+from replicate.geometry.mesh import Mesh, degenerate_faces, vertex_normals
+from replicate.transfer.surface_places import Nearby, Places, edge_graph, nearest_places, surface_ways
 
 REACH = 2.0  # mean edges of the original: by as much may two ways over the surface to the same place differ
 

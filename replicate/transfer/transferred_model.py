@@ -6,6 +6,7 @@ the new mesh needs a counterpart on the old one.
 
 import copy
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import singledispatch
 
 import numpy as np
@@ -18,7 +19,7 @@ from replicate.approximation.deformation_map import bilinear
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.segments import Segment
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
 
@@ -103,3 +104,36 @@ def _check_names(mesh: Mesh, known: dict[str, int]) -> None:
     unknown = [name for name in mesh.segment_names if name not in known]
     if unknown:
         raise InputError(f"mesh: the model has no map of segment {unknown[0]!r}: allowed are {', '.join(known)}.")
+
+
+# Texture coordinates that are off: how well the charts of two meshes have to be aligned (§6).
+
+
+def shifted(mesh: Mesh, shift: float, rng: np.random.Generator) -> Mesh:
+    """Return the mesh with each segment's texture coordinates shifted in a random direction.
+
+    shift: by how much, in widths of a chart; a pixel of a map of `size` pixels is 1 / (size − 1).
+    """
+    angles = rng.uniform(0, 2 * np.pi, len(mesh.segment_names))
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return _with_uv(mesh, mesh.uv + shift * directions[mesh.segment])
+
+
+def turned(mesh: Mesh, angle_deg: float, rng: np.random.Generator) -> Mesh:
+    """Return the mesh with each segment's texture coordinates turned about the middle of its chart, either way round.
+
+    The middle is that of the coordinates' extent.
+    """
+    signs = rng.choice([-1.0, 1.0], len(mesh.segment_names))
+    uv = mesh.uv.astype(np.float64)
+    for k, sign in enumerate(signs):
+        own = mesh.segment == k
+        middle = (uv[own].min(0) + uv[own].max(0)) / 2
+        angle = np.radians(sign * angle_deg)
+        rotation = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        uv[own] = (uv[own] - middle) @ rotation + middle
+    return _with_uv(mesh, uv)
+
+
+def _with_uv(mesh: Mesh, uv: np.ndarray) -> Mesh:
+    return replace(mesh, uv=np.clip(uv, 0, 1).astype(np.float32))

@@ -10,9 +10,9 @@ from torch.nn import functional
 from replicate.approximation import cnn
 from replicate.approximation.conditioning import initialise
 from replicate.approximation.deformation_map import bilinear, sample
-from replicate.approximation.kernels import map_kernel
+from replicate.base.exceptions import InputError
 from replicate.config import CoarseConfig, ConditioningConfig, TrainingConfig
-from replicate.engine.exceptions import InputError
+from replicate.kernels import map_kernel
 
 UV = np.random.default_rng(1).uniform(0, 1, (40, 2)).astype(np.float32)
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from replicate.approximation.estimated_influence import estimate_influence
+from replicate.approximation.influence import estimate_influence
 from replicate.approximation.samples import SampleSet, quantise
 
 N, M, POSES = 40, 6, 800

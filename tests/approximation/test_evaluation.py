@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from plane import flat_grid
 
-from replicate.approximation.evaluation import evaluate, load_errors, unique_poses
-from replicate.approximation.metrics import normal_error, vertex_error
+from replicate.approximation.metrics import evaluate, load_errors, normal_error, unique_poses, vertex_error
 from replicate.geometry.mesh import Mesh
 from replicate.methods.coarse import texels
-from replicate.report.error_rows import error_rows
-from replicate.report.results import find
+from replicate.report.results import error_rows, find
 
 
 @pytest.fixture

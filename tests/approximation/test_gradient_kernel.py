@@ -3,13 +3,13 @@
 import numpy as np
 from numba import njit
 
-from replicate.approximation.kernels.gradient_kernel import (
+from replicate.kernels.gradient_kernel import (
     deactivate_pixels,
     deactivate_pixels_reference,
     read_back,
     read_back_reference,
 )
-from replicate.approximation.kernels.vector_code import CHANNELS
+from replicate.kernels.vector_code import CHANNELS
 
 
 @njit

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from data_recipes.known_poses import KnownPoses
-from data_recipes.rig import Clip
-from replicate.approximation.known_samples import choose_known
+from data_recipes.rig import Clip, KnownPoses
+from replicate.approximation.samples import choose_known
 from replicate.config import SamplesConfig
 from replicate.engine.stage import stream_rng
 

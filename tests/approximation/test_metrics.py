@@ -3,14 +3,7 @@
 import numpy as np
 import pytest
 
-from replicate.approximation.metrics import (
-    angle_between,
-    new_tally,
-    normal_error,
-    summary,
-    tally_add,
-    vertex_error,
-)
+from replicate.approximation.metrics import angle_between, new_tally, normal_error, summary, tally_add, vertex_error
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32) * 40
 CUBE_FACES = np.array(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from replicate.approximation.kernels.pixel_kernel import (
+from replicate.kernels.pixel_kernel import (
     TILE,
     add_pixels,
     add_pixels_reference,
@@ -13,7 +13,7 @@ from replicate.approximation.kernels.pixel_kernel import (
     multiply_pixels,
     multiply_pixels_reference,
 )
-from replicate.approximation.kernels.vector_code import CHANNELS
+from replicate.kernels.vector_code import CHANNELS
 
 
 @njit

@@ -5,8 +5,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from replicate.approximation.kernels.pixel_kernel import TILE
-from replicate.approximation.kernels.pixel_lists import layers_of, places
+from replicate.kernels.pixel_kernel import TILE, layers_of, places
 
 
 def depended_on(pixels: np.ndarray, size: int, start: int) -> list[np.ndarray]:

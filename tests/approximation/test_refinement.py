@@ -6,9 +6,9 @@ from small_face import pose_offsets, small_influence, small_mesh, small_samples,
 
 from replicate.approximation import cnn, refinement
 from replicate.approximation.segments import coarse_segments
+from replicate.base.exceptions import InputError
+from replicate.base.progress import progress
 from replicate.config import CoarseConfig, RefinementConfig, TrainingConfig
-from replicate.engine.exceptions import InputError
-from replicate.engine.progress import progress
 
 
 @pytest.fixture(scope="module")

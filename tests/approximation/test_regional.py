@@ -5,9 +5,8 @@ import pytest
 import torch
 from small_face import small_mesh
 
-from replicate.approximation import regional_model
-from replicate.approximation.gated_network import GatedNetwork
-from replicate.approximation.regional_basis import (
+from replicate.regional import model
+from replicate.regional.basis import (
     apply_metric,
     blend_weights,
     loss_metric,
@@ -15,6 +14,7 @@ from replicate.approximation.regional_basis import (
     projection,
     split_regions,
 )
+from replicate.regional.networks import GatedNetwork
 
 GENERATOR = np.random.default_rng(4)
 
@@ -80,7 +80,7 @@ def test_a_stored_basis_is_within_half_a_step_and_takes_a_byte_or_two_a_number()
     vertices, faces, x, offsets = patch()
     metric = loss_metric(x, faces, len(x), len(faces), 5.0)
     basis = principal_basis(vertices, offsets, metric, 6)
-    stored = regional_model.store(basis, 2)
+    stored = model.store(basis, 2)
     numbers = basis.components[0].size
     assert stored.size_bytes() == 2 * 2 * numbers + 4 * numbers + 2 * numbers + 4 * 6
     error = np.abs(stored.components().numpy().reshape(basis.components.shape) - basis.components).max(axis=(1, 2))
@@ -124,7 +124,7 @@ def test_beyond_its_region_a_basis_goes_on_as_the_mesh_does_whatever_the_bits_ho
     basis = principal_basis(own, offsets[:, :-9], metric, 6)
     coefficients = (offsets[:, :-9] - basis.mean).reshape(len(offsets), -1) @ projection(basis, metric)
     order, weights = np.concatenate([own, beyond]), np.linspace(0.1, 1, len(vertices))
-    stored = regional_model.blended(regional_model.store(basis, 6), order, weights, coefficients, offsets[:, -9:])
+    stored = model.blended(model.store(basis, 6), order, weights, coefficients, offsets[:, -9:])
     assert stored.vertices.tolist() == order.tolist() and stored.fine.shape[1] == len(vertices)
     given = (coefficients @ stored.components().numpy()).reshape(offsets.shape) + stored.means().numpy()
     np.testing.assert_allclose(given, weights[:, None] * offsets, atol=2e-3 * np.abs(offsets).max())
@@ -133,7 +133,7 @@ def test_beyond_its_region_a_basis_goes_on_as_the_mesh_does_whatever_the_bits_ho
 
 def test_a_vertex_of_several_regions_is_the_sum_of_its_rows():
     members = [np.array([7, 3, 5]), np.array([3, 9]), np.array([9, 3, 1])]
-    vertices, layers = regional_model.coverings(members)
+    vertices, layers = model.coverings(members)
     assert [len(layer) for layer in layers] == [5, 2, 1] and vertices[:2].tolist() == [3, 9]
     rows, values = np.concatenate(members), GENERATOR.normal(size=8)
     found = np.zeros(5)
@@ -141,7 +141,7 @@ def test_a_vertex_of_several_regions_is_the_sum_of_its_rows():
         np.testing.assert_array_equal(rows[layer], vertices[: len(layer)])
         found[: len(layer)] += values[layer]
     np.testing.assert_allclose(found, [values[rows == vertex].sum() for vertex in vertices])
-    alone, layers = regional_model.coverings([np.array([4, 2]), np.array([9, 0])])
+    alone, layers = model.coverings([np.array([4, 2]), np.array([9, 0])])
     assert alone.tolist() == [4, 2, 9, 0] and layers[0].tolist() == [0, 1, 2, 3], "nothing is moved about"
 
 
@@ -207,4 +207,4 @@ def test_without_products_and_line_it_is_a_perceptron_of_the_same_widths():
 def test_the_loss_is_the_sum_of_the_regions_lengths():
     error = torch.tensor([[3.0, 4.0, 0.0], [0.0, 0.0, 2.0]])
     membership = torch.tensor([[1.0, 0], [1, 0], [0, 1]])
-    assert abs(float(regional_model.regional_loss(error, membership)) - 3.5) < 1e-4
+    assert abs(float(model.regional_loss(error, membership)) - 3.5) < 1e-4

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from replicate.approximation.rigid import Attachments, attach, find_attachments, following_errors, segment_errors
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 from replicate.geometry.alignment import align, nearest_rotation
 from replicate.geometry.mesh import Mesh
 

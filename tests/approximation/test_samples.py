@@ -18,10 +18,10 @@ from plain_rig import PlainRig
 
 from replicate.approximation import samples
 from replicate.approximation.samples import SampleSet, write_samples
+from replicate.base.exceptions import InputError
+from replicate.base.files import read_sealed
+from replicate.base.paths import ROOT
 from replicate.config import SamplesConfig
-from replicate.engine.exceptions import InputError
-from replicate.engine.paths import ROOT
-from replicate.engine.sealed_files import read_sealed
 
 
 @dataclass

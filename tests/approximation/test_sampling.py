@@ -5,7 +5,7 @@ import pytest
 from sklearn.decomposition import PCA
 
 from replicate.approximation import sampling
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 
 @pytest.fixture

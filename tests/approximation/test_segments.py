@@ -5,7 +5,7 @@ import pytest
 from small_face import M, small_influence, small_mesh
 
 from replicate.approximation.segments import coarse_segments, faces_touching, faces_within, segment_vertices
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 
 def test_every_vertex_outside_the_rigid_segments_is_in_exactly_one_segment():

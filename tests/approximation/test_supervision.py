@@ -5,7 +5,7 @@ import pytest
 import torch
 from small_face import small_mesh, small_samples
 
-from replicate.approximation.supervision import Supervision
+from replicate.approximation.losses import Supervision
 
 
 def test_a_refinements_loss_is_that_of_the_whole_mesh_where_nothing_else_differs():

@@ -6,10 +6,18 @@ import numpy as np
 import pytest
 
 from replicate.benchmarks import bench_growth
-from replicate.benchmarks.bench_growth import growth_tables, measure, random_poses, ways_of
-from replicate.benchmarks.growth_figure import USUAL, growth_figure
-from replicate.benchmarks.growth_models import OURS as METHOD
-from replicate.benchmarks.growth_models import Face, flat_mesh, models_of
+from replicate.benchmarks.bench_growth import OURS as METHOD
+from replicate.benchmarks.bench_growth import (
+    USUAL,
+    Face,
+    flat_mesh,
+    growth_figure,
+    growth_tables,
+    measure,
+    models_of,
+    random_poses,
+    ways_of,
+)
 from replicate.methods.regional import RegionalConfig
 
 OURS = "Regional (ours)"

@@ -5,9 +5,8 @@ from dataclasses import replace
 import pytest
 
 from replicate.benchmarks import bench_ladder
+from replicate.benchmarks.bench_ladder import TABLE, ladder_figure, ladder_tables, rungs_of
 from replicate.benchmarks.common import bench_folder
-from replicate.benchmarks.ladder_figure import ladder_figure
-from replicate.benchmarks.ladder_tables import TABLE, ladder_tables, rungs_of
 from replicate.config import resolve
 from replicate.methods.method_registry import sections
 from replicate.report.results import Row, read_results, write_results

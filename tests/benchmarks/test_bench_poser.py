@@ -5,10 +5,10 @@ import pytest
 from browser import Tab, program
 from posing_page import page_of
 
+from replicate.base.exceptions import InputError
 from replicate.benchmarks import bench_poser
 from replicate.benchmarks.bench_poser import DRAG, READY, TABLE, WITHOUT, dragged, measure, poser_table
 from replicate.config import resolve
-from replicate.engine.exceptions import InputError
 from replicate.report.results import Row, read_results, write_results
 
 

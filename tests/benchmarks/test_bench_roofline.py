@@ -5,9 +5,8 @@ import pytest
 from sample_rows import roofline_rows
 from untrained_models import MESH, MODELS
 
-from replicate.approximation import multiplications
-from replicate.benchmarks.bench_roofline import architecture_work, roofline_table, ways_of
-from replicate.benchmarks.roofline_figure import roofline_figure
+from replicate.baselines import multiplications
+from replicate.benchmarks.bench_roofline import architecture_work, roofline_figure, roofline_table, ways_of
 from replicate.methods.method import Method
 from replicate.report.results import Row
 

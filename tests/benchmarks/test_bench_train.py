@@ -5,11 +5,12 @@ import pytest
 import torch
 from small_face import small_influence, small_mesh, small_samples
 
-from replicate.approximation import cnn, dense
+from replicate.approximation import cnn
 from replicate.approximation.conditioning import parameter_scale
+from replicate.approximation.losses import Supervision
 from replicate.approximation.model import fresh_model
 from replicate.approximation.segments import coarse_segments, segment_vertices
-from replicate.approximation.supervision import Supervision
+from replicate.baselines import dense
 from replicate.benchmarks.bench_train import LABELS, OURS, PLAIN, steps_table, time_steps, ways_of
 from replicate.config import CoarseConfig, DenseConfig
 from replicate.report.results import Row

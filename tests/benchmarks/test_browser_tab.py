@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from replicate.base.exceptions import RunError
 from replicate.benchmarks import browser_tab
-from replicate.engine.exceptions import RunError
 
 
 class Socket:

@@ -6,26 +6,25 @@ from small_face import pose_offsets
 from untrained_models import MESH, MODELS
 
 from replicate.approximation import rigid
-from replicate.artefacts import built_rig, rigid_segments
-from replicate.benchmarks import first_pose
-from replicate.engine.exceptions import RunError
-from replicate.methods import method_registry
+from replicate.base.exceptions import RunError
+from replicate.benchmarks import bench_start
+from replicate.methods import artefacts, method_registry
 from replicate.methods.method import Method
-from replicate.timing import timed_names
+from replicate.timing import single_poses
 from replicate.timing.onnx_evaluation import onnx_bytes
 
 
 def test_a_fresh_process_that_has_the_file_alone_poses_a_face(tmp_path):
     file = tmp_path / "dense.onnx"
     file.write_bytes(onnx_bytes(MODELS["dense"](), MESH, None))
-    found = first_pose.first_pose(first_pose.ONNX, [0.5] * 12, {"file": str(file)})
+    found = bench_start.first_pose(bench_start.ONNX_WAY, [0.5] * 12, {"file": str(file)})
     assert 0 < found["seconds"] < 60
     assert found["peak_mb"] is None or 10 < found["peak_mb"] < 2_000
 
 
 def test_a_process_that_finds_no_file_is_an_error_that_says_so(tmp_path):
     with pytest.raises(RunError, match=r"a fresh process can't pose .*none\.onnx: .*doesn't exist"):
-        first_pose.first_pose(first_pose.ONNX, [0.5] * 12, {"file": str(tmp_path / "none.onnx")})
+        bench_start.first_pose(bench_start.ONNX_WAY, [0.5] * 12, {"file": str(tmp_path / "none.onnx")})
 
 
 @pytest.mark.parametrize("rigid_step", [True, False])
@@ -35,12 +34,12 @@ def test_only_a_method_with_the_rigid_step_takes_it(rigid_step, monkeypatch):
     model, placed = MODELS["driven"](), []
     method = Method("driven", "Driven", lambda plan: (), model=lambda inputs: model, rigid_step=rigid_step)
     monkeypatch.setattr(method_registry, "method_named", lambda name: method)
-    monkeypatch.setattr(built_rig, "load_mesh", lambda inputs: MESH)
-    monkeypatch.setattr(rigid_segments, "load", lambda inputs: attachments)
+    monkeypatch.setattr(artefacts, "load_mesh", lambda inputs: MESH)
+    monkeypatch.setattr(artefacts, "load", lambda inputs: attachments)
     monkeypatch.setattr(rigid, "attach", lambda mesh, attachments, posed: placed.append(len(attachments.segment)))
-    first_pose._pose_once({"way": first_pose.TORCH, "pose": [0.5] * 12, "method": "driven", "inputs": {}})
+    bench_start._pose_once({"way": bench_start.TORCH, "pose": [0.5] * 12, "method": "driven", "inputs": {}})
     assert len(attachments.segment) == 1 and placed == [1 if rigid_step else 0]
 
 
 def test_names_of_ways_are_those_of_results():
-    assert (first_pose.FAST, first_pose.ONNX) == (timed_names.FAST, timed_names.ONNX)
+    assert (bench_start.FAST_WAY, bench_start.ONNX_WAY) == (single_poses.FAST, single_poses.ONNX)

@@ -24,7 +24,7 @@ def test_a_fit_that_keeps_gaining_goes_on_to_the_most():
 
 
 def test_ours_is_fitted_as_the_library_fits():
-    from replicate.approximation.skinning.ssdr import fit
+    from replicate.baselines.skinning.ssdr import fit
     from replicate.engine.stage import stream_rng
 
     neutral, poses, faces = folded_sheet()
@@ -42,11 +42,10 @@ def test_ours_is_fitted_as_the_library_fits():
 
 
 def test_the_training_error_is_that_of_the_skinned_poses():
-    from replicate.approximation.skinning.alternation import Problem, dense
-    from replicate.approximation.skinning.bones import weighted_points
-    from replicate.approximation.skinning.compression import compress
-    from replicate.approximation.skinning.edge_metric import edge_metric
-    from replicate.approximation.skinning.first_skin import start
+    from replicate.baselines.skinning.alternation import Problem, dense
+    from replicate.baselines.skinning.bones import weighted_points
+    from replicate.baselines.skinning.compression import compress, edge_metric
+    from replicate.baselines.skinning.starts import start
 
     neutral, poses, faces = folded_sheet()
     data = compress(neutral, poses, np.random.default_rng(0))

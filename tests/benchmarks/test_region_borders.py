@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from small_face import small_mesh
 
-from replicate.approximation.regional_basis import split_regions
-from replicate.benchmarks.region_borders import border_faces, borders_table, mean_normal_errors
+from replicate.benchmarks.bench_regional import border_faces, borders_table, mean_normal_errors
+from replicate.regional.basis import split_regions
 from replicate.report.results import Row
 
 MESH = small_mesh()

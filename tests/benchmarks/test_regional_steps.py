@@ -7,9 +7,9 @@ import pytest
 import torch
 from small_face import small_influence, small_mesh, small_samples
 
-from replicate.approximation.supervision import Supervision
-from replicate.benchmarks.regional_steps import fresh_regional, regional_batches, regional_ways
-from replicate.engine.progress import progress
+from replicate.approximation.losses import Supervision
+from replicate.base.progress import progress
+from replicate.benchmarks.bench_train import fresh_regional, regional_batches, regional_ways
 from replicate.methods import regional
 
 SECTION = replace(regional.RegionalConfig(), regions=4, components=6, fine=2, hidden=(8, 8), basis_samples=60)

@@ -5,7 +5,7 @@ import pytest
 from small_face import small_mesh
 
 from replicate.benchmarks import bench_released
-from replicate.benchmarks.released_faces import SHOWN, median_pose, released_faces
+from replicate.benchmarks.bench_released import SHOWN, median_pose, released_faces
 from replicate.report.pose_record import TRUTH, PoseRecord
 
 

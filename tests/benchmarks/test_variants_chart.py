@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from data_recipes.catalogue import build_rig
-from replicate.benchmarks.regional_figure import region_colours, regional_figure
-from replicate.benchmarks.variants_chart import variants_chart
+from replicate.benchmarks.bench_regional import region_colours, regional_figure
+from replicate.benchmarks.variants import variants_chart
 from replicate.drawing.rig_views import UNUSED_COLOUR
 from replicate.methods.regional import RegionalConfig
 from replicate.report.results import Row

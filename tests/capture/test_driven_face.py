@@ -6,7 +6,7 @@ import torch
 
 from data_recipes.rig import Rig
 from replicate.capture.driven_face import ApproximatedRig, driven_params
-from replicate.export.parts import moving_parts
+from replicate.export.files import moving_parts
 from replicate.inverse.control_points import Region
 from replicate.inverse.ik_network import IkModel
 

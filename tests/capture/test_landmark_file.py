@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
+from replicate.base.exceptions import InputError
 from replicate.capture.landmark_file import MM, PIXELS, read_landmarks, write_landmarks
-from replicate.engine.exceptions import InputError
 
 NAMES = ("chin", "brow", "nose")
 HEADER = "frame,landmark,x_mm,y_mm\n"

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from replicate.base.exceptions import InputError
 from replicate.capture.capture_config import CaptureConfig
 from replicate.capture.landmark_file import MM, PIXELS, Recording
 from replicate.capture.landmark_motion import control_motion, jitter_mm, steadied, telling_frames
-from replicate.engine.exceptions import InputError
 
 NEUTRAL = np.array([[0.0, 0.0, 60.0], [20.0, 0.0, 50.0], [0.0, 30.0, 55.0]], np.float32)
 PLAIN = CaptureConfig(scale="none", neutral_frames=1, smoothing_frames=1)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from data_recipes.catalogue import FACE_LANDMARKS, build_rig, character_parts, with_face_landmarks
+from replicate.base.exceptions import InputError
 from replicate.capture.capture_config import CaptureConfig
 from replicate.capture.landmark_file import MM, PIXELS, Recording, read_landmarks, write_landmarks
-from replicate.capture.recorded_face import check_face
-from replicate.engine.exceptions import InputError
+from replicate.capture.landmark_motion import check_face
 
 NAMES = tuple(FACE_LANDMARKS)
 FACE, STEADY, PLAIN = CaptureConfig(), CaptureConfig(head="steady"), CaptureConfig(scale="none")

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from data_recipes.catalogue import FACE_LANDMARKS
+from replicate.base.exceptions import InputError
 from replicate.capture.landmark_file import read_landmarks
 from replicate.capture.video_landmarks import chosen_points, main, pixel_landmarks
-from replicate.engine.exceptions import InputError
 
 FACE = np.random.default_rng(0).uniform(0.3, 0.7, (478, 2))
 

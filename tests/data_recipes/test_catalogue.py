@@ -8,8 +8,8 @@ import pytest
 from box import foreign
 
 from data_recipes.catalogue import character_parts, expression_poses, read_clip, rig_names
-from replicate.engine.exceptions import InputError
-from replicate.engine.paths import ROOT
+from replicate.base.exceptions import InputError
+from replicate.base.paths import ROOT
 
 
 def test_the_recipes_that_come_along_are_listed_with_their_files():

@@ -7,7 +7,7 @@ from rig_poses import augmented_poses, flipped_share, skin_faces
 from data_recipes.catalogue import build_rig
 from data_recipes.head.neutral_head import build_head
 from data_recipes.recipe.reading import load_recipe
-from replicate.geometry.normals import face_normals
+from replicate.geometry.mesh import face_normals
 from replicate.geometry.rays import ray_hits
 
 # Vertices, controls, deformable segments and rigid ones, as in Table 1.

@@ -7,7 +7,7 @@ import pytest
 
 from data_recipes.controls import Control, control_groups, control_index, handle_names, limit_controls, make_controls
 from data_recipes.recipe.reading import load_recipe
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 ALL = {group: len(controls) for group, controls in control_groups().items()}
 

@@ -8,7 +8,7 @@ import rigs
 
 from data_recipes.face_check import check_face
 from data_recipes.recipe.reading import load_recipe
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 RECIPE = load_recipe("tiny")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rig_poses import augmented_poses, strained_pose
 
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 
 def test_the_default_pose_is_the_neutral(tiny):

@@ -7,7 +7,7 @@ import rigs
 from data_recipes.catalogue import performance
 from data_recipes.controls import Control
 from data_recipes.function_rig import FunctionRig
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 
 def test_the_performance_is_within_limits_and_of_no_clip():

@@ -8,7 +8,7 @@ import pytest
 from box import CONTROLS, MESH, foreign
 
 from data_recipes.rig import Clip, check_rig
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 
 def test_a_plain_numpy_function_is_a_rig():

@@ -8,9 +8,9 @@ import pytest
 from data_recipes.recipe import reading
 from data_recipes.recipe.reading import load_recipe, without_place
 from data_recipes.recipe_paths import character_names
-from replicate.engine.exceptions import InputError
-from replicate.engine.schema import to_json
-from replicate.engine.user_files import read_toml
+from replicate.base.exceptions import InputError
+from replicate.base.schema import to_json
+from replicate.base.user_files import read_toml
 
 TEMPLATE = """
 half_columns = 14

@@ -15,8 +15,8 @@ from data_recipes.recipe_paths import (
     sample_folder,
     split_character,
 )
+from replicate.base.exceptions import InputError
 from replicate.config import resolve
-from replicate.engine.exceptions import InputError
 
 
 def test_a_character_is_there_for_each_recipe_and_each_folder_that_a_variable_names(monkeypatch, tmp_path):

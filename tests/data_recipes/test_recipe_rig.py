@@ -8,7 +8,7 @@ from data_recipes.catalogue import build_rig, character_parts, load_rig, save_ri
 from data_recipes.head.neutral_head import build_head
 from data_recipes.recipe.reading import load_recipe
 from data_recipes.recipe_paths import RECIPES
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 from replicate.geometry.alignment import align
 
 

@@ -6,7 +6,7 @@ from box import foreign, lift
 from plain_rig import PlainRig
 
 from data_recipes.rig import AlteredRig, Rig, check_rig
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 
 def test_our_rigs_and_those_of_users_keep_the_contract(tiny):

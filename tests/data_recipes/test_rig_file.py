@@ -9,7 +9,7 @@ from box import foreign
 from rig_poses import augmented_poses
 
 from data_recipes.catalogue import load_rig, save_rig
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 
 def test_a_saved_rig_comes_back_the_same_and_without_its_geometry(tiny, tmp_path, monkeypatch):

@@ -8,7 +8,7 @@ from rig_poses import augmented_poses, flipped_share, skin_faces, strained_pose
 
 from data_recipes.catalogue import build_rig, expression_poses
 from data_recipes.rig import Rig
-from replicate.geometry.normals import face_normals
+from replicate.geometry.mesh import face_normals
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,10 @@ from posed_face import posed_face, regional_model
 from small_face import M
 
 from data_recipes.controls import Control
-from replicate.approximation.regional_model import RegionalModel, halve
-from replicate.approximation.regional_networks import fresh_networks
 from replicate.approximation.rigid import Attachments, attach
 from replicate.deployment.c_face import CFace, c_files, identifier
+from replicate.regional.model import RegionalModel, halve
+from replicate.regional.networks import fresh_networks
 
 FACE = posed_face()
 MESH = FACE.rig.mesh

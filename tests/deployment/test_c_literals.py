@@ -5,7 +5,7 @@ import ctypes
 import numpy as np
 from c_compiler import library
 
-from replicate.deployment.c_literals import byte_rows, float_list, float_number, in_comment, index_list, quoted
+from replicate.deployment.c_face import byte_rows, float_list, float_number, in_comment, index_list, quoted
 
 
 def test_a_compiler_reads_every_byte_float_and_index_as_it_was(tmp_path):

@@ -13,8 +13,8 @@ from untrained_models import MESH, MODELS, SCALE, SEGMENTS, coarse_model, linear
 
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.rigid import attach
+from replicate.base.exceptions import InputError
 from replicate.deployment.onnx_model import onnx_model
-from replicate.engine.exceptions import InputError
 
 ATTACHMENTS = posed_face().attachments
 POSES = np.random.default_rng(0).uniform(-3, 3, (100, M)).astype(np.float32)  # the limits are −1 and 2

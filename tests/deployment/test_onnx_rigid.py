@@ -5,8 +5,7 @@ import onnxruntime
 import pytest
 
 from replicate.deployment.onnx_graph import OnnxGraph
-from replicate.deployment.onnx_rigid import add_rotations
-from replicate.deployment.quaternions import horn_matrix, quaternion_product, rotation_of
+from replicate.deployment.onnx_rigid import add_rotations, horn_matrix, quaternion_product, rotation_of
 from replicate.geometry.alignment import align
 
 SEGMENTS, POSES = 20, 100

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from replicate.drawing.colours import colour_in_bytes, perceived
+from replicate.drawing.prop_surfaces import colour_in_bytes, perceived
 
 
 def test_colours_are_given_as_bytes_or_as_shares():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from bumpy_plate import bumpy_plate
 
-from replicate.drawing.colours import perceived
 from replicate.drawing.heatmap import NO_NORMAL, ROOT, error_colours, normal_heat
+from replicate.drawing.prop_surfaces import perceived
 from replicate.report.pose_record import PoseRecord
 
 

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from replicate.drawing.panels import DPI, Words, panel_grid, save_figure
 from replicate.report.pose_record import PoseRecord
-from replicate.targets.figure10.error_faces import figure10
+from replicate.targets.figure10 import figure10
 
 
 @pytest.fixture

@@ -6,10 +6,10 @@ import sys
 import numpy as np
 import pytest
 
+from replicate.base.paths import ROOT
 from replicate.drawing import render as module
 from replicate.drawing.render import render, working_renderer
 from replicate.drawing.scene import MATT, PORTRAIT, STUDIO, Camera, Finish, Light, Lighting, Surface
-from replicate.engine.paths import ROOT
 
 SQUARE = np.float32([[-20, -20, 0], [20, -20, 0], [20, 20, 0], [-20, 20, 0]])
 QUAD = np.int32([[0, 1, 2], [0, 2, 3]])
@@ -156,9 +156,9 @@ def test_figures_are_imported_without_pyvista_trimesh_or_matplotlib():
     program = (
         "import sys\n"
         "for name in ('pyvista', 'trimesh', 'matplotlib', 'vtk', 'nbclient'): sys.modules[name] = None\n"
-        "import replicate.targets.figure10.error_faces, replicate.targets.figure09.forehead_wrinkles\n"
-        "import replicate.targets.table2.curves_chart, replicate.targets.table2.error_chart\n"
-        "import replicate.report.pose_record, replicate.report.comparison\n"
+        "import replicate.targets.figure10, replicate.targets.figure09.forehead_wrinkles\n"
+        "import replicate.targets.table2.charts, replicate.targets.table2.charts\n"
+        "import replicate.report.pose_record, replicate.targets.compare\n"
     )
     process = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT)
     assert process.returncode == 0, process.stderr

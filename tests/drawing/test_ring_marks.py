@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from replicate.drawing.ring_marks import LINE, REACH, ROOM, ringed
+from replicate.drawing.marks import LINE, REACH, ROOM, ringed
 from replicate.drawing.scene import Camera
 
 CAMERA = Camera((0, 0, 0), 100.0, distance_mm=1e6)

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replicate.drawing.render import render
+from replicate.base.paths import ROOT
+from replicate.drawing.render import PLACE, drawn_once, render, shared_pictures
 from replicate.drawing.scene import Camera, Surface
-from replicate.drawing.shared_pictures import PLACE, drawn_once, shared_pictures
-from replicate.engine.paths import ROOT
 
 SQUARE = Surface(np.float32([[-20, -20, 0], [20, -20, 0], [20, 20, 0], [-20, 20, 0]]), np.int32([[0, 1, 2], [0, 2, 3]]))
 VIEW = Camera((0, 0, 0), 80)

@@ -3,8 +3,8 @@
 import numpy as np
 from plane import flat_grid
 
+from replicate.drawing.heatmap import middle_line, split_face
 from replicate.drawing.scene import Camera
-from replicate.drawing.split_face import middle_line, split_face
 
 VIEW = Camera((0, 0, 0), 100)
 

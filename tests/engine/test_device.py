@@ -2,9 +2,9 @@
 
 import pytest
 
+from replicate.base.exceptions import InputError
 from replicate.engine import device
 from replicate.engine.device import choose_device
-from replicate.engine.exceptions import InputError
 
 
 def test_auto_takes_the_gpu_that_there_is(monkeypatch):

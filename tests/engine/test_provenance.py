@@ -12,8 +12,7 @@ import pytest
 from plain_rig import PlainRig
 from toy_stages import toy_graph
 
-from replicate.artefacts import built_rig
-from replicate.engine.paths import ROOT
+from replicate.base.paths import ROOT
 from replicate.engine.provenance import (
     core_count,
     git_state,
@@ -27,6 +26,7 @@ from replicate.engine.provenance import (
 )
 from replicate.engine.scheduler import run
 from replicate.engine.store import artefact_folder, read_manifest
+from replicate.methods import artefacts
 
 
 @pytest.fixture
@@ -136,8 +136,8 @@ def test_a_rig_built_outside_a_graph_says_what_it_was_made_from(monkeypatch, tmp
 
     monkeypatch.setattr("replicate.engine.scheduler.run", run)
     monkeypatch.setattr("data_recipes.catalogue.load_rig", lambda folder: folders.append(folder) or PlainRig())
-    assert isinstance(built_rig.rig_of("tiny"), PlainRig)
-    assert [folder.parent.name for folder in folders] == [built_rig.rig_identifier("tiny")]
+    assert isinstance(artefacts.rig_of("tiny"), PlainRig)
+    assert [folder.parent.name for folder in folders] == [artefacts.rig_identifier("tiny")]
     assert record["git"] == git_state() and record["command"].startswith("python ")
 
 

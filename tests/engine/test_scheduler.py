@@ -15,8 +15,8 @@ import pytest
 from toy_runs import TOYS, contents, launch, own_children, start
 from toy_stages import ToyConfig, faulty_graph, toy_graph
 
+from replicate.base.exceptions import InputError, RunError
 from replicate.engine import store
-from replicate.engine.exceptions import InputError, RunError
 from replicate.engine.scheduler import run
 from replicate.engine.stage import Stage
 
@@ -261,7 +261,7 @@ def test_stages_that_run_alone_share_compiled_kernels_until_the_run_ends(cache, 
     assert named(folders["a"]) == named(folders["b"]) and not Path(named(folders["a"])).exists()
     assert named(folders["beside"]) is None
     with monkeypatch.context() as full:
-        full.setattr("replicate.engine.local_workers.TemporaryDirectory", Mock(side_effect=OSError("no space left")))
+        full.setattr("replicate.engine.workers.TemporaryDirectory", Mock(side_effect=OSError("no space left")))
         folders = run([Stage("d", "toy_stages:environment", ToyConfig(), threads=0)], workers=2)
     assert named(folders["d"]) is None
     monkeypatch.setenv("NUMBA_CACHE_DIR", "the user's own")

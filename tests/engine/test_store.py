@@ -7,8 +7,8 @@ import shutil
 
 import pytest
 
+from replicate.base.exceptions import InputError, RunError
 from replicate.engine import store
-from replicate.engine.exceptions import InputError, RunError
 
 NAME = "toy-0123456789abcdef"
 

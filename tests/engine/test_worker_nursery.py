@@ -12,10 +12,10 @@ import pytest
 from toy_runs import own_children
 from toy_stages import ToyConfig
 
-from replicate.engine.exceptions import RunError
+from replicate.base.exceptions import RunError
 from replicate.engine.scheduler import run
 from replicate.engine.stage import Stage
-from replicate.engine.worker_nursery import Nursery
+from replicate.engine.workers import Nursery
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers are forks on Linux alone")
 

@@ -18,20 +18,20 @@ from data_recipes.catalogue import (
 )
 from replicate import __main__ as cli
 from replicate.approximation.influence import influence, influence_poses
-from replicate.approximation.interaction import no_interaction
 from replicate.approximation.samples import SampleSet, choose_poses, write_samples
-from replicate.artefacts import control_influence
-from replicate.artefacts.plan import Plan
+from replicate.base.exceptions import InputError
+from replicate.base.progress import progress
 from replicate.config import SamplesConfig, resolve
 from replicate.drawing.rig_views import open_mouth
-from replicate.engine.exceptions import InputError
-from replicate.engine.progress import progress
 from replicate.engine.provenance import provenance
 from replicate.engine.scheduler import run
 from replicate.engine.stage import stream_rng
 from replicate.export.drawn_shards import drawn_shards, tried_influence
+from replicate.methods import artefacts
+from replicate.methods.plan import Plan
 from replicate.report.results import find, read_results
-from replicate.targets.rig_report import control_pairs
+from replicate.rig_study.interaction import no_interaction
+from replicate.targets.rig_report import rows as rig_report_rows
 
 NUMBERS = SamplesConfig(count=200, validation=8)
 CONFIG = """
@@ -129,9 +129,9 @@ def test_networks_see_the_controls_that_the_folder_names(cache, tmp_path, folder
     np.save(own / "influence.npy", moves)
     forget_folders()
     (tmp_path / "numbers.toml").write_text(CONFIG)
-    stage = control_influence.stage(Plan(resolve(str(own), "quick", None, tmp_path / "numbers.toml", seed=0)))
+    stage = artefacts.influence_stage(Plan(resolve(str(own), "quick", None, tmp_path / "numbers.toml", seed=0)))
     made = run([stage], facts=provenance(["a test"], "quick", [], 1))
-    np.testing.assert_array_equal(control_influence.load({"influence": made[stage.title]}), moves)
+    np.testing.assert_array_equal(artefacts.load_influence({"influence": made[stage.title]}), moves)
 
 
 def test_vertices_are_the_same_to_rounding(tmp_path, tiny, again):
@@ -183,7 +183,7 @@ def test_expressions_are_known_frames_and_no_pair_of_controls_can_be_tried(again
     shown = expression_poses(again)
     assert next(iter(shown)) == "neutral" and len(shown) > 5
     assert again(np.stack(list(shown.values()))).shape == (len(shown), *again.mesh.neutral.shape)
-    assert control_pairs.strongest_pairs(again, no_interaction(918, len(again.controls))) == []
+    assert rig_report_rows.strongest_pairs(again, no_interaction(918, len(again.controls))) == []
     opened = open_mouth(again)
     assert again.known_poses.find(opened) is not None and np.abs(opened - again.default).max() > 0.3
 

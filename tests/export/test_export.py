@@ -18,14 +18,13 @@ from data_recipes.controls import Control
 from data_recipes.function_rig import FunctionRig
 from data_recipes.rig import Clip
 from replicate import __main__ as cli
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
+from replicate.cli.options import OPTIONS
 from replicate.export import command
+from replicate.export.animation import follow, low_rank
 from replicate.export.command import Request, export, requested_poses
 from replicate.export.files import write_whole
-from replicate.export.low_rank import follow, low_rank
-from replicate.geometry.mesh import Mesh
-from replicate.geometry.normals import vertex_normals
-from replicate.targets.options import OPTIONS
+from replicate.geometry.mesh import Mesh, vertex_normals
 
 DTYPES = {5121: "<u1", 5125: "<u4", 5126: "<f4"}
 COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -255,7 +254,7 @@ def test_what_can_not_be_is_refused_before_a_rig_is_built(capsys, cache, argumen
 
 def test_the_command_writes_where_results_go(capsys, monkeypatch, tmp_path):
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path))
-    monkeypatch.setattr("replicate.artefacts.built_rig.rig_of", lambda character: foreign())
+    monkeypatch.setattr("replicate.methods.artefacts.rig_of", lambda character: foreign())
     assert cli.main(["export", "--characters", "tiny"]) == 0
     assert "box_neutral.glb: 3 vertices and 0 props" in capsys.readouterr().out
     assert len(Glb(tmp_path / "export" / "box_neutral.glb").tree["meshes"]) == 1

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from plane import flat_grid
 
-from replicate.engine.exceptions import InputError
-from replicate.geometry.edges import edges, inner_edges
+from replicate.base.exceptions import InputError
 from replicate.geometry.folds import fold_angles, most_folded
-from replicate.geometry.mesh import Mesh
+from replicate.geometry.mesh import Mesh, edges, inner_edges
 
 TENT = np.float32([[0, -10, 0], [0, 10, 0], [-10, 0, 0], [10, 0, 0]])
 TENT_FACES = np.int32([[0, 1, 2], [1, 0, 3]])

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from replicate.engine.exceptions import InputError
-from replicate.geometry.edges import edges
-from replicate.geometry.mesh import Mesh
-from replicate.geometry.normals import face_normals, face_vectors, vertex_normals
+from replicate.base.exceptions import InputError
+from replicate.geometry.mesh import Mesh, edges, face_normals, face_vectors, vertex_normals
 
 TETRAHEDRON = np.array([[0, 0, 0], [3, 0, 0], [0, 4, 0], [0, 0, 5]], np.float32)
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32)

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from replicate.inference.exponential import exponential
+from replicate.inference.regional_evaluation import exponential
 
 
 @njit

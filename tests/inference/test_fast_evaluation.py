@@ -5,16 +5,17 @@ import pytest
 import torch
 from small_face import M, pose_offsets, small_influence, small_mesh
 
-from replicate.approximation import cnn, dense
-from replicate.approximation.linear_skip import Line
+from replicate.approximation import cnn
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel
-from replicate.approximation.regional_basis import RegionalBasis
-from replicate.approximation.regional_model import RegionalModel, halve, store
-from replicate.approximation.regional_networks import fresh_networks
 from replicate.approximation.rigid import attach, find_attachments
 from replicate.approximation.segments import coarse_segments, make_segment
+from replicate.baselines import dense
+from replicate.baselines.line import Line
 from replicate.inference.fast_evaluation import fast_evaluation
+from replicate.regional.basis import RegionalBasis
+from replicate.regional.model import RegionalModel, halve, store
+from replicate.regional.networks import fresh_networks
 
 MESH, RNG = small_mesh(), np.random.default_rng(0)
 SCALE = RNG.uniform(0.5, 2, M).astype(np.float32)

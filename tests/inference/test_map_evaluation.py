@@ -5,8 +5,7 @@ import pytest
 import torch
 
 from replicate.approximation.cnn import MapNetwork
-from replicate.inference.map_evaluation import FastMaps
-from replicate.inference.map_plan import plan_maps
+from replicate.inference.map_evaluation import FastMaps, plan_maps
 
 VERTICES, PARAMETERS = 60, 12
 

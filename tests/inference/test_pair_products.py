@@ -5,8 +5,8 @@ import pytest
 from numba import njit
 from numba.core.errors import TypingError
 
-from replicate.inference import pair_products
-from replicate.inference.pair_products import BLOCK, add_pairs, has_pair_instruction, in_pairs
+from replicate.inference import products
+from replicate.inference.products import BLOCK, add_pairs, has_pair_instruction, in_pairs
 
 RNG = np.random.default_rng(0)
 WIDTH = 2 * BLOCK + 3
@@ -55,7 +55,7 @@ def test_a_vector_of_zeros_adds_nothing_and_one_that_is_not_finite_shows_everywh
 @pytest.mark.skipif(not has_pair_instruction(), reason="this processor has no other way")
 def test_a_processor_without_the_instruction_gives_the_same_numbers(monkeypatch):
     x, rows = RNG.normal(size=80).astype(np.float32), rows_of(80)
-    monkeypatch.setattr(pair_products, "has_pair_instruction", lambda: False)
+    monkeypatch.setattr(products, "has_pair_instruction", lambda: False)
     plain = njit(add_pairs.py_func)
     np.testing.assert_array_equal(product(x, rows, add=plain), product(x, rows))
     assert "pmadd" in "".join(add_pairs.inspect_llvm().values())

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from replicate.geometry.alignment import nearest_rotation
-from replicate.inference.quaternion import best_quaternion
+from replicate.inference.rigid_step import best_quaternion
 
 
 @pytest.mark.parametrize(

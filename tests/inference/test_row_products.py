@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numba.core.errors import TypingError
 
-from replicate.inference import row_products
-from replicate.inference.row_products import COLUMNS, add_products, has_halves, without_loss
+from replicate.inference import products
+from replicate.inference.products import COLUMNS, add_products, has_halves, without_loss
 
 RNG = np.random.default_rng(0)
 
@@ -54,5 +54,5 @@ def test_weights_are_stored_in_16_bits_where_that_loses_nothing(monkeypatch):
     for stored, own in ((without_loss(exact), exact), (without_loss(lossy, halves=True), lossy.astype(np.float16))):
         if has_halves():
             np.testing.assert_array_equal(stored.view(np.float16), own)
-    monkeypatch.setattr(row_products, "has_halves", lambda: False)
+    monkeypatch.setattr(products, "has_halves", lambda: False)
     assert without_loss(exact, halves=True).dtype == np.float32

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from small_face import pose_offsets, small_mesh
 
-from replicate.geometry.normals import vertex_normals
+from replicate.geometry.mesh import vertex_normals
 from replicate.inference.vertex_normals import fast_vertex_normals
 
 MESH = small_mesh()

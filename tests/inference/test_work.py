@@ -4,7 +4,7 @@ import numpy as np
 from untrained_models import MESH, MODELS, SEGMENTS
 
 from replicate.inference.fast_evaluation import placing_of
-from replicate.inference.work import Work, of_layers
+from replicate.inference.products import Work, of_layers
 
 NOTHING, ALL = np.zeros(12, np.float32), np.ones(12, np.float32)
 VERTICES = [len(segment.vertices) for segment in SEGMENTS]

@@ -7,18 +7,19 @@ import pytest
 import torch
 from small_face import M, pose_offsets, small_influence, small_mesh, small_samples, train_small
 
-from replicate.approximation import cnn, dense
+from replicate.approximation import cnn
 from replicate.approximation.conditioning import parameter_scale
-from replicate.approximation.linear_skip import line_model
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel
-from replicate.approximation.regional_basis import loss_metric, principal_basis
-from replicate.approximation.regional_model import RegionalModel, store
-from replicate.approximation.regional_networks import fresh_networks
 from replicate.approximation.segments import coarse_segments, make_segment
+from replicate.base.exceptions import InputError
+from replicate.baselines import dense
+from replicate.baselines.line import line_model
 from replicate.config import CoarseConfig, DenseConfig, TrainingConfig
-from replicate.engine.exceptions import InputError
 from replicate.inverse.at_vertices import at_vertices, is_differentiable
+from replicate.regional.basis import loss_metric, principal_basis
+from replicate.regional.model import RegionalModel, store
+from replicate.regional.networks import fresh_networks
 
 SHORT = TrainingConfig("one_cycle", 20, 8, "uniform")
 VERTICES = np.array([310, 37, 120, 270, 340])  # of both charts and, the last one, of the stiff one that nothing moves

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from data_recipes.recipe_paths import RECIPES, drags_file
-from replicate.engine.exceptions import InputError
-from replicate.inverse.drags import Drag, read_drags, scripted_drags, targets_of, write_drags
+from replicate.base.exceptions import InputError
+from replicate.inverse.configurations import Drag, read_drags, scripted_drags, targets_of, write_drags
 
 NAMES = ("brow", "chin", "nose", "lip", "lid", "cheek")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 from replicate.inverse.control_points import Region
 from replicate.inverse.ik_network import IkModel, load_ik, save_ik
 

@@ -10,12 +10,11 @@ from small_face import M, SmallSamples, pose_offsets, small_influence, small_mes
 
 from data_recipes.controls import Control
 from data_recipes.rig import Clip
+from replicate.base.exceptions import InputError
+from replicate.base.progress import progress
 from replicate.config import TrainingConfig
-from replicate.engine.exceptions import InputError
-from replicate.engine.progress import progress
-from replicate.inverse.control_points import control_points, targets_of_drags
-from replicate.inverse.ik_config import InverseConfig
-from replicate.inverse.ik_training import amplitude, parameter_ranges, point_loss, read_truth, train_ik
+from replicate.inverse.control_points import InverseConfig, control_points, targets_of_drags
+from replicate.inverse.ik_network import amplitude, parameter_ranges, point_loss, read_truth, train_ik
 
 MESH = small_mesh()
 POINTS = np.array([40, 100, 170, 220, 290, 310])

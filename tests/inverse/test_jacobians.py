@@ -5,8 +5,7 @@ import pytest
 import torch
 
 from replicate.inverse.control_points import Region
-from replicate.inverse.jacobians import agreement, agreement_by_region, jacobians
-from replicate.inverse.solver import solve
+from replicate.inverse.solver import agreement, agreement_by_region, jacobians, solve
 
 RNG = np.random.default_rng(0)
 MATRIX = torch.from_numpy(RNG.normal(size=(6, 12)).astype(np.float32))

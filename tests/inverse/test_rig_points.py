@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from data_recipes.catalogue import build_rig
-from replicate.inverse.rig_points import RigPoints, jacobian_at
+from replicate.inverse.posing import RigPoints, jacobian_at
 
 
 def test_the_rigs_points_and_derivatives_are_those_of_the_rig():

@@ -6,16 +6,15 @@ import torch
 from small_artefacts import predicted, run_stage, write_artefacts
 from small_face import small_mesh, small_samples
 
-from replicate.approximation.low_rank_dense import choose_ranks, output_components
 from replicate.approximation.model_size import MapShape, cnn_weights, dense_size_mb
 from replicate.approximation.refinement import square_segments
 from replicate.approximation.segments import save_segments
-from replicate.artefacts import control_influence, drawn_samples, refinement_squares, rigid_segments
-from replicate.artefacts.plan import TrainingNumbers
+from replicate.base.exceptions import InputError
+from replicate.baselines.low_rank_dense import choose_ranks, output_components
 from replicate.config import DenseConfig, TrainingConfig
-from replicate.engine.exceptions import InputError
-from replicate.methods import dense_compact, dense_network, dense_small
-from replicate.methods.refined_size import RefinedShapes, refined_size_mb
+from replicate.methods import artefacts, dense_compact, dense_network, dense_small
+from replicate.methods.dense_small import RefinedShapes, refined_size_mb
+from replicate.methods.plan import TrainingNumbers
 
 TRAINING = TrainingConfig("one_cycle", 600, peak_rate=5e-3)
 WIDE = DenseConfig((32, 64), training=TRAINING)
@@ -30,24 +29,24 @@ def shape(hidden: int) -> RefinedShapes:
 def inputs(tmp_path):
     """The artefacts of the stand-in character, with one refinement square in its face."""
     inputs = write_artefacts(tmp_path, small_samples(small_mesh(), 600))
-    first = rigid_segments.load_coarse_segments(inputs, small_mesh())[0]
-    squares = square_segments(first, np.array([[0.3, 0.7]]), control_influence.load(inputs), 0.4)
+    first = artefacts.load_coarse_segments(inputs, small_mesh())[0]
+    squares = square_segments(first, np.array([[0.3, 0.7]]), artefacts.load_influence(inputs), 0.4)
     inputs["selection"] = tmp_path / "selection"
     inputs["selection"].mkdir()
-    save_segments(squares, inputs["selection"] / refinement_squares.FILE)
+    save_segments(squares, inputs["selection"] / artefacts.SQUARES)
     return inputs
 
 
 def test_the_size_that_counts_is_that_of_both_levels_of_networks(inputs):
-    segments = rigid_segments.load_coarse_segments(inputs, small_mesh())
-    seen = [len(s.parameters) for s in (*segments, *refinement_squares.load(inputs))]
+    segments = artefacts.load_coarse_segments(inputs, small_mesh())
+    seen = [len(s.parameters) for s in (*segments, *artefacts.load_squares(inputs))]
     assert len(seen) == 3
     weights = sum(cnn_weights(count, MapShape(16, 2, (8, 64))) for count in seen)
     assert refined_size_mb(inputs, shape(8)) == pytest.approx(4e-6 * weights)
 
 
 def test_the_last_layer_is_as_wide_as_the_refined_models_size_allows(inputs):
-    segments = rigid_segments.load_coarse_segments(inputs, small_mesh())
+    segments = artefacts.load_coarse_segments(inputs, small_mesh())
     sizes = [len(s.parameters) for s in segments], [len(s.vertices) for s in segments]
     room = refined_size_mb(inputs, shape(64))
     first, last = dense_small.narrow_widths(inputs, (32, 256), shape(64))
@@ -65,7 +64,7 @@ def test_narrow_networks_are_trained_as_dense_ones_and_are_no_larger_than_the_re
     assert 0.9 * room < notes["size_mb"] <= room
     assert notes["hidden"] == list(dense_small.narrow_widths(inputs, (32, 64), shape(32)))
     assert dense_small.load_model(inputs).networks[0].output.in_features == notes["hidden"][-1]
-    samples, mesh = drawn_samples.load(inputs), small_mesh()
+    samples, mesh = artefacts.load_samples(inputs), small_mesh()
     offsets = predicted(dense_small.METHOD, inputs, samples.test_params) - mesh.neutral
     moved = mesh.segment < 2
     error = np.abs(offsets - samples.test_offsets)[:, moved].mean()
@@ -87,8 +86,8 @@ def test_components_are_principal_and_give_the_outputs_back():
 
 
 def test_ranks_fill_the_room_by_variance_and_want_room_for_the_first_layers():
-    from replicate.approximation.dense import DenseNetwork
-    from replicate.approximation.low_rank_dense import stored_bytes
+    from replicate.baselines.dense import DenseNetwork
+    from replicate.baselines.low_rank_dense import stored_bytes
 
     networks = [DenseNetwork(4, 30, (8,), 0.2), DenseNetwork(4, 30, (8,), 0.2)]
     rng = np.random.default_rng(1)
@@ -116,7 +115,7 @@ def compacted(trained, shapes, folder):
 
 def test_with_room_enough_the_compacted_networks_give_what_the_trained_ones_give(trained, tmp_path):
     inputs, notes = compacted(trained, shape(512), tmp_path)
-    params = np.array(drawn_samples.load(inputs).test_params)
+    params = np.array(artefacts.load_samples(inputs).test_params)
     exact, few = (predicted(method.METHOD, inputs, params) for method in (dense_network, dense_compact))
     assert np.abs(few - exact).mean() < 0.003 and np.abs(few - exact).max() < 0.05, "rounding alone"
     assert 0.0 < notes["size_mb"] < 0.5 * trained[1]["size_mb"]
@@ -131,7 +130,7 @@ def test_an_eighth_of_the_size_costs_little(trained, tmp_path):
     room = refined_size_mb(inputs, shape(40))
     assert 0.9 * room < notes["size_mb"] <= room < trained[1]["size_mb"]
     assert 0 < min(notes["ranks"].values())
-    samples, mesh = drawn_samples.load(inputs), small_mesh()
+    samples, mesh = artefacts.load_samples(inputs), small_mesh()
     truth, moved = mesh.neutral + samples.test_offsets, mesh.segment < 2
     error, few = (
         np.abs(predicted(method.METHOD, inputs, samples.test_params) - truth)[:, moved].mean()

@@ -5,9 +5,8 @@ import pytest
 from small_artefacts import predicted, run_stage, straight_samples, write_artefacts
 from small_face import small_mesh
 
-from replicate.artefacts import built_rig, drawn_samples, rigid_segments
-from replicate.artefacts.plan import Numbers
-from replicate.methods import linear
+from replicate.methods import artefacts, linear
+from replicate.methods.plan import Numbers
 
 
 def fit_linear(folder, samples=None):
@@ -17,7 +16,7 @@ def fit_linear(folder, samples=None):
 
 def test_a_linear_rig_is_matched_to_the_quantisation_of_its_samples(tmp_path):
     inputs, notes = fit_linear(tmp_path, straight_samples())
-    samples, mesh = drawn_samples.load(inputs), small_mesh()
+    samples, mesh = artefacts.load_samples(inputs), small_mesh()
     vertices = predicted(linear.METHOD, inputs, samples.test_params)
     moved = mesh.segment < 2
     truth = mesh.neutral + samples.test_offsets
@@ -27,13 +26,13 @@ def test_a_linear_rig_is_matched_to_the_quantisation_of_its_samples(tmp_path):
 
 def test_the_strength_is_the_best_on_the_validation_poses(tmp_path):
     inputs, notes = fit_linear(tmp_path)
-    samples, mesh = drawn_samples.load(inputs), built_rig.load_mesh(inputs)
+    samples, mesh = artefacts.load_samples(inputs), artefacts.load_mesh(inputs)
     vertices = predicted(linear.METHOD, inputs, samples.validation_params)
     loss = np.square(vertices - mesh.neutral - samples.validation_offsets)
     still = np.square(samples.validation_offsets)
     assert 0 < loss[:, mesh.segment < 2].sum() < 0.2 * still[:, mesh.segment < 2].sum()
     assert notes["strength"] in linear.own("quick").strengths
-    segments = rigid_segments.load_coarse_segments(inputs, mesh)
+    segments = artefacts.load_coarse_segments(inputs, mesh)
     weights = sum(3 * len(s.vertices) * (len(s.parameters) + 1) for s in segments)
     assert notes["size_mb"] == pytest.approx(4e-6 * weights)
 

@@ -11,13 +11,12 @@ from small_artefacts import SHOWN_POSE, run_stage, write_artefacts
 from small_face import small_mesh
 from toy_methods import BLIND
 
-from replicate.artefacts import drawn_samples, rigid_segments
-from replicate.artefacts.plan import Plan, reference
+from replicate.base.exceptions import RunError
 from replicate.config import resolve
-from replicate.engine.exceptions import RunError
-from replicate.methods import measurement
+from replicate.methods import artefacts, measurement
 from replicate.methods.measurement import predictor
 from replicate.methods.method_registry import methods
+from replicate.methods.plan import Plan, reference
 
 
 @pytest.fixture
@@ -54,7 +53,7 @@ def test_rigid_segments_are_placed_by_their_attachments_where_the_method_wants_i
     truth = np.broadcast_to(mesh.neutral, (2, *mesh.neutral.shape))
     attached = predictor(replace(BLIND, rigid_step=True), inputs)(params, truth)
     plain = predictor(BLIND, inputs)(params, truth)
-    rigid = np.isin(mesh.segment, rigid_segments.load(inputs).segment)
+    rigid = np.isin(mesh.segment, artefacts.load_attachments(inputs).segment)
     assert rigid.any()
     np.testing.assert_array_equal(attached[:, ~rigid], plain[:, ~rigid])
     np.testing.assert_allclose(attached[:, rigid], plain[:, rigid], atol=1e-3)  # all moves as one
@@ -87,7 +86,7 @@ def test_errors_pose_numbers_size_and_curve_are_kept(inputs, tmp_path):
     work = reference(toy_methods.multiplications)
     numbers = replace(BLIND, facts=reference(toy_methods.facts), test_poses=5, multiplications=work)
     folders, _ = run_stage(measurement.measure, inputs, "errors_toy", numbers, tmp_path)
-    folder, samples, mesh = folders["errors_toy"], drawn_samples.load(inputs), small_mesh()
+    folder, samples, mesh = folders["errors_toy"], artefacts.load_samples(inputs), small_mesh()
     assert measurement.error_folders(folders | {"errors_toy-small": folder}) == {"toy": folder}
     errors = measurement.load_errors(folder)
     assert len(errors.pose_mm) == 5

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from replicate.drawing.colours import perceived
+from replicate.drawing.prop_surfaces import perceived
 from replicate.methods.method_registry import methods
 
 # Red, green and blue as eyes without one of the three kinds of cones see them (Machado et al. 2009).

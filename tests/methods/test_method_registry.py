@@ -8,13 +8,13 @@ import pytest
 from outside import bring  # noqa: F401, a fixture
 
 from replicate import __main__ as cli
-from replicate.artefacts.plan import Plan, reference
+from replicate.base.exceptions import InputError
 from replicate.config import resolve
-from replicate.engine.exceptions import InputError
 from replicate.engine.stage import stage_function
 from replicate.methods import method_registry
+from replicate.methods.measurement import reading
 from replicate.methods.method_registry import VARIABLE, choose, in_order, method_named, methods
-from replicate.methods.prediction import reading
+from replicate.methods.plan import Plan, reference
 
 OWN = methods().values()
 CONFIG = resolve("tiny", "quick")

@@ -10,11 +10,11 @@ import pytest
 from outside import bring  # noqa: F401, a fixture
 
 from replicate import __main__ as cli
-from replicate.engine.paths import ROOT
+from replicate.base.paths import ROOT
 from replicate.methods.method_registry import VARIABLE, choose, method_named
 from replicate.report.pose_record import load_pose
 from replicate.report.results import find, read_results
-from replicate.targets.figure10.error_faces import figure10
+from replicate.targets.figure10 import figure10
 
 FEW = "[samples]\ncount = 300\nvalidation = 16\n[rigid]\nposes = 20\n[evaluation]\ntest_poses = 20\n"
 

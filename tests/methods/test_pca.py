@@ -3,17 +3,16 @@
 import numpy as np
 from small_artefacts import predicted, run_stage, write_artefacts
 
-from replicate.artefacts import built_rig, drawn_samples
-from replicate.artefacts.plan import TrainingNumbers
 from replicate.config import TrainingConfig
-from replicate.methods import pca
+from replicate.methods import artefacts, pca
+from replicate.methods.plan import TrainingNumbers
 
 SECTION = pca.PcaConfig(components=20, hidden=(32,), training=TrainingConfig("one_cycle", 300, peak_rate=5e-3))
 
 
 def test_a_trained_network_is_near_the_truth_and_in_the_span_of_its_components(tmp_path):
     inputs = write_artefacts(tmp_path)
-    samples, mesh = drawn_samples.load(inputs), built_rig.load_mesh(inputs)
+    samples, mesh = artefacts.load_samples(inputs), artefacts.load_mesh(inputs)
     inputs, notes = run_stage(pca.train, inputs, "pca", TrainingNumbers(SECTION, 0, "cpu"), tmp_path)
     moved = np.flatnonzero(mesh.segment < 2)
     vertices = predicted(pca.METHOD, inputs, samples.test_params)
@@ -29,7 +28,7 @@ def test_a_trained_network_is_near_the_truth_and_in_the_span_of_its_components(t
 
 
 def test_components_are_as_long_as_their_standard_deviations(tmp_path):
-    samples = drawn_samples.load(write_artefacts(tmp_path))
+    samples = artefacts.load_samples(write_artefacts(tmp_path))
     vertices = np.arange(100, dtype=np.int32)
     basis, mean = pca.components(samples, vertices, SECTION, 0)
     offsets = samples.vertices_subset(np.arange(len(samples)), vertices).reshape(len(samples), -1)
@@ -40,6 +39,6 @@ def test_components_are_as_long_as_their_standard_deviations(tmp_path):
 
 
 def test_more_components_than_the_samples_have_are_not_asked_for(tmp_path):
-    samples = drawn_samples.load(write_artefacts(tmp_path))
+    samples = artefacts.load_samples(write_artefacts(tmp_path))
     basis, _ = pca.components(samples, np.arange(4, dtype=np.int32), SECTION, 0)
     assert basis.shape == (12, 12)

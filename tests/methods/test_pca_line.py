@@ -7,11 +7,10 @@ import pytest
 from small_artefacts import predicted, run_stage, straight_samples, write_artefacts
 from small_face import small_mesh, small_samples
 
-from replicate.approximation.coefficient_line import onto_basis
-from replicate.artefacts import drawn_samples
-from replicate.artefacts.plan import Numbers, TrainingNumbers
+from replicate.baselines.line import onto_basis
 from replicate.config import TrainingConfig
-from replicate.methods import linear, pca, pca_line
+from replicate.methods import artefacts, linear, pca, pca_line
+from replicate.methods.plan import Numbers, TrainingNumbers
 
 SCHEDULE = TrainingConfig("one_cycle", 1_000, peak_rate=1e-2)
 SECTION = pca_line.PcaLineConfig(components=20, hidden=(32,), normal_weight=0.0, training=SCHEDULE)
@@ -23,13 +22,13 @@ def fit(folder, section=SECTION, samples=None):
 
 
 def mean_mm(inputs, method) -> float:
-    samples, mesh = drawn_samples.load(inputs), small_mesh()
+    samples, mesh = artefacts.load_samples(inputs), small_mesh()
     vertices = predicted(method.METHOD, inputs, samples.test_params)
     return np.abs(vertices - mesh.neutral - samples.test_offsets)[:, mesh.segment < 2].mean()
 
 
 def test_the_skip_starts_as_the_least_squares_fit_of_the_coefficients(tmp_path):
-    samples = drawn_samples.load(write_artefacts(tmp_path, straight_samples()))
+    samples = artefacts.load_samples(write_artefacts(tmp_path, straight_samples()))
     vertices, scale = np.arange(100, dtype=np.int32), np.ones(12, np.float32)
     basis, mean = pca.components(samples, vertices, replace(SECTION, components=8), 0)  # its rank; the others are noise
     line, _ = pca_line.fit_line(samples, vertices, scale, basis, mean, (1e-12,))
@@ -49,7 +48,7 @@ def test_a_linear_rig_needs_no_training(tmp_path):
     section = replace(SECTION, components=40, training=replace(SCHEDULE, steps=1, peak_rate=1e-9))
     inputs, _ = fit(tmp_path, section, straight_samples())
     untrained = mean_mm(inputs, pca_line)
-    assert untrained < 0.1 * np.abs(drawn_samples.load(inputs).test_offsets).mean(), "the layers start small"
+    assert untrained < 0.1 * np.abs(artefacts.load_samples(inputs).test_offsets).mean(), "the layers start small"
 
 
 def test_it_is_nearer_than_the_line_and_every_weight_counts(tmp_path):

@@ -8,17 +8,15 @@ from outside import WITH_MODEL, bring  # noqa: F401, a fixture
 from small_artefacts import predicted, run_stage, write_artefacts
 from small_face import small_mesh
 
-from replicate.artefacts import drawn_samples
-from replicate.artefacts.plan import Plan
+from replicate.base.exceptions import InputError, RunError
+from replicate.base.schema import from_json, to_json
 from replicate.config import resolve
-from replicate.engine.exceptions import InputError, RunError
-from replicate.engine.schema import from_json, to_json
 from replicate.engine.stage import stage_function
-from replicate.methods import linear, measurement, neutral_pose
-from replicate.methods.measurement import predictor
+from replicate.methods import artefacts, linear, measurement, neutral_pose
+from replicate.methods.measurement import predictor, reading
 from replicate.methods.method import Method
 from replicate.methods.method_registry import choose
-from replicate.methods.prediction import reading
+from replicate.methods.plan import Plan
 
 CONFIG = resolve("tiny", "quick")
 
@@ -35,7 +33,7 @@ def inputs(tmp_path, bring):  # noqa: F811
 
 def test_what_a_model_adds_to_the_neutral_pose_is_predicted_and_its_own_count_is_its_work(inputs):
     inputs, method = inputs
-    mean = drawn_samples.load(inputs).offsets(np.arange(2)).mean(0)
+    mean = artefacts.load_samples(inputs).offsets(np.arange(2)).mean(0)
     vertices = predicted(method, inputs, np.zeros((3, 12), np.float32))
     np.testing.assert_allclose(vertices, np.broadcast_to(small_mesh().neutral + mean, vertices.shape), atol=1e-5)
     read = reading(method, CONFIG)

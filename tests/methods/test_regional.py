@@ -9,13 +9,13 @@ from box import foreign
 from small_artefacts import predicted, run_stage, write_artefacts
 from small_face import M, pose_offsets, small_mesh, small_samples
 
-from replicate.approximation import regional_model, rig_derivatives
-from replicate.approximation.regional_basis import RegionalBasis
-from replicate.approximation.regional_networks import fresh_networks
-from replicate.artefacts import built_rig, drawn_samples
-from replicate.artefacts.plan import Numbers, TrainingNumbers
-from replicate.engine.exceptions import InputError
-from replicate.methods import linear, regional, regional_derivatives
+from replicate.base.exceptions import InputError
+from replicate.methods import artefacts, linear, regional, regional_derivatives
+from replicate.methods.plan import Numbers, TrainingNumbers
+from replicate.regional import derivatives
+from replicate.regional import model as regional_model
+from replicate.regional.basis import RegionalBasis
+from replicate.regional.networks import fresh_networks
 
 SCHEDULE = replace(regional.TRAINING, steps=800)
 SECTION = regional.RegionalConfig(regions=4, components=12, fine=4, hidden=(24, 24), training=SCHEDULE)
@@ -35,7 +35,7 @@ def trained(tmp_path_factory, request):
 
 
 def error(inputs, method) -> float:
-    samples, mesh = drawn_samples.load(inputs), small_mesh()
+    samples, mesh = artefacts.load_samples(inputs), small_mesh()
     vertices = predicted(method.METHOD, inputs, samples.test_params)
     return float(np.abs(vertices - mesh.neutral - samples.test_offsets)[:, mesh.segment < 2].mean())
 
@@ -47,7 +47,7 @@ def test_it_is_nearer_to_the_truth_than_a_straight_line(trained):
 
 def test_a_trained_and_loaded_models_layers_stay_within_what_training_has_seen(trained):
     inputs, _ = trained
-    model, samples = regional_model.load(inputs["regional"]), drawn_samples.load(inputs)
+    model, samples = regional_model.load(inputs["regional"]), artefacts.load_samples(inputs)
     corners = np.sign(np.random.default_rng(5).normal(size=(200, samples.params.shape[1]))).astype(np.float32)
     corners *= np.abs(samples.params).max(axis=0)  # many parameters are as large as can be, at once
     offsets, inside = model.offsets(corners), model.offsets(samples.params[:200])
@@ -121,8 +121,8 @@ def slopes_of_the_truth(params, directions):
 
 def test_trained_on_the_rigs_derivatives_a_model_has_nearly_those_between_samples_too(tmp_path, monkeypatch):
     rng = np.random.default_rng(7)
-    monkeypatch.setattr(built_rig, "load", lambda inputs: foreign())
-    monkeypatch.setattr(rig_derivatives, "derivative_batches", lambda rig, *both: [slopes_of_the_truth(*both)])
+    monkeypatch.setattr(artefacts, "load", lambda inputs: foreign())
+    monkeypatch.setattr(derivatives, "derivative_batches", lambda rig, *both: [slopes_of_the_truth(*both)])
     inputs, errors = write_artefacts(tmp_path / "artefacts", small_samples(small_mesh(), 300)), {}
     params, directions = (rng.uniform(-0.8, 0.8, (2, 32, M))).astype(np.float32)
     for weight in (0.0, 1.0):
@@ -143,7 +143,7 @@ def test_the_method_with_derivatives_is_the_other_one_but_for_them():
 
 
 def test_a_rig_without_derivatives_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(built_rig, "load", lambda inputs: foreign())
+    monkeypatch.setattr(artefacts, "load", lambda inputs: foreign())
     monkeypatch.setattr(regional, "has_function", lambda rig: False)
     inputs = write_artefacts(tmp_path / "artefacts", small_samples(small_mesh(), 60))
     numbers = TrainingNumbers(replace(SECTION, derivatives=0.5), 0, "cpu")
@@ -155,7 +155,7 @@ def test_a_model_that_is_written_again_reads_the_same(trained, tmp_path):
     inputs, _ = trained
     model = regional_model.load(inputs["regional"])
     regional_model.save(model, tmp_path)
-    params = np.array(drawn_samples.load(inputs).test_params)
+    params = np.array(artefacts.load_samples(inputs).test_params)
     np.testing.assert_array_equal(regional_model.load(tmp_path).offsets(params), model.offsets(params))
     (tmp_path / regional_model.WEIGHTS).write_bytes(b"no weights")
     with pytest.raises(InputError, match="no readable model"):

@@ -7,13 +7,12 @@ import pytest
 from small_artefacts import predicted, run_stage, write_artefacts
 from small_face import small_mesh
 
-from replicate.artefacts import drawn_samples
-from replicate.artefacts.plan import Plan, TrainingNumbers
+from replicate.base.schema import read_table
 from replicate.config import ConditioningConfig, resolve
-from replicate.engine.schema import read_table
-from replicate.methods import dense_network, released
+from replicate.methods import artefacts, dense_network, released
 from replicate.methods.method_registry import method_named
-from replicate.report.training_curves import read_log
+from replicate.methods.plan import Plan, TrainingNumbers
+from replicate.report.results import read_log
 
 
 @pytest.mark.parametrize("method", released.METHODS, ids=lambda method: method.name)
@@ -47,7 +46,7 @@ def test_a_dense_network_trains_on_raw_parameters_in_the_units_of_a_rig(tmp_path
     numbers = TrainingNumbers(read_table(released.own_dense("quick"), table), 0, "cpu")
     inputs, notes = run_stage(dense_network.train, inputs, "dense_released", numbers, tmp_path)
     *_, last = read_log(inputs["dense_released"] / "log.csv")
-    samples, mesh = drawn_samples.load(inputs), small_mesh()
+    samples, mesh = artefacts.load_samples(inputs), small_mesh()
     vertices = predicted(method_named("dense_released"), inputs, samples.validation_params)
     distance = np.linalg.norm(vertices - mesh.neutral - samples.validation_offsets, axis=2)[:, mesh.segment < 2]
     assert distance.mean() == pytest.approx(last[2], rel=1e-4), (

@@ -3,7 +3,7 @@
 import numpy as np
 from small_face import small_mesh
 
-from replicate.approximation.skinning.ssdr import Skin
+from replicate.baselines.skinning.ssdr import Skin
 from replicate.methods import skinned
 
 

@@ -5,9 +5,8 @@ import pytest
 from small_artefacts import predicted, run_stage, write_artefacts
 from small_face import M, SmallSamples, exact_samples, small_influence, small_mesh
 
-from replicate.artefacts import drawn_samples, rigid_segments
-from replicate.artefacts.plan import Numbers
-from replicate.methods import linear, squares
+from replicate.methods import artefacts, linear, squares
+from replicate.methods.plan import Numbers
 
 
 def bent_samples() -> SmallSamples:
@@ -24,7 +23,7 @@ def bent_samples() -> SmallSamples:
 
 
 def worst_mm(inputs, method) -> float:
-    samples, mesh = drawn_samples.load(inputs), small_mesh()
+    samples, mesh = artefacts.load_samples(inputs), small_mesh()
     vertices = predicted(method.METHOD, inputs, samples.test_params)
     return np.abs(vertices - mesh.neutral - samples.test_offsets)[:, mesh.segment < 2].max()
 
@@ -42,7 +41,7 @@ def test_every_weight_of_the_fit_counts_in_its_size(tmp_path):
     inputs, notes = run_stage(
         squares.fit, write_artefacts(tmp_path), "squares", Numbers(squares.own("quick"), 0), tmp_path
     )
-    segments = rigid_segments.load_coarse_segments(inputs, small_mesh())
+    segments = artefacts.load_coarse_segments(inputs, small_mesh())
     weights = sum(3 * len(s.vertices) * (3 * len(s.parameters) + 1) for s in segments)
     assert notes["size_mb"] == pytest.approx(4e-6 * weights) == pytest.approx(squares.load_model(inputs).size_mb())
 
@@ -50,7 +49,7 @@ def test_every_weight_of_the_fit_counts_in_its_size(tmp_path):
 def test_the_strength_is_the_best_on_the_validation_poses(tmp_path):
     section = linear.LinearConfig(strengths=(10.0, 1e-6, 1.0))
     inputs, notes = run_stage(squares.fit, write_artefacts(tmp_path), "squares", Numbers(section, 0), tmp_path)
-    samples, mesh = drawn_samples.load(inputs), small_mesh()
+    samples, mesh = artefacts.load_samples(inputs), small_mesh()
     vertices = predicted(squares.METHOD, inputs, samples.validation_params)
     loss = np.square(vertices - mesh.neutral - samples.validation_offsets)
     still = np.square(samples.validation_offsets)

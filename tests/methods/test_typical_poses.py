@@ -8,11 +8,10 @@ from small_artefacts import run_stage, write_artefacts
 from small_face import small_mesh
 from toy_methods import BLIND
 
-from replicate.artefacts import drawn_samples
-from replicate.artefacts.plan import Plan
 from replicate.config import resolve
-from replicate.methods import measurement, typical_poses
+from replicate.methods import artefacts, measurement, typical_poses
 from replicate.methods.method_registry import choose
+from replicate.methods.plan import Plan
 from replicate.methods.typical_poses import MEDIAN, WORST, KnownPoses, RankingNumbers
 
 
@@ -32,7 +31,7 @@ def ranked(inputs, tmp_path, test_poses=0):
 def test_the_chosen_poses_are_the_median_and_the_worst_of_those_measured(inputs, tmp_path, test_poses):
     inputs = ranked(inputs, tmp_path, test_poses)
     errors = measurement.load_errors(inputs["errors_toy"]).pose_deg
-    poses = measurement.measured_poses(drawn_samples.load(inputs).test_params, test_poses, 0)
+    poses = measurement.measured_poses(artefacts.load_samples(inputs).test_params, test_poses, 0)
     method, chosen = typical_poses.load_chosen(inputs)
     of = dict(zip(poses.tolist(), errors.tolist(), strict=True))
     assert method == "toy" and of[chosen[WORST]] == errors.max()
@@ -43,7 +42,7 @@ def test_the_chosen_poses_are_the_median_and_the_worst_of_those_measured(inputs,
 def test_a_method_predicts_both_poses(inputs, tmp_path):
     inputs = ranked(inputs, tmp_path)
     inputs, _ = run_stage(typical_poses.predict, inputs, "typical_toy", BLIND, tmp_path)
-    samples, mesh = drawn_samples.load(inputs), small_mesh()
+    samples, mesh = artefacts.load_samples(inputs), small_mesh()
     for choice, pose in typical_poses.load_chosen(inputs)[1].items():
         (name, predicted), *rest = typical_poses.load_predictions(inputs, choice).items()
         moved = mesh.neutral + 2 * samples.test_params[pose, 0] * np.float32([1, 0, 0])

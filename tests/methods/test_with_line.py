@@ -7,12 +7,11 @@ import pytest
 from small_artefacts import predicted, run_stage, straight_samples, write_artefacts
 from small_face import small_mesh, small_samples
 
-from replicate.artefacts import drawn_samples
-from replicate.artefacts.plan import Numbers, TrainingNumbers
 from replicate.config import CoarseConfig, DenseConfig, RefinementConfig, TrainingConfig
-from replicate.methods import linear, with_line
+from replicate.methods import artefacts, linear, with_line
 from replicate.methods.method_registry import method_named
-from replicate.report.training_curves import read_log
+from replicate.methods.plan import Numbers, TrainingNumbers
+from replicate.report.results import read_log
 
 SCHEDULE = TrainingConfig("one_cycle", 400, peak_rate=5e-3)
 COARSE = CoarseConfig(map_size=16, normal_weight=0.0, training=SCHEDULE)  # what the test measures: positions
@@ -24,7 +23,7 @@ def fit(folder, samples=None):
 
 
 def errors(inputs, name: str) -> float:
-    samples, mesh = drawn_samples.load(inputs), small_mesh()
+    samples, mesh = artefacts.load_samples(inputs), small_mesh()
     vertices = predicted(method_named(name), inputs, samples.test_params)
     return np.abs(vertices - mesh.neutral - samples.test_offsets)[:, mesh.segment < 2].mean()
 
@@ -49,7 +48,7 @@ def test_a_network_beside_the_line_is_nearer_than_the_line_alone_and_both_count(
     assert errors(inputs, name) < errors(inputs, "linear")
     assert notes["size_mb"] > line["size_mb"]
     *_, last = read_log(inputs[name] / "log.csv")
-    samples, mesh = drawn_samples.load(inputs), small_mesh()
+    samples, mesh = artefacts.load_samples(inputs), small_mesh()
     vertices = predicted(method_named(name), inputs, samples.validation_params)
     distance = np.linalg.norm(vertices - mesh.neutral - samples.validation_offsets, axis=2)[:, mesh.segment < 2]
     assert distance.mean() == pytest.approx(last[2], rel=1e-4), "what is read is what was trained, line included"
@@ -58,15 +57,15 @@ def test_a_network_beside_the_line_is_nearer_than_the_line_alone_and_both_count(
 def test_refinement_adds_to_the_coarse_networks_beside_the_line(tmp_path):
     from replicate.approximation.refinement import square_segments
     from replicate.approximation.segments import save_segments
-    from replicate.artefacts import control_influence, refinement_squares, rigid_segments
+    from replicate.methods import artefacts
 
     inputs, _ = fit(tmp_path)
     inputs, _ = run_stage(with_line.train_coarse, inputs, "coarse_line", TrainingNumbers(COARSE, 0, "cpu"), tmp_path)
-    first = rigid_segments.load_coarse_segments(inputs, small_mesh())[0]
-    squares = square_segments(first, np.array([[0.3, 0.7]]), control_influence.load(inputs), 0.4)
+    first = artefacts.load_coarse_segments(inputs, small_mesh())[0]
+    squares = square_segments(first, np.array([[0.3, 0.7]]), artefacts.load_influence(inputs), 0.4)
     inputs["selection"] = tmp_path / "selection"
     inputs["selection"].mkdir()
-    save_segments(squares, inputs["selection"] / refinement_squares.FILE)
+    save_segments(squares, inputs["selection"] / artefacts.SQUARES)
     section = RefinementConfig(map_size=16, normal_weight=0.0, training=SCHEDULE)
     inputs, _ = run_stage(with_line.train_refined, inputs, "refined_line", TrainingNumbers(section, 0, "cpu"), tmp_path)
     assert errors(inputs, "refined_line") < errors(inputs, "coarse_line")

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from posed_face import MESH, TOOTH, coarse_model, posed_face, refined_model, regional_model
 
-from replicate.poser.check_poses import posed_vertices
 from replicate.poser.contents import face_contents
-from replicate.poser.pack import as_text, packed
-from replicate.poser.page import FRONT, joined
+from replicate.poser.face_page import posed_vertices
+from replicate.poser.pack import FRONT, as_text, joined, packed
 
 PARTS = [FRONT / f"{name}.js" for name in ("packed", "networks", "regional", "maps", "face")]
 PROGRAM = """

@@ -8,10 +8,10 @@ from browser import Tab
 from posed_face import posed_face
 from posing_page import page_of
 
-from replicate.engine.exceptions import RunError
+from replicate.base.exceptions import RunError
 from replicate.inverse.control_points import control_points
 from replicate.poser import browser_pictures
-from replicate.poser.check_poses import posed_vertices
+from replicate.poser.face_page import posed_vertices
 
 FACE = posed_face()
 POINTS = control_points(FACE.rig, FACE.influence)

@@ -2,8 +2,8 @@
 
 import pytest
 
-from replicate.engine.exceptions import InputError
-from replicate.poser.opening import open_face, what_is_missing
+from replicate.base.exceptions import InputError
+from replicate.poser.notebook import open_face, what_is_missing
 
 
 @pytest.fixture(autouse=True)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from posed_face import EYE_CENTRE, GAZE, MESH, PosedRig, posed_face
 
-from replicate.engine.exceptions import InputError
-from replicate.engine.progress import progress
+from replicate.base.exceptions import InputError
+from replicate.base.progress import progress
 from replicate.poser.contents import face_contents
 from replicate.poser.display_parts import display_contents, rigid_motion, sphere_centre
 from replicate.poser.pack import indices, packed, unpacked

@@ -8,10 +8,10 @@ from browser import Tab
 from posed_face import posed_face
 from posing_page import page_of
 
+from replicate.inverse.configurations import read_drags, targets_of
 from replicate.inverse.control_points import control_points
-from replicate.inverse.drags import read_drags, targets_of
-from replicate.poser.approximation_contents import halved
-from replicate.poser.check_poses import posed_vertices
+from replicate.poser.contents import halved
+from replicate.poser.face_page import posed_vertices
 from replicate.poser.saved_pose import read_pose
 
 FACE = posed_face()

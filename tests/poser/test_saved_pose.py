@@ -8,7 +8,7 @@ from posed_face import PosedRig
 from refusal import refusal
 
 from replicate import __main__ as cli
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 from replicate.poser.saved_pose import read_pose, write_pose
 
 RIG, NAMES = PosedRig(), ("chin", "nose")
@@ -93,7 +93,7 @@ def test_what_is_no_text_or_no_file_gets_the_sentence_of_that(tmp_path):
 
 def test_export_reads_a_saved_pose_and_answers_a_bad_one_with_exit_code_2(saved, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(PosedRig, "pose_props", lambda self, params: [])
-    monkeypatch.setattr("replicate.artefacts.built_rig.rig_of", lambda character: RIG)
+    monkeypatch.setattr("replicate.methods.artefacts.rig_of", lambda character: RIG)
     out = tmp_path / "own.glb"
     arguments = ("export", "--characters", "tiny", "--params", str(saved), "--to", str(out))
     assert cli.main(list(arguments)) == 0 and out.is_file()

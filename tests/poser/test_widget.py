@@ -8,8 +8,8 @@ import pytest
 from browser import Tab
 from posed_face import posed_face
 
-from replicate.engine.exceptions import InputError
-from replicate.poser.check_poses import posed_vertices
+from replicate.base.exceptions import InputError
+from replicate.poser.face_page import posed_vertices
 from replicate.poser.notebook import Poser
 from replicate.poser.rig_errors import DISTANCE, SCALES, at_vertices, rig_errors
 

@@ -1,6 +1,6 @@
 """How captions name a character: with the charts of its face."""
 
-from replicate.report.character_words import with_layout
+from replicate.report.pose_record import with_layout
 
 
 def test_a_name_is_followed_by_the_charts_that_the_face_lies_in():

@@ -11,11 +11,11 @@ from bumpy_plate import bumpy_plate
 from markdown_it import MarkdownIt
 from nbconvert.filters.markdown_mistune import markdown2html_mistune
 
+from replicate.base.paths import ROOT
 from replicate.drawing.panels import Words, save_figure
-from replicate.engine.paths import ROOT
 from replicate.report import notebooks
 from replicate.report.tables import Table, as_latex
-from replicate.targets.figure10.error_faces import figure10
+from replicate.targets.figure10 import figure10
 
 NAMES = (  # each has something that HTML, Markdown or a table's cell could take for its own
     "</td><script>alert(1)</script>",

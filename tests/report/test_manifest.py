@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 from toy_stages import toy_graph
 
+from replicate.base.exceptions import InputError
 from replicate.config import resolve
-from replicate.engine.exceptions import InputError
 from replicate.engine.scheduler import run
 from replicate.report import manifest
 

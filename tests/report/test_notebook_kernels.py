@@ -3,7 +3,7 @@
 import nbformat
 import pytest
 
-from replicate.engine.exceptions import RunError
+from replicate.base.exceptions import RunError
 from replicate.report.notebooks import execute
 
 

@@ -11,25 +11,24 @@ import pytest
 from plane import flat_grid
 from sample_rows import CURVE, cells_after, rig_report_rows, table1_rows, table2_rows
 
-from replicate.benchmarks.training_table import balance_text, draws_text, trainings_tables
+from replicate.base import paths
+from replicate.base.exceptions import InputError
+from replicate.base.paths import run_folder
+from replicate.benchmarks.bench_training import balance_text, draws_text, trainings_tables
 from replicate.drawing import render
-from replicate.engine import paths
-from replicate.engine.exceptions import InputError
-from replicate.engine.paths import run_folder
 from replicate.report import notebooks
 from replicate.report.notebooks import execute, main, with_parameters
 from replicate.report.pose_record import PoseRecord, pose_file, save_pose
-from replicate.report.results import Row, read_results, write_results
+from replicate.report.results import Row, read_results, write_curves, write_results
 from replicate.report.tables import Table, as_text
-from replicate.report.training_curves import write_curves
-from replicate.targets.claims.claims_publication import write_claims
-from replicate.targets.claims.evidence import gather
-from replicate.targets.claims.paper_claims import CLAIMS
-from replicate.targets.figure05.training_poses import POSES_HEADER
-from replicate.targets.figure07.mesh_segments import HEADER as SEGMENTS_HEADER
-from replicate.targets.figure08.refinement_segments import HEADER as REFINEMENT_HEADER
-from replicate.targets.rig_report.control_pairs import write_pairs
-from replicate.targets.table2.table2_figures import open_table2, table2_figure_names, table2_figures
+from replicate.targets.claims import write_claims
+from replicate.targets.claims.rules import gather
+from replicate.targets.claims.verdicts import CLAIMS
+from replicate.targets.figure05 import POSES_HEADER
+from replicate.targets.figure07 import HEADER as SEGMENTS_HEADER
+from replicate.targets.figure08 import HEADER as REFINEMENT_HEADER
+from replicate.targets.rig_report.rows import write_pairs
+from replicate.targets.table2.charts import open_table2, table2_figure_names, table2_figures
 
 FILES = sorted(notebooks.NOTEBOOKS.glob("*.ipynb"))
 TABLE2 = notebooks.NOTEBOOKS / "table2.ipynb"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from plane import flat_grid
 
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 from replicate.report.pose_record import PoseRecord, load_pose, save_pose
 
 TENT = np.float32([[0, -10, 0], [0, 10, 0], [-10, 0, 0], [10, 0, 0]])

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from replicate.engine.exceptions import InputError
-from replicate.engine.paths import run_folder
+from replicate.base.exceptions import InputError
+from replicate.base.paths import run_folder
 from replicate.engine.provenance import LABELS
-from replicate.report.provenance_text import LINE, provenance_text
+from replicate.report.notebooks import LINE, provenance_text
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 COMMAND = "python -m replicate table2 --profile quick"

@@ -11,11 +11,10 @@ from sample_rows import table2_rows
 
 from replicate.drawing.panels import Words
 from replicate.report import notebooks
-from replicate.report.provenance_text import provenance_text
-from replicate.report.results import read_results, write_results
-from replicate.report.seed_results import of_character, read_seeds
-from replicate.report.training_curves import read_curves
-from replicate.targets.table2 import publishing, table2_figures
+from replicate.report.notebooks import provenance_text
+from replicate.report.results import of_character, read_curves, read_results, read_seeds, write_results
+from replicate.targets import table2
+from replicate.targets.table2 import charts
 
 POSES = ("table2_teen_pose.npz", "table2_teen_pose_median.npz", "table2_teen_pose_worst.npz")
 FILES = ("table2.csv", "table2_seeds.csv", "table2_curves.csv", *POSES, "manifest.json")
@@ -92,7 +91,7 @@ def test_rows_of_another_run_than_the_manifests_are_left_out(place):
 
 
 def test_two_processes_that_publish_at_once_lose_no_rows(place, monkeypatch, capsys):
-    runs, read, reading = [result("teen"), result("tiny")], publishing.read_curves, threading.Event()
+    runs, read, reading = [result("teen"), result("tiny")], table2.read_curves, threading.Event()
 
     def read_slowly(file):
         if file.parent == place and not reading.is_set():
@@ -100,7 +99,7 @@ def test_two_processes_that_publish_at_once_lose_no_rows(place, monkeypatch, cap
             time.sleep(0.5)
         return read(file)
 
-    monkeypatch.setattr(publishing, "read_curves", read_slowly)
+    monkeypatch.setattr(table2, "read_curves", read_slowly)
     first = threading.Thread(target=publish_numbers, args=(runs[0],))
     first.start()
     assert reading.wait(10)
@@ -112,9 +111,9 @@ def test_two_processes_that_publish_at_once_lose_no_rows(place, monkeypatch, cap
 
 def test_the_lock_is_free_after_a_failure_and_lies_outside_the_results(place, monkeypatch):
     run = result("teen")
-    monkeypatch.setattr(table2_figures, "open_table2", lambda folder: 1 / 0)
+    monkeypatch.setattr(charts, "open_table2", lambda folder: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        publishing.publish([run])
+        table2.publish([run])
     publish_numbers(run)
     assert {path.name for path in place.iterdir()} == set(FILES), "the place may be copied as it is"
 
@@ -127,7 +126,7 @@ def drawing(place, monkeypatch):
     names = []
 
     def figures(results, character, limit_deg):
-        for name in table2_figures.table2_figure_names(results, character):
+        for name in charts.table2_figure_names(results, character):
             names.append(name)
             yield name, Figure((0.1, 0.1)), Words("alt", "caption")
 
@@ -135,7 +134,7 @@ def drawing(place, monkeypatch):
         names.append(out.name)
         out.write_text(stamp)
 
-    monkeypatch.setattr(table2_figures, "table2_figures", figures)
+    monkeypatch.setattr(charts, "table2_figures", figures)
     monkeypatch.setattr(notebooks, "execute", execute)
     return names
 
@@ -145,47 +144,47 @@ ALL = ["table2_teen_chart", *FACES, "figure09_teen", "table2_teen_curves", "tabl
 
 
 def test_figures_and_notebook_are_made_once(place, drawing):
-    publishing.publish([result("teen")])
+    table2.publish([result("teen")])
     assert drawing == ALL
     assert all((place / f"{name}.png").is_file() for name in ALL[:-1])
-    publishing.publish([result("teen")])
+    table2.publish([result("teen")])
     assert drawing == ALL, "both show these results already"
-    publishing.publish([result("teen", run="another")])
+    table2.publish([result("teen", run="another")])
     assert drawing == ALL * 2
 
 
 @pytest.mark.parametrize("name", ["figure09_teen.png", "table2_teen_curves.json"])
 def test_a_figure_that_is_gone_is_drawn_again(place, drawing, name):
-    publishing.publish([result("teen")])
+    table2.publish([result("teen")])
     (place / name).unlink()
     drawing.clear()
-    publishing.publish([result("teen")])
+    table2.publish([result("teen")])
     assert (place / name).is_file() and drawing == ALL[:-1], "the notebook need not be executed for it"
 
 
 @pytest.mark.parametrize("name", ["figure09_teen.png", "table2_teen_curves.json"])
 def test_a_figure_that_is_damaged_is_drawn_again(place, drawing, name):
-    publishing.publish([result("teen")])
+    table2.publish([result("teen")])
     sound = (place / name).read_bytes()
     middle = len(sound) // 2
     (place / name).write_bytes(sound[:middle] + bytes([sound[middle] ^ 0xFF]) + sound[middle + 1 :])
-    publishing.publish([result("teen")])
+    table2.publish([result("teen")])
     assert (place / name).read_bytes() == sound
 
 
 def test_figures_that_a_killed_process_left_old_are_drawn_again(drawing, monkeypatch):
-    publishing.publish([result("teen")])
+    table2.publish([result("teen")])
     with monkeypatch.context() as patch:
         patch.setattr("replicate.drawing.panels.save_figure", lambda *arguments: 1 / 0)
         with pytest.raises(ZeroDivisionError):
-            publishing.publish([result("teen", run="another")])
+            table2.publish([result("teen", run="another")])
     drawing.clear()
-    publishing.publish([result("teen", run="another")])
+    table2.publish([result("teen", run="another")])
     assert drawing == ALL
 
 
 def test_the_notebook_is_executed_again_when_only_the_manifest_changes(place, drawing):
-    publishing.publish([result("teen")])
+    table2.publish([result("teen")])
     manifest = json.loads((place / "manifest.json").read_text())
     assert notebooks.is_current("table2", "quick", HEATMAP_DEG=30.0)
     (place / "manifest.json").write_text(json.dumps(manifest | {"processor": "abacus"}))

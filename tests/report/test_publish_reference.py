@@ -8,15 +8,14 @@ import pytest
 from bumpy_plate import bumpy_plate
 from toy_texts import TABLES, texts_to_fill
 
-from replicate.engine import paths
-from replicate.engine.exceptions import InputError
+from replicate.base import paths
+from replicate.base.exceptions import InputError
 from replicate.report import manifest, notebooks
 from replicate.report.pose_record import pose_file, save_pose
-from replicate.report.results import Row, read_results, write_results
+from replicate.report.results import Row, read_curves, read_results, write_curves, write_results
 from replicate.report.tables import Table
-from replicate.report.training_curves import read_curves, write_curves
-from replicate.targets.claims.claim_verdicts import read_verdicts
-from replicate.targets.reference import reference_results as reference
+from replicate.targets import reference
+from replicate.targets.claims.verdicts import read_verdicts
 
 CLEAN = {"git": {"commit": "c" * 40, "clean": True}, "run": "r", "seeds": [0]}
 

@@ -10,17 +10,14 @@ from sample_results import result
 from sample_rows import table2_rows
 from toy_texts import texts_to_fill
 
+from replicate.base import paths
+from replicate.base.exceptions import InputError
 from replicate.config import resolve
-from replicate.engine import paths
-from replicate.engine.exceptions import InputError
 from replicate.methods.method_registry import sections
 from replicate.report import manifest, notebooks
 from replicate.report.pose_record import CHOICES, TRUTH, load_pose, pose_file
-from replicate.report.results import Row, read_results, write_results
-from replicate.report.seed_results import of_character, read_seeds
-from replicate.report.training_curves import read_curves
-from replicate.targets.reference import reference_results as reference
-from replicate.targets.table2 import publishing
+from replicate.report.results import Row, of_character, read_curves, read_results, read_seeds, write_results
+from replicate.targets import reference, table2
 
 
 @pytest.fixture
@@ -32,7 +29,7 @@ def publish(cache, tmp_path, monkeypatch):
 
     def run_and_publish(name: str, *results, add_seeds: bool = True) -> None:
         monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path / name))
-        publishing.publish(results, draw=False)
+        table2.publish(results, draw=False)
         reference.publish_reference("quick", add_seeds)
 
     return run_and_publish

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from replicate.engine import paths
+from replicate.base import paths
 
 ENTRIES = tomllib.loads((Path(__file__).parent / "quoted_numbers.toml").read_text())["number"]
 FILTERS = ("table", "character", "method", "metric", "seed", "segment", "kind")  # columns that pick lines of a CSV file

@@ -7,14 +7,12 @@ import pytest
 from plane import flat_grid
 from sample_rows import roofline_rows, table2_rows
 
-from replicate.engine import paths
-from replicate.engine.exceptions import InputError
+from replicate.base import paths
+from replicate.base.exceptions import InputError
 from replicate.report import manifest
-from replicate.report.pose_errors import normal_means_deg
-from replicate.report.pose_record import PoseRecord, load_pose, pose_file, save_pose
-from replicate.report.results import read_results, write_results
-from replicate.report.training_curves import write_curves
-from replicate.targets.reference import redrawn_pictures
+from replicate.report.pose_record import PoseRecord, load_pose, normal_means_deg, pose_file, save_pose
+from replicate.report.results import read_results, write_curves, write_results
+from replicate.targets.reference import pictures
 
 ENTRY = {"git": {"commit": "a" * 40, "clean": True}, "run": "r", "profile": "laptop", "seeds": [0, 1]}
 
@@ -23,7 +21,7 @@ ENTRY = {"git": {"commit": "a" * 40, "clean": True}, "run": "r", "profile": "lap
 def reference(tmp_path, monkeypatch):
     """A committed Table 2 of the teen with one pose, and an old picture of its forehead."""
     monkeypatch.setattr(paths, "REFERENCE", tmp_path)
-    monkeypatch.setattr(redrawn_pictures, "git_state", lambda: {"commit": "d" * 40, "clean": True})
+    monkeypatch.setattr(pictures, "git_state", lambda: {"commit": "d" * 40, "clean": True})
     write_results(tmp_path / "table2.csv", table2_rows(("teen",)))
     write_results(tmp_path / "bench_ladder.csv", [])
     write_results(tmp_path / "bench_roofline.csv", roofline_rows())
@@ -39,7 +37,7 @@ def reference(tmp_path, monkeypatch):
 
 
 def test_pictures_are_drawn_and_their_entries_say_by_which_commit(reference):
-    files = redrawn_pictures.redraw(["teen"], renderer="software")
+    files = pictures.redraw(["teen"], renderer="software")
     names = ["table2_teen_chart", "figure10_teen", "figure09_teen", "table2_teen_curves", "figure10_teen_forehead"]
     assert [file.stem for file in files] == [*names, "bench_roofline_teen", "figure09", "figure10"]
     assert all(file.stat().st_size > 500 and file.with_suffix(".json").is_file() for file in files[:-2])
@@ -53,9 +51,9 @@ def test_pictures_are_drawn_and_their_entries_say_by_which_commit(reference):
 
 
 def test_what_no_commit_would_tell_of_is_not_drawn(reference, monkeypatch):
-    monkeypatch.setattr(redrawn_pictures, "git_state", lambda: {"commit": "d" * 40, "clean": False})
+    monkeypatch.setattr(pictures, "git_state", lambda: {"commit": "d" * 40, "clean": False})
     with pytest.raises(InputError, match="the tree has changes"):
-        redrawn_pictures.redraw(["teen"])
+        pictures.redraw(["teen"])
     assert "pictures" not in manifest.entries(reference, "table2")["teen"]
 
 
@@ -63,7 +61,7 @@ def test_numbers_are_those_of_the_poses_and_their_entry_names_the_run_of_these(r
     (reference / "figure10_teen.png").write_bytes(b"a picture")
     others = [replace(row, table="figure10", character="ict") for row in table2_rows(("toon",))[:1]]
     write_results(reference / "figure10.csv", others)
-    (file,) = redrawn_pictures.put_numbers(["teen", "toon"])
+    (file,) = pictures.put_numbers(["teen", "toon"])
     rows = read_results(file)
     assert {row.character: row.run for row in rows} == {"ict": "r", "teen": "r"} and file.name == "figure10.csv"
     whole = next(row for row in rows if row.key[1:] == ("teen", "dense", "normal_error_mean[folded]"))

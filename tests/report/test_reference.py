@@ -5,14 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from replicate.engine import paths
+from replicate.base import paths
+from replicate.cli.target_list import target_table
 from replicate.methods.method_registry import methods
-from replicate.report.cast import STANDS_FOR
-from replicate.report.results import find, read_results
+from replicate.report.results import STANDS_FOR, find, read_results
 from replicate.report.tables import as_markdown, unbroken
-from replicate.targets.reference.reference_results import REPRODUCING, tables_in_texts, with_table
-from replicate.targets.table2.error_table import table2
-from replicate.targets.target_table import target_table
+from replicate.targets.reference import REPRODUCING, tables_in_texts, with_table
+from replicate.targets.table2.rows import table2
 
 CHARACTER = "teen"
 

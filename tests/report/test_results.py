@@ -4,11 +4,21 @@ import dataclasses
 
 import pytest
 
-from replicate.engine.exceptions import InputError
-from replicate.engine.paths import ROOT
-from replicate.report.results import COLUMNS, Row, find, over_seeds, read_results, seeds_note, write_results
-from replicate.report.seed_results import read_seeds, write_seeds
-from replicate.report.training_curves import read_curves, write_curves
+from replicate.base.exceptions import InputError
+from replicate.base.paths import ROOT
+from replicate.report.results import (
+    COLUMNS,
+    Row,
+    find,
+    over_seeds,
+    read_curves,
+    read_results,
+    read_seeds,
+    seeds_note,
+    write_curves,
+    write_results,
+    write_seeds,
+)
 
 ROW = Row("table2", "teen", "coarse", "vertex_error_mean", "mm", 0.1 + 0.2, None, 1, 1234, "quick", "abc")
 PAPER = ROOT / "results" / "paper"

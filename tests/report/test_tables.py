@@ -5,16 +5,21 @@ from dataclasses import replace
 import pytest
 from sample_rows import METHODS, PAPER_ROWS, cells_after, table2_rows
 
-from replicate.engine.exceptions import InputError
-from replicate.engine.paths import PAPER
+from replicate.base.exceptions import InputError
+from replicate.base.paths import PAPER
 from replicate.methods.method_registry import in_order, method_named, methods
-from replicate.report.cast import led_by, order_of
-from replicate.report.comparison import compare, compare_folders
 from replicate.report.notebooks import show_tables
-from replicate.report.results import Row, read_results, write_results
+from replicate.report.results import Row, led_by, order_of, read_results, write_results
 from replicate.report.tables import Table, as_html, as_latex, as_markdown, as_text, paper_value, round_off, unbroken
-from replicate.targets.table2.error_table import other_rigs, table2, table2_overview
-from replicate.targets.table2.ratio_tables import table2_questions, table2_ratios, table2_segments
+from replicate.targets.compare import compare, compare_folders
+from replicate.targets.table2.rows import (
+    other_rigs,
+    table2,
+    table2_overview,
+    table2_questions,
+    table2_ratios,
+    table2_segments,
+)
 
 RELEASED = ("dense_released",)
 

@@ -8,8 +8,8 @@ import pandas
 import pytest
 
 import replicate
-from replicate.engine.exceptions import InputError
-from replicate.engine.paths import REFERENCE, ROOT
+from replicate.base.exceptions import InputError
+from replicate.base.paths import REFERENCE, ROOT
 from replicate.report.results import COLUMNS, Row, read_results, write_results
 
 ROW = Row("table2", "teen", "coarse", "vertex_error_mean", "mm", 0.1 + 0.2, None, 1, 1234, "laptop", "abc")

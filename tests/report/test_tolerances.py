@@ -11,10 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from replicate.engine import paths
-from replicate.report.results import Row, read_results
-from replicate.report.seed_results import read_seeds
-from replicate.timing.timed_names import EXACT, parted
+from replicate.base import paths
+from replicate.report.results import Row, read_results, read_seeds
+from replicate.timing.single_poses import EXACT, parted
 
 TOLERANCES = tomllib.loads((Path(__file__).parent / "tolerances.toml").read_text(encoding="utf-8"))
 TABLES = TOLERANCES["tables"]

@@ -3,8 +3,8 @@
 import pytest
 from sample_rows import CURVE
 
-from replicate.engine.exceptions import InputError
-from replicate.report.training_curves import read_curves, read_log, write_curves
+from replicate.base.exceptions import InputError
+from replicate.report.results import read_curves, read_log, write_curves
 
 
 def test_curves_are_read_back_to_the_last_bit(tmp_path):

@@ -6,15 +6,23 @@ import numpy as np
 import pytest
 import rigs
 
+from replicate.base.exceptions import InputError
 from replicate.drawing.render import working_renderer
 from replicate.drawing.scene import Camera, Surface
-from replicate.engine.exceptions import InputError
-from replicate.rig_tour.amounts import pose_params
-from replicate.rig_tour.control_panel import control_panel, still
-from replicate.rig_tour.derivative import central, derivative_sheet
-from replicate.rig_tour.fold_growth import NO_REGION, fold_chart, strain, strain_colours
-from replicate.rig_tour.layers import BROWS_UP, EXHIBITS, SMILE, build_up, layer_sheet, layer_table, scale_for
-from replicate.rig_tour.live_view import LiveView
+from replicate.rig_study.control_panel import LiveView, control_panel, still
+from replicate.rig_study.fold_growth import NO_REGION, fold_chart, strain, strain_colours
+from replicate.rig_study.tour import (
+    BROWS_UP,
+    EXHIBITS,
+    SMILE,
+    build_up,
+    central,
+    derivative_sheet,
+    layer_sheet,
+    layer_table,
+    pose_params,
+    scale_for,
+)
 
 FOLDED = {**BROWS_UP, **SMILE, "chin_raise": 1.0}
 SMALL = {"width": 60, "height": 66, "renderer": "software"}

@@ -11,22 +11,20 @@ from refusal import refusal
 
 from data_recipes.catalogue import FACE_LANDMARKS, build_rig, character_parts, performance, with_face_landmarks
 from replicate import __main__ as cli
-from replicate.artefacts.plan import Plan
+from replicate.base.progress import progress
 from replicate.capture.capture_config import CaptureConfig
 from replicate.capture.landmark_file import write_landmarks
 from replicate.config import resolve
-from replicate.engine.progress import progress
 from replicate.engine.stage import in_order, input_names
-from replicate.inverse.ik_config import own as inverse_section
-from replicate.inverse.ik_training import Truth
+from replicate.inverse.control_points import own as inverse_section
+from replicate.inverse.ik_network import Truth
 from replicate.methods.method_registry import sections
+from replicate.methods.plan import Plan
 from replicate.report.results import find, read_results
 from replicate.targets import capture, figure12
-from replicate.targets.figure12 import acted_landmarks
-from replicate.targets.figure12.capture_rows import METRICS, capture_rows, metric_name
-from replicate.targets.figure12.capture_tables import answer12, tables12
-from replicate.targets.figure12.driven_motions import drivers
-from replicate.targets.figure12.landmark_ridge import fit_ridge
+from replicate.targets.figure12 import rows as figure12_rows
+from replicate.targets.figure12.rows import METRICS, capture_rows, drivers, fit_ridge, metric_name
+from replicate.targets.figure12.shown import answer12, tables12
 
 SECTIONS = sections("quick") | {"inverse": inverse_section("quick"), "capture": CaptureConfig()}
 
@@ -101,10 +99,10 @@ def test_every_driver_is_measured_at_every_noise(folder):
 def test_another_actor_of_another_size_drives_the_same_face(folder, tmp_path):
     stage = figure_stage()
     inputs = {name: folder / "cache" / one.identifier for name, one in input_names(stage.inputs).items()}
-    own = acted_landmarks.load(inputs, "tiny")
+    own = figure12_rows.load(inputs, "tiny")
     (tmp_path / "other").mkdir()
     arrays = {**vars(own), "landmarks": 1.6 * own.landmarks + np.float32([300, -40, 0])}
-    np.savez(tmp_path / "other" / acted_landmarks.ARRAYS, **arrays)
+    np.savez(tmp_path / "other" / figure12_rows.ARRAYS, **arrays)
     section = replace(stage.config.section, noises_mm=(0.0,), smoothing_frames=1)
     trial = replace(stage.config, actors=("tiny", "other"), section=section)
     every = drivers(trial, inputs)[:1]

@@ -5,10 +5,13 @@ from dataclasses import replace
 import pytest
 from sample_rows import mean_rows, table1_rows, table2_rows
 
-from replicate.benchmarks.training_table import BALANCED, RAW_ANIMATION, USUAL
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
+from replicate.benchmarks.bench_training import BALANCED, RAW_ANIMATION, USUAL
 from replicate.report.results import Row
-from replicate.targets.claims.claim_verdicts import (
+from replicate.targets.claims.rules import Evidence, MissingNumber, published
+from replicate.targets.claims.verdicts import (
+    CLAIMS,
+    claim_named,
     judge,
     judge_all,
     published_verdict,
@@ -16,9 +19,7 @@ from replicate.targets.claims.claim_verdicts import (
     verdict_frame,
     write_verdicts,
 )
-from replicate.targets.claims.evidence import Evidence, MissingNumber, published
-from replicate.targets.claims.paper_claims import CLAIMS, claim_named
-from replicate.targets.table3.gpu_machine import beside
+from replicate.targets.table3 import beside
 
 PAPER = published()
 THEIRS = ("Hiccup", "Valka", "Toothless", "Ray")

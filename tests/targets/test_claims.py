@@ -8,16 +8,13 @@ import pytest
 from sample_rows import mean_rows, table1_rows
 
 from replicate import __main__ as cli
-from replicate.engine import paths
+from replicate.base import paths
 from replicate.report import notebooks
-from replicate.report.results import Row, over_seeds, write_results
-from replicate.report.seed_results import write_seeds
+from replicate.report.results import Row, over_seeds, write_results, write_seeds
 from replicate.report.tables import as_latex, as_markdown, as_text
-from replicate.targets.claims.claim_verdicts import judge, judge_all, read_verdicts
-from replicate.targets.claims.claims_chart import claim_chart
-from replicate.targets.claims.claims_table import claims_table, reasons_table, verdicts_of_table2
-from replicate.targets.claims.evidence import Evidence, gather, published
-from replicate.targets.claims.paper_claims import CLAIMS, claim_named
+from replicate.targets.claims import claim_chart, claims_table, reasons_table, verdicts_of_table2
+from replicate.targets.claims.rules import Evidence, gather, published
+from replicate.targets.claims.verdicts import CLAIMS, claim_named, judge, judge_all, read_verdicts
 
 PAPER = published()
 
@@ -154,9 +151,7 @@ def folders(tmp_path, monkeypatch):
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path / "runs"))
     monkeypatch.setattr(paths, "REFERENCE", tmp_path / "reference")
     executed = []
-    monkeypatch.setattr(
-        "replicate.targets.claims.claims_publication.run_notebook", lambda *names: executed.append(names)
-    )
+    monkeypatch.setattr("replicate.targets.claims.run_notebook", lambda *names: executed.append(names))
     for folder in (tmp_path / "runs" / "quick", tmp_path / "reference"):
         folder.mkdir(parents=True)
     return tmp_path / "runs" / "quick", tmp_path / "reference", executed

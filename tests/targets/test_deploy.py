@@ -15,17 +15,17 @@ from posed_face import PosedRig, posed_face
 from small_artefacts import run_stage, write_artefacts
 from untrained_models import MESH, coarse_model
 
-from replicate.approximation import cnn, regional_model
+from replicate.approximation import cnn
 from replicate.approximation.rigid import attach
-from replicate.artefacts import rigid_segments
+from replicate.base.exceptions import InputError
+from replicate.base.paths import ROOT
 from replicate.config import CoarseConfig, resolve
-from replicate.deployment.agreement import drawn_poses, largest_distance, posed
 from replicate.deployment.model_facts import PATENTS
-from replicate.engine.exceptions import InputError
-from replicate.engine.paths import ROOT
-from replicate.methods import coarse, linear, measurement, neutral_pose, regional, skinned
+from replicate.deployment.onnx_model import drawn_poses, largest_distance, posed
+from replicate.methods import artefacts, coarse, linear, measurement, neutral_pose, regional, skinned
+from replicate.regional import model as regional_model
 from replicate.targets import deploy
-from replicate.targets.deploy.deploy_settings import DeployedMethod, DeploySettings
+from replicate.targets.deploy import DeployedMethod, DeploySettings
 
 MODELS = {"coarse": coarse_model(), "regional": posed_face().model}
 METHODS = (
@@ -56,14 +56,14 @@ def inputs(tmp_path_factory):
 def deployed(inputs, tmp_path_factory):
     """The folder that the target writes, and what it notes."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("replicate.artefacts.built_rig.load", lambda _: PosedRig())
+        patch.setattr("replicate.methods.artefacts.load_rig", lambda _: PosedRig())
         settings = DeploySettings("small", "quick", 0, METHODS)
         folders, notes = run_stage(deploy.write, inputs, "deploy", settings, tmp_path_factory.mktemp("out"))
     return folders["deploy"], notes
 
 
 def wanted(inputs, name, params):
-    return attach(MESH, rigid_segments.load(inputs), MESH.neutral + MODELS[name].offsets(params))
+    return attach(MESH, artefacts.load_attachments(inputs), MESH.neutral + MODELS[name].offsets(params))
 
 
 def test_every_file_is_there_and_said_what_it_is(deployed):
@@ -143,9 +143,9 @@ def test_the_example_refuses_bad_words_in_a_sentence(deployed, tmp_path, words, 
 
 
 def test_a_model_that_is_off_is_not_written(inputs, tmp_path, monkeypatch):
-    monkeypatch.setattr("replicate.artefacts.built_rig.load", lambda _: PosedRig())
+    monkeypatch.setattr("replicate.methods.artefacts.load_rig", lambda _: PosedRig())
     still = lambda model, params: np.zeros((len(params), 341, 3))  # noqa: E731
-    monkeypatch.setattr("replicate.targets.deploy.deployed_files.posed", still)
+    monkeypatch.setattr("replicate.targets.deploy.posed", still)
     with pytest.raises(RuntimeError, match=r"coarse as ONNX is .* mm off, where 0.001 mm are allowed"):
         run_stage(deploy.write, inputs, "deploy", DeploySettings("small", "quick", 0, METHODS), tmp_path)
 

@@ -9,13 +9,13 @@ import sample_folders
 
 from data_recipes.early_checks import recipe_controls
 from data_recipes.recipe.reading import load_recipe
-from replicate.artefacts.plan import Plan
+from replicate.base.paths import REFERENCE
+from replicate.cli.running import Known, known_times, sentence, stage_s, wall_s, work
 from replicate.config import resolve
-from replicate.engine.paths import REFERENCE
 from replicate.engine.stage import in_order
 from replicate.methods.method_registry import choose, method_named, sections
-from replicate.targets.expected_time import Known, known_times, sentence, stage_s, wall_s, work
-from replicate.targets.reference.table2_times import times_card
+from replicate.methods.plan import Plan
+from replicate.targets.reference.times import times_card
 from replicate.targets.table2 import stages
 
 TIMES = {"coarse-teen": 600.0, "rig-teen": 10.0, "coarse-tiny": 66.0, "samples-teen": 100.0, "linear-teen": 30.0}

@@ -7,9 +7,9 @@ import pytest
 from bumpy_plate import bumpy_plate, pictures_of, texts_of
 
 from replicate.report.pose_record import PoseRecord
-from replicate.targets.figure01.side_by_side import figure01
+from replicate.targets.figure01 import figure01
 from replicate.targets.figure09.forehead_wrinkles import figure09
-from replicate.targets.figure10.error_faces import figure10
+from replicate.targets.figure10 import figure10
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from bumpy_plate import bumpy_plate, pictures_of, texts_of
 from replicate.approximation.metrics import normal_error
 from replicate.drawing.heatmap import error_colours
 from replicate.report.pose_record import PoseRecord
-from replicate.targets.figure10.error_faces import figure10, picture_name
+from replicate.targets.figure10 import figure10, picture_name
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from replicate.targets.figure11.posed_faces import dragged_points
+from replicate.targets.figure11 import dragged_points
 
 
 def test_one_number_of_dragged_points_is_said_once_and_two_as_a_range():

@@ -21,12 +21,13 @@ from replicate.config import CoarseConfig, RefinementConfig
 from replicate.drawing.render import render
 from replicate.report.results import read_results
 from replicate.targets import figure13 as target
-from replicate.targets.figure13 import moved_meshes, new_meshes, other_faces, other_sheet, transfer_sheet
-from replicate.targets.figure13.transfer_rows import rows_of
-from replicate.targets.figure13.transfer_tables import LABELS, tables13
+from replicate.targets.figure13 import moved
+from replicate.targets.figure13 import shown as figure13_shown
+from replicate.targets.figure13.moved import rows_of
+from replicate.targets.figure13.shown import LABELS, tables13
 from replicate.transfer.new_mesh_poses import WAYS
 
-NUMBERS = moved_meshes.MovedNumbers(0, 10, 0, shifts=(0.0, 1.0, 4.0), turns_deg=(5.0,), draws=2, moved_poses=99)
+NUMBERS = moved.MovedNumbers(0, 10, 0, shifts=(0.0, 1.0, 4.0), turns_deg=(5.0,), draws=2, moved_poses=99)
 
 
 def write_model(folder, segments, config) -> None:
@@ -53,19 +54,19 @@ def inputs(tmp_path_factory):
     write_model(artefacts["coarse"], segments, CoarseConfig(map_size=16))
     squares = square_segments(segments[0], np.array([[0.3, 0.7]]), small_influence(mesh), 0.4)
     write_model(artefacts["refined"], squares, RefinementConfig(map_size=32))
-    shares = new_meshes.NewMeshNumbers(tuple(new_meshes.SHARES.values()))
-    artefacts, notes = run_stage(new_meshes.make, artefacts, "new_meshes", shares, folder)
+    shares = moved.NewMeshNumbers(tuple(moved.SHARES.values()))
+    artefacts, notes = run_stage(moved.make_meshes, artefacts, "new_meshes", shares, folder)
     assert notes["vertices"]["quarter"] < notes["vertices"]["half"] < (mesh.segment < 2).sum()
-    return run_stage(moved_meshes.make, artefacts, "moved_meshes", NUMBERS, folder)[0]
+    return run_stage(moved.move_meshes, artefacts, "moved_meshes", NUMBERS, folder)[0]
 
 
 def test_every_way_to_move_every_mesh_is_measured_and_the_map_says_what_the_model_says(inputs):
-    means = moved_meshes.load_means(inputs)
+    means = moved.load_means(inputs)
     distance = {(mean.mesh, mean.method, mean.charts): mean.distance_mm for mean in means}
     assert {method for mesh, method, charts in distance if mesh == "half" and not charts} == set(WAYS)
     assert {method for mesh, method, _ in distance if mesh == "original"} == {"coarse", "refined", "neutral"}
     assert all(np.isfinite([mean.distance_mm, mean.normal_deg]).all() and mean.poses == 24 for mean in means)
-    for mesh in new_meshes.SHARES:
+    for mesh in moved.SHARES:
         assert distance[mesh, "coarse", ""] == pytest.approx(distance[mesh, "coarse_carried", ""], rel=0.1)
         assert distance[mesh, "coarse", ""] != pytest.approx(distance[mesh, "neutral", ""], rel=0.1)
         assert distance[mesh, "coarse", "shift 0 px"] == pytest.approx(distance[mesh, "coarse", ""], rel=1e-6)
@@ -73,8 +74,8 @@ def test_every_way_to_move_every_mesh_is_measured_and_the_map_says_what_the_mode
 
 
 def test_the_shown_pose_has_the_errors_that_its_vertices_have(inputs):
-    new, posed = new_meshes.load(inputs)["half"], moved_meshes.load_pose(inputs, "half")
-    original = moved_meshes.load_pose(inputs, moved_meshes.ORIGINAL)
+    new, posed = moved.load_meshes(inputs)["half"], moved.load_moved_pose(inputs, "half")
+    original = moved.load_moved_pose(inputs, moved.ORIGINAL)
     assert set(posed) == {"truth", *WAYS} and set(original) == {"truth", "coarse"}
     np.testing.assert_allclose(new.places.mix(original["truth"]), posed["truth"], atol=1e-5)
     np.testing.assert_allclose(new.places.mix(original["coarse"]), posed["coarse_carried"], atol=1e-5)
@@ -82,13 +83,13 @@ def test_the_shown_pose_has_the_errors_that_its_vertices_have(inputs):
 
 
 def test_the_figure_has_a_row_of_meshes_each_and_rows_of_the_same_numbers(inputs, tmp_path, monkeypatch):
-    monkeypatch.setattr(transfer_sheet, "render", partial(render, renderer="software"))
-    monkeypatch.setattr(transfer_sheet, "cell_width", lambda *_: 40)
-    monkeypatch.setattr("replicate.artefacts.built_rig.load", lambda _: TheSmallFace())
+    monkeypatch.setattr(figure13_shown, "render", partial(render, renderer="software"))
+    monkeypatch.setattr(figure13_shown, "cell_width", lambda *_: 40)
+    monkeypatch.setattr("replicate.methods.artefacts.load_rig", lambda _: TheSmallFace())
     settings = target.TransferPicture("tiny", "quick")
     folder = run_stage(target.draw, inputs, "figure13", settings, tmp_path)[0]["figure13"]
     rows = {(row.method, row.metric): row for row in read_results(folder / "figure13.csv")}
-    means = moved_meshes.load_means(inputs)
+    means = moved.load_means(inputs)
     assert len(rows) == 2 * len(means) and {row.table for row in rows.values()} == {"figure13"}
     half = next(mean for mean in means if (mean.mesh, mean.method, mean.charts) == ("half", "coarse", ""))
     assert rows["coarse", "vertex_error_mean[half]"].value == half.distance_mm
@@ -103,7 +104,7 @@ def test_the_figure_has_a_row_of_meshes_each_and_rows_of_the_same_numbers(inputs
     assert [line[0] for line in charts.body] == ["shift 0 px", "shift 1 px", "shift 4 px", "turn 5 deg"]
     words = json.loads((folder / "figure13_tiny.json").read_text())
     assert f"{half.distance_mm:.2f} mm" in words["caption"] and "(after Fig. 13)" in words["caption"]
-    posed, faces = moved_meshes.load_pose(inputs, "half"), new_meshes.load(inputs)["half"].mesh.faces
+    posed, faces = moved.load_moved_pose(inputs, "half"), moved.load_meshes(inputs)["half"].mesh.faces
     shown = np.linalg.norm(posed["coarse"] - posed["truth"], axis=1)[np.unique(faces)].mean()
     assert f"coarse networks on half of the vertices, {shown:.2f} mm" in words["alt"]
     assert Image.open(folder / "figure13_tiny.png").text["Description"] == words["alt"]
@@ -131,24 +132,24 @@ OTHERS = {"twice": Actor("twice", 2, NAMES), "stranger": Actor("stranger", 1, [f
 def test_other_faces_are_measured_against_their_rigs_where_controls_have_the_same_names(inputs, tmp_path, monkeypatch):
     rigs = {"tiny": Actor("tiny", 1, NAMES), **OTHERS}
     folders = inputs | {f"landmark_rig-{name}": tmp_path / name for name in rigs}
-    monkeypatch.setattr("replicate.capture.landmark_rig.load", lambda own: rigs[own["landmark_rig"].name])
+    monkeypatch.setattr("replicate.capture.landmark_rig.load_landmark_rig", lambda own: rigs[own["landmark_rig"].name])
     for name in OTHERS:
-        numbers = other_faces.OtherNumbers("tiny", name, 0, 10, 0)
-        folders, notes = run_stage(other_faces.make, folders, f"onto_{name}", numbers, tmp_path)
+        numbers = moved.OtherNumbers("tiny", name, 0, 10, 0)
+        folders, notes = run_stage(moved.move_others, folders, f"onto_{name}", numbers, tmp_path)
         assert notes["landmarks"] == 12 and notes["scale"] == pytest.approx(rigs[name].size)
-    distance = {mean.method: mean.distance_mm for mean in other_faces.load_means(folders["onto_twice"])}
+    distance = {mean.method: mean.distance_mm for mean in moved.load_other_means(folders["onto_twice"])}
     assert set(distance) == set(WAYS) and distance["deformation_transfer"] < 0.01 < distance["neutral"]
     assert distance["coarse"] == pytest.approx(distance["coarse_carried"], rel=0.01)
-    assert other_faces.load_means(folders["onto_stranger"]) == []
-    monkeypatch.setattr(other_sheet, "render", partial(render, renderer="software"))
-    _, words = other_sheet.sheet_of_others("tiny", folders, {n: folders[f"onto_{n}"] for n in OTHERS}, 40)
+    assert moved.load_other_means(folders["onto_stranger"]) == []
+    monkeypatch.setattr(figure13_shown, "render", partial(render, renderer="software"))
+    _, words = figure13_shown.sheet_of_others("tiny", folders, {n: folders[f"onto_{n}"] for n in OTHERS}, 40)
     assert "twice: 12 landmarks, scale 2.00, 12 controls" in words.caption
     assert "no control of the same name" in words.caption.split("stranger:")[1]
-    (table,) = tables13(rows_of("tiny", "quick", {}, other_faces.load_means(folders["onto_twice"])))[2:]
+    (table,) = tables13(rows_of("tiny", "quick", {}, moved.load_other_means(folders["onto_twice"])))[2:]
     assert table.headers[0][1] == "twice" and table.body[0][1] == f"{distance['coarse']:.2f}"
 
 
 def test_one_pixel_is_not_plural():
-    assert [transfer_sheet.in_pixels(count) for count in ("0", "0.5", "1", "2")] == [
+    assert [figure13_shown.in_pixels(count) for count in ("0", "0.5", "1", "2")] == [
         "0 pixels", "0.5 pixels", "1 pixel", "2 pixels",
     ]  # fmt: skip

@@ -7,16 +7,8 @@ import pytest
 from plain_rig import PlainRig
 from small_face import pose_offsets, small_mesh
 
-from replicate.approximation.skinning import ssdr as lbs
-from replicate.targets.lbs.skin_pictures import (
-    DEEP,
-    PALE,
-    bone_colours,
-    lbs_table,
-    measured_lines,
-    save_all,
-    weight_colours,
-)
+from replicate.baselines.skinning import ssdr as lbs
+from replicate.targets.lbs import DEEP, PALE, bone_colours, lbs_table, measured_lines, save_all, weight_colours
 
 BONES = (2, 4, 8)
 

@@ -4,7 +4,7 @@ import pytest
 
 from replicate.report.results import Row
 from replicate.report.tables import as_latex
-from replicate.targets.table2.line_comparison import compared, line_chart, line_table
+from replicate.targets.table2.charts import compared, line_chart, line_table
 
 ERRORS = {"coarse": 4.0, "refined": 2.0, "dense": 1.0, "linear": 3.0, "coarse_line": 0.8, "refined_line": 0.6}
 

@@ -8,12 +8,19 @@ from plain_rig import PlainRig
 
 from replicate.capture.capture_config import CaptureConfig
 from replicate.capture.landmark_file import MM, Recording
-from replicate.inverse.ik_config import own as inverse_section
+from replicate.inverse.control_points import own as inverse_section
 from replicate.report.results import Row
-from replicate.targets.figure12.capture_rows import METRICS, TABLE, metric_name
-from replicate.targets.figure12.capture_trial import CaptureTrial
-from replicate.targets.figure12.driven_motions import NEUTRAL, RIDGE, targets_of, windows
-from replicate.targets.figure12.noise_curves import noise_curves
+from replicate.targets.figure12.rows import (
+    METRICS,
+    NEUTRAL,
+    RIDGE,
+    TABLE,
+    CaptureTrial,
+    metric_name,
+    targets_of,
+    windows,
+)
+from replicate.targets.figure12.shown import noise_curves
 
 ALL = ["ridge regression", "neutral pose"]
 NEUTRAL_LANDMARKS = np.random.default_rng(0).normal(size=(6, 3)).astype(np.float32)

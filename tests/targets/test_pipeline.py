@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from replicate.engine.paths import ROOT
+from replicate.base.paths import ROOT
 from replicate.methods.method_registry import methods
 from replicate.report.results import find, read_results
 

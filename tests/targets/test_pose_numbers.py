@@ -10,18 +10,18 @@ from bumpy_plate import bumpy_plate, texts_of
 from sample_results import GIT
 from toy_stages import ToyConfig
 
+from replicate.base import paths
 from replicate.config import resolve
-from replicate.engine import paths, store
+from replicate.engine import store
 from replicate.engine.stage import Stage
 from replicate.report import manifest, notebooks
-from replicate.report.panel_titles import plain_name
-from replicate.report.pose_record import CHOICES, TRUTH, PoseRecord, load_pose, pose_file
+from replicate.report.pose_record import CHOICES, TRUTH, PoseRecord, load_pose, plain_name, pose_file
 from replicate.report.publication import CharacterResult
 from replicate.report.results import Row, read_results, write_results
 from replicate.report.tables import as_text
-from replicate.targets.figure01.side_by_side import figure01
+from replicate.targets.figure01 import figure01
 from replicate.targets.figure09.forehead_wrinkles import figure09, fold_change_deg
-from replicate.targets.figure10.error_faces import figure10
+from replicate.targets.figure10 import figure10
 from replicate.targets.pose_numbers import answer, pose_tables, publish, rows_of
 
 FIGURES = ("figure01", "figure09", "figure10")

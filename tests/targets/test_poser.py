@@ -3,9 +3,9 @@
 import pytest
 
 import replicate.__main__ as cli
-from replicate.artefacts.plan import Plan
 from replicate.config import resolve
 from replicate.methods import coarse, regional
+from replicate.methods.plan import Plan
 from replicate.targets import poser
 
 

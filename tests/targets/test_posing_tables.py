@@ -2,18 +2,17 @@
 
 import pytest
 
-from replicate.artefacts.plan import Plan
+from replicate.base.paths import PAPER
 from replicate.config import resolve
-from replicate.engine.paths import PAPER
 from replicate.engine.stage import in_order
-from replicate.inverse.ik_config import own
+from replicate.inverse.control_points import own
 from replicate.methods.method_registry import choose
+from replicate.methods.plan import Plan
 from replicate.report.results import Row, read_results
 from replicate.report.tables import as_text
 from replicate.targets import table4
-from replicate.targets.table4.posing_numbers import PosingNumbers, Source
-from replicate.targets.table4.posing_rows import feeder
-from replicate.targets.table4.posing_tables import feeding_table, networks_table, posing_table, tables4
+from replicate.targets.table4.rows import PosingNumbers, Source, feeder
+from replicate.targets.table4.tables import feeding_table, networks_table, posing_table, tables4
 
 
 def rows(character="teen"):

@@ -2,15 +2,9 @@
 
 from dataclasses import replace
 
-from replicate.engine import paths
+from replicate.base import paths
 from replicate.report.results import Row, write_results
-from replicate.targets.table2.profile_comparison import (
-    clips_rows,
-    layout_tables,
-    paper_profile_rows,
-    profile_tables,
-    split_tables,
-)
+from replicate.targets.table2.rows import clips_rows, layout_tables, paper_profile_rows, profile_tables, split_tables
 
 
 def rows(profile: str, scale: float, *characters: str) -> list[Row]:

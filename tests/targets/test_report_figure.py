@@ -3,11 +3,11 @@
 import numpy as np
 from plane import flat_grid
 
-from replicate.drawing.style import LETTER_PT
-from replicate.engine.paths import REFERENCE
+from replicate.base.paths import REFERENCE
+from replicate.drawing.panels import LETTER_PT
 from replicate.geometry.mesh import Mesh
 from replicate.report.results import read_results
-from replicate.targets.rig_report.report_figure import PAIRS, Measurements, report_figure
+from replicate.targets.rig_report.shown import PAIRS, Measurements, report_figure
 
 
 def measurements(count: int) -> tuple[Mesh, Measurements]:

@@ -13,33 +13,25 @@ from plane import flat_grid
 from data_recipes.controls import Control
 from data_recipes.rig import Clip
 from replicate.approximation.segments import Segment
-from replicate.drawing.colours import perceived
+from replicate.base.exceptions import InputError
+from replicate.drawing.prop_surfaces import perceived
 from replicate.drawing.rig_views import DISTINCT, UNUSED_COLOUR, legend_panel, open_mouth, read_lines
-from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 from replicate.report.tables import as_text
-from replicate.targets.figure05 import training_poses as figure05
-from replicate.targets.figure05.training_poses import (
-    clip_kinds,
-    clip_strips,
-    poses_table,
-    save_clips,
-    save_poses,
-    shown_frames,
-)
-from replicate.targets.figure07 import mesh_segments as figure07
-from replicate.targets.figure07.mesh_segments import (
+from replicate.targets import figure05, figure07, figure08
+from replicate.targets.figure05 import clip_kinds, clip_strips, poses_table, save_clips, save_poses, shown_frames
+from replicate.targets.figure07 import (
     PARTS,
     RIGID,
     neighbours,
+    rigid_errors_chart,
     save_segments_figure,
     segment_palette,
     segments_table,
 )
-from replicate.targets.figure07.rigid_errors import rigid_errors_chart
-from replicate.targets.figure08 import refinement_segments as figure08
-from replicate.targets.figure08.chart_panels import chart_panels, charts_in_rows
-from replicate.targets.figure08.refinement_segments import (
+from replicate.targets.figure08 import (
+    chart_panels,
+    charts_in_rows,
     refinement_colours,
     refinement_table,
     save_refinement_figure,

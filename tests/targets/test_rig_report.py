@@ -14,23 +14,28 @@ from data_recipes.controls import Control
 from data_recipes.function_rig import FunctionRig
 from data_recipes.rig import Clip
 from replicate import __main__ as cli
-from replicate.approximation.interaction import acting_steps, draw_pairs, interaction
-from replicate.approximation.kernel_ridge import product_features, product_kernel, product_ridges
 from replicate.approximation.metrics import summary
-from replicate.approximation.offset_basis import (
+from replicate.baselines.ridge import (
+    FITS,
+    closest,
     components_of_variance,
     components_within,
+    feature_count,
     principal_components,
+    product_features,
+    product_kernel,
+    product_ridges,
+    ridges,
 )
-from replicate.approximation.polynomial_fits import FITS, closest, feature_count, ridges
 from replicate.config import ReportFitsConfig
 from replicate.engine import store
 from replicate.engine.stage import StageContext, in_order, stage_function
 from replicate.report.results import read_results
 from replicate.report.tables import as_markdown, as_text
-from replicate.targets.rig_report import control_pairs, regressions
-from replicate.targets.rig_report.report_rows import LIMIT_MM
-from replicate.targets.rig_report.report_tables import beside_table2, pairs_table, report_card, report_table
+from replicate.rig_study.interaction import acting_steps, draw_pairs, interaction
+from replicate.targets.rig_report import rows as rig_report_rows
+from replicate.targets.rig_report.rows import LIMIT_MM
+from replicate.targets.rig_report.shown import beside_table2, pairs_table, report_card, report_table
 
 RNG = np.random.default_rng(0)
 INPUTS, TARGETS, FRESH = RNG.uniform(-1, 1, (60, 7)), RNG.normal(size=(60, 4)) + 5, RNG.uniform(-2, 2, (9, 7))
@@ -108,9 +113,9 @@ def test_counts_of_components_rise_with_what_is_asked_and_say_when_all_are_too_f
 def test_errors_of_the_fits_are_those_computed_by_hand(tmp_path):
     inputs = write_artefacts(tmp_path)
     section = ReportFitsConfig(samples=150, basis_samples=100, components=8, poses=5)
-    numbers = regressions.FitNumbers(section, 0, 7, 0)
-    inputs, notes = run_stage(regressions.make, inputs, "rig_fits", numbers, tmp_path)
-    errors, mesh, samples = regressions.load_errors(inputs), small_mesh(), small_samples(small_mesh())
+    numbers = rig_report_rows.FitNumbers(section, 0, 7, 0)
+    inputs, notes = run_stage(rig_report_rows.fit_regressions, inputs, "rig_fits", numbers, tmp_path)
+    errors, mesh, samples = rig_report_rows.load_errors(inputs), small_mesh(), small_samples(small_mesh())
     offsets = samples.test_offsets.astype(np.float64)
     assert summary(errors["neutral"].vertex).mean == pytest.approx(np.linalg.norm(offsets, axis=-1).mean(), rel=1e-5)
     posed = mesh.neutral + offsets
@@ -119,7 +124,7 @@ def test_errors_of_the_fits_are_those_computed_by_hand(tmp_path):
     unit = [vectors / np.linalg.norm(vectors, axis=-1, keepdims=True) for vectors in normals]
     degrees = np.degrees(np.arccos(np.clip((unit[0] * unit[1]).sum(-1), -1, 1)))
     assert summary(errors["neutral"].normal).mean == pytest.approx(degrees.mean(), rel=1e-4)
-    means = [summary(errors[name].vertex).mean for name in regressions.METHODS]
+    means = [summary(errors[name].vertex).mean for name in rig_report_rows.METHODS]
     assert means[0] > max(means[1:-1]) and min(means[1:-1]) > means[-1] > 0, "no fit beats the basis"
     assert notes["features"] == {"linear": M, "squares": 3 * M, "products": M * (M + 5) // 2}
     assert notes["samples"] == 150 and notes["components"] == 8
@@ -158,7 +163,7 @@ def test_the_one_pair_that_multiplies_is_the_one_that_interacts():
     # from the default pose: mixed² = 1, and singles 1, 2 and 1 mm in three pairs, halved: (1 + 4 + 1 + 1 + 4 + 1) / 2
     alone = interaction(rig, poses[:1], steps, pairs, influence)
     np.testing.assert_allclose(alone.vertex_ratio()[face], math.sqrt(1 / 6), rtol=1e-4)
-    line = control_pairs.strongest_pairs(rig, alone)[0]
+    line = rig_report_rows.strongest_pairs(rig, alone)[0]
     assert line[:4] == ("c0", "c1", "face", "default") and line[4:] == pytest.approx((1.0, 1.0, 2.0), abs=1e-4)
 
 
@@ -202,8 +207,8 @@ def in_this_process(monkeypatch):
 
             store.make(stage.identifier, build)
 
-    monkeypatch.setattr("replicate.artefacts.built_rig.load", lambda inputs: animated_rig())
-    monkeypatch.setattr("replicate.targets.running.run", run)
+    monkeypatch.setattr("replicate.methods.artefacts.load_rig", lambda inputs: animated_rig())
+    monkeypatch.setattr("replicate.cli.running.run", run)
     monkeypatch.setattr("replicate.report.notebooks.execute", lambda source, out, given, stamp: out.write_text(stamp))
 
 
@@ -218,7 +223,7 @@ def test_the_command_writes_finite_numbers_of_all_five_questions_and_a_figure(
     rows = read_results(folder / "rig_report.csv")
     assert all(math.isfinite(row.value) for row in rows) and {row.character for row in rows} == {"tiny"}
     value = {(row.method, row.metric): row.value for row in rows if row.table == "rig_report"}
-    assert {method for method, _ in value} == {*regressions.METHODS, "influence", "pairs", "maps"}
+    assert {method for method, _ in value} == {*rig_report_rows.METHODS, "influence", "pairs", "maps"}
     errors = [value[name, "normal_error_mean"] for name in ("neutral", "linear", "basis")]
     assert errors == sorted(errors, reverse=True) and errors[-1] > 0
     assert value["maps", "normal_error_mean[8]"] > value["maps", "normal_error_mean[16]"] > 0
@@ -231,7 +236,7 @@ def test_the_command_writes_finite_numbers_of_all_five_questions_and_a_figure(
     words = json.loads((folder / "rig_report_tiny.json").read_text())
     assert "how hard" in words["caption"].lower() and (folder / "rig_report_tiny.png").stat().st_size < 300_000
     assert len(pairs_table(folder / "rig_report_tiny_pairs.csv", "tiny").body) == 10
-    control_pairs.write_pairs(folder / "rig_report_samples_pairs.csv", [])
+    rig_report_rows.write_pairs(folder / "rig_report_samples_pairs.csv", [])
     assert pairs_table(folder / "rig_report_samples_pairs.csv", "samples") is None
     assert "How hard is a rig?" in capsys.readouterr().out
     shown = as_text(report_table(rows))

@@ -9,11 +9,10 @@ from PIL import Image
 from plain_rig import PlainRig
 
 from replicate.drawing.characters import character_surfaces
+from replicate.drawing.marks import quad_edges, wireframe
 from replicate.drawing.scene import Camera, Surface, camera_for, frame_surfaces, project
-from replicate.drawing.wireframe import quad_edges, wireframe
 from replicate.geometry.mesh import Mesh
-from replicate.targets.rigs.character_sheets import draw_line_up, draw_sheets
-from replicate.targets.rigs.rig_sheet import chart_names, line_up, rig_sheet
+from replicate.targets.rigs import chart_names, draw_line_up, draw_sheets, line_up, rig_sheet
 
 QUADS = np.array([[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6]])
 FACES = np.int32(np.concatenate([QUADS[:, [0, 1, 2]], QUADS[:, [0, 2, 3]]]))
@@ -90,9 +89,7 @@ def test_a_line_up_shows_every_rig_twice_in_its_paint(rig):
 
 
 def test_sheets_and_line_up_are_written_small_and_with_their_words(rig, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "replicate.targets.rigs.character_sheets.expression_poses", lambda rig: {"neutral": rig.default}
-    )
+    monkeypatch.setattr("replicate.targets.rigs.expression_poses", lambda rig: {"neutral": rig.default})
     files = [*draw_sheets(rig, tmp_path, "software"), draw_line_up([rig], tmp_path, "software")]
     assert [file.name for file in files] == ["plate_sheet.png", "plate_expressions.png", "characters.png"]
     for file in files:

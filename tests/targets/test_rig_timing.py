@@ -7,14 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from replicate.artefacts.plan import Plan
+from replicate.cli.running import Known, stage_s
 from replicate.config import resolve
 from replicate.engine.stage import StageContext, in_order
 from replicate.methods.method_registry import choose
+from replicate.methods.plan import Plan
 from replicate.targets import table3
-from replicate.targets.expected_time import Known, stage_s
-from replicate.targets.table3 import timing_rows
-from replicate.targets.table3.timing_numbers import RigNumbers, RowsNumbers
+from replicate.targets.table3 import rows
+from replicate.targets.table3.rows import RigNumbers, RowsNumbers
 from replicate.timing.single_poses import Turns, Way
 
 METHODS = choose(["coarse", "lbs16", "linear"])
@@ -74,7 +74,7 @@ def rounds(monkeypatch):
             advance(evaluations)
 
     def run(evaluations):
-        monkeypatch.setattr(timing_rows, "settings_of_cores", lambda: [(w, nullcontext()) for w in ("all", "one")])
+        monkeypatch.setattr(rows, "settings_of_cores", lambda: [(w, nullcontext()) for w in ("all", "one")])
         done = []
 
         @contextmanager
@@ -88,26 +88,26 @@ def rounds(monkeypatch):
             )
             for name, count in evaluations.items()
         }
-        timing_rows.take_turns(rigs, progress)
+        rows.take_turns(rigs, progress)
         return [turn for turn in seen if turn[2]]
 
     return run
 
 
 def test_in_each_round_every_rig_has_its_turn_on_all_cores_and_on_one(rounds):
-    whole = timing_rows.ROUND
+    whole = rows.ROUND
     turns = rounds({"a": 2 * whole + 1, "b": whole})
     first = [("a", "all", whole), ("a", "one", whole), ("b", "all", whole), ("b", "one", whole)]
     assert turns == [*first, *first[:2], ("a", "all", 1), ("a", "one", 1)]
 
 
 def test_a_round_has_one_turn_of_the_ways_that_a_quicker_one_beats():
-    ways = {"slow": Way(len, every=timing_rows.PEERS_EVERY), "quick": Way(len)}
+    ways = {"slow": Way(len, every=rows.PEERS_EVERY), "quick": Way(len)}
     turns = Turns(ways, np.zeros((3, 2)))
     for k in range(1, 4):
-        turns.take(timing_rows.ROUND, lambda done: None)
+        turns.take(rows.ROUND, lambda done: None)
         times = turns.times()
-        assert times["quick"].evaluations == k * timing_rows.ROUND == 5 * times["slow"].evaluations
+        assert times["quick"].evaluations == k * rows.ROUND == 5 * times["slow"].evaluations
 
 
 def test_the_time_of_a_measurement_is_in_proportion_to_the_number_of_rigs():

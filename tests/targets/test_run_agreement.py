@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from timed_rows import timed_rows as rows
 
-from replicate.targets.table3.run_agreement import agreement_rows, agreement_table
+from replicate.targets.table3.shown import agreement_rows, agreement_table
 
 
 def slower(before, times, **metrics):

@@ -6,11 +6,11 @@ from dataclasses import replace
 import pytest
 from bumpy_plate import bumpy_plate
 
-from replicate.artefacts import drawn_samples
-from replicate.artefacts.plan import Plan
+from replicate.base import paths
 from replicate.config import resolve
-from replicate.engine import paths
 from replicate.engine.stage import Stage
+from replicate.methods import artefacts
+from replicate.methods.plan import Plan
 from replicate.methods.typical_poses import CHOICES, KnownPoses
 from replicate.report import manifest
 from replicate.report.pose_record import pose_file, save_pose
@@ -22,7 +22,7 @@ def plan(tmp_path, monkeypatch) -> Plan:
     """A plan of the tiny character whose samples are the committed ones, with poses 4 and 9."""
     monkeypatch.setattr(paths, "REFERENCE", tmp_path)
     plan = Plan(resolve("tiny", "quick"))
-    write_entry(drawn_samples.stage(plan))
+    write_entry(artefacts.samples_stage(plan))
     for choice, pose in zip(CHOICES, (4, 9), strict=True):
         record = replace(bumpy_plate(), character="tiny", choice=choice, pose=pose, ranked_by="refined")
         save_pose(pose_file(tmp_path, "tiny", choice), record)
@@ -41,9 +41,9 @@ def test_the_committed_poses_are_shown_if_they_are_of_the_same_samples(plan):
 
 def test_other_samples_and_missing_poses_have_none(plan):
     other = Plan(replace(plan.config, seed=1))
-    write_entry(drawn_samples.stage(plan), drawn_samples.stage(other))
+    write_entry(artefacts.samples_stage(plan), artefacts.samples_stage(other))
     assert committed_poses(plan) and committed_poses(other) is None, "poses are of the first seed"
     pose_file(paths.REFERENCE, "tiny", CHOICES[1]).unlink()
     assert committed_poses(plan) is None
-    write_entry(drawn_samples.stage(other))
+    write_entry(artefacts.samples_stage(other))
     assert committed_poses(plan) is None

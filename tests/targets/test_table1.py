@@ -8,7 +8,7 @@ import torch
 from safetensors.torch import load_file
 from sample_rows import cells_after, table1_rows
 
-from replicate.approximation import cnn, dense
+from replicate.approximation import cnn
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.model_size import (
     MapShape,
@@ -21,16 +21,15 @@ from replicate.approximation.model_size import (
 )
 from replicate.approximation.rigid import Attachments
 from replicate.approximation.segments import Segment, save_segments
+from replicate.base.paths import PAPER
+from replicate.baselines import dense
 from replicate.config import CoarseConfig, DenseConfig, RefinementConfig
-from replicate.engine.paths import PAPER
 from replicate.geometry.mesh import Mesh
-from replicate.report.cast import STANDS_FOR, characters_of
-from replicate.report.comparison import compare
-from replicate.report.results import find, read_results, write_results
+from replicate.report.results import STANDS_FOR, characters_of, find, read_results, write_results
 from replicate.report.tables import as_markdown, as_text
-from replicate.targets.table1.size_numbers import SizeNumbers
-from replicate.targets.table1.size_rows import WIDTHS, rows_of, sizes_mb
-from replicate.targets.table1.size_table import bracket, implied_vertices, size_claim, size_ratio, table1
+from replicate.targets.compare import compare
+from replicate.targets.table1.rows import WIDTHS, SizeNumbers, rows_of, sizes_mb
+from replicate.targets.table1.tables import bracket, implied_vertices, size_claim, size_ratio, table1
 
 THEIRS = read_results(PAPER / "table1.csv")
 SHAPES = [MapShape(c.map_size, c.channels, c.hidden) for c in (CoarseConfig(), RefinementConfig())]

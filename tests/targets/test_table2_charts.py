@@ -7,8 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 from sample_rows import CURVE, PAPER_ROWS, table2_rows
 
-from replicate.targets.table2.curves_chart import training_curves
-from replicate.targets.table2.error_chart import table2_chart
+from replicate.targets.table2.charts import table2_chart, training_curves
 
 COLUMN_INCHES = 84 / 25.4
 

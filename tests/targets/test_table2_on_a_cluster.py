@@ -8,7 +8,7 @@ import time
 import pytest
 from toy_runs import dask_workers_at_work, processes_of, survivors, wait_for
 
-from replicate.engine.paths import ROOT
+from replicate.base.paths import ROOT
 
 METHODS = ("linear",)
 FEW = """

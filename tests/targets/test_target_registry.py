@@ -8,14 +8,14 @@ import subprocess
 import pytest
 
 from replicate import __main__ as cli
+from replicate.base.paths import ROOT
 from replicate.benchmarks.common import make_parser, parse
-from replicate.engine.paths import ROOT
+from replicate.cli.options import OPTIONS
+from replicate.cli.parser import parser
+from replicate.cli.target_list import targets
 from replicate.methods.method_registry import choose
-from replicate.report.cast import STANDS_FOR, cast
+from replicate.report.results import STANDS_FOR, cast
 from replicate.targets import deploy
-from replicate.targets.command_parser import parser
-from replicate.targets.options import OPTIONS
-from replicate.targets.target_registry import targets
 
 ALL = list(targets().values())
 DRAW_ALL = ("table1", "figure05", "figure07", "figure08", "rig-report", "rigs")
@@ -71,9 +71,9 @@ def test_a_target_may_have_methods_of_its_own_that_are_shown_if_none_is_named(ca
 
 @pytest.mark.parametrize("target", [t for t in ALL if t.stages], ids=lambda target: target.name)
 def test_a_targets_graph_ends_with_the_stage_of_its_name_and_trains_no_more_than_it_needs(target):
-    from replicate.artefacts.plan import Plan
     from replicate.config import resolve
     from replicate.engine.stage import in_order
+    from replicate.methods.plan import Plan
 
     graph = in_order(target.stages(Plan(resolve("tiny", "quick")), choose(["coarse", "lbs16"])))
     assert graph[-1].title == f"{target.name.replace('-', '_')}-tiny"

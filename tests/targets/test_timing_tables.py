@@ -5,22 +5,22 @@ from dataclasses import replace
 import pytest
 from timed_rows import timed_rows as rows
 
-from replicate.engine.paths import PAPER, REFERENCE
+from replicate.base.paths import PAPER, REFERENCE
 from replicate.report.results import Row, read_results
 from replicate.report.tables import as_text
-from replicate.targets.table3.backend_tables import backends_tables
-from replicate.targets.table3.best_times import best_row
-from replicate.targets.table3.frontier_chart import frontier_chart
-from replicate.targets.table3.timing_tables import (
+from replicate.targets.table3.rows import best_row
+from replicate.targets.table3.shown import (
     NO_RIG,
+    backends_tables,
     details_table,
+    frontier_chart,
     gpu_tables,
     label_of,
     speed_table,
     tables3,
     timing_table,
 )
-from replicate.timing.timed_names import CHANGE, parted
+from replicate.timing.single_poses import CHANGE, parted
 
 
 def test_the_papers_times_stand_beside_ours():

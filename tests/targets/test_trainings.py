@@ -11,7 +11,7 @@ from plain_rig import PlainRig
 from data_recipes.rig import Clip
 from replicate.approximation.samples import choose_poses
 from replicate.benchmarks import bench_training as training
-from replicate.benchmarks.training_table import (
+from replicate.benchmarks.bench_training import (
     BALANCED,
     RAW_ANIMATION,
     RESTART,

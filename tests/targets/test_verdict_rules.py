@@ -2,7 +2,7 @@
 
 import pytest
 
-from replicate.targets.claims.verdict_rules import Comparison, Number, decide, significant
+from replicate.targets.claims.rules import Comparison, Number, decide, significant
 
 
 @pytest.mark.parametrize(

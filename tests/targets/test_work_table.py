@@ -8,8 +8,7 @@ from sample_rows import cells_after, table2_rows
 from replicate.engine.store import artefact_folder
 from replicate.report.results import Row
 from replicate.report.tables import as_text
-from replicate.targets.table2.training_times import training_s
-from replicate.targets.table2.work_table import work_table
+from replicate.targets.table2.rows import training_s, work_table
 
 
 @pytest.fixture

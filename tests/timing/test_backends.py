@@ -8,11 +8,10 @@ from small_face import pose_offsets
 from untrained_models import MESH, MODELS
 
 from replicate.approximation.rigid import attach, find_attachments
-from replicate.targets.table3.timing_rows import PEERS_EVERY, turns_of, ways_on
+from replicate.targets.table3.rows import PEERS_EVERY, turns_of, ways_on
 from replicate.timing.backends import fast_rigid_step, largest_difference, other_backends
 from replicate.timing.onnx_evaluation import onnx_evaluation
-from replicate.timing.single_poses import Way
-from replicate.timing.timed_names import FAST, HALF, JAX, ONNX, PLAIN, THREADED, in_table_order, label_of, parted
+from replicate.timing.single_poses import FAST, HALF, JAX, ONNX, PLAIN, THREADED, Way, in_table_order, label_of, parted
 
 POSES = np.random.default_rng(0).uniform(-1, 1, (5, 12)).astype(np.float32)
 ATTACHMENTS = find_attachments(MESH, MESH.neutral + pose_offsets(MESH, POSES), 0.3, 4)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from replicate.timing.cores import can_confine, core_total, one_core, threads
+from replicate.timing.machine import can_confine, core_total, one_core, threads
 
 
 @pytest.mark.skipif(not can_confine(), reason="this system can't keep a process on one core")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from replicate.timing.energy import counters, energy_j, why_no_energy
+from replicate.timing.machine import counters, energy_j, why_no_energy
 
 
 def zone(folder: Path, name: str, kind: str, microjoules: str = "1000", largest: int = 9_999) -> Path:

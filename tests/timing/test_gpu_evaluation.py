@@ -9,7 +9,7 @@ from untrained_models import MESH, MODELS
 from replicate.approximation.rigid import attach, find_attachments
 from replicate.timing.backends import gpu_backends
 from replicate.timing.gpu_evaluation import gpu_evaluation, offsets_on
-from replicate.timing.timed_names import GPU, GRAPH
+from replicate.timing.single_poses import GPU, GRAPH
 
 POSES = np.random.default_rng(0).uniform(-1, 1, (5, 12)).astype(np.float32)
 ATTACHMENTS = find_attachments(MESH, MESH.neutral + pose_offsets(MESH, POSES), 0.3, 4)

@@ -4,10 +4,10 @@ import numpy as np
 import torch
 
 from replicate.approximation.cnn import MapNetwork
-from replicate.approximation.dense import DenseNetwork
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.segments import Segment
+from replicate.baselines.dense import DenseNetwork
 from replicate.timing.plain_evaluation import plain_offsets
 
 RNG = np.random.default_rng(0)

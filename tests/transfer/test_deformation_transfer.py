@@ -5,7 +5,7 @@ import pytest
 from plane import plane
 from scipy.spatial.transform import Rotation
 
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 from replicate.transfer.deformation_transfer import DeformationTransfer, counterparts, frames
 
 TURN = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()

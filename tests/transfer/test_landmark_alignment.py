@@ -12,13 +12,19 @@ from replicate.approximation import cnn
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel, square_segments
 from replicate.approximation.segments import coarse_segments
+from replicate.base.exceptions import InputError
 from replicate.config import CoarseConfig, RefinementConfig
-from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
-from replicate.transfer.face_surface import face_of, upper_over_lower
-from replicate.transfer.landmark_alignment import Marks, aligned, shared_marks, size_ratio, spline_through
-from replicate.transfer.new_mesh_poses import WAYS, SourcePoses
-from replicate.transfer.other_face_poses import ways_onto
+from replicate.transfer.landmark_alignment import (
+    Marks,
+    aligned,
+    face_of,
+    shared_marks,
+    size_ratio,
+    spline_through,
+    upper_over_lower,
+)
+from replicate.transfer.new_mesh_poses import WAYS, SourcePoses, ways_onto
 
 SMALL = small_mesh()
 SPREAD = np.array([0, 7, 15, 34, 60, 100, 118, 150, 199, 240, 247, 255])  # of the face's 256 vertices

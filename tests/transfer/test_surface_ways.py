@@ -5,8 +5,7 @@ import numpy as np
 from replicate.geometry.mesh import Mesh
 from replicate.transfer.deformation_transfer import counterparts
 from replicate.transfer.remeshing import reach_of, remeshed
-from replicate.transfer.surface_places import nearest_faces
-from replicate.transfer.surface_ways import FAR_MM, Nearby, surface_ways
+from replicate.transfer.surface_places import FAR_MM, Nearby, nearest_faces, surface_ways
 
 COLUMNS, ROWS = 41, 10  # of vertices, and rows of each lip
 

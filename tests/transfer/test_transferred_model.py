@@ -12,13 +12,12 @@ from replicate.approximation import cnn
 from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel, square_segments
 from replicate.approximation.segments import coarse_segments
+from replicate.base.exceptions import InputError
 from replicate.config import CoarseConfig, RefinementConfig
-from replicate.engine.exceptions import InputError
 from replicate.geometry.mesh import Mesh
-from replicate.transfer.misaligned_charts import shifted, turned
 from replicate.transfer.remeshing import on_original, remeshed, within_segments
 from replicate.transfer.surface_places import nearest_places
-from replicate.transfer.transferred_model import read_at, square_of, transferred
+from replicate.transfer.transferred_model import read_at, shifted, square_of, transferred, turned
 
 PARAMS = np.random.default_rng(1).uniform(-1, 1, (5, M)).astype(np.float32)
 

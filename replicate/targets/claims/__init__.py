@@ -1,8 +1,56 @@
 """The paper's claims, judged: *holds*, *fails* or *not tested* for every character, with the numbers that decide."""
 
 import argparse
+import math
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from replicate.profiles import check_profile
+from replicate.base.exceptions import InputError
+from replicate.base.paths import REFERENCE, display_path
+from replicate.config import check_profile
+from replicate.drawing.panels import DPI, WIDTH, Words, tidy
+from replicate.engine.provenance import as_lines
+from replicate.report.notebooks import folder_of, provenance_text, run_notebook
+from replicate.report.publication import alone, results_folder
+from replicate.report.results import STANDS_FOR, Row, characters_of, order_of, seeds_in_words
+from replicate.report.tables import Table, as_latex, as_text
+from replicate.targets.claims.rules import (
+    SPREADS,
+    Comparison,
+    Evidence,
+    MissingNumber,
+    folders_of,
+    gather,
+    published,
+    significant,
+    stand_in,
+)
+from replicate.targets.claims.verdicts import (
+    CLAIMS,
+    FAILS,
+    FILE,
+    HOLDS,
+    NOT_TESTED,
+    Claim,
+    Verdict,
+    beaten_by_line,
+    claim_named,
+    judge,
+    judge_all,
+    read_verdicts,
+    smaller_error,
+    verdict_frame,
+    write_verdicts,
+)
+from replicate.targets.table3 import GPU_TABLE
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+    import pandas
+
 
 ABOUT = "the paper's claims, judged for each character on the tables that there are: holds, fails or not tested"
 WRITES = "results/runs/<profile>/"
@@ -11,7 +59,390 @@ OPTIONS = ("profile", "latex")
 
 def run(options: argparse.Namespace) -> None:
     """Judge the claims on a profile's results, and on the committed ones where it has none; write and print them."""
-    from replicate.targets.claims.claims_publication import publish
-
     check_profile(options.profile)
     publish(options.profile, options.latex)
+
+
+# `make claims`: the verdicts on a profile's results, in its folder and printed.
+
+
+def publish(profile: str, latex: bool = False) -> None:
+    """Judge the claims, write the verdicts to the profile's folder, print them, and execute their notebook if stale.
+
+    latex: print the table as LaTeX, without reasons. Raises InputError for results that are none.
+    """
+    evidence = gather(folders_of(profile))
+    folder = results_folder(profile)
+    with alone(folder):
+        verdicts = write_claims(folder, evidence)
+        run_notebook("claims", profile)
+    table = claims_table(verdicts, evidence)
+    if latex:
+        print(as_latex(table))
+        return
+    print(as_text(table))
+    for one in verdicts:
+        if one.verdict != NOT_TESTED:
+            print(f"{one.claim} {one.character}: {one.verdict}. {one.reason}")
+    print(f"\n{origin(verdicts)}")
+    print(f"written to {display_path(folder)}: {FILE}, and claims.ipynb to read it in")
+
+
+def write_claims(folder: Path, evidence: Evidence) -> list[Verdict]:
+    """Write the verdicts that some evidence gives to a folder, and return them."""
+    verdicts = judge_all(evidence, published())
+    write_verdicts(folder / FILE, verdicts)
+    return verdicts
+
+
+def origin(verdicts: list[Verdict]) -> str:
+    """Return which characters' verdicts stand on which folders of results."""
+    folders: dict[str, list[str]] = {}
+    for one in verdicts:
+        if one.results:
+            folders.setdefault(one.results, []).append(one.character)
+    lines = (f"{name}: {', '.join(dict.fromkeys(characters))}" for name, characters in sorted(folders.items()))
+    committed = f" ({REFERENCE.name} is what the project comes with)" if REFERENCE.name in folders else ""
+    return f"numbers from {'; '.join(lines)}{committed}" if folders else "no numbers to judge by are there yet"
+
+
+# What the notebook about the claims opens: verdicts of a folder of results, the numbers behind them, their origin.
+
+
+@dataclass(frozen=True)
+class OpenClaims:
+    """The verdicts of some results, as objects and as a DataFrame, and the evidence: our numbers and the paper's."""
+
+    verdicts: list[Verdict]
+    frame: "pandas.DataFrame"
+    ours: Evidence
+    paper: Evidence
+
+
+def open_claims(name: str) -> OpenClaims:
+    """Open the verdicts of some results. name: "reference", or the profile of a run.
+
+    Raises InputError, with the target that writes them, where there are none.
+    """
+    file = folder_of(name) / FILE
+    return OpenClaims(read_verdicts(file), verdict_frame(file), gather(folders_of(name)), published())
+
+
+def claims_provenance_text(name: str) -> str:
+    """Return where the numbers behind some verdicts come from: the folder of each table, and each folder's manifest."""
+    places = gather(folders_of(name)).places
+    tables: dict[tuple[str, str], list[str]] = {}
+    for (table, character), place in places.items():
+        tables.setdefault((table, place), []).append(character)
+    if not tables:
+        return "no numbers to judge by are there yet"
+    texts = [as_lines({f"{table}, {place}": ", ".join(names) for (table, place), names in tables.items()})]
+    for table, place in tables:
+        try:
+            target = "table3" if table == GPU_TABLE else table
+            texts.append(f"{table}, {place}\n{provenance_text(place, target)}")
+        except InputError:  # rows without a manifest: their column `run` names the run
+            continue
+    return "\n\n".join(texts)
+
+
+# The verdicts, printed: claims against characters, and why.
+
+OF_TABLE2 = ("C1", "C2", "C3", "C4", "C5")
+CLOSE = 0.02  # share of a limit: a verdict of one seed that is nearer to it is marked
+NARROW = 0.05  # share of a limit: any verdict that is nearer to it is marked
+NARROW_TIME = 0.1  # the same of times, which repeat less exactly
+
+
+def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequence[Claim] = CLAIMS) -> Table:
+    """Return a line for each claim and a column for each character, with footnotes on what qualifies a verdict.
+
+    Variants of a character, as teen@one_face, are left out. evidence: what the verdicts are from, for the line. claims:
+    those that are shown.
+    """
+    names = [claim.name for claim in claims]
+    by_key = {(one.claim, one.character): one for one in verdicts if "@" not in one.character and one.claim in names}
+    characters = sorted({character for _, character in by_key}, key=order_of)
+    cells = {key: cell(one) for key, one in by_key.items()}
+    body = tuple(
+        (f"{claim.name} {claim.text}", *(cells.get((claim.name, character), "–") for character in characters))
+        for claim in claims
+    )
+    marks = "".join(cells.values())
+    notes = [about(list(by_key.values()))]
+    if "†" in marks:
+        notes.append("† By the same rule the paper's own numbers fail too, for the character that it stands for.")
+    if "‡" in marks:
+        share = f"{CLOSE:.0%}".replace("%", " %")
+        notes.append(f"‡ Decided by less than {share} on a single seed or run of times: another may turn it.")
+    if "≈" in marks:
+        shares = f"{NARROW:.0%}, times by less than {NARROW_TIME:.0%}".replace("%", " %")
+        notes.append(f"≈ Narrowly: the two numbers that decide differ by less than {shares}.")
+    notes += line_notes(evidence, characters)
+    if "–" in cells.values():
+        notes.append("–: not tested; `claims.csv` has the reason of each.")
+    header = ("", *(_heading(name, list(by_key.values())) for name in characters))
+    title = "What the paper claims, on our characters"
+    return Table(title, (header,), body, tuple(notes), text_columns=len(header))
+
+
+def _heading(character: str, verdicts: Sequence[Verdict]) -> str:
+    """Return a column's heading: whom a character stands for, or on which profile it was run where others ran on more.
+
+    A short training decides less than a long one, so that a reader must see which it was.
+    """
+    if character in STANDS_FOR:
+        return f"{character} ({STANDS_FOR[character]})"
+    own, every = (
+        {one.profile for one in verdicts if one.verdict != NOT_TESTED and one.character in who}
+        for who in ([character], [one.character for one in verdicts])
+    )
+    return f"{character} ({', '.join(sorted(own))})" if own and own != every else character
+
+
+def verdicts_of_table2(name: str) -> Table:
+    """Return the verdicts on the claims about Table 2, C1 to C5, judged on some results' own rows.
+
+    name: "reference", or the profile of a run; its `claims.csv` need not be there.
+    """
+    evidence = gather([folder_of(name)])
+    claims = [claim for claim in CLAIMS if claim.name in OF_TABLE2]
+    characters = {row.character for row in evidence.rows.values() if row.table == "table2"}
+    verdicts = [one for one in judge_all(evidence, published()) if one.character in characters]
+    return claims_table(verdicts, evidence, claims)
+
+
+def overview(file: Path) -> Table:
+    """Return the table of a folder's `claims.csv`. Raises InputError for a file that holds no verdicts."""
+    return claims_table(read_verdicts(file), gather([file.parent]))
+
+
+def cell(one: Verdict) -> str:
+    """Return a verdict with the marks of its notes."""
+    if one.verdict == NOT_TESTED:
+        return "–"
+    marks = [one.verdict]
+    if one.verdict == one.published == FAILS:
+        marks.append("†")
+    share = abs(one.limit - one.value) / abs(one.limit) if one.limit else 1.0
+    if one.seeds == 1 and share < CLOSE:
+        marks.append("‡")
+    elif share < (NARROW_TIME if one.unit == "ms" else NARROW):
+        marks.append("≈")
+    return " ".join(marks)
+
+
+def about(verdicts: Sequence[Verdict]) -> str:
+    """Return which profile the verdicts are of, and on how many seeds they stand."""
+    tested = [one for one in verdicts if one.verdict != NOT_TESTED]
+    if not tested:
+        return "Nothing is tested yet."
+    seeds = [one.seeds for one in tested if one.seeds]
+    if max(seeds, default=1) == 1:
+        how = "one seed: numbers are compared as they are"
+    else:
+        count = seeds_in_words(seeds)
+        how = (
+            f"{count}: a difference counts if it is larger than {SPREADS:g} times its standard deviation over the seeds"
+        )
+    return f"Profile {', '.join(sorted({one.profile for one in tested}))}; {how}."
+
+
+def line_notes(evidence: Evidence, characters: Sequence[str]) -> list[str]:
+    """Return on which characters a straight line has smaller normal errors than which of the paper's networks."""
+    notes = []
+    for character in characters:
+        if beaten := beaten_by_line(evidence, character, "normal"):
+            line, *networks = (
+                significant(evidence.error(character, name, "normal").value) for name in ("linear", *beaten)
+            )
+            others = ", ".join(f"{value}° ({name})" for name, value in zip(beaten, networks, strict=True))
+            subject = "A straight line (ridge regression) has smaller normal errors"
+            notes.append(f"{subject} on {character}: {line}° against {others}.")
+    return notes
+
+
+def claim_text(name: str) -> str:
+    """Return a claim, where the paper has it, and when it holds, in Markdown. name: "C1"."""
+    claim = claim_named(name)
+    return f"**{claim.text}** ({claim.where}). *It holds if:* {claim.rule}"
+
+
+def reasons_table(verdicts: Sequence[Verdict], claim: str) -> Table:
+    """Return one claim's verdicts with their reasons, a character a line, the paper's own verdict beside ours."""
+    body = tuple((one.character, one.verdict, _of_the_paper(one), one.reason) for one in verdicts if one.claim == claim)
+    header = ("", "verdict", "paper's numbers", "why")
+    return Table(f"{claim}, character by character", (header,), body, text_columns=4)
+
+
+def verdict_on_rows(rows: Sequence[Row], claim: str) -> Table:
+    """Return the verdict on one claim for each character that some rows of a table are about, with its reason."""
+    evidence, paper = Evidence(rows), published()
+    verdicts = [judge(claim_named(claim), character, evidence, paper) for character in characters_of(rows)]
+    return reasons_table(verdicts, claim)
+
+
+def comparison_table(evidence: Evidence, method: str, other: str, kind: str) -> Table:
+    """Return whether one method's mean error is smaller than another's, by the rule of the claims, for each character.
+
+    kind: "vertex" or "normal". What lacks a number is not tested.
+    """
+    body = []
+    for character in evidence.characters():
+        try:
+            comparison = smaller_error(evidence, character, method, other, kind)
+            body.append((character, HOLDS if comparison.satisfied else FAILS, f"{comparison}"))
+        except MissingNumber as missing:
+            body.append((character, NOT_TESTED, f"{missing}"))
+    return Table(f"Is {method} below {other}?", (("", "verdict", "why"),), tuple(body), text_columns=3)
+
+
+def _of_the_paper(one: Verdict) -> str:
+    return f"{one.published} ({one.stands_for})" if one.published in (HOLDS, FAILS) else "–"
+
+
+# A claim's numbers as a chart: ours beside the paper's, as ratios that the claim wants below 1.
+
+OURS, THEIRS = "#1F6FB4", "#333333"
+PANELS = 4  # in a row
+ROW, TITLE, FRAME = 0.3, 1.0, 0.8  # inches: a comparison, what is around a row of panels, and around all of them
+LETTERS, LINE = 30, 0.2  # in a line of what is compared; inches that each further line takes
+SIZE_PT, TITLE_PT = 12, 11  # of letters; a panel's names are as wide as it
+MOST_DECADES = 2.5  # beyond that the numbers of all ticks have no room
+LEAST = 0.02  # a smaller ratio stands at the left end of its panel, as an arrow with its bound
+TICKS = (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20)
+
+Pairs = dict[str, tuple[Comparison | None, Comparison | None]]
+
+
+def claim_chart(evidence: Evidence, paper: Evidence, claim: str) -> "tuple[matplotlib.figure.Figure, Words] | None":
+    """Return (figure, words): a panel for each character, our ratios as dots and the paper's as rings.
+
+    claim: its number, "C1". A ratio is that of the two numbers that the claim compares, the one that it wants to be the
+    smaller over the other; one below `LEAST` is an arrow, so that it takes no room from the others. Characters of which
+    it compares other things have a row of panels of their own. None where neither we nor the paper have numbers.
+    """
+    from matplotlib.figure import Figure
+
+    panels = {character: pairs_of(evidence, paper, claim, character) for character in evidence.characters()}
+    rows = _rows({character: pairs for character, pairs in panels.items() if pairs})
+    if not rows:
+        return None
+    quantity = _shared_quantity([name for names, _ in rows for name in names])
+    lines = [[textwrap.fill(name.removeprefix(f"{quantity}: "), LETTERS) for name in names] for names, _ in rows]
+    heights = [len(each) * (ROW + LINE * max(label.count("\n") for label in each)) + TITLE for each in lines]
+    figure = Figure((WIDTH, sum(heights) + FRAME), dpi=DPI, layout="constrained")
+    grid = figure.add_gridspec(
+        len(rows), min(PANELS, max(3, *(len(shown) for _, shown in rows))), height_ratios=heights
+    )
+    ratios = [c.ratio for pairs in panels.values() for pair in pairs.values() for c in pair if c]
+    small = any(ratio < LEAST for ratio in ratios)
+    limits = min([r for r in ratios if r >= LEAST] + [0.8]) / (3 if small else 1.35), max([*ratios, 1.25]) * 1.35
+    has = [any(pair[k] for pairs in panels.values() for pair in pairs.values()) for k in (0, 1)]
+    phrases = []
+    for r, (names, shown) in enumerate(rows):
+        for c, character in enumerate(shown):
+            axes = figure.add_subplot(grid[r, c])
+            phrases += _draw(axes, names, panels[character], character, limits)
+            axes.set_title(_title(panels[character], character, has[1]), fontsize=TITLE_PT, loc="left")
+            axes.set_yticks(range(len(names)), lines[r] if c == 0 else [])
+            axes.tick_params(labelsize=SIZE_PT)
+    _legend(figure, has)
+    of_what = f"{quantity}s" if quantity else "the two numbers"
+    figure.supxlabel(f"ratio of {of_what}; in grey, against the claim", fontsize=SIZE_PT)
+    about = "its numbers as ratios, dots ours, rings the paper's; the claim wants them left of 1"
+    about += f"; an arrow is one below {LEAST:g}" if small else ""
+    alt = f"Dots and rings of ratios for claim {claim}. Ours: {'; '.join(phrases) or 'none yet'}."
+    return figure, Words(alt, f"{claim}, {claim_named(claim).text}: {about}.")
+
+
+def _rows(panels: dict[str, Pairs]) -> list[tuple[list[str], list[str]]]:
+    """Return (what is compared, characters) of each row of panels: no character has lines that are of others alone."""
+    groups: dict[frozenset[str], list[str]] = {}
+    for character, pairs in panels.items():
+        groups.setdefault(frozenset(pairs), []).append(character)
+    parts = [members[k : k + PANELS] for members in groups.values() for k in range(0, len(members), PANELS)]
+    return [(list(panels[part[0]]), part) for part in parts]
+
+
+def _shared_quantity(names: list[str]) -> str:
+    """Return the quantity that all lines compare, or "" where they differ."""
+    quantities = {name.partition(": ")[0] for name in names}
+    return quantities.pop() if len(quantities) == 1 else ""
+
+
+def _draw(axes, names: list[str], pairs: Pairs, character: str, limits: tuple[float, float]) -> list[str]:
+    """Draw a character's panel, and return our ratios in words."""
+    phrases, (lower, upper) = [], limits
+    axes.axvspan(1.0, upper, color="0.93", zorder=0)
+    axes.axvline(1.0, color="0.4", linewidth=0.8, zorder=1)
+    for y, name in enumerate(names):
+        ours, theirs = pairs[name]
+        if theirs:
+            style = {"markerfacecolor": "none", "markeredgecolor": THEIRS, "markersize": 11, "zorder": 2}
+            axes.plot(*((_arrow(axes, lower, y), y, "<") if theirs.ratio < LEAST else (theirs.ratio, y, "o")), **style)
+        if ours and ours.ratio < LEAST:
+            axes.plot(_arrow(axes, lower, y), y, "<", color=OURS, markersize=8)
+        elif ours:
+            axes.errorbar(ours.ratio, y, xerr=_half_width(ours), fmt="o", color=OURS, markersize=6, capsize=3)
+        if ours:
+            phrases.append(f"{character}, {name}: {significant(ours.ratio, 2)}")
+    axes.set_xscale("log")
+    axes.set_xlim(lower, upper)
+    decades = math.log10(upper / lower)
+    wide = [10.0**k for k in range(-12, 13, math.ceil(decades / 3))] if decades > MOST_DECADES else TICKS
+    ticks = [tick for tick in wide if lower < tick < upper]
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.minorticks_off()
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    tidy(axes)
+    return phrases
+
+
+def _title(pairs: Pairs, character: str, published: bool) -> str:
+    """Return whose numbers a panel has: ours and, where the paper has some for any panel, the paper's below."""
+    film = stand_in(character)
+    has = [any(pair[k] for pair in pairs.values()) for k in (0, 1)]
+    ours = f"● {character}{', ours' if film else ''}" if has[0] else f"{character}: not tested"
+    theirs = f"○ {film}, paper" if has[1] else "paper: no number"
+    return f"{ours}\n{theirs}" if published else ours
+
+
+def _arrow(axes, lower: float, y: int) -> float:
+    """Write the bound of a ratio below `LEAST` beside its arrow, and return where that stands."""
+    place = 1.25 * lower
+    style = {"textcoords": "offset points", "va": "center", "fontsize": SIZE_PT}
+    axes.annotate(f"< {LEAST:g}", (place, y), (8, 0), **style)
+    return place
+
+
+def _legend(figure: "matplotlib.figure.Figure", has: Sequence[bool]) -> None:
+    """Say what dots and rings are. has: whether there are any of ours, and of the paper's."""
+    from matplotlib.lines import Line2D
+
+    dot = Line2D([], [], marker="o", linestyle="", color=OURS, label="our characters")
+    ring = Line2D([], [], marker="o", linestyle="", markerfacecolor="none", markersize=11, color=THEIRS)
+    ring.set_label("the paper’s characters")
+    handles = [handle for handle, there in zip((dot, ring), has, strict=True) if there]
+    figure.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False, fontsize=SIZE_PT)
+
+
+def pairs_of(evidence: Evidence, paper: Evidence, claim: str, character: str) -> Pairs:
+    """Return what a claim compares, in words → (our numbers, the paper's), None for what either lacks."""
+    ways = claim_named(claim).ways
+    ours, theirs = (
+        _comparisons(ways, rows, who) for rows, who in ((evidence, character), (paper, stand_in(character)))
+    )
+    return {name: (ours.get(name), theirs.get(name)) for name in {**ours, **theirs}}
+
+
+def _comparisons(ways, evidence: Evidence, character: str) -> dict[str, Comparison]:
+    try:
+        return {one.name: one for way in ways(evidence, character) for one in way}
+    except MissingNumber:
+        return {}
+
+
+def _half_width(comparison: Comparison) -> float | None:
+    """Return what a bar shows of the spread: to the line at 1 if the difference is just what the rule needs."""
+    return comparison.spread / comparison.right.value if comparison.spread else None

@@ -8,13 +8,21 @@ import numpy as np
 from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
 from replicate.drawing.panels import Words
 from replicate.drawing.render import render
-from replicate.geometry.edges import inner_edges
 from replicate.geometry.folds import fold_angles
-from replicate.report.clay_surfaces import clay_surfaces, view_of
-from replicate.report.panel_titles import marks_in_words, panel_title, plain_name, pose_in_words
-from replicate.report.pose_errors import WHOLE, normal_means_deg
-from replicate.report.pose_record import TRUTH, PoseRecord
-from replicate.targets.figure_methods import FIGURE09
+from replicate.geometry.mesh import inner_edges
+from replicate.report.pose_record import (
+    FIGURE09,
+    TRUTH,
+    WHOLE,
+    PoseRecord,
+    clay_surfaces,
+    marks_in_words,
+    normal_means_deg,
+    panel_title,
+    plain_name,
+    pose_in_words,
+    view_of,
+)
 
 if TYPE_CHECKING:
     import matplotlib.figure

@@ -4,20 +4,19 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 
-from replicate.artefacts import built_rig, control_influence, drawn_samples, rigid_segments
-from replicate.artefacts.plan import Plan, reference
-from replicate.capture import landmark_ik, landmark_rig
+from replicate.capture import landmark_rig
+from replicate.cli.options import OF_A_RUN, methods
+from replicate.cli.running import make
 from replicate.engine.stage import Stage, StageContext
 from replicate.inverse import ik_stage
-from replicate.methods import measurement, refined
+from replicate.methods import artefacts, measurement, refined
+from replicate.methods.measurement import reading
 from replicate.methods.method import Method
-from replicate.methods.prediction import reading
+from replicate.methods.plan import Plan, reference
 from replicate.report.publication import CharacterResult, results_folder
 from replicate.targets.capture import section
-from replicate.targets.figure12 import acted_landmarks
-from replicate.targets.figure12.capture_trial import CaptureTrial, ThroughMethod
-from replicate.targets.options import OF_A_RUN, methods
-from replicate.targets.running import make
+from replicate.targets.figure12 import rows as figure12_rows
+from replicate.targets.figure12.rows import CaptureTrial, ThroughMethod
 
 ABOUT = "performance capture where the truth is known: a rig's landmarks, with noise, drive itself and another face"
 WRITES = "results/runs/<profile>/"
@@ -33,9 +32,9 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
     methods: what IK networks are trained through beside the refined model, as far as they have a model.
     """
     through = {method.name: method for method in (refined.METHOD, *methods) if method.model and not method.oracle}
-    trained = [landmark_ik.stage(plan, method) for method in through.values()]
+    trained = [landmark_rig.ik_stage_of(plan, method) for method in through.values()]
     other = Plan(replace(plan.config, character=actor_beside(plan)))
-    acting = {one.title: one for one in (acted_landmarks.stage(plan), acted_landmarks.stage(other))}
+    acting = {one.title: one for one in (figure12_rows.stage(plan), figure12_rows.stage(other))}
     numbers = CaptureTrial(
         plan.character,
         tuple(dict.fromkeys((plan.character, other.character))),
@@ -48,9 +47,15 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
             for method in through.values()
         ),
     )
-    shared = (built_rig, drawn_samples, control_influence, rigid_segments, landmark_rig)
+    shared = (
+        artefacts.rig_stage,
+        artefacts.samples_stage,
+        artefacts.influence_stage,
+        artefacts.rigid_stage,
+        landmark_rig.stage,
+    )
     own = [stage for method in through.values() for stage in method.stages(plan)]
-    inputs = {one.title: one for one in (*(module.stage(plan) for module in shared), *own, *trained)} | acting
+    inputs = {one.title: one for one in (*(stage(plan) for stage in shared), *own, *trained)} | acting
     readers = [source for method in through.values() for source in reading(method, plan.config).sources]
     functions = ", ".join(dict.fromkeys(map(reference, (draw, *readers))))
     return [*own, *trained, *acting.values(), plan.stage("figure12", functions, numbers, *inputs.values())]
@@ -68,10 +73,8 @@ def draw(context: StageContext) -> None:
     from replicate.drawing.face_sheet import LARGEST_BYTES
     from replicate.drawing.panels import save_figure
     from replicate.report.results import write_results
-    from replicate.targets.figure12.capture_rows import capture_rows
-    from replicate.targets.figure12.capture_strip import figure12
-    from replicate.targets.figure12.driven_motions import drivers
-    from replicate.targets.figure12.noise_curves import noise_curves
+    from replicate.targets.figure12.rows import capture_rows, drivers
+    from replicate.targets.figure12.shown import figure12, noise_curves
 
     prepare("cpu")
     trial, stem = context.config, f"figure12_{context.config.character}"
@@ -91,10 +94,10 @@ def run(options: argparse.Namespace) -> None:
 
 def publish(results: Sequence[CharacterResult]) -> None:
     """Write the rows and pictures of some characters to the profile's folder, and print the tables."""
-    from replicate.engine.paths import display_path
-    from replicate.report.row_publication import publish_rows
+    from replicate.base.paths import display_path
+    from replicate.report.publication import publish_rows
     from replicate.report.tables import as_text
-    from replicate.targets.figure12.capture_tables import tables12
+    from replicate.targets.figure12.shown import tables12
 
     rows = publish_rows("figure12", results)
     for table in tables12(rows):

@@ -7,14 +7,13 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from replicate.artefacts import built_rig, drawn_samples, rigid_segments, shown_pose
-from replicate.artefacts.plan import Plan
+from replicate.cli.options import OF_A_RUN, others
+from replicate.cli.running import make
 from replicate.engine.stage import Stage, StageContext
-from replicate.methods import coarse, refined
+from replicate.methods import artefacts, coarse, refined
 from replicate.methods.method import Method
-from replicate.targets.figure13 import moved_meshes, new_meshes, other_faces
-from replicate.targets.options import OF_A_RUN, others
-from replicate.targets.running import make
+from replicate.methods.plan import Plan
+from replicate.targets.figure13 import moved as figure13_moved
 
 ABOUT = "the networks move meshes of another topology through texture coordinates, beside the truth"
 WRITES = "results/runs/<profile>/"
@@ -36,10 +35,16 @@ def stages(plan: Plan, methods: Sequence[Method] = (), onto: Sequence[str] = ())
 
     onto: other characters, by name or recipe, whose faces are moved.
     """
-    moved = moved_meshes.stage(plan)
-    modules = (built_rig, drawn_samples, rigid_segments, shown_pose, new_meshes)
-    inputs = [*(module.stage(plan) for module in modules), moved]
-    moved_faces = other_faces.stages(plan, onto)
+    moved = figure13_moved.moved_stage(plan)
+    modules = (
+        artefacts.rig_stage,
+        artefacts.samples_stage,
+        artefacts.rigid_stage,
+        artefacts.shown_pose_stage,
+        figure13_moved.meshes_stage,
+    )
+    inputs = [*(stage(plan) for stage in modules), moved]
+    moved_faces = figure13_moved.other_stages(plan, onto)
     settings = TransferPicture(plan.character, plan.config.profile, tuple(moved_faces))
     networks = [coarse.stage(plan), refined.stage(plan)]
     inputs += moved_faces.values()
@@ -50,14 +55,13 @@ def draw(context: StageContext) -> None:
     """Draw the new meshes in one pose, and write the errors of every way to move them (Fig. 13)."""
     from replicate.drawing.panels import save_figure
     from replicate.report.results import write_results
-    from replicate.targets.figure13.other_sheet import sheet_of_others
-    from replicate.targets.figure13.transfer_rows import rows_of
-    from replicate.targets.figure13.transfer_sheet import figure13, shown_meshes
+    from replicate.targets.figure13.moved import rows_of
+    from replicate.targets.figure13.shown import figure13, sheet_of_others, shown_meshes
 
     character, inputs = context.config.character, context.inputs
-    means = moved_meshes.load_means(inputs)
+    means = figure13_moved.load_means(inputs)
     folders = {other: inputs[f"onto_{other}"] for other in context.config.onto}
-    of_others = [mean for folder in folders.values() for mean in other_faces.load_means(folder)]
+    of_others = [mean for folder in folders.values() for mean in figure13_moved.load_other_means(folder)]
     write_results(context.out / FILE, rows_of(character, context.config.profile, inputs, [*means, *of_others]))
     figure, words = figure13(character, shown_meshes(inputs), means)
     save_figure(figure, context.out / f"figure13_{character}.png", words)
@@ -68,11 +72,10 @@ def draw(context: StageContext) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Draw the figure of every character, publish its rows and pictures, and print its numbers."""
-    from replicate.engine.paths import display_path
-    from replicate.report.publication import results_folder
-    from replicate.report.row_publication import publish_rows
+    from replicate.base.paths import display_path
+    from replicate.report.publication import publish_rows, results_folder
     from replicate.report.tables import as_text
-    from replicate.targets.figure13.transfer_tables import tables13
+    from replicate.targets.figure13.shown import tables13
 
     def own_stages(plan: Plan) -> list[Stage]:
         return stages(plan, onto=others(options, plan))

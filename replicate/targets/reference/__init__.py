@@ -1,9 +1,36 @@
 """A run of your own as the committed results: for whoever maintains this repository."""
 
 import argparse
+import re
+from collections.abc import Callable, Collection, Sequence
+from pathlib import Path
 
-from replicate.engine import paths
-from replicate.profiles import check_profile
+from data_recipes.recipe_paths import OUTSIDE
+from replicate.base import paths
+from replicate.base.exceptions import InputError
+from replicate.base.files import copy_file, write_text
+from replicate.benchmarks.bench_poses import health_card
+from replicate.benchmarks.bench_rig import speed_card
+from replicate.benchmarks.bench_train import steps_table
+from replicate.benchmarks.common import PROFILE as BENCH
+from replicate.benchmarks.common import merge
+from replicate.cli.target_list import target_table
+from replicate.config import check_profile
+from replicate.methods.method_registry import method_named
+from replicate.report import manifest
+from replicate.report.results import COLUMNS, Row, read_curves, read_results, write_curves
+from replicate.report.tables import Table, as_markdown
+from replicate.targets.claims import overview, write_claims
+from replicate.targets.claims.rules import gather
+from replicate.targets.claims.verdicts import FILE as CLAIMS
+from replicate.targets.reference import times as reference_times
+from replicate.targets.reference.pictures import put_first_seed, put_numbers
+from replicate.targets.reference.times import TIMED_TARGET as GPU_TIMES
+from replicate.targets.reference.times import is_of_gpu, put_gpu_times, times_card
+from replicate.targets.rig_report.shown import report_card
+from replicate.targets.table2.charts import redraw_charts
+from replicate.targets.table2.rows import other_rigs, table2_overview, table2_questions
+from replicate.targets.table3.shown import speed_table, timing_table
 
 ABOUT = "put a run's results and the benchmarks' in the place of the committed ones, with all that shows them"
 WRITES = "results/reference/, notebooks/, the tables in README, data card and REPRODUCING"
@@ -12,8 +39,236 @@ OPTIONS = ("profile", "add-seeds")
 
 def run(options: argparse.Namespace) -> None:
     """Publish a profile's results as the reference."""
-    from replicate.targets.reference.reference_results import publish_reference
-
     check_profile(options.profile)
     for file in publish_reference(options.profile, options.add_seeds):
         print(f"written to {paths.display_path(file)}")
+
+
+# From a run of one's own to the committed results: `make reference`, for whoever maintains this repository.
+
+KINDS = (".csv", ".json", ".npz", ".png")
+README, DATA_CARD, REPRODUCING = (
+    paths.ROOT / name for name in ("README.md", "data_recipes/README.md", "REPRODUCING.md")
+)
+TABLE2 = reference_times.TARGET
+TRAINED = "teen"  # whose training steps a text shows
+APART = "paper"  # the profile whose results have a folder of their own
+PART = "--only"  # the option of benchmarks that are run in part
+ALWAYS = ("claims", "rig_tour")  # notebooks that show all results, or a rig; the others show one target's
+
+
+def publish_reference(profile: str, add_seeds: bool = False) -> list[Path]:
+    """Put a profile's results and the benchmarks' in the place of the committed ones; return the new files.
+
+    Table 2 with the profile `paper`, and one whose test poses are of whole clips, go into folders of their own, beside
+    what texts quote (see `publish_apart`); so does a Table 3 with times on a GPU.
+
+    Of a table each character is replaced as a whole, and those that the run lacks stay, so that characters may be run
+    one at a time. Of a benchmark that was run in part (`--only`) its other rows stay too. Files without a new result
+    stay as they are. add_seeds: whether the seeds of Table 2 join those that are committed of the same characters, and
+    the methods of the first seed its poses and curves; what else of such a character is committed stays as it is.
+    Raises InputError, before it writes anything, if neither has results, or some come from a tree with changes.
+    """
+    run, bench, rigs = (paths.run_folder(name) for name in (profile, BENCH, "rigs"))
+    of_clips = _is_of_clips(run)
+    if of_clips and profile == APART:
+        raise InputError(f"{paths.display_path(run)}: whole clips have a folder for one profile, not {APART}")
+    if apart := paths.PAPER_PROFILE if profile == APART else paths.WHOLE_CLIPS if of_clips else None:
+        return publish_apart(run, paths.committed_folders()[apart], add_seeds)
+    of_run, of_bench = manifest.targets(run), manifest.targets(bench)
+    if not (of_run or of_bench):
+        raise InputError(f"{run}: there are no results; `make table2 PROFILE={profile}` writes them.")
+    for folder, names in ((run, of_run), (bench, of_bench)):
+        _check_clean(folder, names)
+    on_gpu = GPU_TIMES in of_run and is_of_gpu(run)
+    shared = reference_times.shared_characters(run) if add_seeds else []
+    paths.REFERENCE.mkdir(parents=True, exist_ok=True)
+    files = put_first_seed(run, shared)
+    files += reference_times.put_table2(run, shared) if TABLE2 in of_run else []
+    if on_gpu:
+        files += put_gpu_times(run, paths.committed_folders()[paths.GPU_MACHINE])
+        of_run.remove(GPU_TIMES)
+    done = [file.name for file in files]
+    for file in sorted(run.iterdir()) if of_run else ():
+        stay = _committed(_target_of(file, of_run), shared)
+        if _is_result(file) and file.name not in done and not _is_of(file, stay) and not _is_mesh_left_out(file):
+            files.append(_put(file, stay))
+    for file in sorted(bench.iterdir()) if of_bench else ():
+        if _is_result(file) and (file.suffix != ".csv" or file.stem in of_bench):
+            files.append(_put(file, joining=_in_part(bench, file.stem)))
+    for folder, names, of_both in ((run, of_run, shared), (bench, of_bench, ())):
+        for target in names:
+            if target != TABLE2:
+                stay = _committed(target, of_both)
+                entries = manifest.entries(folder, target).items()
+                new = {name: _with_results_alone(facts) for name, facts in entries if name not in stay}
+                there = manifest.entries(paths.REFERENCE, target)
+                for name in there.keys() & _in_part(folder, target):
+                    new[name] = manifest.joined(new[name], there[name])
+                both = there | new
+                if both:
+                    manifest.write_entries(paths.REFERENCE, target, dict(sorted(both.items())))
+    files += redraw_charts(paths.REFERENCE, shared)
+    files += put_numbers(manifest.entries(run, TABLE2))
+    write_claims(paths.REFERENCE, gather([paths.REFERENCE]))
+    files.append(paths.REFERENCE / CLAIMS)
+    files += [_put(rigs / name) for name in shown_pictures() if (rigs / name).is_file()]
+    return files + _texts(manifest.targets(paths.REFERENCE))
+
+
+def publish_apart(run: Path, into: Path, add_seeds: bool = False) -> list[Path]:
+    """Put the numbers of a run's Table 2 into a folder of their own, execute its notebook anew, return the new files.
+
+    Characters that the run lacks stay. add_seeds: as for `publish_reference`. Raises InputError, before it writes
+    anything, for a run without Table 2, or one from a tree with changes.
+    """
+    if TABLE2 not in manifest.targets(run):
+        raise InputError(f"{run}: there is no Table 2; `make table2 PROFILE={run.name}` writes it.")
+    _check_clean(run, [TABLE2])
+    shared = reference_times.shared_characters(run, into) if add_seeds else []
+    into.mkdir(parents=True, exist_ok=True)
+    return [*reference_times.put_table2(run, shared, into), *_texts([TABLE2])]
+
+
+def _is_of_clips(run: Path) -> bool:
+    """Return whether a run's Table 2 has test poses of whole clips. Raises InputError where some are not."""
+    splits = {name: facts.get("split", "frames") for name, facts in manifest.entries(run, TABLE2).items()}
+    if len(set(splits.values())) > 1:
+        both = ", ".join(f"{name} {split}" for name, split in splits.items())
+        raise InputError(f"{paths.display_path(run)}: Table 2 is of several splits ({both}): publish one at a time")
+    return "clips" in splits.values()
+
+
+def _check_clean(folder: Path, targets: Collection[str]) -> None:
+    """Raise InputError unless all results of some targets in a folder are from trees without changes."""
+    for target in targets:
+        for character, facts in manifest.entries(folder, target).items():
+            if not (facts.get("git") or {}).get("clean"):
+                raise InputError(
+                    f"{target} of {character} in {paths.display_path(folder)} was made from a tree with changes: "
+                    "commit them and make it again"
+                )
+
+
+def _committed(target: str, characters: Collection[str]) -> list[str]:
+    """Return those of some characters that the committed results of a target have; of Table 2 all of them."""
+    there = manifest.entries(paths.REFERENCE, target)
+    return [character for character in characters if target == TABLE2 or character in there]
+
+
+def _in_part(folder: Path, target: str) -> set[str]:
+    """Return the characters of which a benchmark was run in part, so that its other rows are still those committed."""
+    return {
+        name for name, facts in manifest.entries(folder, target).items() if PART in facts.get("command", "").split()
+    }
+
+
+def _target_of(file: Path, targets: Sequence[str]) -> str:
+    """Return which target a file of results is of: the one with the longest name that it begins with, or Table 2."""
+    owners = [name for name in targets if file.stem == name or file.stem.startswith(f"{name}_")]
+    return max(owners, key=len, default=TABLE2)
+
+
+def shown_pictures() -> list[str]:
+    """Return the names of the committed pictures that texts show."""
+    texts = [file.read_text("utf-8") for file in (README, DATA_CARD)]
+    return sorted({name for text in texts for name in re.findall(r"reference/(\w+\.png)", text)})
+
+
+def rewrite_target_table() -> None:
+    """Write the list of targets into REPRODUCING, as the registry has them."""
+    text = REPRODUCING.read_text(encoding="utf-8")
+    write_text(REPRODUCING, with_table(text, "targets", target_table()))
+
+
+def tables_in_texts() -> dict[str, tuple[Path, str, Callable[[Path], Table]]]:
+    """Return, by the name of a table's marks, which text has it, which committed CSV it shows, and what makes it."""
+    paper = read_results(paths.PAPER / "table2.csv")
+    times = read_results(paths.PAPER / "table3.csv")
+    return {
+        "claims": (README, "claims.csv", overview),
+        "table2_ratios": (README, "table2.csv", lambda file: table2_questions(read_results(file), paper)),
+        "table2_others": (README, "table2.csv", lambda file: other_rigs(read_results(file))),
+        "table2": (README, "table2.csv", lambda file: table2_overview(_standard(file), paper)),
+        "table3_speed": (README, "table3.csv", lambda file: speed_table(read_results(file))),
+        "table3": (README, "table3.csv", lambda file: timing_table(read_results(file), times)),
+        "bench_poses": (DATA_CARD, "bench_poses.csv", lambda file: health_card(read_results(file))),
+        "table2_times": (REPRODUCING, manifest.NAME, lambda file: times_card(file.parent)),
+        "bench_train": (REPRODUCING, "bench_train.csv", lambda file: steps_table(read_results(file), TRAINED)),
+        "bench_rig": (REPRODUCING, "bench_rig.csv", lambda file: speed_card(read_results(file))),
+        "rig_report": (DATA_CARD, "rig_report.csv", lambda file: report_card(read_results(file))),
+    }
+
+
+def _standard(file: Path) -> list[Row]:
+    """Return a table's rows of the methods that are standard; the notebook has the others."""
+    return [row for row in read_results(file) if method_named(row.method).standard]
+
+
+def with_table(text: str, name: str, table: Table) -> str:
+    """Return a text with a table between the marks of that name. Raises InputError where it lacks them."""
+    marks = f"<!-- {name}, by make reference -->\n", f"<!-- end of {name} -->\n"
+    before, begin, rest = text.partition(marks[0])
+    _, end, after = rest.partition(marks[1])
+    if not (begin and end):
+        raise InputError(f"found no lines {' and '.join(repr(m.strip()) for m in marks)} to write a table between.")
+    return before + begin + as_markdown(table).strip() + "\n" + end + after
+
+
+def _is_result(file: Path) -> bool:
+    return file.suffix in KINDS and file.name != manifest.NAME and not file.name.startswith(".")
+
+
+def _with_results_alone(facts: dict) -> dict:
+    """Return a manifest's entry without the files that are not put beside it, as the posing page."""
+    return facts | (
+        {"files": [name for name in facts["files"] if Path(name).suffix in KINDS]} if "files" in facts else {}
+    )
+
+
+def _is_of(file: Path, characters: Collection[str]) -> bool:
+    """Return whether a file belongs to one of some characters alone, as figure07_teen_rigidity.png does."""
+    return any(re.match(rf"[a-z0-9]+_{re.escape(name)}[_.]", file.name) for name in characters)
+
+
+def _is_mesh_left_out(file: Path) -> bool:
+    """Return whether a file holds meshes that are not committed: see `has_committed_meshes`."""
+    return file.suffix == ".npz" and ("@" in file.name or _is_of(file, OUTSIDE))
+
+
+def _put(file: Path, stay: Collection[str] = (), joining: Collection[str] = ()) -> Path:
+    """Put a new result in its place; rows and curves of characters that it lacks stay, and those of `stay` too.
+
+    joining: characters whose other rows stay beside the new ones.
+    """
+    into = paths.REFERENCE / file.name
+    if file.suffix == ".csv" and into.is_file():
+        with file.open(encoding="utf-8") as lines:
+            columns = lines.readline().rstrip("\n").split(",")
+        if columns == list(COLUMNS):
+            rows = [row for row in read_results(file) if row.character not in stay]
+            characters = {row.character for row in rows}
+            merge(into, rows, lambda row: row.character not in characters or row.character in joining)
+            return into
+        if columns[:1] == ["character"]:
+            curves = {key: curve for key, curve in read_curves(file).items() if key[0] not in stay}
+            characters = {character for character, _ in curves}
+            others = {key: curve for key, curve in read_curves(into).items() if key[0] not in characters}
+            write_curves(into, others | curves)
+            return into
+    copy_file(file, into)
+    return into
+
+
+def _texts(targets: list[str]) -> list[Path]:
+    """Execute the notebooks about some targets on the committed results, and write the tables that texts show."""
+    from replicate.report.notebooks import NOTEBOOKS, run_notebook
+
+    names = [file.stem for file in sorted(NOTEBOOKS.glob("*.ipynb")) if file.stem in (*targets, *ALWAYS)]
+    files = [run_notebook(name, "reference") for name in names]
+    for name, (text, csv, make_table) in tables_in_texts().items():
+        if (file := paths.REFERENCE / csv).is_file():
+            write_text(text, with_table(text.read_text("utf-8"), name, make_table(file)))
+            files.append(text)
+    rewrite_target_table()
+    return [*files, REPRODUCING]

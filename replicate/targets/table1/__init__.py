@@ -4,16 +4,16 @@ import argparse
 from collections.abc import Sequence
 
 from replicate.approximation.model_size import shape_of
-from replicate.artefacts import built_rig, control_influence, refinement_squares, rigid_segments
-from replicate.artefacts.plan import Plan
-from replicate.engine.paths import PAPER, display_path
+from replicate.base.paths import PAPER, display_path
+from replicate.cli.options import OF_A_RUN
+from replicate.cli.running import make
 from replicate.engine.stage import Stage, StageContext
+from replicate.methods import artefacts
 from replicate.methods.method import Method
-from replicate.report.cast import cast
+from replicate.methods.plan import Plan
 from replicate.report.publication import CharacterResult, results_folder
-from replicate.targets.options import OF_A_RUN
-from replicate.targets.running import make
-from replicate.targets.table1.size_numbers import SizeNumbers
+from replicate.report.results import cast
+from replicate.targets.table1.rows import SizeNumbers
 
 ABOUT = "Table 1: counts of segments, model sizes and what brackets them, and the verdict on claim C6"
 WRITES = "results/runs/<profile>/"
@@ -27,15 +27,15 @@ def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
     """Return the stage that holds one character's rows."""
     config = plan.config
     shapes = map(shape_of, (config.coarse, config.refinement))
-    modules = (built_rig, control_influence, rigid_segments, refinement_squares)
+    modules = (artefacts.rig_stage, artefacts.influence_stage, artefacts.rigid_stage, artefacts.squares_stage)
     numbers = SizeNumbers(plan.character, config.profile, *shapes)
-    return [plan.stage("table1", count, numbers, *(module.stage(plan) for module in modules))]
+    return [plan.stage("table1", count, numbers, *(stage(plan) for stage in modules))]
 
 
 def count(context: StageContext) -> None:
     """Count one character's segments and weigh its models."""
     from replicate.report.results import write_results
-    from replicate.targets.table1.size_rows import rows_of
+    from replicate.targets.table1.rows import rows_of
 
     write_results(context.out / FILE, rows_of(context.config, context.inputs))
 
@@ -50,10 +50,10 @@ def publish(results: Sequence[CharacterResult]) -> None:
 
     Of several seeds the means are written. Results of characters that are not among them stay.
     """
+    from replicate.report.publication import publish_rows
     from replicate.report.results import read_results
-    from replicate.report.row_publication import publish_rows
     from replicate.report.tables import as_text
-    from replicate.targets.table1.size_table import size_claim, table1
+    from replicate.targets.table1.tables import size_claim, table1
 
     rows, folder = publish_rows("table1", results), results_folder(results[0].config.profile)
     paper = read_results(PAPER / FILE)

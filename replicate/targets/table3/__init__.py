@@ -1,19 +1,22 @@
 """Table 3: milliseconds that one pose takes, of the rig and of every approximation with the rigid step (§5.2)."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 
-from replicate.artefacts import built_rig, drawn_samples, rigid_segments
-from replicate.artefacts.plan import Plan, reference
+from replicate.base import paths
+from replicate.cli.options import OF_A_RUN, configurations, methods
+from replicate.cli.running import make
 from replicate.engine.stage import Stage, StageContext
-from replicate.methods import measurement
+from replicate.methods import artefacts, measurement
+from replicate.methods.measurement import reading
 from replicate.methods.method import Method
-from replicate.methods.prediction import reading
+from replicate.methods.plan import Plan, reference
+from replicate.report.notebooks import rows_if_there
 from replicate.report.publication import CharacterResult, by_character, results_folder
-from replicate.targets.options import OF_A_RUN, configurations, methods
-from replicate.targets.running import make
-from replicate.targets.table3.timing_numbers import RigNumbers, RowsNumbers, TimingNumbers
+from replicate.report.results import Row
+from replicate.targets.table3.rows import RigNumbers, RowsNumbers, TimingNumbers
 
 ABOUT = "Table 3: milliseconds a pose of the rig and every method, on one core, on all, and on a GPU if there is one"
 WRITES = "results/runs/<profile>/"
@@ -42,7 +45,7 @@ def timing_stage(rigs: Sequence[tuple[Plan, Sequence[Method]]], measured: str = 
     numbers, functions = [], [reference(measure)]
     for plan, chosen in rigs:
         timed = _timed(chosen)
-        shared = [module.stage(plan) for module in (built_rig, drawn_samples, rigid_segments)]
+        shared = [stage(plan) for stage in (artefacts.rig_stage, artefacts.samples_stage, artefacts.rigid_stage)]
         own = {stage.name: stage for stage in (*shared, *(stage for method in timed for stage in method.stages(plan)))}
         inputs |= {stage.title: stage for stage in own.values()}
         functions += [reference(source) for method in timed for source in reading(method, plan.config).sources]
@@ -74,7 +77,7 @@ def measure(context: StageContext) -> None:
     """Time the rigs and all methods; the rigs on the CPU, even where JAX has a GPU."""
     import jax
 
-    from replicate.targets.table3.timing_rows import write_all
+    from replicate.targets.table3.rows import write_all
 
     with jax.default_device(jax.devices("cpu")[0]):
         write_all(context.config.rigs, context.inputs, context.progress, context.out)
@@ -82,7 +85,7 @@ def measure(context: StageContext) -> None:
 
 def read_rows(context: StageContext) -> None:
     """Take one character's rows from the measurement."""
-    from replicate.engine.atomic_files import copy_file
+    from replicate.base.files import copy_file
 
     copy_file(context.inputs["timing"] / context.config.file, context.out / FILE)
 
@@ -100,12 +103,11 @@ def publish(results: Sequence[CharacterResult]) -> None:
     Where the folder has a Table 3 of the same characters, how far its speed-ups are from these is in the rows and
     printed too.
     """
-    from replicate.engine.paths import PAPER, display_path
+    from replicate.base.paths import PAPER, display_path
+    from replicate.report.publication import publish_rows
     from replicate.report.results import read_results
-    from replicate.report.row_publication import publish_rows
     from replicate.report.tables import as_text
-    from replicate.targets.table3.run_agreement import agreement_rows, agreement_table
-    from replicate.targets.table3.timing_tables import tables3
+    from replicate.targets.table3.shown import agreement_rows, agreement_table, tables3
 
     folder = results_folder(results[0].config.profile)
     own = by_character(results)
@@ -115,3 +117,21 @@ def publish(results: Sequence[CharacterResult]) -> None:
     if table := agreement_table(row for row in rows if row.character in own):
         print(as_text(table))
     print(f"written to {display_path(folder)}: {FILE}, manifest.json, and table3.ipynb to read them in")
+
+
+# Table 3 by a machine with a GPU: its committed rows stand apart from those of the machine that texts quote.
+
+GPU_TABLE = "table3_gpu"  # its rows' table where they stand beside those of the other machine
+
+
+def gpu_machine_rows(results: str) -> list[Row]:
+    """Return Table 3 by the machine with a GPU of committed results; none for a run of yours, whose own table has it.
+
+    results: "reference", or the profile of a run of yours.
+    """
+    return rows_if_there(paths.GPU_MACHINE, FILE) if results in paths.committed_folders() else []
+
+
+def beside(rows: Iterable[Row]) -> list[Row]:
+    """Return rows of that machine as those of a table of their own, to be looked up beside Table 3."""
+    return [replace(row, table=GPU_TABLE) for row in rows]

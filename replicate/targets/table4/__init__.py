@@ -3,18 +3,17 @@
 import argparse
 from collections.abc import Sequence
 
-from replicate.artefacts import built_rig, control_influence, drawn_samples, rigid_segments
-from replicate.artefacts.plan import Plan, reference
+from replicate.cli.options import OF_A_RUN, methods
+from replicate.cli.running import make
 from replicate.engine.stage import Stage, StageContext
 from replicate.inverse import ik_stage
-from replicate.methods import measurement
+from replicate.methods import artefacts, measurement
 from replicate.methods.method import Method
-from replicate.report.cast import STANDS_FOR
+from replicate.methods.plan import Plan, reference
 from replicate.report.publication import CharacterResult, results_folder
-from replicate.targets.options import OF_A_RUN, methods
-from replicate.targets.posing_stage import posing_stage
-from replicate.targets.running import make
-from replicate.targets.table4.posing_numbers import PosingNumbers, Source
+from replicate.report.results import STANDS_FOR
+from replicate.targets.shown_records import posing_stage
+from replicate.targets.table4.rows import PosingNumbers, Source
 
 ABOUT = "Table 4: errors of every method in poses that inverse kinematics finds for dragged control points"
 WRITES = "results/runs/<profile>/"
@@ -42,7 +41,10 @@ def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
         (*sources, Source(ik_stage.RIG, "")),
         STANDS_FOR.get(base) in OWN_GRADIENTS,
     )
-    shared = (module.stage(plan) for module in (built_rig, drawn_samples, control_influence, rigid_segments))
+    shared = (
+        stage(plan)
+        for stage in (artefacts.rig_stage, artefacts.samples_stage, artefacts.influence_stage, artefacts.rigid_stage)
+    )
     own_stages = [stage for method in predicting for stage in method.stages(plan)]
     inputs = (*shared, *own_stages, *trained)
     return [*own_stages, through_rig, *trained, posing_stage(plan, "table4", pose, numbers, predicting, inputs)]
@@ -50,7 +52,7 @@ def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
 
 def pose(context: StageContext) -> None:
     """Find poses for the configurations of control points and measure every method in them."""
-    from replicate.targets.table4.posing_rows import write_all
+    from replicate.targets.table4.rows import write_all
 
     write_all(context.config, context.inputs, context.files, context.progress, context.out)
 
@@ -62,11 +64,11 @@ def run(options: argparse.Namespace) -> None:
 
 def publish(results: Sequence[CharacterResult]) -> None:
     """Write Table 4 of some characters to the profile's folder, print it, and execute its notebook if it is stale."""
-    from replicate.engine.paths import PAPER, display_path
+    from replicate.base.paths import PAPER, display_path
+    from replicate.report.publication import publish_rows
     from replicate.report.results import read_results
-    from replicate.report.row_publication import publish_rows
     from replicate.report.tables import as_text
-    from replicate.targets.table4.posing_tables import tables4
+    from replicate.targets.table4.tables import tables4
 
     rows = publish_rows("table4", results)
     for table in tables4(rows, read_results(PAPER / FILE)):

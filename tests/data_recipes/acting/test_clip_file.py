@@ -5,7 +5,7 @@ import pytest
 
 from data_recipes.acting.clip_file import MOST_FRAMES, read_clip
 from data_recipes.controls import make_controls
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 CONTROLS = make_controls({"face": 4, "head": 1})  # brow_inner_up_*, brow_outer_up_*, squash
 

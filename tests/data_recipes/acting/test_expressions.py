@@ -2,9 +2,9 @@
 
 import pytest
 
-from data_recipes.acting.creature_acts import CREATURE
+from data_recipes.acting.antics import CREATURE
 from data_recipes.acting.expressions import EXPRESSIONS, MARK, expression
-from data_recipes.acting.visemes import VISEMES
+from data_recipes.acting.speech import VISEMES
 from data_recipes.controls import control_groups
 
 CONTROLS = {control.name: control for group in control_groups().values() for control in group}

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from data_recipes.acting.polish import FAMILIES, deal, family_columns, gesture
+from data_recipes.acting.procedural_acting import FAMILIES, deal, family_columns, gesture
 from data_recipes.controls import control_groups
 
 COLUMNS = {c.name: i for i, c in enumerate(c for group in control_groups().values() for c in group)}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from data_recipes.acting import speech
-from data_recipes.acting.visemes import VISEMES
+from data_recipes.acting.speech import VISEMES
 
 NAMES = sorted({name.replace("*", side) for shape in VISEMES.values() for name in shape for side in ("left", "right")})
 COLUMNS = {name: column for column, name in enumerate(NAMES)}

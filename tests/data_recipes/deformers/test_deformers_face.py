@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from data_recipes.controls import control_index, make_controls
-from data_recipes.deformers import brow_fields, face_build, mouth_fields
+from data_recipes.deformers import face_build, mouth_fields, upper_face_fields
 from data_recipes.deformers.face import JAW_CONTROLS, jaw_motion
 from data_recipes.deformers.face_points import control_points, face_marks, handle_vertices
-from data_recipes.deformers.lid_fields import build_patch, ring_shares
-from data_recipes.deformers.lip_motions import ACTIONS
+from data_recipes.deformers.mouth_fields import ACTIONS
 from data_recipes.deformers.sculpting import FLIP, Sculptor
+from data_recipes.deformers.upper_face_fields import build_patch, ring_shares
 from data_recipes.deformers.wrinkle_regions import build_regions
 from data_recipes.head.neutral_head import build_head
 from data_recipes.recipe.reading import load_recipe
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def test_both_sides_of_a_lip_action_add_up_to_a_symmetric_mouth(sculptor):
 
 
 def test_the_brow_field_is_one_at_the_brows_and_nothing_below_the_eyes(sculptor):
-    field = brow_fields.brow_row_field(sculptor)
+    field = upper_face_fields.brow_row_field(sculptor)
     assert field[sculptor.head.landmarks["brow_mid_left"]] > 0.45
     assert np.abs(field[sculptor.x[:, 1] < sculptor.point("nose_tip")[1]]).max() < 0.02
 

@@ -7,8 +7,8 @@ from plane import plane
 
 from data_recipes.deformers import flesh, handles, head_shape, jaw, pose_curves, rigid_teeth, skull_slide
 from data_recipes.deformers.jaw import JawMotion
-from data_recipes.deformers.planes import add_rows, place_of, rows_at, spread
-from data_recipes.deformers.saturation import limits, saturate
+from data_recipes.deformers.node_chain import add_rows, place_of, rows_at, spread
+from data_recipes.deformers.pose_curves import limits, saturate
 from data_recipes.deformers.surface_operators import adjacency
 
 RNG = np.random.default_rng(5)

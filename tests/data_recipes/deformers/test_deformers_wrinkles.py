@@ -7,7 +7,7 @@ import numpy as np
 from plane import plane
 
 from data_recipes.deformers import wrinkles
-from data_recipes.deformers.planes import rows_at
+from data_recipes.deformers.node_chain import rows_at
 from data_recipes.deformers.surface_operators import vertex_normals
 
 

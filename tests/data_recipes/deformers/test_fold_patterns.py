@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from data_recipes.deformers.fold_patterns import DEEPEST, SHALLOWEST, random_field, ridges, stream, uneven
+from data_recipes.deformers.wrinkle_regions import DEEPEST, SHALLOWEST, random_field, ridges, stream, uneven
 from data_recipes.recipe.sections import Wrinkles
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from data_recipes.exporters import blender_samples
 from data_recipes.exporters.blender_python import blender_python, script_command
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 SCRIPT = Path(blender_samples.__file__)
 MAKER = Path(__file__).with_name("small_blend.py")

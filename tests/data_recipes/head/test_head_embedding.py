@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from data_recipes.head.embedding import square_embedding
+from data_recipes.head.head_charts import square_embedding
 
 
 def grid(rows, columns):

@@ -9,7 +9,7 @@ from heads import NAMES, head
 from data_recipes.head.neutral_head import build_head
 from data_recipes.head.shape import build_shape, skin_distance
 from data_recipes.recipe.reading import load_recipe
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 PEOPLE = ("teen", "woman", "toon")
 

@@ -4,8 +4,20 @@ import numpy as np
 import pytest
 from heads import head
 
-from data_recipes.head.sdf import cone, distance_and_gradient, ellipsoid, project, raycast, smooth_max, smooth_min
-from data_recipes.head.shape import build_shape, eye_frame, rotation_y, skin_distance, skull_distance
+from data_recipes.head.shape import (
+    build_shape,
+    cone,
+    distance_and_gradient,
+    ellipsoid,
+    eye_frame,
+    project,
+    raycast,
+    rotation_y,
+    skin_distance,
+    skull_distance,
+    smooth_max,
+    smooth_min,
+)
 from data_recipes.recipe.reading import load_recipe
 
 POINTS = np.random.default_rng(3).normal(size=(200, 3)) * 40

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from heads import NAMES, head
 
-from data_recipes.head.rings import block_ring, fill_block, grid_quads, ring_mirror, ring_quads
+from data_recipes.head.topology import block_ring, fill_block, grid_quads, ring_mirror, ring_quads
 
 DEFORMABLE = (
     "face",

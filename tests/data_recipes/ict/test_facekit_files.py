@@ -9,7 +9,7 @@ import pytest
 from data_recipes.catalogue import build_rig
 from data_recipes.ict import facekit_files, facekit_segments
 from replicate.__main__ import main
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 
 def test_an_obj_keeps_its_vertices_and_cuts_many_corners_into_fans(tmp_path):

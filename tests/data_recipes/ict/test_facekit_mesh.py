@@ -5,9 +5,9 @@ import pytest
 from rig_poses import chart_areas
 from small_facekit import PARTS
 
-from data_recipes.ict import facekit_charts, facekit_files, facekit_segments
+from data_recipes.ict import facekit_files, facekit_segments
 from data_recipes.recipe.reading import load_recipe
-from replicate.geometry.normals import degenerate_faces
+from replicate.geometry.mesh import degenerate_faces
 
 
 def test_the_mask_has_the_parts_in_mm_and_every_tooth_for_itself(mask, kit):
@@ -27,7 +27,7 @@ def test_the_mask_has_the_parts_in_mm_and_every_tooth_for_itself(mask, kit):
 def test_charts_are_the_models_own_or_laid_out_anew_and_nothing_flips(mask, kit):
     read = load_recipe(kit)
     segments = facekit_segments.split(facekit_files.read_model(read.vertices), read.parts, read.file)
-    uv, anew = facekit_charts.build_charts(facekit_files.read_model(read.vertices), segments, 6)
+    uv, anew = facekit_segments.build_charts(facekit_files.read_model(read.vertices), segments, 6)
     assert anew == ("head",)
     np.testing.assert_array_equal(np.clip(uv, 0, 1).astype(np.float32), mask.mesh.uv)
     u, v = np.meshgrid(np.linspace(0.01, 0.99, 31), np.linspace(0.01, 0.99, 37))
@@ -41,8 +41,8 @@ def test_charts_are_the_models_own_or_laid_out_anew_and_nothing_flips(mask, kit)
 def test_holes_are_bridged_and_borders_come_in_order():
     ring = np.arange(8)
     quads = np.stack([ring, np.roll(ring, -1), np.roll(ring, -1) + 8, ring + 8], 1)
-    loops = facekit_charts.border_loops(quads)
+    loops = facekit_segments.border_loops(quads)
     assert sorted(sorted(loop.tolist()) for loop in loops) == [list(range(8)), list(range(8, 16))]
     assert all((np.abs(np.diff(loop)) % 6 == 1).all() for loop in loops)
-    uv = facekit_charts.lay_out(quads, np.zeros_like(quads, bool), 16, "ring")
+    uv = facekit_segments.lay_out(quads, np.zeros_like(quads, bool), 16, "ring")
     assert len(np.unique(uv.round(6), axis=0)) == 16

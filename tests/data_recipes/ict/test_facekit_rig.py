@@ -16,9 +16,9 @@ from data_recipes.ict import facekit_files, facekit_rig, jaw_fit
 from data_recipes.recipe.facekit import Reach
 from data_recipes.recipe.reading import load_recipe
 from replicate.approximation.rigid import find_attachments, segment_errors
-from replicate.artefacts import built_rig
-from replicate.artefacts.plan import Plan
 from replicate.config import Config
+from replicate.methods import artefacts
+from replicate.methods.plan import Plan
 
 TAU_MM = 0.3  # the paper's threshold of Eq. 3
 
@@ -147,7 +147,7 @@ def test_a_saved_rig_is_the_rig(mask, tmp_path):
 def test_the_rigs_key_follows_the_folders_contents_not_its_place(kit, folder, tmp_path, monkeypatch):
     def key(place):
         monkeypatch.setenv("ICT_FACEKIT", str(place))
-        return built_rig.stage(Plan(Config(character=str(kit)))).key
+        return artefacts.rig_stage(Plan(Config(character=str(kit)))).key
 
     copy = tmp_path / "elsewhere"
     shutil.copytree(folder, copy)

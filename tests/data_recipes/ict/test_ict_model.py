@@ -9,9 +9,9 @@ from rig_poses import chart_areas, exaggerated_poses, pose_of
 from data_recipes.catalogue import build_rig
 from replicate.approximation.rigid import find_attachments, segment_errors
 from replicate.drawing.scene import forehead_faces
-from replicate.geometry.normals import face_normals
-from replicate.rig_health.mouth_contents import deepest, depths, find_mouth
-from replicate.rig_health.pose_health import each_alone
+from replicate.geometry.mesh import face_normals
+from replicate.rig_study.mouth_contents import deepest, depths, find_mouth
+from replicate.rig_study.pose_health import each_alone
 
 TAU_MM = 0.3  # the paper's threshold of Eq. 3
 REAL = os.environ.get("ICT_FACEKIT", "").strip()

@@ -10,8 +10,8 @@ from data_recipes.exporters.blender_python import blender_python, run_scripts
 from data_recipes.head.neutral_head import build_head
 from data_recipes.recipe.reading import load_recipe
 from data_recipes.rigify import face_acting, head_file, rigify_face
-from data_recipes.rigify.head_joints import fit_joints, marked_joints
-from replicate.engine.exceptions import InputError
+from data_recipes.rigify.head_file import fit_joints, marked_joints
+from replicate.base.exceptions import InputError
 
 LIDS = {"lid.T.L.002": np.array([0.0, -6.0, 0.0])}
 

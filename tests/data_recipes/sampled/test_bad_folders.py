@@ -11,7 +11,7 @@ from spoilt_folders import faults
 from data_recipes.sampled.importing import SampledRecipe, import_rig
 from data_recipes.sampled.sample_folder import open_folder, read_folder
 from replicate import __main__ as cli
-from replicate.engine.exceptions import InputError
+from replicate.base.exceptions import InputError
 
 LONGEST_S, LONGEST_SENTENCE = 20.0, 2_000
 

@@ -7,7 +7,7 @@ from sample_folders import FACE, neutral, shard, vertices_at, write
 from data_recipes.catalogue import forget_folders, load_rig, sampled_parts
 from data_recipes.function_rig import FunctionRig
 from data_recipes.rig import Rig, has_function
-from data_recipes.sampled import sampled_rig_file
+from data_recipes.sampled import sampled_rig
 from data_recipes.sampled.importing import EYES_MM, import_rig
 from data_recipes.sampled.sampled_rig import UnknownPoseError
 
@@ -22,7 +22,7 @@ def rig_of(folder, target):
     """Import a folder, and return the rig as it is loaded again."""
     target.mkdir()
     recipe, files = sampled_parts(folder)
-    sampled_rig_file.save_rig(import_rig(recipe, files, target), target)
+    sampled_rig.save_rig(import_rig(recipe, files, target), target)
     return load_rig(target)
 
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from sample_folders import COLUMNS, ROWS, neutral, obj
 
-from data_recipes.sampled.chart_overlap import covered_and_doubled
 from data_recipes.sampled.mesh_file import read_mesh
-from data_recipes.sampled.segment_charts import make_mesh
-from replicate.engine.exceptions import InputError
+from data_recipes.sampled.segment_charts import covered_and_doubled, make_mesh
+from replicate.base.exceptions import InputError
 
 
 def mesh_of(tmp_path, text: str, segments: str = "groups"):

@@ -1,1 +1,0 @@
-"""What every method builds on: a module for each artefact, with its stage, its function and its one loader."""

@@ -1,0 +1,1 @@
+"""The ground of both packages: errors, checked settings, paths, files, tables, progress."""

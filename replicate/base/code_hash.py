@@ -1,0 +1,271 @@
+"""Which sources a stage depends on, read from definitions and imports without importing anything.
+
+What a function reaches counts: the definitions that it names in its own module, those that it imports from others, what
+those reach in turn, and every statement that runs when one of these modules is imported. What it doesn't reach, say how
+stages are put together or what a row is labelled with, can change without making an artefact anew.
+"""
+
+import ast
+import functools
+import hashlib
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from replicate.base.paths import ROOT
+
+# What carries a stage and checks its configuration: numbers don't pass through it, so it doesn't count.
+MACHINERY = ("replicate", "replicate.config", "replicate.base", "replicate.engine", "replicate.cli")
+EVERYTHING = "*"  # in place of a definition's name: all of a module
+
+
+def is_machinery(module: str) -> bool:
+    """Return whether a module is part of the engine that runs stages, or holds the configuration in their keys."""
+    return module in MACHINERY or module.startswith(tuple(f"{package}." for package in MACHINERY[2:]))
+
+
+def sources_digest(functions: str) -> str:
+    """Return a hash of all project sources that a stage's function, or several of them, depend on.
+
+    functions: "module:function", or several after commas: a stage's own, then those that it calls by name. Imports
+    within functions count as those at the top do. Comments, layout and docstrings do not, nor does the engine
+    (`is_machinery`). Definitions and modules that are looked up by a computed name are not seen. Raises ValueError when
+    there is no such function.
+    """
+    return _digest(_definitions(functions))
+
+
+def source_texts(functions: str) -> dict[str, str]:
+    """Return a hash of each module's text, comments and all, that `sources_digest` of some functions reads."""
+    return {module: _outline(_module_file(module), module).text for module in _closure(_definitions(functions))}
+
+
+def are_unchanged(texts: dict[str, str]) -> bool:
+    """Return whether modules have the texts that `source_texts` found: if so, `sources_digest` is what it was then."""
+    files = {module: _module_file(module) for module in texts}
+    return all(file is not None and _hash(file.read_bytes()) == texts[module] for module, file in files.items())
+
+
+def _definitions(functions: str) -> tuple[tuple[str, str], ...]:
+    definitions = []
+    for function in functions.split(","):
+        module, _, name = function.strip().partition(":")
+        file = _module_file(module)
+        if file is None:
+            raise ValueError(f"{function.strip()}: there is no module {module} among the sources")
+        if name not in _outline(file, module).bindings:
+            raise ValueError(f"{function.strip()}: {file} has no function {name}")
+        definitions.append((module, name))
+    return tuple(definitions)
+
+
+def code_digest(code: str) -> str:
+    """Return a hash of all project sources that some lines of Python reach by their imports; not of the lines."""
+    entries = [entry for node in ast.walk(ast.parse(code)) for entry in _import_entries(node, "", False)]
+    definitions = [
+        (f"{module}.{name}", EVERYTHING) if name and _module_file(f"{module}.{name}") else (module, name or EVERYTHING)
+        for _, module, name in entries
+    ]
+    return _digest(tuple(sorted(definitions)))
+
+
+@functools.cache
+def _digest(definitions: tuple[tuple[str, str], ...]) -> str:
+    """Return the hash of all that some definitions, (module, name) each, reach."""
+    dumps = []
+    for module, places in sorted(_closure(definitions).items()):
+        statements = _outline(_module_file(module), module).statements
+        dumps += [(module, statements[place].dump) for place in sorted(places) if not statements[place].is_import]
+    return _hash(repr(dumps).encode())
+
+
+def _hash(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+@functools.cache
+def _closure(definitions: tuple[tuple[str, str], ...]) -> dict[str, set[int]]:
+    """Return all that some definitions, (module, name) each, reach: by module, the places of its statements."""
+    closure: dict[str, set[int]] = {}
+    pending, visits = list(definitions), set()
+    while pending:
+        module, name = pending.pop()
+        if (module, name) in visits or is_machinery(module) or (file := _module_file(module)) is None:
+            continue
+        visits.add((module, name))
+        outline = _outline(file, module)
+        if module not in closure:
+            closure[module] = set()
+            pending += [(package, "") for package in _packages(module)]
+            pending += [(other, "") for other in outline.imports]
+            fresh = set(outline.loose)  # they run whenever the module is imported
+        else:
+            fresh = set()
+        if name == EVERYTHING or (name and name not in outline.bindings):
+            fresh |= set(range(len(outline.statements)))
+        else:
+            fresh |= set(outline.bindings.get(name, ()))
+        for place in fresh - closure[module]:
+            closure[module].add(place)
+            pending += [(module, other) for other in outline.statements[place].names if other in outline.definitions]
+            pending += _imports_of(outline, place)
+    return closure
+
+
+@dataclass(frozen=True)
+class _Statement:
+    """What hashing needs of a statement at a module's top.
+
+    names: all that it names. attributes: (name, attribute) of every name whose attribute it reads. bare: names that
+    stand elsewhere too. imports: what it imports, also deep inside: (bound name, module, name there or "").
+    """
+
+    is_import: bool
+    dump: str
+    names: frozenset[str]
+    attributes: frozenset[tuple[str, str]]
+    bare: frozenset[str]
+    imports: tuple[tuple[str, str, str], ...]
+
+
+@dataclass(frozen=True)
+class _Outline:
+    """A module's statements, which of them bind a name, which bind none (loose), and the modules that it imports.
+
+    definitions: the names that are bound by other statements than imports. text: a hash of the file's bytes.
+    """
+
+    text: str
+    statements: tuple[_Statement, ...]
+    bindings: dict[str, tuple[int, ...]]
+    definitions: frozenset[str]
+    loose: tuple[int, ...]
+    imports: frozenset[str]
+
+
+def _imports_of(outline: _Outline, place: int) -> list[tuple[str, str]]:
+    """Return the (module, name) pairs that a statement imports, by itself or by imports at the module's top.
+
+    Of a module that a name stands for, the attributes count that the statement reads; all, where it is used otherwise.
+    """
+    statement = outline.statements[place]
+    entries = list(statement.imports)
+    for name in statement.names:
+        for other in outline.bindings.get(name, ()):
+            above = outline.statements[other]
+            entries += [entry for entry in above.imports if above.is_import and entry[0].split(".")[0] == name]
+    pairs = []
+    for bound, module, name in entries:
+        if name and _module_file(f"{module}.{name}") is None:
+            pairs.append((module, name))
+            continue
+        attributes = {attribute for root, attribute in statement.attributes if root == bound}
+        names = attributes if attributes and bound not in statement.bare else {EVERYTHING}
+        pairs += [(f"{module}.{name}" if name else module, attribute) for attribute in names]
+    return pairs
+
+
+def _packages(module: str) -> set[str]:
+    """Return the packages around a module, whose `__init__` runs when it is imported."""
+    parts = module.split(".")
+    return {".".join(parts[:count]) for count in range(1, len(parts))}
+
+
+@functools.cache
+def _roots(path: tuple[str, ...]) -> tuple[Path, ...]:
+    prefixes = [os.path.realpath(prefix) + os.sep for prefix in (sys.prefix, sys.base_prefix)]
+    return (ROOT, *(Path(p) for p in path if p and not os.path.realpath(p).startswith(tuple(prefixes))))
+
+
+def project_roots() -> tuple[Path, ...]:
+    """Return the folders that sources are looked for in: the project, and what else on the path isn't installed."""
+    return _roots(tuple(sys.path))
+
+
+@functools.cache
+def _module_file(module: str) -> Path | None:
+    for root in project_roots():
+        stem = root.joinpath(*module.split("."))
+        for file in (stem.with_name(stem.name + ".py"), stem / "__init__.py"):
+            if file.is_file():
+                return file
+    return None
+
+
+@functools.cache
+def _outline(file: Path, module: str) -> _Outline:
+    text = file.read_bytes()
+    tree = ast.parse(text, str(file))
+    _drop_docstring(tree)
+    package = file.name == "__init__.py"
+    bindings: dict[str, list[int]] = {}
+    loose, statements = [], []
+    for place, node in enumerate(tree.body):
+        bound = _bound(node)
+        for name in bound:
+            bindings.setdefault(name, []).append(place)
+        if not bound:
+            loose.append(place)
+        statements.append(_statement(node, module, package))
+    imports = {
+        whole
+        for node, statement in zip(tree.body, statements, strict=True)
+        if isinstance(node, (ast.Import, ast.ImportFrom))
+        for _, source, name in statement.imports
+        for whole in (source, f"{source}.{name}" if name else source)
+    }
+    places = {name: tuple(numbers) for name, numbers in bindings.items()}
+    definitions = {
+        name for name, numbers in places.items() if not all(statements[place].is_import for place in numbers)
+    }
+    return _Outline(_hash(text), tuple(statements), places, frozenset(definitions), tuple(loose), frozenset(imports))
+
+
+def _drop_docstring(node: ast.AST) -> None:
+    if ast.get_docstring(node, clean=False) is not None:
+        node.body = node.body[1:]
+
+
+def _statement(node: ast.stmt, module: str, package: bool) -> _Statement:
+    """Return what hashing needs of a statement, whose docstrings are dropped; its nodes are walked over once."""
+    imports, names, roots = [], [], {}
+    for inner in ast.walk(node):
+        if isinstance(inner, ast.Name):
+            names.append(inner)
+        elif isinstance(inner, ast.Attribute):
+            if isinstance(inner.value, ast.Name):
+                roots[id(inner.value)] = (inner.value.id, inner.attr)
+        elif isinstance(inner, (ast.Import, ast.ImportFrom)):
+            imports += _import_entries(inner, module, package)
+        elif isinstance(inner, (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
+            _drop_docstring(inner)
+    if isinstance(node, (ast.Import, ast.ImportFrom)):
+        return _Statement(True, "", frozenset(), frozenset(), frozenset(), tuple(imports))
+    bare = frozenset(name.id for name in names if id(name) not in roots)
+    used = frozenset(name.id for name in names)
+    return _Statement(False, ast.dump(node), used, frozenset(roots.values()), bare, tuple(imports))
+
+
+def _import_entries(node: ast.AST, module: str, package: bool) -> list[tuple[str, str, str]]:
+    """Return (bound name, module, name there) of an import; "import a.b" binds a, and is an import of all of a.b."""
+    if isinstance(node, ast.Import):
+        return [(alias.asname or alias.name, alias.name, "") for alias in node.names]
+    if not isinstance(node, ast.ImportFrom):
+        return []
+    parts = module.split(".")
+    parents = parts[: len(parts) - node.level + package] if node.level else []
+    base = ".".join([*parents, *([node.module] if node.module else [])])
+    return [(alias.asname or alias.name, base, alias.name) for alias in node.names]
+
+
+def _bound(statement: ast.stmt) -> set[str]:
+    """Return the names that a top-level definition, assignment or import binds; none for other statements."""
+    if isinstance(statement, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+        return {statement.name}
+    if isinstance(statement, (ast.Import, ast.ImportFrom)):
+        return {alias.asname or alias.name.split(".")[0] for alias in statement.names} - {"*"}
+    if isinstance(statement, (ast.Assign, ast.AnnAssign)):
+        targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
+        return {node.id for target in targets for node in ast.walk(target) if isinstance(node, ast.Name)}
+    return set()

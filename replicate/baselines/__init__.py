@@ -1,0 +1,1 @@
+"""What the paper's networks are measured against: dense networks, regressions, skinning."""

@@ -1,0 +1,214 @@
+"""Ridge regression on products of controls, and the basis that its offsets are fitted in."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Float64
+from sklearn.decomposition import PCA
+from threadpoolctl import threadpool_limits
+from torch import nn
+
+from replicate.approximation.model import SegmentedModel
+from replicate.approximation.segments import Segment
+from replicate.baselines.line import Line
+
+ROWS = 512  # of a kernel at a time
+
+
+def product_features(inputs: Float[np.ndarray, "b m"]) -> Float64[np.ndarray, "b k"]:
+    """Return the features φ of each row, one column each: for few inputs, and to compare `product_kernel` with."""
+    x = np.asarray(inputs, np.float64)
+    first, second = np.triu_indices(x.shape[1], 1)
+    return np.concatenate([x, np.abs(x), x * x, x[:, first] * x[:, second]], axis=1)
+
+
+def product_kernel(left: Float[np.ndarray, "a m"], right: Float[np.ndarray, "b m"]) -> Float64[np.ndarray, "a b"]:
+    """Return φ(x)·φ(y) of every row x of one matrix and every row y of another."""
+    x, y = (np.asarray(part, np.float64) for part in (left, right))
+    wide_x, wide_y = (np.concatenate([part, np.abs(part), part * part / np.sqrt(2)], axis=1) for part in (x, y))
+    kernel = np.empty((len(x), len(y)))
+    for start in range(0, len(x), ROWS):
+        rows = slice(start, start + ROWS)
+        products = x[rows] @ y.T
+        products *= products
+        products *= 0.5
+        np.matmul(wide_x[rows], wide_y.T, out=kernel[rows])
+        kernel[rows] += products
+    return kernel
+
+
+@dataclass(frozen=True)
+class ProductRidge:
+    """A fit: inputs (N, m) it stands on, its weights (N, d) on them, and what centres features and targets.
+
+    means: (N,) each row's mean of the kernel before it was centred; constant: (d,), the targets' mean.
+    """
+
+    inputs: np.ndarray
+    weights: np.ndarray
+    means: np.ndarray
+    constant: np.ndarray
+
+    def __call__(self, inputs: Float[np.ndarray, "b m"]) -> Float64[np.ndarray, "b d"]:
+        """Return what the fit predicts for some inputs."""
+        kernel = product_kernel(inputs, self.inputs)
+        kernel -= kernel.mean(1, keepdims=True)
+        kernel -= self.means - self.means.mean()
+        return kernel @ self.weights + self.constant
+
+
+def product_ridges(
+    inputs: Float[np.ndarray, "n m"], targets: Float[np.ndarray, "n d"], strengths: tuple[float, ...]
+) -> Iterator[ProductRidge]:
+    """Yield the fit for each strength λ, one factorisation of an n × n matrix each."""
+    from scipy.linalg import cho_factor, cho_solve
+
+    inputs = np.asarray(inputs, np.float64)
+    gram, n = product_kernel(inputs, inputs), len(inputs)
+    means, constant = gram.mean(0), targets.mean(0, dtype=np.float64)
+    gram -= means
+    gram -= means[:, None] - means.mean()
+    matrix = np.empty_like(gram)
+    for strength in strengths:
+        np.copyto(matrix, gram)
+        matrix.flat[:: n + 1] += n * strength
+        factor = cho_factor(matrix.T, lower=True, overwrite_a=True, check_finite=False)
+        yield ProductRidge(inputs, cho_solve(factor, targets - constant, check_finite=False), means, constant)
+
+
+# Regressions from rig parameters to targets: straight lines, squares and moduli, and all products of two parameters.
+
+FITS = ("linear", "squares", "products")
+
+Fit = Callable[[np.ndarray], np.ndarray]  # inputs (b, m) → targets (b, d)
+
+
+def feature_count(name: str, inputs: int) -> int:
+    """Return how many features a fit has of so many inputs."""
+    return {"linear": inputs, "squares": 3 * inputs, "products": inputs * (inputs + 5) // 2}[name]
+
+
+def explicit_features(name: str, inputs: Float[np.ndarray, "b m"]) -> Float64[np.ndarray, "b k"]:
+    """Return the features x, or x, |x| and x², of the two fits that have a column for each."""
+    x = np.asarray(inputs, np.float64)
+    return x if name == "linear" else np.concatenate([x, np.abs(x), x * x], axis=1)
+
+
+def ridges(
+    name: str, inputs: Float[np.ndarray, "n m"], targets: Float[np.ndarray, "n d"], strengths: tuple[float, ...]
+) -> Iterator[Fit]:
+    """Yield the fit of that name for each strength λ."""
+    from sklearn.linear_model import Ridge
+
+    if name == "products":
+        yield from product_ridges(inputs, targets, strengths)
+        return
+    features = explicit_features(name, inputs)
+    for strength in strengths:
+        model = Ridge(alpha=len(inputs) * strength).fit(features, targets)
+        yield lambda x, model=model: model.predict(explicit_features(name, x))
+
+
+def closest(
+    fits: Iterable[tuple[float, Fit]], inputs: Float[np.ndarray, "b m"], targets: Float[np.ndarray, "b d"]
+) -> tuple[float, Fit]:
+    """Return (strength, fit) of the fit with the smallest squared error, of some (strength, fit) pairs."""
+    errors = ((float(np.square(fit(inputs) - targets).sum()), strength, fit) for strength, fit in fits)
+    _, strength, fit = min(errors, key=lambda entry: entry[0])
+    return strength, fit
+
+
+# Principal components of vertex offsets, and how many of them a face needs.
+
+SMALLEST = 1e-12  # of the largest variance: below it a component is rounding
+
+
+@dataclass(frozen=True)
+class OffsetBasis:
+    """Orthonormal shapes (c, 3n) float32 by falling variance, around a mean (3n,) float32, mm.
+
+    variances: (c,) float64, mm², of the offsets along each shape; total: that of all offsets, mm².
+    """
+
+    shapes: np.ndarray
+    mean: np.ndarray
+    variances: np.ndarray
+    total: float
+
+    def project(self, offsets: Float[np.ndarray, "b n 3"]) -> Float32[np.ndarray, "b c"]:
+        """Return the coefficients of the closest offsets that the basis has, mm."""
+        return (np.asarray(offsets, np.float32).reshape(len(offsets), -1) - self.mean) @ self.shapes.T
+
+    def restore(self, coefficients: Float[np.ndarray, "b k"]) -> Float32[np.ndarray, "b n 3"]:
+        """Return the offsets of some coefficients, mm; of fewer than there are shapes, those of the first ones."""
+        flat = np.asarray(coefficients, np.float32) @ self.shapes[: coefficients.shape[1]] + self.mean
+        return flat.reshape(len(flat), -1, 3)
+
+
+def principal_components(offsets: Float32[np.ndarray, "b n 3"], most: int) -> OffsetBasis:
+    """Return up to `most` principal components of some offsets; poses all alike have one, of no variance."""
+    flat = offsets.reshape(len(offsets), -1)
+    with threadpool_limits(1):
+        pca = PCA(min(most, *flat.shape), svd_solver="full").fit(flat)
+    variances = pca.explained_variance_.astype(np.float64)
+    count = max(1, int((variances > SMALLEST * variances[0]).sum()))
+    total = float(flat.var(axis=0, ddof=1, dtype=np.float64).sum())
+    shapes = np.ascontiguousarray(pca.components_[:count], np.float32)
+    return OffsetBasis(shapes, pca.mean_.astype(np.float32), variances[:count], total)
+
+
+def components_of_variance(variances: Float64[np.ndarray, " c"], total: float, share: float) -> int | None:
+    """Return how many components hold a share of the variance; None where all that there are hold less."""
+    enough = np.flatnonzero(np.cumsum(variances) >= share * total)
+    return int(enough[0]) + 1 if len(enough) else None
+
+
+def components_within(error: Callable[[int], float], most: int, limit: float) -> int | None:
+    """Return the least number of components whose error is at most a limit, by bisection; None where `most` exceed it.
+
+    error: a number of components → their error, which falls with the number.
+    """
+    if error(most) > limit:
+        return None
+    low, high = 0, most  # the error of `high` is within the limit, that of `low` isn't
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if error(middle) <= limit else (middle, high)
+    return high
+
+
+# A line in more than the parameters: offsets that are linear in p, |p| and p², the features of ridge regression.
+
+FEATURES = 3  # of each parameter
+
+
+class SquaresLine(nn.Module):
+    """(b, j) scaled parameters → (b, k, 3) offsets: a line in (p, |p|, p²), 3j features.
+
+    `polynomial_fits.explicit_features` has the same features for the fit.
+    """
+
+    def __init__(self, inputs: int, vertices: int):
+        super().__init__()
+        self.line = Line(FEATURES * inputs, vertices)
+
+    def forward(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b k 3"]:
+        return self.line(torch.cat([params, params.abs(), params.square()], dim=1))
+
+
+def squares_model(
+    segments: Sequence[Segment], weights: Sequence[Float[np.ndarray, "_ _"]], scale: np.ndarray, vertex_count: int
+) -> SegmentedModel:
+    """Return the model of fits on p, |p| and p²: one matrix a segment.
+
+    weights: a segment's are (3j + 1, 3k), the constant's row last. scale: (m,), what parameters are divided by.
+    """
+    networks = []
+    for segment, weight in zip(segments, weights, strict=True):
+        network = SquaresLine(len(segment.parameters), len(segment.vertices))
+        network.line.weight.copy_(torch.from_numpy(np.ascontiguousarray(weight[:-1])))
+        network.line.bias.copy_(torch.from_numpy(np.ascontiguousarray(weight[-1])))
+        networks.append(network)
+    return SegmentedModel(networks, segments, scale, [1.0] * len(networks), vertex_count)

@@ -1,0 +1,144 @@
+"""The options of the command line, each described once, and what they name: characters, seeds, methods."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from data_recipes.recipe_paths import OUTSIDE, character_label, character_names, named, recipe_file
+from replicate.base import paths
+from replicate.base.exceptions import InputError
+from replicate.base.schema import shown
+from replicate.base.user_files import whole_number, words
+from replicate.capture.capture_config import own as capture_section
+from replicate.config import LARGEST_SEED, PROFILES, Config, check_profile, resolve
+from replicate.engine.cluster.config import is_elsewhere
+from replicate.engine.device import choose_device
+from replicate.engine.provenance import core_count
+from replicate.inverse.control_points import own as inverse_section
+from replicate.methods import method_registry as registry
+from replicate.methods.method import Method
+from replicate.methods.plan import Plan
+
+MOST_JOBS = 1024
+SPLITS = ("frames", "clips")
+OF_A_RUN = ("profile", "characters", "seed", "device", "config", "split", "jobs", "cluster")
+OPTIONS = {
+    "profile": {"default": "laptop", "help": f"one of {', '.join(PROFILES)} (default: laptop)"},
+    "characters": {
+        "nargs": "+",
+        "help": f"names, of {', '.join(character_names())}, or paths of .toml recipes or of folders of samples; "
+        + ", ".join(f"{name} needs {variable}=folder in the environment" for name, variable in OUTSIDE.items()),
+    },
+    "methods": {
+        "nargs": "+",
+        "default": ["standard"],
+        "help": "the rows: names, all, lbs for all numbers of bones, or paths of .py files with a method of your own, "
+        'as "standard mine.py" (default: standard, the rows of README)',
+    },
+    "seed": {
+        "default": ["0"],
+        "nargs": "+",
+        "help": "the seeds that all random streams come from; tables show the mean over them (default: 0)",
+    },
+    "device": {"default": "auto", "help": "auto, cpu or cuda (default: CUDA if there is one, else the CPU)"},
+    "jobs": {"help": f"processes side by side (default: one a core, here {core_count()})"},
+    "cluster": {
+        "metavar": "WHERE",
+        "help": "run the stages on Dask: local:4, tcp://host:8786, or a .toml file for Slurm (default: processes here)",
+    },
+    "numbers-only": {"action": "store_true", "help": "write the CSV and its manifest, no figures and no notebook"},
+    "add-seeds": {
+        "action": "store_true",
+        "help": "the seeds of Table 2 join those committed of the same characters, instead of replacing them",
+    },
+    "config": {"metavar": "FILE", "help": "a TOML file whose keys override the profile's, as [coarse] map_size = 64"},
+    "latex": {"action": "store_true", "help": "print LaTeX (packages: booktabs) instead of text"},
+    "split": {"help": f"{' (as in the paper) or '.join(SPLITS)}: what is held out for the test"},
+    "pose": {"help": "an expression, as joy; a wrong name lists them (default: neutral)"},
+    "clip": {"help": "a clip's name, or its number from 0; a wrong one lists them"},
+    "params": {
+        "metavar": "FILE",
+        "help": "a CSV file whose header names controls: one row is a pose, several are a clip of 24 frames a second; "
+        "or a .json that the posing page saved",
+    },
+    "onto": {
+        "nargs": "+",
+        "default": [],
+        "help": "other characters whose faces the networks move as well: names or recipes, as for --characters",
+    },
+    "landmarks": {
+        "metavar": "FILE",
+        "help": "a CSV file of an actor's landmarks: frame,landmark,x_mm,y_mm with y up, or frame,landmark,x_px,y_px "
+        "in pixels of the picture with y down; 54 lines a frame, 24 frames a second, the neutral expression first",
+    },
+    "to": {
+        "metavar": "FILE",
+        "help": "the .glb (metres) or, for a pose, .obj (mm) to write (default: a .glb in results/runs/export)",
+    },
+    "tolerance": {
+        "type": float,
+        "default": 0.05,
+        "metavar": "MM",
+        "help": "how far a clip's vertices may be from the rig's: smaller makes larger files (default: 0.05 mm)",
+    },
+    "all": {"action": "store_true", "help": "remove everything that this suite has put there"},
+}
+
+
+def configurations(options: argparse.Namespace) -> list[Config]:
+    """Return the configuration of every character and seed that the command line names."""
+    check_profile(options.profile)  # before methods are asked for their numbers of it
+    device = choose_device(options.device, elsewhere=is_elsewhere(getattr(options, "cluster", None)))
+    if options.split and options.split not in SPLITS:
+        raise InputError(f"split is {shown(options.split)}: allowed are {', '.join(SPLITS)}")
+    overrides = {"samples": {"split": options.split}} if options.split else None
+    file = paths.with_home(options.config, "CONFIG") if options.config else None
+    registry.choose(words(getattr(options, "methods", "")))  # those from outside have sections of their own too
+    sections = registry.sections(options.profile)
+    sections |= {"inverse": inverse_section(options.profile), "capture": capture_section(options.profile)}
+    return [
+        resolve(character, options.profile, overrides, file, sections, seed=seed, device=device)
+        for character in characters(options)
+        for seed in seeds(options)
+    ]
+
+
+def characters(options: argparse.Namespace) -> list[str]:
+    """Return the characters that are named, each recipe once; results are kept by its label."""
+    recipes: dict[str, tuple[Path, str]] = {}
+    for character in map(named, words(options.characters)):
+        file, label = recipe_file(character), character_label(character)
+        first, _ = recipes.setdefault(label, (file, character))
+        if first != file:
+            both = f"{paths.display_path(first)} and {paths.display_path(file)}"
+            raise InputError(f"{both} would both be {label!r} in the results: rename one of them")
+    if not recipes:
+        raise InputError(f"no character is named: allowed are {', '.join(character_names())}")
+    return [character for _, character in recipes.values()]
+
+
+def seeds(options: argparse.Namespace) -> list[int]:
+    """Return the seeds that are named, each once; 0 where none is."""
+    return list(dict.fromkeys(whole_number(seed, "seed", 0, LARGEST_SEED) for seed in words(options.seed))) or [0]
+
+
+def methods(options: argparse.Namespace, config: Config) -> Sequence[Method]:
+    """Return the methods that are named, for one configuration, in the order of the tables."""
+    return registry.choose(words(options.methods), config)
+
+
+def others(options: argparse.Namespace, plan: Plan) -> list[str]:
+    """Return the characters that `onto` names, each once, without the plan's own."""
+    each = {character_label(character): character for character in map(named, words(options.onto))}
+    return [character for label, character in each.items() if label != plan.character]
+
+
+def workers(options: argparse.Namespace) -> int:
+    """Return how many processes work side by side on this machine."""
+    if options.jobs is None:
+        return core_count()
+    count = whole_number(options.jobs, "jobs", 1, MOST_JOBS)
+    if getattr(options, "cluster", None):
+        jobs, cluster = f"JOBS={count}", f"CLUSTER={options.cluster}"
+        raise InputError(f"{jobs} counts processes on this machine, and with {cluster} none works here: leave JOBS out")
+    return count

@@ -1,0 +1,231 @@
+"""How a target makes its graph: the stages of every character and seed in one go, and about how long they take."""
+
+import argparse
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+
+from data_recipes.catalogue import control_count
+from data_recipes.recipe_paths import character_label
+from replicate.base.exceptions import InputError, RunError
+from replicate.base.paths import REFERENCE
+from replicate.cli.options import configurations, methods, workers
+from replicate.config import Config, resolve
+from replicate.engine.provenance import provenance
+from replicate.engine.scheduler import run
+from replicate.engine.stage import Stage, in_order
+from replicate.methods import artefacts
+from replicate.methods.method import Method
+from replicate.methods.method_registry import methods as all_methods
+from replicate.methods.method_registry import sections
+from replicate.methods.plan import Plan
+from replicate.report import manifest
+from replicate.report.publication import CharacterResult, check_results_folder
+
+
+def make(options: argparse.Namespace, stages: Callable[[Plan], Sequence[Stage]]) -> list[CharacterResult]:
+    """Make the stages of every character and seed that the command line names.
+
+    stages: a plan → its stages, the more urgent first, the one whose artefact is the result last. Prints about how long
+    what is missing takes, before it starts. Returns the result of each configuration.
+    """
+    configs = configurations(options)
+    graphs = [list(stages(Plan(config))) for config in configs]
+    _run(options, configs, graphs)
+    return _results(configs, graphs)
+
+
+def make_rows(
+    options: argparse.Namespace, stages: Callable[[Plan, Sequence[Method]], Sequence[Stage]]
+) -> tuple[list[CharacterResult], list[str]]:
+    """Make the stages of a table whose rows are methods: one that fails costs its own row, and of its character alone.
+
+    stages: a plan and its methods → its stages, as for `make`. Returns the result of each configuration, and a sentence
+    for each row that is missing. Raises the first error where a character has no row left.
+    """
+    configs = configurations(options)
+    rows = [list(methods(options, config)) for config in configs]
+    missing: dict[tuple[str, str], str] = {}
+    while True:
+        graphs = [list(stages(Plan(config), own)) for config, own in zip(configs, rows, strict=True)]
+        failures: dict[str, InputError | RunError] = {}
+        _run(options, configs, graphs, failures)
+        if not failures:
+            return _results(configs, graphs), [
+                f"{character} has no row of {name}: {reason}" for (character, name), reason in sorted(missing.items())
+            ]
+        lost = {
+            (character_label(config.character), method.name): str(failures[title])
+            for config, own in zip(configs, rows, strict=True)
+            for method in own
+            for title in sorted(
+                failures.keys() & {stage.title for stage in in_order(list(stages(Plan(config), [method])))}
+            )
+        }
+        rows = [
+            [method for method in own if (character_label(config.character), method.name) not in lost]
+            for config, own in zip(configs, rows, strict=True)
+        ]
+        if not lost or not all(rows):
+            raise next(iter(failures.values()))
+        missing |= lost
+
+
+def _run(
+    options: argparse.Namespace,
+    configs: Sequence[Config],
+    graphs: Sequence[Sequence[Stage]],
+    failures: dict[str, InputError | RunError] | None = None,
+) -> None:
+    side_by_side = workers(options)
+    check_results_folder(options.profile)  # an error now is better than one after hours
+    facts = provenance(options.command_line, options.profile, sorted({config.seed for config in configs}), side_by_side)
+    foresee = None if options.cluster else partial(sentence, workers=side_by_side)  # how many work there, nobody knows
+    run([stage for graph in graphs for stage in graph], side_by_side, facts, options.cluster, foresee, failures)
+
+
+def _results(configs: Sequence[Config], graphs: Sequence[Sequence[Stage]]) -> list[CharacterResult]:
+    return [CharacterResult(config, graph[-1]) for config, graph in zip(configs, graphs, strict=True)]
+
+
+# How long a run takes, said before it starts: from the times of the stages in the reference results' manifest.
+
+# Stages that the reference results may lack, and those that do about the same work, with how many times as much of it:
+# other networks have the steps of `dense`; three times the features make nine times the products of `linear`, of which
+# reading the samples is the larger part; derivatives come before the training and make its steps longer.
+KIN = {"pca": ("dense", 1), "pca_line": ("dense", 1), "driven": ("dense", 1), "squares": ("linear", 4),
+       "dense_compact": ("linear", 1), "regional_derivatives": ("regional", 2)}  # fmt: skip
+# The power of the number of controls that a time grows with: influence is found for each of them, our networks have an
+# input for each, and regressions a product for each pair.
+GROWTH = {"influence": 1, "regional": 1, "regional_derivatives": 1, "linear": 2, "squares": 2}
+EXAMPLE = "teen"
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of one stage: its wall time in seconds, and the profile that it was run with."""
+
+    wall_s: float
+    profile: str
+
+
+def sentence(missing: Sequence[Stage], workers: int, folder: Path = REFERENCE) -> str:
+    """Return about how long some stages take, in a sentence; "" where nothing is known.
+
+    missing: those that are not in the cache. workers: processes side by side. folder: the results whose manifest is
+    asked. Its times are of other cores, perhaps faster ones, and of the teen where it lacks the character.
+    """
+    times = times_s(missing, known_times(folder))
+    if not any(times.values()):
+        return ""
+    seconds = wall_s(missing, times, workers)
+    cores = f"{workers} core{'s' * (workers > 1)}"
+    many = f"{len(missing)} artefact{'s' * (len(missing) > 1)} to make"
+    text = f"{many}: about {duration(seconds)} on {cores}, if they are as fast as those of the reference results"
+    unknown = sorted({stage.name for stage in missing if times[stage.identifier] is None})
+    return text + (f"; without {', '.join(unknown)}, whose times are unknown" if unknown else "")
+
+
+def duration(seconds: float) -> str:
+    """Return a rough length of time in words."""
+    if seconds < 90:
+        return "a minute"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def known_times(folder: Path) -> dict[str, Known]:
+    """Return the times of all stages in a folder's manifest by name-character; none without one.
+
+    Of several seeds it is the shortest time: the others ran beside other work, or were interrupted.
+    """
+    known = {}
+    for target in reversed(manifest.targets(folder)):  # Table 2's are the last word
+        for facts in manifest.entries(folder, target).values():
+            times: dict[str, list[tuple[bool, float]]] = {}
+            for title, stage in (facts.get("stages") or {}).items():
+                whole_first = (bool(stage.get("resumed")), float(stage["wall_s"]))
+                times.setdefault(title.partition("-seed")[0], []).append(whole_first)
+            known |= {title: Known(min(each)[1], str(facts.get("profile"))) for title, each in times.items()}
+    return known
+
+
+def times_s(stages: Sequence[Stage], known: dict[str, Known]) -> dict[str, float | None]:
+    """Return the seconds of some stages by their identifiers, as `stage_s` does of each."""
+    return {stage.identifier: stage_s(stage, known) for stage in stages}
+
+
+def stage_s(stage: Stage, known: dict[str, Known]) -> float | None:
+    """Return the seconds that a stage takes, None where nothing is known of it or its kin.
+
+    That of the same character, else of the teen, more of it where there are more controls; in proportion to its steps,
+    samples or iterations. Rigs that are timed together take their share of the time of those that were.
+    """
+    if rigs := getattr(stage.config, "rigs", ()):
+        together = ((re.fullmatch(rf"{stage.name}-(\d+)_rigs", title), one) for title, one in known.items())
+        return min((len(rigs) * one.wall_s / int(match[1]) for match, one in together if match), default=None)
+    for name, times in _candidates(stage):
+        label = stage.label.partition("-seed")[0]
+        for whose in (label, EXAMPLE):
+            if one := known.get(f"{name}-{whose}"):
+                other = _of_profile(one.profile).get(name)
+                growth = 1.0 if whose == label else _growth(stage)
+                return one.wall_s * times * growth * (work(stage) / work(other) if other else 1.0)
+    return None
+
+
+def work(stage: Stage) -> float:
+    """Return what a stage's time is in proportion to: steps times batch, samples, or iterations times poses; else 1."""
+    section, config = getattr(stage.config, "section", None), stage.config
+    if training := getattr(section, "training", None):
+        return float(training.steps * training.batch)
+    if stage.name == "samples":
+        return float(section.count)
+    if hasattr(config, "iterations"):
+        return float(config.samples * (config.iterations + config.relaxed))
+    return 1.0
+
+
+def _growth(stage: Stage) -> float:
+    """Return how many times as long as the teen's a stage takes for more controls; 1 for fewer, which save little."""
+    rig = next((source for source in in_order([stage]) if source.name == "rig"), None)
+    if rig is None or stage.name not in GROWTH:
+        return 1.0
+    own, example = (control_count(r.config.recipe, r.files) for r in (rig, artefacts.rig_stage(Plan(resolve(EXAMPLE)))))
+    return max(1.0, own / example) ** GROWTH[stage.name]
+
+
+def wall_s(missing: Sequence[Stage], times: dict[str, float | None], workers: int) -> float:
+    """Return how long stages take side by side: all work over the workers, or the longest chain of inputs.
+
+    times: seconds by the stages' identifiers; one that is unknown counts nothing.
+    """
+    times = {name: time or 0.0 for name, time in times.items()}
+    ends: dict[str, float] = {}
+    for stage in in_order(list(missing)):
+        before = max((ends.get(source.identifier, 0.0) for source in stage.inputs), default=0.0)
+        ends[stage.identifier] = before + times.get(stage.identifier, 0.0)
+    return max(sum(times.values()) / workers, max(ends.values(), default=0.0))
+
+
+def _candidates(stage: Stage) -> list[tuple[str, float]]:
+    """Return the names of stages that tell a stage's time, its own first, and how many times theirs it is."""
+    names = [(stage.name, 1.0), *([KIN[stage.name]] if stage.name in KIN else [])]
+    base = stage.name.split("_")[0]
+    if base == "errors":
+        names.append(("errors_coarse", 1.0))
+    elif base in ("typical", "ranked"):
+        names.append(("wrinkled", 1.0))
+    elif base != stage.name and stage.name not in KIN and hasattr(getattr(stage.config, "section", None), "training"):
+        names.append((base, 1.0))  # coarse_line, dense_released, …
+    return names
+
+
+@cache
+def _of_profile(profile: str) -> dict[str, Stage]:
+    """Return the stages of the teen by name, all methods', with a profile's numbers as they are now."""
+    config = resolve(EXAMPLE, profile, sections=sections(profile))
+    plan = Plan(config)
+    stages = [stage for method in all_methods(config).values() for stage in method.stages(plan)]
+    return {stage.name: stage for stage in in_order(stages)}

@@ -1,0 +1,1 @@
+"""Stages on other machines: Dask, and Slurm through it."""

@@ -1,1 +1,0 @@
-"""What is broken in a pose: folded skin, teeth through lips, eyes that lids do not cover."""

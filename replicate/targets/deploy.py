@@ -1,0 +1,193 @@
+"""Models that leave the suite: an ONNX file a method, the mesh as GLB, and our method as C99; for any character."""
+
+import argparse
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import onnx
+from jaxtyping import Float32
+
+from data_recipes.rig import Rig
+from replicate.approximation.metrics import Errors
+from replicate.approximation.rigid import Attachments, attach
+from replicate.base import paths
+from replicate.base.exceptions import InputError
+from replicate.base.user_files import words
+from replicate.cli.options import OF_A_RUN, methods
+from replicate.cli.running import make
+from replicate.deployment.c_face import TEMPLATES, CFace, c_files
+from replicate.deployment.model_facts import LICENCE, PATENTS, FaceFacts, about_model, in_words
+from replicate.deployment.onnx_model import drawn_poses, largest_distance, onnx_model, posed
+from replicate.engine.stage import Stage, StageContext, stage_function
+from replicate.export.files import glb, posed_parts
+from replicate.methods import artefacts, coarse, dense_network, linear, measurement, refined, regional
+from replicate.methods.measurement import vertices_of
+from replicate.methods.method import Method
+from replicate.methods.plan import Plan, reference
+from replicate.report.publication import publish_files
+
+ABOUT = "models for other programs: ONNX a method, the mesh as GLB, and our method as one C99 file"
+WRITES = "results/runs/<profile>/"
+OPTIONS = (*OF_A_RUN, "methods")
+METHODS = tuple(module.METHOD.name for module in (coarse, refined, dense_network, regional, linear))
+
+
+def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
+    """Return the stages of one character's models, those that train first; each model is measured too.
+
+    Methods without a model are left out.
+    """
+    methods = [method for method in methods if method.model]
+    slow = [stage for method in methods for stage in method.stages(plan)]
+    measured = [measurement.stage(plan, method) for method in methods]
+    inputs = {
+        stage.title: stage for stage in (artefacts.rig_stage(plan), artefacts.rigid_stage(plan), *slow, *measured)
+    }
+    written = tuple(DeployedMethod(m.name, m.label, reference(m.model), m.rigid_step) for m in methods)
+    settings = DeploySettings(plan.character, plan.config.profile, plan.config.seed, written)
+    functions = ", ".join(dict.fromkeys([reference(write), *(one.model for one in written)]))
+    return [*inputs.values(), plan.stage("deploy", functions, settings, *inputs.values(), files=TEMPLATES)]
+
+
+def write(context: StageContext) -> None:
+    """Write the files of one character, and see that onnxruntime gives with them what Python gives."""
+    write_files(context)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Write the models of every character and publish them."""
+    from replicate.engine.store import read_manifest
+
+    results = make(options, lambda plan: stages(plan, deployable(methods(options, plan.config), options.methods)))
+    folder, files = publish_files("deploy", results)
+    notes = {name: text for one in results for name, text in read_manifest(one.folder)["notes"]["files"].items()}
+    for name in (name for own in files.values() for name in own):
+        print(f"written to {paths.display_path(folder / name)}: {notes.get(name, 'see REPRODUCING')}")
+
+
+def deployable(chosen: Sequence[Method], text: str | Sequence[str]) -> list[Method]:
+    """Return the methods that have a model; words for many methods, as all, may name others.
+
+    Raises InputError where a method without a model is named itself, and where none is left.
+    """
+    named = set(words(text))
+    have = [method for method in chosen if method.model]
+    for method in chosen:
+        if not method.model and (method.name in named or not have):
+            raise InputError(f"method {method.name!r} has no model to write: it is no function of rig parameters alone")
+    return have
+
+
+# What the stage that writes models depends on.
+
+
+@dataclass(frozen=True)
+class DeployedMethod:
+    """A method whose model is written. model: "module:function" of the function that reads it."""
+
+    name: str
+    title: str
+    model: str
+    rigid_step: bool
+
+
+@dataclass(frozen=True)
+class DeploySettings:
+    """Whose models are written, the profile of their training, and the seed that poses to check are drawn with."""
+
+    character: str
+    profile: str
+    seed: int
+    methods: tuple[DeployedMethod, ...]
+
+
+# The files of one character: each method's model as ONNX in two precisions, the mesh as GLB, our method as C99.
+
+POSES = 100  # on which a written model is compared with Python
+TOLERANCE_MM = 1e-3  # what float32 may be off,
+TOLERANCE_SHARE = 1e-5  # or this share of the largest movement, for methods that throw vertices far away
+C_LINE = 112  # characters in a line of C's comments
+
+
+@dataclass(frozen=True)
+class DeployedFace:
+    """What all files of a character are written from. params: (b, m), poses to check; inputs: folders of artefacts."""
+
+    rig: Rig
+    attachments: Attachments
+    facts: FaceFacts
+    params: Float32[np.ndarray, "b m"]
+    inputs: Mapping[str, Path]
+
+
+def write_files(context: StageContext) -> None:
+    """Write all files of one character to the artefact's folder, and note what each of them is, in words.
+
+    Raises RuntimeError for a model of float32 that gives other vertices than Python.
+    """
+    settings, stem = context.config, f"deploy_{context.config.character}"
+    face = _face(context)
+    notes = {f"{stem}.glb": "the neutral mesh, in metres, with texture coordinates"}
+    with context.progress(len(settings.methods), "models") as bar:
+        for method in settings.methods:
+            folder = measurement.error_folders(context.inputs)[method.name]
+            errors = measurement.load_errors(folder)
+            for name, data, text in _models(face, method, errors):
+                (context.out / f"{stem}_{name}.onnx").write_bytes(data)
+                notes[f"{stem}_{name}.onnx"] = text
+            if method.name == regional.METHOD.name:
+                notes |= _write_c(face, in_words(face.facts, method.title, errors), context.out, stem)
+            bar.update(1)
+    head = posed_parts(face.rig, face.rig.default)[0]
+    about = {"character": settings.character, "made_by": face.facts.made_by}
+    (context.out / f"{stem}.glb").write_bytes(glb([head], about))
+    context.note(files=notes)
+
+
+def _face(context: StageContext) -> DeployedFace:
+    settings, rig = context.config, artefacts.load_rig(context.inputs)
+    attachments, names = artefacts.load_attachments(context.inputs), rig.mesh.segment_names
+    made_by = f"make deploy CHARACTERS={settings.character} PROFILE={settings.profile}, seed {settings.seed}"
+    rigid = [names[k] for k in attachments.segment]
+    facts = FaceFacts(settings.character, rig.controls, names, rigid, made_by)
+    params = drawn_poses(rig.controls, POSES, context.rng("checks"))
+    return DeployedFace(rig, attachments, facts, params, context.inputs)
+
+
+def _models(face: DeployedFace, method: DeployedMethod, errors: Errors) -> list[tuple[str, bytes, str]]:
+    """Return (name, bytes, what it is) of a method's models: float32 and float16. errors: its own on held-out poses."""
+    mesh, model = face.rig.mesh, stage_function(method.model)(face.inputs)
+    placing = face.attachments if method.rigid_step else None
+    wanted = vertices_of(face.inputs, model, method.model)(face.params)
+    wanted = attach(mesh, placing, wanted) if placing else wanted
+    allowed = max(TOLERANCE_MM, TOLERANCE_SHARE * largest_distance(wanted, mesh.neutral))
+    files = []
+    for half in (False, True):
+        about = about_model(face.facts, method.name, method.title, errors, half)
+        written = onnx_model(model, mesh, placing, half, about, in_words(face.facts, method.title, errors))
+        off = largest_distance(posed(written, face.params), wanted)
+        if not (half or off < allowed):
+            raise RuntimeError(f"{method.name} as ONNX is {off:.2g} mm off, where {allowed:.2g} mm are allowed")
+        about["largest_difference_mm"] = f"{off:.2g}"  # from Python with float32, on poses within the limits and beyond
+        onnx.helper.set_model_props(written, about)
+        data = written.SerializeToString()
+        text = f"{method.title}, {about['weights']}; {len(data) / 1e6:.1f} MB, within {off:.1g} mm of Python"
+        files.append((f"{method.name}{'_float16' if half else ''}", data, text))
+    return files
+
+
+def _write_c(face: DeployedFace, words: str, out: Path, stem: str) -> dict[str, str]:
+    """Write our method as C99; return what the files are. words: what it is."""
+    about, licence = (
+        "\n   ".join(textwrap.wrap(text, C_LINE))
+        for text in (f"{words} Made by {face.facts.made_by}.", f"{LICENCE} {PATENTS}")
+    )
+    facts, mesh, model = face.facts, face.rig.mesh, regional.load_model(face.inputs)
+    own = CFace(facts.character, facts.controls, mesh, face.attachments, model, f"{stem}.glb", about, licence)
+    for name, text in c_files(own, stem).items():
+        (out / name).write_text(text, encoding="ascii")
+    size = (out / f"{stem}.c").stat().st_size / 1e6
+    return {f"{stem}.h": "how the C file is used", f"{stem}.c": f"our method in C99; {size:.1f} MB of source"}

@@ -1,0 +1,93 @@
+"""Figure 1: the rig and its approximations side by side in one wrinkled pose."""
+
+import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from replicate.cli.options import OF_A_RUN
+from replicate.cli.running import make
+from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
+from replicate.drawing.panels import Words
+from replicate.drawing.render import render
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods.method import Method
+from replicate.methods.plan import Plan
+from replicate.report.pose_record import (
+    FIGURE01,
+    TRUTH,
+    WHOLE,
+    PoseRecord,
+    clay_surfaces,
+    marks_in_words,
+    normal_means_deg,
+    panel_title,
+    plain_name,
+    pose_in_words,
+    vertex_mean_mm,
+    view_of,
+)
+from replicate.targets.pose_numbers import folded_pose_stages, save_folded_pose
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+
+ABOUT = "the rig beside the refined networks, our method and LBS, in one wrinkled pose, with their errors"
+WRITES = "results/runs/<profile>/"
+OPTIONS = OF_A_RUN
+
+
+def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
+    """Return the stages of one character's figure; those of the methods, the slow ones, come first."""
+    return folded_pose_stages(plan, "figure01", FIGURE01, draw)
+
+
+def draw(context: StageContext) -> None:
+    """Draw the rig beside its approximations (Fig. 1)."""
+    save_folded_pose(context, figure01)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Draw the figure of every character, publish it and print its numbers."""
+    from replicate.targets.pose_numbers import publish
+
+    publish("figure01", make(options, stages))
+
+
+# Figure 1: one wrinkled pose of the rig beside its approximations, the head and a close look at its wrinkles.
+
+COLUMNS = (TRUTH, *FIGURE01)
+VIEWS = (("front", 1.2), ("forehead", 0.8))  # a camera, and its picture's height over its width
+LINES = ("distance error", "normal error")
+
+
+def figure01(
+    record: PoseRecord, across: int | None = None, renderer: str | None = None
+) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words): the record's pose as it is and as those of `COLUMNS` that it has predict it.
+
+    across: the width of one picture, pixels; None for what fills the sheet.
+    """
+    shown = [method for method in COLUMNS if method in record.vertices]
+    width = across or cell_width(len(COLUMNS), LINES)
+    cells, phrases = [], []
+    for method in shown:
+        surfaces = clay_surfaces(record, method)
+        pictures = tuple(
+            render(surfaces, view_of(record, name, 1 / tall), width, round(tall * width), renderer=renderer)
+            for name, tall in VIEWS
+        )
+        lines = ()
+        if method != TRUTH:
+            lines = f"{vertex_mean_mm(record, method):.2f} mm", f"{normal_means_deg(record, method)[WHOLE]:.2f}°"
+            phrases.append(f"{plain_name(method)} {' and '.join(lines)}")
+        cells.append(Cell(panel_title(method), pictures, lines))
+    errors = "; ".join(phrases)
+    names = ", ".join(plain_name(method) for method in shown)
+    return face_sheet(cells, len(shown), LINES), Words(
+        f"Clay renders of a head from the front and, below, of its forehead, close up, from left to right: {names}. "
+        f"Mean errors: {errors}.",
+        f"The rig and its approximations side by side (after Fig. 1), in {pose_in_words(record)}. The heads look much "
+        "alike; the close-up below shows which creases of the forehead a method keeps. Below: mean distance of all "
+        f"vertices, and mean angle between normals (Eq. 11), in this pose. {marks_in_words(shown)}".strip(),
+    )

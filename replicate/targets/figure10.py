@@ -1,0 +1,148 @@
+"""Figure 10: normal errors on the faces of every method, in the pose with most wrinkles, a median and the worst one."""
+
+import argparse
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+from replicate.cli.options import OF_A_RUN, methods
+from replicate.cli.running import make
+from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
+from replicate.drawing.heatmap import middle_line, normal_bar, normal_heat, split_face
+from replicate.drawing.panels import Words
+from replicate.drawing.render import render
+from replicate.engine.stage import Stage, StageContext
+from replicate.methods.method import Method
+from replicate.methods.method_registry import in_order, method_named
+from replicate.methods.plan import Plan
+from replicate.report.pose_record import (
+    FOLDED,
+    TRUTH,
+    WHOLE,
+    PoseRecord,
+    clay_surfaces,
+    marks_in_words,
+    normal_means_deg,
+    panel_title,
+    plain_name,
+    pose_in_words,
+    view_of,
+)
+from replicate.targets.shown_records import load_records, picture_settings, record_stages
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+
+ABOUT = "normal errors as colours on the face: the pose with most wrinkles, the median pose and the worst one"
+WRITES = "results/runs/<profile>/"
+OPTIONS = (*OF_A_RUN, "methods")
+
+
+def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:
+    """Return the stages of one character's figure; those of the methods, the slow ones, come first."""
+    shown = [method for method in methods if method.in_figures]
+    return record_stages(plan, shown, "figure10", draw, picture_settings(plan, shown))
+
+
+def draw(context: StageContext) -> None:
+    """Draw the normal errors of every method in each of the poses, and once more close up on the forehead (Fig. 10)."""
+    from replicate.drawing.face_sheet import LARGEST_BYTES
+    from replicate.drawing.panels import save_figure
+    from replicate.report.pose_record import FOLDED
+    from replicate.targets.pose_numbers import save_rows
+
+    records = load_records(context.config.character, context.inputs)
+    save_rows(context, records)
+    for record in records.values():
+        for camera in ("front", "forehead") if record.choice == FOLDED else ("front",):
+            figure, words = figure10(record, context.config.limit_deg, camera)
+            save_figure(figure, context.out / f"{picture_name(record, camera)}.png", words, LARGEST_BYTES)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Draw the figure of every character, publish it and print its numbers."""
+    from replicate.targets.pose_numbers import publish
+
+    publish("figure10", make(options, lambda plan: stages(plan, methods(options, plan.config))))
+
+
+# Figure 10: a test pose as every method predicts it, half of each face its surface, half its normal error.
+
+COLUMNS = 5  # faces in a row: more would be too small in a column of the paper
+TALL = 1.26  # a picture's height over its width
+LIMIT_DEG = 30.0
+
+
+def figure10(
+    record: PoseRecord,
+    limit_deg: float = LIMIT_DEG,
+    camera: str = "front",
+    across: int | None = None,
+    renderer: str | None = None,
+) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words) of one test pose.
+
+    limit_deg: the upper end of the colours, the same for every face. across: the width of one face's picture, pixels;
+    None for what fills the sheet.
+    """
+    methods = [name for name in in_order(set(record.vertices) - {TRUTH}) if method_named(name).in_figures]
+    names = (WHOLE, *record.region_names)
+    columns = min(COLUMNS, 1 + len(methods))
+    width = across or cell_width(COLUMNS, names)
+    height = round(TALL * width)
+    view = view_of(record, camera, width / height)
+    draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
+    truth, cells, means = record.vertices[TRUTH], [Cell(panel_title(TRUTH), (draw(clay_surfaces(record, TRUTH)),))], {}
+    for method in methods:
+        vertices = record.vertices[method]
+        surface = draw(clay_surfaces(record, method))
+        heat = draw([normal_heat(vertices, truth, record.faces, limit_deg)])
+        line = middle_line(record.neutral, vertices, record.faces, view, width, height)
+        means[method] = normal_means_deg(record, method)
+        lines = tuple(f"{means[method][name]:.2f}°" for name in names)
+        cells.append(Cell(panel_title(method), (split_face(surface, heat, line),), lines))
+    bar = partial(normal_bar, limit_deg=limit_deg, orientation="horizontal")
+    figure = face_sheet(cells, columns, names, bar, first_bold=True, short_first=True)
+    return figure, _words(record, camera, means, limit_deg)
+
+
+def picture_name(record: PoseRecord, camera: str = "front") -> str:
+    """Return the file name, without ending, of a record's Figure 10."""
+    views = [camera] if camera != "front" else []
+    rules = [record.choice] if record.choice != FOLDED else []
+    return "_".join(["figure10", record.character, *rules, *views])
+
+
+def _words(record: PoseRecord, camera: str, means: dict[str, dict[str, float]], limit_deg: float) -> Words:
+    wholes = ", ".join(f"{plain_name(method)} {own[WHOLE]:.2f}°" for method, own in means.items())
+    what = "foreheads, close up" if camera == "forehead" else "heads from the front"
+    regions = f", over the {WHOLE} and region by region" if record.region_names else f" over the {WHOLE}"
+    pose = pose_in_words(record)
+    alt = (
+        f"{len(means) + 1} {what}, the ground truth first, then one for each method; the left half of each method's "
+        f"face is its surface in clay, the right half is coloured by normal error from 0 to {limit_deg:g} degrees. "
+        f"Mean errors: {wholes}."
+    )
+    best = min(means, key=lambda method: means[method][WHOLE]) if means else None
+    hardest = _hardest_region(means)
+    in_view = camera == "front" or hardest == camera  # a close-up says nothing of what it doesn't show
+    seen = f" “{plain_name(best)}” has the smallest mean." if best else ""
+    seen += f" Most methods are farthest off at the {hardest}." if hardest and in_view else ""
+    shown = ("close up on the forehead, " if camera == "forehead" else "") + pose
+    shown = shown[0].upper() + shown[1:]
+    caption = (
+        f"{shown} (after Fig. 10). Left half of each face: the predicted surface. Right half: the "
+        f"angle between each mesh face's predicted and true normal (Eq. 11), 0° to {limit_deg:g}°, the same colours in "
+        f"all panels, which go with the angle's root. Below: its mean in this pose{regions}.{seen} "
+        f"{marks_in_words(means)}"
+    )
+    return Words(alt, caption.strip())
+
+
+def _hardest_region(means: dict[str, dict[str, float]]) -> str:
+    """Return the region where most methods have their largest mean error, if more than half of them agree."""
+    regions = [{name: mean for name, mean in own.items() if name != WHOLE} for own in means.values()]
+    worst = [max(own, key=own.get) for own in regions if own]
+    region = max(sorted(set(worst)), key=worst.count, default="")
+    return region if 2 * worst.count(region) > len(worst) else ""

@@ -1,0 +1,111 @@
+"""A page to pose a face in (§5.3.1): one HTML file a character and method, which opens in a browser from disk."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from replicate.base import paths
+from replicate.base.exceptions import InputError
+from replicate.cli.options import OF_A_RUN, methods
+from replicate.cli.running import make
+from replicate.engine.stage import Stage, StageContext, stage_function
+from replicate.inverse import ik_stage
+from replicate.methods import artefacts, regional
+from replicate.methods.method import Method
+from replicate.methods.plan import Plan, reference
+from replicate.poser.notebook import EVALUATED, read_face
+from replicate.report.publication import publish_files
+
+if TYPE_CHECKING:
+    from replicate.poser.contents import PosedFace
+
+ABOUT = "a page to pose a face in with the mouse, by our method or the CNN: one HTML file that opens in a browser"
+WRITES = "results/runs/<profile>/"
+OPTIONS = (*OF_A_RUN, "methods")
+METHODS = (regional.METHOD.name,)
+LARGEST_MB = 12  # of a page that opens at once
+
+
+@dataclass(frozen=True)
+class PageSettings:
+    """Whose pages they are, the profile of the networks, and the seed that the poses to check are drawn with.
+
+    models: "module:function" of each method's model, by its name. pictured: whether a browser is asked for pictures.
+    """
+
+    character: str
+    profile: str
+    seed: int
+    models: tuple[tuple[str, str], ...]
+    pictured: bool
+
+
+def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:
+    """Return the stages of one character's pages, one a method; those that train, the slow ones, come first.
+
+    Methods that no page evaluates are left out.
+    """
+    from replicate.poser.browser_pictures import browser
+    from replicate.poser.pack import SOURCES
+
+    shown = [method for method in methods if method.name in EVALUATED] or [regional.METHOD]
+    slow = [stage for method in shown for stage in (*method.stages(plan), ik_stage.stage(plan, method))]
+    shared = (stage(plan) for stage in (artefacts.rig_stage, artefacts.rigid_stage, artefacts.influence_stage))
+    inputs = {stage.title: stage for stage in (*shared, *slow)}.values()
+    models = tuple((method.name, reference(method.model)) for method in shown)
+    settings = PageSettings(plan.character, plan.config.profile, plan.config.seed, models, browser() is not None)
+    functions = ",".join([reference(write), *(model for _, model in models)])  # the models' sources count too
+    return [*slow, plan.stage("poser", functions, settings, *inputs, files=SOURCES)]
+
+
+def write(context: StageContext) -> None:
+    """Write the pages of one character, and pictures of the first one in a browser."""
+    from replicate.drawing.panels import save_figure
+    from replicate.poser.browser_pictures import browser, strip
+
+    faces = [write_page(context, method, model) for method, model in context.config.models]
+    if context.config.pictured and (program := browser()):
+        drawn = strip(*faces[0], program)
+        if drawn:
+            save_figure(drawn[0], context.out / f"poser_{context.config.character}.png", drawn[1])
+
+
+def write_page(context: StageContext, method: str, model: str) -> "tuple[PosedFace, Path]":
+    """Write the page of one method, return its face and its file; model: "module:function" of what reads the model."""
+    from replicate.poser.contents import as_on_page
+    from replicate.poser.face_page import face_page
+
+    settings = context.config
+    face = read_face(context.inputs, as_on_page(stage_function(model)(context.inputs)), method)
+    option = "" if method in METHODS else f" METHODS={method}"
+    made_by = f"make poser CHARACTERS={settings.character}{option} PROFILE={settings.profile}"
+    text = face_page(face, context.rng("checks"), context.progress, f"{made_by}, seed {settings.seed}")
+    ending = "" if method in METHODS else f"_{method}"
+    file = context.out / f"poser_{settings.character}{ending}.html"
+    file.write_text(text, encoding="utf-8")
+    return face, file
+
+
+def run(options: argparse.Namespace) -> None:
+    """Write the pages of every character and publish them."""
+    folder, files = publish_files("poser", make(options, lambda plan: stages(plan, chosen(options, plan))))
+    for name in (name for own in files.values() for name in own if not name.endswith(".json")):
+        if name.endswith(".png"):
+            print(f"written to {paths.display_path(folder / name)}: the page in a browser, while points are dragged")
+            continue
+        size = (folder / name).stat().st_size / 1e6
+        advice = (
+            "" if size <= LARGEST_MB else f"; above {LARGEST_MB} MB it opens slowly: fewer components make it smaller"
+        )
+        print(f"written to {paths.display_path(folder / name)} ({size:.1f} MB): open it in a browser{advice}")
+
+
+def chosen(options: argparse.Namespace, plan: Plan) -> list[Method]:
+    """Return the methods that are named. Raises InputError for one that a page can't evaluate."""
+    shown = methods(options, plan.config)
+    for method in shown:
+        if method.name not in EVALUATED:
+            raise InputError(f"method {method.name!r} has no page to pose in: allowed are {', '.join(EVALUATED)}")
+    return shown

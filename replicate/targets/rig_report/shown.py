@@ -1,0 +1,402 @@
+"""The rig report, printed: all characters side by side, one in full, its strongest pairs, and a line of a card."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from replicate.drawing.heatmap import colour_bar, error_colours
+from replicate.drawing.panels import DPI, LETTER_PT, WIDTH, Words, tidy
+from replicate.drawing.render import render
+from replicate.drawing.scene import Surface, camera_for
+from replicate.geometry.mesh import Mesh
+from replicate.methods.method_registry import in_order, method_named
+from replicate.report.results import Row, characters_of, find
+from replicate.report.tables import Table, round_off
+from replicate.targets.rig_report.rows import LENGTHS, read_pairs
+
+if TYPE_CHECKING:
+    import matplotlib.axes
+    import matplotlib.figure
+
+
+TABLE = "rig_report"
+STATISTICS = ("mean", "p95", "max")
+KINDS = (("vertex", "mm", "Distance error, mm"), ("normal", "deg", "Normal angle error, degrees"))
+UNTRIED = "–: a rig that is known by its samples alone; no pair of its controls can be tried."
+COUNTS = {
+    "99 % of variance": "99 % of the variance",
+    "99.9 % of variance": "99.9 %",
+    "99.99 % of variance": "99.99 %",
+    "0.5 degrees": "a mean normal error of 0.5°",
+    "0.25 degrees": "of 0.25°",
+}
+
+
+def report_table(rows: Sequence[Row]) -> Table:
+    """Return the means of all characters side by side."""
+    characters = characters_of(rows)
+    body: list[tuple[str, ...] | None] = []
+    for kind, unit, words in KINDS:
+        body.append(_heading(f"{words}, mean over held-out poses", characters))
+        body += [_line(rows, characters, label, name, f"{kind}_error_mean", unit) for name, label in LABELS.items()]
+    body += [None, _heading("Principal components for", characters)]
+    body += [(words, *(_count(rows, c, f"components[{what}]") for c in characters)) for what, words in COUNTS.items()]
+    body += [None, _heading("Controls that can move a vertex", characters)]
+    body += [
+        _line(rows, characters, word, "influence", f"controls_per_vertex_{word}", "count")
+        for word in ("mean", "median", "max")
+    ]
+    body += [None, _heading("Pairs of controls", characters)]
+    body.append(_line(rows, characters, "that interact by more than 0.1 mm", "pairs", "interacting_share", "%"))
+    body.append(_line(rows, characters, "mixed over single differences, RMS", "pairs", "mixed_over_single", "%"))
+    body += [None, _heading("Normal error of the truth on maps, degrees", characters)]
+    body += [
+        _line(rows, characters, f"{size}×{size} texels a segment", "maps", f"normal_error_mean[{size}]", "deg")
+        for size in map_sizes(rows)
+    ]
+    tried = {row.character for row in rows if row.method == "pairs"}
+    notes = (_about(rows), *((UNTRIED,) if set(characters) - tried else ()))
+    return Table("How hard is a rig?", (("", *characters),), tuple(body), notes)
+
+
+def errors_table(rows: Sequence[Row], character: str) -> Table:
+    """Return one character's held-out errors in full."""
+    body = tuple((label, *_errors(rows, TABLE, character, name)) for name, label in LABELS.items())
+    headers = (
+        ("", "distance error, mm", "", "", "normal angle error, degrees", "", ""),
+        ("", *STATISTICS, *STATISTICS),
+    )
+    features = features_text(lambda method, metric: _value(rows, character, method, metric))
+    samples = _value(rows, character, "linear", "samples")
+    notes = (f"Fitted to {samples:,.0f} training samples. {features}",) if samples else ()
+    return Table(f"Held-out errors of simple fits: {character}", headers, body, notes)
+
+
+def pairs_table(file: Path, character: str) -> Table | None:
+    """Return the pairs of controls of `control_pairs.write_pairs`, the strongest first; None where none was tried."""
+    lines = read_pairs(file).to_dict("records")
+    if not lines:
+        return None
+    body = tuple(
+        (f"{line['first']} × {line['second']}", line["segment"], line["pose"],
+         *(round_off(line[name], "mm") for name in LENGTHS))
+        for line in lines
+    )  # fmt: skip
+    header = ("", "segment", "from pose", "mixed, mm", "first alone", "second alone")
+    return Table(f"Pairs of {character}'s controls that interact most", (header,), body, text_columns=3)
+
+
+def beside_table2(table2: Sequence[Row], report: Sequence[Row], character: str) -> Table | None:
+    """Return a character's mean errors of Table 2's methods and of the report's fits; None without either."""
+    own = [row for row in table2 if row.table == "table2" and row.character == character]
+    if not own or not any(row.character == character for row in report):
+        return None
+    lines = [(method_named(m).title, _errors(own, "table2", character, m)) for m in in_order({r.method for r in own})]
+    fits = [(f"Regression on {LABELS[name]}", name) for name in ("linear", "squares", "products")]
+    fits.append(("PCA basis of these regressions", "basis"))
+    lines += [None, *((label, _errors(report, TABLE, character, name)) for label, name in fits)]
+    body = tuple(line and (line[0], line[1][0], line[1][3]) for line in lines)
+    header = ("mean over held-out poses", "distance error, mm", "normal angle error, degrees")
+    note = "From `make rig-report`: ridge regressions of all rig parameters to PCA coefficients of the whole mesh."
+    return Table(f"Table 2 beside simple fits: {character}", (header,), body, (note,))
+
+
+def report_card(rows: Sequence[Row]) -> Table:
+    """Return the table of the data card: a character a line, in the order of the paper's."""
+    body = []
+    for character in characters_of(rows):
+        degrees = (_value(rows, character, name, "normal_error_mean") for name in ("neutral", "linear", "products"))
+        body.append((
+            character,
+            *(round_off(value, "deg") for value in degrees),
+            _count(rows, character, "components[99.9 % of variance]"),
+            _count(rows, character, "components[0.25 degrees]"),
+            round_off(_value(rows, character, "influence", "controls_per_vertex_median"), "count"),
+            _percent(_value(rows, character, "pairs", "interacting_share")),
+            _percent(_value(rows, character, "pairs", "mixed_over_single")),
+        ))  # fmt: skip
+    header = ("", "neutral pose, °", "straight line, °", "with products, °", "components for 99.9 %", "for 0.25°",
+              "controls a vertex", "pairs > 0.1 mm", "mixed / single")  # fmt: skip
+    return Table("How hard the rigs are", (header,), tuple(body))
+
+
+def map_sizes(rows: Sequence[Row]) -> list[int]:
+    """Return the widths of the maps that there are rows of, in pixels."""
+    metrics = {row.metric for row in rows if row.table == TABLE and row.method == "maps"}
+    return sorted(int(metric.partition("[")[2][:-1]) for metric in metrics if metric.startswith("normal_error"))
+
+
+def _value(rows: Sequence[Row], character: str, method: str, metric: str) -> float | None:
+    row = find(rows, TABLE, character, method, metric)
+    return row.value if row else None
+
+
+def _count(rows: Sequence[Row], character: str, metric: str) -> str:
+    """Return a count of components, or "> 512" where so many are too few."""
+    count, most = (_value(rows, character, "basis", name) for name in (metric, "components"))
+    return f"> {most:,.0f}" if count is None and most else round_off(count, "count")
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None else f"{value:.1%}".replace("%", " %")
+
+
+def _heading(words: str, characters: Sequence[str]) -> tuple[str, ...]:
+    return (words, *[""] * len(characters))
+
+
+def _line(
+    rows: Sequence[Row], characters: Sequence[str], label: str, method: str, metric: str, unit: str
+) -> tuple[str, ...]:
+    cells = []
+    for character in characters:
+        row = find(rows, TABLE, character, method, metric)
+        if unit == "%":
+            cells.append(_percent(row.value if row else None))
+        else:
+            cells.append(round_off(row.value, unit, row.sd) if row else "–")
+    return (f"– {label}", *cells)
+
+
+def _errors(rows: Sequence[Row], table: str, character: str, method: str) -> tuple[str, ...]:
+    cells = []
+    for kind, unit, _ in KINDS:
+        for statistic in STATISTICS:
+            row = find(rows, table, character, method, f"{kind}_error_{statistic}")
+            cells.append(round_off(row.value, unit, row.sd) if row else "–")
+    return tuple(cells)
+
+
+def _about(rows: Sequence[Row]) -> str:
+    profiles = ", ".join(sorted({row.profile for row in rows}))
+    return (
+        f"Profile {profiles}. Fits: ridge regressions from all rig parameters p to coefficients of a PCA basis of the "
+        "whole mesh; “> k”: more than the k components that there are."
+    )
+
+
+# The rig report of one character as a figure: six panels that answer how hard its rig is.
+
+LINE, ACCENT, SECOND = "#555555", "#0072B2", "#D55E00"
+BARS = {"neutral": "#BBBBBB", "linear": "#56B4E9", "squares": "#0072B2", "products": "#003F66", "basis": "#009E73"}
+RATIO_LIMIT = 0.15  # upper end of the heatmap's colours, the same for every character
+FACE = (396, 446)  # pixels
+SIZE = (WIDTH, 14.5)  # inches
+ROWS = (1.0, 1.0, 1.35)  # the heights of rows, in proportion
+SIZE_PT = LETTER_PT
+PAIRS = 6  # that are shown; the CSV file has more
+SMALLEST_DEG = 0.01  # lower end of the maps' errors: what lies below can't be seen
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """What the figure shows of a character.
+
+    rows: its rows of rig_report.csv. pairs: its strongest pairs, lines of `control_pairs.PAIR_COLUMNS`. spectrum: (c,),
+    each component's share of the variance. curve: (components, mean normal error in degrees) pairs. controls: (n,), how
+    many move each vertex. ratio: (n,), mixed over single differences; NaN where no pair of the draw moves a vertex.
+    """
+
+    character: str
+    rows: Sequence[Row]
+    pairs: Sequence[tuple]
+    spectrum: np.ndarray
+    curve: Sequence
+    controls: np.ndarray
+    ratio: np.ndarray
+
+    def value(self, method: str, metric: str) -> float | None:
+        """Return a number, or None."""
+        row = find(self.rows, "rig_report", self.character, method, metric)
+        return row.value if row else None
+
+
+def report_figure(
+    mesh: Mesh, numbers: Measurements, renderer: str | None = None
+) -> "tuple[matplotlib.figure.Figure, Words]":
+    """Return (figure, words): errors of fits, components, controls a vertex, map sizes, and interaction twice.
+
+    Without pairs that were tried, the last two are left out.
+    """
+    from matplotlib.figure import Figure
+
+    tried = numbers.value("pairs", "pairs") is not None  # not of a rig that is known by its samples alone
+    heights = ROWS if tried else ROWS[:2]
+    figure = Figure((SIZE[0], SIZE[1] * sum(heights) / sum(ROWS)), dpi=DPI, layout="constrained")
+    rows = figure.subfigures(len(heights), 1, height_ratios=heights)  # each finds room for its own names
+    (errors, components), (controls, maps), *more = (row.subplots(1, 2) for row in rows)
+    _draw_errors(errors, numbers)
+    _draw_components(components, numbers)
+    _draw_controls(controls, numbers)
+    _draw_maps(maps, numbers)
+    for face, pairs in more:
+        _draw_face(figure, face, mesh, numbers, renderer)
+        _draw_pairs(pairs, numbers)
+    for axes in (*figure.axes, *(child for each in figure.axes for child in each.child_axes)):
+        axes.tick_params(which="both", labelsize=SIZE_PT)
+        for label in (axes.xaxis.label, axes.yaxis.label):
+            label.set_fontsize(SIZE_PT)
+    figure.suptitle(f"How hard is a rig? {numbers.character}: {len(mesh.neutral):,} vertices, "
+                    f"{numbers.value('influence', 'controls'):,.0f} controls", fontsize=SIZE_PT)  # fmt: skip
+    return figure, _words(numbers)
+
+
+def _draw_errors(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
+    names = [name for name in BARS if numbers.value(name, "normal_error_mean") is not None]
+    degrees = [numbers.value(name, "normal_error_mean") for name in names]
+    axes.barh(range(len(names)), degrees, color=[BARS[name] for name in names])
+    for y, name in enumerate(names):
+        millimetres = round_off(numbers.value(name, "vertex_error_mean"), "mm")
+        axes.annotate(f"{degrees[y]:.2f}°, {millimetres} mm", (degrees[y], y), (4, 0), textcoords="offset points",
+                      va="center", fontsize=SIZE_PT)  # fmt: skip
+    axes.set_yticks(range(len(names)), [LABELS[name] for name in names], fontsize=SIZE_PT)
+    axes.set_xlim(0, 2.6 * max(degrees, default=1.0))
+    axes.invert_yaxis()
+    axes.set_xlabel("mean normal error, degrees")
+    axes.set_title("What simple fits miss", fontsize=SIZE_PT)
+    tidy(axes)
+
+
+def _draw_components(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
+    from matplotlib.ticker import LogLocator
+
+    left = np.maximum(1 - np.cumsum(numbers.spectrum), 1e-9)
+    axes.plot(np.arange(1, len(left) + 1), left, color=LINE)
+    axes.set(xscale="log", yscale="log", xlabel="principal components", xlim=(0.9, 20 * len(left)))
+    axes.set_ylabel("variance left", color=LINE)
+    for share in ("99", "99.9", "99.99"):
+        count = numbers.value("basis", f"components[{share} % of variance]")
+        if count is not None:
+            axes.plot(count, left[int(count) - 1], "o", color=LINE)
+            axes.annotate(f"{share} %: {count:.0f}", (count, left[int(count) - 1]), (-5, -4),
+                          textcoords="offset points", ha="right", va="top", fontsize=SIZE_PT, color=LINE)  # fmt: skip
+    tidy(axes)
+    degrees = axes.twinx()
+    degrees.plot(*np.transpose(numbers.curve), "-", color=SECOND)
+    degrees.set_yscale("log")
+    degrees.set_ylabel("mean normal error, degrees", color=SECOND)
+    for limit in ("0.5", "0.25"):
+        count = numbers.value("basis", f"components[{limit} degrees]")
+        text, place, shift, fill = f"{limit}°: {count or 0:.0f}", (count, float(limit)), (6, 4), "full"
+        if count is None:
+            text, place, shift, fill = f"{limit}°: > {len(left)}", numbers.curve[-1], (-64, -2), "none"
+        degrees.plot(*place, "o", color=SECOND, fillstyle=fill)
+        degrees.annotate(text, place, shift, textcoords="offset points", fontsize=SIZE_PT, color=SECOND)
+    degrees.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    degrees.yaxis.set_major_formatter("{x:g}")
+    degrees.yaxis.set_minor_formatter("")
+    degrees.spines[["top"]].set_visible(False)
+    axes.set_title("How many shapes it takes", fontsize=SIZE_PT)
+
+
+def _draw_controls(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
+    counts = numbers.controls
+    axes.hist(counts, bins=min(40, max(1, int(np.ptp(counts)))), color=ACCENT)
+    median = float(np.median(counts))
+    axes.axvline(median, color=LINE, linewidth=1)
+    axes.annotate(f"median {median:.0f}, most {counts.max()}", (median, 0.97), (5, 0), va="top",
+                  xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=SIZE_PT,
+                  bbox={"facecolor": "white", "edgecolor": "none", "pad": 2, "alpha": 0.8})  # fmt: skip
+    axes.set(xlabel="controls that can move a vertex", ylabel="vertices")
+    axes.set_title("How many controls meet in a vertex", fontsize=SIZE_PT)
+    tidy(axes)
+
+
+def _draw_face(figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes", mesh: Mesh, numbers, renderer) -> None:
+    corners = numbers.ratio[mesh.faces]
+    finite = np.isfinite(corners).any(1)
+    ratio = np.full(len(corners), np.nan)
+    ratio[finite] = np.nanmean(corners[finite], axis=1)
+    surface = Surface(mesh.neutral, mesh.faces, error_colours(ratio, RATIO_LIMIT), lit=False, smooth=False)
+    axes.imshow(render([surface], camera_for("front", mesh.neutral), *FACE, renderer=renderer), interpolation="none")
+    axes.set_axis_off()
+    axes.set_title("Where controls interact", fontsize=SIZE_PT)
+    bar = colour_bar(figure, axes.inset_axes((1.0, 0.1, 0.035, 0.8)), RATIO_LIMIT, "mixed over single differences")
+    bar.set_ticks((0.0, 0.05, 0.1, 0.15))
+
+
+def _draw_pairs(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
+    lines = numbers.pairs[:PAIRS]
+    axes.barh(range(len(lines)), [line[4] for line in lines], color=SECOND)
+    axes.set_yticks(range(len(lines)), [f"{_spoken(line[0])}\n× {_spoken(line[1])}" for line in lines])
+    axes.invert_yaxis()
+    share, count = (numbers.value("pairs", name) or 0.0 for name in ("interacting_share", "pairs"))
+    axes.set_xlabel(f"largest mixed difference, mm;\nover 0.1 mm: {100 * share:.0f} %\nof {count:,.0f} pairs")
+    axes.set_title("Which controls interact most", fontsize=SIZE_PT)
+    tidy(axes)
+
+
+def _spoken(control: str) -> str:
+    """Return a control's name as a reader has it, short enough for the left of a chart."""
+    return control.replace("_left", " L").replace("_right", " R").replace("_", " ")
+
+
+def _draw_maps(axes: "matplotlib.axes.Axes", numbers: Measurements) -> None:
+    sizes = map_sizes(numbers.rows)
+    per_segment: dict[str, list[tuple[int, float]]] = {}
+    for row in numbers.rows:
+        if row.table == "rig_report_segments" and row.method == "maps" and row.metric.startswith("normal_error_mean["):
+            size, name = row.metric[len("normal_error_mean[") : -1].split("][")
+            if name != "rigid":  # they follow by their attachments, on maps of any size
+                per_segment.setdefault(name, []).append((int(size), row.value))
+    for points in per_segment.values():
+        axes.plot(*np.transpose(sorted(points)), color="0.75", linewidth=0.8, label="a segment")
+    whole = [numbers.value("maps", f"normal_error_mean[{size}]") for size in sizes]
+    axes.plot(sizes, whole, "o-", color=ACCENT, label="all; vertices a texel")
+    for size, degrees in zip(sizes, whole, strict=True):
+        crowd = numbers.value("maps", f"vertices_per_texel[{size}]")
+        axes.annotate(
+            f"{crowd:.2g}", (size, degrees), (3, 5), textcoords="offset points", fontsize=SIZE_PT, color=ACCENT
+        )
+    axes.set_xscale("log", base=2)
+    axes.set_yscale("log")
+    axes.set_xticks(sizes, [f"{size}²" for size in sizes])
+    axes.set(xlabel="texels of a segment's map", ylabel="mean normal error, degrees", ylim=(SMALLEST_DEG, None))
+    handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    axes.legend(handles.values(), handles, edgecolor="white", fontsize=SIZE_PT, loc="upper right")
+    axes.set_title("What maps of a size can hold", fontsize=SIZE_PT)
+    tidy(axes)
+
+
+def _words(numbers: Measurements) -> Words:
+    fits = "; ".join(
+        f"{LABELS[name]} {numbers.value(name, 'normal_error_mean'):.2f}° and "
+        f"{round_off(numbers.value(name, 'vertex_error_mean'), 'mm')} mm"
+        for name in BARS
+    )
+    share, ratio = (numbers.value("pairs", name) or 0.0 for name in ("interacting_share", "mixed_over_single"))
+    tried = (
+        f"{100 * share:.0f} % of the pairs tried change each other's effect by more than 0.1 mm somewhere.",
+        f"Mixed differences of two controls are {100 * ratio:.1f} % of the single ones (root mean squares; grey: no "
+        "pair of the draw moves it).",
+    )
+    if untried := numbers.value("pairs", "pairs") is None:
+        tried = ("How its controls interact is not known: this rig is known by its samples alone.",) * 2
+    panels = "Four" if untried else "Six"
+    return Words(
+        f"{panels} panels about the rig {numbers.character}. Mean errors of held-out poses: {fits}. "
+        f"A vertex is moved by {np.median(numbers.controls):.0f} controls (median). {tried[0]}",
+        f"How hard {numbers.character}'s rig is. Fits see rig parameters and predict coefficients of a PCA basis; "
+        f"{features_text(numbers.value)} The basis alone is what no such fit can beat. {tried[1]} Maps hold the true "
+        "offsets by least squares.",
+    )
+
+
+# What the rig report calls its fits.
+
+LABELS = {
+    "neutral": "neutral pose",
+    "linear": "p, a straight line",
+    "squares": "p, abs(p), p²",
+    "products": "p, abs(p), p², products",
+    "basis": "the basis alone",
+}
+
+
+def features_text(value: Callable[[str, str], float | None]) -> str:
+    """Return how many features each fit has, as a sentence. value: (method, metric) → a number or None."""
+    counts = {LABELS[name]: value(name, "features") for name in ("linear", "squares", "products")}
+    return "; ".join(f"{label}: {count:,.0f} features" for label, count in counts.items() if count is not None) + "."
