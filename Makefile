@@ -44,13 +44,11 @@ RUN := .venv/bin/python
 ENVIRONMENT := .venv/installed
 endif
 
-# What says what it is ABOUT in its first lines is a target, called as its module with - for _; benchmarks are called
-# bench-<module>.
-FOUND := $(shell grep -ls '^ABOUT = ' replicate/targets/*.py replicate/targets/*/__init__.py)
-ABOUT := $(foreach kind,table figure,$(filter replicate/targets/$(kind)%,$(FOUND)))
-ABOUT += $(filter-out $(ABOUT),$(FOUND))
-TARGETS := $(subst _,-,$(patsubst %.py,%,$(notdir $(subst /__init__.py,.py,$(ABOUT)))))
-BENCHMARKS := $(patsubst replicate/benchmarks/bench_%.py,bench-%,$(shell grep -ls "^ABOUT = " replicate/benchmarks/bench_*.py))
+# The list of targets is replicate/targets/targets.toml; a benchmark is a module that says what it is ABOUT.
+LIST := replicate/targets/targets.toml
+TARGETS := $(shell sed -n 's/^\[\(.*\)\]$$/\1/p' $(LIST))
+ABOUT := $(shell grep -ls '^ABOUT = ' replicate/benchmarks/bench_*.py)
+BENCHMARKS := $(patsubst replicate/benchmarks/bench_%.py,bench-%,$(ABOUT))
 
 # The variables that are set, as options; what a target doesn't take, it leaves out.
 VARIABLES := PROFILE CHARACTERS METHODS SEED JOBS CLUSTER DEVICE CONFIG SPLIT LATEX ADD_SEEDS POSE CLIP PARAMS TO \
@@ -58,6 +56,14 @@ VARIABLES := PROFILE CHARACTERS METHODS SEED JOBS CLUSTER DEVICE CONFIG SPLIT LA
 SWITCHES := LATEX ADD_SEEDS
 option = $(if $($(1)),--$(shell echo $(1) | tr A-Z_ a-z-)$(if $(filter $(SWITCHES),$(1)),, '$(subst ','\'',$($(1)))'))
 OPTIONS = $(foreach name,$(VARIABLES),$(call option,$(name)))
+
+# A variable that nothing here reads is a typing error: CHARACTER=woman would otherwise show the default without a word.
+KNOWN := $(VARIABLES) ICT_FACEKIT PYTHON REPLICATE_CACHE NUMBA_CACHE_DIR JAX_COMPILATION_CACHE_DIR
+GIVEN := $(foreach name,$(.VARIABLES),$(if $(findstring command line,$(origin $(name))),$(name)))
+UNKNOWN := $(firstword $(filter-out $(KNOWN) MAKE%,$(GIVEN)))
+ifneq ($(UNKNOWN),)
+$(error $(shell $(PYTHON) -m replicate.cli.spelling variable $(UNKNOWN) $(KNOWN) 2>&1))
+endif
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -67,11 +73,16 @@ OPTIONS = $(foreach name,$(VARIABLES),$(call option,$(name)))
 help: ## print this help
 	@echo "usage: make <target> [VARIABLE=value ...]"
 	@echo
-	@awk '/^ABOUT = / { name = FILENAME; sub(/\/__init__\.py$$|\.py$$/, "", name); \
-	  bench = name ~ /benchmarks/ ? "bench-" : ""; sub(/.*\/(bench_)?/, "", name); gsub(/_/, "-", name); sub(/^ABOUT = "/, ""); sub(/"$$/, ""); \
-	  printf "  %-14s %s\n", bench name, $$0 }' $(ABOUT) $(BENCHMARKS:bench-%=replicate/benchmarks/bench_%.py)
-	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  %-14s %s\n", $$1, $$2 }' Makefile
+	@awk -F ' = ' '/^\[/ { name = substr($$0, 2, length($$0) - 2) } { text = $$2; gsub(/^"|"$$/, "", text) } \
+	  /^group = / && text != group { if (group) print ""; group = text; print group } \
+	  /^about = / { printf "  %-15s %s\n", name, text }' $(LIST)
+	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  %-15s %s\n", $$1, $$2 }' Makefile
 	@echo
+	@echo benchmarks
+	@awk '/^ABOUT = / { name = FILENAME; sub(/.*\/bench_/, "", name); sub(/\.py$$/, "", name); sub(/^ABOUT = "/, ""); \
+	  sub(/"$$/, ""); printf "  bench-%-9s %s\n", name, $$0 }' $(ABOUT)
+	@echo
+	@echo variables
 	@echo "  PROFILE=$(PROFILE)    quick, laptop or paper: how many samples and steps"
 	@echo "  CHARACTERS=     names, or paths of .toml recipes or of folders of samples, separated by commas or spaces"
 	@echo "                  (default: teen; for what trains nothing, all of teen woman dragon toon)"
@@ -113,3 +124,9 @@ clean-all: $(ENVIRONMENT) ## remove all artefacts and your own results
 	@.venv/bin/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv .venv
 	.venv/bin/python -m pip install --disable-pip-version-check -r requirements.lock
 	@touch $@
+
+Makefile: ;
+
+# Any other word: which target was meant.
+%:
+	@$(PYTHON) -m replicate.cli.spelling target $@ $(TARGETS) $(BENCHMARKS) help environment test lint clean-all

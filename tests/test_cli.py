@@ -2,25 +2,22 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from refusal import refusal
 from sample_folders import write
 from toy_stages import faulty_graph
+from toy_targets import toy as toy_module
 
-import replicate.targets
 from data_recipes import recipe_paths
 from replicate import __main__ as cli
 from replicate.base import paths
 from replicate.cli import parser
 from replicate.cli import target_list as registry
-from replicate.cli.options import configurations
+from replicate.cli.options import OF_A_RUN, configurations
 from replicate.engine.cache_report import inventory
 from replicate.engine.store import artefact_folder, read_manifest
 from replicate.report.results import Row, write_results
-
-TOYS = Path(__file__).parent / "toy_targets"
 
 
 @pytest.fixture
@@ -35,13 +32,11 @@ def recipes(tmp_path, monkeypatch):
 
 @pytest.fixture
 def toy(monkeypatch):
-    """The module of a target "toy", which lies beside the suite's own; its PUBLICATIONS notes what it would publish."""
-    monkeypatch.setattr(replicate.targets, "__path__", [*replicate.targets.__path__, str(TOYS)])
-    registry.targets.cache_clear()
-    yield sys.modules[registry.targets()["toy"].run.__module__]
-    sys.modules.pop("replicate.targets.toy")
-    del replicate.targets.toy
-    registry.targets.cache_clear()
+    """The module of a target "toy", which is none of the suite's; its PUBLICATIONS notes what it would publish."""
+    target = registry.Target("toy", "toys", "two toy stages", "the cache", OF_A_RUN, module="toy_targets.toy")
+    monkeypatch.setitem(registry.targets(), "toy", target)
+    toy_module.PUBLICATIONS.clear()
+    return toy_module
 
 
 @pytest.mark.parametrize(
@@ -65,9 +60,16 @@ def test_a_bad_option_is_refused_with_what_is_allowed(capsys, toy, recipes, cach
     assert not cache.exists() and not toy.PUBLICATIONS, "something was written"
 
 
-def test_an_unknown_target_is_refused_with_those_there_are(capsys):
-    sentence = refusal(capsys, "table9")
-    assert "table9" in sentence and "table2" in sentence
+@pytest.mark.parametrize(
+    ("word", "near"),
+    [("tabel2", "table2"), ("figure1", "figure01"), ("Figure_9", "figure09"), ("rig_report", "rig-report")],
+)
+def test_a_mistyped_target_gets_the_nearest_name(capsys, word, near):
+    assert refusal(capsys, word) == f"there is no target {word!r}; did you mean {near}?\n"
+
+
+def test_a_word_that_is_near_to_no_target_is_refused_with_where_they_are_listed(capsys):
+    assert "--help" in refusal(capsys, "hello")
 
 
 def test_a_target_makes_the_stages_of_every_character_and_publishes_once(capfd, cache, recipes, toy):

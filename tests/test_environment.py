@@ -113,8 +113,9 @@ def test_make_alone_prints_every_target_and_does_nothing(tmp_path):
 
 
 def test_an_old_python_is_refused_in_one_sentence(tmp_path):
-    for name in ("Makefile", "requirements.lock"):
-        shutil.copy(ROOT / name, tmp_path)
+    for name in ("Makefile", "requirements.lock", "replicate/targets/targets.toml"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, tmp_path / name)
     old = tmp_path / "python3.9"
     old.write_text('#!/bin/sh\n[ "$1" = --version ] && echo "Python 3.9.1" && exit\nexit 1\n')
     old.chmod(0o755)

@@ -10,8 +10,10 @@ from data_recipes.recipe_paths import OUTSIDE, check_function
 from replicate.base.command_line import exit_in_words
 from replicate.base.exceptions import InputError, RunError
 from replicate.base.paths import settle_folders
+from replicate.base.schema import shown
 from replicate.base.signals import Stopped, without_foreign
 from replicate.cli.options import OPTIONS, characters
+from replicate.cli.spelling import hint
 from replicate.cli.target_list import Target, targets
 
 EPILOG = """\
@@ -36,6 +38,9 @@ def command(arguments: Sequence[str] | None = None) -> None:
     settle_folders(*OUTSIDE.values())
     words = list(sys.argv[1:] if arguments is None else arguments)
     target = targets().get(words[0]) if words else None
+    if words and not target and not words[0].startswith("-"):
+        meant = hint(words[0], targets()) or "; `python -m replicate --help` lists them"
+        raise InputError(f"there is no target {shown(words[0])}{meant}")
     own = without_foreign(words, {f"--{option}" for option in target.options} if target else ())
     options = parser().parse_args(own)
     options.command_line = ["python", "-m", "replicate", *own]

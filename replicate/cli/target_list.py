@@ -1,87 +1,82 @@
-"""The list of targets: every module or folder of `replicate/targets` that says what it is about and how it runs."""
+"""The list of targets, as `replicate/targets/targets.toml` has it; a target's module is loaded when it is asked for."""
 
 import argparse
 import ast
 import importlib
-import pkgutil
 import re
-from collections.abc import Callable
+import tomllib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 
 from replicate.base.paths import ROOT
+from replicate.cli.options import OF_A_RUN
+from replicate.engine.stage import Stage
+from replicate.report.results import cast
 from replicate.report.tables import Table
 
-PACKAGE = "replicate.targets"
+FILE = ROOT / "replicate" / "targets" / "targets.toml"
+DEFAULT_CHARACTER = "teen"
 
 
 @dataclass(frozen=True)
 class Target:
-    """A target of `make`, which is a command of `python -m replicate` too; the module of its name, with _ for -, holds
-    all of it.
-
-    about: what it makes, for lists. writes: where. options: those of `options.OPTIONS` that it takes. characters: those
-    that it takes if none is named; methods: likewise, None for the standard ones. run: does it. stages: (plan, methods)
-    → its graph for one character, its result last; None for a target without one. in_comparison: whether `make compare`
-    shows its CSV. asks_the_rig: what for it evaluates rigs at poses of its own, which a rig that is known by its
-    samples can't bear; "" if it doesn't.
-    """
+    """A target of `make`; `targets.toml` says what its fields mean. module: which holds it, else that of its name."""
 
     name: str
+    group: str
     about: str
     writes: str
-    options: tuple[str, ...]
-    characters: Callable[[], tuple[str, ...]]
-    methods: tuple[str, ...] | None
-    run: Callable[[argparse.Namespace], None]
-    stages: Callable | None
-    in_comparison: bool
-    asks_the_rig: str
+    options: tuple[str, ...] = ("run",)
+    whole_cast: bool = False
+    methods: tuple[str, ...] = ()
+    in_comparison: bool = False
+    asks_the_rig: str = ""
+    module: str = ""
 
+    def characters(self) -> tuple[str, ...]:
+        """Return the characters that it takes if none is named."""
+        return cast() if self.whole_cast else (DEFAULT_CHARACTER,)
 
-def one_character() -> tuple[str, ...]:
-    """Return the character that a target takes if none is named."""
-    return ("teen",)
+    def run(self, options: argparse.Namespace) -> None:
+        """Do what the target is for."""
+        self._module().run(options)
+
+    @property
+    def stages(self) -> Callable[..., Sequence[Stage]] | None:
+        """Return the function (plan, methods) → its graph for one character, its result last; None without a graph."""
+        return getattr(self._module(), "stages", None)
+
+    def _module(self) -> ModuleType:
+        return importlib.import_module(self.module or f"replicate.targets.{self.name.replace('-', '_')}")
 
 
 @cache
 def targets() -> dict[str, Target]:
-    """Return all targets by name, tables first."""
-    registry = {}
-    for _, name, _ in pkgutil.iter_modules(importlib.import_module(PACKAGE).__path__):
-        module = importlib.import_module(f"{PACKAGE}.{name}")
-        if hasattr(module, "ABOUT"):
-            command = name.replace("_", "-")
-            registry[command] = Target(
-                command,
-                module.ABOUT,
-                module.WRITES,
-                module.OPTIONS,
-                getattr(module, "CHARACTERS", one_character),
-                getattr(module, "METHODS", None),
-                module.run,
-                getattr(module, "stages", None),
-                getattr(module, "IN_COMPARISON", False),
-                getattr(module, "ASKS_THE_RIG", ""),
-            )
-    return dict(sorted(registry.items(), key=lambda item: (item[1].stages is None, not item[1].in_comparison, item[0])))
+    """Return all targets by name, in the order of the help."""
+    return {name: _target(name, entry) for name, entry in tomllib.loads(FILE.read_text(encoding="utf-8")).items()}
 
 
-# The list of all that `make` makes, as REPRODUCING has it: targets of the registry, benchmarks, and make's own.
+def _target(name: str, entry: dict) -> Target:
+    entry = {key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()}
+    options = entry.pop("options", ("run",))
+    spelled_out = tuple(one for option in options for one in (OF_A_RUN if option == "run" else (option,)))
+    return Target(name, options=spelled_out, **entry)
 
 
 def target_table() -> Table:
-    """Return a line for each target: its name, what it makes, and where."""
+    """Return a line for each thing that `make` makes: targets, benchmarks, and make's own."""
     lines = [(name, target.about, target.writes) for name, target in targets().items()]
-    lines += [benchmark_line(file) for file in sorted((ROOT / "replicate" / "benchmarks").glob("bench_*.py"))]
+    lines += [_benchmark_line(file) for file in sorted((ROOT / "replicate" / "benchmarks").glob("bench_*.py"))]
     rules = (ROOT / "Makefile").read_text(encoding="utf-8")
     lines += [(name, about, "") for name, about in re.findall(r"^([a-z-]+):.*?## (.*)$", rules, re.MULTILINE)]
     body = tuple((f"`make {name}`", about, f"`{where}`" if "/" in where else where) for name, about, where in lines)
     return Table("What make makes", (("target", "what it makes", "where"),), body, text_columns=3)
 
 
-def benchmark_line(file: Path) -> tuple[str, str, str]:
+def _benchmark_line(file: Path) -> tuple[str, str, str]:
     """Return the name of a benchmark's target, what its module says that it is about, and what it writes."""
     constants = {
         node.targets[0].id: ast.literal_eval(node.value)

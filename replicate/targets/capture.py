@@ -15,7 +15,7 @@ from replicate.base.user_files import shown_path
 from replicate.capture import landmark_rig
 from replicate.capture.capture_config import CaptureConfig, CaptureNumbers
 from replicate.capture.capture_config import own as capture_section
-from replicate.cli.options import OF_A_RUN, configurations
+from replicate.cli.options import configurations
 from replicate.cli.running import make
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import artefacts, measurement, refined
@@ -23,11 +23,6 @@ from replicate.methods.measurement import reading
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan, reference
 from replicate.report.publication import CharacterResult, alone, by_character
-
-ABOUT = "landmarks of an actor's face, as CSV, drive a character: an animated GLB, parameters, and a strip of frames"
-WRITES = "results/runs/capture/"
-OPTIONS = (*OF_A_RUN, "landmarks")
-ASKS_THE_RIG = "where its 54 landmarks are"
 
 
 def stages(plan: Plan, methods: Sequence[Method] = (), landmarks: Path | None = None) -> list[Stage]:

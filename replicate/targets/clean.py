@@ -4,10 +4,6 @@ import argparse
 
 from replicate.base import paths
 
-ABOUT = "remove stale, damaged and unfinished artefacts; current ones stay"
-WRITES = "the cache"
-OPTIONS = ("all",)
-
 
 def run(options: argparse.Namespace) -> None:
     """Remove what is stale, damaged or unfinished from the cache, or everything."""

@@ -12,10 +12,6 @@ from replicate.report.results import STANDS_FOR, Row, find, order_of, read_resul
 from replicate.report.tables import Table, paper_value, round_off
 from replicate.timing.single_poses import CHANGE, label_of
 
-ABOUT = "the paper's numbers, the reference results and yours, side by side"
-WRITES = "printed"
-OPTIONS = ("profile", "latex")
-
 
 def run(options: argparse.Namespace) -> None:
     """Print every table that the reference results or yours hold."""

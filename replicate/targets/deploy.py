@@ -16,23 +16,18 @@ from replicate.approximation.rigid import Attachments, attach
 from replicate.base import paths
 from replicate.base.exceptions import InputError
 from replicate.base.user_files import words
-from replicate.cli.options import OF_A_RUN, methods
+from replicate.cli.options import methods
 from replicate.cli.running import make
 from replicate.deployment.c_face import TEMPLATES, CFace, c_files
 from replicate.deployment.model_facts import LICENCE, PATENTS, FaceFacts, about_model, in_words
 from replicate.deployment.onnx_model import drawn_poses, largest_distance, onnx_model, posed
 from replicate.engine.stage import Stage, StageContext, stage_function
 from replicate.export.files import glb, posed_parts
-from replicate.methods import artefacts, coarse, dense_network, linear, measurement, refined, regional
+from replicate.methods import artefacts, measurement, regional
 from replicate.methods.measurement import vertices_of
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan, reference
 from replicate.report.publication import publish_files
-
-ABOUT = "models for other programs: ONNX a method, the mesh as GLB, and our method as one C99 file"
-WRITES = "results/runs/<profile>/"
-OPTIONS = (*OF_A_RUN, "methods")
-METHODS = tuple(module.METHOD.name for module in (coarse, refined, dense_network, regional, linear))
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:

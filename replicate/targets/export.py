@@ -6,10 +6,6 @@ from replicate.base import paths
 from replicate.base.exceptions import InputError
 from replicate.cli.options import characters
 
-ABOUT = "a pose as OBJ or GLB, or a clip as an animated GLB"
-WRITES = "results/runs/export/, or TO"
-OPTIONS = ("characters", "pose", "clip", "params", "to", "tolerance")
-
 
 def run(options: argparse.Namespace) -> None:
     """Write a pose or a clip of every character."""

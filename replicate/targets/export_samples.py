@@ -8,10 +8,6 @@ from replicate.base.exceptions import InputError
 from replicate.cli.options import characters, seeds
 from replicate.config import resolve
 
-ABOUT = "a rig as a folder of samples: mesh, controls, clips and poses drawn as training draws them"
-WRITES = "results/runs/export/, or TO"
-OPTIONS = ("profile", "characters", "seed", "config", "split", "to")
-
 
 def run(options: argparse.Namespace) -> None:
     """Write a folder of samples of every character."""

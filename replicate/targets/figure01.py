@@ -4,7 +4,6 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from replicate.cli.options import OF_A_RUN
 from replicate.cli.running import make
 from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
 from replicate.drawing.panels import Words
@@ -30,11 +29,6 @@ from replicate.targets.pose_numbers import folded_pose_stages, save_folded_pose
 
 if TYPE_CHECKING:
     import matplotlib.figure
-
-
-ABOUT = "the rig beside the refined networks, our method and LBS, in one wrinkled pose, with their errors"
-WRITES = "results/runs/<profile>/"
-OPTIONS = OF_A_RUN
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:

@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from data_recipes.rig import Clip, Rig, frames_per_second
-from replicate.cli.options import OF_A_RUN
 from replicate.cli.running import make
 from replicate.drawing.panels import Words, panel_grid, save_figure
 from replicate.drawing.prop_surfaces import prop_surfaces
@@ -22,18 +21,11 @@ from replicate.methods import artefacts
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan
 from replicate.report.publication import publish_pictures
-from replicate.report.results import cast
 from replicate.report.tables import Table
 from replicate.targets.shown_records import Picture
 
 if TYPE_CHECKING:
     import matplotlib.figure
-
-
-ABOUT = "poses of the training data, a strip of frames for each kind of clip, and the controls behind them"
-WRITES = "results/runs/<profile>/"
-OPTIONS = OF_A_RUN
-CHARACTERS = cast
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:

@@ -11,7 +11,6 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from data_recipes.rig import Rig
-from replicate.cli.options import OF_A_RUN
 from replicate.cli.running import make
 from replicate.config import RigidConfig
 from replicate.drawing.panels import DPI, WIDTH, Words, enlarge, error_scale, save_figure, tidy
@@ -24,18 +23,11 @@ from replicate.methods.method import Method
 from replicate.methods.plan import Plan
 from replicate.report.pose_record import with_layout
 from replicate.report.publication import publish_pictures
-from replicate.report.results import cast
 from replicate.report.tables import Table, round_off
 from replicate.targets.shown_records import Picture
 
 if TYPE_CHECKING:
     import matplotlib.figure
-
-
-ABOUT = "the mesh segments in colours, into the open mouth too, and how rigidly each moves"
-WRITES = "results/runs/<profile>/"
-OPTIONS = OF_A_RUN
-CHARACTERS = cast
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from jaxtyping import Float, UInt8
 
 from data_recipes.rig import Rig
 from replicate.approximation.segments import Segment
-from replicate.cli.options import OF_A_RUN
 from replicate.cli.running import make
 from replicate.drawing.face_sheet import LETTER, WIDTH
 from replicate.drawing.panels import DPI, Words, save_figure
@@ -30,18 +29,11 @@ from replicate.methods.method import Method
 from replicate.methods.plan import Plan
 from replicate.report.pose_record import with_layout
 from replicate.report.publication import publish_pictures
-from replicate.report.results import cast
 from replicate.report.tables import Table
 from replicate.targets.shown_records import Picture
 
 if TYPE_CHECKING:
     import matplotlib.figure
-
-
-ABOUT = "the refinement segments in colours, and their share of the maps' error"
-WRITES = "results/runs/<profile>/"
-OPTIONS = OF_A_RUN
-CHARACTERS = cast
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from replicate.cli.options import OF_A_RUN, methods
+from replicate.cli.options import methods
 from replicate.cli.running import make
 from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
 from replicate.drawing.heatmap import middle_line, normal_bar, normal_heat, split_face
@@ -32,11 +32,6 @@ from replicate.targets.shown_records import load_records, picture_settings, reco
 
 if TYPE_CHECKING:
     import matplotlib.figure
-
-
-ABOUT = "normal errors as colours on the face: the pose with most wrinkles, the median pose and the worst one"
-WRITES = "results/runs/<profile>/"
-OPTIONS = (*OF_A_RUN, "methods")
 
 
 def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:

@@ -11,7 +11,6 @@ from jaxtyping import Float, Int
 
 from data_recipes.rig import Rig
 from replicate.approximation.metrics import angle_between, vertex_error
-from replicate.cli.options import OF_A_RUN
 from replicate.cli.running import make
 from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
 from replicate.drawing.marks import balls_in_front
@@ -37,10 +36,6 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
 
-ABOUT = "faces that inverse kinematics poses for dragged control points: the rig and its approximations"
-WRITES = "results/runs/<profile>/"
-OPTIONS = OF_A_RUN
-ASKS_THE_RIG = "for vertices in the poses that inverse kinematics finds"
 SHOWN = ("refined", "dense", "regional")
 
 

@@ -15,7 +15,6 @@ from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.base.progress import Progress
 from replicate.baselines.skinning.bone_network import usual_motion
 from replicate.baselines.skinning.ssdr import Skin, refit
-from replicate.cli.options import OF_A_RUN
 from replicate.cli.running import make
 from replicate.drawing.heatmap import normal_bar, normal_heat
 from replicate.drawing.panels import DPI, Words, panel_grid, save_figure, tidy
@@ -35,9 +34,6 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
 
-ABOUT = "linear blend skinning: bones, weights, errors against their number"
-WRITES = "results/runs/<profile>/"
-OPTIONS = OF_A_RUN
 BONES = (4, 8, 16, 24, 32, 48, 64)  # those of Table 2, and others
 
 

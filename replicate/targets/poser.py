@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from replicate.base import paths
 from replicate.base.exceptions import InputError
-from replicate.cli.options import OF_A_RUN, methods
+from replicate.cli.options import methods
 from replicate.cli.running import make
 from replicate.engine.stage import Stage, StageContext, stage_function
 from replicate.inverse import ik_stage
@@ -21,10 +21,6 @@ from replicate.report.publication import publish_files
 if TYPE_CHECKING:
     from replicate.poser.contents import PosedFace
 
-ABOUT = "a page to pose a face in with the mouse, by our method or the CNN: one HTML file that opens in a browser"
-WRITES = "results/runs/<profile>/"
-OPTIONS = (*OF_A_RUN, "methods")
-METHODS = (regional.METHOD.name,)
 LARGEST_MB = 12  # of a page that opens at once
 
 
@@ -79,10 +75,10 @@ def write_page(context: StageContext, method: str, model: str) -> "tuple[PosedFa
 
     settings = context.config
     face = read_face(context.inputs, as_on_page(stage_function(model)(context.inputs)), method)
-    option = "" if method in METHODS else f" METHODS={method}"
+    option = "" if method == regional.METHOD.name else f" METHODS={method}"
     made_by = f"make poser CHARACTERS={settings.character}{option} PROFILE={settings.profile}"
     text = face_page(face, context.rng("checks"), context.progress, f"{made_by}, seed {settings.seed}")
-    ending = "" if method in METHODS else f"_{method}"
+    ending = "" if method == regional.METHOD.name else f"_{method}"
     file = context.out / f"poser_{settings.character}{ending}.html"
     file.write_text(text, encoding="utf-8")
     return face, file

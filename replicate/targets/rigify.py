@@ -4,13 +4,10 @@ import argparse
 
 from data_recipes.catalogue import write_rigify_samples
 from replicate.base import paths
-from replicate.cli.options import OF_A_RUN, workers
+from replicate.cli.options import workers
 from replicate.config import PROFILES, SamplesConfig, check_profile
 from replicate.targets import table2
 
-ABOUT = "samples of Blender's Rigify face rig on the woman's head, then its Table 2; it needs bpy or Blender"
-WRITES = "results/runs/samples/rigify/, and as table2"
-OPTIONS = (*(option for option in OF_A_RUN if option != "characters"), "methods", "numbers-only")
 HEAD = "woman"
 SPARE = 1.25  # poses for each that trains: those drawn from frames that are held out can't
 

@@ -17,16 +17,9 @@ from replicate.drawing.panels import DPI, GAP, MARGIN, TITLE, Words, panel_grid,
 from replicate.drawing.prop_surfaces import prop_surfaces
 from replicate.drawing.render import render
 from replicate.drawing.scene import PORTRAIT, STUDIO, Surface, camera_for, frame_surfaces
-from replicate.report.results import cast
 
 if TYPE_CHECKING:
     import matplotlib.figure
-
-
-ABOUT = "for each character a sheet (three views, wireframe, charts) and its expressions, and one picture of all"
-WRITES = "results/runs/rigs/"
-OPTIONS = ("characters",)
-CHARACTERS = cast
 
 
 def run(options: argparse.Namespace) -> None:

@@ -4,11 +4,7 @@ import argparse
 
 from data_recipes.recipe_paths import sample_folder
 from replicate.base import paths
-from replicate.cli.options import OF_A_RUN, configurations, methods
-
-ABOUT = "which artefacts of tables and figures are up to date, and what the cache holds"
-WRITES = "printed"
-OPTIONS = (*(option for option in OF_A_RUN if option not in ("jobs", "cluster")), "methods")
+from replicate.cli.options import configurations, methods
 
 
 def run(options: argparse.Namespace) -> None:

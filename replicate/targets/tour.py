@@ -6,11 +6,6 @@ from data_recipes import recipe_paths
 from replicate.base import paths
 from replicate.cli.options import characters
 
-ABOUT = "a notebook that takes a rig apart: layers, wrinkles, sliders, derivatives, speed"
-WRITES = "results/runs/tour/"
-OPTIONS = ("characters",)
-ASKS_THE_RIG = "for its layers and its derivative"
-
 
 def run(options: argparse.Namespace) -> None:
     """Execute the notebook on every character."""

@@ -15,7 +15,6 @@ from replicate.cli.parser import parser
 from replicate.cli.target_list import targets
 from replicate.methods.method_registry import choose
 from replicate.report.results import STANDS_FOR, cast
-from replicate.targets import deploy
 
 ALL = list(targets().values())
 DRAW_ALL = ("table1", "figure05", "figure07", "figure08", "rig-report", "rigs")
@@ -63,7 +62,8 @@ def test_what_trains_nothing_takes_all_of_the_papers_characters_that_have_a_reci
 
 def test_a_target_may_have_methods_of_its_own_that_are_shown_if_none_is_named(capsys):
     defaults = {t.name: parser().parse_args([t.name]).methods for t in ALL if "methods" in t.options}
-    assert defaults.pop("figure12") == ["refined"] and defaults.pop("deploy") == [*deploy.METHODS]
+    assert defaults.pop("figure12") == ["refined"]
+    assert defaults.pop("deploy") == ["coarse", "refined", "dense", "regional", "linear"]
     assert defaults.pop("poser") == ["regional"]
     assert all(methods == ["standard"] for methods in defaults.values()) and "table2" in defaults
     assert cli.main(["figure12", "--help"]) == 0 and "(default: refined)" in capsys.readouterr().out
@@ -109,6 +109,21 @@ def test_make_hands_the_variables_that_are_set_to_a_target():
 def test_make_hands_on_quotes_as_they_stand(value):
     arguments = handed_on("table2", f"CHARACTERS={value}")
     assert arguments[arguments.index("--characters") + 1] == value.replace("$$", "$")
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["tabel2"], "there is no target tabel2; did you mean table2?"),
+        (["figure1"], "there is no target figure1; did you mean figure01?"),
+        (["bench_rig"], "there is no target bench_rig; did you mean bench-rig?"),
+        (["quaternion"], "there is no target quaternion; `make` alone lists them"),
+        (["table2", "CHARACTER=woman"], "there is no variable CHARACTER; did you mean CHARACTERS?"),
+    ],
+)
+def test_make_says_which_name_a_mistyped_word_may_have_meant(words, sentence):
+    process = subprocess.run(["make", *words], cwd=ROOT, capture_output=True, text=True)
+    assert process.returncode == 2 and sentence in process.stderr and not process.stdout
 
 
 def test_make_hands_a_benchmark_its_characters():

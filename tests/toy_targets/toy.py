@@ -5,16 +5,12 @@ from collections.abc import Sequence
 
 from toy_stages import ToyConfig
 
-from replicate.cli.options import OF_A_RUN
 from replicate.cli.running import make
 from replicate.engine.stage import Stage
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan
 from replicate.report.publication import CharacterResult
 
-ABOUT = "two toy stages a character"
-WRITES = "nothing but the cache"
-OPTIONS = OF_A_RUN
 PUBLICATIONS: list[list[CharacterResult]] = []
 
 

@@ -52,11 +52,6 @@ if TYPE_CHECKING:
     import pandas
 
 
-ABOUT = "the paper's claims, judged for each character on the tables that there are: holds, fails or not tested"
-WRITES = "results/runs/<profile>/"
-OPTIONS = ("profile", "latex")
-
-
 def run(options: argparse.Namespace) -> None:
     """Judge the claims on a profile's results, and on the committed ones where it has none; write and print them."""
     check_profile(options.profile)

@@ -3,17 +3,12 @@
 import argparse
 from collections.abc import Sequence
 
-from replicate.cli.options import OF_A_RUN
 from replicate.cli.running import make
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan
 from replicate.report.pose_record import FIGURE09
 from replicate.targets.pose_numbers import folded_pose_stages, save_folded_pose
-
-ABOUT = "forehead wrinkles, close up: the truth, and what several methods keep of it"
-WRITES = "results/runs/<profile>/"
-OPTIONS = OF_A_RUN
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:

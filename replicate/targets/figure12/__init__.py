@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from replicate.capture import landmark_rig
-from replicate.cli.options import OF_A_RUN, methods
+from replicate.cli.options import methods
 from replicate.cli.running import make
 from replicate.engine.stage import Stage, StageContext
 from replicate.inverse import ik_stage
@@ -18,11 +18,6 @@ from replicate.targets.capture import section
 from replicate.targets.figure12 import rows as figure12_rows
 from replicate.targets.figure12.rows import CaptureTrial, ThroughMethod
 
-ABOUT = "performance capture where the truth is known: a rig's landmarks, with noise, drive itself and another face"
-WRITES = "results/runs/<profile>/"
-OPTIONS = (*OF_A_RUN, "methods")
-ASKS_THE_RIG = "to perform, and for vertices in the poses that drive it"
-METHODS = (refined.METHOD.name,)
 ACTORS = ("woman", "teen")  # who performs besides: the first that is another character
 
 

@@ -7,7 +7,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from replicate.cli.options import OF_A_RUN, others
+from replicate.cli.options import others
 from replicate.cli.running import make
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import artefacts, coarse, refined
@@ -15,9 +15,6 @@ from replicate.methods.method import Method
 from replicate.methods.plan import Plan
 from replicate.targets.figure13 import moved as figure13_moved
 
-ABOUT = "the networks move meshes of another topology through texture coordinates, beside the truth"
-WRITES = "results/runs/<profile>/"
-OPTIONS = (*OF_A_RUN, "onto")
 FILE = "figure13.csv"
 
 

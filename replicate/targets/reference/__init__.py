@@ -32,10 +32,6 @@ from replicate.targets.table2.charts import redraw_charts
 from replicate.targets.table2.rows import other_rigs, table2_overview, table2_questions
 from replicate.targets.table3.shown import speed_table, timing_table
 
-ABOUT = "put a run's results and the benchmarks' in the place of the committed ones, with all that shows them"
-WRITES = "results/reference/, notebooks/, the tables in README, data card and REPRODUCING"
-OPTIONS = ("profile", "add-seeds")
-
 
 def run(options: argparse.Namespace) -> None:
     """Publish a profile's results as the reference."""

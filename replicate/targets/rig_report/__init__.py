@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from replicate.base.paths import display_path
-from replicate.cli.options import OF_A_RUN
 from replicate.cli.running import make
 from replicate.drawing.panels import save_figure
 from replicate.engine.stage import Stage, StageContext
@@ -14,17 +13,12 @@ from replicate.methods.method import Method
 from replicate.methods.plan import Plan
 from replicate.report import manifest
 from replicate.report.publication import CharacterResult, by_character, publish_rows, results_folder
-from replicate.report.results import cast, write_results
+from replicate.report.results import write_results
 from replicate.report.tables import as_text
 from replicate.targets.rig_report import rows
 from replicate.targets.rig_report import rows as rig_report_rows
 from replicate.targets.rig_report.rows import ReportNumbers, rows_of
 from replicate.targets.rig_report.shown import Measurements, report_figure, report_table
-
-ABOUT = "how hard each rig is: held-out errors of simple fits, components, interacting controls, map sizes"
-WRITES = "results/runs/<profile>/"
-OPTIONS = OF_A_RUN
-CHARACTERS = cast
 
 
 def stages(plan: Plan, methods: Sequence[Method] = ()) -> list[Stage]:

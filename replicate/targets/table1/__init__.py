@@ -5,21 +5,14 @@ from collections.abc import Sequence
 
 from replicate.approximation.model_size import shape_of
 from replicate.base.paths import PAPER, display_path
-from replicate.cli.options import OF_A_RUN
 from replicate.cli.running import make
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import artefacts
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan
 from replicate.report.publication import CharacterResult, results_folder
-from replicate.report.results import cast
 from replicate.targets.table1.rows import SizeNumbers
 
-ABOUT = "Table 1: counts of segments, model sizes and what brackets them, and the verdict on claim C6"
-WRITES = "results/runs/<profile>/"
-OPTIONS = OF_A_RUN
-CHARACTERS = cast
-IN_COMPARISON = True
 FILE = "table1.csv"
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from replicate.base.exceptions import RunError
 from replicate.base.files import copy_file
 from replicate.base.paths import PAPER, display_path
-from replicate.cli.options import OF_A_RUN
 from replicate.cli.running import make_rows
 from replicate.config import Config
 from replicate.engine.stage import Stage, StageContext
@@ -34,11 +33,6 @@ from replicate.report.results import (
 from replicate.report.tables import as_text
 from replicate.targets.shown_records import record_stages
 from replicate.targets.table2.rows import CURVES, ROWS, SEEDS, TableNumbers, table2, work_table
-
-ABOUT = "Table 2: approximation errors of every method on held-out poses, beside the paper's; Figures 9 and 10"
-WRITES = "results/runs/<profile>/"
-OPTIONS = (*OF_A_RUN, "methods", "numbers-only")
-IN_COMPARISON = True
 
 
 def stages(plan: Plan, methods: Sequence[Method]) -> list[Stage]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 from replicate.base import paths
-from replicate.cli.options import OF_A_RUN, configurations, methods
+from replicate.cli.options import configurations, methods
 from replicate.cli.running import make
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import artefacts, measurement
@@ -18,10 +18,6 @@ from replicate.report.publication import CharacterResult, by_character, results_
 from replicate.report.results import Row
 from replicate.targets.table3.rows import RigNumbers, RowsNumbers, TimingNumbers
 
-ABOUT = "Table 3: milliseconds a pose of the rig and every method, on one core, on all, and on a GPU if there is one"
-WRITES = "results/runs/<profile>/"
-OPTIONS = (*OF_A_RUN, "methods")
-IN_COMPARISON = True
 FILE = "table3.csv"
 TURNS = {"quick": 100, "laptop": 1_000, "paper": 1_000}  # evaluations of single poses
 

@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Sequence
 
-from replicate.cli.options import OF_A_RUN, methods
+from replicate.cli.options import methods
 from replicate.cli.running import make
 from replicate.engine.stage import Stage, StageContext
 from replicate.inverse import ik_stage
@@ -15,11 +15,6 @@ from replicate.report.results import STANDS_FOR
 from replicate.targets.shown_records import posing_stage
 from replicate.targets.table4.rows import PosingNumbers, Source
 
-ABOUT = "Table 4: errors of every method in poses that inverse kinematics finds for dragged control points"
-WRITES = "results/runs/<profile>/"
-OPTIONS = (*OF_A_RUN, "methods")
-ASKS_THE_RIG = "for vertices in the poses that inverse kinematics finds"
-IN_COMPARISON = True
 FILE = "table4.csv"
 OWN_GRADIENTS = ("Toothless",)  # of the paper's characters: each method is fed by networks trained through itself
 

@@ -1,0 +1,37 @@
+"""What a mistyped word may have meant: `make` asks before anything is installed, so this needs Python's own library."""
+
+import difflib
+import re
+import sys
+from collections.abc import Iterable
+
+
+def meant(word: str, names: Iterable[str]) -> str:
+    """Return the name that a word most probably stands for, "" for none.
+
+    Numbers may lack their zero, capitals and - for _ count for nothing: "Figure1" stands for "figure01".
+    """
+    plain = {re.sub(r"[^a-z0-9]|(?<!\d)0+(?=\d)", "", name.lower()): name for name in names}
+    near = difflib.get_close_matches(re.sub(r"[^a-z0-9]|(?<!\d)0+(?=\d)", "", word.lower()), plain, 1, 0.6)
+    return plain[near[0]] if near else ""
+
+
+def hint(word: str, names: Iterable[str]) -> str:
+    """Return a question to put behind an error's sentence: "; did you mean table2?", or nothing."""
+    near = meant(word, names)
+    return f"; did you mean {near}?" if near else ""
+
+
+def main() -> int:
+    """Say that make knows no target or variable of a name, and which it may have meant; always 2, for bad input.
+
+    The words of the command line: "target" or "variable", the word, and the names that there are.
+    """
+    kind, word, *names = sys.argv[1:]
+    where = "`make` alone lists them"
+    print(f"make: there is no {kind} {word}{hint(word, names) or '; ' + where}", file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())
