@@ -42,8 +42,8 @@ Fig. 13  the networks on another mesh             targets/figure13/
 
 Which of the paper's claims our numbers bear out is judged in targets/claims/, a rule each.
 
-A row of a table is a module of methods/, what `make` makes a folder of targets/, what methods share a module of
-artefacts/; engine/ runs and keeps the work.
+A row of a table is a module of methods/, what methods share stands in methods/artefacts.py, what `make` makes is a
+module or folder of targets/, listed in targets/targets.toml; engine/ runs and keeps the work.
 """
 
 TYPE_CHECKING = False  # for type checkers, which take it for true; importing typing would take longer than all else

@@ -6,30 +6,8 @@ import pytest
 
 from replicate.base.paths import ROOT
 
-FOLDERS = (
-    "approximation",
-    "artefacts",
-    "benchmarks",
-    "capture",
-    "deployment",
-    "drawing",
-    "engine",
-    "export",
-    "geometry",
-    "inference",
-    "inverse",
-    "methods",
-    "poser",
-    "report",
-    "rig_health",
-    "rig_tour",
-    "targets",
-    "timing",
-    "transfer",
-)
 PUBLIC = ("__init__", "__call__")
-WHOLE = (*(ROOT / "replicate" / folder for folder in FOLDERS), ROOT / "data_recipes")
-SOURCES = sorted([*(ROOT / "replicate").glob("*.py"), *(path for folder in WHOLE for path in folder.rglob("*.py"))])
+SOURCES = sorted(path for package in ("replicate", "data_recipes") for path in (ROOT / package).rglob("*.py"))
 
 
 def public_functions(body, of_a_class=False):

@@ -2,7 +2,7 @@
 
 `make bench-poses` measures 10,000 samples of Eq. 5 as training draws them (uniform ones for a rig without clips), every
 frame of the clips once, and each control alone at its ends. The mouth and the lids are measured on the frames and on
-the single controls: what an animator shows, and what depends on one control. `rig_health`
+the single controls: what an animator shows, and what depends on one control. `rig_study/`
 says what counts. It prints the worst and the controls behind them, writes bench_poses.csv and draws the worst.
 """
 
