@@ -13,20 +13,20 @@ from replicate.methods.method_registry import VARIABLE
 SOURCE = """
 import numpy as np
 
-from replicate.artefacts import built_rig, drawn_samples
+from replicate.methods import artefacts
 from replicate.methods.method import Method
 
 
 def stages(plan):
-    return (plan.stage("mine", fit, plan.numbers(None), built_rig.stage(plan), drawn_samples.stage(plan)),)
+    return (plan.stage("mine", fit, plan.numbers(None), artefacts.rig_stage(plan), artefacts.samples_stage(plan)),)
 
 
 def fit(context):
-    np.save(context.out / "mean.npy", drawn_samples.load(context.inputs).offsets(np.arange(2)).mean(0))
+    np.save(context.out / "mean.npy", artefacts.load_samples(context.inputs).offsets(np.arange(2)).mean(0))
 
 
 def load(inputs, numbers):
-    vertices = built_rig.load_mesh(inputs).neutral + np.load(inputs["mine"] / "mean.npy")
+    vertices = artefacts.load_mesh(inputs).neutral + np.load(inputs["mine"] / "mean.npy")
     return lambda params: np.broadcast_to(vertices, (len(params), *vertices.shape))
 
 
@@ -36,7 +36,7 @@ METHOD = Method("mine", "Mean pose", stages, load, note="The mean pose.", mark="
 WITH_MODEL = """
 import numpy as np
 
-from replicate.artefacts import built_rig, drawn_samples
+from replicate.methods import artefacts
 from replicate.methods.method import Method
 
 
@@ -52,11 +52,11 @@ class Mean:
 
 
 def stages(plan):
-    return (plan.stage("mine", fit, plan.numbers(None), built_rig.stage(plan), drawn_samples.stage(plan)),)
+    return (plan.stage("mine", fit, plan.numbers(None), artefacts.rig_stage(plan), artefacts.samples_stage(plan)),)
 
 
 def fit(context):
-    np.save(context.out / "mean.npy", drawn_samples.load(context.inputs).offsets(np.arange(2)).mean(0))
+    np.save(context.out / "mean.npy", artefacts.load_samples(context.inputs).offsets(np.arange(2)).mean(0))
 
 
 def read(inputs):

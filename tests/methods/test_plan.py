@@ -72,7 +72,7 @@ def test_a_methods_own_numbers_change_the_stages_that_read_them_and_what_follows
         ('"Mean pose"', '"Average pose"', set()),
         ("The mean pose.", "The pose in the middle.", set()),
         ("#123456", "#654321", set()),
-        ("plan.numbers(None), built_rig.stage(plan)", "plan.numbers(None), *[built_rig.stage(plan)]", set()),
+        ("plan.numbers(None), artefacts.rig_stage(plan)", "plan.numbers(None), *[artefacts.rig_stage(plan)]", set()),
         ("def load(inputs, numbers):\n", 'def load(inputs, numbers):\n    """Say what it returns."""\n', set()),
         ("neutral + np.load", "neutral - np.load", SHOWN | {"errors_mine-tiny"}),
         ("np.arange(2)", "np.arange(3)", SHOWN | {"mine-tiny", "errors_mine-tiny"}),

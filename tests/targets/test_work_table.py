@@ -16,7 +16,7 @@ def artefact(cache):
     """A function that writes an artefact's manifest: its name, time, inputs' names, and more facts."""
 
     def write(name: str, wall_s: float, *inputs: str, **facts):
-        module = "artefacts.drawn_samples" if name in ("rig", "samples") else "methods.toy"
+        module = "methods.artefacts" if name in ("rig", "samples") else "methods.toy"
         manifest = {"function": f"replicate.{module}:make", "wall_s": wall_s, "threads": 1, "resumed": False, **facts}
         manifest["inputs"] = {k: f"{i}-key" for i in inputs for k in (i, f"{i}-teen")}
         folder = artefact_folder(f"{name}-key")
