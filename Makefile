@@ -68,7 +68,7 @@ endif
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: help environment test lint clean-all $(TARGETS) $(BENCHMARKS)
+.PHONY: help environment test test-fast lint clean-all $(TARGETS) $(BENCHMARKS)
 
 help: ## print this help
 	@echo "usage: make <target> [VARIABLE=value ...]"
@@ -109,6 +109,9 @@ $(BENCHMARKS): bench-%: $(ENVIRONMENT)
 test: $(ENVIRONMENT) ## run all tests
 	@exec $(RUN) -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
+test-fast: $(ENVIRONMENT) ## run the tests that take moments: nothing is trained, no browser and no cluster started
+	@exec $(RUN) -m pytest -m "not slow" -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+
 lint: $(ENVIRONMENT) ## check the style of the sources
 	$(RUN) -m ruff check .
 	$(RUN) -m ruff format --check .
@@ -129,4 +132,4 @@ Makefile: ;
 
 # Any other word: which target was meant.
 %:
-	@$(PYTHON) -m replicate.cli.spelling target $@ $(TARGETS) $(BENCHMARKS) help environment test lint clean-all
+	@$(PYTHON) -m replicate.cli.spelling target $@ $(TARGETS) $(BENCHMARKS) help environment test test-fast lint clean-all

@@ -30,8 +30,15 @@ def locked_versions():
     return dict(line.split("==") for line in lines if not line.startswith("#"))
 
 
+def project():
+    return tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+
 def direct():
-    return tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    """Return what the suite itself asks for: to run, to be developed, and for CLUSTER."""
+    lists = [project()["dependencies"], *(project()["optional-dependencies"][extra] for extra in ("cluster", "dev"))]
+    assert all(names == sorted(names) for names in lists)
+    return sorted(name for names in lists for name in names)
 
 
 def text_files():
@@ -63,11 +70,11 @@ def test_every_locked_version_is_exact_and_from_no_particular_place():
 
 def test_every_direct_dependency_is_locked():
     names = {package.lower() for package in locked_versions()}
-    assert set(direct()) <= names and direct() == sorted(direct())
+    assert set(direct()) <= names and len(set(direct())) == len(direct())
 
 
 def test_every_locked_package_takes_the_oldest_python_that_the_project_takes():
-    oldest = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["requires-python"].removeprefix(">=")
+    oldest = project()["requires-python"].removeprefix(">=")
     for package, version in locked_versions().items():
         try:
             installed = metadata.metadata(package)
@@ -89,6 +96,27 @@ def test_make_looks_for_every_direct_dependency_in_an_active_environment():
     text = (ROOT / "Makefile").read_text().replace("\\\n", " ")
     modules = re.search(r"^MODULES := (.*)$", text, re.MULTILINE).group(1).split()
     assert set(modules) == {MODULE_NAMES.get(package, package) for package in direct()}
+
+
+def test_package_citation_and_changelog_are_of_one_version():
+    citation, changes = ((ROOT / name).read_text(encoding="utf-8") for name in ("CITATION.cff", "CHANGELOG.md"))
+    version, date = re.search(r"^## (\S+), (\d{4}-\d\d-\d\d)$", changes, re.MULTILINE).groups()
+    assert project()["version"] == version and f"\nversion: {version}\n" in citation
+    assert f"    value: v{version}\n" in citation and f"\ndate-released: {date}\n" in citation
+
+
+def test_the_checks_of_elsewhere_are_those_that_make_does():
+    yaml = pytest.importorskip("yaml")
+    jobs = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())["jobs"]
+    commands = {name: [step["run"] for step in job["steps"] if "run" in step] for name, job in jobs.items()}
+    assert commands["whole"][-1] == ".ci/run" and commands["fast"] == ["make test-fast"]
+    assert min(jobs["whole"]["strategy"]["matrix"]["python"]) == project()["requires-python"].removeprefix(">=")
+    (local,) = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"]
+    rules = (ROOT / "Makefile").read_text()
+    for hook in local["hooks"]:
+        assert local["repo"] == "local" and hook["entry"].startswith("python -m ruff ")
+        assert " ".join(hook["entry"].split()[1:4]) in rules
+    assert (ROOT / ".ci/run").read_text().endswith("\nmake lint\nexec make test\n")
 
 
 def bare_checkout(folder):

@@ -92,7 +92,7 @@ def test_make_help_lists_the_registrys_targets_and_the_benchmarks():
         file.stem.replace("_", "-"): re.search(r'^ABOUT = "(.*)"$', file.read_text("utf-8"), re.MULTILINE)[1]
         for file in (ROOT / "replicate" / "benchmarks").glob("bench_*.py")
     }
-    own = {name: descriptions.pop(name) for name in ("help", "environment", "test", "lint", "clean-all")}
+    own = {name: descriptions.pop(name) for name in ("help", "environment", "test", "test-fast", "lint", "clean-all")}
     assert all(own.values()) and len(benchmarks) >= 6
     assert descriptions == {name: target.about for name, target in targets().items()} | benchmarks
 

@@ -12,6 +12,7 @@ from replicate.base.user_files import read_toml
 
 _MOST_WORKERS = 1024
 _FORMS = "local:4 (workers on this machine), tcp://host:8786 (a Dask scheduler) or the path of a .toml file (Slurm)"
+_PACKAGES = ("distributed", "dask_jobqueue")  # the extra `cluster`
 _INSTALL = "python -m pip install distributed dask-jobqueue"
 
 
@@ -62,10 +63,9 @@ def read_cluster(text: str) -> Cluster:
     allowed, and where a package or a program that it needs is not installed.
     """
     cluster = _parse(text.strip())
-    packages = ["distributed", "dask_jobqueue"] if isinstance(cluster, SlurmCluster) else ["distributed"]
-    missing = [package for package in packages if importlib.util.find_spec(package) is None]
+    missing = [package.replace("_", "-") for package in _PACKAGES if importlib.util.find_spec(package) is None]
     if missing:
-        raise InputError(f"CLUSTER={text} needs the package {missing[0].replace('_', '-')}: {_INSTALL}")
+        raise InputError(f"CLUSTER={text} needs the package {missing[0]}, of the extra `cluster`: {_INSTALL}")
     if isinstance(cluster, SlurmCluster) and shutil.which("sbatch") is None:
         raise InputError(f"CLUSTER={text} needs Slurm, and there is no sbatch here: run on a machine that submits jobs")
     return cluster

@@ -68,8 +68,21 @@ def test_a_missing_file_is_named(tmp_path):
 @pytest.mark.parametrize(
     ("text", "absent", "sentence"),
     [
-        ("local:2", "distributed", "CLUSTER=local:2 needs the package distributed: python -m pip install distributed"),
-        ("slurm.toml", "dask_jobqueue", "needs the package dask-jobqueue: python -m pip install distributed dask-job"),
+        (
+            "local:2",
+            "distributed",
+            "CLUSTER=local:2 needs the package distributed, of the extra `cluster`: python -m pip",
+        ),
+        (
+            "local:2",
+            "dask_jobqueue",
+            "needs the package dask-jobqueue, of the extra `cluster`: python -m pip install dist",
+        ),
+        (
+            "slurm.toml",
+            "dask_jobqueue",
+            "needs the package dask-jobqueue, of the extra `cluster`: python -m pip install ",
+        ),
         ("slurm.toml", "sbatch", "needs Slurm, and there is no sbatch here: run on a machine that submits jobs"),
     ],
 )
