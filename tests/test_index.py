@@ -1,4 +1,4 @@
-"""The index in `replicate/__init__.py`: what it points to is there, and says which equation or section it is."""
+"""The indices of the paper's ideas and of ours: what they point to is there; of the paper's, it says what it is."""
 
 import ast
 import re
@@ -6,6 +6,7 @@ import re
 import pytest
 
 import replicate
+import replicate.regional
 from replicate.base.paths import ROOT
 
 LINE = re.compile(r"^(Fig\. \d+|Eq\. \d+|§[\d.]+|Table \d)  +\S.*?  +(\S+)$", re.MULTILINE)
@@ -36,3 +37,22 @@ def test_what_the_index_points_to_says_what_it_is(name, path):
     kind, number = re.match(r"(§|\D+)\s*([\d.]+)", name).groups()
     pattern = rf"{NAMES[kind.strip()]}0?{re.escape(number)}(?!\d)"
     assert re.search(pattern, docstrings(file)), f"no docstring of {path} names {name}"
+
+
+IDEAS = re.findall(r"^\S.*?  +(\w+/\S+?)(?:: ([\w.]+))?$", replicate.regional.__doc__, re.MULTILINE)
+
+
+@pytest.mark.parametrize(("path", "name"), IDEAS, ids=[f"{path} {name}" for path, name in IDEAS])
+def test_an_idea_of_our_own_method_stands_where_its_index_says(path, name):
+    file = ROOT / "replicate" / path
+    assert file.is_file(), f"{path} is not there"
+    found = ast.parse(file.read_text(encoding="utf-8")).body if name else []
+    for part in filter(None, name.split(".")):
+        kinds = (ast.ClassDef, ast.FunctionDef)
+        (one,) = (node for node in found if isinstance(node, kinds) and node.name == part)
+        found = one.body
+
+
+def test_the_index_of_our_own_method_leaves_out_no_module_of_it():
+    own = {f"regional/{file.name}" for file in (ROOT / "replicate/regional").glob("[a-z]*.py")}
+    assert own <= {path for path, _ in IDEAS} and len(IDEAS) > 15
