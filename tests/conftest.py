@@ -6,6 +6,7 @@ import shutil
 import signal
 import tempfile
 from importlib.metadata import version
+from pathlib import Path
 
 for library in ("OMP", "MKL", "OPENBLAS", "NUMEXPR", "NUMBA"):  # before any of them is loaded
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
@@ -44,6 +45,94 @@ LONG = (
     "test_panels.py",
 )
 
+# What trains, draws, compiles much, builds whole faces, or starts a browser, a cluster or a run: `make test-fast`
+# leaves it out. Files, and folders with all that is in them.
+SLOW = (
+    "approximation/test_gradient_kernel.py",
+    "approximation/test_influence.py",
+    "approximation/test_known_samples.py",
+    "approximation/test_pixel_kernel.py",
+    "approximation/test_regional.py",
+    "approximation/test_training.py",
+    "base/test_signals.py",
+    "baselines/skinning/test_bone_network.py",
+    "baselines/skinning/test_relaxation.py",
+    "baselines/skinning/test_ssdr.py",
+    "benchmarks",
+    "capture/test_driven_face.py",
+    "capture/test_recorded_face.py",
+    "data_recipes/deformers/test_deformers_face.py",
+    "data_recipes/deformers/test_deformers_lids_and_lips.py",
+    "data_recipes/exporters",
+    "data_recipes/head",
+    "data_recipes/ict",
+    "data_recipes/rigify",
+    "data_recipes/sampled/test_importing.py",
+    "data_recipes/test_characters.py",
+    "data_recipes/test_dragon.py",
+    "data_recipes/test_face_check.py",
+    "data_recipes/test_face_rig.py",
+    "data_recipes/test_fresh_acting.py",
+    "data_recipes/test_ladder.py",
+    "data_recipes/test_recipe_rig.py",
+    "data_recipes/test_teen.py",
+    "deployment",
+    "drawing",
+    "engine/cluster/test_dask_workers.py",
+    "engine/test_cache_report.py",
+    "engine/test_provenance.py",
+    "engine/test_scheduler.py",
+    "engine/test_slurm.py",
+    "engine/test_worker_nursery.py",
+    "export",
+    "inference",
+    "inverse/test_at_vertices.py",
+    "inverse/test_ik_training.py",
+    "inverse/test_rig_points.py",
+    "methods/test_dense_at_equal_size.py",
+    "methods/test_outside_method.py",
+    "methods/test_pca_line.py",
+    "methods/test_prediction.py",
+    "methods/test_regional.py",
+    "methods/test_released.py",
+    "methods/test_squares.py",
+    "methods/test_with_line.py",
+    "poser",
+    "regional",
+    "report/test_hostile_names.py",
+    "report/test_notebook_kernels.py",
+    "report/test_notebook_tables.py",
+    "report/test_notebooks.py",
+    "report/test_publish.py",
+    "report/test_publish_reference.py",
+    "report/test_publish_seeds.py",
+    "report/test_publish_targets.py",
+    "report/test_redrawn_pictures.py",
+    "rig_study",
+    "rig_tour",
+    "targets/test_capture.py",
+    "targets/test_deploy.py",
+    "targets/test_figure01.py",
+    "targets/test_figure09.py",
+    "targets/test_figure10.py",
+    "targets/test_figure13.py",
+    "targets/test_lbs_figures.py",
+    "targets/test_noise_curves.py",
+    "targets/test_pipeline.py",
+    "targets/test_pose_numbers.py",
+    "targets/test_rig_figures.py",
+    "targets/test_rig_report.py",
+    "targets/test_rig_sheet.py",
+    "targets/test_rig_timing.py",
+    "targets/test_table2_charts.py",
+    "targets/test_table2_on_a_cluster.py",
+    "targets/test_trainings.py",
+    "test_bad_input.py",
+    "test_package.py",
+    "timing",
+    "transfer",
+)
+
 
 @pytest.hookimpl(optionalhook=True)  # as without xdist
 def pytest_xdist_auto_num_workers(config):
@@ -54,7 +143,12 @@ def pytest_xdist_auto_num_workers(config):
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with the longest files, so that no process is left with one of them when the others are done."""
+    """Mark what is slow. Begin with the longest files, so that no process has one left when the others are done."""
+    tests = Path(__file__).parent
+    for item in items:
+        place = item.path.relative_to(tests)
+        if not {place.as_posix(), *(folder.as_posix() for folder in place.parents)}.isdisjoint(SLOW):
+            item.add_marker(pytest.mark.slow)
     places = {name: place for place, name in enumerate(LONG)}
     items.sort(key=lambda item: places.get(item.path.name, len(LONG)))
 

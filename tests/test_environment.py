@@ -119,6 +119,12 @@ def test_the_checks_of_elsewhere_are_those_that_make_does():
     assert (ROOT / ".ci/run").read_text().endswith("\nmake lint\nexec make test\n")
 
 
+def test_what_counts_as_slow_is_there(pytestconfig):
+    (conftest,) = (p for p in pytestconfig.pluginmanager.get_plugins() if hasattr(p, "SLOW") and hasattr(p, "LONG"))
+    assert list(conftest.SLOW) == sorted(set(conftest.SLOW))
+    assert all((ROOT / "tests" / name).exists() for name in conftest.SLOW)
+
+
 def bare_checkout(folder):
     """Copy what make reads: its rules and the modules that say what they are about, beside a ready environment."""
     shutil.copy(ROOT / "Makefile", folder)
