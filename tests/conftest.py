@@ -48,11 +48,8 @@ LONG = (
 # What trains, draws, compiles much, builds whole faces, or starts a browser, a cluster or a run: `make test-fast`
 # leaves it out. Files, and folders with all that is in them.
 SLOW = (
-    "approximation/test_gradient_kernel.py",
     "approximation/test_influence.py",
     "approximation/test_known_samples.py",
-    "approximation/test_pixel_kernel.py",
-    "approximation/test_regional.py",
     "approximation/test_training.py",
     "base/test_signals.py",
     "baselines/skinning/test_bone_network.py",
@@ -89,6 +86,8 @@ SLOW = (
     "inverse/test_at_vertices.py",
     "inverse/test_ik_training.py",
     "inverse/test_rig_points.py",
+    "kernels/test_gradient_kernel.py",
+    "kernels/test_pixel_kernel.py",
     "methods/test_dense_at_equal_size.py",
     "methods/test_outside_method.py",
     "methods/test_pca_line.py",
@@ -109,7 +108,6 @@ SLOW = (
     "report/test_publish_targets.py",
     "report/test_redrawn_pictures.py",
     "rig_study",
-    "rig_tour",
     "targets/test_capture.py",
     "targets/test_deploy.py",
     "targets/test_figure01.py",
