@@ -112,9 +112,10 @@ test: $(ENVIRONMENT) ## run all tests
 test-fast: $(ENVIRONMENT) ## run the tests that take moments: nothing is trained, no browser and no cluster started
 	@exec $(RUN) -m pytest -m "not slow" -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-lint: $(ENVIRONMENT) ## check the style of the sources
+lint: $(ENVIRONMENT) ## check the style of the sources, and the types of the contracts
 	$(RUN) -m ruff check .
 	$(RUN) -m ruff format --check .
+	$(RUN) -m basedpyright --pythonpath $(RUN)
 
 clean-all: $(ENVIRONMENT) ## remove all artefacts and your own results
 	@$(RUN) -m replicate clean --all

@@ -29,6 +29,7 @@ from replicate.base.exceptions import InputError
 
 if TYPE_CHECKING:
     from data_recipes.sampled.importing import SampledRecipe
+    from data_recipes.sampled.sampled_rig import SampledRig
 
 
 __all__ = [
@@ -93,7 +94,7 @@ def build_rig(name_or_recipe: str | Path) -> Rig:
 def build_from_parts(recipe: Recipe | FaceKitRecipe, files: Sequence[Path]) -> Rig:
     """Return the rig of what `character_parts` gives. Raises InputError for a recipe that gives no face."""
     whole = with_clips(recipe, files)
-    if isinstance(recipe, FaceKitRecipe):
+    if isinstance(whole, FaceKitRecipe):
         from data_recipes.ict.facekit_rig import build_facekit_rig
 
         return build_facekit_rig(whole)
@@ -154,7 +155,7 @@ def forget_folders() -> None:
         reader.open_folder.cache_clear()
 
 
-def import_sampled(recipe: SampledRecipe, files: Sequence[Path], target: Path, progress: Callable) -> Rig:
+def import_sampled(recipe: SampledRecipe, files: Sequence[Path], target: Path, progress: Callable) -> SampledRig:
     """Return the rig of what `sampled_parts` gives, and write it into a folder. Raises InputError for bad poses."""
     from data_recipes.sampled import sampled_rig
     from data_recipes.sampled.importing import import_rig

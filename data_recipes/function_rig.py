@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -61,7 +61,7 @@ POINTS = ("landmarks", "control_points", "face_marks")
 class FunctionRig(ControlledRig):
     """A character whose poses a function gives; the other fields are the contract's (see `rig.Rig`).
 
-    function: (b, m) → (b, n, 3) mm, of parameters in float32. face_marks: the control points unless they are given.
+    function: (b, m) → (b, n, 3) mm, of parameters in float32. face_marks: the control points where there are none.
 
     Raises InputError for indices out of range, controls or clips that don't fit.
     """
@@ -76,15 +76,15 @@ class FunctionRig(ControlledRig):
     function: Callable[[Any], Any]
     landmark_names: tuple[str, ...] = ()
     control_point_names: tuple[str, ...] = ()
-    face_marks: np.ndarray | None = None
+    face_marks: np.ndarray = field(default_factory=lambda: np.empty(0, np.int32))
     face_mark_regions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.face_marks is None:
+        if len(self.face_marks) == 0:
             object.__setattr__(self, "face_marks", self.control_points)
             object.__setattr__(self, "face_mark_regions", self.control_point_regions)
-        for field in POINTS:
-            object.__setattr__(self, field, np.asarray(getattr(self, field), np.int32))
+        for name in POINTS:
+            object.__setattr__(self, name, np.asarray(getattr(self, name), np.int32))
         check_parts(self)
 
     def __call__(self, params: ArrayLike) -> np.ndarray:
@@ -139,16 +139,18 @@ def check_parts(rig: Rig) -> None:
     if len(set(names)) < m:
         twice = next(name for name in names if names.count(name) > 1)
         raise InputError(f"{where}: the control '{twice}' is there twice, where each name is allowed once.")
-    for field in POINTS:
-        index = getattr(rig, field)
+    for points in POINTS:
+        index = getattr(rig, points)
         bad = np.flatnonzero((index < 0) | (index >= n))
         if index.ndim != 1 or len(bad):
             is_there = f"[{bad[0]}] is {index[bad[0]]}" if index.ndim == 1 else f" has the shape {index.shape}"
-            raise InputError(f"{where}: {field}{is_there}, where a list of vertices from 0 to {n - 1} is allowed.")
-    for field, points in (("control_point_regions", "control_points"), ("face_mark_regions", "face_marks")):
-        found, count = len(getattr(rig, field)), len(getattr(rig, points))
+            raise InputError(f"{where}: {points}{is_there}, where a list of vertices from 0 to {n - 1} is allowed.")
+    for regions, points in (("control_point_regions", "control_points"), ("face_mark_regions", "face_marks")):
+        found, count = len(getattr(rig, regions)), len(getattr(rig, points))
         if found != count:
-            raise InputError(f"{where}: found {found} {field}, where one for each of the {count} {points} is allowed.")
+            raise InputError(
+                f"{where}: found {found} {regions}, where one for each of the {count} {points} is allowed."
+            )
     if rig.control_point_names and len(rig.control_point_names) != len(rig.control_points):
         raise InputError(
             f"{where}: found {len(rig.control_point_names)} control_point_names, where none or one for each of the "

@@ -25,9 +25,6 @@ __all__ = ["BATCH", "AlteredRig", "Clip", "KnownPoses", "Prop", "Rig", "check_ri
 # Poses that rigs evaluate at once; who has many hands over as many, so that no batch is filled up twice. The working
 # memory of 24 film faces stays below 32 MiB: more would be taken from the system and given back at each call.
 BATCH = 24
-FIELDS = ("name", "mesh", "controls", "lower", "default", "upper", "landmarks", "landmark_names", "control_points",
-          "control_point_regions", "control_point_names", "face_marks", "face_mark_regions", "clips", "nodes",
-          "paint")  # fmt: skip
 Prop = tuple[str, np.ndarray, np.ndarray, np.ndarray]  # name, vertices (k, 3), faces (f, 3), colours (k, 3) uint8
 
 
@@ -53,69 +50,86 @@ class Rig(Protocol):
     @property
     def name(self) -> str:
         """The character's name."""
+        ...
 
     @property
     def mesh(self) -> Mesh:
         """The neutral pose, mm."""
+        ...
 
     @property
     def controls(self) -> tuple[Control, ...]:
         """The controls, in the order of p."""
+        ...
 
     @property
     def lower(self) -> Float32[np.ndarray, " m"]:
         """The controls' lower limits."""
+        ...
 
     @property
     def default(self) -> Float32[np.ndarray, " m"]:
         """The controls' defaults: the neutral pose."""
+        ...
 
     @property
     def upper(self) -> Float32[np.ndarray, " m"]:
         """The controls' upper limits."""
+        ...
 
     @property
     def landmarks(self) -> Int[np.ndarray, " l"]:
         """The vertices whose positions samples are balanced by (§3.5)."""
+        ...
 
     @property
     def landmark_names(self) -> tuple[str, ...]:
         """A name for each landmark, or none at all."""
+        ...
 
     @property
     def control_points(self) -> Int[np.ndarray, " c"]:
         """The vertices that inverse kinematics drags (§4)."""
+        ...
 
     @property
     def control_point_regions(self) -> tuple[str, ...]:
         """The region of each control point."""
+        ...
 
     @property
     def control_point_names(self) -> tuple[str, ...]:
         """A name for each control point, or none at all."""
+        ...
 
     @property
     def face_marks(self) -> Int[np.ndarray, " k"]:
         """The vertices that mark the regions of the face: a part of the skin belongs to that of the nearest."""
+        ...
 
     @property
     def face_mark_regions(self) -> tuple[str, ...]:
         """The region of each of the face's marks."""
+        ...
 
     @property
     def clips(self) -> tuple[Clip, ...] | None:
         """The animation, or None."""
+        ...
 
     @property
     def nodes(self) -> tuple:
         """The deformers in order where the rig can be run one by one, each with a `name`; else none."""
+        ...
 
     @property
     def paint(self) -> UInt8[np.ndarray, "n 3"] | None:
         """A colour for each vertex, for display only, or None."""
+        ...
 
     def __call__(self, params: Float[np.ndarray, "*b m"]) -> Float32[np.ndarray, "*b n 3"]:
         """Return the vertices (n, 3) or (b, n, 3), mm, of one pose (m,) or a batch (b, m)."""
+        ...
 
     def pose_props(self, params: Float[np.ndarray, " m"]) -> list[Prop]:
         """Return the display-only meshes (eyeballs, brows, …) in the pose (m,): none, unless a rig says so."""
@@ -123,11 +137,28 @@ class Rig(Protocol):
 
 
 class AlteredRig:
-    """A rig like another one of any class, but for some fields of the contract."""
+    """A rig like another one of any class, but for some fields of the contract, which stand here in its order."""
+
+    name: str
+    mesh: Mesh
+    controls: tuple[Control, ...]
+    lower: Float32[np.ndarray, " m"]
+    default: Float32[np.ndarray, " m"]
+    upper: Float32[np.ndarray, " m"]
+    landmarks: Int[np.ndarray, " l"]
+    landmark_names: tuple[str, ...]
+    control_points: Int[np.ndarray, " c"]
+    control_point_regions: tuple[str, ...]
+    control_point_names: tuple[str, ...]
+    face_marks: Int[np.ndarray, " k"]
+    face_mark_regions: tuple[str, ...]
+    clips: tuple[Clip, ...] | None
+    nodes: tuple
+    paint: UInt8[np.ndarray, "n 3"] | None
 
     def __init__(self, rig: Rig, **fields: object):
         self._rig = rig
-        for name in FIELDS:
+        for name in AlteredRig.__annotations__:
             setattr(self, name, fields.get(name, getattr(rig, name)))
 
     def __call__(self, params: Float[np.ndarray, "*b m"]) -> Float32[np.ndarray, "*b n 3"]:

@@ -70,7 +70,7 @@ def save_rig(rig: Rig, folder: Path) -> None:
         "props": [[prop.name, prop.follow] for prop in rig.face.props],
         "chain": rig.face.chain.name,
     }
-    np.savez(folder / ARRAYS, **arrays)
+    np.savez(folder / ARRAYS, allow_pickle=False, **arrays)
     write_text(folder / DESCRIPTION, json.dumps(description, indent=1) + "\n")
 
 
@@ -110,8 +110,13 @@ def _assemble(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> FaceRig:
         name=about["name"],
         mesh=Mesh(**{name: arrays[f"mesh/{name}"] for name in MESH}, segment_names=tuple(about["segment_names"])),
         controls=tuple(Control(*control) for control in about["controls"]),
-        **{name: arrays[name] for name in POINTS},
-        **{name: tuple(about[name]) for name in POINT_LABELS},
+        landmarks=arrays["landmarks"],
+        landmark_names=tuple(about["landmark_names"]),
+        control_points=arrays["control_points"],
+        control_point_names=tuple(about["control_point_names"]),
+        control_point_regions=tuple(about["control_point_regions"]),
+        face_marks=arrays["face_marks"],
+        face_mark_regions=tuple(about["face_mark_regions"]),
         clips=clips,
         face=face,
     )

@@ -8,6 +8,7 @@ sampled before the last 1×1 convolution, not after; both are exact, since all o
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
@@ -32,6 +33,9 @@ class MapNetwork(nn.Module):
     by a leaky ReLU.
     """
 
+    pixels: torch.Tensor
+    shares: torch.Tensor
+
     def __init__(self, inputs: int, uv: np.ndarray, map_size: int, channels: int, hidden: Sequence[int], slope: float):
         super().__init__()
         self.slope, self.map_size = slope, map_size
@@ -39,7 +43,8 @@ class MapNetwork(nn.Module):
         self.dense = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(widths))
         levels = (map_size // START).bit_length() - 1
         depths = [hidden[-1] // START**2] + [channels] * levels
-        self.upsampled = nn.ModuleList(nn.Conv2d(a, channels, 3, padding=1) for a in depths[:-1])
+        layers = [nn.Conv2d(a, channels, 3, padding=1) for a in depths[:-1]]
+        self.upsampled = cast(Sequence[nn.Conv2d], nn.ModuleList(layers))
         self.last = nn.Conv2d(depths[-1], channels, 3, padding=1)
         self.output = nn.Conv2d(channels, 3, 1)
         grid = bilinear(uv, map_size)

@@ -7,6 +7,7 @@ each sees and how they are scaled (`conditioning.py`), which vertices it moves, 
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -25,6 +26,9 @@ class SegmentedModel(nn.Module):
 
     scale: (m,) of the rig parameters. lengths: (segments,) mm. vertex_count: n of the whole mesh.
     """
+
+    networks: Any  # an nn.ModuleList of what the method at hand has for networks
+    scale: torch.Tensor
 
     def __init__(
         self,

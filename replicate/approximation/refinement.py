@@ -196,18 +196,18 @@ def train_refined(
     coarse networks that reach those faces are evaluated with every batch: for a few charts of a face that costs a
     millisecond, and no table of predictions for all samples is needed. Other arguments as in `train_segments`.
     """
-    device = prepare(device)
+    place = prepare(device)
     own = segment_vertices(segments)
-    supervision = Supervision(mesh, samples, coarse.vertices, config.normal_weight, device, own)
+    supervision = Supervision(mesh, samples, coarse.vertices, config.normal_weight, place, own)
     params, offsets = supervision.statistics()
     networks = [make_network(segment, shape_facts(config)) for segment in segments]
     targets = offsets - coarse.offsets(params)
-    residual = fresh_model(networks, segments, coarse.scale.cpu().numpy(), targets, config, seed).to(device)
-    coarse = coarse.to(device)
+    residual = fresh_model(networks, segments, coarse.scale.cpu().numpy(), targets, config, seed).to(place)
+    coarse = coarse.to(place)
     near = [k for k, s in enumerate(coarse.segments) if np.isin(s.vertices, supervision.vertices).any()]
     below = coarse.part(near)
-    source = _positions(below.vertices, supervision.vertices, device)
-    target = _positions(supervision.vertices, own, device)
+    source = _positions(below.vertices, supervision.vertices, place)
+    target = _positions(supervision.vertices, own, place)
 
     def loss_of_step(step: int) -> torch.Tensor:
         params, truth = supervision.batch(seed, "refined", step, config.training)

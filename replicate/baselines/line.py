@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from typing import cast
 
 import numpy as np
 import torch
@@ -36,7 +37,7 @@ class WithLine(nn.Module):
     @property
     def map_size(self) -> int:
         """The width of the network's map in pixels."""
-        return self.network.map_size
+        return cast(int, self.network.map_size)
 
     def forward(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b k 3"]:
         return self.network(params) + self.line(params)
@@ -92,9 +93,13 @@ class CoefficientsBesideLine(nn.Module):
     followed by a leaky ReLU of that slope.
     """
 
+    basis: torch.Tensor
+    mean: torch.Tensor
+
     def __init__(self, inputs: int, basis: torch.Tensor, mean: torch.Tensor, hidden: Sequence[int], slope: float):
         super().__init__()
-        self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise((inputs, *hidden)))
+        layers = [nn.Linear(a, b) for a, b in pairwise((inputs, *hidden))]
+        self.hidden = cast(Sequence[nn.Linear], nn.ModuleList(layers))
         self.output = nn.Linear(hidden[-1], len(basis))
         self.line = nn.Linear(inputs, len(basis), bias=False)
         self.slope = slope

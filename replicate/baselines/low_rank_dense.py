@@ -66,6 +66,9 @@ class LowRankNetwork(nn.Module):
     coefficients. outer: the components and the constant, in mm.
     """
 
+    inner: torch.Tensor
+    inner_steps: torch.Tensor
+
     def __init__(
         self, hidden: Sequence[nn.Linear], slope: float, inner: torch.Tensor, steps: torch.Tensor, outer: StoredBasis
     ):

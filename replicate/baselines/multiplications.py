@@ -29,6 +29,7 @@ class Counted(Protocol):
 
     def multiplications(self) -> int:
         """Return how many multiplications one pose takes."""
+        ...
 
 
 def of_model(model: SegmentedModel | RefinedModel | Counted) -> int:

@@ -33,7 +33,7 @@ def render(
     width: int,
     height: int,
     background: tuple[int, int, int] = WHITE,
-    renderer: Literal["pyvista", "software"] | None = None,
+    renderer: str | None = None,
     lighting: Lighting = STUDIO,
 ) -> UInt8[np.ndarray, "h w 3"]:
     """Draw surfaces as a camera sees them, smoothed at the edges.

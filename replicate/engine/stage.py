@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -83,7 +84,7 @@ class StageContext:
     """
 
     name: str
-    config: object
+    config: Any
     inputs: Mapping[str, Path]
     out: Path
     scratch: Path
@@ -110,7 +111,7 @@ def stream_rng(seed: int, name: str, stream: str) -> np.random.Generator:
     return np.random.default_rng(int.from_bytes(digest[:16], "little"))
 
 
-def stage_function(function: str) -> Callable[[StageContext], None]:
+def stage_function(function: str) -> Callable[..., Any]:
     """Import and return the function "module:function", the first of several."""
     module, _, name = function.split(",")[0].partition(":")
     return getattr(importlib.import_module(module), name)

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from jaxtyping import Int
+
 from replicate.engine.stage import Stage, StageContext, stage_function
 from replicate.inverse.control_points import InverseConfig
 from replicate.methods import artefacts
@@ -74,7 +77,7 @@ def train(context: StageContext) -> None:
     context.note(size_mb=sum(weight.numel() for weight in model.parameters()) * 4 / 1e6)
 
 
-def positions(inputs: Mapping[str, Path], model: str, vertices: "object") -> Callable:
+def positions(inputs: Mapping[str, Path], model: str, vertices: Int[np.ndarray, " c"]) -> Callable:
     """Return raw rig parameters (b, m) → positions (b, c, 3) of some vertices in mm, by a model or by the rig."""
     import torch
 

@@ -162,10 +162,14 @@ def estimate(context: StageContext) -> None:
     from replicate.approximation.influence import estimate_influence
 
     rig, samples = load_rig(context.inputs), load_samples(context.inputs)
-    stated = rig.moves is not None
-    moves = rig.moves if stated else estimate_influence(samples, rig.default, context.rng("shadows"), context.progress)
+    stated = getattr(rig, "moves", None)
+    moves = (
+        stated
+        if stated is not None
+        else estimate_influence(samples, rig.default, context.rng("shadows"), context.progress)
+    )
     np.save(context.out / INFLUENCE, moves)
-    context.note(stated=stated, idle_controls=[rig.controls[k].name for k in np.flatnonzero(~moves.any(0))])
+    context.note(stated=stated is not None, idle_controls=[rig.controls[k].name for k in np.flatnonzero(~moves.any(0))])
 
 
 def load_influence(inputs: Mapping[str, Path]) -> Bool[np.ndarray, "n m"]:

@@ -45,8 +45,10 @@ def inputs_of_size(plan: Plan) -> tuple[Stage, ...]:
 def refined_size_mb(inputs: Mapping[str, Path], shapes: RefinedShapes) -> float:
     """Return the size of coarse and refinement networks in MB of 10⁶ bytes, from their segments and shapes alone."""
     coarse = artefacts.load_coarse_segments(inputs, artefacts.load_mesh(inputs))
-    seen = ([len(segment.parameters) for segment in part] for part in (coarse, artefacts.load_squares(inputs)))
-    return cnn_size_mb(*seen, shapes.coarse, shapes.refined)
+    seen, seen_refined = (
+        [len(segment.parameters) for segment in part] for part in (coarse, artefacts.load_squares(inputs))
+    )
+    return cnn_size_mb(seen, seen_refined, shapes.coarse, shapes.refined)
 
 
 @dataclass(frozen=True)

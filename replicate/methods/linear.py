@@ -103,10 +103,10 @@ def ridge(
     targets: the rows of the (n, d) targets, some at a time, in order.
     """
     n, j = inputs.shape
-    moments, start = None, 0
+    moments, start = np.zeros(()), 0
     for part in targets:
         moment = inputs[start : start + len(part)].T @ part
-        moments, start = moment if moments is None else moments + moment, start + len(part)
+        moments, start = moments + moment, start + len(part)
     penalty = np.append(np.ones(j - 1), 0.0)
     gram = inputs.T @ inputs
     return [np.linalg.lstsq(gram + n * strength * np.diag(penalty), moments)[0] for strength in strengths]

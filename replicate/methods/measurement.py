@@ -5,7 +5,7 @@ import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float, Float32, Int
@@ -196,17 +196,18 @@ class Reading:
     decides what is predicted.
     """
 
-    load: Callable[[Mapping[str, Path], object], Callable]
-    multiplications: Callable[[Mapping[str, Path], object], int] | None
+    load: Callable[[Mapping[str, Path], Any], Callable]
+    multiplications: Callable[[Mapping[str, Path], Any], int] | None
     numbers: object
     sources: tuple[Callable, ...]
 
 
 def reading(method: Method, config: Config) -> Reading:
     """Return how a method is read under a configuration."""
-    if method.model is None:
-        return Reading(method.load, method.multiplications, method.numbers(config), (method.load,))
-    return Reading(load, multiplications, ModelNumbers(reference(method.model)), (load, method.model))
+    if method.model is not None:
+        return Reading(load, multiplications, ModelNumbers(reference(method.model)), (load, method.model))
+    assert method.load is not None, "a method has one of the two"
+    return Reading(method.load, method.multiplications, method.numbers(config), (method.load,))
 
 
 def load(inputs: Mapping[str, Path], numbers: ModelNumbers) -> Callable:

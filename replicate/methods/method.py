@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -27,6 +27,7 @@ class Model(Protocol):
 
     def offsets(self, params: Float[np.ndarray, "b m"]) -> Float[np.ndarray, "b n 3"]:
         """Return the offsets from the neutral pose in mm, for raw rig parameters; zero where nothing moves."""
+        ...
 
 
 def no_numbers(config: Config) -> None:
@@ -70,7 +71,7 @@ class Method:
     name: str
     label: str
     stages: Callable[[Plan], tuple[Stage, ...]]
-    load: Callable[[Mapping[str, Path], object], Callable] | None = None
+    load: Callable[[Mapping[str, Path], Any], Callable] | None = None
     place: float = 50.0
     oracle: bool = False
     rigid_step: bool = True
@@ -86,7 +87,7 @@ class Method:
     numbers: Callable[[Config], object] = no_numbers
     poses: Callable[[Config], int] = all_test_poses
     facts: Callable[[Mapping[str, Path], Mesh], list[Number]] | None = None
-    multiplications: Callable[[Mapping[str, Path], object], int] | None = None
+    multiplications: Callable[[Mapping[str, Path], Any], int] | None = None
     own: Callable[[str], Checked] | None = None
     model: Callable[[Mapping[str, Path]], Model] | None = None
 
@@ -97,8 +98,13 @@ class Method:
         if self.model and self.multiplications:
             raise ValueError(f"method {self.name!r} has a model, which is counted: leave its multiplications out")
 
-    def section(self, config: Config) -> Checked:
-        """Return the method's own section of a configuration; the profile's where the configuration has none."""
+    def section(self, config: Config) -> Any:
+        """Return the method's own section of a configuration; the profile's where the configuration has none.
+
+        Raises ValueError for a method that has no section.
+        """
+        if self.own is None:
+            raise ValueError(f"method {self.name!r} has no section of its own: give it `own`")
         return getattr(config, self.name, None) or self.own(config.profile)
 
     @property

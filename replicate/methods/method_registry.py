@@ -44,7 +44,7 @@ def method_named(name: str) -> Method:
     for module in _own_modules():
         if hasattr(module, "method_named") and (method := module.method_named(name)):
             return method
-    return Method(name, name, lambda plan: (), lambda inputs, numbers: None)
+    return Method(name, name, lambda plan: (), lambda inputs, numbers: lambda params: None)
 
 
 def in_order(names: Iterable[str]) -> list[str]:

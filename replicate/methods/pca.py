@@ -69,6 +69,9 @@ def make_network(
     from torch.nn import functional
 
     class CoefficientNetwork(nn.Module):
+        basis: torch.Tensor
+        mean: torch.Tensor
+
         def __init__(self):
             super().__init__()
             self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise((inputs, *hidden)))

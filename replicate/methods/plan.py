@@ -9,6 +9,7 @@ rig ─┬─ samples ──┬─ rigid ─┬─ coarse ──────┬�
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from data_recipes.recipe_paths import character_label
 from replicate.config import Config
@@ -19,7 +20,7 @@ from replicate.engine.stage import Stage
 class Numbers:
     """A section of the configuration, and the seed that its stage draws from."""
 
-    section: object
+    section: Any
     seed: int
 
 
@@ -78,6 +79,11 @@ class Plan:
         return TrainingNumbers(section, self.config.seed, self.config.device)
 
 
-def reference(function: Callable) -> str:
-    """Return "module:function" of a function that stands at the top of its module."""
+def reference(function: Callable | None) -> str:
+    """Return "module:function" of a function that stands at the top of its module.
+
+    Raises ValueError for None, as of a method that has no such function.
+    """
+    if function is None:
+        raise ValueError("expected a function at the top of a module, got None")
     return f"{function.__module__}:{function.__qualname__}"

@@ -27,6 +27,7 @@ from replicate.methods.training_stage import inputs_of_networks, write_training
 if TYPE_CHECKING:
     import torch
 
+    import replicate.approximation.losses
     import replicate.approximation.samples
     import replicate.regional.basis
     import replicate.regional.model
@@ -104,17 +105,17 @@ def train(context: StageContext) -> None:
         return error.square().sum(dim=1).mean() if section.squares else regional_model.regional_loss(error, membership)
 
     inputs, targets = on_device(params), on_device(coefficients / np.float32(length))
-    if slopes is not None:
-        directions, slopes = on_device(slopes[0] / scale), on_device(slopes[1] / np.float32(length))
+    along = None if slopes is None else (on_device(slopes[0] / scale), on_device(slopes[1] / np.float32(length)))
 
     def loss_of_step(step: int) -> torch.Tensor:
         training = section.training
         rows = samples.draw_for_step(numbers.seed, "regional", step, training.batch, training.draws)
         rows = torch.from_numpy(rows).to(device)
-        if slopes is None:
+        if along is None:
             return length_of(network(inputs[rows]) - targets[rows])
-        found, slope = torch.func.jvp(network, (inputs[rows],), (directions[rows],))
-        return length_of(found - targets[rows]) + section.derivatives * length_of(slope - slopes[rows])
+        directions, changes = along
+        found, slope = torch.func.jvp(network, (inputs[rows],), (directions[rows],))[:2]
+        return length_of(found - targets[rows]) + section.derivatives * length_of(slope - changes[rows])
 
     def model() -> regional_model.RegionalModel:
         return regional_model.RegionalModel(network.to("cpu"), overlapping, scale, length, len(mesh.neutral))

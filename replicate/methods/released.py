@@ -11,7 +11,7 @@ The number of samples and of steps is the profile's.
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from replicate.base.schema import read_table
 from replicate.config import PROFILES, CoarseConfig, ConditioningConfig, DenseConfig, RefinementConfig, TrainingConfig
@@ -33,9 +33,10 @@ COARSE, REFINED, DENSE, NARROW = "coarse_released", "refined_released", "dense_r
 NOTE = "Trained as the paper's released code does: constant rates, the rig's own units, other first weights."
 
 
-def as_released(
-    section: CoarseConfig | RefinementConfig | DenseConfig, key: str, profile: str, **changes: object
-) -> CoarseConfig | RefinementConfig | DenseConfig:
+Section = TypeVar("Section", CoarseConfig, RefinementConfig, DenseConfig)
+
+
+def as_released(section: Section, key: str, profile: str, **changes: Any) -> Section:
     """Return a section of the configuration with the released recipe, and the steps of the profile's section `key`."""
     steps = read_table(section, PROFILES[profile].get(key, {})).training.steps
     return replace(

@@ -1,7 +1,7 @@
 """What methods with trained networks share: training on coarse segments, and what is written of it."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import artefacts
@@ -9,7 +9,6 @@ from replicate.methods.plan import Plan
 
 if TYPE_CHECKING:
     import replicate.approximation.model
-    import replicate.approximation.refinement
 
 LOG = "log.csv"
 
@@ -60,9 +59,18 @@ def train_on_segments(
     write_training(context, model, log)
 
 
+@runtime_checkable
+class WithSize(Protocol):
+    """A model that knows its size."""
+
+    def size_mb(self) -> float:
+        """Return the size of what is stored, in MB of 10⁶ bytes."""
+        ...
+
+
 def write_training(
     context: StageContext,
-    model: "replicate.approximation.model.SegmentedModel | replicate.approximation.refinement.RefinedModel",
+    model: WithSize,
     log: list[dict],
 ) -> None:
     """Write a training's log beside its model, and note the model's size."""

@@ -33,6 +33,13 @@ class StoredBasis(nn.Module):
     steps (c,) float32. A vertex moves by the weighted sum of what the bases say that have it.
     """
 
+    vertices: torch.Tensor
+    weights: torch.Tensor
+    mean: torch.Tensor
+    fine: torch.Tensor
+    rough: torch.Tensor
+    steps: torch.Tensor
+
     def __init__(
         self,
         vertices: torch.Tensor,
@@ -76,8 +83,9 @@ def store(basis: RegionalBasis, fine: int) -> StoredBasis:
         steps.append(step)
     weights = np.ones(len(basis.vertices), np.float32)
     ends = (basis.vertices.astype(np.int32), weights, basis.mean.astype(np.float16))
+    vertices, weights, mean = map(torch.from_numpy, ends)
     step = torch.from_numpy(np.concatenate(steps).astype(np.float32))
-    return StoredBasis(*map(torch.from_numpy, ends), *parts, step)
+    return StoredBasis(vertices, weights, mean, parts[0], parts[1], step)
 
 
 def blended(

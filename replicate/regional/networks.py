@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import cast
 
 import numpy as np
 import torch
@@ -30,10 +31,14 @@ class GatedNetwork(nn.Module):
     least_k, most_k: the same of what layer k gives, (h_k,); `limit` sets them, once the weights are what they will be.
     """
 
+    lowest: torch.Tensor
+    highest: torch.Tensor
+
     def __init__(self, inputs: int, hidden: Sequence[int], outputs: int, gated: bool = True, line: bool = True):
         super().__init__()
         self.is_gated = gated
-        self.layers = nn.ModuleList(nn.Linear(a, (1 + gated) * b) for a, b in pairwise((inputs, *hidden)))
+        layers = [nn.Linear(a, (1 + gated) * b) for a, b in pairwise((inputs, *hidden))]
+        self.layers = cast(Sequence[nn.Linear], nn.ModuleList(layers))
         self.output = nn.Linear(hidden[-1], outputs)
         self.line = nn.Linear(inputs, outputs, bias=False) if line else None
         self.register_buffer("lowest", -torch.ones(inputs))
@@ -115,7 +120,7 @@ class RegionalNetworks(nn.Module):
 
     def __init__(self, networks: Sequence[GatedNetwork], seen: Sequence[Int[np.ndarray, " _"]]):
         super().__init__()
-        self.networks = nn.ModuleList(networks)
+        self.networks = cast(Sequence[GatedNetwork], nn.ModuleList(networks))
         for k, parameters in enumerate(seen):
             self.register_buffer(f"seen_{k}", torch.from_numpy(np.array(parameters, np.int64)), persistent=False)
 

@@ -4,6 +4,7 @@ import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from data_recipes import recipe_paths
 from replicate.base import paths
@@ -13,6 +14,8 @@ from replicate.engine.stage import Stage
 from replicate.engine.store import artefact_folder, check_lock, hold
 from replicate.report import manifest
 from replicate.report.results import Row, over_seeds, read_results, write_results
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,7 @@ def _lock(folder: Path) -> Path:
     return folder.with_name(f".{folder.name}.lock")
 
 
-def readable(read: Callable[[Path], object], file: Path) -> object:
+def readable(read: Callable[[Path], T], file: Path) -> T | None:
     """Return what a file holds, or None if it isn't there or is damaged, in whatever way."""
     try:
         return read(file)

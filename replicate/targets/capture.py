@@ -17,6 +17,7 @@ from replicate.capture.capture_config import CaptureConfig, CaptureNumbers
 from replicate.capture.capture_config import own as capture_section
 from replicate.cli.options import configurations
 from replicate.cli.running import make
+from replicate.config import Config
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import artefacts, measurement, refined
 from replicate.methods.measurement import reading
@@ -40,7 +41,7 @@ def stages(plan: Plan, methods: Sequence[Method] = (), landmarks: Path | None = 
     return [*method.stages(plan), trained, plan.stage("capture", functions, numbers, *inputs.values(), files=files)]
 
 
-def section(config: object) -> CaptureConfig:
+def section(config: Config) -> CaptureConfig:
     """Return a configuration's section `[capture]`."""
     return getattr(config, "capture", None) or capture_section(config.profile)
 

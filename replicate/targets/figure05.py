@@ -124,7 +124,7 @@ def clip_strips(
     rig: Rig, width: int = 122, height: int = 150, renderer: str | None = None
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): a strip of frames of the first clip of each kind, in clay."""
-    kinds, titles, rate = clip_kinds(rig.clips), [], frames_per_second(rig)
+    kinds, titles, rate = clip_kinds(rig.clips or ()), [], frames_per_second(rig)
     posed = [[_surfaces(rig, clip.values[k]) for k in shown_frames(clip)] for clip in kinds.values()]
     view = _view_of_all(rig, [surfaces for strip in posed for surfaces in strip], width / height)
     rows = [[render(surfaces, view, width, height, renderer=renderer) for surfaces in strip] for strip in posed]
@@ -135,7 +135,7 @@ def clip_strips(
     return panel_grid(rows, titles, tuple(kinds)), Words(
         f"{len(kinds)} strips of clay renders of {rig.name}, {FRAMES} frames each, time from left to right: {strips}.",
         f"The animation of {rig.name} that Eq. 5 multiplies: the first clip of each kind, {FRAMES} frames spread "
-        f"evenly over it: {strips}; {len(rig.clips)} clips in all.",
+        f"evenly over it: {strips}; {len(rig.clips or ())} clips in all.",
     )
 
 
@@ -154,7 +154,7 @@ def save_clips(rig: Rig, stem: Path) -> None:
     save_figure(figure, stem.with_suffix(".png"), words, LARGEST_BYTES)
     lines = (
         (kind, clip.name, len(clip.values), k, k / frames_per_second(rig))
-        for kind, clip in clip_kinds(rig.clips).items()
+        for kind, clip in clip_kinds(rig.clips or ()).items()
         for k in shown_frames(clip)
     )
     write_lines(stem.with_suffix(".csv"), CLIPS_HEADER, lines)

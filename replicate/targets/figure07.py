@@ -137,7 +137,9 @@ def figure07(
     mesh, colours = rig.mesh, segment_palette(rig.mesh, rigid)
     vertices = np.bincount(mesh.segment, minlength=len(colours))
     deforming = [k for k in range(len(colours)) if k not in rigid]
-    legend = [(f"{mesh.segment_names[k].replace('_', ' ')}: {vertices[k]:,}", [colours[k]]) for k in deforming]
+    legend: list[tuple[str, Sequence]] = [
+        (f"{mesh.segment_names[k].replace('_', ' ')}: {vertices[k]:,}", [colours[k]]) for k in deforming
+    ]
     if rigid:
         legend.append((f"{len(rigid)} rigid: {vertices[list(rigid)].sum():,}", RIGID))
     paint = np.array(colours, np.uint8)[shown_segment(mesh)]
@@ -154,7 +156,7 @@ def figure07(
     )
 
 
-def save_segments_figure(rig: Rig, rigid: Collection[int], errors_mm: Sequence[float], stem: Path) -> None:
+def save_segments_figure(rig: Rig, rigid: Collection[int], errors_mm: Sequence[float] | np.ndarray, stem: Path) -> None:
     """Write Figure 7 of a rig as PNG, its words as JSON, and each segment's numbers as CSV.
 
     errors_mm: each segment's mean residual of Eq. 3. The character's name is the end of the stem's.
@@ -253,7 +255,7 @@ def rigid_errors_chart(
 
 
 def save_rigid_errors(
-    mesh: Mesh, errors_mm: Sequence[float], rigid: Collection[int], tau_mm: float, stem: Path
+    mesh: Mesh, errors_mm: Sequence[float] | np.ndarray, rigid: Collection[int], tau_mm: float, stem: Path
 ) -> None:
     """Write the chart as <stem>_rigidity.png, with its words; the character's name is the end of the stem's."""
     name = stem.name.partition("_")[2]

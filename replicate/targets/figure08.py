@@ -231,7 +231,9 @@ def _draw(axes, mesh: Mesh, segments: Sequence[Segment], face_colours: np.ndarra
 
     inside = (mesh.segment[mesh.faces] == mesh.segment_names.index(chart)).all(1)
     colours = face_colours[inside] / 255
-    axes.add_collection(PolyCollection(mesh.uv[mesh.faces[inside]], facecolors=colours, edgecolors=colours, lw=0.2))
+    axes.add_collection(
+        PolyCollection(list(mesh.uv[mesh.faces[inside]]), facecolors=colours, edgecolors=colours, lw=0.2)
+    )
     for segment in segments:
         low, high = (end(mesh.uv[segment.vertices], axis=0) for end in (np.min, np.max))
         axes.add_patch(Rectangle(tuple(low), *(high - low), fill=False, edgecolor=EDGE, lw=1.2))

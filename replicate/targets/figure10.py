@@ -138,6 +138,6 @@ def _words(record: PoseRecord, camera: str, means: dict[str, dict[str, float]], 
 def _hardest_region(means: dict[str, dict[str, float]]) -> str:
     """Return the region where most methods have their largest mean error, if more than half of them agree."""
     regions = [{name: mean for name, mean in own.items() if name != WHOLE} for own in means.values()]
-    worst = [max(own, key=own.get) for own in regions if own]
+    worst = [max(own, key=own.__getitem__) for own in regions if own]
     region = max(sorted(set(worst)), key=worst.count, default="")
     return region if 2 * worst.count(region) > len(worst) else ""

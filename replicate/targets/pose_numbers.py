@@ -188,7 +188,7 @@ def answer(rows: Iterable[Row], figure: str) -> str:
             f"means over the {region}{_distances(own, first, other)}."
         )
     blind = [{name: own[name] for name in own if not method_named(name).oracle} for own in poses.values()]
-    best = [min(own, key=own.get) for own in blind if own]
+    best = [min(own, key=own.__getitem__) for own in blind if own]
     if best:
         most = max(in_order(best), key=best.count)
         sentences.append(

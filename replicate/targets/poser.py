@@ -98,7 +98,7 @@ def run(options: argparse.Namespace) -> None:
         print(f"written to {paths.display_path(folder / name)} ({size:.1f} MB): open it in a browser{advice}")
 
 
-def chosen(options: argparse.Namespace, plan: Plan) -> list[Method]:
+def chosen(options: argparse.Namespace, plan: Plan) -> Sequence[Method]:
     """Return the methods that are named. Raises InputError for one that a page can't evaluate."""
     shown = methods(options, plan.config)
     for method in shown:

@@ -38,6 +38,11 @@ class BoneNetwork(nn.Module):
     centre, and translation in mm.
     """
 
+    spread: torch.Tensor
+    centres: torch.Tensor
+    turn: torch.Tensor
+    shift: torch.Tensor
+
     def __init__(self, inputs: int, skin: Skin, hidden: Sequence[int], slope: float):
         super().__init__()
         self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise((inputs, *hidden)))

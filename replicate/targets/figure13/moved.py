@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     import replicate.transfer.remeshing
     from data_recipes.rig import Rig
     from replicate.approximation.model import SegmentedModel
+    from replicate.transfer.landmark_alignment import AlignedFace
+    from replicate.transfer.new_mesh_poses import SourcePoses
 
 
 MEANS = "means.json"
@@ -130,8 +132,8 @@ def _aligned(inputs: Mapping[str, Path], name: str, rows: np.ndarray, batch: int
             errors[method].append(own)
         bar.update(len(poses.params))
     (shown,) = source_poses(inputs, np.array([artefacts.load_shown_pose(inputs)]), 1)
-    posed = {method: np.float32(move(shown)[0]) for method, move in ways.items()}
-    np.savez(_pose_file(out, name), truth=new.places.mix(shown.truth)[0], **posed)
+    posed = {method: np.asarray(move(shown)[0], np.float32) for method, move in ways.items()}
+    np.savez(_pose_file(out, name), allow_pickle=False, truth=new.places.mix(shown.truth)[0], **posed)
     np.savez(_pose_file(out, ORIGINAL), truth=shown.truth[0], coarse=shown.predicted[0])
     yield from (_mean(name, method, "", own) for method, own in errors.items())
 
@@ -163,7 +165,8 @@ def _misaligned(
 
 def _mean(mesh: str, method: str, charts: str, errors: list[np.ndarray], poses: int | None = None) -> Mean:
     every = np.concatenate(errors)
-    return Mean(mesh, method, charts, *every.mean(0).tolist(), poses or len(every))
+    distance_mm, normal_deg = every.mean(0).tolist()
+    return Mean(mesh, method, charts, distance_mm, normal_deg, poses or len(every))
 
 
 def load_means(inputs: Mapping[str, Path]) -> list[Mean]:
@@ -300,21 +303,21 @@ def move_others(context: StageContext) -> None:
     known = bool(_shared(rig, other))
     shown = _poses(rig, model, _with_shared(rig, other, params) if known else params)
     own = other(_answers(rig, other, shown.params)) if known else other.mesh.neutral[None]
-    posed = {name: np.float32(move(shown)[0]) for name, move in ways.items()}
+    posed = {name: np.asarray(move(shown)[0], np.float32) for name, move in ways.items()}
     facts = {
         "faces": face.new.mesh.faces,
-        "own": np.float32(own[0, face.vertices]),
+        "own": np.asarray(own[0, face.vertices], np.float32),
         "source": shown.truth[0],
         "head": other.mesh.neutral,
     }
-    np.savez(context.out / POSE, **facts, **posed)
+    np.savez(context.out / POSE, allow_pickle=False, **facts, **posed)
     about = {"landmarks": len(marks.names), "scale": face.scale, "controls": len(_shared(rig, other))}
     context.note(**about, vertices=len(face.vertices))
     (context.out / ALIGNMENT).write_text(json.dumps(about) + "\n", encoding="utf-8")
 
 
 def _other_means(
-    context: StageContext, rig: "Rig", other: "Rig", model: "SegmentedModel", face: object, ways: Mapping
+    context: StageContext, rig: "Rig", other: "Rig", model: "SegmentedModel", face: "AlignedFace", ways: Mapping
 ) -> list[Mean]:
     """Return the mean errors against the other rig at the same controls; none where no control has the same name."""
     from replicate.transfer.new_mesh_poses import pose_means
@@ -328,24 +331,22 @@ def _other_means(
         for start in range(0, len(rows), numbers.batch):
             params = _with_shared(rig, other, test[rows[start : start + numbers.batch]])
             poses = _poses(rig, model, params)
-            truth = np.float32(other(_answers(rig, other, params))[:, face.vertices])
+            truth = np.asarray(other(_answers(rig, other, params))[:, face.vertices], np.float32)
             for name, move in ways.items():
                 errors[name].append(pose_means(move(poses), truth, face.new.mesh.faces))
             bar.update(len(params))
-    return [
-        Mean(numbers.other, name, "", *np.concatenate(own).mean(0).tolist(), len(rows)) for name, own in errors.items()
-    ]
+    return [_mean(numbers.other, name, "", own, len(rows)) for name, own in errors.items()]
 
 
 def _rig(inputs: Mapping[str, Path], character: str) -> "Rig":
     return landmark_rig.load_landmark_rig({landmark_rig.NAME: inputs[f"{landmark_rig.NAME}-{character}"]})
 
 
-def _poses(rig: "Rig", model: "SegmentedModel", params: np.ndarray) -> object:
+def _poses(rig: "Rig", model: "SegmentedModel", params: np.ndarray) -> "SourcePoses":
     from replicate.transfer.new_mesh_poses import SourcePoses
 
     neutral = rig.mesh.neutral
-    return SourcePoses(params, np.float32(rig(params)), neutral + model.offsets(params))
+    return SourcePoses(params, np.asarray(rig(params), np.float32), neutral + model.offsets(params))
 
 
 def _shared(rig: "Rig", other: "Rig") -> list[tuple[int, int]]:
