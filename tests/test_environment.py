@@ -189,3 +189,11 @@ def test_tracked_files_keep_the_house_rules(path):
     assert not [host for host in hosts if host in text], "a registry is the user's choice"
     homes = re.findall(r"(?<![\w.~])/(?:home|root|Users|work)/\w+", text)
     assert not homes, f"paths of one machine: {homes}"
+
+
+def test_the_type_checker_looks_at_every_module_of_a_target_that_has_a_stage():
+    checked = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["basedpyright"]["include"]
+    assert all((ROOT / path).exists() for path in checked) and checked == sorted(checked)
+    targets = sorted((ROOT / "replicate" / "targets").rglob("*.py"))
+    stages = {str(path.relative_to(ROOT)) for path in targets if "StageContext" in path.read_text(encoding="utf-8")}
+    assert stages <= set(checked), f"pyproject.toml, [tool.basedpyright]: lacks {sorted(stages - set(checked))}"

@@ -132,3 +132,11 @@ def test_all_methods_of_a_folder_of_samples_are_those_that_do_without_the_rigs_d
     monkeypatch.setattr(method_registry, "sample_folder", Path)
     of_samples = set(names("all", config=CONFIG))
     assert every == set(methods(CONFIG)) and every - of_samples == {"regional_derivatives"}
+
+
+def test_a_method_without_a_section_or_a_model_says_so_when_it_is_asked_for_one():
+    bare = method_named("nobody_knows_it")
+    with pytest.raises(ValueError, match="'nobody_knows_it' has no section"):
+        bare.section(resolve("tiny"))
+    with pytest.raises(ValueError, match="got None"):
+        reference(bare.model)
