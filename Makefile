@@ -27,7 +27,7 @@ PYTHON     ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 	$$p -c '$(RECENT)' 2>/dev/null && echo $$p && exit; done; echo python3)
 
 # An active environment is used as it is if it has all packages, and .venv otherwise.
-MODULES := anywidget beartype dask_jobqueue distributed filelock ipykernel jax jaxtyping jupyter matplotlib \
+MODULES := anywidget basedpyright beartype dask_jobqueue distributed filelock ipykernel jax jaxtyping jupyter matplotlib \
 	nbclient nbformat numba numpy onnx onnxruntime pandas PIL psutil pytest xdist pyvista ruff safetensors \
 	sklearn scipy threadpoolctl torch tqdm trimesh websocket xatlas
 COMPLETE := import sys, importlib.util as u; \
