@@ -1,4 +1,8 @@
-"""*Fast and Deep Facial Deformations*, replicated. With the paper open, this is where its ideas stand:
+"""*Fast and Deep Facial Deformations*, replicated.
+
+Start with examples/train_one.py: one page from a rig through its networks to their errors and a picture.
+
+With the paper open, this is where its ideas stand:
 
 Fig. 2   maps I_k and their sampling g            approximation/deformation_map.py
 Fig. 3   the network that makes a map             approximation/cnn.py

@@ -4,14 +4,15 @@ For each segment Δ ≈ (p / scale, 1) W with W = argmin ‖(p / scale, 1) W −
 the constant is not penalised. λ is the one of a few that is best on the validation poses.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float32, Float64
 
+from replicate.base.progress import Progress
 from replicate.base.schema import Checked, number
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import artefacts
@@ -64,21 +65,40 @@ def fit_features(context: StageContext, features: Callable[[np.ndarray, np.ndarr
     mesh, samples = artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
     segments = artefacts.load_coarse_segments(context.inputs, mesh)
     scale, strengths = parameter_scale(samples.params), context.config.section.strengths
+    with context.progress(len(segments), context.name) as bar:
+        fitted, strength = best_weights(samples, segments, scale, strengths, features, bar)
+    save_segments(segments, context.out / SEGMENTS)
+    weights = {f"{k}": weights for k, weights in enumerate(fitted)}
+    np.savez(context.out / WEIGHTS, scale=scale, **weights)
+    context.note(strength=strength, size_mb=sum(part.nbytes for part in weights.values()) / 1e6)
+
+
+def best_weights(
+    samples: "replicate.approximation.samples.SampleSet",
+    segments: "Sequence[replicate.approximation.segments.Segment]",
+    scale: Float[np.ndarray, " m"],
+    strengths: tuple[float, ...],
+    features: Callable[[np.ndarray, np.ndarray], np.ndarray] = _columns,
+    bar: Progress | None = None,
+) -> tuple[list[Float32[np.ndarray, "_ _"]], float]:
+    """Return each segment's weights (k, 3v), fitted to all training samples, and the λ that they are of.
+
+    It is the one of `strengths` whose weights are best on the validation poses of all segments. scale: what rig
+    parameters are divided by. features: as for `fit_features`; the parameters themselves by default. bar: counts
+    segments.
+    """
     params, others = samples.params / scale, samples.validation_params / scale
     squares, fits = np.zeros(len(strengths)), []
-    with context.progress(len(segments), context.name) as bar:
-        for segment in segments:
-            inputs, held_out = (features(each, segment.parameters) for each in (params, others))
-            solutions = ridge(inputs, chunks(samples, segment.vertices), strengths)
-            truth = samples.validation_offsets[:, segment.vertices].reshape(len(held_out), -1)
-            squares += [float(np.square(held_out @ weights - truth).sum()) for weights in solutions]
-            fits.append([weights.astype(np.float32) for weights in solutions])
+    for segment in segments:
+        inputs, held_out = (features(each, segment.parameters) for each in (params, others))
+        solutions = ridge(inputs, chunks(samples, segment.vertices), strengths)
+        truth = samples.validation_offsets[:, segment.vertices].reshape(len(held_out), -1)
+        squares += [float(np.square(held_out @ weights - truth).sum()) for weights in solutions]
+        fits.append([weights.astype(np.float32) for weights in solutions])
+        if bar is not None:
             bar.update(1)
     best = int(np.argmin(squares))
-    save_segments(segments, context.out / SEGMENTS)
-    weights = {f"{k}": solutions[best] for k, solutions in enumerate(fits)}
-    np.savez(context.out / WEIGHTS, scale=scale, **weights)
-    context.note(strength=strengths[best], size_mb=sum(part.nbytes for part in weights.values()) / 1e6)
+    return [solutions[best] for solutions in fits], strengths[best]
 
 
 def with_constant(params: Float[np.ndarray, "b m"]) -> Float64[np.ndarray, "b n"]:

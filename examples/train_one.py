@@ -1,0 +1,112 @@
+"""Train the paper's coarse networks on one character and see how far off they are: the suite on one page.
+
+    python examples/train_one.py                      # a tiny head: about a minute of one core
+    python examples/train_one.py teen --steps 2000    # a character of Table 2
+
+`make` does the same in stages that are kept. `%run examples/train_one.py` in IPython leaves all that is named here.
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # the project's folder, wherever this is run from
+
+from data_recipes.catalogue import build_rig
+from replicate.approximation import cnn
+from replicate.approximation.conditioning import parameter_scale
+from replicate.approximation.influence import influence, influence_poses
+from replicate.approximation.metrics import evaluate, summary, unique_poses
+from replicate.approximation.rigid import attach, find_attachments
+from replicate.approximation.samples import SampleSet, write_samples
+from replicate.approximation.segments import coarse_segments
+from replicate.approximation.training import train_segments
+from replicate.base.exceptions import InputError
+from replicate.base.progress import progress
+from replicate.baselines.line import line_model
+from replicate.config import resolve
+from replicate.drawing.characters import character_surfaces
+from replicate.drawing.heatmap import normal_bar, normal_heat
+from replicate.drawing.panels import Words, panel_grid, png
+from replicate.drawing.render import render
+from replicate.drawing.scene import PORTRAIT, camera_for, frame_surfaces
+from replicate.methods.linear import LinearConfig, best_weights
+
+parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+parser.add_argument("character", nargs="?", default="tiny", help="tiny, teen, woman, dragon, toon, or a recipe's path")
+parser.add_argument("--steps", type=int, default=400, help="of the training (default: %(default)s)")
+parser.add_argument("--out", type=Path, help="the picture's file (default: train_one_CHARACTER.png)")
+words = parser.parse_args()
+try:  # the paper's values, with the few samples of the profile `quick` and its one-cycle schedule (DEVIATIONS D6)
+    config = resolve(words.character, "quick", {"coarse": {"training": {"steps": words.steps}}})
+    rig = build_rig(config.character)  # controls p (m,) → vertices V (n, 3), mm: what the paper had a film studio's of
+except InputError as error:
+    parser.error(str(error))
+mesh, start, folder = rig.mesh, time.monotonic(), Path((temporary := tempfile.TemporaryDirectory()).name)
+
+
+def say(text: str) -> None:
+    print(f"{time.monotonic() - start:4.0f} s  {text}", file=sys.stderr)
+
+
+def rng(stream: str) -> np.random.Generator:  # one a purpose, so that another draw moves no other numbers
+    return np.random.default_rng([config.seed, *stream.encode()])
+
+
+# §3.5: the animation's frames times random factors (Eq. 5) are for training; §5.1: a tenth of its frames is held out.
+say(f"{rig.name}: {len(mesh.neutral):,} vertices, {len(rig.controls)} controls; posing it {config.samples.count:,} times")
+write_samples(rig, config.samples, folder, rng, folder / "scratch", progress)
+samples = SampleSet.open(folder)
+
+# §3.4: segments that move rigidly (Eq. 3), such as teeth, will follow the vertices that move most as they do (Eq. 4).
+poses = samples.draw(rng("rigid"), config.rigid.poses)
+posed = mesh.neutral + samples.offsets(poses)
+attachments = find_attachments(mesh, posed, config.rigid.tau_mm, config.rigid.attachments)
+
+# §3.1: every other segment gets a network that sees the controls which can move one of its vertices.
+say(f"{len(attachments.segment)} of {len(mesh.segment_names)} segments are rigid; trying what each control moves")
+moves = influence(rig, influence_poses(rig, samples.params, rng("influence")), progress=progress)  # (n, m)
+segments = coarse_segments(mesh, attachments.segment.tolist(), moves)
+
+# Fig. 3: dense layers, then convolutions, make a map of 32×32 offsets I_k, which vertices read at their UVs (Fig. 2).
+networks = [cnn.make_network(segment, cnn.shape_facts(config.coarse)) for segment in segments]
+
+# Eq. 1: the L1 distance of vertices plus α times that of face normals, by Adam, all networks together (§3.5).
+say(f"training {len(networks)} networks for {words.steps:,} steps")
+scale, run = parameter_scale(samples.params), (folder, progress, "coarse", config.seed)
+model, log = train_segments(mesh, segments, networks, samples, config.coarse, *run, scale)
+
+# Not in the paper, to know what the numbers are worth: a straight line (ridge regression), and no movement at all.
+weights, _ = best_weights(samples, segments, scale, LinearConfig().strengths)
+lines = line_model(segments, weights, scale, len(mesh.neutral))
+predictors = {
+    "CNN": lambda params, _: attach(mesh, attachments, mesh.neutral + model.offsets(params)),
+    "linear": lambda params, _: attach(mesh, attachments, mesh.neutral + lines.offsets(params)),
+    "neutral": lambda params, _: np.broadcast_to(mesh.neutral, (len(params), *mesh.neutral.shape)),
+}
+
+# §5.1: mean distance of vertices, and mean angle between face normals (Eq. 11), on all unique held-out poses.
+say(f"measuring on {len(samples.test_params):,} held-out poses")
+errors = evaluate(mesh, samples.test_params, samples.test_offsets, predictors)
+means = [f"{summary(own.vertex).mean:7.3f} mm {summary(own.normal).mean:6.2f}°" for own in errors.values()]
+print(f"{'':10}" + "".join(f"{name:>21}" for name in errors))
+print(f"{rig.name:10}" + "".join(f"{mean:>21}" for mean in means))
+
+# Fig. 10: the held-out pose that is furthest from rest, and the CNN's normal error in it as colours.
+pose = int(errors["neutral"].pose_mm.argmax())
+params, limit = samples.test_params[unique_poses(samples.test_params)[pose]], config.evaluation.heatmap_deg
+face, *eyes = character_surfaces(rig, params)
+guess = replace(face, vertices=predictors["CNN"](params[None], None)[0])
+camera = frame_surfaces(camera_for("front", mesh.neutral), [face], 0.8)
+scenes = ([face, *eyes], [guess, *eyes], [normal_heat(guess.vertices, face.vertices, mesh.faces, limit)])
+pictures = [render(scene, camera, 400, 500, lighting=PORTRAIT) for scene in scenes]
+titles = [f"{rig.name}: the rig", f"CNN after {words.steps:,} steps", "the CNN's normal error"]
+figure = panel_grid([pictures], titles, bar=(0, 0, lambda figure, axes: normal_bar(figure, axes, limit)))
+out = words.out or Path(f"train_one_{rig.name}.png")
+out.write_bytes(png(figure, Words(f"{', '.join(titles)}, in one held-out pose.", "")))
+say(f"{out} shows the held-out pose that is furthest from rest")
