@@ -21,7 +21,7 @@ from data_recipes.catalogue import build_rig
 from replicate.approximation import cnn
 from replicate.approximation.conditioning import parameter_scale
 from replicate.approximation.influence import influence, influence_poses
-from replicate.approximation.metrics import evaluate, summary, unique_poses
+from replicate.approximation.metrics import evaluate, summary
 from replicate.approximation.rigid import attach, find_attachments
 from replicate.approximation.samples import SampleSet, write_samples
 from replicate.approximation.segments import coarse_segments
@@ -59,7 +59,7 @@ def rng(stream: str) -> np.random.Generator:  # one a purpose, so that another d
 
 
 # §3.5: the animation's frames times random factors (Eq. 5) are for training; §5.1: a tenth of its frames is held out.
-say(f"{rig.name}: {len(mesh.neutral):,} vertices, {len(rig.controls)} controls; posing it {config.samples.count:,} times")
+say(f"{rig.name}: {len(mesh.neutral):,} vertices, {len(rig.controls)} controls; {config.samples.count:,} poses to draw")
 write_samples(rig, config.samples, folder, rng, folder / "scratch", progress)
 samples = SampleSet.open(folder)
 
@@ -97,16 +97,16 @@ means = [f"{summary(own.vertex).mean:7.3f} mm {summary(own.normal).mean:6.2f}°"
 print(f"{'':10}" + "".join(f"{name:>21}" for name in errors))
 print(f"{rig.name:10}" + "".join(f"{mean:>21}" for mean in means))
 
-# Fig. 10: the held-out pose that is furthest from rest, and the CNN's normal error in it as colours.
-pose = int(errors["neutral"].pose_mm.argmax())
-params, limit = samples.test_params[unique_poses(samples.test_params)[pose]], config.evaluation.heatmap_deg
-face, *eyes = character_surfaces(rig, params)
+# Fig. 10: the held-out pose that moves the controls most, and the CNN's normal error in it as colours.
+params, limit = samples.test_params[np.abs(samples.test_params).sum(1).argmax()], config.evaluation.heatmap_deg
+view = camera_for("front", mesh.neutral)
+face, *props = character_surfaces(rig, params, view)  # props, such as hair and eyes, are the rig's in both pictures
 guess = replace(face, vertices=predictors["CNN"](params[None], None)[0])
-camera = frame_surfaces(camera_for("front", mesh.neutral), [face], 0.8)
-scenes = ([face, *eyes], [guess, *eyes], [normal_heat(guess.vertices, face.vertices, mesh.faces, limit)])
+scenes = ([face, *props], [guess, *props], [normal_heat(guess.vertices, face.vertices, mesh.faces, limit)])
+camera = frame_surfaces(view, scenes[0], 0.8)
 pictures = [render(scene, camera, 400, 500, lighting=PORTRAIT) for scene in scenes]
 titles = [f"{rig.name}: the rig", f"CNN after {words.steps:,} steps", "the CNN's normal error"]
 figure = panel_grid([pictures], titles, bar=(0, 0, lambda figure, axes: normal_bar(figure, axes, limit)))
 out = words.out or Path(f"train_one_{rig.name}.png")
 out.write_bytes(png(figure, Words(f"{', '.join(titles)}, in one held-out pose.", "")))
-say(f"{out} shows the held-out pose that is furthest from rest")
+say(f"{out} shows the held-out pose that moves the controls most")
