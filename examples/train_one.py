@@ -18,11 +18,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # the project's folder, wherever this is run from
 
 from data_recipes.catalogue import build_rig
-from replicate.approximation import cnn
+from replicate.approximation import cnn, influence, metrics, rigid
 from replicate.approximation.conditioning import parameter_scale
-from replicate.approximation.influence import influence, influence_poses
-from replicate.approximation.metrics import evaluate, summary
-from replicate.approximation.rigid import attach, find_attachments
 from replicate.approximation.samples import SampleSet, write_samples
 from replicate.approximation.segments import coarse_segments
 from replicate.approximation.training import train_segments
@@ -65,12 +62,12 @@ samples = SampleSet.open(folder)
 
 # §3.4: segments that move rigidly (Eq. 3), such as teeth, will follow the vertices that move most as they do (Eq. 4).
 poses = samples.draw(rng("rigid"), config.rigid.poses)
-posed = mesh.neutral + samples.offsets(poses)
-attachments = find_attachments(mesh, posed, config.rigid.tau_mm, config.rigid.attachments)
+attachments = rigid.find_attachments(mesh, mesh.neutral + samples.offsets(poses))  # τ = 0.3 mm, c = 10
 
 # §3.1: every other segment gets a network that sees the controls which can move one of its vertices.
 say(f"{len(attachments.segment)} of {len(mesh.segment_names)} segments are rigid; trying what each control moves")
-moves = influence(rig, influence_poses(rig, samples.params, rng("influence")), progress=progress)  # (n, m)
+tries = influence.influence_poses(rig, samples.params, rng("influence"))
+moves = influence.influence(rig, tries, progress=progress)  # (n, m)
 segments = coarse_segments(mesh, attachments.segment.tolist(), moves)
 
 # Fig. 3: dense layers, then convolutions, make a map of 32×32 offsets I_k, which vertices read at their UVs (Fig. 2).
@@ -85,17 +82,17 @@ model, log = train_segments(mesh, segments, networks, samples, config.coarse, *r
 weights, _ = best_weights(samples, segments, scale, LinearConfig().strengths)
 lines = line_model(segments, weights, scale, len(mesh.neutral))
 predictors = {
-    "CNN": lambda params, _: attach(mesh, attachments, mesh.neutral + model.offsets(params)),
-    "linear": lambda params, _: attach(mesh, attachments, mesh.neutral + lines.offsets(params)),
+    "CNN": lambda params, _: rigid.attach(mesh, attachments, mesh.neutral + model.offsets(params)),
+    "linear": lambda params, _: rigid.attach(mesh, attachments, mesh.neutral + lines.offsets(params)),
     "neutral": lambda params, _: np.broadcast_to(mesh.neutral, (len(params), *mesh.neutral.shape)),
 }
 
 # §5.1: mean distance of vertices, and mean angle between face normals (Eq. 11), on all unique held-out poses.
 say(f"measuring on {len(samples.test_params):,} held-out poses")
-errors = evaluate(mesh, samples.test_params, samples.test_offsets, predictors)
-means = [f"{summary(own.vertex).mean:7.3f} mm {summary(own.normal).mean:6.2f}°" for own in errors.values()]
+errors = metrics.evaluate(mesh, samples.test_params, samples.test_offsets, predictors)
+measured = [[metrics.summary(tally).mean for tally in (own.vertex, own.normal)] for own in errors.values()]
 print(f"{'':10}" + "".join(f"{name:>21}" for name in errors))
-print(f"{rig.name:10}" + "".join(f"{mean:>21}" for mean in means))
+print(f"{rig.name:10}" + "".join(f"{mm:11.3f} mm {degrees:5.2f}°" for mm, degrees in measured))
 
 # Fig. 10: the held-out pose that moves the controls most, and the CNN's normal error in it as colours.
 params, limit = samples.test_params[np.abs(samples.test_params).sum(1).argmax()], config.evaluation.heatmap_deg
