@@ -62,7 +62,7 @@ KNOWN := $(VARIABLES) ICT_FACEKIT PYTHON REPLICATE_CACHE NUMBA_CACHE_DIR JAX_COM
 GIVEN := $(foreach name,$(.VARIABLES),$(if $(findstring command line,$(origin $(name))),$(name)))
 UNKNOWN := $(firstword $(filter-out $(KNOWN) MAKE%,$(GIVEN)))
 ifneq ($(UNKNOWN),)
-$(error $(shell $(PYTHON) -m replicate.cli.spelling variable $(UNKNOWN) $(KNOWN) 2>&1))
+$(error $(shell $(PYTHON) -m replicate.base.spelling variable $(UNKNOWN) $(KNOWN) 2>&1))
 endif
 
 .DEFAULT_GOAL := help
@@ -133,4 +133,4 @@ Makefile: ;
 
 # Any other word: which target was meant.
 %:
-	@$(PYTHON) -m replicate.cli.spelling target $@ $(TARGETS) $(BENCHMARKS) help environment test test-fast lint clean-all
+	@$(PYTHON) -m replicate.base.spelling target $@ $(TARGETS) $(BENCHMARKS) help environment test test-fast lint clean-all

@@ -10,11 +10,13 @@ from pathlib import Path
 
 from replicate.base.exceptions import InputError
 from replicate.base.paths import with_home
+from replicate.base.spelling import nothing_named
 from replicate.base.user_files import is_file, read_toml
 
 RECIPES = Path(__file__).resolve().parent
 FACE_FILE, CONTROL_FILE = "face.toml", "controls.csv"  # of a folder of samples
 LABEL = r"[\w.-]+"  # what results can be called
+STANDS_FOR = {"teen": "Hiccup", "woman": "Valka", "dragon": "Toothless", "toon": "Ray"}  # ours → the paper's
 OUTSIDE = {"ict": "ICT_FACEKIT"}  # characters whose data is not in the project → the variable that names its folder
 
 
@@ -22,6 +24,16 @@ def character_names() -> tuple[str, ...]:
     """Return the names of the characters: one recipe file each, and those whose data a variable names."""
     outside = tuple(name for name, variable in OUTSIDE.items() if os.environ.get(variable, "").strip())
     return (*sorted(path.stem for path in RECIPES.glob("*.toml")), *outside)
+
+
+def no_character(name: str) -> str:
+    """Return the sentence for a name that no character has: who plays that part here, or the nearest name."""
+    for own, played in STANDS_FOR.items():
+        if name.lower() == played.lower() and own in character_names():
+            return f"{played}'s part is played by the {own}: CHARACTERS={own}"
+    names = character_names()
+    others = f": there are {', '.join(names)}, and paths of .toml recipes and of folders of samples"
+    return nothing_named("character", name, names, others)
 
 
 def named(character: str) -> str:

@@ -16,14 +16,15 @@ from typing import Literal
 from data_recipes.recipe_paths import (
     LABEL,
     character_label,
-    character_names,
     named,
+    no_character,
     recipe_file,
     sample_folder,
     split_character,
 )
 from replicate.base.exceptions import InputError
 from replicate.base.schema import LONGEST, Checked, naming, number, read_table, shown
+from replicate.base.spelling import nothing_named
 from replicate.base.user_files import is_file, read_toml, shown_path
 
 LARGEST_SEED = 2**32 - 1
@@ -242,10 +243,7 @@ class Config(Checked):
         recipe, folder = recipe_file(self.character), sample_folder(self.character)
         name, stem = split_character(self.character)[0], character_label(self.character) if folder else recipe.stem
         if not is_file(recipe) and not folder and not name.endswith(".toml"):
-            raise InputError(
-                f"character {shown(name)} has no recipe: allowed are {', '.join(character_names())}, "
-                "or the path of a .toml recipe or of a folder of samples"
-            )
+            raise InputError(no_character(name))
         if not re.fullmatch(LABEL, stem) or len(os.fsencode(stem)) > LONGEST:
             raise InputError(
                 f"{'folder' if folder else 'recipe'} {shown_path(folder or recipe)}: the name {shown(stem)} can't name "
@@ -337,4 +335,5 @@ PROFILES: dict[str, dict] = {
 def check_profile(profile: str) -> None:
     """Raise InputError for an unknown profile."""
     if profile not in PROFILES:
-        raise InputError(f"profile {shown(profile)} is unknown: allowed are {', '.join(PROFILES)}")
+        others = f": there are {', '.join(PROFILES)}"
+        raise InputError(nothing_named("profile", profile, PROFILES, others))

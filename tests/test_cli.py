@@ -65,7 +65,7 @@ def test_a_bad_option_is_refused_with_what_is_allowed(capsys, toy, recipes, cach
     [("tabel2", "table2"), ("figure1", "figure01"), ("Figure_9", "figure09"), ("rig_report", "rig-report")],
 )
 def test_a_mistyped_target_gets_the_nearest_name(capsys, word, near):
-    assert refusal(capsys, word) == f"there is no target {word!r}; did you mean {near}?\n"
+    assert refusal(capsys, word) == f"there is no target {word}; did you mean {near}?\n"
 
 
 def test_a_word_that_is_near_to_no_target_is_refused_with_where_they_are_listed(capsys):

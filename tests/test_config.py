@@ -5,6 +5,7 @@ import dataclasses
 import pytest
 
 from data_recipes import recipe_paths
+from data_recipes.recipe.reading import load_recipe
 from replicate import config
 from replicate.base.exceptions import InputError
 from replicate.base.schema import from_json, to_json
@@ -98,8 +99,10 @@ def test_a_missing_override_file_is_named(recipe, tmp_path):
 
 
 def test_an_unknown_profile_lists_those_there_are(recipe):
-    with pytest.raises(InputError, match="'fast' is unknown: allowed are quick, laptop, paper"):
+    with pytest.raises(InputError, match=r"^there is no profile fast: there are quick, laptop, paper$"):
         resolve(recipe, "fast")
+    with pytest.raises(InputError, match=r"^there is no profile Labtop; did you mean laptop\?$"):
+        resolve(recipe, "Labtop")
 
 
 def test_an_unknown_character_lists_those_there_are(tmp_path, monkeypatch):
@@ -107,8 +110,24 @@ def test_an_unknown_character_lists_those_there_are(tmp_path, monkeypatch):
         (tmp_path / f"{name}.toml").write_text("")
     monkeypatch.setattr(recipe_paths, "RECIPES", tmp_path)
     assert resolve("tiny").character == "tiny"
-    with pytest.raises(InputError, match="'hiccup' has no recipe: allowed are teen, tiny"):
-        resolve("hiccup")
+    with pytest.raises(InputError, match=r"^there is no character valka: there are teen, tiny, and paths of"):
+        resolve("valka")
+
+
+@pytest.mark.parametrize("name", ["Hiccup", "VALKA", "toothless", "ray"])
+def test_a_character_of_the_papers_is_told_who_plays_it_here(name):
+    who = {"Hiccup": "teen", "VALKA": "woman", "toothless": "dragon", "ray": "toon"}[name]
+    for refuse in (resolve, load_recipe):
+        with pytest.raises(InputError) as caught:
+            refuse(name)
+        assert str(caught.value) == f"{name.capitalize()}'s part is played by the {who}: CHARACTERS={who}"
+
+
+@pytest.mark.parametrize(("word", "near"), [("tean", "teen"), ("Dragon", "dragon"), ("wom\nan", "woman")])
+def test_a_mistyped_character_gets_the_nearest_name(word, near):
+    with pytest.raises(InputError, match=rf"there is no character .*; did you mean {near}\?$") as caught:
+        resolve(word)
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["my(1)", "a+b", "a b"])

@@ -9,7 +9,7 @@ from typing import Any
 from data_recipes.recipe.character import Recipe
 from data_recipes.recipe.facekit import FaceKitRecipe, check_parts
 from data_recipes.recipe.sections import PARTS, Layouts
-from data_recipes.recipe_paths import character_names, recipe_file, split_character
+from data_recipes.recipe_paths import no_character, recipe_file, split_character
 from replicate.base.exceptions import InputError
 from replicate.base.schema import cut, naming, read_table, shown
 from replicate.base.user_files import is_file, read_toml
@@ -32,8 +32,7 @@ def load_recipe(name_or_path: str | Path) -> Recipe | FaceKitRecipe:
     name, variants = split_character(str(name_or_path))
     path = recipe_file(name)
     if not is_file(path) and not name.endswith(".toml"):
-        choices = f"{', '.join(character_names())}, or the path of a .toml recipe"
-        raise InputError(f"character {shown(name)} has no recipe: allowed are {choices}")
+        raise InputError(no_character(name))
     table = read_toml(path)
     with naming(str(path)):
         kind, check = (FaceKitRecipe, check_parts) if "model" in table else (Recipe, check_rules)

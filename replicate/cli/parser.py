@@ -10,10 +10,9 @@ from data_recipes.recipe_paths import OUTSIDE, check_function
 from replicate.base.command_line import exit_in_words
 from replicate.base.exceptions import InputError, RunError
 from replicate.base.paths import settle_folders
-from replicate.base.schema import shown
 from replicate.base.signals import Stopped, without_foreign
+from replicate.base.spelling import nothing_named
 from replicate.cli.options import OPTIONS, characters
-from replicate.cli.spelling import hint
 from replicate.cli.target_list import Target, targets
 
 EPILOG = """\
@@ -39,8 +38,8 @@ def command(arguments: Sequence[str] | None = None) -> None:
     words = list(sys.argv[1:] if arguments is None else arguments)
     target = targets().get(words[0]) if words else None
     if words and not target and not words[0].startswith("-"):
-        meant = hint(words[0], targets()) or "; `python -m replicate --help` lists them"
-        raise InputError(f"there is no target {shown(words[0])}{meant}")
+        listed = "; `python -m replicate --help` lists them"
+        raise InputError(nothing_named("target", words[0], targets(), listed))
     own = without_foreign(words, {f"--{option}" for option in target.options} if target else ())
     options = parser().parse_args(own)
     options.command_line = ["python", "-m", "replicate", *own]

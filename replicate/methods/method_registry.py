@@ -15,6 +15,7 @@ from data_recipes.recipe_paths import sample_folder
 from replicate.base.exceptions import InputError
 from replicate.base.paths import with_home
 from replicate.base.schema import Checked
+from replicate.base.spelling import nothing_named
 from replicate.base.user_files import is_file, shown_path
 from replicate.config import Config
 from replicate.methods.method import Method
@@ -77,10 +78,13 @@ def choose(words: Sequence[str], config: Config | None = None) -> list[Method]:
         elif word in registry:
             selection[word] = registry[word]
         else:
-            choices = ", ".join(registry)
-            raise InputError(
-                f"method {word!r} is unknown: allowed are standard, all, lbs, {choices}, or the path of a .py file"
+            groups = ("standard", "all", "lbs")
+            usual = [name for name, method in registry.items() if method.standard]
+            others = (
+                f": there are {', '.join((*groups, *usual))}, {len(registry) - len(usual)} more with all, "
+                "and paths of .py files"
             )
+            raise InputError(nothing_named("method", word, (*groups, *registry), others))
     return _sort(selection.values())
 
 

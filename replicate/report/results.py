@@ -8,7 +8,7 @@ from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from data_recipes.recipe_paths import OUTSIDE, recipe_file
+from data_recipes.recipe_paths import OUTSIDE, STANDS_FOR, recipe_file
 from replicate.approximation.metrics import Errors, summary
 from replicate.base.exceptions import InputError
 from replicate.base.paths import PAPER, committed_folders, display_path, run_folder
@@ -208,9 +208,7 @@ def joined(seeds: Seeds, others: Seeds) -> dict[int, list[Row]]:
     return {seed: [*seeds.get(seed, ()), *others.get(seed, ())] for seed in sorted({*seeds, *others})}
 
 
-# Who stands for whom: our characters beside the paper's, and the order in which tables list them.
-
-STANDS_FOR = {"teen": "Hiccup", "woman": "Valka", "dragon": "Toothless", "toon": "Ray"}
+# The order in which tables list characters: those that stand for the paper's four first.
 
 
 def cast() -> tuple[str, ...]:

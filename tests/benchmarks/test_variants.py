@@ -62,4 +62,4 @@ def test_only_the_trainings_that_are_named_run_and_the_rows_of_the_others_stay(m
 
 def test_a_profile_that_there_is_not_ends_in_a_sentence(capsys):
     assert bench_regional.main(["--profile", "huge"]) == 2
-    assert "profile 'huge' is unknown: allowed are quick, laptop, paper" in capsys.readouterr().err
+    assert "there is no profile huge: there are quick, laptop, paper" in capsys.readouterr().err

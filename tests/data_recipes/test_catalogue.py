@@ -19,7 +19,7 @@ def test_the_recipes_that_come_along_are_listed_with_their_files():
 
 
 def test_a_character_that_there_is_not_is_refused_with_those_that_there_are():
-    with pytest.raises(InputError, match=r"character 'nobody' has no recipe.*tiny"):
+    with pytest.raises(InputError, match=r"there is no character nobody: there are .*tiny"):
         character_parts("nobody")
 
 

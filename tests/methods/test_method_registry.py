@@ -65,10 +65,11 @@ def test_words_choose_methods_in_the_order_of_the_tables():
 
 
 def test_an_unknown_method_is_refused_with_those_there_are():
-    with pytest.raises(
-        InputError, match=r"'coarser' is unknown: allowed are standard, all, lbs, coarse, refined, .*neutral, or"
-    ):
-        choose(["coarse", "coarser"])
+    with pytest.raises(InputError, match=r"^there is no method coarze; did you mean coarse\?$"):
+        choose(["coarse", "coarze"])
+    words = r"no method quux: there are standard, all, lbs, coarse, refined, .*neutral, \d+ more with all, and paths of"
+    with pytest.raises(InputError, match=words):
+        choose(["coarse", "quux"])
 
 
 def test_a_file_from_outside_joins_the_others_and_other_processes_find_it(bring):  # noqa: F811

@@ -5,6 +5,8 @@ import re
 import sys
 from collections.abc import Iterable
 
+LONGEST = 60  # characters of a word that a sentence repeats
+
 
 def meant(word: str, names: Iterable[str]) -> str:
     """Return the name that a word most probably stands for, "" for none.
@@ -16,10 +18,15 @@ def meant(word: str, names: Iterable[str]) -> str:
     return plain[near[0]] if near else ""
 
 
-def hint(word: str, names: Iterable[str]) -> str:
-    """Return a question to put behind an error's sentence: "; did you mean table2?", or nothing."""
+def nothing_named(kind: str, word: str, names: Iterable[str], otherwise: str) -> str:
+    """Return the sentence for a word that names nothing: "there is no method coarze; did you mean coarse?".
+
+    kind: what it was to name. otherwise: how the sentence ends where no name is near.
+    """
     near = meant(word, names)
-    return f"; did you mean {near}?" if near else ""
+    end = f"; did you mean {near}?" if near else otherwise
+    word = word if word.isprintable() and word.strip() else repr(word)
+    return f"there is no {kind} {word if len(word) <= LONGEST else word[:LONGEST] + '…'}{end}"
 
 
 def main() -> int:
@@ -28,8 +35,7 @@ def main() -> int:
     The words of the command line: "target" or "variable", the word, and the names that there are.
     """
     kind, word, *names = sys.argv[1:]
-    where = "`make` alone lists them"
-    print(f"make: there is no {kind} {word}{hint(word, names) or '; ' + where}", file=sys.stderr)
+    print(f"make: {nothing_named(kind, word, names, '; `make` alone lists them')}", file=sys.stderr)
     return 2
 
 
