@@ -12,6 +12,8 @@ CONFIG     ?=
 SPLIT      ?=
 LATEX      ?=
 ADD_SEEDS  ?=
+DETAILS    ?=
+ALL        :=
 ICT_FACEKIT ?=
 export ICT_FACEKIT
 POSE       ?=
@@ -52,8 +54,8 @@ BENCHMARKS := $(patsubst replicate/benchmarks/bench_%.py,bench-%,$(ABOUT))
 
 # The variables that are set, as options; what a target doesn't take, it leaves out.
 VARIABLES := PROFILE CHARACTERS METHODS SEED JOBS CLUSTER DEVICE CONFIG SPLIT LATEX ADD_SEEDS POSE CLIP PARAMS TO \
-	TOLERANCE LANDMARKS ONTO ONLY
-SWITCHES := LATEX ADD_SEEDS
+	TOLERANCE LANDMARKS ONTO ONLY DETAILS ALL
+SWITCHES := LATEX ADD_SEEDS DETAILS ALL
 option = $(if $($(1)),--$(shell echo $(1) | tr A-Z_ a-z-)$(if $(filter $(SWITCHES),$(1)),, '$(subst ','\'',$($(1)))'))
 OPTIONS = $(foreach name,$(VARIABLES),$(call option,$(name)))
 
@@ -94,6 +96,8 @@ help: ## print this help
 	@echo "  ONLY='a|b'      some of a benchmark's trainings, as \`python -m replicate.benchmarks.bench_training --help\` says"
 	@echo "  ADD_SEEDS=1     \`make reference\` adds a run's seeds to those that are committed"
 	@echo "  LATEX=1         \`make compare\` and \`make claims\` in LaTeX"
+	@echo "  DETAILS=1       \`make status\` with a line for every artefact, its hash and its state"
+	@echo "  ALL=1           \`make compare\` with the rows that your results lack; \`make clean\` of everything"
 	@echo "  ICT_FACEKIT=    the folder of ICT-FaceKit, for CHARACTERS=ict: a face that nobody here made"
 	@echo "  PYTHON=         the Python, 3.11 or newer, that .venv is made with"
 

@@ -80,7 +80,7 @@ def bring(tmp_path, monkeypatch) -> Iterator[Callable[..., Path]]:
     names: set[str] = set()
 
     # Of what changes within a test nothing is remembered.
-    for name in ("_module_file", "_outline", "_closure", "_digest"):
+    for name in ("_module_file", "_outline", "_closure", "_digest", "_reached", "_written"):
         monkeypatch.setattr(code_hash, name, fresh(getattr(code_hash, name)))
 
     def forget() -> None:

@@ -167,7 +167,7 @@ def test_a_failing_stage_is_one_sentence_and_exit_code_1(capfd, cache, recipes, 
 
 def test_status_knows_what_is_there_from_what_is_not(capfd, cache, toy):
     def states() -> dict[str, str]:
-        assert cli.main(["status", "--profile", "quick", "--characters", "tiny"]) == 0
+        assert cli.main(["status", "--profile", "quick", "--characters", "tiny", "--details"]) == 0
         lines = [line.split(maxsplit=2) for line in capfd.readouterr().out.partition("\n\n")[0].splitlines()]
         return {title: state for title, _, state in lines}
 
@@ -210,11 +210,14 @@ def test_compare_prints_text_or_latex(capsys, monkeypatch, tmp_path):
     write_results(tmp_path / "quick" / "table2.csv", [row])
     assert cli.main(["compare", "--profile", "quick"]) == 0
     text = capsys.readouterr().out
-    assert "teen, Coarse, vertex_error_mean [mm]" in text and "\\" not in text
+    assert "teen, vertex_error_mean [mm]\n  Coarse" in text and "\\" not in text and "Left out: " in text
+    assert cli.main(["compare", "--profile", "quick", "--all"]) == 0
+    whole = capsys.readouterr().out
+    assert len(whole.splitlines()) > 10 * len(text.splitlines()) and "Left out: " not in whole
     assert cli.main(["compare", "--profile", "quick", "--latex"]) == 0
     latex = capsys.readouterr().out
     assert latex.count(r"\begin{table}") == latex.count(r"\end{table}") >= 1
-    assert r"teen, Coarse, vertex\_error\_mean [mm] & 0.36 & " in latex and "|" not in latex
+    assert r"teen, vertex\_error\_mean [mm] & " in latex and "Coarse & 0.36 & " in latex and "|" not in latex
 
 
 def test_help_lists_every_target():

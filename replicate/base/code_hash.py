@@ -76,8 +76,14 @@ def _digest(definitions: tuple[tuple[str, str], ...]) -> str:
     dumps = []
     for module, places in sorted(_closure(definitions).items()):
         statements = _outline(_module_file(module), module).statements
-        dumps += [(module, statements[place].dump) for place in sorted(places) if not statements[place].is_import]
-    return _hash(repr(dumps).encode())
+        dumps += [_written(module, place) for place in sorted(places) if not statements[place].is_import]
+    return _hash(f"[{', '.join(dumps)}]".encode())
+
+
+@functools.cache
+def _written(module: str, place: int) -> str:
+    """Return a statement of a module as digests have it; many of them share it."""
+    return repr((module, _outline(_module_file(module), module).statements[place].dump))
 
 
 def _hash(data: bytes) -> str:
@@ -108,9 +114,16 @@ def _closure(definitions: tuple[tuple[str, str], ...]) -> dict[str, set[int]]:
             fresh |= set(outline.bindings.get(name, ()))
         for place in fresh - closure[module]:
             closure[module].add(place)
-            pending += [(module, other) for other in outline.statements[place].names if other in outline.definitions]
-            pending += _imports_of(outline, place)
+            pending += _reached(module, place)
     return closure
+
+
+@functools.cache
+def _reached(module: str, place: int) -> frozenset[tuple[str, str]]:
+    """Return the definitions, (module, name) each, that a statement of a module names or imports."""
+    outline = _outline(_module_file(module), module)
+    named = {(module, other) for other in outline.statements[place].names if other in outline.definitions}
+    return frozenset(named.union(_imports_of(outline, place)))
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,12 @@ OPTIONS = {
         "metavar": "MM",
         "help": "how far a clip's vertices may be from the rig's: smaller makes larger files (default: 0.05 mm)",
     },
-    "all": {"action": "store_true", "help": "remove everything that this suite has put there"},
+    "all": {
+        "action": "store_true",
+        "help": "leave nothing out: `clean` removes all that this suite has put there, `compare` prints the rows that "
+        "your results lack too",
+    },
+    "details": {"action": "store_true", "help": "a line for every artefact, with its hash and its state"},
 }
 
 

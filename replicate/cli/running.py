@@ -169,7 +169,8 @@ def stage_s(stage: Stage, known: dict[str, Known]) -> float | None:
         label = stage.label.partition("-seed")[0]
         for whose in (label, EXAMPLE):
             if one := known.get(f"{name}-{whose}"):
-                other = _of_profile(one.profile).get(name)
+                usual = _of_profile(one.profile)
+                other = usual[name] if name in usual else None
                 growth = 1.0 if whose == label else _growth(stage)
                 return one.wall_s * times * growth * (work(stage) / work(other) if other else 1.0)
     return None
@@ -223,9 +224,10 @@ def _candidates(stage: Stage) -> list[tuple[str, float]]:
 
 
 @cache
-def _of_profile(profile: str) -> dict[str, Stage]:
-    """Return the stages of the teen by name, all methods', with a profile's numbers as they are now."""
+def _of_profile(profile: str) -> Plan:
+    """Return the plan of the teen with all methods' stages and a profile's numbers as they are now."""
     config = resolve(EXAMPLE, profile, sections=sections(profile))
     plan = Plan(config)
-    stages = [stage for method in all_methods(config).values() for stage in method.stages(plan)]
-    return {stage.name: stage for stage in in_order(stages)}
+    for method in all_methods(config).values():
+        method.stages(plan)
+    return plan

@@ -18,6 +18,7 @@ from replicate.engine.store import MANIFEST, MARKER, artefact_folder, find_damag
 
 _IDENTIFIER = r"([\w.@-]+-[0-9a-f]{16})"  # as `Stage.identifier` makes them
 _WORK_NAMES = {"partial": f"{_IDENTIFIER}@.+", "scratch": _IDENTIFIER, "logs": rf"{_IDENTIFIER}\.log"}
+UP_TO_DATE = "up to date"
 _LONGEST_LIST = 10  # items that a sentence names before it counts the others
 
 
@@ -40,11 +41,20 @@ def inventory() -> list[Entry]:
 
 
 def states(stages: list[Stage]) -> Iterator[tuple[Stage, str]]:
-    """Yield the stages of a graph with "up to date", "missing" or "damaged: why"; every file is hashed."""
+    """Yield the stages of a graph with "up to date", "missing" or "damaged: why".
+
+    A file counts as whole if it has its size: to hash all of them takes minutes, and every run does that.
+    """
     for stage in in_order(stages):
         folder = artefact_folder(stage.identifier)
-        damage = find_damage(folder) if folder.exists() else ""
-        yield stage, f"damaged: {damage}" if damage else "up to date" if folder.exists() else "missing"
+        damage = find_damage(folder, in_full=False) if folder.exists() else ""
+        yield stage, f"damaged: {damage}" if damage else UP_TO_DATE if folder.exists() else "missing"
+
+
+def known_titles() -> set[str]:
+    """Return the titles of the stages that the cache has artefacts of, of whatever configuration and sources."""
+    names = (re.fullmatch(_IDENTIFIER, folder.name) for folder in cache_folder().glob("*"))
+    return {match[1].rpartition("-")[0] for match in names if match}
 
 
 def clean(everything: bool = False) -> tuple[int, int]:

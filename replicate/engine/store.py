@@ -82,8 +82,11 @@ def is_sealed(folder: Path) -> bool:
         return False
 
 
-def find_damage(folder: Path) -> str:
-    """Return "" if every file of an artefact agrees with its manifest, else one finding in words."""
+def find_damage(folder: Path, in_full: bool = True) -> str:
+    """Return "" if every file of an artefact agrees with its manifest, else one finding in words.
+
+    in_full: every file is hashed; otherwise its size alone is looked at.
+    """
     try:
         text = (folder / MANIFEST).read_bytes()
         seal = (folder / _SEAL).read_bytes()
@@ -94,7 +97,7 @@ def find_damage(folder: Path) -> str:
     files = json.loads(text)["files"]
     with ThreadPoolExecutor(min(8, os.cpu_count() or 1)) as pool:
         by_size = sorted(files, key=lambda name: -files[name]["bytes"])
-        findings = pool.map(lambda name: _compare(folder / name, files[name]), by_size)
+        findings = pool.map(lambda name: _compare(folder / name, files[name], in_full), by_size)
         return next((finding for finding in findings if finding), "")
 
 
@@ -228,11 +231,11 @@ def _seal(text: bytes) -> bytes:
     return hashlib.sha256(text).hexdigest().encode() + b"\n"
 
 
-def _compare(file: Path, facts: dict) -> str:
+def _compare(file: Path, facts: dict, in_full: bool) -> str:
     try:
         if file.stat().st_size != facts["bytes"]:
             return f"{file.name} has {file.stat().st_size} bytes instead of {facts['bytes']}"
-        return "" if _digest(file) == facts["sha256"] else f"{file.name} differs from its checksum"
+        return "" if not in_full or _digest(file) == facts["sha256"] else f"{file.name} differs from its checksum"
     except OSError:
         return f"{file.name} can't be read"
 

@@ -1,27 +1,79 @@
-"""Which artefacts are up to date, and what the cache holds."""
+"""Which targets are up to date, how much of the others is to be made, and what the cache holds."""
 
 import argparse
+from collections.abc import Iterable, Mapping, Sequence
 
 from data_recipes.recipe_paths import sample_folder
 from replicate.base import paths
 from replicate.cli.options import configurations, methods
+from replicate.cli.running import duration, known_times, times_s, wall_s
+from replicate.engine.cache_report import UP_TO_DATE, Entry, inventory, known_titles, states
+from replicate.engine.provenance import core_count
+from replicate.engine.stage import Stage, in_order
+from replicate.methods.plan import Plan
+
+DONE, BEGUN, NEVER = UP_TO_DATE, "artefacts to make", "never made"
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print the state of every stage of every target, then what the cache holds."""
-    from replicate.cli.target_list import targets
-    from replicate.engine.cache_report import inventory, states
-    from replicate.methods.plan import Plan
+    """Print a line a target, or with `details` a line an artefact, then what the cache holds; no file is hashed."""
+    graphs = _graphs(options)
+    every = [stage for each in graphs.values() for graph in each.values() for stage in graph]
+    found = {stage.identifier: (stage, state) for stage, state in states(every)}
+    if options.details:
+        for stage, state in found.values():
+            print(f"{stage.title:28} {stage.key}  {state}")
+    else:
+        cores, known, titles = core_count(), known_times(paths.REFERENCE), known_titles()
+        there = {name for name, (_, state) in found.items() if state == UP_TO_DATE}
+        print(f"profile {options.profile}; times as on the cores of the reference results, with {cores} of them\n")
+        for name, each in graphs.items():
+            print(f"{name:15} {target_line(each, there, titles, known, cores)}")
+    print(f"\n{cache_line(inventory())} in {paths.cache_folder()}")
 
+
+def _graphs(options: argparse.Namespace) -> dict[str, dict[str, Sequence[Stage]]]:
+    """Return the stages of each target that has some, by the names of characters, with their seeds, that bear it."""
+    from replicate.cli.target_list import targets
+
+    graphs: dict[str, dict[str, Sequence[Stage]]] = {}
     for config in configurations(options):
         plan, rows = Plan(config), methods(options, config)
-        known_by_samples = sample_folder(config.character) is not None
-        fitting = [one for one in targets().values() if one.stages and not (known_by_samples and one.asks_the_rig)]
-        graphs = [target.stages(plan, rows) for target in fitting]
-        for stage, state in states([stage for graph in graphs for stage in graph]):
-            print(f"{stage.title:28} {stage.key}  {state}")
-    entries = inventory()
-    print(f"\n{paths.cache_folder()}")
-    for state in ("current", "stale", "damaged", "unfinished"):
-        sizes = [entry.size_bytes for entry in entries if entry.state == state]
-        print(f"{state:28} {len(sizes):4} folders {sum(sizes) / 1e6:10,.1f} MB")
+        name = f"{plan.character}-seed{config.seed}" if config.seed else plan.character
+        for target in targets().values():
+            if target.stages and not (target.asks_the_rig and sample_folder(config.character)):
+                graphs.setdefault(target.name, {})[name] = target.stages(plan, rows)
+    return graphs
+
+
+def target_line(
+    graphs: Mapping[str, Sequence[Stage]], there: set[str], titles: set[str], known: Mapping, cores: int
+) -> str:
+    """Return how far a target is, in a line: "teen: up to date; woman, toon: 34 of 57 artefacts to make, about 12 min".
+
+    graphs: each character's stages, its result last. there: the identifiers of artefacts that are up to date. titles:
+    of all that were ever made, and are still there. known: times of stages, as `known_times` gives them.
+    """
+    groups: dict[str, list[str]] = {DONE: [], BEGUN: [], NEVER: []}
+    for name, graph in graphs.items():
+        whole = all(stage.identifier in there for stage in in_order(list(graph)))
+        groups[DONE if whole else BEGUN if graph[-1].title in titles else NEVER].append(name)
+    parts = []
+    for state, names in groups.items():
+        every = in_order([stage for name in names for stage in graphs[name]])
+        missing = [stage for stage in every if stage.identifier not in there]
+        count = f"{len(missing)} of {len(every)} {BEGUN}" if len(missing) < len(every) else f"{len(every)} {BEGUN}"
+        words = {DONE: DONE, BEGUN: count, NEVER: f"{NEVER}; {count}"}[state]
+        seconds = wall_s(missing, times_s(missing, known), cores)
+        if names:
+            parts.append(f"{', '.join(names)}: {words}" + (f", about {duration(seconds)}" if seconds else ""))
+    return "; ".join(parts)
+
+
+def cache_line(entries: Iterable[Entry]) -> str:
+    """Return how many folders, of what size, the cache holds in each state, in a line."""
+    sizes: dict[str, list[int]] = {}
+    for entry in entries:
+        sizes.setdefault(entry.state, []).append(entry.size_bytes)
+    order = [state for state in ("current", "stale", "damaged", "unfinished") if state in sizes]
+    return ", ".join(f"{len(sizes[s])} {s} ({sum(sizes[s]) / 1e6:,.1f} MB)" for s in order) or "nothing"

@@ -32,7 +32,10 @@ def other(context):
     "toys/inside.py": "VALUE = 1\n",
     "toys/unrelated.py": "VALUE = 1\n",
 }
-CACHED = (sources._module_file, sources._outline, sources._closure, sources._digest)
+CACHED = (
+    *(sources._module_file, sources._outline, sources._closure, sources._digest),
+    *(sources._reached, sources._written),
+)
 
 
 @pytest.fixture

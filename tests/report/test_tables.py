@@ -1,5 +1,6 @@
 """Printed tables: the numbers shown are the numbers held, columns line up, and every oracle says that it is one."""
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -22,6 +23,7 @@ from replicate.targets.table2.rows import (
 )
 
 RELEASED = ("dense_released",)
+MEANS = ("vertex_error_mean [mm]", "normal_error_mean [deg]")
 
 
 def test_a_line_shows_ours_and_then_the_papers():
@@ -125,31 +127,57 @@ def test_compare_puts_paper_reference_and_yours_side_by_side():
         Row(*r.key, r.unit, r.value * 2, None, 1, 10, "laptop", "s") for r in table2_rows(methods=("coarse", "neutral"))
     ]
     text = as_text(compare(PAPER_ROWS, reference, yours, "table2"))
-    assert cells_after(text, "teen, Coarse, vertex_error_mean [mm]") == ["0.36", "0.11", "0.22", "2.000"]
-    assert cells_after(text, "teen, Neutral pose §, normal_error_mean [deg]") == ["–", "–", "4.80", "–"]
-    assert "reference (quick)" in text and "yours (laptop)" in text and "p95" not in text
+    distances, normals = text.split("\nteen, ")[1:]
+    assert distances.startswith("vertex_error_mean [mm]\n") and normals.startswith("normal_error_mean [deg]\n")
+    assert cells_after(distances, "  Coarse") == ["0.36", "0.11", "0.22", "2.000"]
+    assert cells_after(normals, "  Neutral pose §") == ["–", "–", "4.80", "–"]
+    assert cells_after(text, "      ") == ["paper", "reference", "yours", "yours", "/"] and "p95" not in text
+    assert re.search("^ +quick +laptop +reference$", text, re.MULTILINE), "the profiles of what is shown"
+
+
+def test_compare_shows_what_a_run_has_and_counts_the_rest():
+    reference = table2_rows(("teen", "woman"), ("coarse", "dense"))
+    yours = table2_rows(("mine", "teen"), ("coarse", "neutral"))
+    fine = replace(yours[0], metric="vertex_error_mean[brows]")
+    table = compare(PAPER_ROWS, reference, [*yours, fine], "table2")
+    labels = [line[0] for line in table.body if line]
+    assert labels[::3] == [f"{who}, {metric}" for who in ("mine", "teen") for metric in MEANS]
+    assert labels[1:3] == ["  Coarse", "  Neutral pose §"] and "  Dense" not in labels
+    assert table.notes == (
+        "Left out: 6 rows of the reference that yours lacks and 1 of yours by region or source; ALL=1 shows them.",
+    )
+    whole = compare(PAPER_ROWS, reference, [*yours, fine], "table2", everything=True)
+    labels = [line[0] for line in whole.body if line]
+    assert len(labels) == 12 + 2 + 10 and not whole.notes, "each line and its heading"
+    assert labels.index("woman, vertex_error_mean [mm]") > labels.index("mine, vertex_error_mean[brows] [mm]")
+
+
+def test_a_column_names_all_profiles_that_its_numbers_are_of():
+    reference = [replace(row, profile="laptop") for row in table2_rows(("teen",))] + table2_rows(("toon",))
+    tables = [compare(PAPER_ROWS, reference, table2_rows(names), "table2") for names in (("teen",), ("teen", "toon"))]
+    assert [table.headers[-1][2:4] for table in tables] == [("laptop", "quick"), ("laptop, quick", "quick")]
 
 
 def test_compare_has_the_characters_in_the_order_of_all_tables():
     rows = table2_rows(("dragon", "ict", "teen@3", "toon", "teen", "woman"), ("coarse",))
     labels = [line[0] for line in compare(PAPER_ROWS, rows, rows, "table2").body if line]
-    characters = list(dict.fromkeys(label.partition(",")[0] for label in labels))
+    characters = list(dict.fromkeys(label.partition(",")[0] for label in labels if label[0] != " "))
     assert characters == ["teen", "woman", "dragon", "toon", "ict", "teen@3"]
 
 
 def test_compare_calls_a_dense_network_by_its_widths_in_table_1_alone():
     sizes = [Row("table1", "teen", name, "model_size", "MB", 9.0, None, 1, None, "quick", "r") for name in RELEASED]
     errors = table2_rows(methods=RELEASED)
-    (size,) = (line[0] for line in compare([], sizes, sizes, "table1").body)
-    assert size == "teen, Dense, 256 and 512, model_size [MB]"
+    character, size = (line[0] for line in compare([], sizes, sizes, "table1").body)
+    assert (character, size) == ("teen", "  Dense, 256 and 512, model_size [MB]")
     labels = {line[0] for line in compare([], errors, errors, "table2").body if line}
-    assert f"teen, {method_named(RELEASED[0]).title}, vertex_error_mean [mm]" in labels
+    assert f"  {method_named(RELEASED[0]).title}" in labels
 
 
 def test_compare_leaves_out_what_compares_a_run_with_the_one_before_it():
     metrics = ("time_one_core", "change_time_one_core[rig]")
     rows = [Row("table3", "teen", "dense", metric, "ms", 2.0, None, 1, None, "laptop", "r") for metric in metrics]
-    assert [line[0] for line in compare([], rows, rows, "table3").body] == ["teen, Dense, time_one_core [ms]"]
+    assert [line[0] for line in compare([], rows, rows, "table3").body] == ["teen, time_one_core [ms]", "  Dense"]
 
 
 def test_compare_without_results_of_yours_names_the_target_that_makes_them(tmp_path):
@@ -160,7 +188,17 @@ def test_compare_without_results_of_yours_names_the_target_that_makes_them(tmp_p
 def test_compare_shows_yours_where_there_is_no_reference_yet(tmp_path):
     write_results(tmp_path / "table2.csv", table2_rows())
     (table,) = compare_folders(PAPER, tmp_path / "none", tmp_path, ("table1", "table2"))
-    assert cells_after(as_text(table), "teen, Coarse, vertex_error_mean [mm]") == ["0.36", "–", "0.11", "–"]
+    assert cells_after(as_text(table), "  Coarse") == ["0.36", "–", "0.11", "–"]
+
+
+def test_compare_leaves_out_the_tables_that_yours_lacks_until_all_are_asked_for(tmp_path):
+    for folder, names in (("reference", ("table1", "table2")), ("yours", ("table2",))):
+        (tmp_path / folder).mkdir()
+        for name in names:
+            write_results(tmp_path / folder / f"{name}.csv", [replace(row, table=name) for row in table2_rows()])
+    folders = PAPER, tmp_path / "reference", tmp_path / "yours", ("table1", "table2")
+    assert [table.title[:6] for table in compare_folders(*folders)] == ["table2"]
+    assert [table.title[:6] for table in compare_folders(*folders, everything=True)] == ["table1", "table2"]
 
 
 def test_ratios_are_those_of_the_means_beside_the_papers_own():
