@@ -2,7 +2,7 @@
 
 import argparse
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -14,7 +14,7 @@ from replicate.base.paths import REFERENCE
 from replicate.cli.options import configurations, methods, workers
 from replicate.config import Config, resolve
 from replicate.engine.provenance import provenance
-from replicate.engine.scheduler import run
+from replicate.engine.scheduler import run, wall_s
 from replicate.engine.stage import Stage, in_order
 from replicate.methods import artefacts
 from replicate.methods.method import Method
@@ -82,8 +82,9 @@ def _run(
     side_by_side = workers(options)
     check_results_folder(options.profile)  # an error now is better than one after hours
     facts = provenance(options.command_line, options.profile, sorted({config.seed for config in configs}), side_by_side)
-    foresee = None if options.cluster else partial(sentence, workers=side_by_side)  # how many work there, nobody knows
-    run([stage for graph in graphs for stage in graph], side_by_side, facts, options.cluster, foresee, failures)
+    known = partial(foresee, workers=side_by_side)
+    ahead = None if options.cluster else known  # how many work there, and how fast, nobody knows
+    run([stage for graph in graphs for stage in graph], side_by_side, facts, options.cluster, ahead, failures)
 
 
 def _results(configs: Sequence[Config], graphs: Sequence[Sequence[Stage]]) -> list[CharacterResult]:
@@ -111,13 +112,19 @@ class Known:
     profile: str
 
 
-def sentence(missing: Sequence[Stage], workers: int, folder: Path = REFERENCE) -> str:
-    """Return about how long some stages take, in a sentence; "" where nothing is known.
+def foresee(missing: Sequence[Stage], workers: int, folder: Path = REFERENCE) -> tuple[str, dict[str, float | None]]:
+    """Return about how long some stages take, in a sentence, and the seconds of each by its identifier.
 
     missing: those that are not in the cache. workers: processes side by side. folder: the results whose manifest is
-    asked. Its times are of other cores, perhaps faster ones, and of the teen where it lacks the character.
+    asked. Its times are of other cores, perhaps faster ones, and of the teen where it lacks the character. The sentence
+    is "" where nothing is known.
     """
     times = times_s(missing, known_times(folder))
+    return sentence(missing, times, workers), times
+
+
+def sentence(missing: Sequence[Stage], times: Mapping[str, float | None], workers: int) -> str:
+    """Return about how long stages of these times take, in a sentence; "" where none is known."""
     if not any(times.values()):
         return ""
     seconds = wall_s(missing, times, workers)
@@ -195,19 +202,6 @@ def _growth(stage: Stage) -> float:
         return 1.0
     own, example = (control_count(r.config.recipe, r.files) for r in (rig, artefacts.rig_stage(Plan(resolve(EXAMPLE)))))
     return max(1.0, own / example) ** GROWTH[stage.name]
-
-
-def wall_s(missing: Sequence[Stage], times: dict[str, float | None], workers: int) -> float:
-    """Return how long stages take side by side: all work over the workers, or the longest chain of inputs.
-
-    times: seconds by the stages' identifiers; one that is unknown counts nothing.
-    """
-    times = {name: time or 0.0 for name, time in times.items()}
-    ends: dict[str, float] = {}
-    for stage in in_order(list(missing)):
-        before = max((ends.get(source.identifier, 0.0) for source in stage.inputs), default=0.0)
-        ends[stage.identifier] = before + times.get(stage.identifier, 0.0)
-    return max(sum(times.values()) / workers, max(ends.values(), default=0.0))
 
 
 def _candidates(stage: Stage) -> list[tuple[str, float]]:

@@ -22,9 +22,14 @@ class StageDisplay:
         self._bar: tqdm | None = None
         self._label, self._label_start, self._label_initial = "", self.start, 0.0
 
+    @property
+    def seconds(self) -> float:
+        """How long the stage has been under way."""
+        return time.monotonic() - self.start
+
     def tick(self) -> None:
         """Announce the stage once it has run for two seconds."""
-        if not self._announced and time.monotonic() - self.start >= DELAY_S:
+        if not self._announced and self.seconds >= DELAY_S:
             self._announced = True
             self._line("started")
 
@@ -47,9 +52,8 @@ class StageDisplay:
     def end(self, outcome: str) -> None:
         """Take the bar away and, unless the stage took under two seconds, say how long it took."""
         self._close()
-        seconds = time.monotonic() - self.start
-        if seconds >= DELAY_S:
-            self._line(f"{outcome} in {duration(seconds)}")
+        if self.seconds >= DELAY_S:
+            self._line(f"{outcome} in {duration(self.seconds)}")
 
     def _draw(self, steps: float, total: float) -> None:
         if self._bar is None:
@@ -78,6 +82,49 @@ class StageDisplay:
         if self._bar is not None:
             self._bar.close()
             self._bar = None
+
+
+class RunDisplay:
+    """How far a whole run is: a row below all bars on a terminal, now and then a line elsewhere."""
+
+    def __init__(self, total: int, stream: TextIOBase | None = None):
+        """total: artefacts to make; of a single one its stage's own display says all."""
+        self.total, self.stream = total, stream or sys.stderr
+        self.start = self._last_line = time.monotonic()
+        self._bar: tqdm | None = None
+
+    def show(self, done: int, running: int, left_s: float | None, row: int) -> None:
+        """Show how many artefacts are done and under way, and about how many seconds are left, where that is known.
+
+        row: the first row below the bars of those that are under way.
+        """
+        now = time.monotonic()
+        if self.total < 2 or now - self.start < DELAY_S:
+            return
+        left = f", about {duration(left_s)} left" if left_s and left_s >= 1 else ""
+        text = f"{done} of {self.total} artefacts, {running} under way{left}"
+        if self.stream.isatty():
+            self._draw(text, done, row)
+        elif now - self._last_line >= LINE_EVERY_S:
+            self._last_line = now
+            tqdm.write(text, file=self.stream)
+            self.stream.flush()
+
+    def end(self) -> None:
+        """Take the row away."""
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
+
+    def _draw(self, text: str, done: int, row: int) -> None:
+        if self._bar is None:
+            looks = {"bar_format": "{desc} |{bar}|", "leave": False, "dynamic_ncols": True}
+            self._bar = tqdm(total=self.total, desc=text, position=row, file=self.stream, **looks)
+        if self._bar.pos != -row:  # a stage has begun or ended: stay below all of them
+            self._bar.clear()
+            self._bar.pos = -row
+        self._bar.n = done
+        self._bar.set_description_str(text)
 
 
 def duration(seconds: float) -> str:

@@ -1,20 +1,22 @@
 """Runs a graph of stages on this machine or on a cluster, shows how far they are, and ends all if one fails."""
 
+import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from replicate.base.exceptions import InputError, RunError
 from replicate.base.signals import ended_by_signals
 from replicate.engine import store
 from replicate.engine.cluster.config import Cluster, read_cluster
-from replicate.engine.display import StageDisplay, duration
+from replicate.engine.display import RunDisplay, StageDisplay, duration
 from replicate.engine.executor import Executor, Task
 from replicate.engine.provenance import core_count
 from replicate.engine.stage import Stage, in_order
 from replicate.engine.workers import LocalWorkers
 
 _TICK_S = 0.5  # the longest time between two looks at what is shown
+_TRUST_S = 60.0  # expected times are taken at their word until about so many seconds of work are done
 
 
 def run(
@@ -22,14 +24,15 @@ def run(
     workers: int | None = None,
     facts: dict | None = None,
     cluster: str | None = None,
-    foresee: Callable[[list[Stage]], str] | None = None,
+    foresee: Callable[[list[Stage]], tuple[str, Mapping[str, float | None]]] | None = None,
     failures: dict[str, InputError | RunError] | None = None,
 ) -> dict[str, Path]:
     """Make what is missing of a graph and return the artefacts' folders by the stages' titles.
 
     stages: those to make, the more urgent first; their inputs are made too. workers: processes side by side, by
     default one a core. facts: provenance for the manifests. cluster: where they run instead, as CLUSTER names it (see
-    `cluster_config`). foresee: what is missing → a line to print before it is made, "" for none. failures: where given,
+    `cluster_config`). foresee: what is missing → a line to print before it is made, "" for none, and about how
+    many seconds each takes, by its identifier; None for what nobody knows. failures: where given,
     a stage that fails costs only what needs it, and its error is put there by its title. Prints what was done, or
     that there was nothing to do. Raises InputError or RunError if a stage does, RunError if one fails or is killed;
     the others are ended then, as they are by SIGINT, SIGTERM and SIGHUP. Raises InputError for a cluster that is none
@@ -42,10 +45,13 @@ def run(
     with store.used_by_a_run():
         missing = [stage for stage in graph if store.load(stage.identifier) is None]
         if missing:
-            if line := foresee(missing) if foresee else "":
+            line, expected = foresee(missing) if foresee else ("", {})
+            if line:
                 print(line, flush=True)
+            count = workers or core_count()
+            ahead = Forecast(expected, None if elsewhere else count)
             with ended_by_signals():
-                lost = _make(_tasks(missing, facts or {}), _executor(elsewhere, workers or core_count()), failures)
+                lost = _make(_tasks(missing, facts or {}), _executor(elsewhere, count), failures, ahead)
     if not missing:
         print(f"nothing to do: {len(graph)} artefacts up to date", flush=True)
     else:
@@ -71,9 +77,56 @@ def _tasks(missing: list[Stage], facts: dict) -> list[Task]:
     ]
 
 
-def _make(tasks: list[Task], executor: Executor, failures: dict[str, InputError | RunError] | None) -> int:
+class Forecast:
+    """About how long a run still takes: expected times, which what is done so far corrects."""
+
+    def __init__(self, expected_s: Mapping[str, float | None], workers: int | None):
+        """expected_s: by the stages' identifiers. workers: processes side by side, None where nobody knows."""
+        self._expected = {name: seconds for name, seconds in expected_s.items() if seconds}
+        self._workers, self._most = workers, 1
+        self._spent: dict[str, float] = {}
+
+    def done(self, identifier: str, seconds: float) -> None:
+        """Note how long a stage took."""
+        self._spent[identifier] = seconds
+
+    def left_s(self, undone: Sequence[Stage], running_s: Mapping[str, float]) -> float | None:
+        """Return about how many seconds are left, None where nothing is known.
+
+        running_s: how long those that are under way have been at it.
+        """
+        self._most = max(self._most, len(running_s))
+        known = self._expected
+        if not known and self._spent:
+            known = dict.fromkeys((stage.identifier for stage in undone), statistics.fmean(self._spent.values()))
+        if not known:
+            return None
+        both = known.keys() & self._spent.keys()
+        pace = (sum(self._spent[one] for one in both) + _TRUST_S) / (sum(known[one] for one in both) + _TRUST_S)
+        names = [stage.identifier for stage in undone]
+        left = {name: max(0.0, pace * known.get(name, 0.0) - running_s.get(name, 0.0)) for name in names}
+        return wall_s(undone, left, self._workers or self._most)
+
+
+def wall_s(missing: Sequence[Stage], times: Mapping[str, float | None], workers: int) -> float:
+    """Return how long stages take side by side: all work over the workers, or the longest chain of inputs.
+
+    times: seconds by the stages' identifiers; one that is unknown counts nothing.
+    """
+    times = {name: time or 0.0 for name, time in times.items()}
+    ends: dict[str, float] = {}
+    for stage in in_order(list(missing)):
+        before = max((ends.get(source.identifier, 0.0) for source in stage.inputs), default=0.0)
+        ends[stage.identifier] = before + times.get(stage.identifier, 0.0)
+    return max(sum(times.values()) / workers, max(ends.values(), default=0.0))
+
+
+def _make(
+    tasks: list[Task], executor: Executor, failures: dict[str, InputError | RunError] | None, ahead: Forecast
+) -> int:
     """Run tasks to their end and return how many were lost; raises as `run` does, with nothing left running."""
     lost: set[str] = set()
+    whole, next_look_s = RunDisplay(len(tasks)), 0.0
     undone = {task.identifier: task.stage for task in tasks}
     displays: dict[str, StageDisplay] = {}
     try:
@@ -81,6 +134,7 @@ def _make(tasks: list[Task], executor: Executor, failures: dict[str, InputError 
         while undone:
             for identifier, message in executor.listen(_TICK_S):
                 if identifier in undone:  # a cluster may run a task again whose result was lost
+                    at_it = displays.get(identifier)
                     try:
                         _show(undone[identifier], message, displays)
                     except (InputError, RunError) as error:
@@ -88,12 +142,21 @@ def _make(tasks: list[Task], executor: Executor, failures: dict[str, InputError 
                             raise
                         failures[undone[identifier].title] = error
                         lost |= _without(identifier, tasks, undone)
+                    if message["event"] == "done" and at_it:
+                        ahead.done(identifier, at_it.seconds)
                 if message["event"] == "done":
                     undone.pop(identifier, None)
             for display in displays.values():
                 display.tick()
+            if time.monotonic() >= next_look_s:
+                next_look_s = time.monotonic() + _TICK_S
+                seconds = {name: display.seconds for name, display in displays.items()}
+                row = max((display.slot + 1 for display in displays.values()), default=0)
+                done = len(tasks) - len(lost) - len(undone)
+                whole.show(done, len(displays), ahead.left_s(list(undone.values()), seconds), row)
     finally:
         executor.close()
+        whole.end()
         for display in displays.values():
             display.end("stopped")
     return len(lost)

@@ -10,8 +10,9 @@ import sample_folders
 from data_recipes.early_checks import recipe_controls
 from data_recipes.recipe.reading import load_recipe
 from replicate.base.paths import REFERENCE
-from replicate.cli.running import Known, known_times, sentence, stage_s, wall_s, work
+from replicate.cli.running import Known, foresee, known_times, stage_s, work
 from replicate.config import resolve
+from replicate.engine.scheduler import wall_s
 from replicate.engine.stage import in_order
 from replicate.methods.method_registry import choose, method_named, sections
 from replicate.methods.plan import Plan
@@ -84,16 +85,16 @@ def test_work_is_shared_by_workers_but_a_chain_is_not():
 def test_the_sentence_names_time_workers_and_what_is_unknown(folder):
     coarse, regional = stage_of("coarse", "teen"), stage_of("regional", "teen")
     line = "1 artefact to make: about 10 min on 2 cores, if they are as fast as those of the reference results"
-    assert sentence([coarse], 2, folder) == line
-    assert sentence([coarse, regional], 1, folder).endswith("; without regional, whose times are unknown")
-    assert sentence([regional], 2, folder) == "" == sentence([coarse], 2, folder / "nowhere")
-    assert "about a minute on 1 core," in sentence([stage_of("linear", "teen")], 1, folder)
+    assert foresee([coarse], 2, folder)[0] == line
+    assert foresee([coarse, regional], 1, folder)[0].endswith("; without regional, whose times are unknown")
+    assert foresee([regional], 2, folder)[0] == "" == foresee([coarse], 2, folder / "nowhere")[0]
+    assert "about a minute on 1 core," in foresee([stage_of("linear", "teen")], 1, folder)[0]
 
 
 def test_the_committed_results_know_the_times_of_all_rows():
     config = resolve("teen", "laptop", sections=sections("laptop"))
     graph = in_order(stages(Plan(config), choose(["all"], config)))
-    line = sentence(graph, 2, REFERENCE)
+    line = foresee(graph, 2, REFERENCE)[0]
     assert "about" in line and "unknown" not in line
     assert work(stage_of("lbs16", "teen")) > work(replace(stage_of("lbs16", "teen", "quick")))
 
@@ -112,4 +113,4 @@ def test_a_table_shows_what_is_said_before_runs(folder):
     hour, *_ = (row[1:] for row in table.body if row[0] == "`make table2`")
     assert len(set(hour)) == 1 and hour[0].endswith("min"), "all by the teen's times, the only ones that are known"
     config = resolve("teen", "laptop", sections=sections("laptop"))
-    assert f"about {hour[0]} on 2 cores" in sentence(in_order(stages(Plan(config), choose([], config))), 2, folder)
+    assert f"about {hour[0]} on 2 cores" in foresee(in_order(stages(Plan(config), choose([], config))), 2, folder)[0]

@@ -5,7 +5,7 @@ import io
 import pytest
 
 from replicate.engine import display
-from replicate.engine.display import StageDisplay, duration
+from replicate.engine.display import RunDisplay, StageDisplay, duration
 
 
 class Screen(io.StringIO):
@@ -70,3 +70,41 @@ def test_a_terminal_gets_a_bar_with_the_stages_name(monkeypatch):
 
 def test_durations_are_words_that_fit_a_line():
     assert [duration(s) for s in (3.4, 119, 150, 7_300)] == ["3 s", "119 s", "2 min", "2 h 2 min"]
+
+
+def test_a_run_is_one_line_every_half_minute_where_there_is_no_terminal(clock):
+    screen = Screen(terminal=False)
+    whole = RunDisplay(57, screen)
+    for second in range(95):
+        clock[0] += 1
+        whole.show(second // 8, 3, 480.0 if second > 50 else None, 3)
+    whole.end()
+    assert screen.getvalue().splitlines() == [
+        "3 of 57 artefacts, 3 under way",
+        "7 of 57 artefacts, 3 under way, about 8 min left",
+        "11 of 57 artefacts, 3 under way, about 8 min left",
+    ]
+
+
+def test_a_run_of_a_few_seconds_or_of_one_artefact_has_no_line_of_its_own(clock):
+    for terminal, total, seconds in ((False, 57, 20), (True, 57, 1), (True, 1, 100), (False, 1, 100)):
+        screen = Screen(terminal)
+        whole = RunDisplay(total, screen)
+        for _ in range(seconds):
+            clock[0] += 1
+            whole.show(0, 1, None, 1)
+        whole.end()
+        assert screen.getvalue() == "", (terminal, total)
+
+
+def test_on_a_terminal_the_run_stands_below_the_bars_of_its_stages(clock):
+    screen = Screen(terminal=True)
+    whole = RunDisplay(57, screen)
+    clock[0] += 3
+    whole.show(12, 2, 480.0, 2)
+    assert "\n\n\r12 of 57 artefacts, 2 under way, about 8 min left |" in screen.getvalue()
+    before = len(screen.getvalue())
+    whole.show(13, 1, 0.0, 1)
+    assert "\n\r13 of 57 artefacts, 1 under way |" in screen.getvalue()[before:]
+    assert "\n\n\r13" not in screen.getvalue()[before:]
+    whole.end()

@@ -17,8 +17,8 @@ from toy_stages import ToyConfig, faulty_graph, toy_graph
 
 from replicate.base.exceptions import InputError, RunError
 from replicate.engine import store
-from replicate.engine.scheduler import run
-from replicate.engine.stage import Stage
+from replicate.engine.scheduler import Forecast, run
+from replicate.engine.stage import Stage, in_order
 
 
 def children_after(process, count, seconds=10.0):
@@ -58,7 +58,7 @@ def test_what_is_missing_is_foreseen_before_it_is_made(cache, capfd):
     def foresee(missing):
         asked.append([stage.title for stage in missing])
         assert not store.artefact_folder(missing[0].identifier).exists()
-        return "half a minute or so"
+        return "half a minute or so", {}
 
     run(toy_graph(), foresee=foresee)
     assert sorted(asked[0]) == ["first", "last", "middle-0", "middle-1", "middle-2"]
@@ -291,3 +291,30 @@ def test_the_manifest_tells_how_an_artefact_was_made(cache):
     assert manifest["notes"] == {"count": 3} and manifest["run"] == {"profile": "quick"}
     assert manifest["inputs"]["first"].startswith("first-") and manifest["wall_s"] >= 0
     assert manifest["config"]["fields"]["seed"] == 1 and manifest["threads"] == 1
+
+
+def test_what_is_left_of_a_run_follows_expected_times_and_what_the_first_stages_took():
+    first, *_ = chain = [Stage(name, "toy_stages:numbers", ToyConfig()) for name in ("first", "second", "third")]
+    expected = {stage.identifier: 600.0 for stage in chain}
+    assert Forecast({}, 2).left_s(chain, {}) is None
+    assert Forecast(expected, 1).left_s(chain, {}) == 1800
+    assert Forecast(expected, 3).left_s(chain, {first.identifier: 100.0}) == 600, "the others are all to be done"
+    slow = Forecast(expected, 1)
+    slow.done(first.identifier, 1260.0)
+    assert slow.left_s(chain[1:], {}) == pytest.approx(2 * 1200)
+    unknown = Forecast({}, None)
+    unknown.done(first.identifier, 50.0)
+    assert unknown.left_s(chain[1:], {chain[1].identifier: 20.0}) == pytest.approx(30 + 50)
+
+
+def test_inputs_come_one_after_the_other_however_many_workers_there_are():
+    graph = in_order(toy_graph())
+    assert Forecast({stage.identifier: 60.0 for stage in graph}, 99).left_s(graph, {}) == 3 * 60
+
+
+def test_a_run_tells_how_far_it_is_as_a_whole(cache, capfd, monkeypatch):
+    monkeypatch.setattr("replicate.engine.display.DELAY_S", 0.0)
+    monkeypatch.setattr("replicate.engine.display.LINE_EVERY_S", 0.0)
+    run(toy_graph(pause_s=0.3))
+    lines = [line for line in capfd.readouterr().err.splitlines() if " of 5 artefacts, " in line]
+    assert lines and all("under way" in line for line in lines)

@@ -60,6 +60,28 @@ def test_a_column_says_its_profile_where_others_were_trained_otherwise():
     assert headers[1][1] == "teen (Hiccup)"
 
 
+def test_no_column_mixes_profiles_and_each_says_its_own():
+    quick = mean_rows(normal={"refined": 0.5})
+    usual = [replace(row, profile="laptop") for row in (*table1_rows(), *mean_rows(character="woman"))]
+    verdicts = judge_all(Evidence([*quick, *usual]), PAPER)
+    table = claims_table(verdicts, Evidence([]))
+    assert table.headers[0] == ("", "teen (quick)", "teen (laptop)", "woman (laptop)", "dragon", "toon")
+    line = {cells[0].partition(" ")[0]: cells[1:4] for cells in table.body}
+    assert line["C3"] == ("holds", "–", "fails") and line["C6"] == ("–", "holds", "–")
+    assert [cells[0] for cells in reasons_table(verdicts, "C3").body][:3] == [
+        "teen (quick)",
+        "woman (laptop)",
+        "dragon",
+    ]
+    assert reasons_table(verdicts, "C6").body[0][0] == "teen", "one profile alone"
+
+
+def test_a_verdict_on_numbers_of_two_profiles_has_a_column_that_says_so():
+    rows = [replace(row, profile="laptop" if row.method == "dense" else "quick") for row in mean_rows()]
+    header = claims_table(judge_all(Evidence(rows), PAPER), Evidence([])).headers[0]
+    assert header[1:4] == ("teen (quick)", "teen (laptop, quick)", "woman")
+
+
 def test_reasons_stand_beside_the_papers_own_verdict():
     verdicts = judge_all(Evidence(mean_rows()), PAPER)
     table = reasons_table(verdicts, "C4")

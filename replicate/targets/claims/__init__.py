@@ -3,14 +3,14 @@
 import argparse
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from replicate.base.exceptions import InputError
 from replicate.base.paths import REFERENCE, display_path
-from replicate.config import check_profile
+from replicate.config import PROFILES, check_profile
 from replicate.drawing.panels import DPI, WIDTH, Words, tidy
 from replicate.engine.provenance import as_lines
 from replicate.report.notebooks import folder_of, provenance_text, run_notebook
@@ -76,9 +76,11 @@ def publish(profile: str, latex: bool = False) -> None:
         print(as_latex(table))
         return
     print(as_text(table))
+    profiles = _profiles(verdicts)
     for one in verdicts:
         if one.verdict != NOT_TESTED:
-            print(f"{one.claim} {one.character}: {one.verdict}. {one.reason}")
+            whose = _with_profile(one.character, one.profile, profiles)
+            print(f"{one.claim} {whose}: {one.verdict}. {one.reason}")
     print(f"\n{origin(verdicts)}")
     print(f"written to {display_path(folder)}: {FILE}, and claims.ipynb to read it in")
 
@@ -152,19 +154,21 @@ NARROW_TIME = 0.1  # the same of times, which repeat less exactly
 def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequence[Claim] = CLAIMS) -> Table:
     """Return a line for each claim and a column for each character, with footnotes on what qualifies a verdict.
 
-    Variants of a character, as teen@one_face, are left out. evidence: what the verdicts are from, for the line. claims:
-    those that are shown.
+    A character whose numbers are of several profiles has a column for each of them, so that none mixes two. Variants
+    of a character, as teen@one_face, are left out. evidence: what the verdicts are from, for the line. claims: those
+    that are shown.
     """
     names = [claim.name for claim in claims]
-    by_key = {(one.claim, one.character): one for one in verdicts if "@" not in one.character and one.claim in names}
-    characters = sorted({character for _, character in by_key}, key=order_of)
-    cells = {key: cell(one) for key, one in by_key.items()}
+    shown = [one for one in verdicts if "@" not in one.character and one.claim in names]
+    characters = sorted({one.character for one in shown}, key=order_of)
+    columns = [(character, profile) for character in characters for profile in _profiles(shown, character) or [""]]
+    cells = {(one.claim, one.character, one.profile): cell(one) for one in shown}
     body = tuple(
-        (f"{claim.name} {claim.text}", *(cells.get((claim.name, character), "–") for character in characters))
+        (f"{claim.name} {claim.text}", *(cells.get((claim.name, *column), "–") for column in columns))
         for claim in claims
     )
     marks = "".join(cells.values())
-    notes = [about(list(by_key.values()))]
+    notes = [about(shown)]
     if "†" in marks:
         notes.append("† By the same rule the paper's own numbers fail too, for the character that it stands for.")
     if "‡" in marks:
@@ -176,23 +180,31 @@ def claims_table(verdicts: Sequence[Verdict], evidence: Evidence, claims: Sequen
     notes += line_notes(evidence, characters)
     if "–" in cells.values():
         notes.append("–: not tested; `claims.csv` has the reason of each.")
-    header = ("", *(_heading(name, list(by_key.values())) for name in characters))
+    header = ("", *(_heading(*column, shown) for column in columns))
     title = "What the paper claims, on our characters"
     return Table(title, (header,), body, tuple(notes), text_columns=len(header))
 
 
-def _heading(character: str, verdicts: Sequence[Verdict]) -> str:
-    """Return a column's heading: whom a character stands for, or on which profile it was run where others ran on more.
+def _profiles(verdicts: Iterable[Verdict], *characters: str) -> list[str]:
+    """Return the profiles that verdicts on some characters, or on all, stand on, the shortest training first."""
+    found = {one.profile for one in verdicts if one.profile and (not characters or one.character in characters)}
+    return sorted(found, key=lambda name: (list(PROFILES).index(name) if name in PROFILES else len(PROFILES), name))
 
-    A short training decides less than a long one, so that a reader must see which it was.
+
+def _heading(character: str, profile: str, verdicts: Sequence[Verdict]) -> str:
+    """Return a column's heading: the profile where others are of another, else whom the character stands for.
+
+    A short training decides less than a long one, so that a reader must see which it was. Where all that stand for the
+    paper's characters were trained alike, they are the usual, and the others' headings say what is different.
     """
-    if character in STANDS_FOR:
+    if character in STANDS_FOR and len(_profiles(verdicts, *STANDS_FOR)) < 2:
         return f"{character} ({STANDS_FOR[character]})"
-    own, every = (
-        {one.profile for one in verdicts if one.verdict != NOT_TESTED and one.character in who}
-        for who in ([character], [one.character for one in verdicts])
-    )
-    return f"{character} ({', '.join(sorted(own))})" if own and own != every else character
+    return _with_profile(character, profile, _profiles(verdicts))
+
+
+def _with_profile(character: str, profile: str, profiles: Sequence[str]) -> str:
+    """Return a character's name, with its profile where there are several in a table."""
+    return f"{character} ({profile})" if profile and len(profiles) > 1 else character
 
 
 def verdicts_of_table2(name: str) -> Table:
@@ -265,7 +277,12 @@ def claim_text(name: str) -> str:
 
 def reasons_table(verdicts: Sequence[Verdict], claim: str) -> Table:
     """Return one claim's verdicts with their reasons, a character a line, the paper's own verdict beside ours."""
-    body = tuple((one.character, one.verdict, _of_the_paper(one), one.reason) for one in verdicts if one.claim == claim)
+    own = [one for one in verdicts if one.claim == claim]
+    profiles = _profiles(own)
+    body = tuple(
+        (_with_profile(one.character, one.profile, profiles), one.verdict, _of_the_paper(one), one.reason)
+        for one in own
+    )
     header = ("", "verdict", "paper's numbers", "why")
     return Table(f"{claim}, character by character", (header,), body, text_columns=4)
 
