@@ -111,8 +111,10 @@ class RunDisplay:
             self.stream.flush()
 
     def end(self) -> None:
-        """Take the row away."""
+        """Take the row away; what is printed next begins at the left."""
         if self._bar is not None:
+            self._bar.clear()
+            self._bar.pos = 0
             self._bar.close()
             self._bar = None
 

@@ -75,5 +75,6 @@ def cache_line(entries: Iterable[Entry]) -> str:
     sizes: dict[str, list[int]] = {}
     for entry in entries:
         sizes.setdefault(entry.state, []).append(entry.size_bytes)
-    order = [state for state in ("current", "stale", "damaged", "unfinished") if state in sizes]
-    return ", ".join(f"{len(sizes[s])} {s} ({sum(sizes[s]) / 1e6:,.1f} MB)" for s in order) or "nothing"
+    words = {"current": "current", "stale": "stale", "damaged": "damaged", "unfinished": "unfinished or logs"}
+    order = [state for state in words if state in sizes]
+    return ", ".join(f"{len(sizes[s])} {words[s]} ({sum(sizes[s]) / 1e6:,.1f} MB)" for s in order) or "nothing"

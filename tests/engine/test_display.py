@@ -108,3 +108,4 @@ def test_on_a_terminal_the_run_stands_below_the_bars_of_its_stages(clock):
     assert "\n\r13 of 57 artefacts, 1 under way |" in screen.getvalue()[before:]
     assert "\n\n\r13" not in screen.getvalue()[before:]
     whole.end()
+    assert screen.getvalue().endswith("\r"), "what is printed next begins at the left"

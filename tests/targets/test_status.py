@@ -41,7 +41,7 @@ def test_a_target_is_up_to_date_or_has_artefacts_to_make_or_was_never_made(cache
 def test_characters_in_the_same_state_share_their_place_in_the_line(cache):
     run(graph("teen"))
     both = line({"teen": graph("teen"), "toon": graph("toon"), "ict": graph("ict")})
-    assert both == "teen: up to date; toon, ict: never made; 4 artefacts to make"
+    assert both == "teen: up to date; toon, ict: never made; 4 artefacts to make, about 60 min", "as the teen's"
 
 
 def test_an_artefact_that_has_lost_a_file_is_to_be_made_and_no_file_is_read_to_know_it(cache, monkeypatch):
@@ -59,7 +59,7 @@ def test_the_cache_is_one_line_of_the_states_that_there_are(cache):
     run(graph("teen"))
     (cache / "scratch" / graph("toon")[0].identifier).mkdir()
     text = cache_line(inventory())
-    assert text.startswith("2 current (0.0 MB), 1 unfinished (0.0 MB)") and "stale" not in text
+    assert text.startswith("2 current (0.0 MB), 3 unfinished or logs (0.0 MB)") and "stale" not in text
 
 
 def test_status_fits_a_screen_and_has_the_hashes_where_they_are_asked_for(capfd, cache):
