@@ -31,7 +31,8 @@ from replicate.methods import artefacts, regional
 from replicate.methods.method_registry import choose, in_order, method_named
 from replicate.methods.plan import Plan
 from replicate.poser.browser_pictures import BROWSERS, browser
-from replicate.poser.notebook import EVALUATED, read_face
+from replicate.poser.notebook import read_face
+from replicate.poser.pack import EVALUATED
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
 

@@ -19,7 +19,7 @@ from replicate.engine.store import load
 from replicate.inverse import ik_stage
 from replicate.inverse.control_points import control_points, targets_of_drags
 from replicate.methods import artefacts as methods_artefacts
-from replicate.methods import coarse, refined, regional
+from replicate.methods import regional
 from replicate.poser.contents import PosedFace, face_contents
 from replicate.poser.display_parts import display_contents
 from replicate.poser.face_page import posed_vertices
@@ -184,7 +184,6 @@ def _numbers(value: object, shape: tuple[int, ...], name: str) -> np.ndarray:
 
 NETWORKS = f"{ik_stage.PREFIX}_"
 SHOWN = "figure11"  # whose networks pose a face; its IK networks are trained through the first method that it shows
-EVALUATED = (regional.METHOD.name, coarse.METHOD.name, refined.METHOD.name)  # by the page's JavaScript
 
 
 def open_poser(results: str, character: str) -> "Poser":

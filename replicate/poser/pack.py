@@ -13,6 +13,9 @@ from string import Template
 import numpy as np
 
 from replicate.base.exceptions import InputError
+from replicate.methods import coarse, refined, regional
+
+EVALUATED = (regional.METHOD.name, coarse.METHOD.name, refined.METHOD.name)  # methods that the JavaScript does
 
 Parts = tuple[dict, dict[str, np.ndarray]]  # words for the header, and arrays by name
 KINDS = ("float32", "float16", "uint32", "int16", "uint16", "int8", "uint8")

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import onnx
 from jaxtyping import Float32
 
 from data_recipes.rig import Rig
@@ -20,7 +19,6 @@ from replicate.cli.options import methods
 from replicate.cli.running import make
 from replicate.deployment.c_face import TEMPLATES, CFace, c_files
 from replicate.deployment.model_facts import LICENCE, PATENTS, FaceFacts, about_model, in_words
-from replicate.deployment.onnx_model import drawn_poses, largest_distance, onnx_model, posed
 from replicate.engine.stage import Stage, StageContext, stage_function
 from replicate.export.files import glb, posed_parts
 from replicate.methods import artefacts, measurement, regional
@@ -143,6 +141,8 @@ def write_files(context: StageContext) -> None:
 
 
 def _face(context: StageContext) -> DeployedFace:
+    from replicate.deployment.onnx_model import drawn_poses
+
     settings, rig = context.config, artefacts.load_rig(context.inputs)
     attachments, names = artefacts.load_attachments(context.inputs), rig.mesh.segment_names
     made_by = f"make deploy CHARACTERS={settings.character} PROFILE={settings.profile}, seed {settings.seed}"
@@ -154,6 +154,10 @@ def _face(context: StageContext) -> DeployedFace:
 
 def _models(face: DeployedFace, method: DeployedMethod, errors: Errors) -> list[tuple[str, bytes, str]]:
     """Return (name, bytes, what it is) of a method's models: float32 and float16. errors: its own on held-out poses."""
+    import onnx
+
+    from replicate.deployment.onnx_model import largest_distance, onnx_model, posed
+
     mesh, model = face.rig.mesh, stage_function(method.model)(face.inputs)
     placing = face.attachments if method.rigid_step else None
     wanted = vertices_of(face.inputs, model, method.model)(face.params)

@@ -15,7 +15,7 @@ from replicate.inverse import ik_stage
 from replicate.methods import artefacts, regional
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan, reference
-from replicate.poser.notebook import EVALUATED, read_face
+from replicate.poser.pack import EVALUATED
 from replicate.report.publication import publish_files
 
 if TYPE_CHECKING:
@@ -72,6 +72,7 @@ def write_page(context: StageContext, method: str, model: str) -> "tuple[PosedFa
     """Write the page of one method, return its face and its file; model: "module:function" of what reads the model."""
     from replicate.poser.contents import as_on_page
     from replicate.poser.face_page import face_page
+    from replicate.poser.notebook import read_face
 
     settings = context.config
     face = read_face(context.inputs, as_on_page(stage_function(model)(context.inputs)), method)

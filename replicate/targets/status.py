@@ -41,6 +41,8 @@ def _graphs(options: argparse.Namespace) -> dict[str, dict[str, Sequence[Stage]]
         plan, rows = Plan(config), methods(options, config)
         name = f"{plan.character}-seed{config.seed}" if config.seed else plan.character
         for target in targets().values():
+            if not {"profile", "characters"} <= {*target.options}:
+                continue  # it has no graph, and its module need not be loaded
             if target.stages and not (target.asks_the_rig and sample_folder(config.character)):
                 graphs.setdefault(target.name, {})[name] = target.stages(plan, rows)
     return graphs

@@ -145,7 +145,7 @@ def test_the_example_refuses_bad_words_in_a_sentence(deployed, tmp_path, words, 
 def test_a_model_that_is_off_is_not_written(inputs, tmp_path, monkeypatch):
     monkeypatch.setattr("replicate.methods.artefacts.load_rig", lambda _: PosedRig())
     still = lambda model, params: np.zeros((len(params), 341, 3))  # noqa: E731
-    monkeypatch.setattr("replicate.targets.deploy.posed", still)
+    monkeypatch.setattr("replicate.deployment.onnx_model.posed", still)
     with pytest.raises(RuntimeError, match=r"coarse as ONNX is .* mm off, where 0.001 mm are allowed"):
         run_stage(deploy.write, inputs, "deploy", DeploySettings("small", "quick", 0, METHODS), tmp_path)
 

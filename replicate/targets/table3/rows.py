@@ -1,4 +1,8 @@
-"""The numbers of Table 3, from rigs and their methods' models, which are timed together."""
+"""The numbers of Table 3, from rigs and their methods' models, which are timed together.
+
+Torch and the ways to evaluate a model take seconds to import: that waits until something is timed, since graphs and
+tables come here for settings and rows alone.
+"""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -6,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from data_recipes.rig import Rig, has_function
 from replicate.approximation.metrics import unique_poses
@@ -17,8 +20,6 @@ from replicate.methods import artefacts
 from replicate.methods.measurement import MeasurementNumbers, predictor
 from replicate.report.results import Row, find, run_name, write_results
 from replicate.report.tables import round_off
-from replicate.timing.backends import fast_rigid_step, gpu_backends, largest_difference, other_backends
-from replicate.timing.machine import can_confine, core_total, one_core, threads
 from replicate.timing.single_poses import (
     BACKENDS,
     DISTURBED,
@@ -124,6 +125,8 @@ class TimedRig:
 
     def rows(self) -> list[Row]:
         """Return the rig's rows."""
+        from replicate.timing.machine import core_total
+
         settings, poses = self._settings, self._poses
         facts = settings.profile, run_name(self._inputs)
         numbers = [
@@ -144,6 +147,10 @@ def settings_of_cores() -> Iterator[tuple[str, AbstractContextManager[None]]]:
     """Yield what is measured, and the context that it is measured in: on all cores, on one where that can be, and on a
     GPU where there is one, whose rigid step has all cores.
     """
+    import torch
+
+    from replicate.timing.machine import can_confine, core_total, one_core, threads
+
     yield ALL, threads(core_total())
     if can_confine():
         yield ONE, one_core()
@@ -172,6 +179,8 @@ def ways_of(settings: RigNumbers, inputs: Mapping[str, Path], rig: Rig) -> dict[
     A rig that is known by its samples alone has no time. Where a method has a fast evaluation, its others take part in
     each PEERS_EVERYth turn.
     """
+    from replicate.timing.backends import fast_rigid_step, gpu_backends, other_backends
+
     mesh, attachments = rig.mesh, artefacts.load_attachments(inputs)
     ways = {RIG: Way(rig)} if has_function(rig) else {}
     if run_nodes := getattr(rig, "run_nodes", None):
@@ -211,6 +220,8 @@ def costs(settings: RigNumbers, inputs: Mapping[str, Path]) -> list[tuple[str, s
 
 def differences(ways: Mapping[str, Way], poses: np.ndarray) -> list[tuple[str, str, str, float, int]]:
     """Return how far each backend's vertices are at most from the method's own, in mm."""
+    from replicate.timing.backends import largest_difference
+
     found, expected = [], {}
     for name, way in ways.items():
         method, ending = parted(name)
