@@ -1,6 +1,7 @@
 """Which targets are up to date, how much of the others is to be made, and what the cache holds."""
 
 import argparse
+import gc
 from collections.abc import Iterable, Mapping, Sequence
 
 from data_recipes.recipe_paths import sample_folder
@@ -17,6 +18,16 @@ DONE, BEGUN, NEVER = UP_TO_DATE, "artefacts to make", "never made"
 
 def run(options: argparse.Namespace) -> None:
     """Print a line a target, or with `details` a line an artefact, then what the cache holds; no file is hashed."""
+    collects = gc.isenabled()
+    gc.disable()  # sources become trees of many nodes without circles: looking for some takes a fifth of the time
+    try:
+        _print_state(options)
+    finally:
+        if collects:
+            gc.enable()
+
+
+def _print_state(options: argparse.Namespace) -> None:
     graphs = _graphs(options)
     every = [stage for each in graphs.values() for graph in each.values() for stage in graph]
     found = {stage.identifier: (stage, state) for stage, state in states(every)}
