@@ -1,50 +1,133 @@
-"""Machine code that is kept between processes, for whoever asks for it: compiling takes most of a short stage.
+"""Machine code of Numba's kernels, kept in the cache for the next process: compiling takes most of a short one.
 
-Numba keeps the kernels' code in `$NUMBA_CACHE_DIR` and JAX the rigs' in `$JAX_COMPILATION_CACHE_DIR`, where these are
-set. Without them nothing is kept. Numba makes a kernel's code anew when its own file has changed, not when a module has
-that it calls or takes numbers from; so here every state of the kernels' sources gets a folder of its own within
-`$NUMBA_CACHE_DIR`. JAX needs none: it knows code by the program that it was compiled from, in full.
+    <cache>/kernels-<hash>/<kernel>-<hash>.code
+
+The folder is named by what all kernels are made of: their sources, with those of every module that these import, and
+the versions of Python, Numba and LLVM. A file is named by the types that its code is for, the processor and Numba's
+settings. There is one for each signature, sealed with a checksum and renamed into place when it is whole, so that
+processes may read and write at once: Numba's own cache has an index beside the code, and of two that write to it one
+can be told the other's code. What is missing, damaged or can't be written is compiled, and all goes on.
+
+`$NUMBA_CACHE_DIR` names another folder than the cache for `kernels-…` to stand in. JAX keeps the rigs' code in
+`$JAX_COMPILATION_CACHE_DIR` where that is set; it knows code by the program that it was compiled from, in full.
 """
 
+import functools
+import hashlib
 import os
 import re
 import sys
+from contextlib import suppress
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any, TypeVar
 
-from replicate.base.code_hash import code_digest
-from replicate.base.paths import ROOT
+from replicate.base import LOADED
+from replicate.base.exceptions import InputError
+from replicate.base.files import read_sealed, write_sealed
+from replicate.base.paths import ROOT, cache_folder, named_folder
 
-_VARIABLE = "NUMBA_CACHE_DIR"
+FOLDER_NAME = r"kernels-[0-9a-f]{16}"
+FILE_NAME = r"[\w.]+-[0-9a-f]{16}\.code"
+_ROOT_VARIABLE = "NUMBA_CACHE_DIR"
+_HARMLESS = (_ROOT_VARIABLE, "NUMBA_NUM_THREADS")  # of Numba's settings: those that don't change any code
+_KEEPING = re.compile(rb"^from replicate\.base\.jit_cache import kept$", re.MULTILINE)
+_IMPORT = re.compile(rb"^(?:from|import) ((?:replicate|data_recipes)[\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
+
+Kernel = TypeVar("Kernel")
 
 
-def kernels() -> list[str]:
-    """Return the modules of the project that compile functions with Numba."""
-    files = sorted(file for folder in ("replicate", "data_recipes") for file in (ROOT / folder).rglob("*.py"))
-    compiling = (file for file in files if re.search(rb"^(from|import) numba\b", file.read_bytes(), re.MULTILINE))
-    return [".".join(file.relative_to(ROOT).with_suffix("").parts) for file in compiling]
+def kept(kernel: Kernel) -> Kernel:
+    """Have what a kernel is compiled to kept for the next process; stands above `numba.njit`."""
+    if hasattr(kernel, "targetctx"):  # not with NUMBA_DISABLE_JIT, which leaves a plain function
+        kernel._cache = _KeptCode(kernel.py_func)
+    return kernel
 
 
-def folder_of(root: str, sources: str) -> str:
-    """Return the folder for kernels of some sources, a hash, within the user's folder.
+def kernel_sources() -> list[Path]:
+    """Return the files of the project that kernels are made of: their modules and all that importing these loads."""
+    files = [file for folder in ("replicate", "data_recipes") for file in (ROOT / folder).rglob("*.py")]
+    modules = {".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): file for file in files}
+    texts = {module: file.read_bytes() for module, file in modules.items()}
+    pending, reached = [module for module, text in texts.items() if _KEEPING.search(text)], set()
+    while pending:
+        module = pending.pop()
+        if module in reached or module not in modules:
+            continue
+        reached.add(module)
+        pending.append(module.rpartition(".")[0])  # the package around it
+        for source, names in _IMPORT.findall(texts[module]):
+            pending += [source.decode(), *(f"{source.decode()}.{name.decode()}" for name in re.findall(rb"\w+", names))]
+    return sorted(modules[module] for module in reached)
 
-    root: the user's folder, or already such a folder for kernels, which a process inherits from one of ours.
+
+def folder_name() -> str:
+    """Return the name of the folder for kernels of the sources as they are, and of the libraries installed."""
+    sources = [(file.relative_to(ROOT).as_posix(), file.read_bytes()) for file in kernel_sources()]
+    versions = sys.implementation.cache_tag, version("numba"), version("llvmlite")
+    return f"kernels-{_hash((versions, sources))}"
+
+
+@functools.cache
+def _state() -> tuple[Path, list[Path]] | None:
+    """Return this process's folder and the kernels' sources; None where the variables name no folder for it."""
+    with suppress(InputError, OSError):
+        return (named_folder(_ROOT_VARIABLE) or cache_folder()) / folder_name(), kernel_sources()
+    return None
+
+
+def _folder() -> Path | None:
+    """Return the folder for the kernels that this process has loaded; None for none.
+
+    There is none once a source has changed since: what was loaded is no longer what the folder's name says.
     """
-    folder = Path(root).absolute()
-    if re.fullmatch(r"kernels-[0-9a-f]{16}", folder.name):
-        folder = folder.parent
-    return str(folder / f"kernels-{sources[:16]}")
+    with suppress(OSError):
+        if (state := _state()) and all(file.stat().st_ctime < LOADED for file in state[1]):
+            return state[0]
+    return None
 
 
-def _keep() -> bool:
-    """Name the folder to Numba, loaded by now or not; return whether code is kept at all."""
-    root = os.environ.get(_VARIABLE)
-    if not root:
-        return False
-    own = folder_of(root, code_digest("\n".join(f"import {module}" for module in kernels())))
-    os.environ[_VARIABLE] = own
-    if "numba" in sys.modules:
-        sys.modules["numba"].config.CACHE_DIR = own
-    return True
+def _hash(what: object) -> str:
+    return hashlib.sha256(repr(what).encode()).hexdigest()[:16]
 
 
-KEEP_CODE = _keep()
+class _KeptCode:
+    """What Numba asks for a function's code before it compiles, and gives the code to afterwards."""
+
+    def __init__(self, function: Any):
+        self._name = f"{function.__module__}.{function.__qualname__}"
+
+    @property
+    def cache_path(self) -> str | None:
+        """The folder, for Numba's statistics."""
+        return str(_folder()) if _folder() else None
+
+    def load_overload(self, signature: tuple, target: Any) -> Any:
+        """Return the compiled code for a signature in Numba's types; None for none."""
+        from numba.core.compiler import CompileResult
+        from numba.core.serialize import loads
+
+        target.refresh()
+        file = self._file(signature, target.codegen())
+        parts = read_sealed(file, lambda stream: loads(stream.read())) if file else None
+        return None if parts is None else CompileResult._rebuild(target, *parts)
+
+    def save_overload(self, signature: tuple, code: Any) -> None:
+        """Keep the compiled code for a signature, unless it holds addresses of this process."""
+        from numba.core.serialize import dumps
+
+        file = self._file(signature, code.codegen)
+        if file is None or code.library.has_dynamic_globals:
+            return
+        data = dumps(code._reduce())
+        with suppress(OSError):
+            write_sealed(file, lambda stream: stream.write(data))
+
+    def _file(self, signature: tuple, codegen: Any) -> Path | None:
+        folder = _folder()
+        if folder is None:
+            return None
+        settings = sorted(
+            item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] not in _HARMLESS
+        )
+        return folder / f"{self._name}-{_hash((signature, codegen.magic_tuple(), settings))}.code"

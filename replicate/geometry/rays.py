@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numba import njit
 
-from replicate.base.jit_cache import KEEP_CODE
+from replicate.base.jit_cache import kept
 
 
 def ray_hits(
@@ -38,7 +38,8 @@ def _balls(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
     return corners, normal, centre, np.sqrt(((corners - centre[:, None]) ** 2).sum(-1).max(1))
 
 
-@njit(cache=KEEP_CODE, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 @no_type_check
 def _first(origins, directions, corners, normals, centres, radii):
     nearest, cosines = np.full(len(origins), np.inf), np.zeros(len(origins))

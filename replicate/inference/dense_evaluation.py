@@ -8,7 +8,7 @@ from numba import njit
 from torch import nn
 
 from replicate.approximation.model import SegmentedModel
-from replicate.base.jit_cache import KEEP_CODE
+from replicate.base.jit_cache import kept
 from replicate.baselines.dense import DenseNetwork
 from replicate.baselines.line import Line
 from replicate.inference.products import NOTHING, Work, add_products, of_layers, total, without_loss
@@ -69,7 +69,8 @@ def _layers(network: nn.Module) -> tuple[list[np.ndarray], list[np.ndarray]]:
     return [layer.weight.detach().numpy().T for layer in layers], [layer.bias.detach().numpy() for layer in layers]
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@kept
+@njit(error_model="numpy", nogil=True)
 @no_type_check
 def place_segments(
     plan: DensePlan, params: np.ndarray, sums: np.ndarray, moved: np.ndarray, rows: np.ndarray, out: np.ndarray

@@ -10,7 +10,7 @@ from torch import nn
 
 from replicate.approximation.cnn import START, MapNetwork
 from replicate.approximation.model import SegmentedModel
-from replicate.base.jit_cache import KEEP_CODE
+from replicate.base.jit_cache import kept
 from replicate.inference.products import NOTHING, Work, add_products, of_layers, total, without_loss
 from replicate.kernels.map_kernel import REORDER, fold, read_vertex
 from replicate.kernels.pixel_kernel import PARITIES, STEP, TILE, LayerPixels, layers_of, multiply_pixels, places
@@ -132,7 +132,8 @@ def _upsampled_layer(layer: nn.Conv2d, pixels: LayerPixels, side: int, depth: in
 PIXELS = START**2
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", fastmath=REORDER, nogil=True)
+@kept
+@njit(error_model="numpy", fastmath=REORDER, nogil=True)
 @no_type_check
 def _read(image, pixels, below, shares, weight, bias, vertices, out):
     """Add to `out` (n, 3) what vertices read bilinearly from an image, through the 1×1 convolution."""
@@ -146,7 +147,8 @@ def _read(image, pixels, below, shares, weight, bias, vertices, out):
         out[vertex, 2] += z + bias[2]
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@kept
+@njit(error_model="numpy", nogil=True)
 @no_type_check
 def _add_offsets(program, params, images, sums, rows, out):
     """Add to `out` (n, 3) the offsets of all networks' vertices, mm, for raw rig parameters (m,).

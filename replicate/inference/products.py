@@ -13,7 +13,7 @@ from numba.core.errors import TypingError
 from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
 
-from replicate.base.jit_cache import KEEP_CODE
+from replicate.base.jit_cache import kept
 from replicate.kernels.map_kernel import REORDER
 from replicate.kernels.vector_code import INDEX, data
 
@@ -57,7 +57,8 @@ def as_float32(typing: object, value: types.Type) -> tuple[Signature, Callable]:
     return types.float32(value), generate
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", fastmath=REORDER, nogil=True)
+@kept
+@njit(error_model="numpy", fastmath=REORDER, nogil=True)
 @no_type_check
 def add_products(x: np.ndarray, weights: np.ndarray, first: int, width: int, out: np.ndarray, rows: np.ndarray) -> None:
     """Add x @ w to `out` (width,), where w are the rows of `width` numbers that lie in flat `weights` from `first` on.
@@ -182,7 +183,8 @@ def _add_pairs(builder: ir.IRBuilder, left: ir.Value, right: ir.Value) -> ir.Val
     return builder.add(*products)
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@kept
+@njit(error_model="numpy", nogil=True)
 @no_type_check
 def add_pairs(x: np.ndarray, weights: np.ndarray, first: int, width: int, out: np.ndarray, pairs: np.ndarray) -> int:
     """Add x @ w to `out` (width,), where w lies in flat `weights` from `first` on as `in_pairs` stores it.

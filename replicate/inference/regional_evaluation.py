@@ -11,7 +11,7 @@ from numba import njit, types
 from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
 
-from replicate.base.jit_cache import KEEP_CODE
+from replicate.base.jit_cache import kept
 from replicate.inference.products import (
     BLOCK,
     NOTHING,
@@ -117,7 +117,8 @@ def _within(value, least, most):
     return least if value < least else most if value > most else value
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", nogil=True, fastmath={"afn", "contract"})
+@kept
+@njit(error_model="numpy", nogil=True, fastmath={"afn", "contract"})
 @no_type_check
 def _activate(values, gated):
     """Make a layer's outputs of the sums in `values`, in its first numbers; return how many."""
@@ -133,7 +134,8 @@ def _activate(values, gated):
     return half
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@kept
+@njit(error_model="numpy", nogil=True)
 @no_type_check
 def _keep_within(values, least, most):
     """Bring values within as many limits, with one instruction for several of them."""
@@ -141,7 +143,8 @@ def _keep_within(values, least, most):
         values[k] = _within(values[k], least[k], most[k])
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@kept
+@njit(error_model="numpy", nogil=True)
 @no_type_check
 def place_regions(
     plan: RegionalPlan, params: np.ndarray, sums: np.ndarray, moved: np.ndarray, rows: np.ndarray, pairs: np.ndarray,

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from replicate.approximation.rigid import Attachments
-from replicate.base.jit_cache import KEEP_CODE
+from replicate.base.jit_cache import kept
 from replicate.geometry.mesh import Mesh
 
 REGULAR = 1e-12  # of a matrix's size along the identity, as in `alignment.nearest_rotation`
@@ -42,7 +42,8 @@ def plan_rigid_step(mesh: Mesh, attachments: Attachments) -> RigidPlan:
     return RigidPlan(carriers, rest - centres[:, None], centres, all_members, places, ends)
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@kept
+@njit(error_model="numpy", nogil=True)
 @no_type_check
 def place_rigid_segments(plan: RigidPlan, posed: np.ndarray) -> None:
     """Write the rigid segments of a posed mesh (n, 3), float32 mm, where their carriers in it have moved to."""
@@ -95,7 +96,8 @@ STEPS = 30  # at most, of Newton's method; six to ten do
 APART = 1e-2  # the slope at the root, the product of its distances to the others: beyond it the root is exact
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@kept
+@njit(error_model="numpy", nogil=True)
 @no_type_check
 def _turn(a, vectors, p, q):
     """Take a symmetric 4×4 matrix's entry (p, q) away by a rotation of both axes (Jacobi), and turn `vectors` along."""
@@ -118,7 +120,8 @@ def _turn(a, vectors, p, q):
         vectors[k, p], vectors[k, q] = c * left - s * right, s * left + c * right
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@kept
+@njit(error_model="numpy", nogil=True)
 @no_type_check
 def _horn(m, a):
     """Write to a (4, 4) the matrix whose first eigenvector is the quaternion of the R with the largest tr(Rᵀ m)."""
@@ -131,7 +134,8 @@ def _horn(m, a):
             a[i, j] = a[j, i]
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@kept
+@njit(error_model="numpy", nogil=True)
 @no_type_check
 def _normal(a, row, q):
     """Write to q (4,) a vector at right angles to all rows of a (4, 4) but one; return its squared length."""
@@ -147,7 +151,8 @@ def _normal(a, row, q):
     return length
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@kept
+@njit(error_model="numpy", nogil=True)
 @no_type_check
 def _first_by_newton(m, a, q):
     """Write the first eigenvector of `_horn`'s matrix to q, not of unit length; return whether it stands well apart.
@@ -179,7 +184,8 @@ def _first_by_newton(m, a, q):
     return False
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@kept
+@njit(error_model="numpy", nogil=True)
 @no_type_check
 def _first_by_jacobi(a, vectors, q):
     """Write the first eigenvector of `_horn`'s matrix to q; the matrix becomes diagonal."""
@@ -205,7 +211,8 @@ def _first_by_jacobi(a, vectors, q):
         q[k] = vectors[k, best]
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@kept
+@njit(error_model="numpy", nogil=True)
 @no_type_check
 def best_quaternion(m: np.ndarray, a: np.ndarray, vectors: np.ndarray, q: np.ndarray) -> None:
     """Write to q (4,) the unit quaternion of the rotation R that maximises tr(Rᵀ m), rotations acting on rows.

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32, Int
 from numba import njit
 
-from replicate.base.jit_cache import KEEP_CODE
+from replicate.base.jit_cache import kept
 
 
 def fast_vertex_normals(
@@ -25,7 +25,8 @@ def fast_vertex_normals(
     return out
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", nogil=True)
+@kept
+@njit(error_model="numpy", nogil=True)
 @no_type_check
 def _write_normals(vertices, faces, sums, out):
     """Write the normals to `out` (n, 3). sums: zeros (n, 3) float64, so that the order of faces hardly matters."""

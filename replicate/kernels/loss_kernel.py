@@ -10,13 +10,14 @@ from typing import no_type_check
 import numba
 import numpy as np
 
-from replicate.base.jit_cache import KEEP_CODE
+from replicate.base.jit_cache import kept
 
 LANES = 8
 _BUFFER = 28 * LANES
 
 
-@numba.njit(cache=KEEP_CODE, error_model="numpy")
+@kept
+@numba.njit(error_model="numpy")
 @no_type_check
 def loss_and_gradient(
     vertices: np.ndarray, target: np.ndarray, faces: np.ndarray, vertex_scale: float, normal_scale: float
@@ -31,7 +32,8 @@ def loss_and_gradient(
     return total, gradient.reshape(vertices.shape)
 
 
-@numba.njit(cache=KEEP_CODE, error_model="numpy")
+@kept
+@numba.njit(error_model="numpy")
 @no_type_check
 def _vertex_term(vertices, target, scale):
     gradient = np.empty_like(vertices)
@@ -44,7 +46,8 @@ def _vertex_term(vertices, target, scale):
     return gradient, sums.sum() * scale
 
 
-@numba.njit(cache=KEEP_CODE, error_model="numpy")
+@kept
+@numba.njit(error_model="numpy")
 @no_type_check
 def _normal_term(vertices, target, faces, scale, gradient):
     sums = np.zeros(LANES, np.float64)
@@ -86,7 +89,8 @@ def _normal_term(vertices, target, faces, scale, gradient):
     return sums.sum() * scale
 
 
-@numba.njit(cache=KEEP_CODE, inline="always", error_model="numpy")
+@kept
+@numba.njit(inline="always", error_model="numpy")
 @no_type_check
 def _edge(w, start, end, lane):
     """Return the vector between the corners whose coordinates begin at two rows of the buffer."""
@@ -94,7 +98,8 @@ def _edge(w, start, end, lane):
     return w[b] - w[a], w[b + LANES] - w[a + LANES], w[b + 2 * LANES] - w[a + 2 * LANES]
 
 
-@numba.njit(cache=KEEP_CODE, inline="always", error_model="numpy")
+@kept
+@numba.njit(inline="always", error_model="numpy")
 @no_type_check
 def _unit(x, y, z):
     """Return a vector's direction and one over its length; zeros for a vector of no length."""

@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from numba import njit
 
-from replicate.base.jit_cache import KEEP_CODE
+from replicate.base.jit_cache import kept
 from replicate.kernels.gradient_kernel import deactivate_pixels, read_back
 from replicate.kernels.pixel_kernel import TILE, LayerPixels, add_pixels, correlate_pixels, multiply_pixels
 from replicate.kernels.vector_code import CHANNELS
@@ -49,7 +49,8 @@ def _no_gradient(batch: int, size: int) -> np.ndarray:
     return image
 
 
-@njit(cache=KEEP_CODE, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 @no_type_check
 def _convolve(image, batch, sources, targets, ends, taps, offsets, bias, slope, out):
     """Write to `out` at a layer's targets the sums over taps of `image` at its sources + offsets, as leaky ReLUs.
@@ -66,7 +67,8 @@ def _convolve(image, batch, sources, targets, ends, taps, offsets, bias, slope, 
             first = ends[k]
 
 
-@njit(cache=KEEP_CODE, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 @no_type_check
 def _go_back(upstream, batch, sources, targets, ends, taps, offsets, out):
     """Add to `out`, the gradient in what `_convolve` reads, what `upstream`, that in its sums, gives it.
@@ -84,7 +86,8 @@ def _go_back(upstream, batch, sources, targets, ends, taps, offsets, out):
             first = ends[k]
 
 
-@njit(cache=KEEP_CODE, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 @no_type_check
 def _correlate(image, batch, sources, targets, ends, counts, offsets, upstream):
     """Return the gradients (k, t, 16, 16) of the taps that `_convolve` gave `upstream` from `image`."""
@@ -103,7 +106,8 @@ def _correlate(image, batch, sources, targets, ends, counts, offsets, upstream):
     return gradient
 
 
-@njit(cache=KEEP_CODE, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 @no_type_check
 def _deactivate(upstream, image, batch, made, slope):
     """Take a gradient through the leaky ReLU that gave `image`, in place; return its sum over all pixels (16,)."""
@@ -114,7 +118,8 @@ def _deactivate(upstream, image, batch, made, slope):
     return sums
 
 
-@njit(cache=KEEP_CODE, inline="always", error_model="numpy")
+@kept
+@njit(inline="always", error_model="numpy")
 @no_type_check
 def read_vertex(
     upper: np.ndarray, lower: np.ndarray, shares: np.ndarray, weight: np.ndarray
@@ -130,7 +135,8 @@ def read_vertex(
     return x, y, z
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", fastmath=REORDER)
+@kept
+@njit(error_model="numpy", fastmath=REORDER)
 @no_type_check
 def _read(image, size, upper, shares, weight, bias, out):
     """Write to `out` (b, k, 3) what vertices read bilinearly from an image, through the last 1×1 convolution."""
@@ -143,7 +149,8 @@ def _read(image, size, upper, shares, weight, bias, out):
             out[b, i, 0], out[b, i, 1], out[b, i, 2] = x + bias[0], y + bias[1], z + bias[2]
 
 
-@njit(cache=KEEP_CODE, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 @no_type_check
 def _read_backward(image, size, upper, shares, weight, upstream, out):
     """Add the gradient in the image to `out`; return those in the 1×1 convolution's weight and bias."""

@@ -19,7 +19,7 @@ from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
 from threadpoolctl import threadpool_limits
 
-from replicate.base.jit_cache import KEEP_CODE
+from replicate.base.jit_cache import kept
 from replicate.kernels.map_kernel import REORDER
 from replicate.kernels.vector_code import CHANNELS, INDEX, VECTOR, splat
 
@@ -161,13 +161,15 @@ def _add_products(typing: object, rounds: types.Type, factor: types.Type) -> tup
     return types.float32(types.int64, types.float32), generate
 
 
-@njit(cache=KEEP_CODE, nogil=True)
+@kept
+@njit(nogil=True)
 @no_type_check
 def _multiply(rounds, factor):
     return _add_products(rounds, factor)
 
 
-@njit(cache=KEEP_CODE, error_model="numpy", fastmath=REORDER, nogil=True)
+@kept
+@njit(error_model="numpy", fastmath=REORDER, nogil=True)
 @no_type_check
 def _read(numbers):
     total = np.float32(0)

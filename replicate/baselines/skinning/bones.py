@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from numba import njit
 
-from replicate.base.jit_cache import KEEP_CODE
+from replicate.base.jit_cache import kept
 from replicate.geometry.alignment import nearest_rotation
 
 # Pulls an undetermined rotation (a bone that holds one vertex, or a line) to where it was; the pull follows the bone,
@@ -84,7 +84,8 @@ def _empty(uu: np.ndarray) -> float:
     return 1e-12 * np.trace(uu)
 
 
-@njit(cache=KEEP_CODE, fastmath={"reassoc", "contract", "nsz"})
+@kept
+@njit(fastmath={"reassoc", "contract", "nsz"})
 @no_type_check
 def _sweep(motion, uu, vu, sweeps, tolerance):
     frames, _, width = motion.shape
@@ -136,7 +137,8 @@ def _sweep(motion, uu, vu, sweeps, tolerance):
                 break
 
 
-@njit(cache=KEEP_CODE)
+@kept
+@njit
 @no_type_check
 def _project(motion):
     frames, _, bones, _ = motion.shape
@@ -152,7 +154,8 @@ def _project(motion):
                     motion[f, k, b, p] = turn[p, k] - (1.0 if p == k else 0.0)
 
 
-@njit(cache=KEEP_CODE)
+@kept
+@njit
 @no_type_check
 def rotation_of(matrix: np.ndarray) -> np.ndarray:
     """Return the R in SO(3) that maximises tr(Rᵀ matrix), by Horn's quaternion: no reflection can come out.

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numba import njit
 
-from replicate.base.jit_cache import KEEP_CODE
+from replicate.base.jit_cache import kept
 
 # The pairs of components of p = (x, y, z, 1) in the order of the ten monomials.
 FIRST = np.array([0, 1, 2, 0, 0, 1, 0, 1, 2, 3])
@@ -122,7 +122,8 @@ def solve_weights(
 # The compiled active set of SSDR's weight step; `weights.solve_reference` is its readable twin.
 
 
-@njit(cache=KEEP_CODE, fastmath={"reassoc", "contract", "nsz"})
+@kept
+@njit(fastmath={"reassoc", "contract", "nsz"})
 @no_type_check
 def solve_all(
     products: np.ndarray, table: np.ndarray, projection: np.ndarray, square: np.ndarray,
@@ -201,7 +202,8 @@ def solve_all(
         error[i] = max(_energy(gram, support, weights, size) - ridge * squares, 0.0)
 
 
-@njit(cache=KEEP_CODE, fastmath={"reassoc", "contract", "nsz"})
+@kept
+@njit(fastmath={"reassoc", "contract", "nsz"})
 @no_type_check
 def _descend(gram, support, weights, size, influences, factor, y):
     """Minimise on the support in place, dropping what would turn negative or is too many; return its new size."""
@@ -238,7 +240,8 @@ def _descend(gram, support, weights, size, influences, factor, y):
     return size
 
 
-@njit(cache=KEEP_CODE)
+@kept
+@njit
 @no_type_check
 def _cheapest(weights, size, factor, y, total):
     """Return the place in the support whose removal raises the energy least."""
@@ -258,7 +261,8 @@ def _cheapest(weights, size, factor, y, total):
     return cheapest
 
 
-@njit(cache=KEEP_CODE)
+@kept
+@njit
 @no_type_check
 def _remove(support, weights, size, place):
     for a in range(place, size - 1):
@@ -267,7 +271,8 @@ def _remove(support, weights, size, place):
     return size - 1
 
 
-@njit(cache=KEEP_CODE)
+@kept
+@njit
 @no_type_check
 def _factorise(gram, support, size, factor):
     """Cholesky of the Gram matrix on the support, lower triangle."""
@@ -283,7 +288,8 @@ def _factorise(gram, support, size, factor):
                 factor[a, b] = value / factor[b, b]
 
 
-@njit(cache=KEEP_CODE)
+@kept
+@njit
 @no_type_check
 def _solve_ones(factor, size, y):
     """Solve G y = 1 from the Cholesky factor."""
@@ -299,7 +305,8 @@ def _solve_ones(factor, size, y):
         y[a] = value / factor[a, a]
 
 
-@njit(cache=KEEP_CODE, fastmath={"reassoc", "contract", "nsz"})
+@kept
+@njit(fastmath={"reassoc", "contract", "nsz"})
 @no_type_check
 def _gradient(gram, support, weights, size, gradient):
     """Fill in Gw for all bones and return wᵀGw."""
@@ -315,7 +322,8 @@ def _gradient(gram, support, weights, size, gradient):
     return energy
 
 
-@njit(cache=KEEP_CODE)
+@kept
+@njit
 @no_type_check
 def _energy(gram, support, weights, size):
     total = 0.0
