@@ -10,9 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float, Float32, Int
-from scipy.interpolate import RBFInterpolator
 from scipy.sparse import csr_array, identity
-from scipy.sparse.linalg import splu
 
 # Weight of |I|² beside a typical |data|² in the least-squares fit: it only decides the pixels that the vertices leave
 # open, and moves the result by less than a thousandth of the offsets.
@@ -67,6 +65,8 @@ def polyharmonic_map(
     uv: texture coordinates; vertices that share one are averaged, since no function can pass through both. values: d
     numbers a vertex. An affine function of u and v is added to the kernels, as is usual, so that affine maps are kept.
     """
+    from scipy.interpolate import RBFInterpolator  # not for those who pose a face
+
     places, inverse = np.unique(np.asarray(uv, np.float64), axis=0, return_inverse=True)
     inverse = inverse.ravel()
     share = csr_array((np.ones(len(inverse)), (inverse, np.arange(len(inverse)))), shape=(len(places), len(inverse)))
@@ -86,6 +86,8 @@ class Projection:
     """
 
     def __init__(self, uv: Float[np.ndarray, "k 2"], size: int):
+        from scipy.sparse.linalg import splu
+
         self.matrix = sampling_matrix(bilinear(uv, size))
         normal = self.matrix.T @ self.matrix + RIDGE * identity(size**2)
         self.factor = splu(normal.tocsc())

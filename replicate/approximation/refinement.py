@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Float32, Float64, Int
-from sklearn.cluster import KMeans
 from threadpoolctl import threadpool_limits
 
 from replicate.approximation.cnn import make_network, shape_facts
@@ -141,6 +140,8 @@ def deal(
 
 def _chart_fits(uv: np.ndarray, weight: np.ndarray, most: int, seed: int) -> list[tuple[float, np.ndarray]]:
     """Return (inertia, centroids) of one chart for 1, 2, … clusters."""
+    from sklearn.cluster import KMeans  # not for those who pose a face
+
     fits = []
     distinct = len(np.unique(uv[weight > 0], axis=0))
     with threadpool_limits(1):

@@ -17,6 +17,7 @@ import hashlib
 import os
 import re
 import sys
+from collections.abc import Mapping
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
@@ -31,8 +32,8 @@ FOLDER_NAME = r"kernels-[0-9a-f]{16}"
 FILE_NAME = r"[\w.]+-[0-9a-f]{16}\.code"
 _ROOT_VARIABLE = "NUMBA_CACHE_DIR"
 _HARMLESS = (_ROOT_VARIABLE, "NUMBA_NUM_THREADS")  # of Numba's settings: those that don't change any code
-_KEEPING = re.compile(rb"^from replicate\.base\.jit_cache import kept$", re.MULTILINE)
-_IMPORT = re.compile(rb"^(?:from|import) ((?:replicate|data_recipes)[\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
+_KEEPING = b"\nfrom replicate.base.jit_cache import kept\n"  # in every module with such a kernel
+_IMPORT = re.compile(r"^(?:from|import) ((?:replicate|data_recipes)[\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
 
 Kernel = TypeVar("Kernel")
 
@@ -44,35 +45,48 @@ def kept(kernel: Kernel) -> Kernel:
     return kernel
 
 
-def kernel_sources() -> list[Path]:
-    """Return the files of the project that kernels are made of: their modules and all that importing these loads."""
-    files = [file for folder in ("replicate", "data_recipes") for file in (ROOT / folder).rglob("*.py")]
-    modules = {".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): file for file in files}
+def kernel_sources() -> dict[Path, bytes]:
+    """Return what the kernels are made of: their modules' files and all that importing these loads, with their texts.
+
+    Only imports at the top of a module count: what a kernel takes from another module stands there.
+    """
+    files = [
+        Path(root, name)
+        for top in ("replicate", "data_recipes")
+        for root, _, names in os.walk(ROOT / top)
+        for name in names
+        if name.endswith(".py")
+    ]
+    modules = {_module(file): file for file in files}
     texts = {module: file.read_bytes() for module, file in modules.items()}
-    pending, reached = [module for module, text in texts.items() if _KEEPING.search(text)], set()
+    pending, reached = [module for module, text in texts.items() if _KEEPING in text], set()
     while pending:
         module = pending.pop()
         if module in reached or module not in modules:
             continue
         reached.add(module)
         pending.append(module.rpartition(".")[0])  # the package around it
-        for source, names in _IMPORT.findall(texts[module]):
-            pending += [source.decode(), *(f"{source.decode()}.{name.decode()}" for name in re.findall(rb"\w+", names))]
-    return sorted(modules[module] for module in reached)
+        for source, names in _IMPORT.findall(texts[module].decode()):
+            pending += [source, *(f"{source}.{name}" for name in re.findall(r"\w+", names))]
+    return {modules[module]: texts[module] for module in sorted(reached)}
 
 
-def folder_name() -> str:
-    """Return the name of the folder for kernels of the sources as they are, and of the libraries installed."""
-    sources = [(file.relative_to(ROOT).as_posix(), file.read_bytes()) for file in kernel_sources()]
-    versions = sys.implementation.cache_tag, version("numba"), version("llvmlite")
-    return f"kernels-{_hash((versions, sources))}"
+def _module(file: Path) -> str:
+    return ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def folder_name(sources: Mapping[Path, bytes]) -> str:
+    """Return the name of the folder for kernels of these sources (`kernel_sources`) and the libraries installed."""
+    texts = [(file.relative_to(ROOT).as_posix(), text) for file, text in sources.items()]
+    return f"kernels-{_hash((sys.implementation.cache_tag, version('numba'), version('llvmlite'), texts))}"
 
 
 @functools.cache
-def _state() -> tuple[Path, list[Path]] | None:
-    """Return this process's folder and the kernels' sources; None where the variables name no folder for it."""
+def _state() -> tuple[Path, tuple[Path, ...]] | None:
+    """Return this process's folder and the kernels' files; None where a variable names what can't be a folder."""
     with suppress(InputError, OSError):
-        return (named_folder(_ROOT_VARIABLE) or cache_folder()) / folder_name(), kernel_sources()
+        sources = kernel_sources()
+        return (named_folder(_ROOT_VARIABLE) or cache_folder()) / folder_name(sources), tuple(sources)
     return None
 
 
@@ -82,7 +96,7 @@ def _folder() -> Path | None:
     There is none once a source has changed since: what was loaded is no longer what the folder's name says.
     """
     with suppress(OSError):
-        if (state := _state()) and all(file.stat().st_ctime < LOADED for file in state[1]):
+        if (state := _state()) and all(os.stat(file).st_ctime < LOADED for file in state[1]):
             return state[0]
     return None
 

@@ -3,31 +3,32 @@
 `python -m replicate.benchmarks.first_pose` is that process. It is asked in a line of JSON and answers in one.
 """
 
+import json
+import os
+import subprocess
+import sys
 import time
+from pathlib import Path
 
-START = time.perf_counter()  # before anything large is imported
-
-import json  # noqa: E402
-import subprocess  # noqa: E402
-import sys  # noqa: E402
-from pathlib import Path  # noqa: E402
-
+START = time.perf_counter()  # in the fresh process: before anything large is imported
 STATUS = Path("/proc/self/status")  # where Linux says what a process's memory was at most
-TORCH, FAST_WAY, ONNX_WAY = "", "_fast", "_onnx"  # `timed_names`, which imports more than a fresh process may
+TORCH, FAST_WAY, ONNX_WAY = "", "_fast", "_onnx"  # as `single_poses` has them, which imports too much
 
 
-def first_pose(way: str, pose: list[float], model: dict) -> dict[str, float]:
+def first_pose(way: str, pose: list[float], model: dict, kernels: Path) -> dict[str, float]:
     """Return what a fresh process takes to pose a face once: "seconds", and "peak_mb" where the system tells.
 
     way: TORCH, FAST or ONNX. pose: raw rig parameters. model: for ONNX {"file": an ONNX file}; else {"method": a
     method's name, "inputs": the folders that its model, the mesh and the rigid segments are read from, by name}.
+    kernels: the folder that compiled code is looked for and kept in.
     Raises RunError, with the last line that the process has written, where it fails.
     """
     from replicate.base.exceptions import RunError
 
     asked = json.dumps({"way": way, "pose": pose, **model})
     command = [sys.executable, "-m", "replicate.benchmarks.first_pose"]
-    done = subprocess.run(command, input=asked, capture_output=True, text=True, check=False)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(kernels)}
+    done = subprocess.run(command, input=asked, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         *_, last = done.stderr.splitlines() or [f"it ends with code {done.returncode}"]
         raise RunError(f"a fresh process can't pose {model.get('method') or model['file']}: {last}")

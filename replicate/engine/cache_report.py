@@ -10,6 +10,7 @@ from pathlib import Path
 
 from filelock import Timeout
 
+from replicate.base import jit_cache
 from replicate.base.code_hash import sources_digest
 from replicate.base.paths import ROOT, cache_folder
 from replicate.engine import store
@@ -26,7 +27,7 @@ _LONGEST_LIST = 10  # items that a sentence names before it counts the others
 class Entry:
     """A folder or log of the cache; its state is "current", "stale" (sources have changed), "damaged" or "unfinished".
 
-    identifier: that of the artefact that it is or belongs to.
+    identifier: that of the artefact that it is or belongs to; of a folder of kernels, its name.
     """
 
     folder: Path
@@ -96,6 +97,7 @@ def _survey() -> tuple[list[Entry], dict[Path, str], list[Path]]:
     """Return what is ours in the cache; what looks so and isn't, with the reason; and what is somebody else's."""
     entries, left, foreign = [], {}, []
     stale: dict[str, bool] = {}
+    kernels = jit_cache.folder_name(jit_cache.kernel_sources())
     for item in sorted(cache_folder().glob("*")):
         wreck = re.fullmatch(f"damaged-{_IDENTIFIER}", item.name)
         if item.is_symlink():
@@ -110,6 +112,9 @@ def _survey() -> tuple[list[Entry], dict[Path, str], list[Path]]:
                     left[inner] = "it is a link" if inner.is_symlink() else "it has no name that this suite gives"
         elif wreck and item.is_dir():
             entries.append(Entry(item, "damaged", _size_bytes(item), wreck[1]))
+        elif re.fullmatch(jit_cache.FOLDER_NAME, item.name) and _holds_kernels(item):
+            state = "current" if item.name == kernels else "stale"
+            entries.append(Entry(item, state, _size_bytes(item), item.name))
         elif re.fullmatch(_IDENTIFIER, item.name) and store.is_sealed(item):
             state = "stale" if _is_stale(item.name, stale) else "current"
             entries.append(Entry(item, state, _size_bytes(item), item.name))
@@ -118,6 +123,16 @@ def _survey() -> tuple[list[Entry], dict[Path, str], list[Path]]:
         elif item.name not in store.WORKING_FOLDERS:
             foreign.append(item)
     return entries, left, foreign
+
+
+def _holds_kernels(folder: Path) -> bool:
+    """Return whether a folder has nothing in it but compiled kernels, and what a killed process has half written."""
+    name = rf"{jit_cache.FILE_NAME}|\.new-[0-9a-f]{{8}}-.+\.code"
+    try:
+        files = list(folder.iterdir())
+    except OSError:
+        return False
+    return all(re.fullmatch(name, file.name) and file.is_file() and not file.is_symlink() for file in files)
 
 
 def _is_stale(identifier: str, answers: dict[str, bool]) -> bool:

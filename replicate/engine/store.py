@@ -2,6 +2,7 @@
 
     <cache>/<stage>-<key>/            an artefact: its files, manifest.json and manifest.sha256
     <cache>/damaged-<stage>-<key>/    one that failed its check, kept to be looked at
+    <cache>/kernels-<hash>/           compiled code, see `base.jit_cache`
     <cache>/scratch/, locks/, logs/               work that goes on, by the same names
     <cache>/partial/<stage>-<key>@<host>-<pid>/   an artefact that this process is filling
 

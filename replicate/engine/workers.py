@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from io import BufferedReader, BufferedWriter
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import IO, Any, Protocol, runtime_checkable
 
 from replicate.base.paths import ROOT
@@ -126,11 +125,9 @@ def worker_environment(orders: dict) -> dict[str, str]:
     that sets JAX_PLATFORMS.
     """
     threads = orders["threads"]
-    kernels = {"NUMBA_CACHE_DIR": orders["kernels"]} if orders.get("kernels") else {}  # see `jit_cache`
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen={'true' if threads > 1 else 'false'}"
     return {
         "JAX_PLATFORMS": "cpu",
-        **kernels,
         **os.environ,
         **thread_limits(threads),
         "NPROC": str(threads),  # the size of XLA's pool
@@ -164,7 +161,6 @@ class LocalWorkers:
         self._selector = selectors.DefaultSelector()
         self._nursery: Nursery | None = None
         self._libraries: set[str] = set()  # that stages of this run have needed
-        self._kernels: TemporaryDirectory | None = None
 
     def submit(self, tasks: Sequence[Task]) -> None:
         """Take the whole graph."""
@@ -176,7 +172,7 @@ class LocalWorkers:
         messages: list[tuple[str, dict]] = []
         for task in self._startable():
             threads = task.threads(self._cores)
-            worker = WorkerProcess(task.orders(threads) | self._kernels_of(task), self._start)
+            worker = WorkerProcess(task.orders(threads), self._start)
             self._running[task.identifier] = worker, threads
             self._selector.register(worker, selectors.EVENT_READ, task.identifier)
             self._pending.remove(task)
@@ -201,8 +197,6 @@ class LocalWorkers:
         self._selector.close()
         if self._nursery is not None:
             self._nursery.close()
-        if self._kernels is not None:
-            self._kernels.cleanup()
 
     def _start(self, orders: dict) -> Process:
         """Start a worker: where it is safe, as a fork of a process that has its libraries."""
@@ -212,21 +206,6 @@ class LocalWorkers:
                 self._nursery = Nursery(worker_environment(orders))
             worker = self._nursery.start(self._libraries)
         return worker or spawn(orders)
-
-    def _kernels_of(self, task: Task) -> dict[str, str]:
-        """Return the order to keep the code of Numba's kernels in a folder of this run, for stages that run alone.
-
-        Each of them is spared what another has compiled. Others get none: processes that write to such a folder at once
-        can mistake the code of one signature for another's.
-        """
-        if task.stage.threads or "NUMBA_CACHE_DIR" in os.environ:
-            return {}
-        if self._kernels is None:
-            try:
-                self._kernels = TemporaryDirectory(prefix="replicate-kernels-", ignore_cleanup_errors=True)
-            except OSError:  # no room for temporary files: each stage compiles its own
-                return {}
-        return {"kernels": self._kernels.name}
 
     def _startable(self) -> list[Task]:
         """Return the tasks to start now, in their order: inputs done, and threads to spare."""

@@ -125,6 +125,7 @@ def in_pairs(rows: Int8[np.ndarray, "k w"]) -> np.ndarray:
     return full.reshape(len(full) // 2, 2, padded(width) // BLOCK, BLOCK).transpose(2, 0, 3, 1).ravel()
 
 
+@kept
 @njit(inline="always")
 @no_type_check
 def padded(width: int) -> int:

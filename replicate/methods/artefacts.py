@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float
 
-from data_recipes.catalogue import character_parts, sampled_parts
 from data_recipes.recipe_paths import sample_folder
 from data_recipes.rig import Rig
 from replicate.config import RigidConfig, resolve
@@ -34,6 +33,8 @@ class Character:
 
 def rig_stage(plan: Plan) -> Stage:
     """Return the stage that builds the plan's character. Raises InputError for a bad recipe."""
+    from data_recipes.catalogue import character_parts, sampled_parts  # not for those who pose a face
+
     if "rig" in plan:
         return plan["rig"]
     if folder := sample_folder(plan.config.character):

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse as sp
 from jaxtyping import Bool, Float, Float32, Float64, Int
 
@@ -113,13 +112,15 @@ def principal_basis(
     vertices: Int[np.ndarray, " k"], offsets: Float[np.ndarray, "s k 3"], metric: sp.csr_matrix, components: int
 ) -> RegionalBasis:
     """Return a region's basis: its offsets' mean over some samples, and their principal components in the metric."""
+    from scipy.linalg import eigh  # not for those who pose a face
+
     mean = offsets.mean(axis=0)
     centred = (offsets - mean).astype(np.float64)  # in half the digits the last components would be rounding errors
     weighed = apply_metric(metric, centred)
     s = len(offsets)
     gram = centred.reshape(s, -1) @ weighed.reshape(s, -1).T
     count = max(1, min(components, s - 1, centred[0].size))
-    values, vectors = scipy.linalg.eigh(0.5 * (gram + gram.T), subset_by_index=[s - count, s - 1])
+    values, vectors = eigh(0.5 * (gram + gram.T), subset_by_index=[s - count, s - 1])
     values, vectors = values[::-1], vectors[:, ::-1]
     kept = values > 1e-10 * max(values[0], 1e-30)
     kept[0] = True  # a region that never moves has one component, of zeros
