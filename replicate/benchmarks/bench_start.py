@@ -99,7 +99,7 @@ def start_table(rows: Sequence[Row], character: str) -> Table:
         f"loaded meanwhile. The quicker of {FRESH} processes, which find all files in the system's memory.",
         "Peak memory: all that the process has had resident, libraries too. ONNX Runtime loads the file that leaves "
         "the suite; torch and the fast evaluation load a trained model by torch.",
-        "The fast evaluation compiles its kernels then; it keeps their code in the cache, where later processes find it.",
+        "The fast evaluation compiles its kernels then. Their code is kept in the cache for later processes.",
     )
     header = ("", "", "model, MB", "first pose, s", "peak memory, MB")
     return Table(f"Until the first pose: {character}", (header,), tuple(body), notes, text_columns=2)

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from toy_stages import ToyConfig, toy_graph
 
+from replicate.base import jit_cache
 from replicate.engine import cache_report, store
 from replicate.engine.cache_report import clean, inventory
 from replicate.engine.scheduler import run
@@ -147,6 +148,34 @@ def test_a_damaged_artefact_that_was_set_aside_goes(cache, folders, capfd):
     assert (cache / f"damaged-{folders['first'].name}").is_dir()
     clean()
     assert not (cache / f"damaged-{folders['first'].name}").exists()
+
+
+def kernels(cache: Path, name: str, *others: str) -> Path:
+    """Put a folder of compiled kernels into a cache, with other files in it."""
+    folder = cache / name
+    folder.mkdir(parents=True)
+    for file in ("replicate.geometry.rays._first-0123456789abcdef.code", *others):
+        (folder / file).write_text("compiled")
+    return folder
+
+
+def test_kernels_of_other_sources_are_stale_and_half_written_ones_go_with_them(cache, folders):
+    own = kernels(cache, jit_cache.folder_name(jit_cache.kernel_sources()))
+    old = kernels(cache, "kernels-0123456789abcdef", ".new-01234567-first-0123456789abcdef.code")
+    states = {entry.folder: entry.state for entry in inventory()}
+    assert states[own] == "current" and states[old] == "stale"
+    clean()
+    assert own.is_dir() and not old.exists()
+    clean(True)
+    assert not own.exists()
+
+
+@pytest.mark.parametrize("other", ["thesis.txt", "kernel.code", "folder"])
+def test_a_folder_that_holds_more_than_kernels_stays(cache, folders, other):
+    theirs = kernels(cache, "kernels-0123456789abcdef")
+    (theirs / other).mkdir() if other == "folder" else (theirs / other).touch()
+    clean(True)
+    assert theirs.is_dir() and len(list(theirs.iterdir())) == 2
 
 
 HOLD = """

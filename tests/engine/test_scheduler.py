@@ -8,7 +8,6 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from unittest.mock import Mock
 
 import psutil
 import pytest
@@ -248,25 +247,6 @@ def test_a_worker_has_one_thread_unless_the_stage_asks_for_more(cache):
         assert {variables[pool] for pool in pools} == {threads}
         assert variables["OMP_WAIT_POLICY"] == "passive"
         assert variables["JAX_PLATFORMS"] == os.environ.get("JAX_PLATFORMS", "cpu")
-
-
-def test_stages_that_run_alone_share_compiled_kernels_until_the_run_ends(cache, monkeypatch):
-    def named(folder):
-        return json.loads((folder / "environment.json").read_text()).get("NUMBA_CACHE_DIR")
-
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    alone = [Stage(title, "toy_stages:environment", ToyConfig(), threads=0) for title in ("a", "b")]
-    beside = Stage("beside", "toy_stages:environment", ToyConfig())
-    folders = run([*alone, beside], workers=2)
-    assert named(folders["a"]) == named(folders["b"]) and not Path(named(folders["a"])).exists()
-    assert named(folders["beside"]) is None
-    with monkeypatch.context() as full:
-        full.setattr("replicate.engine.workers.TemporaryDirectory", Mock(side_effect=OSError("no space left")))
-        folders = run([Stage("d", "toy_stages:environment", ToyConfig(), threads=0)], workers=2)
-    assert named(folders["d"]) is None
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "the user's own")
-    folders = run([Stage("c", "toy_stages:environment", ToyConfig(), threads=0)], workers=2)
-    assert named(folders["c"]) == "the user's own"
 
 
 def test_a_run_on_this_machine_loads_no_dask(cache):
