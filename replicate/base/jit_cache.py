@@ -119,12 +119,15 @@ class _KeptCode:
     def load_overload(self, signature: tuple, target: Any) -> Any:
         """Return the compiled code for a signature in Numba's types; None for none."""
         from numba.core.compiler import CompileResult
+        from numba.core.runtime import rtsys
         from numba.core.serialize import loads
 
-        target.refresh()
         file = self._file(signature, target.codegen())
         parts = read_sealed(file, lambda stream: loads(stream.read())) if file else None
-        return None if parts is None else CompileResult._rebuild(target, *parts)
+        if parts is None:
+            return None
+        rtsys.initialize(target)  # arrays' memory: all that code asks of Numba; its registries are for compiling
+        return CompileResult._rebuild(target, *parts)
 
     def save_overload(self, signature: tuple, code: Any) -> None:
         """Keep the compiled code for a signature, unless it holds addresses of this process."""

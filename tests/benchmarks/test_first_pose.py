@@ -29,7 +29,7 @@ def test_a_fresh_process_that_has_the_file_alone_poses_a_face(tmp_path):
 def test_a_fresh_process_imports_nothing_of_the_suite_but_what_it_is_asked_for():
     program = (
         "import sys, replicate.benchmarks.first_pose\n"
-        "print(*(name in sys.modules for name in ('numpy', 'replicate.base')))"
+        "print(*(name in sys.modules for name in ('numpy', 'replicate.config')))"
     )
     process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
     assert process.stdout.split() == ["False", "False"]
@@ -48,7 +48,7 @@ def test_only_a_method_with_the_rigid_step_takes_it(rigid_step, monkeypatch):
     method = Method("driven", "Driven", lambda plan: (), model=lambda inputs: model, rigid_step=rigid_step)
     monkeypatch.setattr(method_registry, "method_named", lambda name: method)
     monkeypatch.setattr(artefacts, "load_mesh", lambda inputs: MESH)
-    monkeypatch.setattr(artefacts, "load", lambda inputs: attachments)
+    monkeypatch.setattr(artefacts, "load_attachments", lambda inputs: attachments)
     monkeypatch.setattr(rigid, "attach", lambda mesh, attachments, posed: placed.append(len(attachments.segment)))
     fresh._pose_once({"way": fresh.TORCH, "pose": [0.5] * 12, "method": "driven", "inputs": {}})
     assert len(attachments.segment) == 1 and placed == [1 if rigid_step else 0]
