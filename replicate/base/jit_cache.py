@@ -39,7 +39,10 @@ Kernel = TypeVar("Kernel")
 
 
 def kept(kernel: Kernel) -> Kernel:
-    """Have what a kernel is compiled to kept for the next process; stands above `numba.njit`."""
+    """Have what a kernel is compiled to kept for the next process; stands above `numba.njit`.
+
+    kernel: at the top of a module of the project; of one from elsewhere, nothing is kept.
+    """
     if hasattr(kernel, "targetctx"):  # not with NUMBA_DISABLE_JIT, which leaves a plain function
         kernel._cache = _KeptCode(kernel.py_func)
     return kernel
@@ -90,14 +93,15 @@ def _state() -> tuple[Path, tuple[Path, ...]] | None:
     return None
 
 
-def _folder() -> Path | None:
-    """Return the folder for the kernels that this process has loaded; None for none.
+def _folder(source: Path) -> Path | None:
+    """Return the folder for the kernels that this process has loaded from a file; None for none.
 
     There is none once a source has changed since: what was loaded is no longer what the folder's name says.
     """
     with suppress(OSError):
-        if (state := _state()) and all(os.stat(file).st_ctime < LOADED for file in state[1]):
-            return state[0]
+        folder, files = _state() or (None, ())
+        if source in files and all(os.stat(file).st_ctime < LOADED for file in files):
+            return folder
     return None
 
 
@@ -110,11 +114,12 @@ class _KeptCode:
 
     def __init__(self, function: Any):
         self._name = f"{function.__module__}.{function.__qualname__}"
+        self._source = Path(os.path.realpath(function.__code__.co_filename))
 
     @property
     def cache_path(self) -> str | None:
         """The folder, for Numba's statistics."""
-        return str(_folder()) if _folder() else None
+        return str(_folder(self._source) or "") or None
 
     def load_overload(self, signature: tuple, target: Any) -> Any:
         """Return the compiled code for a signature in Numba's types; None for none."""
@@ -141,7 +146,7 @@ class _KeptCode:
             write_sealed(file, lambda stream: stream.write(data))
 
     def _file(self, signature: tuple, codegen: Any) -> Path | None:
-        folder = _folder()
+        folder = _folder(self._source)
         if folder is None:
             return None
         settings = sorted(

@@ -91,6 +91,12 @@ def test_code_of_a_source_that_has_changed_since_it_was_loaded_is_not_kept(proje
     assert not codes(project) and ask(project)[0] == "42 0"
 
 
+def test_code_from_outside_the_project_is_not_kept(project):
+    (project / "outside.py").write_text(KERNEL)
+    assert ask(project, "1", ASK.replace("replicate.geometry.kernel", "outside") + "print(plus(number))")[0] == "41"
+    assert not codes(project)
+
+
 def test_numbas_settings_tell_code_apart(project):
     assert ask(project)[0] == "41 0"
     assert ask(project, NUMBA_BOUNDSCHECK="1")[0] == "41 0"
