@@ -70,7 +70,7 @@ endif
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: help environment test test-fast lint clean-all $(TARGETS) $(BENCHMARKS)
+.PHONY: help environment test test-fast lint mutants clean-all $(TARGETS) $(BENCHMARKS)
 
 help: ## print this help
 	@echo "usage: make <target> [VARIABLE=value ...]"
@@ -121,6 +121,9 @@ lint: $(ENVIRONMENT) ## check the style of the sources, and the types of the con
 	$(RUN) -m ruff format --check .
 	$(RUN) -m basedpyright --pythonpath $(RUN)
 
+mutants: $(ENVIRONMENT) ## break core lines one at a time in a copy, and see that tests notice
+	@exec $(RUN) tests/mutants.py $(call option,ONLY) $(call option,JOBS)
+
 clean-all: $(ENVIRONMENT) ## remove all artefacts and your own results
 	@$(RUN) -m replicate clean --all
 	rm -rf results/runs
@@ -137,4 +140,4 @@ Makefile: ;
 
 # Any other word: which target was meant.
 %:
-	@$(PYTHON) -m replicate.base.spelling target $@ $(TARGETS) $(BENCHMARKS) help environment test test-fast lint clean-all
+	@$(PYTHON) -m replicate.base.spelling target $@ $(TARGETS) $(BENCHMARKS) help environment test test-fast lint mutants clean-all

@@ -61,6 +61,7 @@ def test_poses_hold_the_default_and_far_apart_frames(count):
 def test_farthest_first_spreads():
     points = np.array([[0.1, 0.0], [1.0, 0.0], [0.0, 0.9], [0.95, 0.1]])
     assert farthest_first(points, 2).tolist() == [1, 2]
+    assert farthest_first(points, 9).tolist() == [1, 2, 3, 0]  # each point once
 
 
 def test_no_influence_is_missed_on_other_poses_of_a_face():

@@ -142,6 +142,18 @@ def test_the_threshold_is_a_length_and_does_not_depend_on_how_many_vertices_a_se
     assert find_attachments(mesh, noisy, tau_mm=0.1).segment.tolist() == []
 
 
+@pytest.mark.parametrize("still, rigid", [(3, False), (39, True)])
+def test_a_segment_is_rigid_by_the_mean_of_its_errors_over_poses(still, rigid):
+    mesh = grid_mesh()
+    poses = np.repeat(mesh.neutral[None], still + 1, 0)
+    skin = poses[:, mesh.segment == 0]
+    poses[:, mesh.segment == 0] = skin + np.random.default_rng(8).normal(size=skin.shape).astype(np.float32)
+    tooth = mesh.neutral[mesh.segment == 1]
+    poses[-1, mesh.segment == 1] = tooth.mean(0) + 3 * (tooth - tooth.mean(0))  # grown threefold, its radius is √3 mm
+    assert segment_errors(mesh, poses)[:, 1].mean() == pytest.approx(2 * np.sqrt(3) / (still + 1), rel=1e-4)
+    assert (1 in find_attachments(mesh, poses).segment) == rigid
+
+
 def test_attach_places_a_rigid_segment_from_its_carriers_alone():
     mesh = grid_mesh()
     poses, _ = moving_poses(mesh)

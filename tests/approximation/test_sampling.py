@@ -116,6 +116,12 @@ def test_held_out_poses_occur_once_and_leave_the_training_part():
     assert len(sampling.hold_out(poses, 1_000, np.random.default_rng(1))[1]) == 12  # a tenth of the single ones
 
 
+def test_no_pose_that_occurs_twice_is_held_out():
+    poses = np.concatenate([np.arange(8), np.arange(6)]).astype(np.float32)[:, None]  # 6 and 7 occur once
+    held_out = [sampling.hold_out(poses, 1, np.random.default_rng(seed))[1].item() for seed in range(20)]
+    assert set(held_out) == {6.0, 7.0}
+
+
 def test_an_animation_that_repeats_every_pose_has_none_to_hold_out():
     with pytest.raises(InputError, match="more than once"):
         sampling.hold_out(np.zeros((9, 2), np.float32), 3, np.random.default_rng(0))

@@ -22,3 +22,12 @@ def test_a_refinements_loss_is_that_of_the_whole_mesh_where_nothing_else_differs
     ]
     assert len(part.vertices) < len(whole.vertices) / 2
     assert losses[1] == pytest.approx(losses[0], rel=1e-5) and losses[0] > 0
+
+
+def test_a_validations_error_is_that_of_the_vertices_that_networks_move():
+    mesh, samples = small_mesh(), small_samples(small_mesh(), 20)
+    movable = np.flatnonzero(mesh.segment < 2)
+    measure = Supervision(mesh, samples, movable, 5.0, torch.device("cpu")).validation()
+    off = np.where(mesh.segment < 2, 3.0, 1_000.0).astype(np.float32)[:, None] * np.array([0, 0.6, 0.8], np.float32)
+    distance, angle = measure(lambda params: samples.validation_offsets + off)
+    assert distance == pytest.approx(3.0, rel=1e-4) and angle < 0.1  # a shift turns no face

@@ -17,6 +17,7 @@ from replicate.methods.method_registry import choose
 from replicate.report.results import STANDS_FOR, cast
 
 ALL = list(targets().values())
+OF_MAKE = ("help", "environment", "test", "test-fast", "lint", "mutants", "clean-all")
 DRAW_ALL = ("table1", "figure05", "figure07", "figure08", "rig-report", "rigs")
 
 
@@ -92,7 +93,7 @@ def test_make_help_lists_the_registrys_targets_and_the_benchmarks():
         file.stem.replace("_", "-"): re.search(r'^ABOUT = "(.*)"$', file.read_text("utf-8"), re.MULTILINE)[1]
         for file in (ROOT / "replicate" / "benchmarks").glob("bench_*.py")
     }
-    own = {name: descriptions.pop(name) for name in ("help", "environment", "test", "test-fast", "lint", "clean-all")}
+    own = {name: descriptions.pop(name) for name in OF_MAKE}
     assert all(own.values()) and len(benchmarks) >= 6
     assert descriptions == {name: target.about for name, target in targets().items()} | benchmarks
 
@@ -102,6 +103,7 @@ def test_make_hands_the_variables_that_are_set_to_a_target():
     assert arguments == ["replicate", "table2", "--from-make", "--profile", "quick", "--seed", "0 1", "--latex"]
     assert handed_on("rigs") == ["replicate", "rigs", "--from-make", "--profile", "laptop"]
     assert handed_on("rig-report") == ["replicate", "rig-report", "--from-make", "--profile", "laptop"]
+    assert "tests/mutants.py --only 'Eq. 1' --jobs '1'" in make("-n", "mutants", "ONLY=Eq. 1", "JOBS=1")
     assert handed_on("clean-all")[:3] == ["replicate", "clean", "--all"]
 
 

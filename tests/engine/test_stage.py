@@ -5,6 +5,7 @@ import dataclasses
 import pytest
 from toy_stages import ToyConfig
 
+from replicate.base.code_hash import sources_digest
 from replicate.engine.stage import Stage, StageContext, in_order, input_names, stream_rng
 
 STAGE = Stage("numbers", "toy_stages:numbers", ToyConfig())
@@ -27,6 +28,15 @@ def test_the_key_is_the_same_for_the_same_stage():
 )
 def test_the_key_changes_with_what_the_numbers_depend_on(change):
     assert dataclasses.replace(STAGE, **change).key != STAGE.key
+
+
+def test_the_key_changes_with_the_sources_that_the_function_reaches(monkeypatch):
+    def changed(functions):
+        return sources_digest(functions) + "1" * (functions == STAGE.function)
+
+    key = STAGE.key
+    monkeypatch.setattr("replicate.engine.stage.sources_digest", changed)
+    assert dataclasses.replace(STAGE).key != key
 
 
 def test_the_key_changes_with_the_key_of_an_input():

@@ -83,6 +83,19 @@ def test_targets_that_no_pose_reaches_give_finite_parameters(tmp_path):
     assert np.isfinite(model.solve(far)).all()
 
 
+@pytest.mark.parametrize("noise_mm", [0.0, 4.0])
+def test_each_coordinate_of_a_target_is_off_by_half_of_the_noise(tmp_path, noise_mm):
+    rig, rest = SmallRig(), torch.from_numpy(MESH.neutral[POINTS])
+    nothing = np.zeros((8, M), np.float32), np.zeros((8, len(MESH.neutral), 3), np.float32)
+    samples = SmallSamples(*nothing, np.ones(8, np.float32), np.zeros(8, np.int16), *nothing, *nothing, {})
+    points = control_points(rig, small_influence(MESH))
+    section = replace(SECTION, noise_mm=noise_mm, training=replace(SECTION.training, steps=25))
+    truth = read_truth(samples, MESH.neutral, points)
+    stiff = lambda params: rest + 0 * params.sum()  # noqa: E731
+    _, log = train_ik(stiff, rig, points, truth, samples, section, 0, tmp_path, progress, "inverse")
+    assert np.mean([row["loss"] for row in log]) == pytest.approx(3 * noise_mm / 2, rel=0.02, abs=1e-6)
+
+
 def test_the_losses_are_those_of_the_paper():
     reached = torch.tensor([[[1.0, 2.0, 9.0], [0.0, 0.0, 0.0]]])
     targets = torch.tensor([[[0.0, 0.0, 0.0], [-3.0, 0.0, 5.0]]])

@@ -67,6 +67,14 @@ def test_the_solver_keeps_limits_and_moves_only_what_is_driven():
     assert (few[:, [0, 2, 3, 5]] == 0).all() and (few[:, [1, 4]] != 0).all()
 
 
+def test_the_depth_of_a_point_counts_in_space_alone():
+    params = RNG.uniform(-0.8, 0.8, (2, 6)).astype(np.float32)
+    targets = positions(torch.from_numpy(params)).numpy()
+    targets[..., 2] += 50.0
+    np.testing.assert_allclose(solved(targets, axes=2).params, params, atol=0.02)
+    assert np.abs(solved(targets, axes=3).params - params).max() > 0.1
+
+
 def test_regularisation_keeps_the_solution_small():
     target = positions(torch.full((1, 6), 0.5)).numpy()
     assert np.abs(solved(target, regularisation=2.0).params).sum() < 0.5 * np.abs(solved(target).params).sum()

@@ -5,6 +5,7 @@ import pytest
 
 from data_recipes.controls import control_index, make_controls
 from data_recipes.deformers import face_build, mouth_fields, upper_face_fields
+from data_recipes.deformers.correctives import CORRECTIVES
 from data_recipes.deformers.face import JAW_CONTROLS, jaw_motion
 from data_recipes.deformers.face_points import control_points, face_marks, handle_vertices
 from data_recipes.deformers.mouth_fields import ACTIONS
@@ -67,6 +68,15 @@ def test_a_lip_that_rolls_in_takes_the_other_along(name, which):
     mine, other = (ACTIONS[name].seam(middle, np.full(1, float(side))) for side in (which, -which))
     assert mine[2] < other[2] < 0  # both go back
     assert which * (mine[1] - other[1]) < 0  # and the other one closes up
+
+
+@pytest.mark.parametrize(("with_", "lifts"), [("smile_*", True), ("pucker_*", False)])
+def test_an_open_jaw_makes_a_laugh_rounder_and_an_oh_narrower_than_the_sum(with_, lifts):
+    motion, u = dict(CORRECTIVES)[with_, "jaw_open"], np.array([-1.0, 0.0, 1.0])
+    across, up, _ = motion(u, np.ones(3))
+    assert across[0] > 1 and across[1] == 0 and across[2] < -1  # both corners go inwards
+    assert (up[1] > 4) == lifts  # and a laugh bares the upper teeth
+    assert motion(u, -np.ones(3))[1][1] == 0  # the lower lip's middle stays
 
 
 def test_a_lip_rolled_out_leaves_the_lining_deep_in_the_mouth_where_it_is(sculptor):
