@@ -1,5 +1,7 @@
 """The edge metric against sums over edges, and both steps of SSDR in it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from skinned_sheets import grid_faces, sheet, wrinkled_sheet
@@ -112,3 +114,17 @@ def test_the_order_of_faces_does_not_matter():
         neutral[vertex], poses[:, vertex], 4, np.random.default_rng(0), iterations=5, faces=back[rng.permutation(faces)]
     )
     np.testing.assert_array_equal(mixed.weights, plain.weights[vertex])
+
+
+def test_an_extrapolation_that_does_harm_is_taken_back():
+    neutral, poses, faces = wrinkled_sheet()
+    data = compress(neutral, poses, np.random.default_rng(0))
+    problem = Problem(data, edge_metric(data.points[:, :3], faces, 0.1))
+    state = start(problem, 4, 3)
+    for _ in range(3):
+        state = step(problem, state)
+    far = state.motion + 3 * np.random.default_rng(1).normal(size=state.motion.shape)
+    after = step(problem, replace(state, before=far, beta=0.9))
+    assert after.beta == 0 and after.energy == state.energy and after.iteration == state.iteration + 1
+    np.testing.assert_array_equal(after.motion, state.motion)
+    np.testing.assert_array_equal(after.weights, state.weights)
