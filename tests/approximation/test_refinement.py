@@ -28,7 +28,7 @@ def test_map_error_is_the_mean_squared_loss_of_sharp_detail_only(face):
     twice = refinement.map_error(segments, 2 * pose_offsets(mesh, params), 8)
     np.testing.assert_allclose(twice, 4 * errors, rtol=1e-6)
     again = refinement.map_error(segments, pose_offsets(mesh, np.tile(params, (3, 1))), 8)
-    np.testing.assert_allclose(again, errors, rtol=1e-6)  # a mean over poses
+    np.testing.assert_allclose(again, errors, rtol=1e-5, atol=1e-9)  # a mean over poses
 
 
 def test_an_affine_deformation_has_no_map_error(face):

@@ -91,7 +91,7 @@ def test_each_coordinate_of_a_target_is_off_by_half_of_the_noise(tmp_path, noise
     points = control_points(rig, small_influence(MESH))
     section = replace(SECTION, noise_mm=noise_mm, training=replace(SECTION.training, steps=25))
     truth = read_truth(samples, MESH.neutral, points)
-    stiff = lambda params: rest + 0 * params.sum()  # noqa: E731
+    stiff = lambda params: rest + 0 * params.sum(1)[:, None, None]  # noqa: E731
     _, log = train_ik(stiff, rig, points, truth, samples, section, 0, tmp_path, progress, "inverse")
     assert np.mean([row["loss"] for row in log]) == pytest.approx(3 * noise_mm / 2, rel=0.02, abs=1e-6)
 
