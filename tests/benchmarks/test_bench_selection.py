@@ -56,7 +56,7 @@ class Smooth(PlainRig):
 
 @pytest.mark.parametrize("rig", [PlainRig(), Smooth()])
 def test_a_rig_without_wrinkles_ends_in_a_sentence_before_anything_is_made(rig, monkeypatch, capsys):
-    monkeypatch.setattr(selection.built_rig, "rig_of", lambda name: rig)
+    monkeypatch.setattr(selection.artefacts, "rig_of", lambda name: rig)
     monkeypatch.setattr(selection, "readings", lambda *inputs: pytest.fail("it makes samples"))
     assert selection.main(["--characters", "teen"]) == 2
     assert f"the rig {rig.name} has no wrinkles" in capsys.readouterr().err

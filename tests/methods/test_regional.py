@@ -121,7 +121,7 @@ def slopes_of_the_truth(params, directions):
 
 def test_trained_on_the_rigs_derivatives_a_model_has_nearly_those_between_samples_too(tmp_path, monkeypatch):
     rng = np.random.default_rng(7)
-    monkeypatch.setattr(artefacts, "load", lambda inputs: foreign())
+    monkeypatch.setattr(artefacts, "load_rig", lambda inputs: foreign())
     monkeypatch.setattr(derivatives, "derivative_batches", lambda rig, *both: [slopes_of_the_truth(*both)])
     inputs, errors = write_artefacts(tmp_path / "artefacts", small_samples(small_mesh(), 300)), {}
     params, directions = (rng.uniform(-0.8, 0.8, (2, 32, M))).astype(np.float32)
@@ -143,7 +143,7 @@ def test_the_method_with_derivatives_is_the_other_one_but_for_them():
 
 
 def test_a_rig_without_derivatives_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(artefacts, "load", lambda inputs: foreign())
+    monkeypatch.setattr(artefacts, "load_rig", lambda inputs: foreign())
     monkeypatch.setattr(regional, "has_function", lambda rig: False)
     inputs = write_artefacts(tmp_path / "artefacts", small_samples(small_mesh(), 60))
     numbers = TrainingNumbers(replace(SECTION, derivatives=0.5), 0, "cpu")

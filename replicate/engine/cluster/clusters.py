@@ -10,15 +10,18 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import dask
-import dask_jobqueue
 import distributed
 
 from replicate.base.exceptions import InputError, RunError
 from replicate.base.paths import ROOT, cache_folder
 from replicate.engine.cluster.config import Cluster, LocalCluster, RunningCluster, SlurmCluster
 from replicate.engine.device import visible_gpus
+
+if TYPE_CHECKING:
+    import dask_jobqueue
 
 REACHED_WITHIN_S = 8.0
 STARTS = 2  # of local workers, if one of them ends before it is ready
@@ -125,8 +128,10 @@ _ANNOUNCED_AFTER_S = 5.0
 _LOST_AFTER_S = 60.0  # without a worker, and without a job that could become one
 
 
-def start_jobs(settings: SlurmCluster) -> dask_jobqueue.SLURMCluster:
+def start_jobs(settings: SlurmCluster) -> "dask_jobqueue.SLURMCluster":
     """Return a cluster whose jobs are submitted; raises InputError with Slurm's words if it refuses such jobs."""
+    import dask_jobqueue  # where jobs are wanted alone: it makes Ctrl-C end a process without a word
+
     logging.getLogger("dask_jobqueue").setLevel(logging.CRITICAL)
     try:
         cluster = dask_jobqueue.SLURMCluster(**slurm_options(settings))
@@ -173,7 +178,7 @@ def log_folder() -> Path:
 class SlurmWatch:
     """Says that a run waits for Slurm, submits jobs again that have ended, and notices when none is left."""
 
-    def __init__(self, cluster: dask_jobqueue.SLURMCluster, jobs: int):
+    def __init__(self, cluster: "dask_jobqueue.SLURMCluster", jobs: int):
         self._cluster, self._jobs = cluster, jobs
         self._started = self._looked = self._well = time.monotonic()
         self._announced = False

@@ -217,12 +217,11 @@ from pathlib import Path
 
 sys.path.insert(0, sys.argv[2])
 import numpy as np
-from replicate.approximation.skinning import ssdr_checkpoints
-from replicate.baselines.skinning.ssdr import fit
+from replicate.baselines.skinning import ssdr
 from skinned_sheets import noisy_problem
 
-ssdr_checkpoints.SECONDS = 0.0
-fit(*noisy_problem(), 5, np.random.default_rng(2), iterations=100_000, scratch=Path(sys.argv[1]))
+ssdr.SECONDS = 0.0
+ssdr.fit(*noisy_problem(), 5, np.random.default_rng(2), iterations=100_000, scratch=Path(sys.argv[1]))
 """
 
 
