@@ -244,7 +244,7 @@ def test_poses_and_clips_go_by_their_names_and_clips_by_their_numbers_too():
         (("--clip", "3", "--tolerance", "0"), "tolerance is 0.0: allowed is a number of at least 0.001 mm"),
         (("--tolerance", "nan"), "tolerance is nan"),
         (("--characters", "teen", "tiny", "--to", "face.glb"), "2 characters can't all be written to face.glb"),
-        (("--characters", "hiccup"), "hiccup"),
+        (("--characters", "hiccup"), "Hiccup's part is played by the teen"),
     ],
 )
 def test_what_can_not_be_is_refused_before_a_rig_is_built(capsys, cache, arguments, part):
