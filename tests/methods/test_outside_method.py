@@ -82,7 +82,7 @@ def test_methods_that_fail_cost_their_own_rows_alone(bring, cache, capfd, monkey
     (tmp_path / "few.toml").write_text(FEW)
     answer = "np.broadcast_to(vertices, (len(params), *vertices.shape))"
     blind = bring((answer, "np.full((len(params), *vertices.shape), np.nan)"), name="brought_blind")
-    gone = bring(("    vertices = built", "    raise SystemExit(0)\n    vertices = built"), name="brought_gone")
+    gone = bring(("    vertices = artefacts", "    raise SystemExit(0)\n    vertices = artefacts"), name="brought_gone")
     gone.write_text(gone.read_text().replace('"mine', '"gone').replace("#", "%").replace("%123", "#123"))
     line = ["table2", "--numbers-only", "--profile", "quick", "--characters", "tiny"]
     methods = ["--methods", "neutral", str(blind), str(gone)]
