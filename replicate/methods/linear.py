@@ -23,6 +23,7 @@ from replicate.methods.training_stage import inputs_of_networks
 if TYPE_CHECKING:
     import replicate.approximation.model
     import replicate.approximation.samples
+    import replicate.approximation.segments
 
 SEGMENTS, WEIGHTS = "segments.npz", "weights.npz"
 CHUNK = 512  # samples at a time
@@ -69,7 +70,7 @@ def fit_features(context: StageContext, features: Callable[[np.ndarray, np.ndarr
         fitted, strength = best_weights(samples, segments, scale, strengths, features, bar)
     save_segments(segments, context.out / SEGMENTS)
     weights = {f"{k}": weights for k, weights in enumerate(fitted)}
-    np.savez(context.out / WEIGHTS, scale=scale, **weights)
+    np.savez(context.out / WEIGHTS, allow_pickle=False, scale=scale, **weights)
     context.note(strength=strength, size_mb=sum(part.nbytes for part in weights.values()) / 1e6)
 
 
