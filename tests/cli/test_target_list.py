@@ -21,12 +21,17 @@ OF_MAKE = ("help", "environment", "test", "test-fast", "lint", "mutants", "clean
 DRAW_ALL = ("table1", "figure05", "figure07", "figure08", "rig-report", "rigs")
 
 
+def run_make(*words: str) -> subprocess.CompletedProcess:
+    """Run make as from a terminal, though these tests may be make's own."""
+    clean = ["env", *(f"-u{option.upper()}" for option in OPTIONS), "-uMAKEFLAGS", "-uCLUSTER", "-uONLY", "-uMAKELEVEL"]
+    return subprocess.run([*clean, "make", *words], cwd=ROOT, capture_output=True, text=True)
+
+
 def make(*words: str) -> str:
     """Return what make prints; no variable of this process's environment is seen."""
     if shutil.which("make") is None:
         pytest.skip("needs make")
-    clean = ["env", *(f"-u{option.upper()}" for option in OPTIONS), "-uMAKEFLAGS", "-uCLUSTER", "-uONLY", "-uMAKELEVEL"]
-    process = subprocess.run([*clean, "make", *words], cwd=ROOT, capture_output=True, text=True)
+    process = run_make(*words)
     assert process.returncode == 0, process.stderr
     return process.stdout
 
@@ -124,7 +129,7 @@ def test_make_hands_on_quotes_as_they_stand(value):
     ],
 )
 def test_make_says_which_name_a_mistyped_word_may_have_meant(words, sentence):
-    process = subprocess.run(["make", *words], cwd=ROOT, capture_output=True, text=True)
+    process = run_make(*words)
     assert process.returncode == 2 and sentence in process.stderr and not process.stdout
 
 
