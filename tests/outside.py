@@ -79,9 +79,11 @@ def bring(tmp_path, monkeypatch) -> Iterator[Callable[..., Path]]:
     monkeypatch.setattr(sys, "path", list(sys.path))
     names: set[str] = set()
 
-    # Of what changes within a test nothing is remembered.
-    for name in ("_module_file", "_outline", "_closure", "_digest", "_reached", "_written"):
-        monkeypatch.setattr(code_hash, name, fresh(getattr(code_hash, name)))
+    # Of what changes within a test nothing is remembered, and afterwards nothing of a neighbour such as numpy.py.
+    caches = ("_module_file", "_outline", "_closure", "_digest", "_reached", "_written")
+    remembering = [getattr(code_hash, name) for name in caches]
+    for name, function in zip(caches, remembering, strict=True):
+        monkeypatch.setattr(code_hash, name, fresh(function))
 
     def forget() -> None:
         for name in names:
@@ -101,3 +103,5 @@ def bring(tmp_path, monkeypatch) -> Iterator[Callable[..., Path]]:
 
     yield write
     forget()
+    for function in remembering:
+        function.cache_clear()
