@@ -53,7 +53,7 @@ def test_a_cluster_on_this_machine_writes_what_a_local_run_writes(cache, undistu
     assert "made 5 of 5 artefacts" in out
     lines = [line.partition(" in ")[0] for line in said.splitlines()]
     stages = ("first", "middle-0", "middle-1", "middle-2")
-    said_of_them = [line for line in lines if not line.startswith("last")]  # on a busy machine it is named; a start may be told with the end
+    said_of_them = [line for line in lines if not line.startswith("last")]  # on a busy machine it is named
     assert {f"{stage}: made" for stage in stages} | {"first: started"} <= set(said_of_them)
     assert set(said_of_them) <= {f"{stage}: {word}" for stage in stages for word in ("started", "made")}
 
