@@ -103,12 +103,15 @@ help: ## print this help
 
 environment: $(ENVIRONMENT) ## make .venv with the exact packages, unless an active environment has them
 
-# exec: a signal to make's child reaches Python itself, not a shell that leaves it behind.
+# exec: a signal to make's child reaches Python itself, not a shell that leaves it behind. Python ends with its make,
+# whose number only make itself can tell for sure: it may be killed before Python asks for its parent.
+MAKE_PID = $(shell echo $$PPID)
+
 $(TARGETS): $(ENVIRONMENT)
-	@exec $(RUN) -m replicate $@ --from-make $(OPTIONS)
+	@exec $(RUN) -m replicate $@ --from-make $(MAKE_PID) $(OPTIONS)
 
 $(BENCHMARKS): bench-%: $(ENVIRONMENT)
-	@exec $(RUN) -m replicate.benchmarks.bench_$* --from-make $(OPTIONS)
+	@exec $(RUN) -m replicate.benchmarks.bench_$* --from-make $(MAKE_PID) $(OPTIONS)
 
 test: $(ENVIRONMENT) ## run all tests
 	@exec $(RUN) -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder

@@ -121,7 +121,8 @@ def run_toys(pause_s: str, steps: str, workers: str, cluster: str | None = None)
 def main() -> None:
     """Do as the command line says: `run_toys`' arguments."""
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it, and hands that on
-    run_toys(*(word for word in sys.argv[1:] if word != FROM_MAKE))
+    words = sys.argv[1:]
+    run_toys(*words[: words.index(FROM_MAKE) if FROM_MAKE in words else None])
 
 
 if __name__ == "__main__":

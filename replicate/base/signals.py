@@ -69,19 +69,19 @@ def _say(reason: str) -> None:
 def end_with_make() -> None:
     """Have this process ended by SIGTERM when the `make` that started it is gone, and say so.
 
-    The Makefile says `--from-make` and starts Python with `exec`, so that its parent is make. Whoever starts a process
-    otherwise may leave it behind on purpose, as with `nohup`; a killed `make` never does. To be called first of all: a
-    `make` may be killed while modules are imported.
+    The Makefile says `--from-make` with make's own number, which make found before it started anything, and starts
+    Python with `exec`, so that its parent is make for as long as make lives. Whoever starts a process otherwise may
+    leave it behind on purpose, as with `nohup`; a killed `make` never does. To be called first of all: a `make` may be
+    killed while modules are imported.
     """
     if FROM_MAKE in sys.argv:
-        threading.Thread(target=_watch, args=(os.getppid(),), daemon=True).start()
+        make = int(sys.argv[sys.argv.index(FROM_MAKE) + 1])
+        threading.Thread(target=_watch, args=(make,), daemon=True).start()
 
 
 def _watch(make: int) -> None:
-    with suppress(OSError):  # where the session can't be asked for it is another one, or that process is gone
-        if os.getsid(make) == os.getsid(0):  # else make was gone before this process asked for its parent
-            while os.getppid() == make and not _is_hung_up(make):
-                time.sleep(_LOOK_EVERY_S)
+    while os.getppid() == make and not _is_hung_up(make):
+        time.sleep(_LOOK_EVERY_S)
     _say("ended with the make that started it")
     _ended_with_make.set()
     signal.pthread_kill(threading.main_thread().ident, signal.SIGTERM)

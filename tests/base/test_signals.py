@@ -5,6 +5,7 @@ import shutil
 import signal
 import sys
 import time
+from contextlib import suppress
 
 import psutil
 import pytest
@@ -14,6 +15,14 @@ LINE = "ended with the make that started it: what is finished is kept, and the s
 STAGE = "replicate.engine.worker"
 DOOR = "import sys; from replicate.base.command_line import run; sys.exit(run(sys.argv.pop(1)))"
 TOYS = "toy_stages:main 0.3 100 2"  # half a minute, and more
+
+REAPER = """import ctypes, os, subprocess, sys
+ctypes.CDLL(None).prctl(36, 1, 0, 0, 0)  # PR_SET_CHILD_SUBREAPER: orphans become its children, as an init's
+subprocess.Popen(sys.argv[1:])
+try:
+    while True: os.wait()
+except ChildProcessError: pass
+"""
 
 needs_make = pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
 
@@ -30,13 +39,23 @@ def make(cache, tmp_path):
     """Return a function that starts make, which starts Python as our Makefile does."""
     (tmp_path / "slow_imports.py").write_text("import time\ntime.sleep(60)\ndef main(): pass\n")
 
-    def start(words: str, before: str = "", program: str = DOOR):
-        python = f"exec {sys.executable} -c '{program}' {words} --from-make"
+    def start(words: str, before: str = "", program: str = DOOR, below: tuple[str, ...] = ()):
+        python = f"exec {sys.executable} -c '{program}' {words} --from-make $(shell echo $$PPID)"
         (tmp_path / "Makefile").write_text(f"all:\n\t@{before}{python}\n")
         path = os.pathsep.join(["tests", ".", str(tmp_path)])
-        return launch(["make", "-f", str(tmp_path / "Makefile")], cache, PYTHONPATH=path)
+        return launch([*below, "make", "-f", str(tmp_path / "Makefile")], cache, PYTHONPATH=path)
 
     return start
+
+
+def recipe(make: int) -> psutil.Process:
+    """Return what a make has started for its recipe: the shell, which becomes Python."""
+
+    def found():
+        with suppress(psutil.Error):  # a make asks a shell for its own number first
+            return [one for one in psutil.Process(make).children() if "--from-make" in " ".join(one.cmdline())]
+
+    return wait_for(found, "recipe")[0]
 
 
 def end(process, number: int, seconds: float = 10.0) -> str:
@@ -58,16 +77,16 @@ def end(process, number: int, seconds: float = 10.0) -> str:
 @pytest.mark.parametrize("seconds", [0.02, 0.1, 0.3, 0.9])
 def test_a_make_that_ends_in_its_first_second_takes_python_with_it(make, number, seconds):
     process = make("slow_imports:main")
-    python = wait_for(lambda: psutil.Process(process.pid).children(), "recipe")
+    python = recipe(process.pid)
     time.sleep(seconds)
     end(process, number)
-    assert not python[0].is_running()
+    assert not python.is_running()
 
 
 @needs_make
 def test_a_benchmark_ends_with_its_make_while_it_imports_torch(make):
     process = make("", program="import replicate.benchmarks, slow_imports")
-    wait_for(lambda: psutil.Process(process.pid).children(), "recipe")
+    recipe(process.pid)
     time.sleep(0.9)
     assert end(process, signal.SIGKILL) == LINE
 
@@ -75,8 +94,18 @@ def test_a_benchmark_ends_with_its_make_while_it_imports_torch(make):
 @needs_make
 def test_a_make_that_was_gone_before_python_started_takes_it_along(make, tmp_path):
     process = make("slow_imports:main", before="sleep 1; ")
-    wait_for(lambda: psutil.Process(process.pid).children(), "recipe")
+    recipe(process.pid)
     assert end(process, signal.SIGKILL) == LINE
+
+
+@needs_make
+@pytest.mark.skipif(sys.platform != "linux", reason="needs Linux' subreapers")
+def test_a_make_whose_orphans_stay_in_its_session_takes_python_along(make):
+    reaper = make("slow_imports:main", before="sleep 1; ", below=(sys.executable, "-c", REAPER))
+    (its,) = wait_for(lambda: psutil.Process(reaper.pid).children(), "make")
+    recipe(its.pid)
+    its.kill()
+    assert reaper.communicate(timeout=30)[1] == LINE
 
 
 @needs_make

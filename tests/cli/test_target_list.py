@@ -37,10 +37,13 @@ def make(*words: str) -> str:
 
 
 def handed_on(*words: str) -> list[str]:
-    """Return the words after the program's name that `make -n` would call."""
+    """Return the words after the program's name that `make -n` would call, but for make's own number."""
     output = make("-n", *words).replace("\\\n", " ")
     (line,) = (line for line in output.splitlines() if " -m replicate" in line)
-    return shlex.split(line.partition(" -m ")[2])
+    words = shlex.split(line.partition(" -m ")[2])
+    if "--from-make" in words:
+        assert words.pop(words.index("--from-make") + 1).isdecimal()
+    return words
 
 
 @pytest.mark.parametrize("target", ALL, ids=lambda target: target.name)
