@@ -88,6 +88,7 @@ SLOW = (
     "inverse/test_rig_points.py",
     "kernels/test_gradient_kernel.py",
     "kernels/test_pixel_kernel.py",
+    "kernels/test_plain_twins.py",
     "methods/test_dense_at_equal_size.py",
     "methods/test_outside_method.py",
     "methods/test_pca_line.py",

@@ -31,6 +31,7 @@ from replicate.base.paths import ROOT, cache_folder, named_folder
 FOLDER_NAME = r"kernels-[0-9a-f]{16}"
 FILE_NAME = r"[\w.]+-[0-9a-f]{16}\.code"
 _ROOT_VARIABLE = "NUMBA_CACHE_DIR"
+PLAIN_KERNELS = "REPLICATE_PLAIN_KERNELS"  # set: the plain twins run in place of what is written for LLVM
 _HARMLESS = (_ROOT_VARIABLE, "NUMBA_NUM_THREADS")  # of Numba's settings: those that don't change any code
 _KEEPING = b"\nfrom replicate.base.jit_cache import kept\n"  # in every module with such a kernel
 _IMPORT = re.compile(r"^(?:from|import) ((?:replicate|data_recipes)[\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
@@ -150,6 +151,8 @@ class _KeptCode:
         if folder is None:
             return None
         settings = sorted(
-            item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] not in _HARMLESS
+            (name, value)
+            for name, value in os.environ.items()
+            if name.startswith(("NUMBA_", PLAIN_KERNELS)) and name not in _HARMLESS
         )
         return folder / f"{self._name}-{_hash((signature, codegen.magic_tuple(), settings))}.code"

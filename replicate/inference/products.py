@@ -11,11 +11,10 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.core.errors import TypingError
 from numba.core.typing.templates import Signature
-from numba.extending import intrinsic
 
 from replicate.base.jit_cache import kept
 from replicate.kernels.map_kernel import REORDER
-from replicate.kernels.vector_code import INDEX, data
+from replicate.kernels.vector_code import INDEX, PLAIN, data, twin_of
 
 ROWS = 8  # at a time, so that sums are loaded and stored less often
 COLUMNS = 4_096  # at a time, so that sums stay in the nearest cache
@@ -23,7 +22,9 @@ NOTHING = np.int64(0)  # where a place starts: the literal 0 would have function
 
 
 def has_halves() -> bool:
-    """Return whether this processor reads float16."""
+    """Return whether this processor reads float16; the plain twins don't."""
+    if PLAIN:
+        return False
     features = llvmlite.binding.get_host_cpu_features()
     return bool(features.get("f16c", "x86" not in llvmlite.binding.get_process_triple()))
 
@@ -41,11 +42,17 @@ def without_loss(weights: Float[np.ndarray, "..."], halves: bool | None = None) 
     return short.view(np.uint16) if has_halves() and fits else exact
 
 
-@intrinsic
+@no_type_check
+def as_float32_plain(value: float) -> np.float32:
+    """Return a stored number as float32."""
+    return np.float32(value)
+
+
+@twin_of(as_float32_plain)
 def as_float32(typing: object, value: types.Type) -> tuple[Signature, Callable]:
     """Return a stored number as float32; uint16 holds the bits of a float16."""
     if value not in (types.float32, types.uint16, types.int16, types.int8):
-        raise TypingError(f"weights are {value}: allowed are float32, uint16 (bits of float16), int16 and int8")
+        raise TypingError(f"expected weights of float32, uint16 (bits of float16), int16 or int8, got {value}")
 
     def generate(context, builder, signature, args):
         if value == types.float32:
@@ -133,19 +140,30 @@ def padded(width: int) -> int:
     return (width + BLOCK - 1) // BLOCK * BLOCK
 
 
-@intrinsic
+@no_type_check
+def sum_block_plain(weights: np.ndarray, first: int, pairs: np.ndarray, count: int, sums: np.ndarray) -> None:
+    """Write the sums over `count` pairs of one block's products, whose numbers lie in `weights` from `first` on.
+
+    weights: int8, as of `in_pairs`. pairs: int32, each two numbers of 16 bits, the first in the lower half. sums:
+    (BLOCK,) int32.
+    """
+    sums[:] = 0
+    for k in range(count):
+        low, high = np.int32(np.int16(pairs[k] & 0xFFFF)), pairs[k] >> 16
+        for c in range(BLOCK):
+            at = first + 2 * (k * BLOCK + c)
+            sums[c] += low * weights[at] + high * weights[at + 1]
+
+
+@twin_of(sum_block_plain)
 def _sum_block(
     typing: object, weights: types.Array, first: types.Integer, pairs: types.Array, count: types.Integer,
     sums: types.Array,
 ) -> tuple[Signature, Callable]:  # fmt: skip
-    """Write the sums over `count` pairs of one block's products, whose numbers lie in `weights` from `first` on.
-
-    weights: int8, as of `in_pairs`. pairs: int32, each two numbers of 16 bits, the first in the lower half. sums:
-    int32.
-    """
+    """Compile `sum_block_plain`."""
     kinds = weights.dtype, pairs.dtype, sums.dtype
     if kinds != (types.int8, types.int32, types.int32):
-        raise TypingError(f"weights, pairs and sums are {kinds}: allowed are int8, int32 and int32")
+        raise TypingError(f"expected weights, pairs and sums of int8, int32 and int32, got {kinds}")
 
     def generate(context, builder, signature, args):
         kinds = signature.args

@@ -9,7 +9,6 @@ from jaxtyping import Float32
 from llvmlite import ir
 from numba import njit, types
 from numba.core.typing.templates import Signature
-from numba.extending import intrinsic
 
 from replicate.base.jit_cache import kept
 from replicate.inference.products import (
@@ -23,6 +22,7 @@ from replicate.inference.products import (
     total,
     without_loss,
 )
+from replicate.kernels.vector_code import twin_of
 from replicate.regional.model import RegionalModel
 from replicate.regional.networks import SLOPE
 
@@ -243,7 +243,13 @@ C0, C1, C2, C3, C4, C5 = (
 )
 
 
-@intrinsic
+@no_type_check
+def from_bits_plain(value: int) -> np.float32:
+    """Return the float32 whose bits an int32 has, if it is a power of two."""
+    return np.float32(2.0 ** ((value >> MANTISSA) - BIAS))
+
+
+@twin_of(from_bits_plain)
 def _from_bits(typing: object, value: types.Type) -> tuple[Signature, Callable]:
     """Return the float32 whose bits an int32 has."""
 

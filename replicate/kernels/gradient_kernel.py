@@ -1,16 +1,16 @@
 """Vector kernels of what else gradients go through: leaky ReLUs, and the vertices that read the last map.
 
-Sums stay in registers while all pixels or vertices go by. Each has a twin in NumPy, `…_reference`.
+Sums stay in registers while all pixels or vertices go by. Each has a plain twin, `…_plain`.
 """
 
 from collections.abc import Callable
+from typing import no_type_check
 
 import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.core.typing.templates import Signature
-from numba.extending import intrinsic
 
 from replicate.kernels.vector_code import (  # fmt: skip
     CHANNELS,
@@ -26,11 +26,13 @@ from replicate.kernels.vector_code import (  # fmt: skip
     place_in,
     splat,
     store,
+    twin_of,
     variables,
 )
 
 
-def deactivate_pixels_reference(
+@no_type_check
+def deactivate_pixels_plain(
     upstream: np.ndarray, image: np.ndarray, made: np.ndarray, slope: float, sums: np.ndarray
 ) -> None:
     """Take a gradient through the leaky ReLU that gave `image`, in place, and add it to sums (16,), pixel by pixel.
@@ -38,12 +40,14 @@ def deactivate_pixels_reference(
     made: int32, where pixels lie. Other pixels stay as they are.
     """
     for place in made:
-        own = slice(place, place + CHANNELS)
-        upstream[own] *= np.where(image[own] > 0, 1, np.float32(slope))
-        sums += upstream[own]
+        for c in range(CHANNELS):
+            if not image[place + c] > 0:
+                upstream[place + c] *= np.float32(slope)
+            sums[c] += upstream[place + c]
 
 
-def read_back_reference(
+@no_type_check
+def read_back_plain(
     image: np.ndarray, upper: np.ndarray, below: int, shares: np.ndarray, weight: np.ndarray, upstream: np.ndarray,
     out: np.ndarray, gradient: np.ndarray,
 ) -> None:  # fmt: skip
@@ -52,19 +56,19 @@ def read_back_reference(
     image, out: flat. upper: int32, where the first of a vertex's four pixels lies; the second is right of it, the
     others `below`. shares: (k, 4). weight, gradient: (3, 16). upstream: (k, 3).
     """
-    for i, at in enumerate(upper):
-        corners = [slice(at + step, at + step + CHANNELS) for step in (0, CHANNELS, below, below + CHANNELS)]
-        sample = sum(image[corner] * share for corner, share in zip(corners, shares[i], strict=True))
-        gradient += np.outer(upstream[i], sample)
-        for corner, share in zip(corners, shares[i], strict=True):
-            out[corner] += share * (upstream[i] @ weight)
+    for i in range(len(upper)):
+        for corner in range(4):
+            at = upper[i] + (corner % 2) * CHANNELS + (corner // 2) * below
+            for k in range(3):
+                gradient[k] += upstream[i, k] * shares[i, corner] * image[at : at + CHANNELS]
+                out[at : at + CHANNELS] += shares[i, corner] * upstream[i, k] * weight[k]
 
 
-@intrinsic
+@twin_of(deactivate_pixels_plain)
 def deactivate_pixels(
     typing: object, upstream: types.Type, image: types.Type, made: types.Type, slope: types.Type, sums: types.Type
 ) -> tuple[Signature, Callable]:
-    """Compile `deactivate_pixels_reference`."""
+    """Compile `deactivate_pixels_plain`."""
     check_places(made)
 
     def generate(context, builder, signature, args):
@@ -87,12 +91,12 @@ def deactivate_pixels(
     return types.void(upstream, image, made, types.float32, sums), generate
 
 
-@intrinsic
+@twin_of(read_back_plain)
 def read_back(
     typing: object, image: types.Type, upper: types.Type, below: types.Type, shares: types.Type, weight: types.Type,
     upstream: types.Type, out: types.Type, gradient: types.Type,
 ) -> tuple[Signature, Callable]:  # fmt: skip
-    """Compile `read_back_reference`."""
+    """Compile `read_back_plain`."""
     check_places(upper)
 
     def generate(context, builder, signature, args):

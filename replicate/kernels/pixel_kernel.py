@@ -2,11 +2,11 @@
 
 Plain loops leave it to the compiler to keep the sums in registers, and it does not. Here eight sums of 16 channels each
 stay there while all taps of a kernel go by. Pixels need not be neighbours, so that a layer can leave out those that
-nothing reads (`pixel_lists`). Each has a twin in NumPy, `…_reference`.
+nothing reads (`pixel_lists`). Each has a plain twin, `…_plain`.
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Int, Int32
@@ -14,7 +14,6 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.core.typing.templates import Signature
-from numba.extending import intrinsic
 
 from replicate.kernels.vector_code import (  # fmt: skip
     CHANNELS,
@@ -29,6 +28,7 @@ from replicate.kernels.vector_code import (  # fmt: skip
     place_in,
     splat,
     store,
+    twin_of,
     variables,
 )
 
@@ -36,7 +36,8 @@ TILE = 8  # pixels at a time
 STEP = 4  # channels at a time
 
 
-def multiply_pixels_reference(
+@no_type_check
+def multiply_pixels_plain(
     out: np.ndarray, targets: np.ndarray, image: np.ndarray, sources: np.ndarray, first: int,
     offsets: np.ndarray, taps: np.ndarray, channels: int, bias: np.ndarray, slope: float,
 ) -> None:  # fmt: skip
@@ -48,13 +49,14 @@ def multiply_pixels_reference(
     weights = taps.reshape(len(offsets), channels, CHANNELS)
     for k in range(first, first + TILE):
         total = bias.copy()
-        for offset, weight in zip(offsets, weights, strict=True):
-            at = sources[k] + offset
-            total += image[at : at + channels] @ weight
+        for t in range(len(offsets)):
+            for c in range(channels):
+                total += image[sources[k] + offsets[t] + c] * weights[t, c]
         out[targets[k] : targets[k] + CHANNELS] = np.maximum(total, np.float32(slope) * total)
 
 
-def add_pixels_reference(
+@no_type_check
+def add_pixels_plain(
     out: np.ndarray, targets: np.ndarray, shift: int, image: np.ndarray, sources: np.ndarray, first: int,
     tap: np.ndarray,
 ) -> None:  # fmt: skip
@@ -62,12 +64,15 @@ def add_pixels_reference(
 
     A pixel that the tile has several times is added once. tap: (16, 16), flat. Other arguments as above.
     """
-    for k in dict(zip(targets[first : first + TILE], range(first, first + TILE), strict=True)).values():
-        at = targets[k] + shift
-        out[at : at + CHANNELS] += image[sources[k] : sources[k] + CHANNELS] @ tap.reshape(CHANNELS, CHANNELS)
+    for k in range(first, first + TILE):
+        if not (targets[first:k] == targets[k]).any():
+            at = targets[k] + shift
+            for c in range(CHANNELS):
+                out[at : at + CHANNELS] += image[sources[k] + c] * tap[c * CHANNELS : (c + 1) * CHANNELS]
 
 
-def correlate_pixels_reference(
+@no_type_check
+def correlate_pixels_plain(
     gradient: np.ndarray, image: np.ndarray, sources: np.ndarray, offset: int, upstream: np.ndarray,
     targets: np.ndarray, first: int, last: int,
 ) -> None:  # fmt: skip
@@ -77,7 +82,8 @@ def correlate_pixels_reference(
     """
     for k in range(first, last):
         a, b = sources[k] + offset, targets[k]
-        gradient += np.outer(image[a : a + CHANNELS], upstream[b : b + CHANNELS])
+        for c in range(CHANNELS):
+            gradient[c] += image[a + c] * upstream[b : b + CHANNELS]
 
 
 def _listed(builder: ir.IRBuilder, first: ir.Value) -> list[ir.Value]:
@@ -100,12 +106,12 @@ def _add_tap(
                 add_product(builder, total, splat(builder, builder.load(number_at(builder, pixel, at))), weight)
 
 
-@intrinsic
+@twin_of(multiply_pixels_plain)
 def multiply_pixels(
     typing: object, out: types.Type, targets: types.Type, image: types.Type, sources: types.Type, first: types.Type,
     offsets: types.Type, taps: types.Type, channels: types.Type, bias: types.Type, slope: types.Type,
 ) -> tuple[Signature, Callable]:  # fmt: skip
-    """Compile `multiply_pixels_reference`; channels is a multiple of STEP."""
+    """Compile `multiply_pixels_plain`; channels is a multiple of STEP."""
     check_places(targets, sources, offsets)
 
     def generate(context, builder, signature, args):
@@ -134,12 +140,12 @@ def multiply_pixels(
     return signature, generate
 
 
-@intrinsic
+@twin_of(add_pixels_plain)
 def add_pixels(
     typing: object, out: types.Type, targets: types.Type, shift: types.Type, image: types.Type, sources: types.Type,
     first: types.Type, tap: types.Type,
 ) -> tuple[Signature, Callable]:  # fmt: skip
-    """Compile `add_pixels_reference`: all pixels of the tile are read before one is written."""
+    """Compile `add_pixels_plain`: all pixels of the tile are read before one is written."""
     check_places(targets, sources)
 
     def generate(context, builder, signature, args):
@@ -160,12 +166,12 @@ def add_pixels(
     return types.void(out, targets, index, image, sources, index, tap), generate
 
 
-@intrinsic
+@twin_of(correlate_pixels_plain)
 def correlate_pixels(
     typing: object, gradient: types.Type, image: types.Type, sources: types.Type, offset: types.Type,
     upstream: types.Type, targets: types.Type, first: types.Type, last: types.Type,
 ) -> tuple[Signature, Callable]:  # fmt: skip
-    """Compile `correlate_pixels_reference`."""
+    """Compile `correlate_pixels_plain`."""
     check_places(targets, sources)
 
     def generate(context, builder, signature, args):

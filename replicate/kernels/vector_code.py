@@ -1,15 +1,34 @@
-"""Words for kernels that are written for LLVM directly: arrays, places in them, and vectors of 16 channels."""
+"""Words for kernels that are written for LLVM directly: arrays, places in them, and vectors of 16 channels.
+
+Each such kernel has a plain twin of the same name, `…_plain`, a loop in Python that Numba can compile. Where
+`REPLICATE_PLAIN_KERNELS` is set the twins run in the kernels' place: slower, and with other last digits.
+"""
+
+import os
+from collections.abc import Callable
 
 from llvmlite import ir
-from numba import types
+from numba import njit, types
 from numba.core import cgutils
 from numba.core.base import BaseContext
 from numba.core.errors import TypingError
+from numba.extending import intrinsic
+
+from replicate.base.jit_cache import PLAIN_KERNELS
 
 CHANNELS = 16  # numbers of a vector
+PLAIN = bool(os.environ.get(PLAIN_KERNELS))
 
 INDEX = ir.IntType(64)
 VECTOR = ir.VectorType(ir.FloatType(), CHANNELS)
+
+
+def twin_of(plain: Callable) -> Callable[[Callable], Callable]:
+    """Return the decorator of a kernel in LLVM's words, in whose place its plain twin runs where that is asked for.
+
+    plain: takes the same arguments as the kernel does where it is called.
+    """
+    return lambda in_llvm: njit(plain) if PLAIN else intrinsic(in_llvm)
 
 
 def data(context: BaseContext, builder: ir.IRBuilder, kind: types.Array, value: ir.Value) -> ir.Value:

@@ -5,9 +5,9 @@ from numba import njit
 
 from replicate.kernels.gradient_kernel import (
     deactivate_pixels,
-    deactivate_pixels_reference,
+    deactivate_pixels_plain,
     read_back,
-    read_back_reference,
+    read_back_plain,
 )
 from replicate.kernels.vector_code import CHANNELS
 
@@ -24,7 +24,7 @@ def test_a_gradient_goes_through_the_leaky_relu_of_the_listed_pixels():
     gradients, sums = (np.ones(50 * CHANNELS, np.float32) for _ in range(2)), np.ones((2, CHANNELS), np.float32)
     fast, clear = gradients
     deactivate(fast, image, made, 0.2, sums[0])
-    deactivate_pixels_reference(clear, image, made, 0.2, sums[1])
+    deactivate_pixels_plain(clear, image, made, 0.2, sums[1])
     assert set(np.unique(clear)) == {np.float32(0.2), np.float32(1)} and (clear == 1).sum() > 30 * CHANNELS
     np.testing.assert_array_equal(fast, clear)
     np.testing.assert_array_equal(sums[0], sums[1])
@@ -44,7 +44,7 @@ def test_what_vertices_read_gets_their_gradients_also_where_they_share_a_pixel()
     fast, clear = ((np.ones(60 * CHANNELS, np.float32), np.ones((3, CHANNELS), np.float32)) for _ in range(2))
     rest = (image, upper, 10 * CHANNELS, shares, weight, upstream)
     back(*rest, *fast)
-    read_back_reference(*rest, *clear)
+    read_back_plain(*rest, *clear)
     for one, other in zip(fast, clear, strict=True):
         assert np.abs(other - 1).max() > 0.5
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)

@@ -7,11 +7,11 @@ from numba import njit
 from replicate.kernels.pixel_kernel import (
     TILE,
     add_pixels,
-    add_pixels_reference,
+    add_pixels_plain,
     correlate_pixels,
-    correlate_pixels_reference,
+    correlate_pixels_plain,
     multiply_pixels,
-    multiply_pixels_reference,
+    multiply_pixels_plain,
 )
 from replicate.kernels.vector_code import CHANNELS
 
@@ -22,7 +22,7 @@ def run(out, targets, image, sources, first, offsets, taps, channels, bias, slop
 
 
 @pytest.mark.parametrize("channels", [8, 16])
-def test_the_kernel_gives_what_its_reference_gives(channels):
+def test_the_kernel_gives_what_its_plain_twin_gives(channels):
     rng = np.random.default_rng(channels)
     image = rng.normal(size=100 * channels).astype(np.float32)
     sources = channels * rng.permutation(90)[: 2 * TILE].astype(np.int32)
@@ -33,7 +33,7 @@ def test_the_kernel_gives_what_its_reference_gives(channels):
     fast, clear = np.zeros(40 * CHANNELS, np.float32), np.zeros(40 * CHANNELS, np.float32)
     rest = (image, sources, TILE, offsets, taps, channels, bias, 0.2)
     run(fast, targets, *rest)
-    multiply_pixels_reference(clear, targets, *rest)
+    multiply_pixels_plain(clear, targets, *rest)
     assert np.abs(clear).max() > 1
     np.testing.assert_allclose(fast, clear, rtol=1e-4, atol=1e-4)
 
@@ -49,7 +49,7 @@ def test_what_is_added_to_a_pixel_that_a_tile_repeats_is_added_once():
     sources, targets = (CHANNELS * rng.permutation(90)[: 2 * TILE].astype(np.int32) for _ in range(2))
     sources[-3:], targets[-3:] = sources[-4], targets[-4]
     fast, clear = (np.ones(100 * CHANNELS, np.float32) for _ in range(2))
-    for out, run_it in ((fast, add), (clear, add_pixels_reference)):
+    for out, run_it in ((fast, add), (clear, add_pixels_plain)):
         run_it(out, targets, 2 * CHANNELS, image, sources, TILE, tap)
     assert (np.abs(clear - 1).reshape(-1, CHANNELS).max(1) > 0).sum() == TILE - 3
     np.testing.assert_allclose(fast, clear, rtol=1e-4, atol=1e-4)
@@ -67,7 +67,7 @@ def test_correlations_add_the_products_of_a_part_of_the_list():
     fast, clear = (np.ones((CHANNELS, CHANNELS), np.float32) for _ in range(2))
     rest = (image, sources, 3 * CHANNELS, upstream, targets, 2, 15)
     correlate(fast, *rest)
-    correlate_pixels_reference(clear, *rest)
+    correlate_pixels_plain(clear, *rest)
     assert np.abs(clear - 1).max() > 1
     np.testing.assert_allclose(fast, clear, rtol=1e-4, atol=1e-4)
     before = fast.copy()
