@@ -28,9 +28,9 @@ LANDMARKS_AT_LEAST = 3
 
 @dataclass(frozen=True)
 class Points(Checked):
-    """Vertices by index, from 0: those that samples are balanced by, and those that inverse kinematics drags.
+    """Vertices by index, from 0: landmarks that samples are balanced by, control points that inverse kinematics drags.
 
-    control_points: region → vertices. What is empty is chosen by a rule.
+    control_points: region → vertices. A rule chooses whatever is empty.
     """
 
     landmarks: tuple[int, ...] = field(default=(), metadata={"range": (0, None), "optional": True})
@@ -40,19 +40,20 @@ class Points(Checked):
         super().__post_init__()
         if self.landmarks and not LANDMARKS_AT_LEAST <= len(self.landmarks) <= MOST_POINTS:
             raise InputError(
-                f"landmarks has {len(self.landmarks)} vertices: allowed are {LANDMARKS_AT_LEAST} to {MOST_POINTS}"
+                f"landmarks: expected {LANDMARKS_AT_LEAST} to {MOST_POINTS} vertices, got {len(self.landmarks)}"
             )
         for region, vertices in self.control_points.items():
             if not region.isprintable() or not _is_list_of_vertices(vertices):
-                requirement = f"one to {MOST_POINTS} different vertices for each region"
-                raise InputError(f"control_points.{shown(region)} is {shown(vertices)}: allowed are {requirement}")
-        every = [vertex for vertices in self.control_points.values() for vertex in vertices]
-        for name, indices in (("landmarks", self.landmarks), ("control_points", every)):
-            if twice := next((vertex for vertex in indices if list(indices).count(vertex) > 1), None):
-                raise InputError(f"{name} has vertex {twice} twice: allowed is once")
+                expected = f"expected 1 to {MOST_POINTS} different vertices for each region"
+                raise InputError(f"control_points.{shown(region)}: {expected}, got {shown(vertices)}")
+        all_points = [vertex for vertices in self.control_points.values() for vertex in vertices]
+        for name, indices in (("landmarks", list(self.landmarks)), ("control_points", all_points)):
+            twice = [vertex for vertex in indices if indices.count(vertex) > 1]
+            if twice:
+                raise InputError(f"{name}: vertex {twice[0]} is there twice, expected once")
         # lists as tuples, so that what is stored and read again is equal
-        own = {region: tuple(vertices) for region, vertices in self.control_points.items()}
-        object.__setattr__(self, "control_points", own)
+        as_tuples = {region: tuple(vertices) for region, vertices in self.control_points.items()}
+        object.__setattr__(self, "control_points", as_tuples)
 
 
 def _is_list_of_vertices(value: Any) -> bool:
@@ -67,8 +68,10 @@ def _is_list_of_vertices(value: Any) -> bool:
 class FaceFile(Checked):
     """A folder's `face.toml`.
 
-    unit, up: of mesh and poses alike. mesh: a file of the folder. segments: what of the mesh they are. eyes: the middle
-    between the eyeballs, in the file's unit and axes, or () for a place that its size suggests.
+    unit, up: of the mesh and of the poses.
+    mesh: a file of the folder.
+    segments: what makes a segment of the mesh.
+    eyes: the middle between the eyeballs, in the file's unit and axes; () if it is to be guessed from the face's size.
     """
 
     name: str = identifier()
@@ -86,33 +89,34 @@ class FaceFile(Checked):
         super().__post_init__()
         if self.mesh != Path(self.mesh).name or Path(self.mesh).suffix.lower() not in MESH_ENDINGS:
             endings = " or ".join(MESH_ENDINGS)
-            raise InputError(f"mesh is {shown(self.mesh)}: allowed is the name of a file of this folder, {endings}")
+            raise InputError(f"mesh: expected the name of a {endings} file in this folder, got {shown(self.mesh)}")
         for name in ("source", "licence"):
             text = getattr(self, name)
             if not (text.isprintable() and len(text) <= LONGEST_TEXT):
-                raise InputError(f"{name} is {shown(text)}: allowed is one line of {LONGEST_TEXT} characters at most")
+                expected = f"expected one line of at most {LONGEST_TEXT} characters"
+                raise InputError(f"{name}: {expected}, got {shown(text)}")
 
     @property
     def mm(self) -> float:
-        """How many millimetres the unit has."""
+        """The unit in millimetres."""
         return MM[self.unit]
 
     def to_ours(self, points: Float[np.ndarray, "*b 3"]) -> Float[np.ndarray, "*b 3"]:
-        """Return points of the files in mm and our axes: y up, z forwards. Nothing is moved."""
+        """Return points of the files in mm and in our axes (y up, z forwards), without moving them."""
         if self.up == "z":  # the face looks along -y
             points = np.stack([points[..., 0], points[..., 2], -points[..., 1]], axis=-1)
         return points * self.mm
 
 
 def read_face(folder: Path) -> FaceFile:
-    """Return what a folder's `face.toml` says. Raises InputError, naming file and key, for what is not allowed."""
+    """Return what a folder's `face.toml` says. Raises InputError, naming file and key, for a wrong or missing value."""
     file = folder / FACE_FILE
     table = read_toml(file)
     with naming(shown_path(file)):
         return read_table(FaceFile, table)
 
 
-# The controls of a folder of samples, `controls.csv`: a line a control, in the order of the columns of `params`.
+# The controls of a folder of samples, `controls.csv`: a line for each control, in the order of the columns of `params`.
 
 CONTROL_FILE = "controls.csv"
 HEADER = ["name", "lower", "default", "upper", "region"]
@@ -124,7 +128,7 @@ WITHOUT_REGION = "face"
 
 
 def read_controls(folder: Path) -> tuple[Control, ...]:
-    """Return the controls. Raises InputError, naming file, line and control, for anything that is not allowed."""
+    """Return the controls. Raises InputError, naming file, line and control, for a table that is wrong."""
     file = folder / CONTROL_FILE
     where = shown_path(file)
     reader = csv.reader(io.StringIO(read_text(file, MOST_BYTES), newline=""), strict=True)
@@ -132,51 +136,51 @@ def read_controls(folder: Path) -> tuple[Control, ...]:
     try:
         header = next(reader, [])
         if header != HEADER:
-            raise InputError(f"{where}: its first line is {shown(','.join(header))}: allowed is {','.join(HEADER)}")
+            raise InputError(f"{where}: line 1: expected {','.join(HEADER)}, got {shown(','.join(header))}")
         for row in reader:
             if not row:
                 continue
             control = _control(row, f"{where}: line {reader.line_num}")
             if control.name in controls:
-                raise InputError(f"{where}: line {reader.line_num} is the second {shown(control.name)}: allowed is one")
+                raise InputError(f"{where}: line {reader.line_num} names the control {shown(control.name)} again")
             controls[control.name] = control
             if len(controls) > MOST_CONTROLS:
-                raise InputError(f"{where}: found more than {MOST_CONTROLS:,} controls: allowed are so many at most")
+                raise InputError(f"{where}: expected at most {MOST_CONTROLS:,} controls, got more")
     except csv.Error as error:
-        raise InputError(f"{where}: found no CSV text ({error})") from None
+        raise InputError(f"{where}: expected CSV text, but it can't be read ({error})") from None
     if not controls:
-        raise InputError(f"{where}: found no controls: allowed is one at least")
+        raise InputError(f"{where}: expected at least one control, got none")
     return tuple(controls.values())
 
 
 def _control(row: list[str], where: str) -> Control:
     if len(row) != len(HEADER):
-        raise InputError(f"{where} has {len(row)} values: allowed are {len(HEADER)}, {','.join(HEADER)}")
+        raise InputError(f"{where}: expected {len(HEADER)} values, {','.join(HEADER)}, got {len(row)}")
     name, *texts, region = (cell.strip() for cell in row)
-    for text, what, least in ((name, "name", 1), (region, "region", 0)):
+    for text, column, least in ((name, "name", 1), (region, "region", 0)):
         if not (text.isprintable() and least <= len(text.encode()) <= LONGEST_NAME and "," not in text):
-            raise InputError(f"{where}: its {what} is {shown(text)}: allowed is one of {LONGEST_NAME} bytes at most")
+            expected = f"expected a printable text of {least} to {LONGEST_NAME} bytes without commas"
+            raise InputError(f"{where}: {column}: {expected}, got {shown(text)}")
     values = []
-    for text, what in zip(texts, HEADER[1:4], strict=True):
+    for text, column in zip(texts, HEADER[1:4], strict=True):
         try:
             values.append(float(text))
         except ValueError:
-            raise InputError(f"{where}: {what} of {shown(name)} is {shown(text)}: allowed is a number") from None
+            values.append(np.nan)
         if not abs(values[-1]) <= FARTHEST_LIMIT:  # False for NaN as well
-            raise InputError(
-                f"{where}: {what} of {shown(name)} is {shown(text)}: allowed is a number up to {FARTHEST_LIMIT:g}"
-            )
+            expected = f"expected a number up to {FARTHEST_LIMIT:g}"
+            raise InputError(f"{where}: {column} of {shown(name)}: {expected}, got {shown(text)}")
     with naming(where):
         return Control(name, *values, region or WITHOUT_REGION)
 
 
-# What a folder of samples may say of its controls, `influence.npy`: which of them moves which vertex.
+# The optional `influence.npy` of a folder of samples: which control moves which vertex.
 
 INFLUENCE_FILE = "influence.npy"
 
 
 def influence_file(folder: Path) -> tuple[Path, ...]:
-    """Return the file of a folder, as a tuple of one, or () where there is none."""
+    """Return the folder's `influence.npy` as a tuple of one, or () where there is none."""
     file = folder / INFLUENCE_FILE
     return (file,) if file.exists() or file.is_symlink() else ()
 
@@ -184,19 +188,21 @@ def influence_file(folder: Path) -> tuple[Path, ...]:
 def read_influence(file: Path, vertices: int, controls: int) -> Bool[np.ndarray, "n m"]:
     """Return which control (a column) moves which vertex (a row). Raises InputError for a file that is anything else.
 
-    A control that moves nothing is allowed: it is idle.
+    A single control may move nothing; not all of them.
     """
     where = shown_path(file)
     if not file.is_file():
-        raise InputError(f"{where}: found no regular file: allowed is an array of true and false, or no such file")
+        raise InputError(
+            f"{where}: expected a file with an array of true and false, or no such file, got no regular file"
+        )
     try:
         moves = np.load(file, mmap_mode="r", allow_pickle=False)
     except (*DAMAGE, OverflowError, MemoryError) as error:
-        raise InputError(f"{where}: found no readable npy file ({error})".replace("\n", " ")) from None
+        raise InputError(f"{where}: not a readable npy file ({error})".replace("\n", " ")) from None
     if not isinstance(moves, np.ndarray) or moves.dtype != bool or moves.shape != (vertices, controls):
         found = f"{moves.dtype} {moves.shape}" if isinstance(moves, np.ndarray) else "several arrays"
-        allowed = f"true or false (bool) for every vertex and control, ({vertices}, {controls})"
-        raise InputError(f"{where}: found {found}: allowed is {allowed}")
+        expected = f"expected true or false (bool) for every vertex and control, ({vertices}, {controls})"
+        raise InputError(f"{where}: {expected}, got {found}")
     if not moves.any():
-        raise InputError(f"{where}: no control moves a vertex: allowed is one at least, or no such file")
+        raise InputError(f"{where}: no control moves a vertex: let at least one do so, or remove the file")
     return np.array(moves)

@@ -18,14 +18,14 @@ from data_recipes.sampled.segment_charts import make_mesh
 from replicate.base.exceptions import InputError
 from replicate.base.user_files import shown_path
 
-EYES_MM = (0.0, 0.0, 62.0)  # where the middle between the eyes is on our own heads, and the cameras know it
-# Of a face that doesn't say where its eyes are: the teen's width, top and front, in proportion to the width.
+EYES_MM = (0.0, 0.0, 62.0)  # the middle between the eyes on our own heads, where the cameras look
+# For a face that doesn't say where its eyes are: the teen's width, the height of its top and the depth of its front.
 WIDTH_MM, TOP_MM, FRONT_MM = 194.0, 118.0, 110.0
 
 
 @dataclass(frozen=True)
 class SampledRecipe:
-    """What a sampled rig is made from, besides its files: what `face.toml` says, and the version of their reading."""
+    """What a sampled rig is made from besides its files: what `face.toml` says."""
 
     face: FaceFile
 
@@ -33,11 +33,11 @@ class SampledRecipe:
 def import_rig(
     recipe: SampledRecipe, files: Sequence[Path], target: Path, progress: Callable | None = None
 ) -> SampledRig:
-    """Return the rig of a folder's files (mesh, controls, shards …); its poses are written into a folder `target`.
+    """Return the rig of a folder's files (mesh, controls, shards …), and write its poses into the folder `target`.
 
-    progress: (total, label, initial) → a context manager with update(k). Raises InputError, naming file, pose and
-    vertex, for vertices that are not finite or not of this mesh, and for two poses with the same parameters that
-    differ.
+    progress: (total, label, initial) → a context manager with update(k).
+    Raises InputError, naming file, pose and vertex, for vertices that are not finite or not of this mesh, and for two
+    poses with the same parameters and different vertices.
     """
     mesh_file, _, *others = files
     shards = [file for file in others if file.name != INFLUENCE_FILE]
@@ -72,7 +72,7 @@ def import_rig(
 
 
 def placement(vertices_mm: Float[np.ndarray, "n 3"], face: FaceFile) -> Float64[np.ndarray, " 3"]:
-    """Return by how much a face is moved, so that its eyes are where the cameras expect them. Nothing is turned."""
+    """Return the shift that brings a face's eyes to where the cameras expect them."""
     if face.eyes:
         return np.array(EYES_MM) - face.to_ours(np.array(face.eyes))
     low, high = vertices_mm.min(axis=0), vertices_mm.max(axis=0)
@@ -81,7 +81,7 @@ def placement(vertices_mm: Float[np.ndarray, "n 3"], face: FaceFile) -> Float64[
 
 
 def _read_poses(found: SampleFolder, target: Path, progress: Callable | None) -> KnownPoses:
-    """Read all shards, once, and put each pose where it belongs: frames as they are, drawn poses rounded (D4)."""
+    """Read each shard once and put its poses where they belong: frames as they are, drawn poses rounded (D4)."""
     poses, n = found.poses, len(found.vertices_mm)
     frames, drawn = (poses.frames, poses.drawn) if poses.clips else (poses.drawn, poses.frames)
     known = create(target, len(frames), len(drawn), n, len(found.controls))
@@ -97,20 +97,20 @@ def _read_poses(found: SampleFolder, target: Path, progress: Callable | None) ->
             vertices = shard.read("vertices")
             check_vertices(found, index, vertices)
             for pose in np.flatnonzero(poses.shard == index):
-                own = found.face.to_ours(vertices[poses.row[pose]].astype(np.float64)) - found.vertices_mm
+                offsets = found.face.to_ours(vertices[poses.row[pose]].astype(np.float64)) - found.vertices_mm
                 if is_frame[pose]:
-                    known.frame_offsets[place[pose]] = own
+                    known.frame_offsets[place[pose]] = offsets
                 else:
-                    step = max(np.float32(np.abs(own).max() / INT16_MAX), np.float32(1e-9))
+                    step = max(np.float32(np.abs(offsets).max() / INT16_MAX), np.float32(1e-9))
                     known.drawn_steps[place[pose]] = step
-                    known.drawn_whole[place[pose]] = np.clip(np.rint(own / step), -INT16_MAX, INT16_MAX)
+                    known.drawn_whole[place[pose]] = np.clip(np.rint(offsets / step), -INT16_MAX, INT16_MAX)
                 if bar is not None:
                     bar.update(1)
     return known
 
 
 def _check_repeated(found: SampleFolder, known: KnownPoses) -> None:
-    """Raise InputError for two poses with the same parameters whose vertices differ: no function gives these."""
+    """Raise InputError for two poses with the same parameters and different vertices: no function gives both."""
     tolerance = NEUTRAL * float(np.ptp(found.vertices_mm, axis=0).max())
     for k, params in enumerate([*known.frame_params, *known.drawn_params]):
         first = known.find(params)
@@ -118,22 +118,22 @@ def _check_repeated(found: SampleFolder, known: KnownPoses) -> None:
             off = float(np.abs(known.offsets(k) - known.offsets(first)).max())
             if off > tolerance:
                 raise InputError(
-                    f"{found.where}: two poses have the same parameters and vertices that differ by {off:.3g} mm: "
-                    f"allowed are {tolerance:.2g} mm; does the face depend on more than its controls?"
+                    f"{found.where}: two poses have the same parameters and vertices that differ by {off:.3g} mm, "
+                    f"expected at most {tolerance:.2g} mm; does the face depend on more than its controls?"
                 )
 
 
 def _points(
     found: SampleFolder, neutral: np.ndarray, known: KnownPoses
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return landmarks, control points and these' regions: as `face.toml` has them, or by the rule."""
-    own = found.face.points
+    """Return landmarks, control points and their regions: from `face.toml`, or where it has none by the rule below."""
+    stated = found.face.points
     some = np.unique(np.linspace(0, len(known.frame_params) - 1, POSES).astype(int))
     offsets = np.asarray(known.frame_offsets[some])
     motion = motion_mm(offsets)
-    landmarks = np.array(own.landmarks or spread_out(neutral, motion, LANDMARKS), np.int32)
-    if own.control_points:
-        pairs = [(vertex, region) for region, vertices in own.control_points.items() for vertex in vertices]
+    landmarks = np.array(stated.landmarks or spread_out(neutral, motion, LANDMARKS), np.int32)
+    if stated.control_points:
+        pairs = [(vertex, region) for region, vertices in stated.control_points.items() for vertex in vertices]
         return landmarks, np.array([vertex for vertex, _ in pairs], np.int32), tuple(region for _, region in pairs)
     points = spread_out(neutral, motion, CONTROL_POINTS)
     default = np.array([control.default for control in found.controls])
@@ -141,15 +141,15 @@ def _points(
     return landmarks, points, regions_of(known.frame_params[some] - default, offsets[:, points], regions)
 
 
-# Landmarks and control points for a face that names none: vertices that are far apart and move much.
+# Landmarks and control points for a face that names none: vertices that are far apart and move a lot.
 
 LANDMARKS, CONTROL_POINTS = 24, 20
-POSES = 500  # most that are looked at
+POSES = 500  # at most so many are looked at
 RIDGE = 1e-3  # of the mean square of a column
 
 
 def motion_mm(offsets: Float[np.ndarray, "b n 3"]) -> Float64[np.ndarray, " n"]:
-    """Return how far each vertex moves: the root mean square over poses."""
+    """Return how far each vertex moves, the root mean square over poses."""
     return np.sqrt((np.asarray(offsets, np.float64) ** 2).sum(axis=2).mean(axis=0))
 
 
@@ -168,9 +168,11 @@ def spread_out(neutral: Float[np.ndarray, "n 3"], motion: Float[np.ndarray, " n"
 def regions_of(
     params: Float[np.ndarray, "b m"], offsets: Float[np.ndarray, "b k 3"], regions: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the region of the controls that move each of k points most.
+    """Return for each of k points the region whose controls move it most, by a ridge regression.
 
-    params: less their defaults. regions: each control's. The controls' effects are those of a ridge regression.
+    params: differences from the defaults.
+    offsets: of the points in these poses.
+    regions: of each control.
     """
     x = np.asarray(params, np.float64)
     size = np.sqrt((x**2).mean(axis=0))
@@ -179,6 +181,6 @@ def regions_of(
     effects = np.linalg.solve(x.T @ x + RIDGE * len(x) * np.eye(x.shape[1]), x.T @ y)  # (m, 3 k)
     strength = (effects**2).reshape(x.shape[1], -1, 3).sum(axis=2)  # (m, k)
     names = list(dict.fromkeys(regions))
-    own = np.array([names.index(region) for region in regions])
-    sums = np.stack([strength[own == k].sum(axis=0) for k in range(len(names))])  # (r, k)
+    region_of_control = np.array([names.index(region) for region in regions])
+    sums = np.stack([strength[region_of_control == r].sum(axis=0) for r in range(len(names))])  # (r, k)
     return tuple(names[k] for k in sums.argmax(axis=0))

@@ -1,4 +1,4 @@
-"""A folder of samples as it is when a command starts: read, and checked against itself before it is used."""
+"""A folder of samples as it is when a command starts: read, and checked for contradictions before it is used."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from replicate.base.exceptions import InputError
 from replicate.base.schema import shown
 from replicate.base.user_files import shown_path
 
-# The poses of all shards as one list: their parameters, and which of them are frames of clips, in their order.
+# The poses of all shards as one list: their parameters, and which of them are frames of clips, in order.
 
-FARTHEST = 1_000.0  # ranges that a parameter may be from its default; Eq. 5 reaches three
+FARTHEST = 1_000.0  # ranges of a control between a parameter and its default; Eq. 5 reaches three
 MOST_POSES = 2_000_000
-LEAST_POSES = 20  # frames, or where there are none, poses
+LEAST_POSES = 20  # frames, or poses where there are no frames
 NO_SOURCE = -1
 
 
@@ -40,9 +40,11 @@ NO_SOURCE = -1
 class PoseList:
     """The t poses of some shards.
 
-    shard, row: (t,) where each is. params: (t, m). clips: (name, number of frames) of each clip, in order. frames: the
-    poses that are frames of these, one clip after the other. drawn: all other poses; source: of each of those the
-    place in `frames` of what it was drawn from, or NO_SOURCE. numbers: of each frame, in its clip.
+    shard, row: where each pose is.
+    clips: (name, number of frames) of each clip, in order.
+    frames: the poses that are frames of these clips, one clip after the other.
+    drawn: all other poses.
+    source: for each drawn pose the place in `frames` of the frame it was drawn from, or NO_SOURCE.
     """
 
     shard: Int[np.ndarray, " t"]
@@ -50,7 +52,6 @@ class PoseList:
     params: Float32[np.ndarray, "t m"]
     clips: tuple[tuple[str, int], ...]
     frames: Int[np.ndarray, " a"]
-    numbers: Int[np.ndarray, " a"]
     drawn: Int[np.ndarray, " d"]
     source: Int[np.ndarray, " d"]
 
@@ -60,20 +61,23 @@ def list_poses(
 ) -> PoseList:
     """Return the poses of some shards.
 
-    Raises InputError, beginning with `where`, for parameters that are not finite or farther from their defaults than
-    anyone would set them, for frames that are there twice, and for too few or too many poses.
+    where: the shards' folder, for messages.
+    lower, default, upper: of each control.
+    Raises InputError for parameters that are not finite or farther from their defaults than anyone would set them, for
+    frames that are there twice, and for too few or too many poses.
     """
     total = sum(shard.poses for shard in shards)
     if total > MOST_POSES:
-        raise InputError(f"{where}: found {total:,} poses: allowed are {MOST_POSES:,} at most")
+        raise InputError(f"{where}: expected at most {MOST_POSES:,} poses, got {total:,}")
+    # all shards one after the other
     params, clip, frame, drawn = [], [], [], []
     for shard in shards:
         params.append(_params(shard, where, lower, default, upper))
         has_clip = "clip" in shard.headers
         clip += shard.read("clip").tolist() if has_clip else [""] * shard.poses
-        frame.append(_whole(shard, where) if has_clip else np.zeros(shard.poses, np.int64))
-        is_drawn = shard.read("drawn") if "drawn" in shard.headers else np.zeros(shard.poses, bool)
-        drawn.append(is_drawn)
+        frame.append(_frame_numbers(shard, where) if has_clip else np.zeros(shard.poses, np.int64))
+        drawn.append(shard.read("drawn") if "drawn" in shard.headers else np.zeros(shard.poses, bool))
+    # the frames, clip by clip in natural order
     names = np.array(clip, dtype=str)
     frame, drawn = np.concatenate(frame), np.concatenate(drawn)
     of_clip = (names != "") & ~drawn
@@ -85,20 +89,20 @@ def list_poses(
     place = {key: k for k, key in enumerate(keys)}
     if len(place) < len(keys):
         twice = next(key for k, key in enumerate(keys) if place[key] != k)
-        raise InputError(f"{where}: frame {twice[1]} of clip {shown(str(twice[0]))} is there twice: allowed is once")
+        raise InputError(f"{where}: frame {twice[1]} of clip {shown(str(twice[0]))} is there twice, expected once")
     lengths = [(name, int((names[frames] == name).sum())) for name in order]
+    # the drawn poses, each with the frame it comes from
     others = np.flatnonzero(~of_clip)
     source = [place.get((names[k], int(frame[k])), NO_SOURCE) if names[k] != "" else NO_SOURCE for k in others]
-    count, what = (len(frames), "frames of clips") if len(frames) else (len(others), "poses")
+    count, kind = (len(frames), "frames of clips") if len(frames) else (len(others), "poses")
     if count < LEAST_POSES:
-        raise InputError(f"{where}: found {count} {what}: allowed are {LEAST_POSES} at least")
+        raise InputError(f"{where}: expected at least {LEAST_POSES} {kind}, got {count}")
     return PoseList(
         np.repeat(np.arange(len(shards)), [shard.poses for shard in shards]),
         np.concatenate([np.arange(shard.poses) for shard in shards]),
         np.concatenate(params),
         tuple(lengths),
         frames,
-        frame[frames],
         others,
         np.array(source, np.int64),
     )
@@ -110,41 +114,44 @@ def _params(shard: Shard, where: str, lower: np.ndarray, default: np.ndarray, up
     if len(bad):
         pose, control = bad[0]
         value = shown(float(params[pose, control]))
-        allowed = f"finite numbers within {FARTHEST:g} ranges of the default"
-        raise InputError(f"{where}/{shard.name}: params[{pose}, {control}] is {value}: allowed are {allowed}")
+        expected = f"expected a finite number within {FARTHEST:g} ranges of the default"
+        raise InputError(f"{where}/{shard.name}: params[{pose}, {control}]: {expected}, got {value}")
     return params.astype(np.float32) + np.float32(0)  # −0 → +0
 
 
-def _whole(shard: Shard, where: str) -> np.ndarray:
+def _frame_numbers(shard: Shard, where: str) -> np.ndarray:
     frame = shard.read("frame")
     bad = np.flatnonzero((frame < 0) | (frame > 10**9))
     if len(bad):
+        found = frame[bad[0]]
         raise InputError(
-            f"{where}/{shard.name}: frame[{bad[0]}] is {frame[bad[0]]}: allowed are 0 to a thousand million"
+            f"{where}/{shard.name}: frame[{bad[0]}]: expected a number from 0 to 1,000,000,000, got {found}"
         )
     return frame.astype(np.int64)
 
 
 def _natural(name: str) -> list:
-    """Return what sorts names with numbers in them as people do: 2 before 10."""
+    """Return a key that sorts names with numbers in them as people do, 2 before 10."""
     return [
         (int(part), "") if part.isdecimal() and part.isascii() else (-1, part) for part in re.split(r"([0-9]+)", name)
     ]
 
 
 SIZE_MM = (50.0, 1000.0)  # the largest side of the box around a neutral face
-EXTENT = 2.0  # by which factor the box around a pose may be larger or smaller than the neutral's, in the median pose
-AWAY = 0.15  # of the face's size: how far vertices may be from the neutral on average, in the median pose
-NEUTRAL = 1e-3  # of the face's size: how far a pose at the defaults may be from the mesh
-AT_DEFAULT = 1e-6  # of a control's range: what counts as at the default
-LOOKED_AT_BYTES = 200_000_000  # of vertices, before anything else is done
+EXTENT = 2.0  # the factor by which the box around the median pose may be larger or smaller than the neutral's
+AWAY = 0.15  # of the face's size: the average distance of vertices from the neutral in the median pose, at most
+NEUTRAL = 1e-3  # of the face's size: the distance of a pose at the defaults from the mesh, at most
+AT_DEFAULT = 1e-6  # of a control's range: a parameter this close to its default is at it
+LOOKED_AT_BYTES = 200_000_000  # of vertices that are checked before anything else is done
 
 
 @dataclass(frozen=True)
 class SampleFolder:
-    """What a folder holds. neutral: the mesh as its file has it. vertices_mm: (n, 3), in our axes, not yet moved.
+    """The content of a folder.
 
-    moves: which control moves which vertex, (n, m), where the folder says so.
+    neutral: the mesh as its file has it.
+    vertices_mm: (n, 3), in our axes, not yet shifted.
+    moves: (n, m), which control moves which vertex, if the folder has it.
     """
 
     folder: Path
@@ -158,7 +165,7 @@ class SampleFolder:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """All files that its content is in: mesh, controls, shards, and `influence.npy` where it is."""
+        """The files of mesh, controls and shards, and `influence.npy` if it is used."""
         return (
             self.folder / self.face.mesh,
             self.folder / CONTROL_FILE,
@@ -168,7 +175,7 @@ class SampleFolder:
 
     @property
     def where(self) -> str:
-        """Its shards' folder, for messages."""
+        """The shards' folder, for messages."""
         return shown_path(self.folder / FOLDER)
 
 
@@ -176,11 +183,10 @@ class SampleFolder:
 def open_folder(folder: Path) -> SampleFolder:
     """Return a folder's content, after all checks that take seconds.
 
-    What it holds is read once a process: later shards belong to the next run. `open_folder.cache_clear()` forgets it.
-    Raises InputError, naming the file, for a folder that contradicts itself.
+    A process reads a folder once: shards that come later belong to the next run. `open_folder.cache_clear()` forgets
+    the content. Raises InputError, naming the file, for a folder that contradicts itself.
     """
     found = read_folder(folder)
-    _check_named_once(found.face, folder)
     check_size(found)
     looked_at = 0
     for index, shard in enumerate(found.shards):
@@ -194,10 +200,10 @@ def open_folder(folder: Path) -> SampleFolder:
 def read_folder(
     folder: Path, face: FaceFile | None = None, shards: Sequence[Path] | None = None, influence: bool = True
 ) -> SampleFolder:
-    """Return a folder's content: its texts, its mesh and the parameters of its poses. Raises InputError as they do.
+    """Return a folder's content, of its poses only the parameters. Raises InputError for what can't be read.
 
-    face, shards: what `face.toml` says and the files of its shards, where both are known from before. influence:
-    whether an `influence.npy` counts.
+    face, shards: the content of `face.toml` and the shards' files, where they are known already.
+    influence: whether to use an `influence.npy`.
     """
     face = read_face(folder) if face is None else face
     controls = read_controls(folder)
@@ -209,8 +215,8 @@ def read_folder(
     found = read_shards(files, len(controls), len(neutral.vertices))
     limits = (np.array([getattr(c, name) for c in controls]) for name in ("lower", "default", "upper"))
     poses = list_poses(found, shown_path(folder / FOLDER), *limits)
-    stated = influence_file(folder) if influence else ()
-    moves = read_influence(stated[0], len(neutral.vertices), len(controls)) if stated else None
+    influence_files = influence_file(folder) if influence else ()
+    moves = read_influence(influence_files[0], len(neutral.vertices), len(controls)) if influence_files else None
     return SampleFolder(folder, face, controls, neutral, face.to_ours(neutral.vertices), found, poses, moves)
 
 
@@ -220,73 +226,55 @@ def size_mm(found: SampleFolder) -> float:
 
 
 def check_size(found: SampleFolder) -> None:
-    """Raise InputError for a face of no face's size: its unit is another one then."""
+    """Raise InputError for a face that is too small or too large, which a wrong unit makes it."""
     size, (least, most) = size_mm(found), SIZE_MM
     if not least <= size <= most:
-        allowed = f"{least:g} to {most:g} mm: is its unit another one?"
         raise InputError(
-            f'{shown_path(found.folder / FACE_FILE)}: with unit = "{found.face.unit}" the mesh is {size:.4g} mm large: '
-            f"allowed are {allowed}"
+            f'{shown_path(found.folder / FACE_FILE)}: with unit = "{found.face.unit}" the mesh is {size:.4g} mm large, '
+            f"expected {least:g} to {most:g} mm: does it have another unit?"
         )
 
 
 def check_vertices(found: SampleFolder, index: int, vertices: Float[np.ndarray, "t n 3"]) -> None:
-    """Raise InputError for bad vertices of a shard, of that index among the folder's.
+    """Raise InputError if the vertices of a folder's shard don't fit its mesh.
 
-    They are not finite, of another size or order than the mesh's, or at all defaults another shape than the mesh.
+    They are not finite, have another unit, axes or order than the mesh, or differ from it in a pose at all defaults.
     """
     shard, size = found.shards[index], size_mm(found) / found.face.mm  # in the file's unit
     where = f"{found.where}/{shard.name}"
     if not np.isfinite(vertices).all():
         pose, vertex, _ = np.argwhere(~np.isfinite(vertices))[0]
         value = vertices[pose, vertex].tolist()
-        raise InputError(f"{where}: vertices[{pose}, {vertex}] is {value}: allowed are finite numbers")
+        raise InputError(f"{where}: vertices[{pose}, {vertex}]: expected finite numbers, got {value}")
     neutral = found.neutral.vertices
     extent = np.median(np.ptp(vertices.astype(np.float64), axis=1).max(axis=1))
     if not size / EXTENT <= extent <= size * EXTENT:
         raise InputError(
-            f"{where}: its poses are {extent / size:.3g} times as large as the mesh: allowed are positions in the "
-            "mesh's own unit"
+            f"{where}: its poses are {extent / size:.3g} times as large as the mesh: write positions, not offsets, in "
+            "the mesh's unit"
         )
     some = np.linspace(0, len(vertices) - 1, min(32, len(vertices))).astype(int)
     offsets = vertices[some].astype(np.float64) - neutral
     away = np.median(np.linalg.norm(offsets - np.median(offsets, axis=1, keepdims=True), axis=2).mean(axis=1))
     if away > AWAY * size:
         raise InputError(
-            f"{where}: a vertex is {away / size:.0%} of the face's size from its place in the mesh on average: allowed "
-            f"are {AWAY:.0%}, in the mesh's own axes and order of vertices"
+            f"{where}: on average a vertex is {away / size:.0%} of the face's size from its place in the mesh, "
+            f"expected at most {AWAY:.0%}: write vertices in the mesh's axes and order"
         )
-    own = found.poses.params[found.poses.shard == index]
+    params = found.poses.params[found.poses.shard == index]
     default = np.array([control.default for control in found.controls])
     ranges = np.array([control.upper - control.lower for control in found.controls])
-    for pose in np.flatnonzero((np.abs(own - default) <= AT_DEFAULT * ranges).all(axis=1)):
+    for pose in np.flatnonzero((np.abs(params - default) <= AT_DEFAULT * ranges).all(axis=1)):
         off = np.abs(vertices[pose].astype(np.float64) - neutral).max(axis=1)
         if off.max() > NEUTRAL * size:
             raise InputError(
                 f"{where}: pose {pose} is at all defaults, and its vertex {off.argmax()} is {off.max() / size:.2%} of "
-                f"the face's size from the mesh: allowed are {NEUTRAL:.1%}"
-            )
-
-
-def _check_named_once(face: FaceFile, folder: Path) -> None:
-    """Raise InputError for a landmark or a control point that is there twice, the mesh's first vertex too.
-
-    `Points` refuses the others by themselves.
-    """
-    every = [vertex for vertices in face.points.control_points.values() for vertex in vertices]
-    for name, vertices in (("landmarks", face.points.landmarks), ("control_points", every)):
-        twice = [vertex for vertex in vertices if vertices.count(vertex) > 1]
-        if twice:
-            raise InputError(
-                f"{shown_path(folder / FACE_FILE)}: points, {name}: found vertex {twice[0]} twice: allowed is once"
+                f"the face's size from the mesh, expected at most {NEUTRAL:.1%}"
             )
 
 
 def _check_points(face: FaceFile, count: int, folder: Path) -> None:
-    every = {"landmarks": face.points.landmarks, **face.points.control_points}
-    for name, vertices in every.items():
+    for name, vertices in {"landmarks": face.points.landmarks, **face.points.control_points}.items():
         if too_large := next((vertex for vertex in vertices if vertex >= count), None):
-            raise InputError(
-                f"{shown_path(folder / FACE_FILE)}: points, {shown(name)}: found vertex {too_large}: allowed are 0 to "
-                f"{count - 1}"
-            )
+            place = f"{shown_path(folder / FACE_FILE)}: points, {shown(name)}"
+            raise InputError(f"{place}: expected vertices from 0 to {count - 1}, got {too_large}")

@@ -1,4 +1,4 @@
-"""A rig that is known by its samples alone: it keeps the Rig contract, with a function of known poses only."""
+"""A rig that is known by its samples alone: it keeps the Rig contract, but its function knows these poses only."""
 
 from __future__ import annotations
 
@@ -25,13 +25,15 @@ class UnknownPoseError(InputError):
 
 @dataclass(frozen=True)
 class SampledRig(ControlledRig):
-    """A character of which there are poses and no function; the fields are the contract's (see `rig.Rig`).
+    """A character with poses and no function; its fields are those of `rig.Rig`, and some more.
 
-    known_poses: all that there are. frames_per_second: of its clips. source, licence: texts of whoever brought it.
-    moves: which control moves which vertex, (n, m), where whoever brought it knows.
-
-    It is called like any rig, for the default pose and for poses that are among its samples, to the bit; any other one
+    It is called like any rig, with the default pose or poses that are among its samples to the bit; any other pose
     raises UnknownPoseError. It has no derivative. Raises InputError as a `FunctionRig` does.
+
+    known_poses: all its samples.
+    frames_per_second: of its clips.
+    source, licence: texts of its author.
+    moves: (n, m), which control moves which vertex, if its author says so.
     """
 
     name: str
@@ -69,7 +71,7 @@ class SampledRig(ControlledRig):
         p = np.asarray(params, np.float32)
         if p.ndim not in (1, 2) or p.shape[-1] != len(self.controls):
             shapes = f"({len(self.controls)},) or (b, {len(self.controls)})"
-            raise InputError(f"rig '{self.name}': parameters have the shape {p.shape}, where {shapes} is allowed.")
+            raise InputError(f"rig '{self.name}': expected parameters of the shape {shapes}, got {p.shape}.")
         if p.ndim == 1:
             return self.mesh.neutral + self._offsets(p)
         return np.stack([self.mesh.neutral + self._offsets(row) for row in p])
@@ -120,7 +122,7 @@ def load_rig(folder: Path) -> SampledRig:
     try:
         about = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
         if about["format"] != FORMAT:
-            raise InputError(f"{folder / DESCRIPTION}: format is {about['format']}, where {FORMAT} is allowed.")
+            raise InputError(f"{folder / DESCRIPTION}: expected format {FORMAT}, got {about['format']}.")
         known = KnownPoses.open(folder)
         with np.load(folder / POINTS, allow_pickle=False) as points:
             landmarks, control_points = points["landmarks"], points["control_points"]
@@ -145,4 +147,4 @@ def load_rig(folder: Path) -> SampledRig:
     except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{folder}: found no readable sampled rig ({error}).") from error
+        raise InputError(f"{folder}: not a readable sampled rig ({error}).") from error

@@ -1,9 +1,9 @@
 """From a mesh file to our mesh: a segment and one place in a chart for every vertex, with new charts where needed.
 
-A vertex belongs to the segment of most of its faces, unless a group of an OBJ names it. It takes the texture
-coordinates that most of its corners in faces of that segment have, so vertices on a seam are not split: they lie on one
-side of it, and the mesh keeps the order and the number of vertices of the poses. Charts are stretched over the unit
-square, but for those that nearly fill it.
+A vertex belongs to the segment of most of its faces, unless a group of an OBJ lists it. It takes the texture
+coordinates that most of its corners in that segment have. So a vertex on a seam is not split but lies on one side of
+it, and the mesh keeps the vertices of the poses, in their order. Charts are stretched over the unit square unless they
+nearly fill it.
 """
 
 from __future__ import annotations
@@ -16,42 +16,45 @@ from jaxtyping import Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from data_recipes.sampled.mesh_file import NO_LABEL, NeutralFile
+from data_recipes.sampled.mesh_file import NeutralFile
 from replicate.base.exceptions import InputError
 from replicate.geometry.mesh import Mesh, degenerate_faces
 
 MOST_SEGMENTS = 300
-MOST_OVERLAP = 0.02  # of the texels that a segment covers: how many may be covered twice
-FULL = 0.9  # of the unit square, along an axis: what needs no stretching
-LEAST_COVER = 0.15  # of the unit square: what a segment's charts cover at least
+MOST_OVERLAP = 0.02  # the share of a segment's texels that may be covered twice
+FULL = 0.9  # a chart that spans this share of the unit square along both axes is not stretched
+LEAST_COVER = 0.15  # the share of the unit square that a segment's charts must cover
 LONGEST_NAME = 60
 WITHOUT_NAME = "rest"
 
 
 def make_mesh(neutral: NeutralFile, segments: str, vertices_mm: Float[np.ndarray, "n 3"], where: str) -> Mesh:
-    """Return the mesh of a file. segments: "groups", "materials" or "islands". vertices_mm: in our axes.
+    """Return the mesh of a file, without the faces that have no area in the neutral pose.
 
-    Faces without an area in the neutral pose are left out. Raises InputError, beginning with `where`, for islands of a
-    mesh without texture coordinates, for too many segments, and for a mesh without a face that has an area.
+    segments: "groups", "materials" or "islands".
+    vertices_mm: in our axes.
+    where: the beginning of messages.
+    Raises InputError for islands of a mesh without texture coordinates, for too many segments, and for a mesh whose
+    faces all have no area.
     """
     check_segments(neutral, segments, where)
     vertices = np.asarray(vertices_mm, np.float32)
     solid = ~degenerate_faces(vertices, neutral.faces.astype(np.int32))
-    every_label, names = face_segments(neutral, segments)
-    faces, labels = neutral.faces[solid], every_label[solid]
+    all_labels, names = face_segments(neutral, segments)
+    faces, labels = neutral.faces[solid], all_labels[solid]
     if not len(faces):
-        raise InputError(f"{where}: no face has an area: allowed is a surface")
+        raise InputError(f"{where}: no face has an area, expected a surface")
     segment = _most(faces, labels, len(vertices))
     alone = segment < 0  # only in faces without an area
-    segment[alone] = _most(neutral.faces, every_label, len(vertices))[alone]
+    segment[alone] = _most(neutral.faces, all_labels, len(vertices))[alone]
     if segments == "groups":
         for name, members in neutral.members.items():
             if name in names:
                 segment[members] = names.index(name)
     uv = np.empty((len(vertices), 2))
     for k in np.unique(segment):
-        own = np.flatnonzero(segment == k)
-        uv[own] = _chart(neutral, vertices, np.flatnonzero(solid)[labels == k], own)
+        members = np.flatnonzero(segment == k)
+        uv[members] = _chart(neutral, vertices, np.flatnonzero(solid)[labels == k], members)
     used, segment = np.unique(segment, return_inverse=True)
     clean = _clean_names([names[k] for k in used])
     return Mesh(vertices, faces.astype(np.int32), uv.astype(np.float32), segment.astype(np.int32), clean)
@@ -61,16 +64,16 @@ def check_segments(neutral: NeutralFile, segments: str, where: str) -> None:
     """Raise InputError where a mesh can't have such segments."""
     if segments == "islands" and neutral.uv is None:
         raise InputError(
-            f'{where}: it has no texture coordinates, which segments = "islands" needs: allowed are "groups" and '
-            '"materials", whose charts are then made, or a mesh with them'
+            f'{where}: the mesh has no texture coordinates, which segments = "islands" needs: write "groups" or '
+            '"materials", for which charts are made, or give the mesh texture coordinates'
         )
     count = len(face_segments(neutral, segments)[1])
     if count > MOST_SEGMENTS:
-        raise InputError(f"{where}: found {count} {segments}: allowed are {MOST_SEGMENTS} segments at most")
+        raise InputError(f"{where}: expected at most {MOST_SEGMENTS} segments, got {count} {segments}")
 
 
 def face_segments(neutral: NeutralFile, segments: str) -> tuple[Int[np.ndarray, " f"], list[str]]:
-    """Return each face's segment and the segments' names, in the order of the file; islands the largest first."""
+    """Return each face's segment and the segments' names, in the order of the file, or islands by size."""
     if segments == "islands":
         return _islands(neutral)
     labels = neutral.groups if segments == "groups" else neutral.materials
@@ -80,7 +83,7 @@ def face_segments(neutral: NeutralFile, segments: str) -> tuple[Int[np.ndarray, 
 
 
 def _islands(neutral: NeutralFile) -> tuple[Int[np.ndarray, " f"], list[str]]:
-    """Return the connected parts of the texture's layout: faces that share an edge there are in one."""
+    """Return the connected parts of the texture's layout; faces that share an edge in it are connected."""
     corners = neutral.uv_faces
     edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]])
     graph = coo_array((np.ones(len(edges)), edges.T), shape=(len(neutral.uv), len(neutral.uv)))
@@ -99,27 +102,30 @@ def _most(faces: np.ndarray, labels: np.ndarray, count: int) -> np.ndarray:
     votes = votes.tocsr()
     best = np.full(count, -1, np.int64)
     for vertex in np.flatnonzero(np.diff(votes.indptr)):
-        own = slice(votes.indptr[vertex], votes.indptr[vertex + 1])
-        numbers, columns = votes.data[own], votes.indices[own]
-        best[vertex] = columns[numbers == numbers.max()].min()
+        row = slice(votes.indptr[vertex], votes.indptr[vertex + 1])
+        counts, columns = votes.data[row], votes.indices[row]
+        best[vertex] = columns[counts == counts.max()].min()
     return best
 
 
 def _chart(
-    neutral: NeutralFile, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, " g"], own: Int[np.ndarray, " k"]
+    neutral: NeutralFile,
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, " g"],
+    members: Int[np.ndarray, " k"],
 ) -> Float[np.ndarray, "k 2"]:
-    """Return the places of a segment's vertices in the unit square. faces: indices of its faces; own: its vertices."""
+    """Return the places in the unit square of a segment's vertices, `members`. faces: indices of its faces."""
     if not len(faces):
-        return np.full((len(own), 2), 0.5)
+        return np.full((len(members), 2), 0.5)
     if neutral.uv is not None:
         corners, places = neutral.uv[neutral.uv_faces[faces]], neutral.uv_faces[faces]
-        is_own = np.isin(neutral.faces[faces], own)  # of other segments' vertices a chart needn't know
-        if is_own.any():
-            corners = stretched(corners, corners[is_own])
-            covered, doubled = covered_and_doubled(corners[is_own.all(axis=1)])
-            if not is_own.all(axis=1).any() or (doubled <= MOST_OVERLAP and covered >= LEAST_COVER):
-                return one_place(neutral.faces[faces][is_own], places[is_own], corners[is_own], own)
-    return made_chart(vertices, neutral.faces[faces], own)
+        inside = np.isin(neutral.faces[faces], members)  # corners at other segments' vertices are left out
+        if inside.any():
+            corners = stretched(corners, corners[inside])
+            covered, doubled = covered_and_doubled(corners[inside.all(axis=1)])
+            if not inside.all(axis=1).any() or (doubled <= MOST_OVERLAP and covered >= LEAST_COVER):
+                return one_place(neutral.faces[faces][inside], places[inside], corners[inside], members)
+    return made_chart(vertices, neutral.faces[faces], members)
 
 
 def stretched(uv: Float[np.ndarray, "*b 2"], box: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "*b 2"]:
@@ -137,59 +143,60 @@ def one_place(
     vertex: Int[np.ndarray, " c"],
     place: Int[np.ndarray, " c"],
     uv: Float[np.ndarray, "c 2"],
-    own: Int[np.ndarray, " k"],
+    members: Int[np.ndarray, " k"],
 ) -> Float[np.ndarray, "k 2"]:
-    """Return for each of some vertices the coordinates that most of its corners have, the first of the file on a tie.
+    """Return for each member the coordinates that most of its corners have; on a tie, those that come first.
 
-    vertex, uv: of each corner. place: equal where corners have the same coordinates. A vertex of no corner gets the
-    middle.
+    vertex, uv: of each corner.
+    place: equal where corners have the same coordinates.
+    members: vertices; one without a corner gets the middle.
     """
     pairs, first, counts = np.unique(np.stack([vertex, place], 1), axis=0, return_index=True, return_counts=True)
     order = np.lexsort((first, -counts, pairs[:, 0]))
     best, at = np.unique(pairs[order, 0], return_index=True)
-    result = np.full((int(max(own.max(), vertex.max())) + 1, 2), 0.5)
+    result = np.full((int(max(members.max(), vertex.max())) + 1, 2), 0.5)
     result[best] = uv[first[order][at]]
-    return result[own]
+    return result[members]
 
 
 def made_chart(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "g 3"], own: Int[np.ndarray, " k"]
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "g 3"], members: Int[np.ndarray, " k"]
 ) -> Float[np.ndarray, "k 2"]:
-    """Return places in charts that xatlas makes and packs into the unit square (the faces of one segment)."""
-    import xatlas  # not for those whose mesh has charts
+    """Return the members' places in charts that xatlas makes of a segment's faces and packs into the unit square."""
+    import xatlas  # a mesh with charts does without it
 
     used, inner = np.unique(faces, return_inverse=True)
     inner = inner.reshape(-1, 3).astype(np.uint32)
     of_new, corners, uv = xatlas.parametrize(np.ascontiguousarray(vertices[used], np.float32), inner)
     places = np.asarray(corners, np.int64).reshape(-1, 3)
     if not len(places):
-        return np.full((len(own), 2), 0.5)
+        return np.full((len(members), 2), 0.5)
     corners = np.asarray(uv, float)[places].reshape(-1, 2)
-    return one_place(used[of_new[places]].ravel(), places.ravel(), stretched(corners, corners), own)
+    return one_place(used[of_new[places]].ravel(), places.ravel(), stretched(corners, corners), members)
 
 
 def _clean_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Return names of letters, digits, _ and - that differ."""
+    """Return names that differ and consist of letters, digits, _ and -."""
     clean: list[str] = []
     for name in names:
-        stem = re.sub(r"[^\w-]+", "_", name, flags=re.ASCII).strip("_")[:LONGEST_NAME] if name != NO_LABEL else ""
-        own, k = stem or WITHOUT_NAME, 1
-        while own in clean:
+        stem = re.sub(r"[^\w-]+", "_", name, flags=re.ASCII).strip("_")[:LONGEST_NAME] or WITHOUT_NAME
+        chosen, k = stem, 1
+        while chosen in clean:
             k += 1
-            own = f"{stem or WITHOUT_NAME}_{k}"
-        clean.append(own)
+            chosen = f"{stem}_{k}"
+        clean.append(chosen)
     return tuple(clean)
 
 
-# Whether charts overlap: the share of the unit square that triangles cover, and of that what they cover twice.
+# Whether charts overlap: the share of the unit square that triangles cover, and the share of that covered twice.
 
 TEXELS = 256  # a side
 
 
 def covered_and_doubled(corners: Float[np.ndarray, "f 3 2"]) -> tuple[float, float]:
-    """Return which share of the unit square triangles cover, and which share of that more than one of them covers.
+    """Return the share of the unit square that triangles cover, and the share of that covered by more than one.
 
-    A texel counts for each triangle that its middle lies in; one on an edge belongs to neither side.
+    A triangle covers the texels whose middles lie inside it, not on its edges.
     """
     counts = np.zeros((TEXELS, TEXELS), np.int32)  # row: v
     places = corners * TEXELS - 0.5
@@ -203,7 +210,7 @@ def covered_and_doubled(corners: Float[np.ndarray, "f 3 2"]) -> tuple[float, flo
 
 
 def _inside(triangle: np.ndarray, left: int, right: int, lower: int, upper: int) -> np.ndarray:
-    """Return (rows, columns) bool: which of some texels' middles lie within a triangle, either way round."""
+    """Return (rows, columns) bool, whether a texel's middle lies inside a triangle of either orientation."""
     x, y = np.arange(left, right)[None, :], np.arange(lower, upper)[:, None]
     sides = []
     for (ax, ay), (bx, by) in zip(triangle, np.roll(triangle, -1, axis=0), strict=True):

@@ -1,11 +1,12 @@
 """The shards of a folder of samples: files of poses with their vertices, checked by their headers before any is read.
 
-A shard is an npz, or a set of npy files NAME.params.npy, NAME.vertices.npy and so on. Nothing of them is unpickled, and
-no array is allocated before its size is known to agree with its file's.
+A shard is an npz, or a set of npy files NAME.params.npy, NAME.vertices.npy and so on. Nothing is ever unpickled, and an
+array is allocated only once its size is known to agree with its file's.
 """
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import stat
@@ -36,7 +37,7 @@ LONGEST_CLIP = 100  # letters of a clip's name
 KINDS = {"params": "f", "vertices": "f", "clip": "U", "frame": "iu", "drawn": "b"}
 WORDS = {
     "f": "numbers of float16, float32 or float64",
-    "U": f"texts of {LONGEST_CLIP} letters at most",
+    "U": f"texts of at most {LONGEST_CLIP} letters",
     "iu": "whole numbers",
     "b": "true or false (bool)",
 }
@@ -46,7 +47,7 @@ DAMAGE = (OSError, EOFError, ValueError, KeyError, RuntimeError, NotImplementedE
 
 
 class _UnfitError(ValueError):
-    """An array is whole and not allowed."""
+    """An array can be read but is not one that a shard may have."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,9 @@ class Header:
 class Shard:
     """A file of poses, or several that belong together.
 
-    name: of the file, or the NAME of several. files: by array, one npz for all of them. headers: by array. poses: t.
+    name: of the file, or the NAME of several.
+    files: array → its file, one npz for all of them.
+    headers: by array.
     """
 
     name: str
@@ -70,12 +73,12 @@ class Shard:
 
     @property
     def poses(self) -> int:
-        """How many poses it has."""
+        """The number of poses."""
         return self.headers["params"].shape[0]
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """Its files, each once."""
+        """The files, each once."""
         return tuple(dict.fromkeys(self.files.values()))
 
     def read(self, name: str) -> np.ndarray:
@@ -97,35 +100,34 @@ class Shard:
 
 
 def shard_files(folder: Path) -> tuple[Path, ...]:
-    """Return the files of a folder's `poses` that belong to shards, by name.
+    """Return the files of shards in a folder's `poses`, sorted by name.
 
-    Those that end in .part, and those whose names begin with a dot, are left out. Raises InputError, naming the file,
-    for any other that is no npz or npy, or no regular file.
+    Those that end in .part or begin with a dot are left out. Raises InputError, naming the file, for any other that is
+    no npz or npy, or no regular file.
     """
     place = folder / FOLDER
     where = shown_path(place)
     try:
         names = sorted(entry.name for entry in os.scandir(place))
     except OSError as error:
-        raise InputError(f"{where}: found no readable folder of poses ({error.strerror})") from None
+        raise InputError(f"{where}: not a readable folder of poses ({error.strerror})") from None
     names = [name for name in names if not name.startswith(".") and not name.endswith(UNFINISHED)]
     if len(names) > MOST_FILES:
-        raise InputError(f"{where}: found {len(names):,} files: allowed are {MOST_FILES:,} at most")
+        raise InputError(f"{where}: expected at most {MOST_FILES:,} files, got {len(names):,}")
     for name in names:
         if not (name.endswith(".npz") or _PAIR.fullmatch(name)):
-            endings = f"NAME.npz, NAME.params.npy with NAME.vertices.npy, and names that end in {UNFINISHED}"
-            raise InputError(f"{where}: found {shown(name)}: allowed are {endings}")
-        _check_kind(place / name)
+            endings = f"NAME.npz, NAME.params.npy with NAME.vertices.npy, or a name that ends in {UNFINISHED}"
+            raise InputError(f"{where}: expected {endings}, got {shown(name)}")
+        _check_regular(place / name)
     if not names:
-        raise InputError(f"{where}: found no shard of poses: allowed is one at least, NAME.npz")
+        raise InputError(f"{where}: expected at least one shard of poses, NAME.npz, got none")
     return tuple(place / name for name in names)
 
 
 def read_shards(files: Sequence[Path], controls: int, vertices: int) -> tuple[Shard, ...]:
-    """Return the shards that files are, by name, after their headers.
+    """Return the shards that files make up, once their headers are read.
 
-    controls, vertices: m and n. Raises InputError, naming the file and the array, for anything that is no shard of such
-    a rig.
+    controls, vertices: how many the rig has. Raises InputError, naming the file and the array, for any other content.
     """
     groups: dict[str, dict[str, Path]] = {}
     for file in files:
@@ -134,28 +136,28 @@ def read_shards(files: Sequence[Path], controls: int, vertices: int) -> tuple[Sh
         else:
             groups[file.name] = dict.fromkeys(_names_in(file), file)
             if not groups[file.name]:
-                raise InputError(f"{shown_path(file)}: it is empty: allowed are shards with params and vertices")
-    return tuple(_shard(name, own, controls, vertices) for name, own in groups.items())
+                raise InputError(f"{shown_path(file)}: it is empty: a shard needs params and vertices")
+    return tuple(_shard(name, group, controls, vertices) for name, group in groups.items())
 
 
 def _check_names(names: np.ndarray, where: str) -> None:
-    """Raise InputError for a text that no clip and no file could be named by; one without letters is no name."""
-    allowed = "expected a name of printable characters without / or \\"
+    """Raise InputError for a text that can't name a clip and its files; an empty one stands for no clip."""
+    expected = "expected a name of printable characters without / or \\"
     codes = names.astype(names.dtype.newbyteorder("=")).view(np.uint32).reshape(len(names), -1)
     if (codes > sys.maxunicode).any():
-        raise InputError(f"{where}[{np.argwhere(codes > sys.maxunicode)[0, 0]}] is no Unicode text: {allowed}")
+        raise InputError(f"{where}[{np.argwhere(codes > sys.maxunicode)[0, 0]}] is no Unicode text: {expected}")
     for name, place in zip(*np.unique(names, return_index=True), strict=True):
         if not name.isprintable() or "/" in name or "\\" in name:
-            raise InputError(f"{where}[{place}] is {shown(str(name))}: {allowed}")
+            raise InputError(f"{where}[{place}] is {shown(str(name))}: {expected}")
 
 
-def _check_kind(file: Path) -> None:
+def _check_regular(file: Path) -> None:
     try:
         mode = os.stat(file).st_mode
     except OSError as error:
-        raise InputError(f"{shown_path(file)}: found no readable file ({error.strerror})") from None
+        raise InputError(f"{shown_path(file)}: not a readable file ({error.strerror})") from None
     if not stat.S_ISREG(mode):
-        raise InputError(f"{shown_path(file)} is no regular file: allowed are regular files")
+        raise InputError(f"{shown_path(file)} is no regular file")
 
 
 def _names_in(file: Path) -> list[str]:
@@ -164,7 +166,7 @@ def _names_in(file: Path) -> list[str]:
     wrong = next((name for name in names if name not in ARRAYS or names.count(name) > 1), None)
     if wrong is not None:
         raise InputError(
-            f"{shown_path(file)}: found the array {shown(wrong)}: allowed are {', '.join(ARRAYS)}, each once"
+            f"{shown_path(file)}: expected arrays named {', '.join(ARRAYS)}, each once, got {shown(wrong)}"
         )
     return names
 
@@ -172,7 +174,7 @@ def _names_in(file: Path) -> list[str]:
 def _shard(name: str, files: dict[str, Path], controls: int, vertices: int) -> Shard:
     where = shown_path(next(iter(files.values()), Path(name)).parent / name)
     if missing := [array for array in NEEDED if array not in files]:
-        raise InputError(f"{where}: it has no array {missing[0]}: allowed are shards with params and vertices")
+        raise InputError(f"{where}: it has no array {missing[0]}: a shard needs params and vertices")
     headers = {}
     for array, file in files.items():
         with _reading(file, array), _stream(file, array) as (stream, size):
@@ -186,15 +188,15 @@ def _shard(name: str, files: dict[str, Path], controls: int, vertices: int) -> S
     for array, header in headers.items():
         expectation = shapes.get(array, (t,))
         if header.shape != expectation or t == 0:
-            allowed = "one pose at least" if t == 0 else f"{expectation}{about.get(array, ', one a pose')}"
-            raise InputError(f"{where}: {array} has the shape {cut(str(header.shape))}: allowed is {allowed}")
+            expected = "at least one pose" if t == 0 else f"{expectation}{about.get(array, ', one for each pose')}"
+            raise InputError(f"{where}: shape of {array}: expected {expected}, got {cut(str(header.shape))}")
         kind, size = KINDS[array], header.dtype.itemsize
         if header.dtype.kind not in kind or (kind == "f" and size > 8) or (kind == "U" and size > 4 * LONGEST_CLIP):
-            raise InputError(f"{where}: {array} holds {header.dtype}: allowed are {WORDS[kind]}")
+            raise InputError(f"{where}: {array}: expected {WORDS[kind]}, got {header.dtype}")
     if ("clip" in headers) != ("frame" in headers):
-        raise InputError(f"{where}: it has only one of clip and frame: allowed are both or neither")
+        raise InputError(f"{where}: it has only one of clip and frame: write both or neither")
     if "drawn" in headers and "clip" not in headers:
-        raise InputError(f"{where}: it has drawn without clip and frame: allowed is drawn beside them")
+        raise InputError(f"{where}: it has drawn without clip and frame: write these too, or leave it out")
     return Shard(name, files, headers)
 
 
@@ -205,7 +207,7 @@ def _open(file: Path) -> BufferedIOBase:
 
 @contextmanager
 def _stream(file: Path, name: str) -> Iterator[tuple[BufferedIOBase, int]]:
-    """Yield an array's bytes and their number."""
+    """Yield a stream of an array's bytes and how many there are."""
     with _open(file) as plain:
         if not file.name.endswith(".npz"):
             yield plain, os.fstat(plain.fileno()).st_size
@@ -224,21 +226,17 @@ def _read_header(stream: BufferedIOBase) -> tuple[tuple[int, ...], bool, np.dtyp
     try:
         return readers[version](stream)
     except (tokenize.TokenError, MemoryError):  # thousands of brackets, say
-        raise ValueError("its header is none") from None
+        raise ValueError("its header is damaged") from None
 
 
 def _header(stream: BufferedIOBase, size: int) -> Header:
-    """Return the header at a stream's place, which is then behind it. size: the bytes of header and array together."""
+    """Read the header from a stream. size: the bytes of header and array together."""
     shape, _, dtype = _read_header(stream)
     if dtype.hasobject:
-        raise _UnfitError("it holds Python objects: allowed are numbers and texts")
-    length = dtype.itemsize
-    for number in shape:
-        length *= number
+        raise _UnfitError("expected numbers or texts, got Python objects")
+    length = dtype.itemsize * math.prod(shape)
     if length > MOST_BYTES:
-        raise _UnfitError(
-            f"it has {length / 1e9:.1f} GB, where {MOST_BYTES / 1e9:g} GB are allowed: write smaller shards"
-        )
+        raise _UnfitError(f"expected at most {MOST_BYTES / 1e9:g} GB, got {length / 1e9:.1f} GB: write smaller shards")
     if stream.tell() + length != size:
         raise ValueError("its file is shorter or longer than its header says")
     return Header(tuple(shape), dtype)
@@ -259,6 +257,6 @@ def _reading(file: Path, array: str) -> Iterator[None]:
     except _UnfitError as error:
         raise InputError(f"{shown_path(file)}: {array}: {error}") from None
     except DAMAGE as error:
-        what = f"{array} of the shard" if array else "the shard"
+        part = f"{array} of the shard" if array else "the shard"
         text = cut(" ".join(str(error).split())) or type(error).__name__
-        raise InputError(f"{shown_path(file)}: {what} can't be read ({text}); is it half-written?") from None
+        raise InputError(f"{shown_path(file)}: {part} can't be read ({text}); is it half-written?") from None

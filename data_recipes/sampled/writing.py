@@ -29,12 +29,14 @@ def write_folder(
     progress: Callable | None = None,
     moves: Bool[np.ndarray, "n m"] | None = None,
 ) -> None:
-    """Write a rig as a folder of samples.
+    """Write a rig as a folder of samples, `face.toml` last: a folder without it is unfinished.
 
-    folder: empty, or not there yet. total: how many poses there are. shards: the arrays of each, without its vertices,
-    which the rig gives. progress: (total, label) → a context manager with update(k). moves: which control moves which
-    vertex, if the folder is to say so. `face.toml` goes last: a folder without it is not whole. Raises InputError for a
-    folder with anything in it.
+    folder: empty, or not there yet.
+    total: the number of poses.
+    shards: the arrays of each, without the vertices, which the rig computes.
+    progress: (total, label) → a context manager with update(k).
+    moves: which control moves which vertex, for `influence.npy`.
+    Raises InputError for a folder with anything in it.
     """
     check_empty(folder)
     (folder / FOLDER).mkdir(parents=True, exist_ok=True)
@@ -43,8 +45,8 @@ def write_folder(
     if moves is not None:
         np.save(folder / INFLUENCE_FILE, moves)
     with progress(total, "poses") if progress else nullcontext() as bar:
-        for number, arrays in enumerate(shards, start=1):
-            file = folder / FOLDER / f"{number:05d}.npz"
+        for k, arrays in enumerate(shards, start=1):
+            file = folder / FOLDER / f"{k:05d}.npz"
             with open(f"{file}{UNFINISHED}", "wb") as stream:
                 np.savez(stream, **arrays, vertices=rig(arrays["params"]))
             Path(f"{file}{UNFINISHED}").rename(file)
@@ -54,9 +56,9 @@ def write_folder(
 
 
 def check_empty(folder: Path) -> None:
-    """Raise InputError for a place with anything in it, where a folder is to be written."""
+    """Raise InputError unless a folder is empty or not there yet."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{shown_path(folder)} is there already: allowed is an empty folder, or a name that is free")
+        raise InputError(f"{shown_path(folder)} is there already: name an empty folder, or one that doesn't exist yet")
 
 
 def _face(rig: Rig) -> str:
@@ -87,13 +89,13 @@ def _controls(rig: Rig) -> str:
 
 
 def _obj(mesh: Mesh) -> str:
-    """Return the mesh as OBJ: a group a segment, which names its vertices by point elements too."""
+    """Return the mesh as OBJ, a group for each segment, which also lists its vertices as point elements."""
     lines = ["# the neutral pose in mm; each vertex's texture coordinates are those of its own segment's chart"]
     lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.neutral.tolist()]
     lines += [f"vt {u:.9g} {v:.9g}" for u, v in mesh.uv.tolist()]
     for k, name in enumerate(mesh.segment_names):
         lines.append(f"g {name}")
         lines.append("p " + " ".join(str(vertex + 1) for vertex in np.flatnonzero(mesh.segment == k)))
-        own = mesh.faces[mesh.face_segment == k] + 1
-        lines += ["f " + " ".join(f"{vertex}/{vertex}" for vertex in face) for face in own.tolist()]
+        faces = mesh.faces[mesh.face_segment == k] + 1
+        lines += ["f " + " ".join(f"{vertex}/{vertex}" for vertex in face) for face in faces.tolist()]
     return "\n".join(lines) + "\n"
