@@ -68,8 +68,8 @@ class Skull(Checked):
 class Nose(Checked):
     """The nose's cones and the nostrils (mm).
 
-    Nostrils open towards `nostril_facing`, are longest along `nostril_long` and lead on to `nostril_inwards`, three
-    directions.
+    Three directions: nostrils open towards `nostril_facing`, are longest along `nostril_long` and lead on to
+    `nostril_inwards`.
     """
 
     root: Triple = triple((0.0, 12.0, 77.0))
@@ -119,11 +119,12 @@ CONTROL_POINTS = {  # of a human face
 class Recipe(Checked):
     """One character.
 
-    vertices: the exact count that the built head must have. clip_files: animation of one's own as CSV (see
-    `clip_file`), beside the invented acting or, with acting.clips = 0, instead of it; in the file their paths are
-    relative to its folder. A recipe with neither has no animation, and its poses are drawn uniformly. layout: which of
-    the layouts counts. control_points: the points that inverse kinematics drags (§4), by the region whose network they
-    feed. step: how many of the deformers the rig has, 5 for the whole face (see `deformers.face_chain`).
+    vertices: how many the built head must have.
+    clip_files: animation as CSV (see `clip_file`), beside the invented acting or, with acting.clips = 0, instead of it;
+    paths are relative to the recipe's folder. Without either there is no animation, and poses are drawn uniformly.
+    layout: the one of the layouts that is used.
+    step: how many of the deformers the rig has, 5 for the whole face (see `deformers.face_chain`).
+    control_points: the points that inverse kinematics drags (§4), by the region whose network they feed.
     """
 
     name: str = identifier()
@@ -151,5 +152,5 @@ class Recipe(Checked):
 
     @property
     def charts(self) -> ChartLayout:
-        """The layout that counts."""
+        """The layout in use."""
         return getattr(self.layouts, self.layout)

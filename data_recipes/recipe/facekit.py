@@ -1,4 +1,4 @@
-"""The recipe of a face in ICT-FaceKit's format: which vertices are what, and the few numbers that we add to it."""
+"""The recipe of a face in ICT-FaceKit's format: the vertices of its parts, and the few numbers that we add to it."""
 # ruff: noqa: RUF009 — what stands as a default is a `dataclasses.field`, or frozen
 
 from dataclasses import dataclass, fields
@@ -13,7 +13,7 @@ from replicate.base.schema import Checked, identifier, names, number, span
 
 @dataclass(frozen=True)
 class Parts(Checked):
-    """First and last vertex of each part; eyeballs are shown in pictures and not approximated."""
+    """First and last vertex of each part; eyeballs are only shown in pictures."""
 
     face: tuple[int, ...] = span(lower=0, upper=VERTICES_MOST)
     head: tuple[int, ...] = span(lower=0, upper=VERTICES_MOST)
@@ -28,12 +28,14 @@ class Parts(Checked):
 
 @dataclass(frozen=True)
 class Reach(Checked):
-    """How far expressions go past their full shapes when Eq. 5 multiplies them, in units of the full shape."""
+    """How far expressions go past their full shapes when Eq. 5 multiplies them, as multiples of the full shape.
+
+    closing: of the controls that close lids and lips; these meet at 1, and far beyond it would pass through each other.
+    vertex: of a vertex's sum over all expressions, as a multiple of the farthest that one expression carries it.
+    """
 
     control: float = number(1.25, 1.02, 2.0)
-    # Lids and lips that meet at 1 would pass through each other beyond it.
     closing: float = number(1.04, 1.02, 2.0)
-    # Of a vertex's sum over all expressions, against the farthest that one of them carries it.
     vertex: float = number(1.6, 1.1, 4.0)
 
 
@@ -52,7 +54,8 @@ class Folds(Checked):
 class FaceKitRecipe(Checked):
     """A character read from a folder in ICT-FaceKit's format.
 
-    vertices: of the model, by which its version is known. clip_files: as in `recipe.character`. parts has no default.
+    vertices: of the model, whose version they tell.
+    clip_files: as in `recipe.character`.
     """
 
     name: str = identifier()
@@ -68,9 +71,9 @@ class FaceKitRecipe(Checked):
 
 
 def check_parts(recipe: FaceKitRecipe) -> None:
-    """Raise InputError, naming the key, for a part whose last vertex is none of the model's."""
+    """Raise InputError, naming the key, for a part whose last vertex the model doesn't have."""
     for part in fields(recipe.parts):
         first, last = getattr(recipe.parts, part.name)
         if last >= recipe.vertices:
-            bounds = f"two of the model's vertices, 0 to {recipe.vertices - 1}"
-            raise InputError(f"parts.{part.name} is {[first, last]}: allowed are {bounds}")
+            expected = f"expected two of the model's vertices, 0 to {recipe.vertices - 1}"
+            raise InputError(f"parts.{part.name}: {expected}, got {[first, last]}")

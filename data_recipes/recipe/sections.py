@@ -1,6 +1,6 @@
 """The sections of a recipe: what a head is made of, each number with its default (a neutral adult) and its range.
 
-Lengths in mm, angles in degrees. Skull and nose are in `recipe.skull`; `recipe.reading` reads them all from TOML.
+Lengths in mm, angles in degrees. Skull and nose are in `recipe.character`; `recipe.reading` reads all of it from TOML.
 """
 
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from replicate.base.schema import Checked, groups, names, number, numbers, span, table
 
-# Fields that several sections of a recipe have: points, directions and radii, colours, shares.
+# Declarations of fields that several sections have: points, directions and radii, colours, shares.
 
 Triple = tuple[float, float, float]
 
@@ -73,7 +73,8 @@ class Mouth(Checked):
     """Lips and mouth bag.
 
     Curves live in wrapped coordinates: (a, b) is a ray from (0, b, axis_z) at the angle a/axis_radius.
-    bag_wrap: how far the bag follows the lips' own outline (1) instead of a circle (0).
+
+    bag_wrap: how far the bag follows the lips' outline (1) instead of a circle (0).
     corner_reach: how far past the lips' ends their border runs, as a share of the half width.
     travel: how far actions move the lips across, up and out, as shares of what they do to a human mouth of this width.
     """
@@ -130,8 +131,8 @@ def _frill() -> Any:
 class Frills(Checked):
     """Pairs of leaf-shaped shells that stand out of the skin, none by default.
 
-    Each has twelve numbers: its root (x, y, z on the left, brought onto the skin), its direction (3), what its front
-    looks at (3), its length and width (mm), and by how much it bends towards its front (deg).
+    Each has twelve numbers: its root (x, y, z on the left, brought onto the skin), its direction (3), the direction
+    that its front faces (3), its length and width (mm), and by how much it bends towards its front (deg).
     """
 
     crown: tuple[float, ...] = _frill()
@@ -145,10 +146,12 @@ class Frills(Checked):
 
 @dataclass(frozen=True)
 class Teeth(Checked):
-    """Two arches of teeth; `widths` runs from the middle outwards (mm).
+    """Two arches of teeth.
 
+    widths_upper, widths_lower: from the middle outwards, mm.
     lengths_upper, lengths_lower: factors in the same order, 1 where the list ends.
-    overlap: each row reaches half of it past the other's edge. follow: how far the rows rise and fall with the seam.
+    overlap: each row reaches half of it past the other's edge.
+    follow: how far the rows rise and fall with the lips' seam.
     """
 
     style: Literal["human", "cone", "strip"] = "human"
@@ -222,10 +225,12 @@ class Template(Checked):
 
 @dataclass(frozen=True)
 class Props(Checked):
-    """Display-only things: they ride along in pictures and are no part of the approximated mesh.
+    """Hair, clothes and colours, which are shown in pictures and not part of the approximated mesh.
 
-    Colours are RGB from 0 to 1. `lip`, `blush`, `lid`, `back` and `throat` are how much of a part's colour covers the
-    skin: lips; cheeks, nose tip and ears; lids and what lies under the eyes; crown, nape and snout ridge; throat.
+    Colours are RGB from 0 to 1; each share says how much of a part's colour covers the skin there.
+
+    lip: lips. blush: cheeks, nose tip and ears. lid: lids and the skin under the eyes.
+    back: crown, nape and snout ridge. throat: throat.
     horn_length: 1 gives horns of 11 to 38 mm on a cranium 74 mm high.
     """
 
@@ -270,8 +275,9 @@ class Controls(Checked):
 class Limits(Checked):
     """How far the controls go.
 
-    reach: their limits, as a share of a full performance; a rig whose poses are drawn uniformly has all of its controls
-    on at once. full: those that keep their whole range, such as "blink_*", for both sides.
+    reach: their limits, as a share of a full performance; poses that are drawn uniformly use all controls at once and
+    need less than 1.
+    full: controls that keep their whole range, such as "blink_*", for both sides.
     """
 
     reach: float = number(1.0, 0.05, 1.0)
@@ -282,8 +288,8 @@ class Limits(Checked):
 class Wrinkles(Checked):
     """How the skin folds.
 
-    unevenness: how far folds differ in spacing, depth and length, and branch; 0 gives even rows. tension: how far skin
-    is stretched at rest, as a share of its length; shortened by less it does not fold. seed: of what is random.
+    unevenness: how far folds differ in spacing, depth and length, and branch; 0 gives even rows.
+    tension: how far skin is stretched at rest, as a share of its length; if it shortens by less, it does not fold.
     """
 
     unevenness: float = share(1.0)
@@ -293,11 +299,12 @@ class Wrinkles(Checked):
 
 @dataclass(frozen=True)
 class ChartLayout(Checked):
-    """How the head is cut into segments, each with a chart of its own.
+    """How the head is cut into segments, each with its chart.
 
-    segments: which parts share a segment, by the segment's name; every other part is a segment. face_bands: how many
-    segments the face is cut into, from the chin upwards, each with the same number of vertices. evenness: how evenly a
-    band's vertices are spread over its chart, along both axes; 0 leaves them where the whole face's chart has them.
+    segments: which parts share a segment, by the segment's name; every other part is a segment by itself.
+    face_bands: how many segments with equal numbers of vertices the face is cut into, from the chin upwards.
+    evenness: how evenly a band's vertices are spread over its chart, along both axes; 0 leaves them where the whole
+    face's chart has them.
     """
 
     segments: dict[str, tuple[str, ...]] = groups(
@@ -309,7 +316,7 @@ class ChartLayout(Checked):
 
 @dataclass(frozen=True)
 class Layouts(Checked):
-    """The layouts that a recipe may name: the face in one chart, as the paper's Fig. 13 implies, or in several."""
+    """The layouts that a recipe can choose: the face in one chart, as the paper's Fig. 13 implies, or in several."""
 
     one_face: ChartLayout = ChartLayout()
     fine: ChartLayout = ChartLayout(face_bands=4)
