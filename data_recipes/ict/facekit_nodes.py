@@ -1,7 +1,7 @@
 """A face of summed expressions with a real jaw: limits, shapes, a bound on their sum, the jaw, wrinkles.
 
-The layers are those of `deformers.face` where they have one (jaw, wrinkles); the nodes keep its contract: each takes
-the constants and a batch's state ("p", "u" (b, m), positions "x" as planes (b, 3, n)) and returns the state after it.
+Jaw and wrinkles are those of `deformers.face`. The nodes keep its contract too: each gets the constants and the state
+of a batch ("p" and "u" (b, m), positions "x" as planes (b, 3, n)) and returns the state after it.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ from data_recipes.recipe.sections import Eyes
 def effective(constants: FaceConstants, params: Float[Values, "b m"]) -> Float[Array, "b m"]:
     """Return the controls' effective values: bent towards their limits, and some scaled by others.
 
-    A shut eye leaves nothing for looks and squints to do with its lids (`blink`, (m, m): who shuts whose); lips close
-    over an open jaw alone (`gate`, (m, m): who is opened by whom, and `free`, (m,): 1 for all others).
+    Looks and squints don't move the lids of a shut eye: `blink` (m, m) is 1 where the row's control shuts the column's
+    lids. Lips close only over an open jaw: `gate` (m, m) is 1 where the row's control opens the column's, and `free`
+    (m,) is 0 for those, 1 for all others.
     """
     controls = constants["controls"]
     u = saturate(constants["limits"], params * controls["stretch"])
@@ -43,7 +44,7 @@ def limit(constants: FaceConstants, state: State) -> State:
 
 
 def add_shapes(constants: FaceConstants, state: State) -> State:
-    """Sum the expressions, and bend each vertex's sum towards a little more than any one of them moves it."""
+    """Sum the expressions, and bound each vertex's sum by a little more than any one of them moves it."""
     shapes, u = constants["shapes"], state["u"]
     offset = (u @ shapes["fields"]).reshape(len(u), 3, -1)
     ratio = (offset * offset).sum(axis=1, keepdims=True) * shapes["inverse_square"]
@@ -78,7 +79,7 @@ NODES = (
 )
 
 
-# The eyeballs, for display only: they turn with the looks.
+# The eyeballs, for pictures only: they turn with the looks.
 
 EYE = {"iris_deg": 27.0, "pupil_deg": 11.0, "iris_colour": (0.33, 0.42, 0.50)}
 LOOK_DEG = {"out": 32.0, "in": 32.0, "up": 24.0, "down": 30.0}  # at 1; the model's shapes move the lids alone
@@ -86,7 +87,7 @@ LETTER = {"left": "L", "right": "R"}
 
 
 def rest_props(model: FaceKit, parts: Parts) -> tuple[RestProp, ...]:
-    """Return the eyeballs at rest: ours, in the middle and of the size of the model's."""
+    """Return eyeballs at rest: ours, in the places and sizes of the model's."""
     rest = []
     for side, mirror in (("left", 1.0), ("right", -1.0)):
         first, last = getattr(parts, f"eyeball_{side}")
@@ -127,10 +128,15 @@ def pose(
     vertices: Float[np.ndarray, "n 3"],
     neutral: Float[np.ndarray, "n 3"],
 ) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
-    """Return name, vertices (k, 3), faces and colours (k, 3) of each prop where the posed skin `vertices` take it."""
+    """Return the posed props, each as name, vertices (k, 3), faces and colours (k, 3).
+
+    constants: of the chain's nodes.
+    columns: control → column of `params`.
+    vertices, neutral: the skin, posed and at rest; a part of the contract of chains that eyeballs don't need.
+    """
     u = np.asarray(effective(constants, jnp.asarray(params)))[0]
-    whole = {prop.follow: [p.vertices for p in props if p.follow == prop.follow] for prop in props}
-    centres = {follow: sphere_centre(np.concatenate(vertices)) for follow, vertices in whole.items()}
+    parts = {prop.follow: [p.vertices for p in props if p.follow == prop.follow] for prop in props}
+    centres = {eye: sphere_centre(np.concatenate(vertices)) for eye, vertices in parts.items()}
     meshes = []
     for prop in props:
         centre = centres[prop.follow]
@@ -142,13 +148,13 @@ def pose(
 def _look(u: np.ndarray, columns: dict[str, int], side: str) -> tuple[float, float]:
     """Return how far an eye looks towards +x and up, in radians."""
     amount = {}
-    for way, degrees in LOOK_DEG.items():
-        column = columns.get(f"eyeLook{way.capitalize()}_{LETTER[side]}")
-        amount[way] = 0.0 if column is None else np.deg2rad(degrees) * u[column]
+    for direction, degrees in LOOK_DEG.items():
+        column = columns.get(f"eyeLook{direction.capitalize()}_{LETTER[side]}")
+        amount[direction] = 0.0 if column is None else np.deg2rad(degrees) * u[column]
     outwards = amount["out"] - amount["in"]
     return outwards if side == "left" else -outwards, amount["up"] - amount["down"]
 
 
-# The chain of faces in ICT-FaceKit's format: their nodes, and the eyeballs that turn with their looks.
+# The chain of faces in ICT-FaceKit's format: their nodes, and how their eyeballs are posed.
 
 FACEKIT = Chain("ict", NODES, pose)

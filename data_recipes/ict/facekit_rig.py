@@ -29,15 +29,15 @@ from replicate.base.exceptions import InputError
 from replicate.base.schema import naming
 from replicate.geometry.mesh import Mesh
 
-EYES_Z_MM = 62.0  # our own heads' eyes are at y = 0 and here, and the cameras know it
-NOISE_MM = 0.01  # smaller offsets are rounding in the model's files, and would count as influence
+EYES_Z_MM = 62.0  # where our heads have their eyes, at y = 0, and the cameras look
+NOISE_MM = 0.01  # smaller offsets are rounding in the model's files and not influence
 CLOSE, SIDES = "mouthClose", ("L", "R")
 LID_CONTROLS = ("eyeSquint_*", "eyeWide_*", "eyeLookUp_*", "eyeLookDown_*")
 CLOSING = ("eyeBlink_L", "eyeBlink_R", CLOSE)
 
 
 def build_facekit_rig(recipe: FaceKitRecipe) -> FaceRig:
-    """Return the rig. Raises InputError, naming the folder, the file or the recipe's key, for what cannot be."""
+    """Return the rig. Raises InputError, naming the folder, the file or the recipe's key, for bad files and values."""
     model = place_model(read_model(recipe.vertices), recipe)
     controls = model_controls(model.offsets)
     clips = [Clip(Path(file).stem, read_clip(Path(file), controls)) for file in recipe.clip_files]
@@ -79,7 +79,7 @@ def build_facekit_rig(recipe: FaceKitRecipe) -> FaceRig:
 
 
 def place_model(model: FaceKit, recipe: FaceKitRecipe) -> FaceKit:
-    """Shift the model, without turning or scaling it, so that the middle between its eyes is where ours have it."""
+    """Shift the model so that the middle between its eyes is where our heads have it."""
     balls = [getattr(recipe.parts, f"eyeball_{side}") for side in ("left", "right")]
     centre = np.mean([sphere_centre(model.vertices[a : b + 1]) for a, b in balls], axis=0)
     shift = np.array([0.0, -centre[1], EYES_Z_MM - centre[2]])
@@ -92,7 +92,7 @@ def _marks(model: FaceKit, segments: Segments, file: str) -> Int[np.ndarray, " l
     marks = place[model.landmarks]
     if (marks < 0).any():
         vertex = model.landmarks[np.flatnonzero(marks < 0)[0]]
-        raise InputError(f"{file}: 'parts': found landmark vertex {vertex} in none of them, where one is needed")
+        raise InputError(f"{file}: 'parts': the landmark vertex {vertex} is in none of them, expected one")
     return marks
 
 
@@ -119,7 +119,7 @@ def build_constants(model: FaceKit, segments: Segments, marks: np.ndarray, recip
     for name, column in columns.items():
         fields[column] = _clean(fields[column])
         if name not in JAW_CONTROLS:
-            fields[column, inside] = 0.0  # the mouth's inside moves with the jaw alone; there is noise in other shapes
+            fields[column, inside] = 0.0  # only the jaw moves the mouth's inside; in other shapes this is noise
     closing = np.zeros_like(fields)
     if CLOSE in columns:
         closing[columns[CLOSE]], fields[columns[CLOSE]] = fields[columns[CLOSE]].copy(), 0.0
@@ -151,13 +151,13 @@ def _farthest(columns: dict[str, int], reach: Reach) -> Float[np.ndarray, " m"]:
 
 
 def control_limits(columns: dict[str, int], reach: Reach) -> dict[str, np.ndarray]:
-    """Return what `saturate` needs: every control rests at 0 and goes as far as its reach."""
+    """Return the limits for `saturate`: every control rests at 0 and goes as far as its reach."""
     rest = np.zeros(len(columns))
     return limits(rest, _farthest(columns, reach) / REACH, rest)
 
 
 def control_constants(columns: dict[str, int], reach: Reach) -> dict[str, np.ndarray]:
-    """Return what `effective` (facekit_nodes.py) needs: the stretch that makes 1 a full shape, blinks and gates."""
+    """Return the constants of `facekit_nodes.effective`: the stretch that makes 1 a full shape, blinks and gates."""
     m = len(columns)
     blink, gate, free = np.zeros((m, m)), np.zeros((m, m)), np.ones(m)
     for side in SIDES:
@@ -177,7 +177,7 @@ def control_constants(columns: dict[str, int], reach: Reach) -> dict[str, np.nda
 
 
 def _pack(fields: Float[np.ndarray, "m n 3"]) -> dict[str, np.ndarray]:
-    """Return the fields (m, 3 s) on the vertices that any of them moves, and these vertices' places."""
+    """Return the fields (m, 3 s) on the s vertices that any of them moves, and the places of these vertices."""
     support = np.flatnonzero(np.abs(fields).max(axis=(0, 2)) > 0)
     planes = np.ascontiguousarray(fields[:, support].transpose(0, 2, 1), np.float32)
     return {"fields": planes.reshape(len(fields), -1), "place": place_of(support, fields.shape[1])}

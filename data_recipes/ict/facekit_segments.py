@@ -1,4 +1,4 @@
-"""The model's parts as segments: which vertices are approximated, their triangles, and every tooth for itself."""
+"""The model's parts as segments: the vertices that are approximated, their triangles, and each tooth by itself."""
 
 from __future__ import annotations
 
@@ -16,18 +16,20 @@ from data_recipes.ict.facekit_files import FaceKit
 from data_recipes.recipe.facekit import Parts
 from replicate.base.exceptions import InputError
 
-# The skin, the sockets behind the lids and the mouth's inside; every tooth is a segment beside them.
+# The skin, the sockets behind the lids and the mouth's inside; each tooth is one more segment.
 SOFT = ("face", "head", "mouth", "eye_socket_left", "eye_socket_right", "gums_tongue")
 JAW_OPEN = "jawOpen"
-TIE_MM = 1e-9  # diagonals that differ by less are equally long, and the first is taken
+TIE_MM = 1e-9  # of diagonals that differ by less, the first is taken
 
 
 @dataclass(frozen=True)
 class Segments:
     """The approximated part of the model.
 
-    vertices: (n,) the model's indices; what else stands here counts in their order. polygons, uv_polygons: (q, 4) as
-    in FaceKit, their vertices renumbered. faces: (f, 3). segment: (n,) with `names`. lower: names of the jaw's teeth.
+    vertices: their indices in the model; all other indices count in this order.
+    polygons, uv_polygons: as in FaceKit, with these indices.
+    segment: of each vertex, an index into `names`.
+    lower: the names of the jaw's teeth.
     """
 
     vertices: Int[np.ndarray, " n"]
@@ -44,15 +46,15 @@ class Segments:
 
 
 def split(model: FaceKit, parts: Parts, file: str) -> Segments:
-    """Return the model's parts as segments, the teeth by connected components.
+    """Return the model's parts as segments, and each connected piece of its teeth as one.
 
-    file: the recipe, for messages. Raises InputError for parts that share a vertex, or a polygon that no list of
-    parts holds wholly.
+    file: the recipe, for messages. Raises InputError for parts that share a vertex, and for a polygon that lies partly
+    outside of them.
     """
     ranges = {name: np.arange(getattr(parts, name)[0], getattr(parts, name)[1] + 1) for name in (*SOFT, "teeth")}
     vertices = np.concatenate(list(ranges.values()))
     if len(np.unique(vertices)) < len(vertices):
-        raise InputError(f"{file}: 'parts': found a vertex in two of {', '.join(ranges)}, where one is allowed")
+        raise InputError(f"{file}: 'parts': a vertex is in two of {', '.join(ranges)}, expected one")
     place = np.full(len(model.vertices) + 1, -1)  # the last stands for "no fourth corner"
     place[vertices] = np.arange(len(vertices))
     corners = np.where(model.polygons < 0, len(model.vertices), model.polygons)
@@ -62,7 +64,7 @@ def split(model: FaceKit, parts: Parts, file: str) -> Segments:
     partial_faces = np.flatnonzero((inside_count > 0) & (inside_count < corner_count))
     if len(partial_faces):
         face = model.polygons[partial_faces[0]].tolist()
-        raise InputError(f"{file}: 'parts': found face {face} partly outside of {', '.join(ranges)}: allowed is none")
+        raise InputError(f"{file}: 'parts': the face {face} lies partly outside of {', '.join(ranges)}")
     keep = inside_count == corner_count
     polygons = polygons[keep]
 
@@ -78,7 +80,7 @@ def split(model: FaceKit, parts: Parts, file: str) -> Segments:
 
 
 def _teeth(model: FaceKit, vertices: np.ndarray, polygons: np.ndarray, teeth: np.ndarray):
-    """Return (name, vertices, whether the jaw carries it) of each tooth, from the right to the left, upper first."""
+    """Return (name, vertices, whether the jaw carries it) of each tooth, upper ones first, from right to left."""
     edges = polygon_edges(polygons)
     graph = sp.csr_matrix((np.ones(len(edges)), edges.T), shape=(len(vertices),) * 2)
     count, owner = connected_components(graph[teeth][:, teeth], directed=False)
@@ -86,22 +88,24 @@ def _teeth(model: FaceKit, vertices: np.ndarray, polygons: np.ndarray, teeth: np
     travel = np.linalg.norm(model.offsets[JAW_OPEN][vertices], axis=1)
     in_jaw = [bool(travel[ids].mean() > 0.5 * travel[teeth].max()) for ids in members]
     along = [model.vertices[vertices[ids], 0].mean() for ids in members]
-    entries, numbers = [], {False: 0, True: 0}
+    entries, counts = [], {"upper": 0, "lower": 0}
     for k in sorted(range(count), key=lambda k: (in_jaw[k], along[k])):
-        numbers[in_jaw[k]] += 1
-        entries.append((f"tooth_{'lower' if in_jaw[k] else 'upper'}_{numbers[in_jaw[k]]:02d}", members[k], in_jaw[k]))
+        jaw = "lower" if in_jaw[k] else "upper"
+        counts[jaw] += 1
+        entries.append((f"tooth_{jaw}_{counts[jaw]:02d}", members[k], in_jaw[k]))
     return entries
 
 
 def _ears(polygons: np.ndarray, segment: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: vertices that only one of their segment's own quads holds, corners that stick out.
+    """Return (n,) bool: corners that stick out, vertices of just one quad within their segment.
 
-    A quad is cut through such a corner: the other way its triangle lies flat where a chart's border is straight.
+    A quad is cut through such a corner: the other diagonal gives a triangle that is flat where the border of a chart is
+    straight.
     """
     quads = polygons[polygons[:, 3] >= 0]
     owner = segment[quads]
-    own = quads[(owner == owner[:, :1]).all(axis=1)]
-    return np.bincount(own.ravel(), minlength=len(segment)) == 1
+    within = quads[(owner == owner[:, :1]).all(axis=1)]
+    return np.bincount(within.ravel(), minlength=len(segment)) == 1
 
 
 def polygon_edges(polygons: Int[np.ndarray, "q 4"]) -> Int[np.ndarray, "e 2"]:
@@ -114,9 +118,9 @@ def polygon_edges(polygons: Int[np.ndarray, "q 4"]) -> Int[np.ndarray, "e 2"]:
 def triangles(
     polygons: Int[np.ndarray, "q 4"], x: Float[np.ndarray, "n 3"], through: Bool[np.ndarray, " n"] | None = None
 ) -> Int[np.ndarray, "f 3"]:
-    """Return triangles, in the polygons' order.
+    """Return triangles in the polygons' order.
 
-    Quads are cut along their shorter diagonal, but through a corner of `through` where one has one.
+    Quads are cut along their shorter diagonal, or through a corner of `through` if they have one.
     """
     quad = polygons[:, 3] >= 0
     a, b, c, d = polygons.T
@@ -130,24 +134,24 @@ def triangles(
     return both[np.stack([np.ones(len(quad), bool), quad], axis=1).ravel()]
 
 
-# Charts for the model's parts: its own where a vertex has one coordinate there, else laid out anew without a seam.
+# Charts for the model's parts: those of the model where each vertex has one coordinate, new ones where there are seams.
 
 MARGIN = 0.01
-SAME = 1e-5  # coordinates closer than this are one
+SAME = 1e-5  # coordinates closer than this are equal
 ROUNDS = 6  # of spreading the vertices evenly; see `square_embedding`
 
 
 def build_charts(model: FaceKit, parts: Segments, soft: int) -> tuple[Float[np.ndarray, "n 2"], tuple[str, ...]]:
-    """Return a coordinate in [0, 1]² per vertex and the names of the segments that were laid out anew.
+    """Return a coordinate in [0, 1]² for each vertex and the names of the segments that were laid out anew.
 
-    soft: so many segments, the first, deform; teeth get their first coordinate, seams or not, for nothing reads it.
+    soft: how many segments, the first ones, deform. Teeth don't: no one reads their charts, and seams don't matter.
     """
     uv = np.zeros((len(parts.vertices), 2))
     anew = []
     for k, name in enumerate(parts.names):
         ids = np.flatnonzero(parts.segment == k)
         inside = _inside(parts.polygons, ids)
-        chart, seams = _own_chart(model.uv, parts, ids, inside)
+        chart, seams = _model_chart(model.uv, parts, ids, inside)
         if seams and k < soft:
             uv[ids] = lay_out(np.searchsorted(ids, parts.polygons[inside]), parts.polygons[inside] < 0, len(ids), name)
             anew.append(name)
@@ -160,15 +164,15 @@ def _inside(polygons: Int[np.ndarray, "q 4"], ids: np.ndarray) -> np.ndarray:
     return np.flatnonzero((np.isin(polygons, ids) | (polygons < 0)).all(axis=1))
 
 
-def _own_chart(uv: np.ndarray, parts: Segments, ids: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, int]:
+def _model_chart(uv: np.ndarray, parts: Segments, ids: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, int]:
     """Return the model's coordinate of each vertex, and how many vertices have several within their segment."""
     chart = np.full((len(ids), 2), np.nan)
     low, high = np.full((len(ids), 2), np.inf), np.full((len(ids), 2), -np.inf)
     around = np.flatnonzero(np.isin(parts.polygons, ids).any(axis=1))
-    for rows in (around, inside):  # a vertex takes a polygon of its own segment if it has one
-        own = np.isin(parts.polygons[rows], ids)
-        local = np.searchsorted(ids, parts.polygons[rows][own])
-        values = uv[parts.uv_polygons[rows][own]]
+    for rows in (around, inside):  # the last wins: polygons within the segment
+        corners = np.isin(parts.polygons[rows], ids)
+        local = np.searchsorted(ids, parts.polygons[rows][corners])
+        values = uv[parts.uv_polygons[rows][corners]]
         chart[local[::-1]] = values[::-1]
     np.minimum.at(low, local, values)
     np.maximum.at(high, local, values)
@@ -183,24 +187,25 @@ def _fill_square(chart: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 2"]:
 
 
 def lay_out(polygons: Int[np.ndarray, "q 4"], gaps: np.ndarray, count: int, name: str) -> Float[np.ndarray, "k 2"]:
-    """Return coordinates of a disc, or of a disc with holes, without seams.
+    """Return coordinates without seams for a part that is a disc, with or without holes.
 
-    polygons: (q, 4) of its `count` vertices; gaps: where there is none. Raises InputError for a part without border.
+    polygons: of its `count` vertices; gaps: (q, 4) bool, where a polygon has no corner.
+    Raises InputError for a part without a border.
     """
     polygons = np.where(gaps, -1, polygons)
     edges = polygon_edges(polygons)
     loops = sorted(border_loops(polygons), key=len, reverse=True)
     if not loops:
-        raise InputError(f"part '{name}': found no border, where one is needed to lay its chart out")
+        raise InputError(f"part '{name}': it has no border, which its chart needs")
     hubs = [np.stack([loop, np.full(len(loop), count + i)], 1) for i, loop in enumerate(loops[1:])]
     spokes = [np.full(len(loop), max(1.0, len(loop) / (2 * np.pi))) for loop in loops[1:]]
     border = loops[0]
     quarter = [round(i * len(border) / 4) for i in range(5)]
     sides = [border[a:b] for a, b in pairwise(quarter)]
-    every = np.concatenate([edges, *hubs])
+    all_edges = np.concatenate([edges, *hubs])
     length = np.concatenate([np.ones(len(edges)), *spokes])
     try:
-        return _fill_square(square_embedding(count + len(hubs), every, length, sides, ROUNDS)[:count])
+        return _fill_square(square_embedding(count + len(hubs), all_edges, length, sides, ROUNDS)[:count])
     except RuntimeError as error:  # of the sparse solver
         raise InputError(f"part '{name}': its chart can't be laid out ({error}): it must be one piece") from error
 

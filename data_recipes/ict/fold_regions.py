@@ -1,7 +1,6 @@
 """Where this face folds, by its 68 landmarks: forehead, glabella, crow's feet and nasolabial folds.
 
-The folds are the strain-driven ones of `deformers.wrinkles`, as on our own faces; there is no control for their gains,
-so each region has that of the recipe.
+Strain makes the folds as on our own faces (`deformers.wrinkles`). No control sets their gains, the recipe does.
 """
 
 from __future__ import annotations
@@ -24,14 +23,14 @@ UP, OUT = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 BROW_INNER, BROW_OUTER, NASION, SUBNASALE = {"left": 22, "right": 21}, {"left": 26, "right": 17}, 27, 33
 NOSE_SIDE, EYE_OUTER = {"left": 35, "right": 31}, {"left": 45, "right": 36}
 MOUTH_CORNER, LIPS = {"left": 54, "right": 48}, slice(48, 60)
-FOREHEAD = 0.75  # brow to hair line, of brow to subnasale; by the canon of thirds it is 1, but the upper part is still
+FOREHEAD = 0.75  # brow to hair line as a share of brow to subnasale; in the canon of thirds 1, but its top doesn't move
 MIDLINE_MM = 0.5
 FEWEST = 6  # a region of fewer vertices is left out
 
 
 @dataclass(frozen=True)
 class Skin:
-    """The face's skin: x (n, 3) mm with its normals, faces, polygons (q, 4), face: (n,) bool, marks: (68, 3)."""
+    """The whole skin: x (n, 3) mm, normals, triangles, polygons (q, 4); face: (n,) bool; marks: (68, 3) mm."""
 
     x: np.ndarray
     normals: np.ndarray
@@ -43,7 +42,7 @@ class Skin:
 
 @dataclass(frozen=True)
 class Patch:
-    """A region before vertices without a face are left out; wavelength_mm, pattern, threshold: (s,) or one for all."""
+    """A region before vertices without a face are left out; some values are (s,) or one for all."""
 
     name: str
     vertices: np.ndarray
@@ -63,7 +62,15 @@ def build_regions(
     wrinkles: Wrinkles,
     m: int,
 ) -> list[Region]:
-    """Return the wrinkle regions. face: (n,) bool, the skin that may fold. marks: (68, 3). m: the rig's controls."""
+    """Return the wrinkle regions.
+
+    x: the neutral, mm.
+    polygons: with −1 in the last place of a triangle.
+    face: the skin that may fold.
+    marks: the landmarks' places, mm.
+    folds, wrinkles: of the recipe.
+    m: the number of the rig's controls.
+    """
     skin = Skin(x, vertex_normals(x, faces), faces, polygons, face, marks)
     patches = [(folds.forehead, _forehead(skin, folds.rows, wrinkles)), (folds.glabella, _glabella(skin, wrinkles))]
     for side in ("left", "right"):
@@ -91,10 +98,12 @@ def build_regions(
 
 
 def walk_rows(polygons: Int[np.ndarray, "q 4"], seeds: list[int], inside: np.ndarray) -> dict[int, float]:
-    """Return vertex → number of its row: the seeds' edge loops, followed to both sides while `inside` and regular.
+    """Return vertex → its row, from 0: rows are edge loops that begin at the seeds and go to both sides.
 
-    seeds: a column of vertices, upwards. At a vertex of four quads a loop goes on along the edge that shares no quad
-    with the one it came by; anywhere else it ends.
+    seeds: a column of vertices, upwards.
+    inside: (n,) bool; a loop ends outside.
+    At a vertex of four quads a loop goes on along the edge that shares no quad with the one it came by; at any other
+    vertex it ends.
     """
     beside: dict[int, dict[int, set[int]]] = {}
     for polygon in polygons[polygons[:, 3] >= 0].tolist():
@@ -104,12 +113,12 @@ def walk_rows(polygons: Int[np.ndarray, "q 4"], seeds: list[int], inside: np.nda
             around.setdefault(a, set()).add(b)
             around.setdefault(b, set()).add(a)
     column, row = set(seeds), {}
-    for number, seed in enumerate(seeds):
-        row[seed] = float(number)
+    for height, seed in enumerate(seeds):
+        row[seed] = float(height)
         for step in set(beside.get(seed, {})) - column:
             before, vertex = seed, step
             while inside[vertex] and vertex not in row:
-                row[vertex] = float(number)
+                row[vertex] = float(height)
                 around = beside[vertex]
                 ahead = set(around) - around[before] - {before}
                 if len(around) != 4 or len(ahead) != 1:
@@ -128,15 +137,15 @@ def _forehead(s: Skin, rows_per_fold: int, wrinkles: Wrinkles) -> Patch:
     middle = np.flatnonzero(band & (np.abs(s.x[:, 0]) < MIDLINE_MM))
     seeds = middle[np.argsort(y[middle])].tolist()
     row = walk_rows(s.polygons, seeds, band & (np.abs(s.x[:, 0]) < reach))
-    vertices, number = np.array(list(row), int), np.array(list(row.values()))
+    vertices, rows = np.array(list(row), int), np.array(list(row.values()))
     count = max(len(seeds) - 1, 1)
     spacing = np.linalg.norm(np.diff(s.x[seeds], axis=0), axis=1).mean() if len(seeds) > 1 else 1.0
-    window = smoothstep(number, 0.02 * count, 0.16 * count) * smoothstep(number, 1.0 * count, 0.75 * count)
+    window = smoothstep(rows, 0.02 * count, 0.16 * count) * smoothstep(rows, 1.0 * count, 0.75 * count)
     window = window * smoothstep(np.abs(s.x[vertices, 0]), reach, 0.6 * reach)
-    phase, along = number / rows_per_fold + 0.5, s.x[vertices, 0]
-    row = uneven(phase, along, rows_per_fold * spacing, wrinkles, stream(wrinkles.seed, "forehead"))
+    phase, along = rows / rows_per_fold + 0.5, s.x[vertices, 0]
+    fold = uneven(phase, along, rows_per_fold * spacing, wrinkles, stream(wrinkles.seed, "forehead"))
     fibre = np.tile(UP, (len(vertices), 1))
-    return Patch("forehead", vertices, fibre, row.wavelength_mm, 0.8 * row.pattern(window), row.threshold)
+    return Patch("forehead", vertices, fibre, fold.wavelength_mm, 0.8 * fold.pattern(window), fold.threshold)
 
 
 def _glabella(s: Skin, wrinkles: Wrinkles) -> Patch:
@@ -193,7 +202,7 @@ def _nasolabial(s: Skin, side: str, wrinkles: Wrinkles) -> Patch:
     return Patch(f"nasolabial_{side}", vertices, across[vertices], 11.0, window * pattern, wrinkles.tension)
 
 
-# A colour for each vertex, for display only: skin with lips, the mouth's inside, gums and teeth.
+# A colour for each vertex, for pictures only: skin with lips, the mouth's inside, gums and teeth.
 
 SKIN, LIP = np.array([0.85, 0.66, 0.55]), np.array([0.76, 0.47, 0.43])
 COLOURS = {
@@ -204,7 +213,7 @@ COLOURS = {
 }
 IVORY = np.array([0.95, 0.93, 0.87])
 LIP_EDGE_MM = 1.5  # over which the lips' colour fades, to both sides of their outline
-BEHIND_MM = 16.0  # what lies farther behind the outline is not the lips
+BEHIND_MM = 16.0  # vertices farther behind the outline are not lips
 
 
 def paint(x: Float[np.ndarray, "n 3"], segments: Segments, marks: Int[np.ndarray, " l"]) -> UInt8[np.ndarray, "n 3"]:
@@ -220,7 +229,7 @@ def paint(x: Float[np.ndarray, "n 3"], segments: Segments, marks: Int[np.ndarray
 
 
 def outside(points: Float[np.ndarray, "n 2"], polygon: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, " n"]:
-    """Return how far points lie outside of a polygon, mm; inside it is less than 0."""
+    """Return how far points lie outside of a polygon, mm; less than 0 inside."""
     a, b = polygon, np.roll(polygon, -1, axis=0)
     along, away = (b - a)[None], points[:, None] - a[None]
     share = np.clip((away * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-12), 0, 1)

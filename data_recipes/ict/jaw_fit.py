@@ -1,7 +1,7 @@
-"""A real jaw out of linear shapes: the lower teeth move rigidly in each, so that is a rotation and a slide.
+"""A real jaw out of linear shapes: in each the lower teeth move rigidly, by a rotation and a slide.
 
-The skin follows by weights that are read off jawOpen, and the rest stays as an offset, applied in the resting jaw's
-frame: each jaw shape alone, in full, is the model's own to rounding.
+The skin follows by weights that are read off jawOpen. An offset in the resting jaw's frame makes up the difference, so
+that each jaw shape alone, in full, is the model's to rounding.
 """
 
 from __future__ import annotations
@@ -21,17 +21,18 @@ from replicate.base.exceptions import InputError
 JAW_CONTROLS = ("jawOpen", "jawForward", "jawLeft", "jawRight")
 SMOOTHING_PASSES = 6
 SOFTNESS_MM2 = 1.0  # of the weights' least squares: near the axis, where the jaw moves nothing, the weight goes to 0
-SMALLEST_TURN = 1e-3  # of a rotation matrix less the identity; smaller ones leave the pivot open
+SMALLEST_TURN = 1e-3  # of a rotation matrix less the identity; smaller ones don't tell the pivot
 
 
 @dataclass(frozen=True)
 class JawFit:
     """A jaw.
 
-    pivot: (3,) mm, the point of jawOpen's axis nearest to the middle. turn_rad: (4, 3) rotation vectors and slide_mm:
-    (4, 3) translations of `JAW_CONTROLS` at 1. weight: (n,) shares, 1 on the lower teeth, 0 on the upper ones.
-    offsets: by control, (n, 3) mm in the resting jaw's frame. residual_mm: (4,) RMS by which the model's own lower
-    teeth miss a rigid motion.
+    pivot: the point of jawOpen's axis nearest to the origin, mm.
+    turn_rad, slide_mm: rotation vectors and translations of `JAW_CONTROLS` at 1.
+    weight: each vertex's share in the motion, 1 on the lower teeth, 0 on the upper ones.
+    offsets: by control, mm in the resting jaw's frame.
+    residual_mm: RMS by which the model's lower teeth differ from a rigid motion.
     """
 
     pivot: Float[np.ndarray, " 3"]
@@ -51,12 +52,15 @@ def fit_jaw(
 ) -> JawFit:
     """Fit the jaw to its shapes.
 
-    x: the neutral. shapes: `JAW_CONTROLS`' offsets from it. lower: the lower teeth. still: the upper ones. graph: of
-    the mesh's edges, for smoothing. Raises InputError when a shape is missing or jawOpen turns nothing.
+    x: the neutral, mm.
+    shapes: the offsets of `JAW_CONTROLS` from it, mm.
+    lower, still: the vertices of the lower and of the upper teeth.
+    graph: of the mesh's edges, for smoothing.
+    Raises InputError when a shape is missing or jawOpen turns nothing.
     """
     for name in JAW_CONTROLS:
         if name not in shapes:
-            raise InputError(f"expressions: found no '{name}', where {', '.join(JAW_CONTROLS)} are required")
+            raise InputError(f"expressions: there is no '{name}', expected {', '.join(JAW_CONTROLS)}")
     motions = [_rigid(x[lower], x[lower] + shapes[name][lower]) for name in JAW_CONTROLS]
     pivot = _pivot(*motions[0])
     turns = np.array([Rotation.from_matrix(rotation.T).as_rotvec() for rotation, _ in motions])
@@ -66,7 +70,7 @@ def fit_jaw(
         for name, (rotation, shift) in zip(JAW_CONTROLS, motions, strict=True)
     ]
     if np.linalg.norm(turns[0]) < SMALLEST_TURN:
-        raise InputError(f"expressions: '{JAW_CONTROLS[0]}' doesn't turn the lower teeth, where a rotation is needed")
+        raise InputError(f"expressions: '{JAW_CONTROLS[0]}' doesn't turn the lower teeth, expected a rotation")
     weight = _weights(x, shapes[JAW_CONTROLS[0]], pivot, turns[0], slides[0], lower, still, graph)
     offsets = {}
     for name, rotation, slide in zip(JAW_CONTROLS, turns, slides, strict=True):
@@ -77,7 +81,7 @@ def fit_jaw(
 
 
 def turn_vectors(vectors: Float[np.ndarray, "n 3"], rotation: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Turn vectors by rotation vectors, with the deformer's own series."""
+    """Turn vectors by rotation vectors, with the jaw deformer's series."""
     planes = (jnp.asarray(a.T[None], jnp.float32) for a in (vectors, rotation))
     return np.asarray(turn(*planes), np.float64)[0].T
 
@@ -92,12 +96,12 @@ def _rigid(
 
 
 def _pivot(rotation: Float[np.ndarray, "3 3"], shift: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
-    """Return the point that a motion leaves where it is, or slides least: of its axis, the one nearest to 0."""
+    """Return the point of a motion's axis that is nearest to the origin."""
     return np.linalg.lstsq((rotation - np.eye(3)).T, -shift, rcond=SMALLEST_TURN)[0]
 
 
 def _weights(x, offset, pivot, rotation, slide, lower, still, graph) -> Float[np.ndarray, " n"]:
-    """Return each vertex's share in jawOpen, 0 … 1: where on its arc it comes nearest to the shape."""
+    """Return each vertex's share in jawOpen, 0 … 1, at which it comes nearest to the shape on its arc."""
     weight = np.zeros(len(x))
     for _ in range(6):  # Gauss–Newton on the arc
         arm = turn_vectors(x - pivot, weight[:, None] * rotation)

@@ -1,4 +1,4 @@
-"""The model's 68 landmarks (Multi-PIE) as landmarks and control points of the rig, and its controls' regions."""
+"""The model's 68 landmarks (Multi-PIE) as landmarks and control points of the rig, and the regions of its controls."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ REGIONS = (
     ((42, 47), "eye_left"),
     ((48, 67), "mouth"),
 )
-# By the beginning of a control's name.
+# The beginning of a control's name and its region.
 CONTROL_REGIONS = (("brow", "brows"), ("cheek", "cheeks"), ("jaw", "jaw"), ("mouth", "mouth"), ("nose", "nose"))
 
 
@@ -86,7 +86,7 @@ def landmarks(marks: Int[np.ndarray, " l"]) -> tuple[tuple[str, ...], Int[np.nda
 
 def control_points(marks: Int[np.ndarray, " l"]) -> tuple[tuple[str, ...], Int[np.ndarray, " c"], tuple[str, ...]]:
     """Return names, vertices and regions of what inverse kinematics drags."""
-    points = [(name, marks[place], region) for region, own in CONTROL_POINTS.items() for name, place in own.items()]
+    points = [(name, marks[k], region) for region, members in CONTROL_POINTS.items() for name, k in members.items()]
     names, vertices, regions = zip(*points, strict=True)
     return names, np.array(vertices, np.int32), regions
 
