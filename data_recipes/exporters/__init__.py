@@ -1,1 +1,1 @@
-"""Scripts for other programs, a file each: they write a rig as the folder of samples that `CHARACTERS` takes."""
+"""Scripts for other programs, one file each: they write a rig as a folder of samples for `CHARACTERS`."""

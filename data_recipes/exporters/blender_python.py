@@ -1,4 +1,4 @@
-"""Which Python runs scripts for Blender: one that has the `bpy` package, or Blender itself."""
+"""The Python that runs scripts for Blender: one with the `bpy` package, or Blender itself."""
 
 from __future__ import annotations
 
@@ -14,47 +14,46 @@ from replicate.base.exceptions import InputError
 from replicate.base.paths import ROOT
 
 VARIABLE = "REPLICATE_BLENDER_PYTHON"
-OWN = ROOT / ".bpy"  # an environment for bpy, beside .venv: bpy and the suite need other versions of numpy
+ENVIRONMENT = ROOT / ".bpy"  # for bpy, beside .venv, since bpy and the suite need different versions of numpy
 ADVICE = (
-    f"make one by `python3.11 -m venv {OWN.name} && {OWN.name}/bin/pip install bpy==4.5.15`, or name a Python that has "
-    f"bpy, or Blender itself, in {VARIABLE}"
+    f"make one by `python3.11 -m venv {ENVIRONMENT.name} && {ENVIRONMENT.name}/bin/pip install bpy==4.5.15`, or name a "
+    f"Python that has bpy, or Blender itself, in {VARIABLE}"
 )
 
 
 def blender_python() -> Path:
-    """Return the Python with bpy, or the Blender, that scripts for Blender run in.
+    """Return the Python with bpy, or the Blender, that runs scripts for Blender.
 
-    The variable REPLICATE_BLENDER_PYTHON names it; else it is the environment `.bpy` of the project, this Python if it
-    has bpy, or `blender` on the path. Raises InputError where there is none.
+    It is what REPLICATE_BLENDER_PYTHON names, else the project's environment `.bpy`, else this Python if it has bpy,
+    else `blender` on the path. Raises InputError where there is none.
     """
     named = os.environ.get(VARIABLE, "")
     if named:
         found = shutil.which(named)
         if found is None:
-            raise InputError(f"{VARIABLE} is '{named}', which is no program: allowed is a Python with bpy, or Blender")
+            raise InputError(f"{VARIABLE}: expected a Python with bpy, or Blender, got '{named}', which is no program")
         return Path(found)
-    if (own := OWN / "bin" / "python").exists():
-        return own
+    if (python := ENVIRONMENT / "bin" / "python").exists():
+        return python
     if find_spec("bpy") is not None:
         return Path(sys.executable)
     blender = shutil.which("blender")
     if blender is None:
-        raise InputError(f"no Python with bpy is there, nor Blender: {ADVICE}")
+        raise InputError(f"there is neither a Python with bpy nor Blender: {ADVICE}")
     return Path(blender)
 
 
 def script_command(python: Path, script: Path, arguments: Sequence[str]) -> list[str]:
-    """Return the command that runs a script for Blender, whatever `blender_python` has found."""
+    """Return the command that runs a script in a Python with bpy or in Blender."""
     if python.name.lower().startswith("blender"):
         return [str(python), "--background", "--factory-startup", "--python", str(script), "--", *arguments]
     return [str(python), str(script), *arguments]
 
 
 def run_scripts(python: Path, script: Path, calls: Sequence[Sequence[str]], quiet: bool = False) -> None:
-    """Run a script for Blender, once for each list of arguments, all at the same time, until all have ended.
+    """Run a script for Blender once for each list of arguments, all at the same time, and wait for all of them.
 
-    quiet: what it prints on standard output is thrown away. Raises InputError if a script ends with an error, which it
-    has printed by then.
+    quiet: drop its standard output. Raises InputError if a script ends with an error, which it has printed by then.
     """
     output = subprocess.DEVNULL if quiet else None
     running = [subprocess.Popen(script_command(python, script, call), stdout=output) for call in calls]

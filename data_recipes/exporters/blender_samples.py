@@ -1,13 +1,13 @@
 """Write a rig of a Blender file as a folder of samples: a mesh, its controls, and poses with their vertices (§3.5).
 
-One file that needs Blender (4.2 or newer) or the `bpy` package, and numpy; copy it wherever you like.
+This one file needs Blender (4.2 or newer) or the `bpy` package, and numpy; copy it wherever you like.
 
     blender --background face.blend --python blender_samples.py -- --mesh Head --out myface
     python blender_samples.py face.blend --mesh Head --out myface
 
-Controls are channels of pose bones, values of shape keys, and custom properties with limits; which of them, --bones,
---collections, --shape-keys and --properties say by patterns, and without any of these all that some action moves.
-Actions are clips: all their frames are written, then poses drawn from them by Eq. 5; without actions, poses are drawn
+Controls are channels of pose bones, values of shape keys, and custom properties with limits. Choose them by patterns
+with --bones, --collections, --shape-keys and --properties; without any of these they are all that some action moves.
+Actions are clips: all their frames are written, then poses drawn from them by Eq. 5. Without actions, poses are drawn
 uniformly within limits. A second call goes on where the first one stopped.
 """
 
@@ -32,7 +32,7 @@ import numpy as np
 SHARD = 250  # poses in a file
 LOW, HIGH = 0.25, 3.0  # Eq. 5
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
-REGIONS = {  # how words of a control's name begin, in the order in which they are looked for, and its region
+REGIONS = {  # beginnings of words in a control's name → its region; the first that fits is taken
     "brow|eyebrow|forehead": "brows",
     "lid|eyelid|upperlid|lowerlid|blink|eye|squint": "eyes",
     "nose|nostril|nasal|sneer": "nose",
@@ -46,11 +46,11 @@ REGIONS = {  # how words of a control's name begin, in the order in which they a
 
 
 class Refusal(Exception):
-    """What can't be done, in one sentence."""
+    """The export can't be done, for the reason in the sentence."""
 
 
 class Control(NamedTuple):
-    """A control: its limits, or where the rig has none the range that it is used in; `whole`: of whole numbers."""
+    """A control with its limits, or if it is not `limited`, the range of its use; `whole`: of whole numbers."""
 
     name: str
     lower: float
@@ -61,10 +61,12 @@ class Control(NamedTuple):
 
 
 class SampledRig(NamedTuple):
-    """A rig as a program gives it; n vertices, m controls, in `unit`, with the axis `up`.
+    """A rig as a program gives it, with n vertices and m controls.
 
-    faces: (name of the group, of the material, vertices of the corners, rows of `uvs` of the corners or None);
-    clips: name → (numbers of the frames, parameters (t, m)); evaluate: parameters (m,) → vertices (n, 3).
+    faces: (group, material, vertices of the corners, rows of `uvs` of the corners or None).
+    clips: name → (numbers of the frames, parameters (t, m)).
+    evaluate: parameters (m,) → vertices (n, 3).
+    unit, up: of the vertices.
     """
 
     neutral: np.ndarray
@@ -99,23 +101,23 @@ def region(name: str) -> str:
 
 
 def names_of_controls(names: Sequence[str]) -> list[str]:
-    """Return names that a table takes: without commas or what can't be printed, 63 bytes at most, each once."""
+    """Return different names of at most 63 printable bytes without commas and quotes, for a CSV table."""
     taken: list[str] = []
     for name in names:
         clean = "".join(c if c.isprintable() and c not in ',"' else "_" for c in name).strip() or "control"
-        number, chosen = 1, clean.encode()[:63].decode(errors="ignore")
+        k, chosen = 1, clean.encode()[:63].decode(errors="ignore")
         while chosen in taken:
-            number += 1
-            chosen = clean.encode()[: 62 - len(str(number))].decode(errors="ignore") + f"~{number}"
+            k += 1
+            chosen = clean.encode()[: 62 - len(str(k))].decode(errors="ignore") + f"~{k}"
         taken.append(chosen)
     return taken
 
 
 def draw_pose(controls: Sequence[Control], frames: np.ndarray, seed: int, index: int) -> tuple[np.ndarray, int]:
-    """Return the parameters of a drawn pose (Eq. 5), and the frame it was drawn from, or -1 (uniform in the limits).
+    """Return the parameters of a drawn pose and its frame of origin (Eq. 5), or a uniform pose and -1 without frames.
 
-    frames: (a, m), or none of them. Factors multiply distances from the defaults; limits hold where the rig has them.
-    Pose `index` of a seed is always the same one, whatever was drawn before.
+    frames: (a, m); their distances from the defaults are multiplied, and clamped to the limits of limited controls.
+    A seed and an index always give the same pose, whatever was drawn before.
     """
     generator = np.random.default_rng([seed, index])
     lower, default, upper = (np.array([c[i] for c in controls]) for i in (1, 2, 3))
@@ -130,10 +132,11 @@ def draw_pose(controls: Sequence[Control], frames: np.ndarray, seed: int, index:
 
 
 def pieces_to_write(names: Sequence[str], kind: str, total: int, share: tuple[int, int]) -> Iterator[tuple[int, int]]:
-    """Yield the first pose, and the one after the last, of each file that is still to be written, SHARD poses at most.
+    """Yield (first pose, end) of each file that is still to be written, at most SHARD poses each.
 
-    names: of the files that are there; share: (i, k), every k-th file, from the i-th. More poses than last time: what
-    is there stays, and the rest of its last file becomes a file of its own.
+    names: of the files that are there. They stay; if the last of them is shorter than SHARD, its rest becomes one more
+    file.
+    share: (i, k) for every k-th file, from the i-th.
     """
     pattern = re.compile(rf"{kind}-(\d+)-(\d+)\.npz")
     there = [(int(m[1]), int(m[2])) for m in map(pattern.fullmatch, names) if m]
@@ -145,7 +148,7 @@ def pieces_to_write(names: Sequence[str], kind: str, total: int, share: tuple[in
 
 
 def write_whole(path: Path, write: Callable) -> None:
-    """Write a file under a name that ends in .part and rename it once it is whole."""
+    """Write a file under a name that ends in .part and rename it when it is complete."""
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     with open(part, "wb") as file:
         write(file)
@@ -155,7 +158,7 @@ def write_whole(path: Path, write: Callable) -> None:
 
 
 def mesh_text(rig: SampledRig, name: str) -> str:
-    """Return the neutral mesh as an OBJ, its corners with UVs, its faces by groups and materials."""
+    """Return the neutral mesh as an OBJ with UVs, groups and materials."""
     lines = [f"# {name}"] + [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in rig.neutral.tolist()]
     lines += [f"vt {u:.9g} {v:.9g}" for u, v in rig.uvs.tolist()]
     group = material = None
@@ -191,30 +194,30 @@ def controls_text(controls: Sequence[Control]) -> str:
 
 
 def check(rig: SampledRig, options: argparse.Namespace, name: str) -> tuple[int, int]:
-    """Return the share of the work that is asked for. Raises Refusal for what no folder can be made of."""
+    """Return the share of the work, (i, k), that --share names. Raises Refusal for options or a rig that don't fit."""
     share = re.fullmatch(r"([1-9]\d*)/([1-9]\d*)", options.share)
     if not share or int(share[1]) > int(share[2]):
-        raise Refusal(f"--share {options.share} is no share: allowed are 1/2, 2/2 and the like")
+        raise Refusal(f"--share: expected a part such as 1/2 or 2/2, got {options.share}")
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", name):
-        raise Refusal(f"'{name}' is no name for a character: allowed are 40 letters, digits, _ and -; give --name")
+        raise Refusal(f"--name: expected 1 to 40 letters, digits, _ and -, got '{name}'")
     if not rig.controls:
         raise Refusal("no control is left: the patterns match none that is free to move")
     if options.poses < 0 or options.seed < 0:
-        raise Refusal("--poses and --seed are 0 or more")
+        raise Refusal(f"--poses and --seed: expected numbers of at least 0, got {options.poses} and {options.seed}")
     if not rig.clips and options.poses < 20:
-        raise Refusal("there is no animation, and without it a folder has at least 20 poses: give --poses")
+        raise Refusal(f"--poses: expected at least 20, since the rig has no animation, got {options.poses}")
     size = np.ptp(rig.neutral, axis=0).max() * UNITS_MM[rig.unit]
     if not 50 <= size <= 1000:
         raise Refusal(
-            f"the mesh is {size:,.0f} mm large, where 50 to 1,000 mm are allowed: say by --unit what a unit is"
+            f"the mesh is {size:,.0f} mm large, expected 50 to 1,000 mm: give the unit of the scene by --unit"
         )
     if options.points and not Path(options.points).is_file():
-        raise Refusal(f"{options.points}, the file of --points, is not there")
+        raise Refusal(f"--points: there is no file {options.points}")
     return int(share[1]), int(share[2])
 
 
 def begin(rig: SampledRig, folder: Path, options: argparse.Namespace, name: str) -> None:
-    """Write what describes the folder, or check that it is the same rig's. Raises Refusal where it isn't."""
+    """Write the files that describe the folder. Raises Refusal where there are some of another rig."""
     frames = b"".join(n.tobytes() + p.astype(np.float32).tobytes() for n, p in rig.clips.values())
     texts = {"mesh": repr(rig.faces), "controls": controls_text(rig.controls), "clips": repr(list(rig.clips))}
     record = {key: hashlib.sha256(text.encode()).hexdigest() for key, text in texts.items()}
@@ -238,22 +241,22 @@ def begin(rig: SampledRig, folder: Path, options: argparse.Namespace, name: str)
 
 
 def check_unchanged(rig: SampledRig, shards: Sequence[Path]) -> None:
-    """Raise Refusal if a pose that is there comes out otherwise now."""
+    """Raise Refusal if the rig gives other vertices now for a pose that is there."""
     for path in shards[:1]:
         with np.load(path) as there:
             far = np.abs(rig.evaluate(there["params"][-1]) - there["vertices"][-1]).max()
         if not far <= 1e-3 * np.ptp(rig.neutral, axis=0).max():
-            raise Refusal(f"the last pose of {path} comes out otherwise now: the rig has changed; name another folder")
+            raise Refusal(f"the rig has changed: it gives another last pose than {path} has; name another folder")
 
 
 def export(rig: SampledRig, options: argparse.Namespace) -> None:
-    """Write the folder, file by file, going on where an earlier call stopped. Raises Refusal."""
+    """Write the folder, file by file, or go on where an earlier call stopped. Raises Refusal."""
     folder = Path(options.out)
     name = options.name or folder.resolve().name
     share = check(rig, options, name)
     begin(rig, folder, options, name)
     frames = np.concatenate([np.zeros((0, len(rig.controls)))] + [values for _, values in rig.clips.values()])
-    origin = [(clip, int(number)) for clip, (numbers, _) in rig.clips.items() for number in numbers]
+    origin = [(clip, int(number)) for clip, (frame_numbers, _) in rig.clips.items() for number in frame_numbers]
     shards = sorted((folder / "poses").glob("*.npz"))
     check_unchanged(rig, shards)
     names = [path.name for path in shards]
@@ -272,11 +275,13 @@ def export(rig: SampledRig, options: argparse.Namespace) -> None:
         vertices = np.stack([rig.evaluate(params).astype(np.float32) for params, _ in poses])
         if not np.isfinite(vertices).all():
             bad = start + int(np.argmin(np.isfinite(vertices).all(axis=(1, 2))))
-            raise Refusal(f"pose {bad} of the {kind} has vertices that are no numbers: the rig can't bear it")
+            raise Refusal(
+                f"pose {bad} of the {kind}: expected finite vertices, got others: the rig breaks in this pose"
+            )
         arrays = {"params": np.stack([params for params, _ in poses]), "vertices": vertices}
         if origin:
-            clips, numbers = zip(*(origin[source] for _, source in poses))  # noqa: B905
-            arrays |= {"clip": np.array(clips), "frame": np.array(numbers), "drawn": np.full(end - start, drawn)}
+            clips, frame_numbers = zip(*(origin[source] for _, source in poses))  # noqa: B905
+            arrays |= {"clip": np.array(clips), "frame": np.array(frame_numbers), "drawn": np.full(end - start, drawn)}
         path = folder / "poses" / f"{kind}-{start:07d}-{end:07d}.npz"
         write_whole(path, lambda file, arrays=arrays: np.savez(file, **arrays))
         done += end - start
@@ -286,7 +291,7 @@ def export(rig: SampledRig, options: argparse.Namespace) -> None:
 
 
 def say(sentence: str) -> None:
-    """Print a line at once."""
+    """Print a line on standard error."""
     print(sentence, file=sys.stderr, flush=True)
 
 
@@ -300,9 +305,12 @@ PARTS = {"QUATERNION": 4, "AXIS_ANGLE": 4}  # of a rotation; Euler angles have t
 
 
 class Channel(NamedTuple):
-    """What a control sets: `kind` is location, rotation, scale, key or property.
+    """The value that a control sets.
 
-    block: the data block; owner: a bone, a shape key, or the block itself; item: an axis, or a property's name.
+    kind: location, rotation, scale, key or property.
+    block: the data block.
+    owner: a bone, a shape key, or the block itself.
+    item: an axis, or the name of a key or property.
     """
 
     kind: str
@@ -311,7 +319,7 @@ class Channel(NamedTuple):
     item: str | int
 
     def curves(self) -> list[tuple[str, int]]:
-        """Return path and index of all curves that move it: a quaternion's parts turn a bone about all three axes."""
+        """Return path and index of all curves that move it: each part of a quaternion turns a bone about all axes."""
         base = "" if self.owner == self.block else self.owner.path_from_id()
         if self.kind == "key":
             return [(f"{base}.value", 0)]
@@ -331,7 +339,7 @@ def turns_by_euler(bone: object) -> bool:
 
 
 def pick_meshes(options: argparse.Namespace) -> list:
-    """Return the mesh objects that are named, ready to be evaluated. Raises Refusal for a name that is none."""
+    """Return the mesh objects of --mesh, ready to be evaluated. Raises Refusal for an unknown or hidden one."""
     import bpy
 
     every = [o.name for o in bpy.context.view_layer.objects if o.type == "MESH"]
@@ -353,7 +361,7 @@ def pick_meshes(options: argparse.Namespace) -> list:
 
 
 def pick_armatures(options: argparse.Namespace, meshes: Sequence) -> list:
-    """Return the armatures whose bones are controls: those that are named, that move the meshes, or all."""
+    """Return the armatures of --armature, else those that move the meshes, else all."""
     import bpy
 
     every = [o for o in bpy.context.view_layer.objects if o.type == "ARMATURE"]
@@ -373,18 +381,18 @@ def pick_armatures(options: argparse.Namespace, meshes: Sequence) -> list:
 
 
 def matches(name: str, patterns: Sequence[str]) -> bool:
-    """Tell whether a name is one of some patterns, in which * stands for anything; [ and ] are letters as others."""
+    """Tell whether a name matches one of some patterns, in which * stands for anything and [ for itself."""
     return any(fnmatch.fnmatchcase(name, pattern.replace("[", "[[]")) for pattern in patterns)
 
 
 def driven(block: object) -> set[tuple[str, int]]:
-    """Return the path and index of all that drivers of a data block set: these are no controls."""
+    """Return path and index of all values of a data block that drivers set; these can't be controls."""
     data = getattr(block, "animation_data", None)
     return {(curve.data_path, curve.array_index) for curve in data.drivers} if data else set()
 
 
 def bone_controls(armature: object, options: argparse.Namespace, every: bool) -> Iterator[tuple[Control, Channel]]:
-    """Yield the free channels of an armature's bones that are named, with the limits that constraints set."""
+    """Yield the free channels of the bones that the options name, or of every bone, with limits from constraints."""
     taken = driven(armature)
     for bone in armature.pose.bones:
         collections = [collection.name for collection in bone.bone.collections]
@@ -408,7 +416,7 @@ def bone_controls(armature: object, options: argparse.Namespace, every: bool) ->
 
 
 def limit_of(limit: object, kind: str, axis: int) -> tuple[float, float, bool] | None:
-    """Return the limits of a channel that a constraint sets on both sides, or None."""
+    """Return (lower, upper, True) where a constraint limits a channel on both sides, else None."""
     letter, degrees = AXES[axis], kind == "rotation"
     below = getattr(limit, f"use_limit_{letter}" if degrees else f"use_min_{letter}")
     above = getattr(limit, f"use_limit_{letter}" if degrees else f"use_max_{letter}")
@@ -419,7 +427,7 @@ def limit_of(limit: object, kind: str, axis: int) -> tuple[float, float, bool] |
 
 
 def key_controls(keys: object, options: argparse.Namespace, every: bool) -> Iterator[tuple[Control, Channel]]:
-    """Yield the shape keys of a mesh that are named and not driven."""
+    """Yield the shape keys that the options name, or every one, unless they are muted or driven."""
     taken = driven(keys)
     for key in keys.key_blocks[1:]:
         channel = Channel("key", keys, key, key.name)
@@ -430,7 +438,7 @@ def key_controls(keys: object, options: argparse.Namespace, every: bool) -> Iter
 
 
 def property_controls(block: object, options: argparse.Namespace, every: bool) -> Iterator[tuple[Control, Channel]]:
-    """Yield the custom properties with limits, of an object and of its bones, that are named and not driven."""
+    """Yield the custom properties of an object and its bones that have limits and are named, or all; none driven."""
     taken = driven(block)
     for owner in (block, *(block.pose.bones if block.type == "ARMATURE" else ())):
         for name, value in owner.items():
@@ -447,7 +455,7 @@ def property_controls(block: object, options: argparse.Namespace, every: bool) -
 
 
 def curves_of(action: object) -> Iterator[tuple[str, str, object]]:
-    """Yield (kind of block, name of the slot or nothing, curve) of an action, of Blender before and after layers."""
+    """Yield (kind of block, name of the slot or "", curve) of an action, before and after Blender had layers."""
     if getattr(action, "slots", None) is None:
         yield from ((action.id_root, "", curve) for curve in action.fcurves)
         return
@@ -459,22 +467,22 @@ def curves_of(action: object) -> Iterator[tuple[str, str, object]]:
 
 
 def read_action(action: object, channels: Sequence[Channel]) -> dict[int, dict[int, object]]:
-    """Return the curves of an action that move channels: the channel's number → index → curve."""
+    """Return the curves of an action that move channels: the channel's column → index → curve."""
     moved: dict[tuple, list[int]] = {}
-    for number, channel in enumerate(channels):
+    for column, channel in enumerate(channels):
         for path, index in channel.curves():
-            moved.setdefault((channel.block.id_type, path, index), []).append(number)
+            moved.setdefault((channel.block.id_type, path, index), []).append(column)
     found: dict[int, dict[int, object]] = {}
     for kind, slot, curve in curves_of(action):
-        numbers = moved.get((kind, curve.data_path, curve.array_index), ())
-        own = [number for number in numbers if channels[number].block.name == slot] or numbers
-        for number in () if curve.mute else own:
-            found.setdefault(number, {})[curve.array_index] = curve
+        columns = moved.get((kind, curve.data_path, curve.array_index), ())
+        of_slot = [column for column in columns if channels[column].block.name == slot] or columns
+        for column in () if curve.mute else of_slot:
+            found.setdefault(column, {})[curve.array_index] = curve
     return found
 
 
 def value_at(channel: Channel, curves: dict[int, object], frame: float) -> float:
-    """Return a channel's value in a frame: degrees for rotations, of a quaternion those of its rotation vector."""
+    """Return a channel's value in a frame; of a rotation degrees, of a quaternion those of its rotation vector."""
     if channel.kind != "rotation":
         return next(iter(curves.values())).evaluate(frame)
     if turns_by_euler(channel.owner):
@@ -489,7 +497,7 @@ def value_at(channel: Channel, curves: dict[int, object], frame: float) -> float
 
 
 def rotation_vector(turn: object) -> np.ndarray:
-    """Return a quaternion's rotation vector, radians, half a turn at most."""
+    """Return a quaternion's rotation vector of at most half a turn, radians."""
     turn = turn.normalized()
     turn = -turn if turn.w < 0 else turn
     return np.array(turn.to_exponential_map())
@@ -498,7 +506,7 @@ def rotation_vector(turn: object) -> np.ndarray:
 def read_clips(
     controls: Sequence[Control], channels: Sequence[Channel], options: argparse.Namespace
 ) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], set[int]]:
-    """Return the actions as clips, and the numbers of the controls that some action moves."""
+    """Return the actions as clips, and the columns of the controls that some action moves."""
     import bpy
 
     clips, keyed = {}, set()
@@ -510,17 +518,17 @@ def read_clips(
         if not curves:
             continue
         first, last = (round(float(end)) for end in action.frame_range)
-        numbers = np.arange(first, last + 1)
-        values = np.tile(default, (len(numbers), 1))
-        for number, of_channel in curves.items():
-            values[:, number] = [value_at(channels[number], of_channel, frame) for frame in numbers.tolist()]
-        clips[action.name] = numbers, np.where([c.whole for c in controls], np.round(values), values)
-        keyed |= {number for number in curves if np.abs(values[:, number] - default[number]).max() > 1e-6}
+        frame_numbers = np.arange(first, last + 1)
+        values = np.tile(default, (len(frame_numbers), 1))
+        for column, of_channel in curves.items():
+            values[:, column] = [value_at(channels[column], of_channel, frame) for frame in frame_numbers.tolist()]
+        clips[action.name] = frame_numbers, np.where([c.whole for c in controls], np.round(values), values)
+        keyed |= {column for column in curves if np.abs(values[:, column] - default[column]).max() > 1e-6}
     return clips, keyed
 
 
 def find_controls(meshes: Sequence, options: argparse.Namespace) -> tuple[list[Control], list[Channel], dict]:
-    """Return the controls, what they set, and the clips. Raises Refusal if nothing is named."""
+    """Return the controls, their channels, and the clips. Raises Refusal if no option and no action names a control."""
     any_named = any((options.bones, options.collections, options.shape_keys, options.properties))
     armatures, found = pick_armatures(options, meshes), []
     for armature in armatures:
@@ -536,14 +544,14 @@ def find_controls(meshes: Sequence, options: argparse.Namespace) -> tuple[list[C
     if keyed and (options.keyed or not any_named):
         kept = sorted(keyed)
         controls, channels = ([column[i] for i in kept] for column in (controls, channels))
-        clips = {name: (numbers, values[:, kept]) for name, (numbers, values) in clips.items()}
+        clips = {name: (frame_numbers, values[:, kept]) for name, (frame_numbers, values) in clips.items()}
     names = names_of_controls([control.name for control in controls])
     controls = [control._replace(name=name) for control, name in zip(controls, names)]  # noqa: B905
     return [in_use(control, i, clips) for i, control in enumerate(controls)], channels, clips
 
 
 def in_use(control: Control, i: int, clips: dict) -> Control:
-    """Return a control without limits with the range of its values in the clips, where these use it."""
+    """Return a control, one without limits with the range of its values in the clips if these move it."""
     values = [control.default, *(v for _, clip in clips.values() for v in (clip[:, i].min(), clip[:, i].max()))]
     if control.limited or min(values) == max(values):
         return control
@@ -554,14 +562,14 @@ class Scene:
     """The meshes of a scene, posed by values of channels."""
 
     def __init__(self, meshes: Sequence, channels: Sequence[Channel]):
-        """Take the scene over: animation of what controls set no longer plays."""
+        """Take the scene over: the controls' data blocks no longer play their animation."""
         import bpy
 
         self.meshes, self.channels = meshes, channels
-        self.turning = {}  # bone → the numbers of the channels that turn it about x, y and z
-        for number, channel in enumerate(channels):
+        self.turning = {}  # a bone's path → (bone, axis → column of the channel that turns it about this axis)
+        for column, channel in enumerate(channels):
             if channel.kind == "rotation":
-                self.turning.setdefault(channel.owner.path_from_id(), (channel.owner, {}))[1][channel.item] = number
+                self.turning.setdefault(channel.owner.path_from_id(), (channel.owner, {}))[1][channel.item] = column
             data = channel.block.animation_data
             if data and data.action:
                 data.action = None
@@ -589,7 +597,7 @@ class Scene:
         return np.concatenate([self.vertices(obj) for obj in self.meshes])
 
     def vertices(self, obj: object) -> np.ndarray:
-        """Return the vertices of a mesh as it is posed. Raises Refusal if they are not those of the mesh."""
+        """Return a posed mesh's vertices. Raises Refusal if modifiers have changed their number."""
         evaluated = obj.evaluated_get(self.graph)
         count = len(evaluated.data.vertices)
         if count != len(obj.data.vertices):
@@ -604,7 +612,7 @@ class Scene:
 
 
 def turn_bone(bone: object, angles: np.ndarray) -> None:
-    """Turn a bone by Euler angles, if that is its mode, or by a rotation vector; radians."""
+    """Turn a bone by Euler angles if that is its mode, else by a rotation vector; radians."""
     from mathutils import Quaternion, Vector
 
     if turns_by_euler(bone):
@@ -654,7 +662,7 @@ def read_rig(options: argparse.Namespace) -> SampledRig:
     scale = bpy.context.scene.unit_settings.scale_length
     unit = options.unit or next((unit for unit, mm in UNITS_MM.items() if abs(mm / 1000 / scale - 1) < 1e-4), None)
     if unit is None:
-        raise Refusal(f"a unit of this scene is {scale:g} m: say by --unit what it is")
+        raise Refusal(f"a unit of this scene is {scale:g} m: give the unit to use by --unit")
     evaluate = Scene(meshes, channels)
     neutral = evaluate(np.array([control.default for control in controls]))
     render = bpy.context.scene.render
@@ -680,12 +688,12 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     options.actions = options.actions or ["*"]
     if not set(options.channels.split(",")) <= {"location", "rotation", "scale"}:
-        parser.error(f"--channels {options.channels}: allowed are location, rotation and scale, with commas between")
+        parser.error(f"--channels: expected location, rotation and scale, with commas between, got {options.channels}")
     return options
 
 
 def main() -> int:
-    """Export as the command line says; return the exit code."""
+    """Export what the command line names, and return the exit code."""
     arguments = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
     options = parse(arguments)
     try:
@@ -710,11 +718,11 @@ if __name__ == "__main__":
     except SystemExit as end:  # of argparse
         code = end.code if isinstance(end.code, int) else 2
     except KeyboardInterrupt:
-        say("stopped: the same call goes on from here")
+        say("stopped: run the same command again to go on from here")
         code = 130
     except BaseException:
         traceback.print_exc()
         code = 1
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(code or 0)  # not through the clean-up of bpy, which complains of blocks that are still there
+    os._exit(code or 0)  # without the clean-up of bpy, which complains of blocks that are still there

@@ -1,18 +1,18 @@
 """Write a rig of a Maya scene as a folder of samples: a mesh, its controls, and poses with their vertices (§3.5).
 
-One file for Maya's own Python (2022 or newer, which has numpy by `mayapy -m pip install numpy`). UNTRIED: it was
-written from Maya's reference without a Maya to run it in. What it shares with `blender_samples.py` is tested.
+This one file needs Maya's Python (2022 or newer) with numpy (`mayapy -m pip install numpy`). UNTRIED: it was written
+from Maya's reference without a Maya to run it in. The part that it shares with `blender_samples.py` is tested.
 
     mayapy maya_samples.py face.mb --mesh head --controls "*_ctrl" --out myface
 
-or in the script editor, on the scene that is open, which loses its animation thereby (save it first):
+or in the script editor, on the open scene, which loses its animation by it (save it first):
 
     import maya_samples; maya_samples.main(["--mesh", "head", "--controls", "*_ctrl", "--out", "myface"])
 
-Controls are the keyable attributes, neither locked nor driven, of the nodes that --controls names; a blendShape node is
-such a node too. The timeline, or the parts of it that --clip names, is the animation: all frames are written, then
-poses drawn from them by Eq. 5. If no control has keys, poses are drawn uniformly within limits, which all of them must
-have. A second call goes on where the first one stopped.
+Controls are the keyable attributes, neither locked nor driven, of the nodes that --controls names, blendShape nodes
+included. The animation is the timeline, or the parts of it that --clip names: all frames are written, then poses drawn
+from them by Eq. 5. If no control has keys, poses are drawn uniformly within limits, which all controls must have then.
+A second call goes on where the first one stopped.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ import numpy as np
 SHARD = 250  # poses in a file
 LOW, HIGH = 0.25, 3.0  # Eq. 5
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
-REGIONS = {  # how words of a control's name begin, in the order in which they are looked for, and its region
+REGIONS = {  # beginnings of words in a control's name → its region; the first that fits is taken
     "brow|eyebrow|forehead": "brows",
     "lid|eyelid|upperlid|lowerlid|blink|eye|squint": "eyes",
     "nose|nostril|nasal|sneer": "nose",
@@ -48,11 +48,11 @@ REGIONS = {  # how words of a control's name begin, in the order in which they a
 
 
 class Refusal(Exception):
-    """What can't be done, in one sentence."""
+    """The export can't be done, for the reason in the sentence."""
 
 
 class Control(NamedTuple):
-    """A control: its limits, or where the rig has none the range that it is used in; `whole`: of whole numbers."""
+    """A control with its limits, or if it is not `limited`, the range of its use; `whole`: of whole numbers."""
 
     name: str
     lower: float
@@ -63,10 +63,12 @@ class Control(NamedTuple):
 
 
 class SampledRig(NamedTuple):
-    """A rig as a program gives it; n vertices, m controls, in `unit`, with the axis `up`.
+    """A rig as a program gives it, with n vertices and m controls.
 
-    faces: (name of the group, of the material, vertices of the corners, rows of `uvs` of the corners or None);
-    clips: name → (numbers of the frames, parameters (t, m)); evaluate: parameters (m,) → vertices (n, 3).
+    faces: (group, material, vertices of the corners, rows of `uvs` of the corners or None).
+    clips: name → (numbers of the frames, parameters (t, m)).
+    evaluate: parameters (m,) → vertices (n, 3).
+    unit, up: of the vertices.
     """
 
     neutral: np.ndarray
@@ -101,23 +103,23 @@ def region(name: str) -> str:
 
 
 def names_of_controls(names: Sequence[str]) -> list[str]:
-    """Return names that a table takes: without commas or what can't be printed, 63 bytes at most, each once."""
+    """Return different names of at most 63 printable bytes without commas and quotes, for a CSV table."""
     taken: list[str] = []
     for name in names:
         clean = "".join(c if c.isprintable() and c not in ',"' else "_" for c in name).strip() or "control"
-        number, chosen = 1, clean.encode()[:63].decode(errors="ignore")
+        k, chosen = 1, clean.encode()[:63].decode(errors="ignore")
         while chosen in taken:
-            number += 1
-            chosen = clean.encode()[: 62 - len(str(number))].decode(errors="ignore") + f"~{number}"
+            k += 1
+            chosen = clean.encode()[: 62 - len(str(k))].decode(errors="ignore") + f"~{k}"
         taken.append(chosen)
     return taken
 
 
 def draw_pose(controls: Sequence[Control], frames: np.ndarray, seed: int, index: int) -> tuple[np.ndarray, int]:
-    """Return the parameters of a drawn pose (Eq. 5), and the frame it was drawn from, or -1 (uniform in the limits).
+    """Return the parameters of a drawn pose and its frame of origin (Eq. 5), or a uniform pose and -1 without frames.
 
-    frames: (a, m), or none of them. Factors multiply distances from the defaults; limits hold where the rig has them.
-    Pose `index` of a seed is always the same one, whatever was drawn before.
+    frames: (a, m); their distances from the defaults are multiplied, and clamped to the limits of limited controls.
+    A seed and an index always give the same pose, whatever was drawn before.
     """
     generator = np.random.default_rng([seed, index])
     lower, default, upper = (np.array([c[i] for c in controls]) for i in (1, 2, 3))
@@ -132,10 +134,11 @@ def draw_pose(controls: Sequence[Control], frames: np.ndarray, seed: int, index:
 
 
 def pieces_to_write(names: Sequence[str], kind: str, total: int, share: tuple[int, int]) -> Iterator[tuple[int, int]]:
-    """Yield the first pose, and the one after the last, of each file that is still to be written, SHARD poses at most.
+    """Yield (first pose, end) of each file that is still to be written, at most SHARD poses each.
 
-    names: of the files that are there; share: (i, k), every k-th file, from the i-th. More poses than last time: what
-    is there stays, and the rest of its last file becomes a file of its own.
+    names: of the files that are there. They stay; if the last of them is shorter than SHARD, its rest becomes one more
+    file.
+    share: (i, k) for every k-th file, from the i-th.
     """
     pattern = re.compile(rf"{kind}-(\d+)-(\d+)\.npz")
     there = [(int(m[1]), int(m[2])) for m in map(pattern.fullmatch, names) if m]
@@ -147,7 +150,7 @@ def pieces_to_write(names: Sequence[str], kind: str, total: int, share: tuple[in
 
 
 def write_whole(path: Path, write: Callable) -> None:
-    """Write a file under a name that ends in .part and rename it once it is whole."""
+    """Write a file under a name that ends in .part and rename it when it is complete."""
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     with open(part, "wb") as file:
         write(file)
@@ -157,7 +160,7 @@ def write_whole(path: Path, write: Callable) -> None:
 
 
 def mesh_text(rig: SampledRig, name: str) -> str:
-    """Return the neutral mesh as an OBJ, its corners with UVs, its faces by groups and materials."""
+    """Return the neutral mesh as an OBJ with UVs, groups and materials."""
     lines = [f"# {name}"] + [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in rig.neutral.tolist()]
     lines += [f"vt {u:.9g} {v:.9g}" for u, v in rig.uvs.tolist()]
     group = material = None
@@ -193,30 +196,30 @@ def controls_text(controls: Sequence[Control]) -> str:
 
 
 def check(rig: SampledRig, options: argparse.Namespace, name: str) -> tuple[int, int]:
-    """Return the share of the work that is asked for. Raises Refusal for what no folder can be made of."""
+    """Return the share of the work, (i, k), that --share names. Raises Refusal for options or a rig that don't fit."""
     share = re.fullmatch(r"([1-9]\d*)/([1-9]\d*)", options.share)
     if not share or int(share[1]) > int(share[2]):
-        raise Refusal(f"--share {options.share} is no share: allowed are 1/2, 2/2 and the like")
+        raise Refusal(f"--share: expected a part such as 1/2 or 2/2, got {options.share}")
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", name):
-        raise Refusal(f"'{name}' is no name for a character: allowed are 40 letters, digits, _ and -; give --name")
+        raise Refusal(f"--name: expected 1 to 40 letters, digits, _ and -, got '{name}'")
     if not rig.controls:
         raise Refusal("no control is left: the patterns match none that is free to move")
     if options.poses < 0 or options.seed < 0:
-        raise Refusal("--poses and --seed are 0 or more")
+        raise Refusal(f"--poses and --seed: expected numbers of at least 0, got {options.poses} and {options.seed}")
     if not rig.clips and options.poses < 20:
-        raise Refusal("there is no animation, and without it a folder has at least 20 poses: give --poses")
+        raise Refusal(f"--poses: expected at least 20, since the rig has no animation, got {options.poses}")
     size = np.ptp(rig.neutral, axis=0).max() * UNITS_MM[rig.unit]
     if not 50 <= size <= 1000:
         raise Refusal(
-            f"the mesh is {size:,.0f} mm large, where 50 to 1,000 mm are allowed: say by --unit what a unit is"
+            f"the mesh is {size:,.0f} mm large, expected 50 to 1,000 mm: give the unit of the scene by --unit"
         )
     if options.points and not Path(options.points).is_file():
-        raise Refusal(f"{options.points}, the file of --points, is not there")
+        raise Refusal(f"--points: there is no file {options.points}")
     return int(share[1]), int(share[2])
 
 
 def begin(rig: SampledRig, folder: Path, options: argparse.Namespace, name: str) -> None:
-    """Write what describes the folder, or check that it is the same rig's. Raises Refusal where it isn't."""
+    """Write the files that describe the folder. Raises Refusal where there are some of another rig."""
     frames = b"".join(n.tobytes() + p.astype(np.float32).tobytes() for n, p in rig.clips.values())
     texts = {"mesh": repr(rig.faces), "controls": controls_text(rig.controls), "clips": repr(list(rig.clips))}
     record = {key: hashlib.sha256(text.encode()).hexdigest() for key, text in texts.items()}
@@ -240,22 +243,22 @@ def begin(rig: SampledRig, folder: Path, options: argparse.Namespace, name: str)
 
 
 def check_unchanged(rig: SampledRig, shards: Sequence[Path]) -> None:
-    """Raise Refusal if a pose that is there comes out otherwise now."""
+    """Raise Refusal if the rig gives other vertices now for a pose that is there."""
     for path in shards[:1]:
         with np.load(path) as there:
             far = np.abs(rig.evaluate(there["params"][-1]) - there["vertices"][-1]).max()
         if not far <= 1e-3 * np.ptp(rig.neutral, axis=0).max():
-            raise Refusal(f"the last pose of {path} comes out otherwise now: the rig has changed; name another folder")
+            raise Refusal(f"the rig has changed: it gives another last pose than {path} has; name another folder")
 
 
 def export(rig: SampledRig, options: argparse.Namespace) -> None:
-    """Write the folder, file by file, going on where an earlier call stopped. Raises Refusal."""
+    """Write the folder, file by file, or go on where an earlier call stopped. Raises Refusal."""
     folder = Path(options.out)
     name = options.name or folder.resolve().name
     share = check(rig, options, name)
     begin(rig, folder, options, name)
     frames = np.concatenate([np.zeros((0, len(rig.controls)))] + [values for _, values in rig.clips.values()])
-    origin = [(clip, int(number)) for clip, (numbers, _) in rig.clips.items() for number in numbers]
+    origin = [(clip, int(number)) for clip, (frame_numbers, _) in rig.clips.items() for number in frame_numbers]
     shards = sorted((folder / "poses").glob("*.npz"))
     check_unchanged(rig, shards)
     names = [path.name for path in shards]
@@ -274,11 +277,13 @@ def export(rig: SampledRig, options: argparse.Namespace) -> None:
         vertices = np.stack([rig.evaluate(params).astype(np.float32) for params, _ in poses])
         if not np.isfinite(vertices).all():
             bad = start + int(np.argmin(np.isfinite(vertices).all(axis=(1, 2))))
-            raise Refusal(f"pose {bad} of the {kind} has vertices that are no numbers: the rig can't bear it")
+            raise Refusal(
+                f"pose {bad} of the {kind}: expected finite vertices, got others: the rig breaks in this pose"
+            )
         arrays = {"params": np.stack([params for params, _ in poses]), "vertices": vertices}
         if origin:
-            clips, numbers = zip(*(origin[source] for _, source in poses))  # noqa: B905
-            arrays |= {"clip": np.array(clips), "frame": np.array(numbers), "drawn": np.full(end - start, drawn)}
+            clips, frame_numbers = zip(*(origin[source] for _, source in poses))  # noqa: B905
+            arrays |= {"clip": np.array(clips), "frame": np.array(frame_numbers), "drawn": np.full(end - start, drawn)}
         path = folder / "poses" / f"{kind}-{start:07d}-{end:07d}.npz"
         write_whole(path, lambda file, arrays=arrays: np.savez(file, **arrays))
         done += end - start
@@ -288,14 +293,14 @@ def export(rig: SampledRig, options: argparse.Namespace) -> None:
 
 
 def say(sentence: str) -> None:
-    """Print a line at once."""
+    """Print a line on standard error."""
     print(sentence, file=sys.stderr, flush=True)
 
 
 # ---- The end of the text that is the same in every exporter. ----
 
 
-TRANSFORMS = {  # attributes of a transform whose limits Maya keeps apart, and the flags that ask for them
+TRANSFORMS = {  # attribute of a transform → the flags of `transformLimits` that query its limits and their switches
     f"{attribute}{axis}": (f"{flag}{axis}", f"enable{flag[0].upper()}{flag[1:]}{axis}")
     for attribute, flag in (("translate", "translation"), ("rotate", "rotation"), ("scale", "scale"))
     for axis in "XYZ"
@@ -304,7 +309,7 @@ FRAMES_PER_SECOND = {"game": 15.0, "film": 24.0, "pal": 25.0, "ntsc": 30.0, "sho
 
 
 def find_meshes(names: Sequence[str]) -> list:
-    """Return Maya's mesh functions of the shapes that are named. Raises Refusal for a name that is no mesh."""
+    """Return Maya's mesh functions for the named shapes. Raises Refusal for a name that isn't that of one mesh."""
     from maya import cmds
     from maya.api import OpenMaya
 
@@ -313,7 +318,7 @@ def find_meshes(names: Sequence[str]) -> list:
         shapes = cmds.ls(name, type="mesh") or cmds.listRelatives(name, shapes=True, type="mesh", path=True) or []
         shapes = [shape for shape in shapes if not cmds.getAttr(f"{shape}.intermediateObject")]
         if len(shapes) != 1:
-            raise Refusal(f"'{name}' stands for {len(shapes)} meshes, where one is allowed: give a longer path")
+            raise Refusal(f"--mesh {name}: expected one mesh, got {len(shapes)}: give a longer path")
         found = OpenMaya.MSelectionList()
         found.add(shapes[0])
         meshes.append(OpenMaya.MFnMesh(found.getDagPath(0)))
@@ -348,14 +353,14 @@ def is_driven(plug: str) -> bool:
 
 
 def find_controls(patterns: Sequence[str]) -> list[tuple[Control, str]]:
-    """Return the controls that are named, each with its plug. Raises Refusal for a pattern that matches nothing."""
+    """Return the controls of the nodes that match, each with its plug. Raises Refusal for a pattern without a match."""
     from maya import cmds
 
     found = []
     for pattern in patterns:
         nodes = cmds.ls(pattern)
         if not nodes:
-            raise Refusal(f"no node matches '{pattern}' of --controls")
+            raise Refusal(f"--controls: no node matches '{pattern}'")
         for node in nodes:
             shapes = cmds.objectType(node) == "blendShape"
             names = cmds.listAttr(f"{node}.w", multi=True) if shapes else None
@@ -375,7 +380,10 @@ def find_controls(patterns: Sequence[str]) -> list[tuple[Control, str]]:
 
 
 def read_clips(plugs: Sequence[str], ranges: Sequence[str]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return the animation of attributes; ranges: "name=first:last", or none for the whole timeline, if it has keys."""
+    """Return the animation of attributes as clips, none if they have no keys.
+
+    ranges: as "name=first:last"; without any, the whole timeline is a clip.
+    """
     from maya import cmds
 
     if not any(cmds.keyframe(plug, query=True, keyframeCount=True) for plug in plugs):
@@ -387,15 +395,15 @@ def read_clips(plugs: Sequence[str], ranges: Sequence[str]) -> dict[str, tuple[n
     for text in ranges:
         match = re.fullmatch(r"([^=]+)=(-?\d+):(-?\d+)", text)
         if not match or int(match[3]) < int(match[2]):
-            raise Refusal(f"--clip {text} is no part of the timeline: allowed is name=first:last")
-        numbers = np.arange(int(match[2]), int(match[3]) + 1)
-        values = [[float(cmds.getAttr(plug, time=frame)) for plug in plugs] for frame in numbers.tolist()]
-        clips[match[1]] = numbers, np.array(values)
+            raise Refusal(f"--clip: expected name=first:last, got {text}")
+        frame_numbers = np.arange(int(match[2]), int(match[3]) + 1)
+        values = [[float(cmds.getAttr(plug, time=frame)) for plug in plugs] for frame in frame_numbers.tolist()]
+        clips[match[1]] = frame_numbers, np.array(values)
     return clips
 
 
 def in_use(control: Control, i: int, clips: dict) -> Control:
-    """Return a control without limits with the range of its values in the clips."""
+    """Return a control, one without limits with the range of its values in the clips."""
     if control.limited:
         return control
     values = [control.default, *(v for _, clip in clips.values() for v in (clip[:, i].min(), clip[:, i].max()))]
@@ -406,7 +414,7 @@ class Scene:
     """The meshes of a scene, posed by values of attributes."""
 
     def __init__(self, meshes: Sequence, plugs: Sequence[str]):
-        """Take the scene over: keys are cut off the attributes."""
+        """Take the scene over: keys are disconnected from the attributes."""
         from maya import cmds
 
         self.meshes, self.plugs = meshes, plugs
@@ -416,7 +424,7 @@ class Scene:
                 cmds.disconnectAttr(source, plug)
 
     def __call__(self, params: np.ndarray) -> np.ndarray:
-        """Return the vertices (n, 3) of a pose in the world, which Maya counts in centimetres."""
+        """Return the vertices (n, 3) of a pose in the world, in Maya's centimetres."""
         from maya import cmds
         from maya.api import OpenMaya
 
@@ -439,9 +447,9 @@ def read_faces(meshes: Sequence) -> tuple[list[tuple[str, str, list[int], list[i
         corner = 0
         for i in range(mesh.numPolygons):
             corners = [first + v for v in mesh.getPolygonVertices(i)]
-            own = [first_uv + ids[corner + k] for k in range(len(corners))] if has_uvs else None
+            uv_rows = [first_uv + ids[corner + k] for k in range(len(corners))] if has_uvs else None
             material = names[of_face[i]] if of_face[i] >= 0 else "none"
-            faces.append((mesh.name().replace(" ", "_"), material, corners, own))
+            faces.append((mesh.name().replace(" ", "_"), material, corners, uv_rows))
             corner += len(corners)
         if has_uvs:
             uvs.append(np.stack([np.array(column) for column in mesh.getUVs()], axis=1))
@@ -463,7 +471,7 @@ def read_rig(options: argparse.Namespace) -> SampledRig:
     if not clips and len(kept) < len(controls):
         lost = next(control.name for control in controls if control.lower == control.upper)
         raise Refusal(f"there are no keys, and {lost} has no limits: set limits, key it, or leave it out of --controls")
-    clips = {name: (numbers, values[:, kept]) for name, (numbers, values) in clips.items()}
+    clips = {name: (frame_numbers, values[:, kept]) for name, (frame_numbers, values) in clips.items()}
     names = names_of_controls([controls[i].name for i in kept])
     controls = [controls[i]._replace(name=name) for i, name in zip(kept, names)]  # noqa: B905
     evaluate = Scene(meshes, [found[i][1] for i in kept])
@@ -486,7 +494,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Export as the arguments say; return the exit code."""
+    """Export what the arguments name, and return the exit code."""
     options = parse(sys.argv[1:] if arguments is None else arguments)
     try:
         try:

@@ -23,5 +23,5 @@ def test_without_blender_the_command_says_how_to_get_it(monkeypatch, tmp_path, c
     monkeypatch.setenv("REPLICATE_RESULTS", str(tmp_path))
     monkeypatch.setenv("REPLICATE_BLENDER_PYTHON", str(tmp_path / "none"))
     assert cli.main(["rigify", "--profile", "quick"]) == 2
-    assert "allowed is a Python with bpy, or Blender" in capsys.readouterr().err
+    assert "expected a Python with bpy, or Blender, got" in capsys.readouterr().err
     assert not (tmp_path / "samples").exists()

@@ -207,8 +207,8 @@ def test_a_subdivision_is_switched_off_and_said(blend, call, tmp_path):
         ("moving", ("--mesh", "Nose"), "no mesh 'Nose'"),
         ("moving", ("--armature", "Arms"), "no armature 'Arms'"),
         ("moving", ("--bones", "nobody"), "no control is left"),
-        ("moving", (*ALL, "--unit", "in"), "say by --unit"),
-        ("moving", ("--share", "3/2"), "--share 3/2"),
+        ("moving", (*ALL, "--unit", "in"), "give the unit of the scene by --unit"),
+        ("moving", ("--share", "3/2"), "--share: expected a part such as 1/2 or 2/2, got 3/2"),
         ("still", (), "no action moves anything"),
     ],
 )

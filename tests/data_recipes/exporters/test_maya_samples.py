@@ -172,9 +172,9 @@ def test_without_keys_all_controls_need_limits(stage, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("--clip", "nod"), "--clip nod"),
+        (("--clip", "nod"), "--clip: expected name=first:last, got nod"),
         (("--controls", "nobody"), "no node matches 'nobody'"),
-        (("--mesh", "nose"), "'nose' stands for 0 meshes"),
+        (("--mesh", "nose"), "--mesh nose: expected one mesh, got 0"),
     ],
 )
 def test_what_is_not_there_is_refused_in_one_sentence(words, sentence, stage, tmp_path, capsys):

@@ -215,8 +215,8 @@ def test_names_fit_a_table_and_occur_once(module):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("--share", "0/2"), "--share 0/2"),
-        (("--name", "a b"), "'a b' is no name"),
+        (("--share", "0/2"), "--share: expected a part such as 1/2 or 2/2, got 0/2"),
+        (("--name", "a b"), "--name: expected 1 to 40 letters, digits, _ and -, got 'a b'"),
         (("--poses", "-1"), "--poses and --seed"),
         (("--points", "nowhere.toml"), "nowhere.toml"),
     ],
