@@ -1,1 +1,1 @@
-"""Blender's Rigify face rig on a head of ours: where its bones go, how it is bound, what it acts, its samples."""
+"""Blender's Rigify face rig on a head of ours: its joints, its binding, its animation and its samples."""

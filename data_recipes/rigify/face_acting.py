@@ -1,8 +1,8 @@
-"""What the Rigify face acts: expressions as moves of its controls, and clips in which they follow one another.
+"""The acting of the Rigify face: expressions as moves of its controls, and clips in which they follow one another.
 
-It runs in Blender's Python too, so it needs numpy only. Moves are millimetres on a face whose eyes are 67 mm apart, in
-the axes of our heads (x to the face's left, y up, z forward); turns are degrees about these axes. A name that ends in
-".L" stands for both sides, and the right one mirrors it.
+This runs in Blender's Python too and needs numpy only. Moves are millimetres on a face whose eyes are 67 mm apart, in
+the axes of our heads (x to the face's left, y up, z forward); turns are degrees about these axes. A name with ".L"
+stands for both sides, and the right one mirrors the left one.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ EXPRESSIONS: dict[str, dict[str, tuple[float, float, float]]] = {
     "look_down": {"eyes": (0, -25, 0), "lid.T.L.002": (0, -2, 0)},
     "ears_back": {"ear.L": (0, 2, -2)},
 }
-FEELINGS = {  # what faces show in takes: expressions and their amounts
+FEELINGS = {  # of takes: expressions and their amounts
     "joy": {"smile": 1.0, "squint": 0.6, "grin": 0.4, "part": 0.5},
     "laughter": {"smile": 0.8, "grin": 0.5, "open": 0.8, "squint": 1.0, "brows_up": 0.3},
     "surprise": {"brows_up": 1.0, "wide_eyes": 1.0, "open": 0.7},
@@ -129,7 +129,7 @@ FEELINGS = {  # what faces show in takes: expressions and their amounts
     "shout": {"open": 1.0, "brows_down": 0.6, "stretch": 0.5, "flare": 0.6},
     "yawn": {"open": 1.2, "squint": 0.8, "brows_up": 0.4, "round": 0.3},
 }
-SOUNDS = {  # mouths of speech
+SOUNDS = {  # mouth shapes of speech
     "aa": {"open": 0.65},
     "ee": {"stretch": 0.7, "part": 0.5},
     "oh": {"round": 0.9, "open": 0.2},
@@ -145,9 +145,11 @@ TAKE_FRAMES = (7, 16)
 
 
 def expression_pose(amounts: dict[str, float], lids: Pose, sides: tuple[float, float] = (1.0, 1.0)) -> Pose:
-    """Return the moves and turns of a mixture of expressions. lids: the moves that close the eyes ("blink").
+    """Return the moves and turns of a mixture of expressions.
 
-    sides: the strength of the left and of the right side, for what stands on a side.
+    amounts: by expression, or "blink".
+    lids: the moves of a blink.
+    sides: the strengths of the left and of the right side, for controls that stand on one.
     """
     pose: Pose = {}
     for name, amount in amounts.items():
@@ -159,34 +161,35 @@ def expression_pose(amounts: dict[str, float], lids: Pose, sides: tuple[float, f
 
 
 def _copies(control: str, sides: tuple[float, float]) -> list[tuple[str, np.ndarray, float]]:
-    """Return a control, or both of a pair, each with its mirror and its strength."""
-    whole = np.ones(3)
+    """Return a control, or both of a pair, each with the signs of its axes and its strength."""
+    as_is = np.ones(3)
     if ".L" not in control:
-        return [(control, whole, 1.0)]
+        return [(control, as_is, 1.0)]
     mirror = np.array([1.0, -1, -1]) if control.endswith(":turn") else np.array([-1.0, 1, 1])
-    return [(control, whole, sides[0]), (control.replace(".L", ".R", 1), mirror, sides[1])]
+    return [(control, as_is, sides[0]), (control.replace(".L", ".R", 1), mirror, sides[1])]
 
 
 def clips(seed: int, fine: list[str], lids: Pose) -> dict[str, list[tuple[int, Pose]]]:
-    """Return the animation: a name → (frame, pose) of its keys; between keys the program eases.
+    """Return the animation, clip → (frame, pose) of its keys; Blender eases between them.
 
-    fine: the controls that are nudged at random besides, so that an animation uses all of them.
+    fine: controls that are nudged at random too, so that the animation uses all controls.
+    lids: the moves of a blink.
     """
     generator = np.random.default_rng(seed)
-    made = {}
+    keys = {}
     for round_of_takes in range(TAKES // TAKES_FOR_ALL):
         names = [str(name) for name in generator.permutation(list(FEELINGS))]
-        for number in range(TAKES_FOR_ALL):
-            name = f"take_{round_of_takes * TAKES_FOR_ALL + number + 1}"
-            made[name] = _take(generator, names[number::TAKES_FOR_ALL], fine, lids)
-    for number in range(SPEECHES):
-        made[f"speech_{number + 1}"] = _speech(generator, fine, lids)
-    made["exercise"] = _exercise(generator, lids)
-    return made
+        for k in range(TAKES_FOR_ALL):
+            name = f"take_{round_of_takes * TAKES_FOR_ALL + k + 1}"
+            keys[name] = _take(generator, names[k::TAKES_FOR_ALL], fine, lids)
+    for k in range(SPEECHES):
+        keys[f"speech_{k + 1}"] = _speech(generator, fine, lids)
+    keys["exercise"] = _exercise(generator, lids)
+    return keys
 
 
 def _nudge(generator: np.random.Generator, pose: Pose, fine: list[str]) -> Pose:
-    """Return a pose in which a sixth of the fine controls are moved besides, by about a millimetre."""
+    """Return a pose with a sixth of the fine controls moved by about a millimetre."""
     pose = dict(pose)
     for control in generator.permutation(fine)[: max(1, len(fine) // 6)]:
         pose[control] = pose.get(control, 0.0) + generator.normal(0.0, 1.0, 3)
@@ -199,7 +202,7 @@ def _sides(generator: np.random.Generator) -> tuple[float, float]:
 
 
 def _take(generator: np.random.Generator, feelings: list[str], fine: list[str], lids: Pose) -> list[tuple[int, Pose]]:
-    """Return the keys of a take: feelings that come, are held a while, change and go, with blinks between them."""
+    """Return the keys of a take: feelings come, are held for a while and change, with blinks between them."""
     frame, keys = 1, [(1, {})]
     for feeling in [f for f in feelings for _ in range(2)]:
         sides, amount = _sides(generator), generator.uniform(0.6, 1.15)
@@ -217,10 +220,10 @@ def _take(generator: np.random.Generator, feelings: list[str], fine: list[str], 
 
 
 def _speech(generator: np.random.Generator, fine: list[str], lids: Pose) -> list[tuple[int, Pose]]:
-    """Return the keys of a speech: mouths of invented syllables under a mood, with accents of the brows, and blinks."""
+    """Return the keys of a speech: invented syllables in a mood, with accents of brows and eyes, and blinks."""
     frame, keys, mood = 1, [(1, {})], str(generator.choice(list(FEELINGS)))
     calm = {name: 0.25 * value for name, value in FEELINGS[mood].items() if name not in ("open", "round", "tongue_out")}
-    for number in range(24):
+    for syllable in range(24):
         frame += int(generator.integers(*SPEECH_FRAMES))
         sound = SOUNDS[str(generator.choice(list(SOUNDS)))]
         amounts = dict(calm)
@@ -228,14 +231,14 @@ def _speech(generator: np.random.Generator, fine: list[str], lids: Pose) -> list
             amounts[name] = amounts.get(name, 0.0) + value * generator.uniform(0.7, 1.2)
         accent = str(generator.choice(["brows_up", "brows_worry", "brows_down", "look_left", "look_right"]))
         amounts[accent] = amounts.get(accent, 0.0) + generator.uniform(0.0, 0.6)
-        if number % 6 == 5:
+        if syllable % 6 == 5:
             amounts["blink"] = 1.0
         keys.append((frame, _nudge(generator, expression_pose(amounts, lids, _sides(generator)), fine)))
     return [*keys, (frame + 6, {})]
 
 
 def _exercise(generator: np.random.Generator, lids: Pose) -> list[tuple[int, Pose]]:
-    """Return the keys of an exercise: each expression by itself and far out, as riggers test a rig, and a blink."""
+    """Return the keys of an exercise, as riggers test a rig: each expression alone and strong, and a blink."""
     frame, keys = 1, [(1, {})]
     for name in [*EXPRESSIONS, "blink"]:
         amount = 1.0 if name == "blink" else generator.uniform(0.9, 1.2)

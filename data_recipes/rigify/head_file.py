@@ -1,4 +1,4 @@
-"""What Blender needs to know of a head of ours, as a file: its mesh and charts, and where Rigify's joints go."""
+"""A head of ours as a file for Blender: its mesh and charts, and the places of Rigify's joints."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from scipy.interpolate import RBFInterpolator
 
 from data_recipes.head.neutral_head import Eye, Head
 
-# Where the joints of Rigify's face go on a head of ours: what our landmarks say, and a smooth warp for the rest.
+# The joints of Rigify's face on a head of ours: some from our landmarks, and the others by a smooth warp.
 
 Place = Float[np.ndarray, " 3"]
 Joints = dict[str, Place]  # "<bone>:head" or "<bone>:tail" → mm, in the head's axes
 SKIN = ("face", "cranium", "ear_left", "ear_right")
-SAME_MM = 0.5  # joints of the metarig that are as near as this are one
+SAME_MM = 0.5  # joints of the metarig this close coincide
 
 
 def fit_joints(head: Head, metarig: Joints) -> Joints:
     """Return the place of every joint of Rigify's metarig on a head.
 
     metarig: the joints of the metarig as Blender adds it, mm, in the axes of our heads (x to the face's left, y up,
-    z forward); a joint on the right ends in ".R". Joints that coincide there coincide here, which Rigify asks for.
+    z forward); bones on the right have ".R" in their names. Joints that coincide in it must coincide in the result.
     """
     marks = marked_joints(head)
     marks |= {name.replace(".L", ".R"): place * (-1, 1, 1) for name, place in marks.items() if ".L" in name}
@@ -42,16 +42,17 @@ def fit_joints(head: Head, metarig: Joints) -> Joints:
 
 
 def marked_joints(head: Head) -> Joints:
-    """Return the joints of the middle and of the left side that landmarks of the head say, mm."""
+    """Return the joints of the middle and of the left side that the head's landmarks give, mm."""
     x, marks, curves = head.vertices, head.landmarks, head.curves
 
     def at(name: str) -> Place:
         return x[marks[name]]
 
-    between = _midline(head)
+    # points of the face that joints are built from
+    on_midline = _midline(head)
     tip, top = at("nose_tip"), at("lip_upper_top")
-    bridge = between(0.0, -1.0)
-    base = between((tip[1] + top[1]) / 2, -1.0)
+    bridge = on_midline(0.0, -1.0)
+    base = on_midline((tip[1] + top[1]) / 2, -1.0)
     chin, lip = at("chin"), at("lip_lower_bottom")
     under = _lowest_of_chin(head)
     lips = {side: _lip(head, side) for side in ("upper", "lower")}
@@ -61,9 +62,11 @@ def marked_joints(head: Head) -> Joints:
     jaw_corner, cheek, wing = at("jaw_corner_left"), at("cheek_left"), at("nose_wing_left")
     eye = head.eyes["left"]
     inner = at("eye_inner_left")
+
+    # nose, lips, jaw, cheeks, brows and eyes, by one joint each
     joints = {
         "nose:head": bridge,
-        "nose:tail": between(0.45 * tip[1], -1.0),
+        "nose:tail": on_midline(0.45 * tip[1], -1.0),
         "nose.001:tail": tip,
         "nose.002:tail": tip + 0.5 * (base - tip) + (0, -2.0, 0),
         "nose.003:tail": base,
@@ -76,7 +79,7 @@ def marked_joints(head: Head) -> Joints:
         "jaw:tail": under,
         "jaw:head": under + 0.45 * (np.array([0, jaw_corner[1], jaw_corner[2]]) - under) + (0, -4.0, 0),
         "chin:tail": chin,
-        "chin.001:tail": between((chin[1] + lip[1]) / 2 + 2.0, -1.0),
+        "chin.001:tail": on_midline((chin[1] + lip[1]) / 2 + 2.0, -1.0),
         "jaw.L:tail": jaw_corner,
         "jaw.L.001:tail": _on_skin(head, 0.6 * under + 0.4 * jaw_corner + (4.0, -4.0, 4.0)),
         "cheek.T.L:tail": cheek,
@@ -90,18 +93,20 @@ def marked_joints(head: Head) -> Joints:
         "eye.L:tail": eye.centre + np.array([0, 0, 1.2 * eye.radius]),
         "temple.L:tail": _beside(head, head.jaw_pivot),
     }
+
+    # the chains of the lids, and of the lower brow half-way between upper lid and brow
     for i in range(4):
-        joints[f"lid.T.L{_number(i)}:head"] = lids[i]
-        joints[f"lid.B.L{_number(i)}:head"] = lids[4 + i]
-    for i, lid in enumerate(lids[:5]):  # half-way between the upper lid and the brow
+        joints[f"lid.T.L{_suffix(i)}:head"] = lids[i]
+        joints[f"lid.B.L{_suffix(i)}:head"] = lids[4 + i]
+    for i, lid in enumerate(lids[:5]):
         above = np.array([np.interp(-lid[0], [-b[0] for b in brow], [b[k] for b in brow]) for k in range(3)])
         place = _on_skin(head, 0.45 * above + 0.55 * lid)
-        joints[f"brow.B.L{_number(min(i, 3))}:{'head' if i < 4 else 'tail'}"] = place
+        joints[f"brow.B.L{_suffix(min(i, 3))}:{'head' if i < 4 else 'tail'}"] = place
     return joints | _ear(head) | _inside(head)
 
 
 def _ear(head: Head) -> Joints:
-    """Return the joints of the left ear: a round along its rim from the front over the top, the back and the lobe."""
+    """Return the joints of the left ear, around its rim: from the front over the top and the back to the lobe."""
     ear = head.vertices[np.array(head.part_names)[head.part] == "ear_left"]
     y, z = ear[:, 1], ear[:, 2]
     front = ear[np.argmax(z - 0.2 * np.abs(y - y.mean()))]
@@ -113,7 +118,8 @@ def _ear(head: Head) -> Joints:
     return joints | {"ear.L.003:tail": lobe}
 
 
-def _number(i: int) -> str:
+def _suffix(i: int) -> str:
+    """Return the end of a bone's name by which Blender counts: nothing, .001, .002 …"""
     return f".{i:03d}" if i else ""
 
 
@@ -130,8 +136,8 @@ def _inside(head: Head) -> Joints:
     steps = np.arange(len(rings)) / (len(rings) - 1)
     tongue = np.stack([np.interp([1, 2 / 3, 1 / 3, 0], steps, column) for column in rings.T], axis=1)
     for i in range(3):
-        joints[f"tongue{_number(i)}:head"] = tongue[i]
-        joints[f"tongue{_number(i)}:tail"] = tongue[i + 1]
+        joints[f"tongue{_suffix(i)}:head"] = tongue[i]
+        joints[f"tongue{_suffix(i)}:tail"] = tongue[i + 1]
     neck = x[parts == "neck"]
     bottom = neck[neck[:, 1] < neck[:, 1].min() + 5.0].mean(axis=0) * (0, 1, 1)
     pivot = np.array([0, head.jaw_pivot[1] - 20.0, head.jaw_pivot[2] - 18.0])  # where the skull sits on the spine
@@ -147,7 +153,7 @@ def _inside(head: Head) -> Joints:
 
 
 def _midline(head: Head):
-    """Return the function that gives the point of the middle line, in front, at a height y, moved forward by mm."""
+    """Return a function of y and an offset z, mm, that gives the point of the face's middle line at this height."""
     x = head.vertices[head.curves["midline"]]
     line = x[x[:, 2] > head.jaw_pivot[2] + 20.0]
 
@@ -159,7 +165,7 @@ def _midline(head: Head):
 
 
 def _lowest_of_chin(head: Head) -> Place:
-    """Return the point of the middle line under the chin: half-way round from its front."""
+    """Return the lowest point of the middle line under the chin."""
     x = head.vertices[head.curves["midline"]]
     chin = head.vertices[head.landmarks["chin"]]
     behind = x[(x[:, 2] > chin[2] - 22.0) & (x[:, 2] < chin[2] - 8.0) & (x[:, 1] < chin[1])]
@@ -167,7 +173,7 @@ def _lowest_of_chin(head: Head) -> Place:
 
 
 def _lip(head: Head, side: str) -> tuple[Place, Place]:
-    """Return the points in the middle of a lip's red: in the middle of the mouth, and half-way to the left corner."""
+    """Return two points of a lip's red: in the middle of the mouth, and half-way to the left corner."""
     x = head.vertices
     red = (x[head.curves[f"lip_{side}"]] + x[head.curves[f"seam_{side}"]]) / 2
     k = len(red) // 2
@@ -177,7 +183,7 @@ def _lip(head: Head, side: str) -> tuple[Place, Place]:
 
 
 def _beside(head: Head, place: Place) -> Place:
-    """Return the skin's point beside a place of the middle plane, on the left."""
+    """Return the skin's point to the left of a place in the middle plane."""
     skin = head.vertices[_skin(head)]
     skin = skin[skin[:, 0] > 20.0]
     return skin[np.argmin(np.linalg.norm(skin[:, 1:] - place[1:], axis=1))]
@@ -189,7 +195,7 @@ def _skin(head: Head) -> np.ndarray:
 
 
 def _on_skin(head: Head, place: Place) -> Place:
-    """Return the place's foot on the plane that touches the skin at its nearest vertex."""
+    """Return a place projected onto the skin's tangent plane at the nearest vertex."""
     skin = _skin(head)
     nearest = skin[np.argmin(np.linalg.norm(head.vertices[skin] - place, axis=1))]
     a, b, c = head.vertices[head.faces[(head.faces == nearest).any(axis=1)]].transpose(1, 0, 2)
@@ -198,15 +204,15 @@ def _on_skin(head: Head, place: Place) -> Place:
     return place + ((head.vertices[nearest] - place) @ normal) * normal
 
 
-HANGING = 0.5  # the share of the mouth's bag that follows the lips, less and less
+HANGING = 0.5  # the share of the mouth's bag that follows the lips, less and less inwards
 BETWEEN_JAWS_MM = 24.0  # the height over which the bag goes from the lower teeth to the upper ones
 EYE_ROWS, EYE_COLUMNS = 14, 24  # of an eyeball's vertices
 
 
 def write_head_file(head: Head, metarig: Joints, path: Path) -> None:
-    """Write vertices (mm), triangles, places in the charts, labels and joints of a head, with two eyeballs, as .npz.
+    """Write vertices (mm), triangles, charts, labels and joints of a head and two eyeballs as .npz.
 
-    A triangle has the label of the segment that most of its corners belong to.
+    A triangle's label is the segment of most of its corners.
     """
     corners = head.segment[head.faces]
     most = np.where(corners[:, 1] == corners[:, 2], corners[:, 1], corners[:, 0])
@@ -234,23 +240,23 @@ def write_head_file(head: Head, metarig: Joints, path: Path) -> None:
 
 
 def mouth_bag(head: Head) -> Float[np.ndarray, "k 4"]:
-    """Return how the mouth's bag hangs on the lips and the teeth, a vertex a row.
+    """Return how each vertex of the mouth's bag follows lips and teeth.
 
-    Columns: the vertex; the lip's vertex it hangs on; how much it follows that one; how much of the rest goes with the
-    upper teeth.
+    Columns: the vertex; a vertex of the lips; the share of its motion that the bag's vertex follows; the share of the
+    upper teeth in the rest.
     """
     x, rings, seam = head.vertices, head.grids["mouth_bag"], head.grids["mouth"][0]
-    own = np.flatnonzero(np.array(head.part_names)[head.part] == "mouth_bag")
+    bag = np.flatnonzero(np.array(head.part_names)[head.part] == "mouth_bag")
     share, lip = np.zeros(len(x)), np.full(len(x), seam[0])
-    for number, ring in enumerate(rings):
-        share[ring] = np.interp(number / (len(rings) - 1), [0, HANGING], [1.0, 0.0])
+    for k, ring in enumerate(rings):
+        share[ring] = np.interp(k / (len(rings) - 1), [0, HANGING], [1.0, 0.0])
         lip[ring] = seam
     upper = np.clip((x[:, 1] - x[seam, 1].mean()) / BETWEEN_JAWS_MM + 0.5, 0.0, 1.0)
-    return np.stack([own, lip[own], share[own], upper[own]], axis=1)
+    return np.stack([bag, lip[bag], share[bag], upper[bag]], axis=1)
 
 
 def eyeball(eye: Eye) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "f 3"], Float[np.ndarray, "k 2"]]:
-    """Return the vertices (mm), triangles and chart of a ball with its poles in front and behind; behind it is open."""
+    """Return the vertices (mm), triangles and chart of an eyeball: rings about the gaze, open at the back."""
     turn = np.linspace(0, 2 * np.pi, EYE_COLUMNS, endpoint=False)
     away = np.linspace(0, 0.8 * np.pi, EYE_ROWS)[1:]  # radians from the gaze
     a, t = (grid.ravel() for grid in np.meshgrid(away, turn, indexing="ij"))
@@ -270,7 +276,7 @@ def eyeball(eye: Eye) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "f 3"],
 
 
 def _outwards(places: Float[np.ndarray, "k 3"], faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "f 3"]:
-    """Return triangles in the order in which they face away from the origin."""
+    """Return triangles turned so that they face away from the origin."""
     a, b, c = places[faces].transpose(1, 0, 2)
     inwards = np.einsum("fk,fk->f", np.cross(b - a, c - a), a) < 0
     return np.where(inwards[:, None], faces[:, [0, 2, 1]], faces)

@@ -1,7 +1,7 @@
 """Samples of a rig that nobody here made: Blender's Rigify face rig, on a head of ours, as a folder for `CHARACTERS`.
 
 `python -m data_recipes.rigify.rigify_face samples/rigify` makes the rig in a Blender file beside the folder, unless it
-is there, and lets the exporter for Blender write the folder. Called again, it goes on where it stopped.
+is there, and runs the exporter for Blender to write the folder. Called again, it goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ def make_blend(head: Head, blend: Path, python: Path) -> None:
 
 
 def points_text(head: Head) -> str:
-    """Return what face.toml says of a head of ours besides: where the eyes are, in Blender's axes, and its points."""
-    _, vertices, own = control_points(Sculptor(head), head.recipe.control_points)
+    """Return more lines for the face.toml of a head: the place of the eyes, in Blender's axes, and its points."""
+    _, vertices, region_of_point = control_points(Sculptor(head), head.recipe.control_points)
     regions: dict[str, list[int]] = {}
-    for region, vertex in zip(own, vertices.tolist(), strict=True):
+    for region, vertex in zip(region_of_point, vertices.tolist(), strict=True):
         regions.setdefault(region, []).append(vertex)
     _, y, z = (float(value) / 1000.0 for value in head.eyes["left"].centre)
     landmarks = list(head.landmarks.values())
@@ -61,21 +61,24 @@ def points_text(head: Head) -> str:
 
 
 def _recipe(character: str) -> Recipe:
-    """Return the recipe of a character of ours. Raises InputError for one that has no head of ours."""
+    """Return a character's recipe. Raises InputError for one whose head isn't built here."""
     recipe = load_recipe(character)
     if not isinstance(recipe, Recipe):
-        raise InputError(f"'{character}' has no head of ours: allowed is a character with one, as woman or teen")
+        raise InputError(f"'{character}' has no head of ours: name a character that has one, such as woman or teen")
     return recipe
 
 
 def write_folder(
     folder: Path, character: str, poses: int, seed: int, jobs: int, name: str | None, clips: str = "*"
 ) -> None:
-    """Write the samples of Rigify's face rig on a character's head into a folder. Raises InputError.
+    """Write the samples of Rigify's face rig on a character's head into a folder.
 
-    A .blend that is there is used as it is, unless it has the rig on another head.
+    A .blend beside it is used as it is. Raises InputError if that has the rig on another head, or without Blender.
 
-    poses: to draw, beside all frames. jobs: processes side by side. clips: a pattern of names of `face_acting.clips`.
+    poses: to draw, in addition to all frames.
+    jobs: processes side by side.
+    name: of the character in tables, else the folder's.
+    clips: a pattern of names of `face_acting.clips`.
     """
     python = blender_python()
     head = build_head(_recipe(character))
@@ -86,7 +89,7 @@ def write_folder(
         print(f"making {blend}: Rigify's face rig on the head of {character}, in half a minute", flush=True)
         make_blend(head, blend, python)
     elif not check_stamp(head, character, blend):
-        print(f"{blend}: no {stamp_of(blend).name} says whose head this is, which is taken for that of {character}")
+        print(f"{blend}: there is no {stamp_of(blend).name} to say whose head this is: using it as {character}'s")
     with tempfile.TemporaryDirectory() as temporary:
         points = Path(temporary) / "points.toml"
         points.write_text(points_text(head), "utf-8")
@@ -111,45 +114,49 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     def body() -> None:
         options = parser.parse_args(arguments)
-        if options.poses < 0 or options.seed < 0 or not 1 <= options.jobs <= 64:
-            raise InputError("--poses and --seed are 0 or more, and --jobs 1 to 64")
+        if options.poses < 0 or options.seed < 0:
+            raise InputError(f"--poses and --seed: expected numbers of at least 0, got {options.poses}, {options.seed}")
+        if not 1 <= options.jobs <= 64:
+            raise InputError(f"--jobs: expected a number from 1 to 64, got {options.jobs}")
         write_folder(options.folder, options.character, options.poses, options.seed, options.jobs, options.name)
         print(f"written to {options.folder}: make table2 CHARACTERS={options.folder} PROFILE=quick")
 
     return guard(body)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+# A small file beside a Blender file, `rigify.head.npz` beside `rigify.blend`, tells whose head its rig is on.
 
-
-# Whose head the rig in a Blender file is on: a small file beside it, `rigify.head.npz` beside `rigify.blend`.
-
-SAME_MM = 0.01  # heads that differ by less are one, built by two machines
+SAME_MM = 0.01  # a head that two machines build differs by less
 
 
 def stamp_of(blend: Path) -> Path:
-    """Return the file beside a .blend that says whose head is in it."""
+    """Return the file beside a .blend that tells whose head is in it."""
     return blend.with_suffix(".head.npz")
 
 
 def write_stamp(head: Head, character: str, blend: Path) -> None:
-    """Write down whose head the rig of a .blend is made on, and where its vertices are, mm."""
+    """Record whose head the rig of a .blend is on, and the vertices of this head, mm."""
     np.savez_compressed(stamp_of(blend), character=character, vertices_mm=head.vertices.astype(np.float32))
 
 
 def check_stamp(head: Head, character: str, blend: Path) -> bool:
-    """Return whether a .blend says whose head it has. Raises InputError where that is another head than this one."""
+    """Return whether it is known whose head a .blend has. Raises InputError if it is another head than this one."""
     try:
         with np.load(stamp_of(blend)) as stamp:
-            whose, vertices = str(stamp["character"]), stamp["vertices_mm"]
+            stamped_character, vertices = str(stamp["character"]), stamp["vertices_mm"]
     except FileNotFoundError:
         return False
     except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
-        allowed = "remove it, and the .blend is taken as it is"
-        raise InputError(f"{shown_path(stamp_of(blend))} can't be read: {allowed}") from None
+        remedy = "remove it to use the .blend as it is"
+        raise InputError(f"{shown_path(stamp_of(blend))} can't be read: {remedy}") from None
     if vertices.shape == head.vertices.shape and np.abs(vertices - head.vertices).max() < SAME_MM:
         return True
-    other = f"the head of {whose}" if whose != character else f"{character}'s head as it was before its recipe changed"
-    allowed = "name another folder, or remove the .blend, so that it is made anew"
-    raise InputError(f"{shown_path(blend)} has the rig on {other}: {allowed}")
+    other = f"the head of {stamped_character}"
+    if stamped_character == character:
+        other = f"{character}'s head as it was before its recipe changed"
+    remedy = "name another folder, or remove the .blend, so that it is made anew"
+    raise InputError(f"{shown_path(blend)} has the rig on {other}: {remedy}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,10 +1,10 @@
-"""Make Rigify's face rig on a head, in Blender's Python (bpy and numpy only): two steps, each a call of its own.
+"""Make Rigify's face rig on a head, in Blender's Python (bpy and numpy only), in two calls.
 
     python rigify_rig.py metarig joints.json           the joints of the face's bones, as Rigify's metarig has them
     python rigify_rig.py build head.npz face.blend     the rig on the head, bound, with its animation
 
-head.npz: what `head_file.py` writes. The skin is
-weighted by Blender's bone heat; teeth, gums and eyeballs follow a bone each, the tongue its three.
+`head_file.py` writes head.npz. The skin is weighted by Blender's bone heat; teeth, gums and eyeballs follow one bone
+each, the tongue three.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))  # Blender's Python doesn't know the project, but the files beside this
+sys.path.insert(0, str(Path(__file__).parent))  # Blender's Python finds the files beside this one, not the project
 import face_acting
 
-SPINE = "spine.004"  # the metarig's bone from which neck, head and face grow
+SPINE = "spine.004"  # the metarig's bone that neck, head and face hang on
 SEED = 2020
-EYES_APART_MM = 67.0  # of the face that moves in `face_acting` are meant for
+EYES_APART_MM = 67.0  # of the face that the moves in `face_acting` are made for
 SKIN_BONE = "DEF-spine.006"
-INSIDE = {  # what bone heat can't see from outside: the start of a part's name → the bones that move it
+INSIDE = {  # parts that bone heat doesn't reach: the start of the part's name → the bones that move it
     "tooth_upper": ["ORG-teeth.T"],
     "gum_upper": ["ORG-teeth.T"],
     "tooth_lower": ["ORG-teeth.B"],
@@ -50,7 +50,7 @@ def add_metarig() -> object:
     """Return Rigify's human metarig, with neck, head and face alone."""
     import bpy
 
-    add_ons = importlib.import_module("addon_utils")  # a module that bpy brings along
+    add_ons = importlib.import_module("addon_utils")  # a module of bpy
     bpy.ops.wm.read_factory_settings(use_empty=True)
     if add_ons.enable("rigify", default_set=True) is None:
         raise RuntimeError("this Blender has no Rigify add-on")
@@ -76,7 +76,7 @@ def read_joints(metarig: object) -> dict[str, list[float]]:
 
 
 def generate_rig(metarig: object, joints: dict[str, np.ndarray]) -> object:
-    """Move a metarig's joints, and return the rig that Rigify generates from it."""
+    """Move a metarig's joints and return the rig that Rigify generates from it."""
     import bpy
     from mathutils import Vector
 
@@ -92,7 +92,11 @@ def generate_rig(metarig: object, joints: dict[str, np.ndarray]) -> object:
 
 
 def add_mesh(name: str, vertices_mm: np.ndarray, faces: np.ndarray, uv: np.ndarray, labels: list[str]) -> object:
-    """Return a mesh object with a place in its chart for each vertex, and a material of the name of each label."""
+    """Return a mesh object.
+
+    uv: each vertex's place in its chart.
+    labels: of each face; each becomes a material.
+    """
     import bpy
 
     mesh = bpy.data.meshes.new(name)
@@ -110,11 +114,11 @@ def add_mesh(name: str, vertices_mm: np.ndarray, faces: np.ndarray, uv: np.ndarr
 
 
 def bind(rig: object, obj: object, part_of_vertex: np.ndarray, bag: np.ndarray) -> None:
-    """Bind a mesh by bone heat, and what lies inside by bones that are named.
+    """Bind a mesh by bone heat, and the parts inside it to named bones.
 
-    part_of_vertex: names of parts (n,). bag: of vertices of the mouth's bag, columns (vertex, the lip's vertex that it
-    hangs on, how much it follows that one, how much of the rest goes with the upper teeth). Raises RuntimeError for
-    vertices that no bone moves.
+    part_of_vertex: (n,) names.
+    bag: of the mouth's bag, see `head_file.mouth_bag`.
+    Raises RuntimeError for vertices that no bone moves.
     """
     import bpy
 
@@ -125,9 +129,9 @@ def bind(rig: object, obj: object, part_of_vertex: np.ndarray, bag: np.ndarray) 
     bpy.ops.object.parent_set(type="ARMATURE_AUTO")
     places = np.array([vertex.co for vertex in obj.data.vertices])
     for start, bones in INSIDE.items():
-        own = np.flatnonzero(np.char.startswith(part_of_vertex, start)).tolist()
-        weights = closeness(places[own], [rig.data.bones[bone] for bone in bones])
-        set_weights(obj, {v: dict(zip(bones, row, strict=True)) for v, row in zip(own, weights.tolist(), strict=True)})
+        members = np.flatnonzero(np.char.startswith(part_of_vertex, start)).tolist()
+        rows = closeness(places[members], [rig.data.bones[bone] for bone in bones]).tolist()
+        set_weights(obj, {v: dict(zip(bones, row, strict=True)) for v, row in zip(members, rows, strict=True)})
         for bone in bones:
             rig.data.bones[bone].use_deform = True
     names = [group.name for group in obj.vertex_groups]
@@ -144,7 +148,7 @@ def bind(rig: object, obj: object, part_of_vertex: np.ndarray, bag: np.ndarray) 
 
 
 def set_weights(obj: object, weights: dict[int, dict[str, float]]) -> None:
-    """Set the weights of some vertices, by vertex and bone, in place of what they have."""
+    """Replace the weights of some vertices by those given, vertex → bone → weight."""
     for group in obj.vertex_groups:
         group.remove(list(weights))
     for vertex, of_vertex in weights.items():
@@ -154,7 +158,7 @@ def set_weights(obj: object, weights: dict[int, dict[str, float]]) -> None:
 
 
 def closeness(places: np.ndarray, bones: list) -> np.ndarray:
-    """Return weights (k, b) by the inverse square of the distances of places (k, 3) from bones; rows sum to 1."""
+    """Return weights (k, b) by the inverse square of the distances between places (k, 3) and bones; rows sum to 1."""
     distances = []
     for bone in bones:
         head, tail = np.array(bone.head_local), np.array(bone.tail_local)
@@ -165,14 +169,14 @@ def closeness(places: np.ndarray, bones: list) -> np.ndarray:
 
 
 def closing_lids(joints: dict[str, np.ndarray]) -> face_acting.Pose:
-    """Return the moves of the left lids that shut the eye: the upper lid most of the way, the lower one the rest."""
+    """Return the moves of the left lids that shut the eye: the upper lid goes most of the way, the lower the rest."""
     moves = {}
     for i in (1, 2, 3):
         upper, lower = joints[f"lid.T.L.{i:03d}:head"], joints[f"lid.B.L.{4 - i:03d}:head"]
         moves[f"lid.T.L.{i:03d}"] = 0.80 * (lower - upper)
         moves[f"lid.B.L.{4 - i:03d}"] = 0.20 * (upper - lower)
-    middle_up, middle_down = moves["lid.T.L.002"], moves["lid.B.L.002"]  # it takes its neighbours half the way along
-    for i in (1, 3):
+    middle_up, middle_down = moves["lid.T.L.002"], moves["lid.B.L.002"]
+    for i in (1, 3):  # the middle takes its neighbours along half the way
         moves[f"lid.T.L.{i:03d}"] = moves[f"lid.T.L.{i:03d}"] - 0.5 * middle_up
         moves[f"lid.B.L.{i:03d}"] = moves[f"lid.B.L.{i:03d}"] - 0.5 * middle_down
     return moves
@@ -185,7 +189,7 @@ def fine_controls(rig: object) -> list[str]:
 
 
 def animate(rig: object, clips: dict[str, list[tuple[int, face_acting.Pose]]], scale: float) -> None:
-    """Key clips as actions of a rig. scale: of moves, on this head."""
+    """Key clips as actions of a rig. scale: by which moves are multiplied on this head."""
     import bpy
     from mathutils import Vector
 
@@ -233,14 +237,14 @@ def build(head_file: Path, blend: Path) -> None:
 
 
 def main(arguments: list[str]) -> int:
-    """Do what the command line says; return the exit code."""
+    """Run the step that the command line names, and return the exit code."""
     match arguments:
         case ["metarig", target]:
             Path(target).write_text(json.dumps(read_joints(add_metarig())), "utf-8")
         case ["build", head, blend]:
             build(Path(head), Path(blend))
         case _:
-            print("error: allowed are: metarig JOINTS.json, and build HEAD.npz FACE.blend", file=sys.stderr)
+            print("error: expected metarig JOINTS.json, or build HEAD.npz FACE.blend", file=sys.stderr)
             return 2
     return 0
 
@@ -256,4 +260,4 @@ if __name__ == "__main__":
         code = 1
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(code)  # not through the clean-up of bpy, which complains of blocks that are still there
+    os._exit(code)  # without the clean-up of bpy, which complains of blocks that are still there

@@ -1,6 +1,9 @@
 """Rigify's face rig on a head of ours: its joints, its acting, and, where Blender is, the rig and its samples."""
 
 import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +15,7 @@ from data_recipes.recipe.reading import load_recipe
 from data_recipes.rigify import face_acting, head_file, rigify_face
 from data_recipes.rigify.head_file import fit_joints, marked_joints
 from replicate.base.exceptions import InputError
+from replicate.base.paths import ROOT
 
 LIDS = {"lid.T.L.002": np.array([0.0, -6.0, 0.0])}
 
@@ -140,11 +144,20 @@ def test_a_blend_that_does_not_say_whose_head_it_has_is_taken_as_it_is_and_a_bro
 ):
     (tmp_path / "out.blend").write_bytes(b"a rig of before")
     rigify_face.write_folder(tmp_path / "out", "tiny", 10, 0, 1, None)
-    assert "no out.head.npz says whose head this is, which is taken for that of tiny" in capsys.readouterr().out
+    assert "there is no out.head.npz to say whose head this is: using it as tiny's" in capsys.readouterr().out
     (tmp_path / "out.head.npz").write_bytes(b"half")
     with pytest.raises(InputError, match=r"out\.head\.npz can't be read: remove it"):
         rigify_face.write_folder(tmp_path / "out", "tiny", 10, 0, 1, None)
     assert len(without_blender) == 1
+
+
+def test_run_as_a_module_it_looks_for_whose_head_a_file_has(tmp_path):
+    (tmp_path / "out.blend").write_bytes(b"a rig of before")
+    command = [sys.executable, "-m", "data_recipes.rigify.rigify_face", str(tmp_path / "out"), "--character", "tiny"]
+    environment = os.environ | {"REPLICATE_BLENDER_PYTHON": "true"}
+    ended = subprocess.run(command, env=environment, cwd=ROOT, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+    assert "there is no out.head.npz to say whose head this is" in ended.stdout
 
 
 def test_without_blender_one_sentence_says_how_to_get_it(tmp_path, monkeypatch, capsys):
