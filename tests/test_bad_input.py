@@ -167,8 +167,8 @@ def test_a_bad_recipe_is_refused_before_anything_is_built(table2_refusal, recipe
 @pytest.mark.parametrize(
     ("clip", "message"),
     [
-        ("squash\nnan\n", r"line 2, squash is 'nan', where numbers from -1 to 1 are allowed"),
-        ("wings\n0\n", r"'wings' in the header is no control of this rig"),
+        ("squash\nnan\n", r"line 2, squash: expected a number from -1 to 1, got 'nan'"),
+        ("wings\n0\n", r"there is no control 'wings' in this rig; there are"),
     ],
 )
 def test_a_bad_clip_is_refused_by_name_and_line(table2_refusal, tmp_path, clip, message):

@@ -1,4 +1,4 @@
-"""Our controls' names in ARKit's and ICT-FaceKit's words, so that our acting plays on faces that use theirs."""
+"""Our controls in ARKit's and ICT-FaceKit's names, so that our acting plays on faces that use those."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from data_recipes.acting.motion import pose
 
-# Our control and the sign of its amount → their controls and a share for each. "*" stands for both sides.
+# Our control and the sign of its amount → their controls, each with its share. "*" stands for both sides.
 NAMES: tuple[tuple[str, int, dict[str, float]], ...] = (
     ("brow_inner_up_*", 1, {"browInnerUp_*": 1.0}),
     ("brow_outer_up_*", 1, {"browOuterUp_*": 1.0}),
@@ -70,20 +70,20 @@ def name_pairs() -> list[tuple[str, int, str, float]]:
 def in_their_words(
     ours: Sequence[str], theirs: Sequence[str], poses: Float[np.ndarray, "t m"]
 ) -> Float[np.ndarray, "t k"]:
-    """Return poses of our controls as poses of theirs, each from 0 to 1; a control without a counterpart is left out.
+    """Return poses of our controls as poses of theirs, from 0 to 1; controls without a counterpart are left out.
 
-    ours: m names. theirs: k names, in the rig's order.
+    ours, theirs: the names of the m and of the k controls, in order.
     """
-    place = {name: column for column, name in enumerate(ours)}
-    target = {name: column for column, name in enumerate(theirs)}
+    our_columns = {name: column for column, name in enumerate(ours)}
+    their_columns = {name: column for column, name in enumerate(theirs)}
     values = np.zeros((len(poses), len(theirs)))
-    for name, sign, other, share in name_pairs():
-        if name in place and other in target:
-            values[:, target[other]] += share * np.maximum(sign * poses[:, place[name]], 0)
+    for our_name, sign, their_name, share in name_pairs():
+        if our_name in our_columns and their_name in their_columns:
+            values[:, their_columns[their_name]] += share * np.maximum(sign * poses[:, our_columns[our_name]], 0)
     return np.clip(values, 0, 1)
 
 
 def our_pose(columns: Mapping[str, int], amounts: Mapping[str, float]) -> Float[np.ndarray, " k"]:
-    """Return a pose of a rig whose controls have their names, from amounts in ours; "*" stands for both sides."""
+    """Return a pose of a rig with their controls from amounts of ours; "*" stands for both sides."""
     ours = {name: column for column, name in enumerate(dict.fromkeys(name for name, *_ in name_pairs()))}
     return in_their_words(list(ours), list(columns), pose(ours, amounts)[None])[0]

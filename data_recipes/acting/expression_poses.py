@@ -12,10 +12,10 @@ from data_recipes.rig import Rig, has_function
 
 
 def expression_poses(rig: Rig) -> dict[str, Float32[np.ndarray, " m"]]:
-    """Return a face's expressions by name, each as parameters (m,) within the controls' ranges; the neutral pose first.
+    """Return a face's expressions by name, the neutral pose first, as parameters (m,) within the controls' ranges.
 
-    A rig whose controls have other names than ours, or than ARKit's, has the neutral pose alone; one that is known by
-    its samples has some frames of its clips.
+    A rig with neither our control names nor ARKit's has only the neutral pose; one that is known by its samples has
+    some frames of its clips.
     """
     if not has_function(rig):
         return shown_frames(rig)
@@ -29,17 +29,16 @@ def expression_poses(rig: Rig) -> dict[str, Float32[np.ndarray, " m"]]:
     return poses
 
 
-# Poses to show of a rig that has no expressions by name: the neutral one, and known poses that are far apart.
+# Poses of a rig without named expressions: the neutral one, and known poses that are far apart.
 
 COUNT = 11
-LOOKED_AT = 2_000  # poses, evenly over all
+LOOKED_AT = 2_000  # poses, evenly spread over all
 
 
 def shown_frames(rig: Rig) -> dict[str, Float32[np.ndarray, " m"]]:
-    """Return known poses (m,) by name: "neutral", then <clip>_<frame of it, from 0>, or pose_<number> without clips.
+    """Return known poses (m,) by name: "neutral", then <clip>_<frame, from 0>, or pose_<k> without clips.
 
-    The first is the farthest from the defaults, each further one the farthest from all before it, in ranges of
-    controls.
+    Each is the one farthest from the defaults and from all before it, measured in ranges of controls.
     """
     if rig.clips:
         names = [f"{clip.name}_{k}" for clip in rig.clips for k in range(len(clip.values))]

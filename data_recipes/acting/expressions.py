@@ -1,8 +1,8 @@
-"""What a face does: expressions as amounts of the named controls.
+"""Expressions as amounts of the named controls.
 
 "*" stands for both sides. Amounts are those of a full but not extreme performance; `procedural_acting` scales them,
-makes them uneven and lets a smaller rig leave out the controls that it lacks. What faces do together stands
-together here: a smile lifts the cheeks and narrows the eyes, a cry opens the jaw and squares the lower lip.
+makes them uneven and leaves out the controls that a smaller rig lacks. An expression has everything that the face does
+together: a smile lifts the cheeks and narrows the eyes, a cry opens the jaw and squares the lower lip.
 """
 
 from collections.abc import Container
@@ -15,5 +15,5 @@ MARK = "snarl_left"  # a control that only creatures have
 
 
 def expression(name: str, controls: Container[str]) -> dict[str, float]:
-    """Return an expression's amounts for a rig with the given controls (their names)."""
+    """Return an expression's amounts for a rig with controls of these names."""
     return EXPRESSIONS[name] | (CREATURE.get(name, {}) if MARK in controls else {})

@@ -13,7 +13,7 @@ SIDES = ("left", "right")
 
 
 def pose(columns: Mapping[str, int], amounts: Mapping[str, float]) -> Float64[np.ndarray, " m"]:
-    """Return a pose from amounts by name; "*" means both sides, and controls that the rig lacks are left out.
+    """Return a pose from amounts by name; "*" stands for both sides, and controls that the rig lacks are left out.
 
     columns: control name → column of p.
     """
@@ -36,7 +36,10 @@ def move_keys(
 ) -> list[tuple[float, np.ndarray]]:
     """Return (time, pose) keys of one move: a little the other way, past the goal, and back to it.
 
-    anticipation, overshoot: shares of the way from `before` to `after`. The last key, the goal, is at start + length.
+    start, length: frames; the last key is at start + length.
+    before, after: poses.
+    anticipation: how far the move goes the other way first, as a share of the way from `before` to `after`.
+    overshoot: how far it goes past the goal, as such a share.
     """
     way = after - before
     keys = [(start, before)]
@@ -52,8 +55,9 @@ def through(
 ) -> Float64[np.ndarray, "frames m"]:
     """Interpolate keys by monotone cubics, which ease in and out of every extreme and never ring.
 
-    keys: (time, pose) in time order; times that coincide keep the later pose. lag: frames by which each control
-    drags behind, so that parts of the face overlap in time. Before the first and after the last key the pose holds.
+    keys: (time, pose) in time order; of equal times the later pose counts. Before the first and after the last key the
+    pose doesn't change.
+    lag: frames by which each control drags behind, so that parts of the face overlap in time.
     """
     pose_at = {float(time): value for time, value in keys}
     times = np.array(sorted(pose_at))
@@ -70,7 +74,7 @@ def through(
 
 def _curve(times: Float[np.ndarray, " k"], values: Float[np.ndarray, "k ..."]) -> Callable:
     """Return the monotone cubic through keys as a function of time."""
-    from scipy.interpolate import PchipInterpolator  # here: recipes are read by way of this module, often without it
+    from scipy.interpolate import PchipInterpolator  # slow to import, and reading a recipe imports this module
 
     return PchipInterpolator(times, values, axis=0)
 
@@ -90,14 +94,14 @@ def blink_profile(frames: int, starts: Sequence[float], slowness: float = 1.0) -
 def drift(
     frames: int, count: int, period: float, generator: np.random.Generator
 ) -> Float64[np.ndarray, "frames count"]:
-    """Return slow noise of unit size, a column a control: random keys `period` frames apart, eased."""
+    """Return slow noise of unit size, a column for each control: random keys `period` frames apart, eased."""
     keys = generator.normal(size=(int(frames / period) + 3, count))
     start = generator.uniform(0, period)
     return _curve(np.arange(len(keys)) * period - start, keys)(np.arange(frames))
 
 
 def freeze(values: Float[np.ndarray, "frames m"], holds: Mapping[int, int]) -> Float[np.ndarray, "longer m"]:
-    """Repeat some frames: `holds` maps a frame to the number of frames for which everything stands still there."""
+    """Repeat some frames: `holds` maps a frame to the number of frames for which everything stands still."""
     repeats = np.ones(len(values), dtype=int)
     for frame, count in holds.items():
         repeats[min(frame, len(values) - 1)] += count

@@ -1,8 +1,8 @@
 """Procedural acting: the animation A that a film character would come with (§3.5, §5.1).
 
-A film rig is driven by shots that animators keyed. Ours are invented, from the character's own numbers and seed:
+A film rig is driven by shots that animators keyed. Ours are invented, from the settings and the seed of the character:
 expressions that ease into each other with anticipation, overshoot and overlap; speech in invented syllables; blinks,
-gaze and what the lids do with it; uneven faces; squash and stretch on the accents; nudges of the fine controls on
+and gaze with the lids following it; uneven faces; squash and stretch on the accents; nudges of the fine controls on
 the key poses; and holds, in which nothing moves at all, so that poses recur as they do in real animation.
 """
 
@@ -34,18 +34,18 @@ class Acting(Checked):
     hand: int = number(6, 0, 20)  # families of fine controls polished in a shot
     holds: float = number(0.45, 0.0, 1.0)  # share of key poses on which everything stands still for a while
     blinks_per_minute: float = number(16.0, 0.0, 120.0)
-    dialogues: int = number(3, 0, 3)  # of ten shots; takes fill up what is missing to three
+    dialogues: int = number(3, 0, 3)  # of ten shots; for each one less than three there is one more take
 
 
-# What a shot is: how many of ten shots, and how it is played.
+# The kinds of shots: how many of ten are of this kind, and how they are played.
 KINDS = {
     "emotion": {"share": 4, "gain": 1.0, "move": (7, 15), "stay": (3, 12)},
     "dialogue": {"share": 3, "gain": 0.55, "move": (8, 16), "stay": (14, 36)},
     "take": {"share": 2, "gain": 1.15, "move": (6, 10), "stay": (4, 12)},
     "exercise": {"share": 1, "gain": 1.0, "move": (6, 10), "stay": (2, 6)},
 }
-DECIMALS = 4  # of a key's value; without them a pose at rest would differ from another by rounding alone
-# By how many frames a control drags behind, by the beginning of its name; 1 where none fits.
+DECIMALS = 4  # of a value; unrounded, poses at rest would differ by rounding errors
+# Beginning of a control's name → by how many frames it drags behind; 1 for all others.
 LAGS = {
     "frill": 5,
     "throat_pouch": 3,
@@ -66,8 +66,8 @@ MOUTH = ("smile", "frown", "pucker", "upper_lip", "lower_lip", "mouth", "dimple"
 def act(controls: Sequence, acting: Acting) -> list[tuple[str, np.ndarray]]:
     """Return a character's clips: (name, (t, m) float32 at 24 frames a second), within the controls' limits.
 
-    controls: the rig's controls in the order of p, each with name, lower, default and upper; those that a smaller rig
-    lacks are left out of the performance. The same controls and numbers give the same clips, to the last bit.
+    controls: the rig's controls in the order of p, each with name, lower, default and upper; the performance leaves out
+    those that a smaller rig lacks. The same arguments give the same clips, to the last bit.
     """
     columns = {control.name: column for column, control in enumerate(controls)}
     default = np.array([control.default for control in controls])
@@ -77,7 +77,7 @@ def act(controls: Sequence, acting: Acting) -> list[tuple[str, np.ndarray]]:
     director = np.random.default_rng([acting.seed])
     hands = deal(list(families), acting.clips, min(acting.hand, len(families)), director)
     fewer = {"dialogue": acting.dialogues - 3, "take": 3 - acting.dialogues}
-    shots = [kind for kind, how in KINDS.items() for _ in range(how["share"] + fewer.get(kind, 0))]
+    shots = [kind for kind, style in KINDS.items() for _ in range(style["share"] + fewer.get(kind, 0))]
     casts = deal(list(EXPRESSIONS), acting.clips, 4, director)
     clips = []
     for index in range(acting.clips):
@@ -92,7 +92,7 @@ def act(controls: Sequence, acting: Acting) -> list[tuple[str, np.ndarray]]:
 
 def _shot(kind, cast, nudges, columns, acting, generator) -> Float64[np.ndarray, "t m"]:
     """Return one shot's offsets from the default pose: keys, then speech, gaze and blinks over them, then holds."""
-    how = KINDS[kind]
+    style = KINDS[kind]
     target_frames = int(FRAMES_PER_SECOND * acting.clip_s * generator.uniform(0.6, 1.4))
     rest = np.zeros(len(columns))
     keys, moods, now = [(0.0, rest)], [], generator.uniform(2, 8)
@@ -103,20 +103,20 @@ def _shot(kind, cast, nudges, columns, acting, generator) -> Float64[np.ndarray,
         if kind == "exercise":
             goal = _exercise(columns, generator)
         else:
-            goal = _feel(cast[generator.integers(len(cast))], how["gain"], columns, acting, generator)
+            goal = _feel(cast[generator.integers(len(cast))], style["gain"], columns, acting, generator)
         for family, members in nudges.items():
             goal = goal + gesture(members, len(columns), acting.polish * QUIET.get(family, 1.0), generator)
         if kind == "take":  # go down to come up
             crouch = pose(columns, {"squash": 0.3, "blink_*": 0.8, "brow_down_*": 0.4, "bend_forward": 0.12})
             keys += move_keys(now, 4.0, before, 0.4 * before + crouch, 0.0, 0.0)
             before, now = keys[-1][1], now + 5
-        move = generator.uniform(*how["move"]) / acting.tempo
+        move = generator.uniform(*style["move"]) / acting.tempo
         overshoot = acting.overshoot * (1.6 if kind == "take" else 1.0)
         keys += move_keys(now, move, before, goal, acting.anticipation, overshoot)
         now += move
         if generator.random() < acting.holds:
             holds[int(now) + int(lag.max()) + 1] = int(generator.integers(5, 22))
-        stay = generator.uniform(*how["stay"]) / acting.tempo
+        stay = generator.uniform(*style["stay"]) / acting.tempo
         moods.append((now, now + stay))
         now += stay
         keys.append((now, goal))
@@ -131,7 +131,7 @@ def _shot(kind, cast, nudges, columns, acting, generator) -> Float64[np.ndarray,
 
 
 def _feel(name, gain, columns, acting, generator) -> Float64[np.ndarray, " m"]:
-    """Return an expression as it is played once: its strength, its uneven sides, its parts a little off the book."""
+    """Return an expression as it is played once: with some strength, uneven sides, and amounts a little off."""
     amounts = pose(columns, expression(name, columns))
     if generator.random() < 0.3:  # mixed feelings
         other = list(EXPRESSIONS)[generator.integers(len(EXPRESSIONS))]
@@ -171,12 +171,12 @@ def _stem(name: str) -> str:
 
 
 def _lags(columns):
-    """Return by how many frames each control drags: eyes and brows lead, mouth follows, ears and flesh come last."""
+    """Return by how many frames each control drags behind: eyes and brows lead, the mouth follows, ears are last."""
     return np.array([next((lag for start, lag in LAGS.items() if name.startswith(start)), 1) for name in columns])
 
 
 def _talk(values, moods, columns, acting, generator) -> Float64[np.ndarray, "t m"]:
-    """Speak while a mood lasts: mouths that talk show less of it, and accents lift the brows."""
+    """Add speech while a mood lasts: a mouth that talks shows less of the mood, and accents lift the brows."""
     frames = len(values)
     curtain = _curtain(frames)
     mouth = np.array([name.startswith(MOUTH) for name in columns])
@@ -194,7 +194,7 @@ def _talk(values, moods, columns, acting, generator) -> Float64[np.ndarray, "t m
 
 
 def _breathe(frames, columns, generator) -> Float64[np.ndarray, "t m"]:
-    """Return the small motion of a face that is alive; holds freeze it with all the rest."""
+    """Return the small motion of a living face; holds freeze it too."""
     active = np.flatnonzero(pose(columns, dict.fromkeys(BREATHING, 1.0)))
     values = np.zeros((frames, len(columns)))
     if len(active):
@@ -203,13 +203,13 @@ def _breathe(frames, columns, generator) -> Float64[np.ndarray, "t m"]:
 
 
 def _curtain(frames) -> Float64[np.ndarray, " t"]:
-    """Return 0 in the first and last frames of a shot and 1 between, so that clips begin and end at rest."""
+    """Return factors that are 0 in the first and last frames, 1 between: with them clips begin and end at rest."""
     time = np.arange(frames)
     return np.clip(np.minimum(time - 3, frames - 4 - time) / 10, 0, 1)
 
 
 def _look_and_blink(values, holds, columns, acting, generator) -> Float64[np.ndarray, "t m"]:
-    """Add gaze and blinks, and what lids and brows do with them; no blink is caught half-way by a hold."""
+    """Add gaze and blinks with the lids and brows that follow them; no hold stops a blink half-way."""
     frames = len(values)
     darts, keys, time = [], [(0.0, np.zeros(2))], generator.uniform(8, 40)
     while time < frames - 16:
@@ -236,7 +236,7 @@ def _look_and_blink(values, holds, columns, acting, generator) -> Float64[np.nda
     return values + closure * pose(columns, {"brow_down_*": 0.07, "squint_*": 0.12, "cheek_raise_*": 0.05})
 
 
-# The last tenth of an animator's work: tweak handles, lip points, lid arcs and wrinkles nudged on key poses.
+# An animator's finishing touches: tweak handles, lip points, lid arcs and wrinkles nudged on key poses.
 
 # Family → beginnings of the names of its controls.
 FAMILIES: dict[str, tuple[str, ...]] = {
@@ -267,13 +267,13 @@ FAMILIES: dict[str, tuple[str, ...]] = {
     "jaw and nose offsets": ("jaw_forward", "jaw_sideways", "jaw_twist", "nose_up_down", "nose_sideways", "scalp"),
     "folds and tendons": ("nasolabial_deepen", "neck_tendon"),
 }
-# A full bend moves the crown by half a decimetre, a full lip point a lip by 4 mm: families that a face is sparing with.
+# Factors for families with large effects: a full bend moves the crown by 50 mm, a full lip point a lip by 4 mm.
 QUIET = {"head attitude": 0.3, "head shape": 0.5}
 ACTIVE_SHARE = 0.75  # share of a family's controls that a gesture moves
 
 
 def family_columns(columns: Mapping[str, int]) -> dict[str, dict[str, int]]:
-    """Return each family's controls, name → column, leaving out families that the rig lacks altogether."""
+    """Return each family's controls, name → column, without families of which the rig has none."""
     families = {
         family: {name: column for name, column in columns.items() if name.startswith(starts)}
         for family, starts in FAMILIES.items()
@@ -282,7 +282,7 @@ def family_columns(columns: Mapping[str, int]) -> dict[str, dict[str, int]]:
 
 
 def deal(families: Sequence[str], shots: int, hand: int, generator: np.random.Generator) -> list[list[str]]:
-    """Return each shot's families: `hand` of them, dealt from shuffled decks so that all are used equally often."""
+    """Return `hand` families for each shot, dealt from shuffled decks so that all are used equally often."""
     deck: list[str] = []
     hands = []
     for _ in range(shots):
@@ -299,8 +299,9 @@ def gesture(
 ) -> Float64[np.ndarray, " m"]:
     """Return one nudge of a family: a common direction, some play in each control, even or uneven sides.
 
-    members: name → column. amount: the typical size of the common direction. Sideways axes are mirrored between
-    the sides, so that an even gesture widens or narrows the face instead of shifting it.
+    members: name → column.
+    amount: the typical size of the common direction.
+    Sideways axes are mirrored between the sides, so an even gesture widens or narrows the face and doesn't shift it.
     """
     common = {axis: generator.normal() for axis in ("x", "y", "z", "")}
     sides = [(1, 1), (1, 1), (1, 0.3), (0.3, 1), (1, 0), (0, 1), (1, -0.6)][generator.integers(7)]
@@ -317,6 +318,6 @@ def gesture(
 
 
 def _is_side(name: str, side: str) -> bool:
-    """Tell the side in a name; lip points are numbered 01 … 05 from the character's right to its left."""
-    numbers = {"left": ("_04_", "_05_"), "right": ("_01_", "_02_")}[side]
-    return side in name.split("_") or (name.startswith("lip_") and any(number in name for number in numbers))
+    """Tell whether a control is on a side; lip points are counted 01 … 05 from the character's right to its left."""
+    points = {"left": ("_04_", "_05_"), "right": ("_01_", "_02_")}[side]
+    return side in name.split("_") or (name.startswith("lip_") and any(point in name for point in points))

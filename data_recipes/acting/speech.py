@@ -1,7 +1,7 @@
 """Speech without words: invented syllables, a grapheme → viseme schedule, and coarticulation.
 
 Coarticulation follows the idea of dominance functions (Cohen and Massaro 1993): every mouth shape has a weight
-that rises and falls around its centre, and what the mouth does is the weighted mean. Shapes that must touch (m, b,
+that rises and falls around its centre, and the mouth takes the weighted mean. Shapes in which lips must touch (m, b,
 p, f, v) outweigh their neighbours; a k yields to the vowels around it.
 """
 
@@ -27,7 +27,7 @@ PAUSE_FRAMES = 6.0
 
 
 def invent(syllables: int, generator: np.random.Generator) -> list[str]:
-    """Return words of one to three invented syllables, `syllables` in all."""
+    """Return words of one to three invented syllables, so many syllables in all."""
     words, left = [], syllables
     while left > 0:
         count = min(left, int(generator.integers(1, 4)))
@@ -69,9 +69,9 @@ def schedule(words: list[str], tempo: float, generator: np.random.Generator) -> 
 def speak(
     entries: list[tuple[str, float, float, float]], start: int, frames: int, columns: Mapping[str, int]
 ) -> tuple[Float64[np.ndarray, "frames m"], Float64[np.ndarray, " frames"]]:
-    """Return the mouth's poses while it says a schedule from frame `start` on, and how busy it is (0 … 1)."""
+    """Return the mouth's poses while it speaks a schedule from frame `start` on, and how busy it is (0 … 1)."""
     time = np.arange(frames) - start
-    weighted, total = np.zeros((frames, len(columns))), np.full(frames, 0.05)  # the face's own pull to rest
+    weighted, total = np.zeros((frames, len(columns))), np.full(frames, 0.05)  # the weight of the pose at rest
     for shape, centre, width, loudness in entries:
         dominance = DOMINANCE.get(shape, 1.0) * np.exp(-0.5 * ((time - centre) / width) ** 2)
         # A lip closure is no louder in loud speech: lips touch or they don't.
@@ -83,7 +83,7 @@ def speak(
     return values, 1 - 0.05 / total
 
 
-# Mouth shapes of speech: amounts of the named controls. How strongly each insists on itself is in `speech`.
+# Mouth shapes of speech: amounts of the named controls. Their weights are in DOMINANCE.
 
 VISEMES: dict[str, dict[str, float]] = {
     "rest": {},

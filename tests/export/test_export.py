@@ -214,7 +214,7 @@ def test_a_file_of_parameters_is_a_pose_or_a_clip(tmp_path):
     with pytest.raises(InputError, match=r"three\.obj can hold one pose, and nod has 3: allowed for a clip is \.glb"):
         export(rig, Request(params=str(params), to=str(tmp_path / "three.obj")))
     params.write_text("lft\n0.5\n")
-    with pytest.raises(InputError, match="'lft' in the header is no control"):
+    with pytest.raises(InputError, match="there is no control 'lft' in this rig"):
         export(rig, Request(params=str(params), to=str(tmp_path / "two.glb")))
     assert sorted(os.listdir(tmp_path)) == ["nod.csv", "one.glb", "three.glb"]
 

@@ -25,17 +25,20 @@ def test_named_controls_are_read_and_the_others_rest(tmp_path):
 @pytest.mark.parametrize(
     "content,message",
     [
-        ("squash,jaw_open\n0,0\n", "'jaw_open' in the header is no control"),
-        ("squash,squash\n0,0\n", "names 'squash' 2 times"),
-        ("squash\n0\nnan\n", r"line 3, squash is 'nan', where numbers from -1 to 1"),
-        ("squash\n1.5\n", r"line 2, squash is '1.5', where numbers from -1 to 1"),
-        ("brow_inner_up_left\n-0.1\n", r"line 2, brow_inner_up_left is '-0.1', where numbers from 0 to 1"),
-        ("squash\nwide\n", "line 2, squash is 'wide'"),
-        ("squash,brow_inner_up_left\n0\n", "line 2 has 1 values, where 2 are allowed"),
-        ("squash\n", "found 1 line,"),
-        ("", "found 0 lines"),
+        (
+            "squash,jaw_open\n0,0\n",
+            "header: there is no control 'jaw_open' in this rig; there are brow_inner_up_left, ",
+        ),
+        ("squash,squash\n0,0\n", "names 'squash' 2 times, expected once"),
+        ("squash\n0\nnan\n", r"line 3, squash: expected a number from -1 to 1, got 'nan'"),
+        ("squash\n1.5\n", r"line 2, squash: expected a number from -1 to 1, got '1.5'"),
+        ("brow_inner_up_left\n-0.1\n", r"line 2, brow_inner_up_left: expected a number from 0 to 1, got '-0.1'"),
+        ("squash\nwide\n", "line 2, squash: expected a number from -1 to 1, got 'wide'"),
+        ("squash,brow_inner_up_left\n0\n", "line 2: expected 2 values, got 1"),
+        ("squash\n", "expected a header of controls and a row for each frame, got 1 line"),
+        ("", "a row for each frame, got no lines"),
         (b"\x89PNG\r\n\x1a\n\xff\xfe\x00", "found bytes that are no UTF-8"),
-        ('squash\n"0\n', "found no CSV text"),
+        ('squash\n"0\n', "expected CSV text, but it can't be read"),
     ],
 )
 def test_each_fault_gets_a_sentence_with_file_and_place(tmp_path, content, message):
@@ -53,5 +56,5 @@ def test_a_missing_file_is_named(tmp_path):
 def test_a_clip_has_so_many_frames_and_no_more(tmp_path):
     rows = "squash\n" + "0\n" * MOST_FRAMES
     assert read_clip(clip_file(tmp_path, rows), CONTROLS).shape == (MOST_FRAMES, len(CONTROLS))
-    with pytest.raises(InputError, match="line 20002 is one frame too many: allowed are 20,000 at most"):
+    with pytest.raises(InputError, match="line 20002: expected at most 20,000 frames, got one more"):
         read_clip(clip_file(tmp_path, rows + "0\n" * 1_000_000), CONTROLS)
