@@ -118,8 +118,8 @@ def names_of_controls(names: Sequence[str]) -> list[str]:
 def draw_pose(controls: Sequence[Control], frames: np.ndarray, seed: int, index: int) -> tuple[np.ndarray, int]:
     """Return the parameters of a drawn pose and its frame of origin (Eq. 5), or a uniform pose and -1 without frames.
 
-    frames: (a, m); their distances from the defaults are multiplied, and clamped to the limits of limited controls.
-    A seed and an index always give the same pose, whatever was drawn before.
+    frames: (a, m). A frame's distances from the defaults are multiplied by random factors; limits hold where controls
+    have them. A seed and an index always give the same pose, whatever was drawn before.
     """
     generator = np.random.default_rng([seed, index])
     lower, default, upper = (np.array([c[i] for c in controls]) for i in (1, 2, 3))
@@ -219,14 +219,14 @@ def check(rig: SampledRig, options: argparse.Namespace, name: str) -> tuple[int,
 
 
 def begin(rig: SampledRig, folder: Path, options: argparse.Namespace, name: str) -> None:
-    """Write the files that describe the folder. Raises Refusal where there are some of another rig."""
+    """Write the files that describe the rig. Raises Refusal for a folder of another rig or of something else."""
     frames = b"".join(n.tobytes() + p.astype(np.float32).tobytes() for n, p in rig.clips.values())
     texts = {"mesh": repr(rig.faces), "controls": controls_text(rig.controls), "clips": repr(list(rig.clips))}
     record = {key: hashlib.sha256(text.encode()).hexdigest() for key, text in texts.items()}
     record |= {"frames": hashlib.sha256(frames).hexdigest(), "seed": options.seed, "poses in a file": SHARD}
     mark = folder / ".export.json"
     foreign = folder.exists() and any(not path.name.startswith(".") for path in folder.iterdir())
-    if mark.exists():  # looked for after the rest: what another process writes now, it writes after the mark
+    if mark.exists():  # looked for after other files, for another process that begins now writes the mark first
         there = json.loads(mark.read_text("utf-8"))
         other = [key for key in record if record[key] != there.get(key)]
         if other:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +84,7 @@ def place_model(model: FaceKit, recipe: FaceKitRecipe) -> FaceKit:
     balls = [getattr(recipe.parts, f"eyeball_{side}") for side in ("left", "right")]
     centre = np.mean([sphere_centre(model.vertices[a : b + 1]) for a, b in balls], axis=0)
     shift = np.array([0.0, -centre[1], EYES_Z_MM - centre[2]])
-    return FaceKit(model.vertices + shift, model.polygons, model.uv, model.uv_polygons, model.offsets, model.landmarks)
+    return replace(model, vertices=model.vertices + shift)
 
 
 def _marks(model: FaceKit, segments: Segments, file: str) -> Int[np.ndarray, " l"]:

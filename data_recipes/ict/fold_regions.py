@@ -42,7 +42,7 @@ class Skin:
 
 @dataclass(frozen=True)
 class Patch:
-    """A region before vertices without a face are left out; some values are (s,) or one for all."""
+    """A region before vertices without a face are left out; numbers stand for (s,) equal values."""
 
     name: str
     vertices: np.ndarray

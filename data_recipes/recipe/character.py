@@ -23,9 +23,9 @@ from data_recipes.recipe.sections import (
 )
 from replicate.base.schema import Checked, groups, identifier, names, number
 
-# The sections of a recipe that give a head its solid shape: the skull and the nose. Lengths in mm, angles in deg.
+# ruff: noqa: RUF009 — defaults are `dataclasses.field`s, or frozen
 
-# ruff: noqa: RUF009 — what stands as a default is a `dataclasses.field`
+# The sections of a recipe that give a head its solid shape: the skull and the nose. Lengths in mm, angles in deg.
 
 
 @dataclass(frozen=True)
@@ -89,9 +89,6 @@ class Nose(Checked):
     nostril_facing: Triple = triple((0.0, -1.0, 0.0), -1.0, 1.0)
     nostril_long: Triple = triple((0.25, 0.0, 1.0), -1.0, 1.0)
     nostril_inwards: Triple = triple((0.0, 0.8, -0.1), -1.0, 1.0)
-
-
-# ruff: noqa: RUF009 — what stands as a default is a `dataclasses.field`, or frozen
 
 
 VERTICES_MOST = 1_000_000

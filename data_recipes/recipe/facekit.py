@@ -1,5 +1,5 @@
 """The recipe of a face in ICT-FaceKit's format: the vertices of its parts, and the few numbers that we add to it."""
-# ruff: noqa: RUF009 — what stands as a default is a `dataclasses.field`, or frozen
+# ruff: noqa: RUF009 — defaults are `dataclasses.field`s, or frozen
 
 from dataclasses import dataclass, fields
 from typing import Literal

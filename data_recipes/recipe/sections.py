@@ -28,10 +28,10 @@ def share(default: float) -> Any:
     return number(default, 0.0, 1.0)
 
 
-# ruff: noqa: RUF009 — what stands as a default is a `dataclasses.field`
+# ruff: noqa: RUF009 — defaults are `dataclasses.field`s
 
 
-# What a head is made of besides its teeth. Each part has a chart of its own unless a recipe puts several into one.
+# The parts of a head besides its teeth. Each has its chart unless a recipe puts several into one.
 PARTS = (
     "face",
     "cranium",

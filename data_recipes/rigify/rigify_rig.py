@@ -191,7 +191,7 @@ def fine_controls(rig: object) -> list[str]:
 def animate(rig: object, clips: dict[str, list[tuple[int, face_acting.Pose]]], scale: float) -> None:
     """Key clips as actions of a rig. scale: by which moves are multiplied on this head."""
     import bpy
-    from mathutils import Vector
+    from mathutils import Quaternion, Vector
 
     animation = rig.animation_data or rig.animation_data_create()
     for name, keys in clips.items():
@@ -209,8 +209,6 @@ def animate(rig: object, clips: dict[str, list[tuple[int, face_acting.Pose]]], s
                 in_scene = np.array([value[0], -value[2], value[1]])
                 local = basis.T @ in_scene
                 if turns:
-                    from mathutils import Quaternion
-
                     bone.rotation_euler = Quaternion(Vector(np.radians(local))).to_euler("XYZ")
                     bone.keyframe_insert("rotation_euler", frame=frame)
                 else:

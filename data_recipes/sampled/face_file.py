@@ -20,8 +20,8 @@ from replicate.base.user_files import read_text, read_toml, shown_path
 FACE_FILE = "face.toml"
 MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 MESH_ENDINGS = (".obj", ".glb")
-FAR = 1e6  # in the file's unit: where no point of a face is
-LONGEST_TEXT = 500  # characters of a note
+FAR = 1e6  # the farthest place of the eyes, in the file's unit
+LONGEST_TEXT = 500  # characters of a source or licence
 MOST_POINTS = 100
 LANDMARKS_AT_LEAST = 3
 
@@ -71,7 +71,7 @@ class FaceFile(Checked):
     unit, up: of the mesh and of the poses.
     mesh: a file of the folder.
     segments: what makes a segment of the mesh.
-    eyes: the middle between the eyeballs, in the file's unit and axes; () if it is to be guessed from the face's size.
+    eyes: the middle between the eyeballs, in the file's unit and axes; () has it guessed from the face's size.
     """
 
     name: str = identifier()

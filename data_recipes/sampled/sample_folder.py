@@ -226,7 +226,7 @@ def size_mm(found: SampleFolder) -> float:
 
 
 def check_size(found: SampleFolder) -> None:
-    """Raise InputError for a face that is too small or too large, which a wrong unit makes it."""
+    """Raise InputError for a face that is too small or too large, as with a wrong unit."""
     size, (least, most) = size_mm(found), SIZE_MM
     if not least <= size <= most:
         raise InputError(

@@ -33,7 +33,7 @@ def make_mesh(neutral: NeutralFile, segments: str, vertices_mm: Float[np.ndarray
 
     segments: "groups", "materials" or "islands".
     vertices_mm: in our axes.
-    where: the beginning of messages.
+    where: the file, for messages.
     Raises InputError for islands of a mesh without texture coordinates, for too many segments, and for a mesh whose
     faces all have no area.
     """
