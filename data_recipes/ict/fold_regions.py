@@ -64,12 +64,10 @@ def build_regions(
 ) -> list[Region]:
     """Return the wrinkle regions.
 
-    x: the neutral, mm.
+    x, marks: the neutral vertices and the landmarks, mm.
     polygons: with −1 in the last place of a triangle.
     face: the skin that may fold.
-    marks: the landmarks' places, mm.
-    folds, wrinkles: of the recipe.
-    m: the number of the rig's controls.
+    m: how many controls the rig has.
     """
     skin = Skin(x, vertex_normals(x, faces), faces, polygons, face, marks)
     patches = [(folds.forehead, _forehead(skin, folds.rows, wrinkles)), (folds.glabella, _glabella(skin, wrinkles))]

@@ -143,17 +143,14 @@ def check_stamp(head: Head, character: str, blend: Path) -> bool:
     """Return whether it is known whose head a .blend has. Raises InputError if it is another head than this one."""
     try:
         with np.load(stamp_of(blend)) as stamp:
-            stamped_character, vertices = str(stamp["character"]), stamp["vertices_mm"]
+            stamped, vertices = str(stamp["character"]), stamp["vertices_mm"]
     except FileNotFoundError:
         return False
     except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
-        remedy = "remove it to use the .blend as it is"
-        raise InputError(f"{shown_path(stamp_of(blend))} can't be read: {remedy}") from None
+        raise InputError(f"{shown_path(stamp_of(blend))} can't be read: remove it to use the .blend as it is") from None
     if vertices.shape == head.vertices.shape and np.abs(vertices - head.vertices).max() < SAME_MM:
         return True
-    other = f"the head of {stamped_character}"
-    if stamped_character == character:
-        other = f"{character}'s head as it was before its recipe changed"
+    other = f"the head of {stamped}" if stamped != character else f"{character}'s head before its recipe changed"
     remedy = "name another folder, or remove the .blend, so that it is made anew"
     raise InputError(f"{shown_path(blend)} has the rig on {other}: {remedy}")
 

@@ -89,9 +89,10 @@ def _read_obj(file: Path) -> NeutralFile:
         elif word == "f":
             corners, uv_corners = _polygon(rest, len(vertices), len(uv), place)
             polygons_without_uv += uv_corners is None
+            uv_corners = uv_corners or [0] * len(corners)
             for k in range(1, len(corners) - 1):
                 faces.append((corners[0], corners[k], corners[k + 1]))
-                uv_faces.append((0, 0, 0) if uv_corners is None else (uv_corners[0], uv_corners[k], uv_corners[k + 1]))
+                uv_faces.append((uv_corners[0], uv_corners[k], uv_corners[k + 1]))
                 groups.append(group)
                 materials.append(material)
     has_uv = bool(faces) and not polygons_without_uv

@@ -131,7 +131,7 @@ def test_a_blend_is_used_as_it_is_for_its_own_head_and_refused_for_another(
         InputError, match=r"has the rig on the head of tiny: name another folder, or remove the \.blend"
     ):
         write("toon")
-    with pytest.raises(InputError, match=r"out\.blend has the rig on tiny's head as it was before its recipe changed"):
+    with pytest.raises(InputError, match=r"out\.blend has the rig on tiny's head before its recipe changed"):
         write()
     assert len(without_blender) == 2
     (tmp_path / "out.blend").unlink()
