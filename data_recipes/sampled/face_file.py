@@ -192,9 +192,7 @@ def read_influence(file: Path, vertices: int, controls: int) -> Bool[np.ndarray,
     """
     where = shown_path(file)
     if not file.is_file():
-        raise InputError(
-            f"{where}: expected a file with an array of true and false, or no such file, got no regular file"
-        )
+        raise InputError(f"{where} is no regular file: write an array of true and false, or remove it")
     try:
         moves = np.load(file, mmap_mode="r", allow_pickle=False)
     except (*DAMAGE, OverflowError, MemoryError) as error:

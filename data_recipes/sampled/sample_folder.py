@@ -274,7 +274,8 @@ def check_vertices(found: SampleFolder, index: int, vertices: Float[np.ndarray, 
 
 
 def _check_points(face: FaceFile, count: int, folder: Path) -> None:
-    for name, vertices in {"landmarks": face.points.landmarks, **face.points.control_points}.items():
+    regions = {f"control_points.{shown(name)}": vertices for name, vertices in face.points.control_points.items()}
+    for key, vertices in {"landmarks": face.points.landmarks, **regions}.items():
         if too_large := next((vertex for vertex in vertices if vertex >= count), None):
-            place = f"{shown_path(folder / FACE_FILE)}: points, {shown(name)}"
+            place = f"{shown_path(folder / FACE_FILE)}: points.{key}"
             raise InputError(f"{place}: expected vertices from 0 to {count - 1}, got {too_large}")

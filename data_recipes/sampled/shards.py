@@ -157,7 +157,7 @@ def _check_regular(file: Path) -> None:
     except OSError as error:
         raise InputError(f"{shown_path(file)}: not a readable file ({error.strerror})") from None
     if not stat.S_ISREG(mode):
-        raise InputError(f"{shown_path(file)} is no regular file")
+        raise InputError(f"{shown_path(file)} is no regular file: replace or remove it")
 
 
 def _names_in(file: Path) -> list[str]:
