@@ -35,8 +35,8 @@ class CaptureConfig(Checked):
     def __post_init__(self):
         super().__post_init__()
         if self.smoothing_frames % 2 == 0 or 1 < self.smoothing_frames <= DEGREE:
-            allowed = f"1 for no smoothing, or an odd number of frames from {DEGREE + 1}"
-            raise InputError(f"smoothing_frames is {self.smoothing_frames}: allowed is {allowed}")
+            expected = f"1 for no smoothing, or an odd number of frames from {DEGREE + 1}"
+            raise InputError(f"smoothing_frames: expected {expected}, got {self.smoothing_frames}")
 
 
 def own(profile: str) -> CaptureConfig:

@@ -75,12 +75,12 @@ def read_landmarks(file: Path, names: Sequence[str], longest_gap: int) -> Record
     unit = _unit(where, read_text(file, MOST_BYTES))
     frame = read_csv(file, SCHEMAS[unit], (), missing="there is no such file of landmarks.")
     if frame.empty:
-        raise InputError(f"{where}: it holds no landmark, where {len(names)} a frame are allowed.")
+        raise InputError(f"{where}: expected {len(names)} landmarks a frame, got none.")
     _check_lines(where, frame, names)
     numbers = frame["frame"].to_numpy(np.int64)
     first, last = int(numbers[0]), int(numbers[-1])
     if last - first >= MOST_FRAMES:
-        raise InputError(f"{where}: its frames go from {first} to {last}; allowed are {MOST_FRAMES:,} at most.")
+        raise InputError(f"{where}: expected at most {MOST_FRAMES:,} frames, got frames {first} to {last}.")
     _check_counts(where, frame, names)
     places = {name: k for k, name in enumerate(names)}
     positions = np.full((last - first + 1, len(names), 2), np.nan)
@@ -98,8 +98,8 @@ def _unit(where: str, text: str) -> str:
     header = text.split("\n", 1)[0].strip("\r")
     headers = {",".join(column.name for column in columns): unit for unit, columns in SCHEMAS.items()}
     if header not in headers:
-        allowed = " and ".join(map(repr, headers))
-        raise InputError(f"{where}, line 1: found {shown(header)}, where only the headers {allowed} are allowed.")
+        expected = " or ".join(map(repr, headers))
+        raise InputError(f"{where}, line 1: expected the header {expected}, got {shown(header)}.")
     return headers[header]
 
 
@@ -108,7 +108,7 @@ def _check_lines(where: str, frame: "pandas.DataFrame", names: Sequence[str]) ->
     if len(unknown):
         name, some = frame["landmark"].iloc[unknown[0]], ", ".join(names[:4])
         raise InputError(
-            f"{where}, line {unknown[0] + 2}: there is no landmark {shown(name)}; allowed are {some} and "
+            f"{where}, line {unknown[0] + 2}: there is no landmark {shown(name)}; there are {some} and "
             f"{len(names) - 4} more, which `data_recipes/landmark_set.py` lists."
         )
     _check_coordinates(where, frame)
@@ -117,15 +117,14 @@ def _check_lines(where: str, frame: "pandas.DataFrame", names: Sequence[str]) ->
     if len(again):
         name = frame["landmark"].iloc[again[0]]
         raise InputError(
-            f"{where}, line {again[0] + 2}: {name!r} of frame {numbers[again[0]]} comes a second time, where once is "
-            "allowed."
+            f"{where}, line {again[0] + 2}: {name!r} of frame {numbers[again[0]]} comes a second time; leave one out."
         )
     back = np.flatnonzero(np.diff(numbers) < 0)
     if len(back):
         line = back[0] + 3
         earlier, later = numbers[back[0]], numbers[back[0] + 1]
         raise InputError(
-            f"{where}, line {line}: frame {later} comes after frame {earlier}; allowed are frames in rising order."
+            f"{where}, line {line}: expected frames in rising order, got frame {later} after frame {earlier}."
         )
 
 
@@ -135,16 +134,16 @@ def _check_coordinates(where: str, frame: "pandas.DataFrame") -> None:
     if len(beyond):
         line, axis = beyond[0]
         raise InputError(
-            f"{where}, line {line + 2}: {names[axis]} is {places[line, axis]:g}, where numbers from {-LARGEST:,.0f} to "
-            f"{LARGEST:,.0f} are allowed."
+            f"{where}, line {line + 2}: {names[axis]}: expected a number from {-LARGEST:,.0f} to {LARGEST:,.0f}, "
+            f"got {places[line, axis]:g}."
         )
     empty = np.isnan(places)
     half = np.flatnonzero(empty[:, 0] != empty[:, 1])
     if len(half):
         lacking, given = names if empty[half[0], 0] else names[::-1]
         raise InputError(
-            f"{where}, line {half[0] + 2}: {given} is there and {lacking} is not, where both are needed; leave both "
-            "empty for a landmark that was not seen."
+            f"{where}, line {half[0] + 2}: {given} is there and {lacking} is not; give both, or leave both empty for a "
+            "landmark that was not seen."
         )
 
 
@@ -171,8 +170,8 @@ def _check_gaps(where: str, unseen: Bool[np.ndarray, "t l"], first: int, names: 
                 raise InputError(f"{seen}, at the recording's end or beginning, where nothing can be interpolated.")
             if end - begin > longest:
                 raise InputError(
-                    f"{seen}; allowed are gaps of {longest} frames at most, which are interpolated ([capture] "
-                    "longest_gap in a CONFIG file)."
+                    f"{seen}; gaps of at most {longest} frames are interpolated ([capture] longest_gap in a CONFIG "
+                    "file)."
                 )
 
 

@@ -50,11 +50,11 @@ def check_recording(recording: Recording, section: CaptureConfig) -> None:
     count = section.neutral_frames
     if len(recording.positions) <= count:
         raise InputError(
-            f"the recording has {len(recording.positions)} frames, where more than {count} are needed: the first "
-            f"{count} are taken for the neutral expression ([capture] neutral_frames in a CONFIG file)"
+            f"the recording: expected more than {count} frames, got {len(recording.positions)}: the first {count} are "
+            "taken for the neutral expression ([capture] neutral_frames in a CONFIG file)"
         )
     if recording.unit == PIXELS and section.scale == "none":
-        raise InputError("landmarks in pixels need a scale: [capture] scale is 'none', allowed for them is 'face'")
+        raise InputError("landmarks in pixels need a scale: [capture] scale is 'none', set it to 'face'")
 
 
 def face_size(places: Float[np.ndarray, "l 2"]) -> float:
@@ -126,15 +126,15 @@ def check_face(recording: Recording, names: Sequence[str], section: CaptureConfi
     rest = recording.positions[: section.neutral_frames].mean(axis=0)
     if _is_point(rest):
         if section.scale == "face" or section.head == "steady":
-            raise InputError("all landmarks of the neutral frames are in one place, where a face is allowed")
+            raise InputError("all landmarks of the neutral frames are in one place, so there is no face")
         return
     points = (
         [k for k, places in enumerate(recording.positions) if _is_point(places)] if section.head == "steady" else []
     )
     if points:
         raise InputError(
-            f"all landmarks of frame {points[0]}, counted from 0, are in one place, where a face is allowed ([capture] "
-            "head is 'steady')"
+            f"all landmarks of frame {points[0]}, counted from 0, are in one place, so there is no face to hold steady "
+            "([capture] head is 'steady')"
         )
     fault = _turned(rest, names, "y points up in mm" if recording.unit == MM else "y points down in pixels")
     if fault:
@@ -151,14 +151,14 @@ def _turned(rest: Float[np.ndarray, "l 2"], names: Sequence[str], rule: str) -> 
     across = _middle(rest, names, "left") - _middle(rest, names, "right")
     if abs(up[0]) >= abs(up[1]) or abs(across[1]) >= abs(across[0]):
         return (
-            f"the face lies on its side, where an upright one is allowed: x points to the picture's right and {rule}; "
-            "perhaps x and y have changed places"
+            f"the face lies on its side and has to be upright: x points to the picture's right and {rule}; perhaps x "
+            "and y have changed places"
         )
     if up[1] < 0:
-        return f"the brows are below the chin, where above it is allowed: {rule}; turn the sign of y"
+        return f"the brows are below the chin and have to be above it: {rule}; turn the sign of y"
     if across[0] < 0:
         return (
-            "the face's left has the smaller x, where the larger one is allowed: x points to the picture's right, the "
+            "the face's left has the smaller x and has to have the larger one: x points to the picture's right, the "
             "face's own left; turn the sign of x"
         )
     return ""

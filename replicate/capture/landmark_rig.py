@@ -32,7 +32,7 @@ def stage(plan: Plan) -> Stage:
         return plan[NAME]
     if sample_folder(plan.config.character):
         raise InputError(
-            f"{plan.character} is known by its samples alone: allowed are characters whose 54 landmarks are known"
+            f"{plan.character} is known by its samples alone: choose a character whose 54 landmarks are known"
         )
     recipe, files = character_parts(plan.config.character)
     return plan.stage(NAME, make, Character(recipe), artefacts.rig_stage(plan), files=files, per_seed=False)

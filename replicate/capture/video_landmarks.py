@@ -44,7 +44,7 @@ def pixel_landmarks(
     missing = np.full((len(points), 2), np.nan)
     places = [missing if face is None else np.asarray(face)[points] * (width, height) for face in faces]
     if not any(np.isfinite(place).all() for place in places):
-        raise InputError("no face was found in any frame of the video: allowed is a face that looks at the camera")
+        raise InputError("no face was found in any frame of the video: it has to show a face that looks at the camera")
     return np.stack(places)
 
 
@@ -72,7 +72,7 @@ def track(video: Path, model: Path, out: Path) -> str:
     capture = cv2.VideoCapture(str(video))
     try:
         if not capture.isOpened():
-            raise InputError(f"{shown_path(video)}: found no video that OpenCV can read")
+            raise InputError(f"{shown_path(video)}: OpenCV can't read this video")
         rate = capture.get(cv2.CAP_PROP_FPS) or 24.0
         size = (int(capture.get(property)) for property in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
         places = pixel_landmarks(_faces(mediapipe, cv2, capture, model, rate), *size)

@@ -69,7 +69,7 @@ class _Recorder(TorchFunctionMode):
     def unknown(self, name: str) -> InputError:
         """Return the error of a function that has no operator here."""
         known = ", ".join(sorted(CONVERTERS))
-        return InputError(f"{self._name} calls torch's {name}, which has no ONNX operator here: allowed are {known}")
+        return InputError(f"{self._name} calls torch's {name}, which has no ONNX operator here; there are {known}")
 
 
 def _tensors(values: Sequence[object]) -> list[torch.Tensor]:

@@ -32,7 +32,7 @@ def add_offsets(model: object, graph: OnnxGraph, params: str) -> Moved:
     Raises InputError for a model of a class that nothing here knows, and as `onnx_functions.recorded` does.
     """
     raise InputError(
-        f"{type(model).__name__} can't be written as ONNX: allowed are SegmentedModel, RefinedModel and RegionalModel"
+        f"{type(model).__name__} can't be written as ONNX: expected a SegmentedModel, RefinedModel or RegionalModel"
     )
 
 

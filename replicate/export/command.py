@@ -41,20 +41,20 @@ class Request:
     def __post_init__(self) -> None:
         sources = [name for name in ("pose", "clip", "params") if getattr(self, name) is not None]
         if len(sources) > 1:
-            raise InputError(f"{' and '.join(sources)} are given: allowed is one of pose, clip and params")
+            raise InputError(f"expected one of pose, clip and params, got {' and '.join(sources)}")
         if not self.tolerance_mm >= LEAST_TOLERANCE_MM or self.tolerance_mm == float("inf"):
             raise InputError(
-                f"tolerance is {self.tolerance_mm}: allowed is a number of at least {LEAST_TOLERANCE_MM} mm"
+                f"tolerance: expected a number of at least {LEAST_TOLERANCE_MM} mm, got {self.tolerance_mm}"
             )
         if self.to is not None:
             _check_file(paths.with_home(self.to, "to"))
             if self.clip is not None and Path(self.to).suffix.lower() == ".obj":
-                raise InputError(f"{self.to} can hold one pose and not a clip: allowed for a clip is .glb")
+                raise InputError(f"{self.to} can hold one pose and not a clip: name a .glb file")
 
 
 def _check_file(file: Path) -> None:
     if file.suffix.lower() not in ENDINGS:
-        raise InputError(f"{file} ends in {file.suffix or 'nothing'!r}: allowed are {' and '.join(ENDINGS)}")
+        raise InputError(f"{file}: expected a name that ends in {' or '.join(ENDINGS)}")
     check_output_file(file)
     if not file.absolute().parent.is_dir():
         raise InputError(f"there is no folder {file.absolute().parent} to write {file.name} to: make it first")
@@ -71,7 +71,7 @@ def export(rig: Rig, request: Request) -> tuple[list[Path], str]:
     about = {"character": rig.name, "pose": name}
     if len(poses) > 1:
         if file.suffix.lower() == ".obj":
-            raise InputError(f"{file} can hold one pose, and {name} has {len(poses)}: allowed for a clip is .glb")
+            raise InputError(f"{file} can hold one pose, and {name} has {len(poses)}: name a .glb file")
         rest, frames = moving_parts(rig, poses)
         about |= {"clip": about.pop("pose"), "frames_per_second": frames_per_second(rig)}
         data, tracks = animated_glb(rest, frames, about, request.tolerance_mm, frames_per_second(rig))
@@ -109,7 +109,7 @@ def requested_poses(rig: Rig, request: Request) -> tuple[str, Float32[np.ndarray
     poses = expression_poses(rig)
     name = request.pose if request.pose is not None else "neutral"
     if name not in poses:
-        raise InputError(f"{rig.name} has no pose {shown(name)}: allowed are {', '.join(poses)}")
+        raise InputError(f"{rig.name} has no pose {shown(name)}; it has {', '.join(poses)}")
     return name, poses[name][None]
 
 
@@ -118,9 +118,9 @@ def _clip(rig, name: str):
     if name in clips:
         return clips[name]
     if not clips:
-        raise InputError(f"{rig.name} has no clips: allowed are poses, and files of parameters")
+        raise InputError(f"{rig.name} has no clips: choose a pose, or a file of parameters")
     number = as_whole_number(name)
     if number is not None and number < len(clips):
         return list(clips.values())[number]
-    choices = f"numbers from 0 to {len(clips) - 1} and {', '.join(clips)}"
-    raise InputError(f"{rig.name} has no clip {shown(name)}: allowed are {choices}")
+    choices = f"{', '.join(clips)}, numbered from 0 to {len(clips) - 1}"
+    raise InputError(f"{rig.name} has no clip {shown(name)}; it has {choices}")

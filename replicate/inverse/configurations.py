@@ -68,10 +68,10 @@ def read_drags(file: Path, names: Sequence[str]) -> list[Configuration]:
     """
     frame = read_csv(file, SCHEMA, KEY, missing="there is no such file of drags.")
     if frame.empty:
-        raise InputError(f"{file}: it holds no drag, where one at least is needed.")
+        raise InputError(f"{file}: expected at least one drag, got none.")
     unknown = sorted(set(frame["point"]) - set(names))
     if unknown:
-        raise InputError(f"{file}: there is no control point {unknown[0]!r}; allowed are {', '.join(names)}.")
+        raise InputError(f"{file}: there is no control point {unknown[0]!r}; there are {', '.join(names)}.")
     groups = frame.groupby("configuration", sort=True)
     return [tuple(Drag(*cells[1:]) for cells in group.itertuples(index=False)) for _, group in groups]
 

@@ -47,7 +47,7 @@ def control_points(rig: Rig, influence: Bool[np.ndarray, "n m"]) -> ControlPoint
     Raises InputError for a rig without control points, and for a region whose points nothing moves.
     """
     if not len(rig.control_points):
-        raise InputError(f"rig '{rig.name}': it has no control points, where inverse kinematics needs one at least.")
+        raise InputError(f"rig '{rig.name}': inverse kinematics needs at least one control point, and there is none.")
     vertices = np.asarray(rig.control_points, np.int64)
     names = rig.control_point_names or tuple(f"point_{i + 1:02d}" for i in range(len(vertices)))
     regions = []
@@ -70,9 +70,9 @@ def targets_of_drags(
     targets = np.array(neutral, np.float32)
     for name, move in drags:
         if name not in names:
-            raise InputError(f"there is no control point {name!r}; allowed are {', '.join(names)}")
+            raise InputError(f"there is no control point {name!r}; there are {', '.join(names)}")
         if not np.isfinite(move).all():
-            raise InputError(f"control point {name!r} is moved by {tuple(move)}; allowed are finite lengths in mm")
+            raise InputError(f"control point {name!r}: expected a move of finite lengths in mm, got {tuple(move)}")
         targets[list(names).index(name), : len(move)] += np.asarray(move, np.float32)
     return targets
 

@@ -130,8 +130,8 @@ class Poser(anywidget.AnyWidget):
         if len(outside):
             j = outside[0]
             raise InputError(
-                f"the control {rig.controls[j].name!r} is {params[j]:g}: a number from {rig.lower[j]:g} to "
-                f"{rig.upper[j]:g} is allowed"
+                f"control {rig.controls[j].name!r}: expected a number from {rig.lower[j]:g} to {rig.upper[j]:g}, "
+                f"got {params[j]:g}"
             )
         return np.clip(params, rig.lower, rig.upper)
 
@@ -176,7 +176,7 @@ def _numbers(value: object, shape: tuple[int, ...], name: str) -> np.ndarray:
         array = np.zeros(0)
     if array.shape != shape or not np.isfinite(array).all():
         found = f"an array of shape {array.shape}" if np.isfinite(array).all() else "an array with NaN or infinity"
-        raise InputError(f"{name} is {found}: allowed are finite numbers in the shape {shape}")
+        raise InputError(f"{name}: expected finite numbers in the shape {shape}, got {found}")
     return array
 
 

@@ -33,7 +33,7 @@ def packed(header: Mapping[str, object], arrays: Mapping[str, np.ndarray]) -> by
     """
     for name, array in arrays.items():
         if array.dtype.name not in KINDS:
-            raise InputError(f"array {name!r} is of {array.dtype.name}: allowed are {', '.join(KINDS)}")
+            raise InputError(f"array {name!r}: expected one of {', '.join(KINDS)}, got {array.dtype.name}")
     entries = [{"name": name, "kind": a.dtype.name, "shape": list(a.shape)} for name, a in arrays.items()]
     text = json.dumps({**header, "arrays": entries}, separators=(",", ":")).encode()
     text += b" " * (-len(text) % ALIGNMENT)

@@ -45,7 +45,7 @@ def read_pose(
     where = shown_path(file)
     words = _table(file, where)
     if words["version"] != VERSION:
-        raise InputError(f"{where}: this pose is of version {shown(words['version'])}: {VERSION} is allowed")
+        raise InputError(f"{where}: expected a pose of version {VERSION}, got {shown(words['version'])}")
     if words.get("character") != rig.name:
         raise InputError(f"{where}: this pose is of the character {shown(words.get('character'))}, not of {rig.name}")
     params = _params(words["controls"], rig, where)
@@ -56,8 +56,8 @@ def read_pose(
         place = points.get(name)
         if not (isinstance(place, list) and len(place) == 3 and all(map(_is_length, place))):
             raise InputError(
-                f"{where}: the control point {name!r} is {shown(place)}: three lengths in mm, from {-FARTHEST_MM:g} to "
-                f"{FARTHEST_MM:g}, are allowed"
+                f"{where}: control point {name!r}: expected three lengths from {-FARTHEST_MM:g} to {FARTHEST_MM:g} mm, "
+                f"got {shown(place)}"
             )
     return params, np.array([points[name] for name in names], np.float32).reshape(-1, 3)
 
@@ -67,10 +67,10 @@ def _table(file: Path, where: str) -> dict:
     try:
         words = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{where}: this file holds no JSON ({str(error) or 'nested too deeply'})") from None
+        raise InputError(f"{where}: this file is not JSON ({str(error) or 'nested too deeply'})") from None
     if not (isinstance(words, dict) and words.get("format") == FORMAT and isinstance(words.get("controls"), dict)):
         raise InputError(
-            f'{where}: this file holds no pose: a table with "format": "{FORMAT}" and "controls" is allowed'
+            f'{where}: this file is not a saved pose: expected a table with "format": "{FORMAT}" and "controls"'
         )
     return {"version": None, **words}
 
@@ -83,11 +83,12 @@ def _params(values: Mapping[str, object], rig: Rig, where: str) -> Float32[np.nd
     params = np.array(rig.default, np.float32)
     for j, control in enumerate(rig.controls):
         if control.name not in values:
-            raise InputError(f"{where}: this pose has no value of the control {control.name!r}: all are needed")
+            raise InputError(f"{where}: control {control.name!r}: expected a value, got none")
         value, lower, upper = values[control.name], float(rig.lower[j]), float(rig.upper[j])
         if not (_is_number(value) and lower - SLACK <= value <= upper + SLACK):
-            allowed = f"a number from {lower:g} to {upper:g} is allowed"
-            raise InputError(f"{where}: the control {control.name!r} is {shown(value)}: {allowed}")
+            raise InputError(
+                f"{where}: control {control.name!r}: expected a number from {lower:g} to {upper:g}, got {shown(value)}"
+            )
         params[j] = min(max(value, lower), upper)
     return params
 

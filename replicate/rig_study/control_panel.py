@@ -97,7 +97,7 @@ class ControlPanel:
         """
         if expression not in self._presets:
             choices = ", ".join(self._presets)
-            raise InputError(f"rig '{self.rig.name}': it has no expression '{expression}'; allowed are {choices}.")
+            raise InputError(f"rig '{self.rig.name}': there is no expression '{expression}'; there are {choices}.")
         self._held = True
         try:
             self.expression.value = expression

@@ -235,7 +235,7 @@ def derivative_sheet(
     """
     names = [c.name for c in rig.controls]
     if control not in names:
-        raise InputError(f"rig '{rig.name}': it has no control '{control}'; allowed are {', '.join(names)}.")
+        raise InputError(f"rig '{rig.name}': there is no control '{control}'; there are {', '.join(names)}.")
     column = names.index(control)
     exact = [rig.jacobian(params, [column])[:, :, 0] for params in poses.values()]
     differences = [central(rig, params, column) for params in poses.values()]

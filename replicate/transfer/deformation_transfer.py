@@ -38,7 +38,9 @@ class DeformationTransfer:
         counterpart: Int[np.ndarray, " c"],
     ):
         if len(counterpart) != len(faces):
-            raise InputError(f"counterparts: found {len(counterpart)}, where the new mesh has {len(faces)} faces.")
+            raise InputError(
+                f"counterparts: expected one for each of the new mesh's {len(faces)} faces, got {len(counterpart)}."
+            )
         self.source_faces, self.counterpart, self.count = source_faces, counterpart, len(target)
         self.rest = np.linalg.inv(frames(neutral.astype(np.float64), source_faces))  # (f, 3, 3)
         own = target.astype(np.float64)

@@ -44,7 +44,7 @@ def face_of(mesh: Mesh) -> Face:
     segments = [k for k, name in enumerate(mesh.segment_names) if name.startswith(FACE)]
     if not segments:
         names = ", ".join(mesh.segment_names[:4])
-        raise InputError(f"the names of the mesh's segments are {names} …: at least one has to begin with {FACE!r}")
+        raise InputError(f"segments of the mesh: expected at least one whose name begins with {FACE!r}, got {names} …")
     inside = np.flatnonzero(np.isin(mesh.segment, segments))
     faces = inside[faces_within(mesh.faces, inside, len(mesh.neutral))]
     vertices, local = np.unique(faces, return_inverse=True)

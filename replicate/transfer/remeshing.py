@@ -59,7 +59,7 @@ def remeshed(
     new vertex belongs to the segment whose vertex is nearest in its triangle of the original.
     """
     if not 0 < share < 1:
-        raise InputError(f"share of the vertices is {share}: allowed is a number above 0 and below 1.")
+        raise InputError(f"share of the vertices: expected a number above 0 and below 1, got {share}.")
     own = np.flatnonzero(np.isin(mesh.segment, list(segments)))
     faces = own[faces_within(mesh.faces, own, len(mesh.neutral))]
     ways = surface_ways(mesh.neutral, faces)

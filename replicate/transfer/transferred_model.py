@@ -30,7 +30,7 @@ def transferred(model: object, mesh: Mesh) -> SegmentedModel | RefinedModel:
     mesh: the new one; its texture coordinates lie in the charts of the model's segments, by whose names its own go. It
     may have some of them only, as in Fig. 13. Raises InputError for a segment that the model has no map of.
     """
-    raise InputError(f"model: found a {type(model).__name__}, where only a coarse or a refined one has maps to read.")
+    raise InputError(f"model: expected a coarse or a refined one, which has maps, got a {type(model).__name__}.")
 
 
 @transferred.register
@@ -103,7 +103,7 @@ def _moved(model: SegmentedModel, parts: Sequence[tuple[int, np.ndarray, np.ndar
 def _check_names(mesh: Mesh, known: dict[str, int]) -> None:
     unknown = [name for name in mesh.segment_names if name not in known]
     if unknown:
-        raise InputError(f"mesh: the model has no map of segment {unknown[0]!r}: allowed are {', '.join(known)}.")
+        raise InputError(f"mesh: the model has no map of segment {unknown[0]!r}; it has maps of {', '.join(known)}.")
 
 
 # Texture coordinates that are off: how well the charts of two meshes have to be aligned (§6).

@@ -90,7 +90,7 @@ def test_telling_frames_are_the_farthest_from_rest_and_from_each_other():
 @pytest.mark.parametrize(
     ("recording", "section", "sentence"),
     [
-        (Recording(recorded(3), MM, 0), changed(neutral_frames=3), "has 3 frames, where more than 3 are needed"),
+        (Recording(recorded(3), MM, 0), changed(neutral_frames=3), "expected more than 3 frames, got 3"),
         (Recording(recorded(), PIXELS, 0), PLAIN, "landmarks in pixels need a scale"),
     ],
 )
@@ -101,5 +101,5 @@ def test_recordings_that_say_nothing_are_refused(recording, section, sentence):
 
 @pytest.mark.parametrize("frames", [2, 4, 0])
 def test_a_window_of_smoothing_has_a_middle(frames):
-    with pytest.raises(InputError, match="smoothing_frames is"):
+    with pytest.raises(InputError, match="smoothing_frames: expected 1 for no smoothing, or an odd number"):
         CaptureConfig(smoothing_frames=frames)

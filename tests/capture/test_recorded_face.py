@@ -45,8 +45,8 @@ def test_pixels_count_after_they_are_turned_to_point_up(still, tmp_path):
 def test_a_face_that_is_not_upright_is_refused_with_what_mends_it(still, unit):
     y = "y points up in mm" if unit == MM else "y points down in pixels"
     for places, sentence in (
-        (still * (1, -1), f"the brows are below the chin, where above it is allowed: {y}; turn the sign of y"),
-        (turned(still, 180), f"the brows are below the chin, where above it is allowed: {y}"),
+        (still * (1, -1), f"the brows are below the chin and have to be above it: {y}; turn the sign of y"),
+        (turned(still, 180), f"the brows are below the chin and have to be above it: {y}"),
         (still[..., ::-1], f"the face lies on its side, .* right and {y}; perhaps x and y have changed places"),
         (turned(still, 90), "the face lies on its side"),
         (still * (-1, 1), "the face's left has the smaller x, .* the face's own left; turn the sign of x"),

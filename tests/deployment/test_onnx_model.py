@@ -174,5 +174,5 @@ def test_dimensions_that_count_from_the_end_and_sums_give_what_torch_gives(turn)
 
 
 def test_what_is_no_model_is_refused_in_a_sentence():
-    with pytest.raises(InputError, match="PosedFace can't be written as ONNX: allowed are SegmentedModel, "):
+    with pytest.raises(InputError, match="PosedFace can't be written as ONNX: expected a SegmentedModel, "):
         onnx_model(posed_face(), MESH, ATTACHMENTS)

@@ -211,7 +211,7 @@ def test_a_file_of_parameters_is_a_pose_or_a_clip(tmp_path):
     params.write_text("lift\n0\n0.5\n1\n")
     export(rig, Request(params=str(params), to=str(tmp_path / "three.glb")))
     np.testing.assert_allclose(Glb(tmp_path / "three.glb").play("box")[0][:, 0, 2], [0, 2.5, 5], atol=0.05)
-    with pytest.raises(InputError, match=r"three\.obj can hold one pose, and nod has 3: allowed for a clip is \.glb"):
+    with pytest.raises(InputError, match=r"three\.obj can hold one pose, and nod has 3: name a \.glb file"):
         export(rig, Request(params=str(params), to=str(tmp_path / "three.obj")))
     params.write_text("lft\n0.5\n")
     with pytest.raises(InputError, match="there is no control 'lft' in this rig"):
@@ -225,9 +225,9 @@ def test_poses_and_clips_go_by_their_names_and_clips_by_their_numbers_too():
         "nod", "nod", "nod", "12", "12",
     ]  # fmt: skip
     assert requested_poses(rig, Request())[0] == "neutral"
-    with pytest.raises(InputError, match=r"no clip '2': allowed are numbers from 0 to 1 and nod, 12"):
+    with pytest.raises(InputError, match=r"no clip '2'; it has nod, 12, numbered from 0 to 1"):
         requested_poses(rig, Request(clip="2"))
-    with pytest.raises(InputError, match="box has no pose 'joy': allowed are neutral"):
+    with pytest.raises(InputError, match="box has no pose 'joy'; it has neutral"):
         requested_poses(rig, Request(pose="joy"))
     with pytest.raises(InputError, match="box has no clips"):
         requested_poses(foreign(), Request(clip="0"))
@@ -236,12 +236,12 @@ def test_poses_and_clips_go_by_their_names_and_clips_by_their_numbers_too():
 @pytest.mark.parametrize(
     "arguments, part",
     [
-        (("--pose", "joy", "--clip", "3"), "pose and clip are given"),
-        (("--to", "face.fbx"), "ends in '.fbx': allowed are .glb and .obj"),
+        (("--pose", "joy", "--clip", "3"), "expected one of pose, clip and params, got pose and clip"),
+        (("--to", "face.fbx"), "face.fbx: expected a name that ends in .glb or .obj"),
         (("--to", "face"), "ends in 'nothing'"),
         (("--to", "nowhere/at/all/face.glb"), "there is no folder"),
-        (("--clip", "3", "--to", "face.obj"), "allowed for a clip is .glb"),
-        (("--clip", "3", "--tolerance", "0"), "tolerance is 0.0: allowed is a number of at least 0.001 mm"),
+        (("--clip", "3", "--to", "face.obj"), "can hold one pose and not a clip: name a .glb file"),
+        (("--clip", "3", "--tolerance", "0"), "tolerance: expected a number of at least 0.001 mm, got 0.0"),
         (("--tolerance", "nan"), "tolerance is nan"),
         (("--characters", "teen", "tiny", "--to", "face.glb"), "2 characters can't all be written to face.glb"),
         (("--characters", "hiccup"), "Hiccup's part is played by the teen"),

@@ -44,8 +44,8 @@ def test_a_file_comes_back_as_it_was_written(tmp_path):
 @pytest.mark.parametrize(
     ("text", "part"),
     [
-        ("configuration,point,x_mm,y_mm\n1,ear,2.0,3.0\n", "no control point 'ear'; allowed are brow, chin"),
-        ("configuration,point,x_mm,y_mm\n", "holds no drag"),
+        ("configuration,point,x_mm,y_mm\n1,ear,2.0,3.0\n", "no control point 'ear'; there are brow, chin"),
+        ("configuration,point,x_mm,y_mm\n", "expected at least one drag, got none"),
         ("configuration,point,x_mm,y_mm\n1,chin,nan,3.0\n", "line 2"),
         ("configuration,point,x_mm,y_mm\n1,chin,1.0,3.0\n1,chin,2.0,3.0\n", "line 3"),
         ("point,x,y\nchin,1,2\n", "line 1"),

@@ -133,7 +133,7 @@ def test_drags_move_the_points_that_they_name():
     neutral, names = np.zeros((2, 3), np.float32), ("chin", "brow")
     moved = targets_of_drags(neutral, names, [("brow", (1.0, 2.0)), ("chin", (0.0, 0.0, 3.0))])
     assert moved.tolist() == [[0, 0, 3], [1, 2, 0]]
-    with pytest.raises(InputError, match="no control point 'nose'; allowed are chin, brow"):
+    with pytest.raises(InputError, match="no control point 'nose'; there are chin, brow"):
         targets_of_drags(neutral, names, [("nose", (0.0, 0.0))])
     with pytest.raises(InputError, match="finite lengths"):
         targets_of_drags(neutral, names, [("chin", (float("nan"), 0.0))])

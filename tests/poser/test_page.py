@@ -88,15 +88,15 @@ def test_a_pose_comes_back_from_its_file_and_from_its_link(report):
 
 def test_files_that_are_no_poses_of_this_face_are_refused_in_a_sentence_and_change_nothing(report):
     words = {
-        "letters": "no JSON",
-        "list": "holds no pose",
+        "letters": "is not JSON",
+        "list": "is not a saved pose",
         "stranger": "of the character nobody, and the face here is small",
         "control": 'no control "nose_length"',
-        "value": 'the control "c0" is 99: a number from -1 to 2 is allowed',
-        "none": 'this pose has no value of the control "c0": all are needed',
-        "point": 'the control point "point_01" is undefined',
-        "far": 'the control point "point_01" is [0,1e+39,0]: three lengths in mm, from -10000 to 10000, are allowed',
-        "link": "no pose of small",
+        "value": 'control "c0": expected a number from -1 to 2, got 99',
+        "none": 'control "c0": expected a value, got none',
+        "point": 'control point "point_01": expected three lengths from -10000 to 10000 mm, got undefined',
+        "far": 'control point "point_01": expected three lengths from -10000 to 10000 mm, got [0,1e+39,0]',
+        "link": "is not a pose of small",
     }
     for name, phrase in words.items():
         assert report["refused"][name] and phrase in report["refused"][name], name

@@ -123,13 +123,13 @@ def test_a_bad_file_is_told_in_the_page_and_changes_nothing(rest, tmp_path):
     table = {"format": "facial pose", "version": 1, "character": "small"}
     values = {control.name: 0 for control in FACE.rig.controls}
     bad = {
-        "letters": ("no json", "this file holds no JSON"),
-        "nan": (json.dumps(table | {"controls": values | {"c0": float("nan")}}), "this file holds no JSON"),
+        "letters": ("no json", "this file is not JSON"),
+        "nan": (json.dumps(table | {"controls": values | {"c0": float("nan")}}), "this file is not JSON"),
         "stranger": (json.dumps(table | {"character": "toon", "controls": values}), "of the character toon"),
-        "few": (json.dumps(table | {"controls": {"c0": 1}}), 'no value of the control "c1"'),
+        "few": (json.dumps(table | {"controls": {"c0": 1}}), 'control "c1": expected a value, got none'),
         "beyond": (
             json.dumps(table | {"controls": values | {"c2": 7}}),
-            'the control "c2" is 7: a number from -1 to 2',
+            'control "c2": expected a number from -1 to 2, got 7',
         ),
     }
     for name, (text, part) in bad.items():

@@ -77,8 +77,8 @@ def test_the_colours_are_those_of_the_chosen_error(poser):
     [
         (np.zeros(2), "shape"),
         (np.full(len(SOME), np.nan), "NaN"),
-        (np.full(len(SOME), 9.0), "'c0' is 9: a number from -1 to 2 is allowed"),
-        ("all", "allowed are finite numbers"),
+        (np.full(len(SOME), 9.0), "control 'c0': expected a number from -1 to 2, got 9"),
+        ("all", "expected finite numbers"),
     ],
 )
 def test_bad_parameters_are_refused_and_change_nothing(poser, value, words):

@@ -185,7 +185,7 @@ def test_a_bad_recording_or_none_gets_a_sentence_before_anything_is_trained(tmp_
     assert "bad.csv, line 2: there is no landmark 'ear'" in sentence
     write_landmarks(tmp_path / "short.csv", np.ones((3, 54, 2)), tuple(FACE_LANDMARKS), "mm")
     sentence = refusal(capsys, *arguments, "--landmarks", str(tmp_path / "short.csv"))
-    assert "short.csv: the recording has 3 frames, where more than 3 are needed" in sentence
+    assert "short.csv: the recording: expected more than 3 frames, got 3" in sentence
     write_landmarks(tmp_path / "point.csv", np.ones((4, 54, 2)), tuple(FACE_LANDMARKS), "mm")
     sentence = refusal(capsys, *arguments, "--landmarks", str(tmp_path / "point.csv"))
     assert "point.csv: all landmarks of the neutral frames are in one place" in sentence

@@ -79,5 +79,5 @@ def test_a_frame_has_two_edges_and_the_normal_at_their_scale():
 
 def test_a_face_without_a_counterpart_is_refused():
     source = bowl(4, 4)
-    with pytest.raises(InputError, match="found 17, where the new mesh has 18 faces"):
+    with pytest.raises(InputError, match="expected one for each of the new mesh's 18 faces, got 17"):
         DeformationTransfer(*source, *source, np.zeros(17, int))

@@ -146,5 +146,5 @@ def test_marks_are_those_that_both_name_and_too_few_are_refused():
 
 
 def test_a_mesh_without_a_face_is_refused():
-    with pytest.raises(InputError, match="at least one has to begin with 'face'"):
+    with pytest.raises(InputError, match="expected at least one whose name begins with 'face', got"):
         face_of(replace(SMALL, segment_names=("skin", "neck", "tooth")))

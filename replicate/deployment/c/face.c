@@ -302,13 +302,13 @@ int main(int count, char **words)
                                               ${name}_controls[i].name[end - words[k]]))
             i++;
         if (!end || i == ${upper}_CONTROLS) {
-            fprintf(stderr, "%s: control=value is allowed; the header lists the controls\n", words[k]);
+            fprintf(stderr, "%s: expected control=value; the header lists the controls\n", words[k]);
             return 2;
         }
         char *after;
         parameters[i] = strtof(end + 1, &after);
         if (after == end + 1 || *after || !(fabsf(parameters[i]) <= FLT_MAX)) {
-            fprintf(stderr, "%s: the value is no finite number; control=value is allowed\n", words[k]);
+            fprintf(stderr, "%s: expected control=value with a finite number\n", words[k]);
             return 2;
         }
     }

@@ -15,18 +15,18 @@ function poseText({ header }, pose) {
 }
 
 // The text of a file → {params, targets}; targets is null where it has no points. Throws an Error that says what is
-// wrong with it and what is allowed.
+// wrong with it and what was expected.
 function readPose({ header, arrays }, text) {
   let words;
   try {
     words = JSON.parse(text);
   } catch (error) {
-    throw new Error(`this file holds no JSON (${error.message})`);
+    throw new Error(`this file is not JSON (${error.message})`);
   }
   if (!isTable(words) || words.format !== POSE_FORMAT || !isTable(words.controls)) {
-    throw new Error(`this file holds no pose: a table with "format": "${POSE_FORMAT}" and "controls" is allowed`);
+    throw new Error(`this file is not a saved pose: expected a table with "format": "${POSE_FORMAT}" and "controls"`);
   }
-  if (words.version !== POSE_VERSION) throw new Error(`this pose is of version ${words.version}: ${POSE_VERSION} is allowed`);
+  if (words.version !== POSE_VERSION) throw new Error(`expected a pose of version ${POSE_VERSION}, got ${words.version}`);
   if (words.character !== header.character) {
     throw new Error(`this pose is of the character ${words.character}, and the face here is ${header.character}`);
   }
@@ -36,18 +36,18 @@ function readPose({ header, arrays }, text) {
     if (j < 0) throw new Error(`${header.character} has no control "${name}"`);
     const [lower, , upper] = arrays.limits.subarray(3 * j, 3 * j + 3);
     if (!(typeof value === "number" && value >= lower - 1e-4 && value <= upper + 1e-4)) {
-      throw new Error(`the control "${name}" is ${JSON.stringify(value)}: a number from ${lower} to ${upper} is allowed`);
+      throw new Error(`control "${name}": expected a number from ${lower} to ${upper}, got ${JSON.stringify(value)}`);
     }
     params[j] = value;
   }
   const missing = params.findIndex(Number.isNaN);
-  if (missing >= 0) throw new Error(`this pose has no value of the control "${header.controls[missing].name}": all are needed`);
+  if (missing >= 0) throw new Error(`control "${header.controls[missing].name}": expected a value, got none`);
   if (words.points === undefined) return { params, targets: null };
   const targets = new Float32Array(3 * header.points.length);
   header.points.forEach(({ name }, i) => {
     const place = isTable(words.points) ? words.points[name] : undefined;
     if (!(Array.isArray(place) && place.length === 3 && place.every(isLength))) {
-      throw new Error(`the control point "${name}" is ${JSON.stringify(place)}: three lengths in mm, from ${-FARTHEST_MM} to ${FARTHEST_MM}, are allowed`);
+      throw new Error(`control point "${name}": expected three lengths from ${-FARTHEST_MM} to ${FARTHEST_MM} mm, got ${JSON.stringify(place)}`);
     }
     targets.set(place, 3 * i);
   });
@@ -89,7 +89,7 @@ function readLink({ header, arrays }, link) {
   } catch {
     // what can't be decoded is of no pose
   }
-  if (plain.length !== 2 * (m + 3 * c)) throw new Error(`this link holds no pose of ${header.character}; the face is at rest`);
+  if (plain.length !== 2 * (m + 3 * c)) throw new Error(`this link is not a pose of ${header.character}; the face is at rest`);
   const values = new DataView(Uint8Array.from(plain, (letter) => letter.charCodeAt(0)).buffer);
   const params = header.controls.map((_, j) => {
     const [lower, middle, upper] = arrays.limits.subarray(3 * j, 3 * j + 3), step = (upper - lower) / LINK_STEPS;
