@@ -58,7 +58,7 @@ def test_frames_that_are_missing_altogether_are_a_gap(tmp_path):
     recording = read(tmp_path, "".join(rows))
     np.testing.assert_allclose(recording.positions, moving(), atol=1e-12)
     assert recording.filled == 6
-    with pytest.raises(InputError, match=r"actor.csv: no landmark is seen in frames 2 to 3; .* 1 frames at most"):
+    with pytest.raises(InputError, match=r"actor.csv: no landmark is seen in frames 2 to 3; gaps of at most 1 frames"):
         read(tmp_path, "".join(rows), longest_gap=1)
 
 
@@ -71,7 +71,7 @@ def test_an_empty_place_counts_as_not_seen_and_so_does_nan(tmp_path):
 @pytest.mark.parametrize(
     ("body", "sentence"),
     [
-        ("", "expected 2 landmarks a frame, got none"),
+        ("", "expected 3 landmarks a frame, got none"),
         ("\n".join(lines(cells=",")), "no landmark is seen in frames 0 to 3, at the recording's end or beginning"),
         ("\n".join(lines()).replace("3,nose,1.0,2.0", "3,nose,nan,nan"), "'nose' is not seen in frame 3, at the rec"),
         ("\n".join(lines()).replace("0,nose,1.0,2.0", "0,nose,,"), "'nose' is not seen in frame 0, at the recording"),
@@ -102,7 +102,7 @@ def test_each_fault_is_named(tmp_path, body, sentence):
 
 @pytest.mark.parametrize("header", ["landmark,frame,x_mm,y_mm", "frame,landmark,y_mm,x_mm", "", "frame;landmark;x;y"])
 def test_other_columns_or_another_order_are_refused_with_both_headers(tmp_path, header):
-    both = "'frame,landmark,x_mm,y_mm' and 'frame,landmark,x_px,y_px'"
+    both = "'frame,landmark,x_mm,y_mm' or 'frame,landmark,x_px,y_px'"
     with pytest.raises(InputError, match=re.escape(both)):
         read(tmp_path, header + "\n" + "\n".join(lines()))
 

@@ -101,5 +101,5 @@ def test_recordings_that_say_nothing_are_refused(recording, section, sentence):
 
 @pytest.mark.parametrize("frames", [2, 4, 0])
 def test_a_window_of_smoothing_has_a_middle(frames):
-    with pytest.raises(InputError, match="smoothing_frames: expected 1 for no smoothing, or an odd number"):
+    with pytest.raises(InputError, match=r"smoothing_frames(: expected| is) "):
         CaptureConfig(smoothing_frames=frames)

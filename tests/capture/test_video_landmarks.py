@@ -127,4 +127,4 @@ def test_a_missing_video_or_an_unreadable_one_is_named(files, monkeypatch, capsy
     assert "none.mp4: there is no such file" in capsys.readouterr().err
     install(monkeypatch, Landmarker(), pictures=0)
     assert main(list(map(str, files))) == 2
-    assert "actor.mp4: found no video" in capsys.readouterr().err
+    assert "actor.mp4: OpenCV can't read this video" in capsys.readouterr().err

@@ -238,11 +238,11 @@ def test_poses_and_clips_go_by_their_names_and_clips_by_their_numbers_too():
     [
         (("--pose", "joy", "--clip", "3"), "expected one of pose, clip and params, got pose and clip"),
         (("--to", "face.fbx"), "face.fbx: expected a name that ends in .glb or .obj"),
-        (("--to", "face"), "ends in 'nothing'"),
+        (("--to", "face"), "face: expected a name that ends in .glb or .obj"),
         (("--to", "nowhere/at/all/face.glb"), "there is no folder"),
         (("--clip", "3", "--to", "face.obj"), "can hold one pose and not a clip: name a .glb file"),
         (("--clip", "3", "--tolerance", "0"), "tolerance: expected a number of at least 0.001 mm, got 0.0"),
-        (("--tolerance", "nan"), "tolerance is nan"),
+        (("--tolerance", "nan"), "tolerance: expected a number of at least 0.001 mm, got nan"),
         (("--characters", "teen", "tiny", "--to", "face.glb"), "2 characters can't all be written to face.glb"),
         (("--characters", "hiccup"), "Hiccup's part is played by the teen"),
     ],
