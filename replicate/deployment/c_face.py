@@ -1,7 +1,7 @@
 """Our regional method of one character as a C99 file and its header: no library but libm, and nothing is allocated.
 
-Weights are the 16-bit floats, and bases the 8 and 16 bits, that the model has on disk. As floats of 32 bits they would
-take three times the memory and no less time: most of a pose's time goes into reading these numbers.
+Weights stay floats of 16 bits and bases integers of 8 or 16, as on disk. As floats of 32 bits they would take three
+times the memory and no less time: most of a pose's time goes into reading them.
 """
 
 import re
@@ -24,15 +24,22 @@ from replicate.regional.networks import SLOPE
 LETTER = 79  # small numbers of 8 bits become capitals, which take one character where others take four
 HALF_BIAS = 112  # the exponent of a float less that of a 16-bit float
 LARGEST_HALF = 65504.0
-LIMITS = ("least", "most")  # of what hidden layers give
-NOTHING = [["0"]]  # C has no arrays of no elements
+LIMITS = ("least", "most")  # bounds of the hidden layers' outputs
+NOTHING = [["0"]]  # C has no empty arrays
 
 
 @dataclass(frozen=True)
 class CFace:
-    """What is written of a character. name: it becomes part of C's names. mesh_file: where the mesh lies, in words.
+    """What a character's C files are written from.
 
-    about: what it is, licence: what may be done with it, in a few lines each.
+    name: the character, as part of C's names
+    controls: the rig's, in their order
+    mesh: the neutral mesh and its segments
+    attachments: what places the rigid segments
+    model: the approximation
+    mesh_file: where the mesh lies, in words
+    about: what the files are, in a few lines
+    licence: what may be done with them, in a few lines
     """
 
     name: str
@@ -58,13 +65,13 @@ def identifier(text: str) -> str:
 
 def _words(face: CFace, stem: str) -> dict[str, object]:
     name, networks, mesh = identifier(face.name).lower(), face.model.network.networks, face.mesh
-    tables, numbers = _networks(face.model)
+    tables, arrays = _networks(face.model)
     regions, shapes = _regions(face)
     rigid, placed = _rigid(mesh, face.attachments)
     widest = max(layer.out_features for network in networks for layer in network.layers)
     coefficients = sum(network.output.out_features for network in networks)
     longest = 3 * max(region[0] for region in regions)
-    numbers += [*shapes, *placed, *tables, *_tables(regions, rigid)]
+    arrays += [*shapes, *placed, *tables, *_tables(regions, rigid)]
     limits = [(c.lower, c.default, c.upper) for c in face.controls]
     guard = f"{identifier(stem).upper()}_H"
     return {
@@ -92,16 +99,16 @@ def _words(face: CFace, stem: str) -> dict[str, object]:
         "widest": widest,
         "longest": longest,
         "control_table": structures(
-            (quoted(control.name), quoted(control.region), *map(float_number, own))
-            for control, own in zip(face.controls, limits, strict=True)
+            (quoted(control.name), quoted(control.region), *map(float_number, values))
+            for control, values in zip(face.controls, limits, strict=True)
         ),
         "segment_names": ",\n".join(f"    {quoted(segment)}" for segment in mesh.segment_names),
-        "numbers": "\n".join(numbers),
+        "numbers": "\n".join(arrays),
     }
 
 
 def _enumerators(prefix: str, controls: Sequence[Control], guard: str) -> list[str]:
-    """Return a name for each control, each another one; those that C can't tell apart get their numbers too."""
+    """Return a different name for each control; those that C can't tell apart get the control's index at their end."""
     names = [f"{prefix}_{identifier(control.name).upper()}" for control in controls]
     taken = {f"{prefix}_{word}" for word in ("CONTROLS", "VERTICES", "SEGMENTS", "DEMO")} | {guard}
     alike = taken | {name for name in names if names.count(name) > 1}
@@ -125,9 +132,9 @@ def _networks(model: RegionalModel) -> tuple[list[str], list[str]]:
         last, line = _layer(f"last_{k}", network.output), _layer(f"line_{k}", network.line)
         arrays += [index_list(f"seen_{k}", seen.numpy())]
         bounds = {"lowest": network.lowest, "highest": network.highest}
-        bounds |= {name: torch.cat(own) for name, own in zip(LIMITS, zip(*network.limits, strict=True), strict=True)}
+        bounds |= {name: torch.cat(ends) for name, ends in zip(LIMITS, zip(*network.limits, strict=True), strict=True)}
         arrays += [float_list(f"{name}_{k}", _finite(values)) for name, values in bounds.items()]
-        arrays += [array for _, own in (*hidden, last, line) for array in own]
+        arrays += [array for _, of_layer in (*hidden, last, line) for array in of_layer]
         tables.append(f"static const layer layers_{k}[] = {{\n{structures(row for row, _ in hidden)}}};\n")
         ends = (f"{{{', '.join(row)}}}" for row, _ in (last, line))
         rows.append([str(len(seen)), f"seen_{k}", *(f"{name}_{k}" for name in bounds)])
@@ -136,7 +143,7 @@ def _networks(model: RegionalModel) -> tuple[list[str], list[str]]:
 
 
 def _finite(values: torch.Tensor) -> np.ndarray:
-    """Return bounds as C can write them: the largest number where there is none."""
+    """Return bounds that C can write: infinity becomes the largest float."""
     largest = np.finfo(np.float32).max
     return np.clip(values.numpy(), -largest, largest)
 
@@ -166,10 +173,11 @@ def _regions(face: CFace) -> tuple[list[tuple], list[str]]:
     for k, basis in enumerate(model.bases):
         members = basis.vertices.numpy()
         start[members] += basis.means().numpy()
-        shapes, own = _shapes(k, basis)
+        shapes, shape_arrays = _shapes(k, basis)
         counts = (len(members), len(basis.fine), len(basis.rough))
         rows.append((*counts, f"members_{k}", f"weights_{k}", *shapes))
-        arrays += [index_list(f"members_{k}", members), float_list(f"weights_{k}", basis.weights.numpy()), *own]
+        arrays += [index_list(f"members_{k}", members), float_list(f"weights_{k}", basis.weights.numpy())]
+        arrays += shape_arrays
         steps.append(basis.steps.numpy() * np.float32(model.length))
     return rows, [*arrays, float_list("steps", np.concatenate(steps)), float_list("start", start)]
 
@@ -211,7 +219,7 @@ def _tables(regions: list[tuple], rigid: list[list[str]]) -> list[str]:
     ]
 
 
-# Numbers as C99 source that compiles in seconds: bytes as strings, few numbers as lists.
+# Numbers as C99 source that compiles in seconds: bytes as strings, short arrays as lists.
 
 BYTES_A_LINE = 48
 NUMBERS_A_LINE = 12
@@ -238,7 +246,7 @@ def index_list(name: str, values: Int[np.ndarray, " k"]) -> str:
 
 
 def float_number(value: float) -> str:
-    """Return a number as C has it, float32 to the last bit."""
+    """Return a float32 as C source, exact to the last bit."""
     text = f"{value:.9g}"
     return f"{text}f" if set(text) & set(".e") else f"{text}.0f"
 
@@ -249,7 +257,7 @@ def quoted(text: str) -> str:
 
 
 def in_comment(text: str) -> str:
-    """Return a text that doesn't end the comment in which it stands."""
+    """Return a text that can't end the C comment around it."""
     return text.replace("*/", "* /").replace("/*", "/ *")
 
 
@@ -275,7 +283,7 @@ def _string(data: bytes) -> str:
     )
 
 
-# The C99 files before a face is put into them: what is arithmetic stands there as C, what is a face's as $words.
+# The C99 templates: the arithmetic is plain C, and what belongs to a face is a $word.
 
 FOLDER = Path(__file__).parent / "c"
 TEMPLATES = (FOLDER / "face.h", FOLDER / "face.c")

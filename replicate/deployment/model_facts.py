@@ -1,4 +1,4 @@
-"""What a model that leaves the suite says of itself: names, units, limits, errors, and what may be done with it."""
+"""The metadata of an exported model: names, units, limits, errors, and what may be done with it."""
 
 import json
 from collections.abc import Sequence
@@ -25,7 +25,14 @@ HALF = "float16, computed in float32"
 
 @dataclass(frozen=True)
 class FaceFacts:
-    """What all models of a character share. rigid: which segments the rigid step places. made_by: a command."""
+    """The metadata that all models of a character share.
+
+    character: the rig's name
+    controls: the rig's, in their order
+    segments: names of the mesh's segments
+    rigid: names of those that the rigid step places
+    made_by: the command that wrote the model
+    """
 
     character: str
     controls: Sequence[Control]
@@ -37,7 +44,11 @@ class FaceFacts:
 def about_model(face: FaceFacts, method: str, title: str, errors: Errors, half: bool) -> dict[str, str]:
     """Return the metadata of one model; lists and tables are JSON.
 
-    method, title: the method's name and label. errors: its own on held-out poses. half: whether weights have 16 bits.
+    face: what all models of the character share
+    method: the method's name
+    title: the method's label
+    errors: the method's, on held-out poses
+    half: whether weights have 16 bits
     """
     controls = [
         {"name": c.name, "region": c.region, "lower": c.lower, "default": c.default, "upper": c.upper}
@@ -75,5 +86,5 @@ def _held_out(errors: Errors) -> dict[str, object]:
     """Return a method's errors over all vertices, or faces, of all held-out poses."""
     kinds = {"distance_mm": summary(errors.vertex), "normal_deg": summary(errors.normal)}
     return {"poses": len(errors.pose_mm)} | {
-        name: {"mean": own.mean, "p95": own.p95, "max": own.max} for name, own in kinds.items()
+        name: {"mean": of_kind.mean, "p95": of_kind.p95, "max": of_kind.max} for name, of_kind in kinds.items()
     }

@@ -17,10 +17,10 @@ POSES = 2  # that a network is run on; no shape in the graph depends on it
 
 
 def recorded(network: nn.Module, graph: OnnxGraph, params: str, count: int) -> str:
-    """Return the value of what a network gives for scaled parameters (b, count), the value `params`.
+    """Return the value of a network's output; `params` is the value of its scaled parameters (b, count).
 
-    Raises InputError for a network that calls a function of torch that `CONVERTERS` lacks, or one with arguments that
-    its converter doesn't know.
+    Raises InputError for a network that calls a function of torch that `CONVERTERS` lacks, or with arguments that the
+    converter doesn't know.
     """
     example = torch.zeros(POSES, count)
     with torch.no_grad(), _Recorder(graph, type(network).__name__) as recorder:
@@ -29,25 +29,25 @@ def recorded(network: nn.Module, graph: OnnxGraph, params: str, count: int) -> s
 
 
 class _Recorder(TorchFunctionMode):
-    """Hears of every function of torch, and adds those that depend on the parameters to a graph."""
+    """Adds every call of a torch function that depends on the parameters to a graph."""
 
     def __init__(self, graph: OnnxGraph, name: str):
         super().__init__()
         self.graph, self._name = graph, name
-        self._values: dict[int, str] = {}  # of what depends on the parameters, by the tensor's id
-        self._tensors: list[torch.Tensor] = []  # so that none is freed, and no other gets its id
+        self._values: dict[int, str] = {}  # by the id of each tensor that depends on the parameters
+        self._tensors: list[torch.Tensor] = []  # kept, so that no other tensor gets the id of one
 
     def follow(self, tensor: torch.Tensor, value: str) -> None:
         self._values[id(tensor)] = value
         self._tensors.append(tensor)
 
     def value(self, operand: torch.Tensor | float) -> str:
-        """Return the value of a tensor or a number; what depends on no parameter is a weight."""
+        """Return the value of a tensor or a number; a tensor that depends on no parameter is a weight."""
         if id(operand) in self._values:
             return self._values[id(operand)]
         if isinstance(operand, torch.Tensor):
             return self.graph.weight(operand.detach().cpu().numpy())
-        return self.graph.number(float(operand))
+        return self.graph.constant(float(operand))
 
     def __torch_function__(self, function: Callable, types: object, args: tuple = (), kwargs: dict | None = None):
         kwargs = kwargs or {}
@@ -116,14 +116,14 @@ def _chunk(recorder: _Recorder, x: torch.Tensor, chunks: int, dim: int = 0) -> t
     width = math.ceil(x.shape[dim] / chunks)
     lengths = [min(width, x.shape[dim] - first) for first in range(0, x.shape[dim], width)]
     return recorder.graph.nodes(
-        "Split", len(lengths), recorder.value(x), recorder.graph.whole(np.array(lengths)), axis=dim
+        "Split", len(lengths), recorder.value(x), recorder.graph.integers(np.array(lengths)), axis=dim
     )
 
 
 def _unbind(recorder: _Recorder, x: torch.Tensor, dim: int = 0) -> tuple[str, ...]:
     dim %= x.ndim
     parts = recorder.graph.nodes("Split", x.shape[dim], recorder.value(x), axis=dim, num_outputs=x.shape[dim])
-    return tuple(recorder.graph.node("Squeeze", part, recorder.graph.whole([dim])) for part in parts)
+    return tuple(recorder.graph.node("Squeeze", part, recorder.graph.integers([dim])) for part in parts)
 
 
 def _cat(recorder: _Recorder, tensors: Sequence[torch.Tensor], dim: int = 0) -> str:
@@ -131,13 +131,13 @@ def _cat(recorder: _Recorder, tensors: Sequence[torch.Tensor], dim: int = 0) -> 
 
 
 def _stack(recorder: _Recorder, tensors: Sequence[torch.Tensor], dim: int = 0) -> str:
-    place = recorder.graph.whole([dim])
+    place = recorder.graph.integers([dim])
     parts = [recorder.graph.node("Unsqueeze", recorder.value(tensor), place) for tensor in tensors]
     return recorder.graph.node("Concat", *parts, axis=dim)
 
 
 def _getitem(recorder: _Recorder, x: torch.Tensor, index: object) -> str:
-    """Only new dimensions, as x[:, None] or x[..., None], are known."""
+    """Convert indices that only add dimensions, as x[:, None] or x[..., None]."""
     index = index if isinstance(index, tuple) else (index,)
     if not all(entry is None or entry is Ellipsis or entry == slice(None) for entry in index):
         raise recorder.unknown("getitem, but to add dimensions")
@@ -145,11 +145,11 @@ def _getitem(recorder: _Recorder, x: torch.Tensor, index: object) -> str:
     left = x.ndim - sum(entry == slice(None) for entry in index)
     whole = [*index[:after], *[slice(None)] * left, *index[after + 1 :]]
     axes = [place for place, entry in enumerate(whole) if entry is None]
-    return recorder.graph.node("Unsqueeze", recorder.value(x), recorder.graph.whole(axes))
+    return recorder.graph.node("Unsqueeze", recorder.value(x), recorder.graph.integers(axes))
 
 
 def _squeeze(recorder: _Recorder, x: torch.Tensor, dim: int | Sequence[int]) -> str:
-    return recorder.graph.node("Squeeze", recorder.value(x), recorder.graph.whole(np.atleast_1d(dim)))
+    return recorder.graph.node("Squeeze", recorder.value(x), recorder.graph.integers(np.atleast_1d(dim)))
 
 
 def _flatten(recorder: _Recorder, x: torch.Tensor, start_dim: int = 0, end_dim: int = -1) -> str:
@@ -160,16 +160,16 @@ def _flatten(recorder: _Recorder, x: torch.Tensor, start_dim: int = 0, end_dim: 
 
 def _sum(recorder: _Recorder, x: torch.Tensor, dim: int | Sequence[int], keepdim: bool = False) -> str:
     return recorder.graph.node(
-        "ReduceSum", recorder.value(x), recorder.graph.whole(np.atleast_1d(dim)), keepdims=int(keepdim)
+        "ReduceSum", recorder.value(x), recorder.graph.integers(np.atleast_1d(dim)), keepdims=int(keepdim)
     )
 
 
 def _ones_like(recorder: _Recorder, x: torch.Tensor) -> str:
-    return recorder.graph.node("Add", _zeros_like(recorder, x), recorder.graph.number(1))
+    return recorder.graph.node("Add", _zeros_like(recorder, x), recorder.graph.constant(1))
 
 
 def _zeros_like(recorder: _Recorder, x: torch.Tensor) -> str:
-    return recorder.graph.node("Mul", recorder.value(x), recorder.graph.number(0))
+    return recorder.graph.node("Mul", recorder.value(x), recorder.graph.constant(0))
 
 
 def _from_right(recorder: _Recorder, x: torch.Tensor, other: torch.Tensor | float) -> str:

@@ -1,4 +1,4 @@
-"""A graph of ONNX operators while it is put together: numbers go in, names of values come out.
+"""A graph of ONNX operators while it is put together: arrays go in, names of values come out.
 
 Torch's own exporters were tried on a network (torch 2.13): one turns weights of 16 bits into constants of 32, so that
 the file is twice as large, and the other needs onnxscript.
@@ -39,12 +39,12 @@ class OnnxGraph:
         name = self._store(values)
         return name if values.dtype == np.float32 else self.cast(name)
 
-    def number(self, values: np.ndarray | Sequence[float] | float) -> str:
-        """Return the value of an array that geometry or a runtime's arithmetic depends on: always float32."""
+    def constant(self, values: np.ndarray | Sequence[float] | float) -> str:
+        """Return the value of an array that is always stored as float32, since geometry depends on it."""
         return self._store(np.asarray(values, np.float32))
 
-    def whole(self, values: np.ndarray | Sequence[int] | int) -> str:
-        """Return the value of whole numbers: indices, axes, shapes."""
+    def integers(self, values: np.ndarray | Sequence[int] | int) -> str:
+        """Return the value of indices, axes or a shape."""
         return self._store(np.asarray(values, np.int64))
 
     def cast(self, value: str) -> str:
@@ -66,25 +66,28 @@ class OnnxGraph:
     def reshape(self, value: str, shape: list[int]) -> str:
         """Return a value in another shape; 0 keeps a dimension.
 
-        −1 is what is left: of no poses, beside a 0, runtimes can't tell how much that is.
+        −1 is what is left; beside a 0, runtimes can't tell how much that is where there are no poses.
         """
-        return self.node("Reshape", value, self.whole(shape))
+        return self.node("Reshape", value, self.integers(shape))
 
     def gather(self, value: str, indices: np.ndarray, axis: int) -> str:
         """Return some entries of a value along an axis."""
-        return self.node("Gather", value, self.whole(indices), axis=axis)
+        return self.node("Gather", value, self.integers(indices), axis=axis)
 
     def sum(self, value: str, axis: int) -> str:
         """Return sums along an axis, which stays, of length 1."""
-        return self.node("ReduceSum", value, self.whole([axis]), keepdims=1)
+        return self.node("ReduceSum", value, self.integers([axis]), keepdims=1)
 
     def model(
         self, source: tuple[str, list], result: str, target: tuple[str, list], about: dict[str, str], words: str
     ) -> onnx.ModelProto:
         """Return the whole graph, checked.
 
-        source, target: name and shape of the input and of the output, where a word is a dimension that is free. result:
-        the value that becomes the output. about: metadata. words: what it is, in a sentence.
+        source: the input's name and shape, where a word is a free dimension
+        result: the value that becomes the output
+        target: the output's name and shape
+        about: metadata
+        words: what the model is, in a sentence
         """
         self._nodes.append(helper.make_node("Identity", [result], [target[0]], "result"))
         ends = [helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, shape) for name, shape in (source, target)]

@@ -26,9 +26,14 @@ def onnx_model(
 ) -> onnx.ModelProto:
     """Return an ONNX model: `parameters` (poses, m) float32 → `vertices` (poses, n, 3) float32, mm.
 
-    model: a method's. attachments: what places the rigid segments (§3.4); None for a method without that step. half:
-    whether weights are stored in 16 bits; sums are of float32 all the same. about: metadata. words: what it is, in a
-    sentence. Raises InputError as `add_offsets` does.
+    model: a method's model
+    mesh: the neutral mesh, mm, and its segments
+    attachments: what places the rigid segments (§3.4); None for a method without that step
+    half: whether weights are stored in 16 bits; sums are in float32 all the same
+    about: metadata
+    words: what the model is, in a sentence
+
+    Raises InputError as `add_offsets` does.
     """
     graph = OnnxGraph(half)
     moved = add_offsets(model, graph, PARAMETERS)
@@ -37,7 +42,7 @@ def onnx_model(
         is_rigid = np.isin(mesh.segment, attachments.segment)
     still = np.setdiff1d(np.flatnonzero(~is_rigid), moved.vertices)
     order = np.concatenate([moved.vertices, still])
-    posed = graph.node("Add", padded(graph, moved.offsets, len(still)), graph.number(mesh.neutral[order]))
+    posed = graph.node("Add", padded(graph, moved.offsets, len(still)), graph.constant(mesh.neutral[order]))
     place = places(order, np.arange(len(mesh.neutral)))
     if is_rigid.any():
         carriers = graph.gather(posed, places(order, attachments.vertex.ravel()), 1)
@@ -53,7 +58,7 @@ def _parameter_count(model: object) -> int:
     return len(getattr(model, "coarse", model).scale)
 
 
-# Whether a written model gives what Python gives: poses within the limits and beyond, through onnxruntime.
+# A check, through onnxruntime, that a written model gives what Python gives, within the limits and beyond.
 
 SHARE = 0.3  # of the controls that a pose moves
 BEYOND = (0.25, 3.0)  # what Eq. 5 multiplies parameters with

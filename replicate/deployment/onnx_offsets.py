@@ -19,7 +19,7 @@ from replicate.regional.model import RegionalModel, StoredBasis
 
 @dataclass(frozen=True)
 class Moved:
-    """What a model moves. offsets: a value (b, v, 3), mm. vertices: (v,), which of the mesh, each once."""
+    """What a model moves. offsets: a value (b, v, 3), mm. vertices: (v,), indices into the mesh, each once."""
 
     offsets: str
     vertices: np.ndarray
@@ -29,7 +29,7 @@ class Moved:
 def add_offsets(model: object, graph: OnnxGraph, params: str) -> Moved:
     """Return the offsets that a model gives for raw rig parameters, the value `params` (b, m).
 
-    Raises InputError for a model of a class that nothing here knows, and as `onnx_functions.recorded` does.
+    Raises InputError for a model of any other class, and as `onnx_functions.recorded` does.
     """
     raise InputError(
         f"{type(model).__name__} can't be written as ONNX: expected a SegmentedModel, RefinedModel or RegionalModel"
@@ -39,14 +39,14 @@ def add_offsets(model: object, graph: OnnxGraph, params: str) -> Moved:
 @add_offsets.register
 def _(model: SegmentedModel, graph: OnnxGraph, params: str) -> Moved:
     scale = model.scale.cpu().numpy()
-    scaled = graph.node("Div", params, graph.number(scale))
+    scaled = graph.node("Div", params, graph.constant(scale))
     parts = []
     for network, segment, length in zip(model.networks, model.segments, model.lengths, strict=True):
         seen = segment.parameters
         whole = np.array_equal(seen, np.arange(len(scale)))
         inputs = scaled if whole else graph.gather(scaled, seen, 1)
         offsets = add_network(network, graph, inputs, len(seen))
-        parts.append(offsets if length == 1 else graph.node("Mul", offsets, graph.number(length)))
+        parts.append(offsets if length == 1 else graph.node("Mul", offsets, graph.constant(length)))
     return Moved(graph.node("Concat", *parts, axis=1), model.vertices)
 
 
@@ -61,14 +61,14 @@ def _(model: RefinedModel, graph: OnnxGraph, params: str) -> Moved:
 @add_offsets.register
 def _(model: RegionalModel, graph: OnnxGraph, params: str) -> Moved:
     scale, counts = model.scale.numpy(), [len(basis.steps) for basis in model.bases]
-    scaled = graph.node("Div", params, graph.number(scale))
+    scaled = graph.node("Div", params, graph.constant(scale))
     shares = []
     for network, parameters in zip(model.network.networks, model.network.seen, strict=True):
         seen = parameters.numpy()
         inputs = scaled if len(seen) == len(scale) else graph.gather(scaled, seen, 1)
-        shares.append(graph.node("Mul", recorded(network, graph, inputs, len(seen)), graph.number(model.length)))
+        shares.append(graph.node("Mul", recorded(network, graph, inputs, len(seen)), graph.constant(model.length)))
     if len(shares) < len(counts):
-        shares = graph.nodes("Split", len(counts), *shares, graph.whole(counts), axis=1)
+        shares = graph.nodes("Split", len(counts), *shares, graph.integers(counts), axis=1)
     parts = [_region(basis, graph, share) for basis, share in zip(model.bases, shares, strict=True)]
     count = sum(len(basis.vertices) for basis in model.bases)
     rows = graph.reshape(graph.node("Concat", *parts, axis=1), [0, count, 3])
@@ -76,19 +76,19 @@ def _(model: RegionalModel, graph: OnnxGraph, params: str) -> Moved:
 
 
 def _region(basis: StoredBasis, graph: OnnxGraph, coefficients: str) -> str:
-    """Return a region's offsets (b, 3k), mm; its basis is stored in its few bits."""
+    """Return a region's offsets (b, 3k), mm; its basis keeps its 8 or 16 bits."""
     steps = basis.steps.numpy()
     stored = [part.flatten(1).numpy() for part in (basis.fine, basis.rough) if len(part)]
     whole = [graph.weight(part) for part in stored]
     whole = whole[0] if len(whole) == 1 else graph.node("Concat", *whole, axis=0)
-    components = graph.node("Mul", whole, graph.number(steps[:, None]))
+    components = graph.node("Mul", whole, graph.constant(steps[:, None]))
     mean = graph.weight(basis.mean.flatten().numpy())
-    weights = graph.number(basis.weights.numpy().repeat(3))
+    weights = graph.constant(basis.weights.numpy().repeat(3))
     return graph.node("Gemm", coefficients, *(graph.node("Mul", part, weights) for part in (components, mean)))
 
 
 def _summed(rows: str, graph: OnnxGraph, layers: Sequence[np.ndarray]) -> str:
-    """Return what vertices have of all regions' rows (b, r, 3); layers: as `regional_model.coverings` says."""
+    """Return each vertex's sum over its rows of all regions (b, r, 3). layers: see `regional.model.coverings`."""
     if len(layers) == 1:
         return rows
     found = graph.gather(rows, layers[-1], 1)
@@ -100,11 +100,11 @@ def _summed(rows: str, graph: OnnxGraph, layers: Sequence[np.ndarray]) -> str:
 
 def padded(graph: OnnxGraph, values: str, count: int) -> str:
     """Return values (b, v, 3) with `count` rows of zeros behind them."""
-    return graph.node("Pad", values, graph.whole([0, 0, 0, 0, count, 0])) if count else values
+    return graph.node("Pad", values, graph.integers([0, 0, 0, 0, count, 0])) if count else values
 
 
 def places(vertices: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Return where each of the `wanted` vertices stands among `vertices`; their number where it doesn't."""
+    """Return the position of each of the `wanted` vertices in `vertices`; len(vertices) where it is missing."""
     place = np.full(max(vertices.max(initial=-1), wanted.max(initial=-1)) + 1, len(vertices))
     place[vertices] = np.arange(len(vertices))
     return place[wanted]
@@ -115,7 +115,7 @@ def places(vertices: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 
 @singledispatch
 def add_network(network: nn.Module, graph: OnnxGraph, params: str, count: int) -> str:
-    """Return the value of a network's offsets (b, k, 3), in units of its own.
+    """Return the value of a network's offsets (b, k, 3), in the network's unit.
 
     params: the value of its scaled parameters (b, count). Raises InputError as `recorded` does.
     """
@@ -134,7 +134,7 @@ def _(network: MapNetwork, graph: OnnxGraph, params: str, count: int) -> str:
     x = _start(network, graph, params)
     for layer in network.upsampled:
         x = graph.node(
-            "Resize", x, "", graph.number([1, 1, 2, 2]),
+            "Resize", x, "", graph.constant([1, 1, 2, 2]),
             mode="nearest", coordinate_transformation_mode="asymmetric", nearest_mode="floor",
         )  # fmt: skip
         x = _convolution(layer, graph, x, network.slope)
@@ -143,10 +143,8 @@ def _(network: MapNetwork, graph: OnnxGraph, params: str, count: int) -> str:
     maps = graph.node("Transpose", graph.reshape(x, [0, 0, network.map_size**2]), perm=[0, 2, 1])  # (b, size², 3)
     read = graph.gather(maps, network.pixels.numpy().T, 1)  # (b, 4, k, 3)
     shares = network.shares.numpy().T[:, :, None]
-    shares = graph.node(
-        "Expand", graph.number(shares), graph.whole([*shares.shape[:2], 3])
-    )  # at once, and not each time
-    return graph.node("ReduceSum", graph.node("Mul", read, shares), graph.whole([1]), keepdims=0)
+    shares = graph.node("Expand", graph.constant(shares), graph.integers([*shares.shape[:2], 3]))  # folded once
+    return graph.node("ReduceSum", graph.node("Mul", read, shares), graph.integers([1]), keepdims=0)
 
 
 def _start(network: MapNetwork, graph: OnnxGraph, params: str) -> str:

@@ -1,9 +1,9 @@
 """The rigid step (§3.4) as ONNX operators: the best rotation of a segment's carriers by Horn's quaternion, in float32.
 
 There is no SVD in ONNX. Horn (1987, "Closed-form solution of absolute orientation using unit quaternions") has the
-best rotation as the eigenvector of a symmetric 4×4 matrix for its largest eigenvalue. Squaring that matrix again and
-again leaves this eigenvector alone. Two steps of Newton's method then take away what rounding leaves: they see
-residuals of Eq. 3, and not differences of large sums. All is a fixed number of products, for all segments at once.
+best rotation as the eigenvector of a symmetric 4×4 matrix for its largest eigenvalue. Squaring that matrix repeatedly
+leaves only this eigenvector. Two steps of Newton's method then remove the rounding error: they work on residuals of
+Eq. 3 instead of differences of large sums. All of it is a fixed number of products, for all segments at once.
 """
 
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ def horn_matrix(covariance: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4 4"
 
 
 def rotation_of(quaternion: Float[np.ndarray, "4"]) -> Float[np.ndarray, "3 3"]:
-    """Return the rotation of row vectors, v @ R, that a unit quaternion is."""
+    """Return a unit quaternion as the rotation of row vectors, v @ R."""
     w, (x, y, z) = quaternion[0], quaternion[1:]
     v = quaternion[1:]
     across = np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])
@@ -43,7 +43,7 @@ def rotation_of(quaternion: Float[np.ndarray, "4"]) -> Float[np.ndarray, "3 3"]:
 
 
 def quaternion_product(one: Float[np.ndarray, "4"], other: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
-    """Return the quaternion that turns as `other` and then as `one`."""
+    """Return the quaternion that turns by `other`, then by `one`."""
     a, b = one, other
     vector = a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])
     return np.array([a[0] * b[0] - a[1:] @ b[1:], *vector])
@@ -62,8 +62,8 @@ PRODUCT = np.array([quaternion_product(a, b) for a, b in product(_UNITS, _UNITS)
 SQUARINGS = 20  # carriers nearly on a line leave two eigenvalues close: the 2²⁰th power parts them
 UNSCALED = 5  # squarings after each other before numbers are scaled again: entries up to 4³² fit into float32
 STEPS = 2  # of Newton's method
-NEAREST = 16.0  # by which the identity is preferred where carriers leave a freedom, as `geometry.alignment` does
-DAMPING = 1e-5  # of a step, in units of the carriers' spread: where they leave a freedom, rounding must not use it
+NEAREST = 16.0  # how much the identity is preferred where carriers leave the rotation open, as in `geometry.alignment`
+DAMPING = 1e-5  # of a step, in units of the carriers' spread: rounding must not decide what carriers leave open
 LEAST_DETERMINANT = 1e-6
 TINY = 1e-30  # so that nothing is divided by zero
 
@@ -89,14 +89,14 @@ def add_rigid_segments(graph: OnnxGraph, mesh: Mesh, attachments: Attachments, c
     rest = mesh.neutral[attachments.vertex].astype(np.float64)
     centre = rest.mean(1, keepdims=True)
     posed = graph.reshape(carriers, [0, count, each, 3])
-    posed_centre = graph.node("ReduceMean", posed, graph.whole([2]), keepdims=1)  # (b, r, 1, 3)
+    posed_centre = graph.node("ReduceMean", posed, graph.integers([2]), keepdims=1)  # (b, r, 1, 3)
     rotation = add_rotations(graph, rest - centre, graph.node("Sub", posed, posed_centre))
     members = [np.flatnonzero(mesh.segment == k) for k in attachments.segment]
     most = max(map(len, members))  # segments are filled up to the largest, so that one product places them all
     arms = np.zeros((count, most, 3))
     for row, vertices in enumerate(members):
         arms[row, : len(vertices)] = mesh.neutral[vertices] - centre[row]
-    placed = graph.node("Add", graph.node("MatMul", graph.number(arms), rotation), posed_centre)
+    placed = graph.node("Add", graph.node("MatMul", graph.constant(arms), rotation), posed_centre)
     rows = np.concatenate([row * most + np.arange(len(vertices)) for row, vertices in enumerate(members)])
     return Placed(graph.reshape(placed, [0, count * most, 3]), rows, np.concatenate(members))
 
@@ -107,27 +107,27 @@ def add_rotations(graph: OnnxGraph, rest: np.ndarray, posed: str) -> str:
     rest: (r, c, 3) mm about their mean; posed: a value (b, r, c, 3) likewise. Where carriers lie on a line, or in one
     place, many rotations are equally good: it is one near the identity.
     """
-    covariance = graph.node("MatMul", graph.number(rest.transpose(0, 2, 1)), posed)  # (b, r, 3, 3): Σ xᵀ y
+    covariance = graph.node("MatMul", graph.constant(rest.transpose(0, 2, 1)), posed)  # (b, r, 3, 3): Σ xᵀ y
     quaternion = _dominant(graph, covariance)
     for _ in range(STEPS):
-        quaternion = _improved(graph, quaternion, covariance, graph.number(rest), posed)
+        quaternion = _improved(graph, quaternion, covariance, graph.constant(rest), posed)
     return _matrix(graph, quaternion)
 
 
 def _dominant(graph: OnnxGraph, covariance: str) -> str:
     """Return the unit quaternion (b, r, 1, 4) of the largest eigenvalue of Horn's matrix, roughly."""
     flat = _unit(graph, graph.reshape(covariance, [0, 0, 1, 9]))
-    flat = graph.node("MatMul", flat, graph.number(HORN / 4))
+    flat = graph.node("MatMul", flat, graph.constant(HORN / 4))
     shift = np.sqrt(3) / 4 * np.eye(4)  # all eigenvalues are between 0 and 1 then
-    matrix = graph.node("Add", graph.reshape(flat, [0, 0, 4, 4]), graph.number(shift))
+    matrix = graph.node("Add", graph.reshape(flat, [0, 0, 4, 4]), graph.constant(shift))
     for k in range(SQUARINGS):
         matrix = graph.node("MatMul", matrix, matrix)
         if k % UNSCALED == UNSCALED - 1:  # the largest entry of such a matrix is on its diagonal
-            matrix = graph.node("Div", matrix, graph.node("ReduceMax", matrix, graph.whole([2, 3]), keepdims=1))
-    weighted = graph.node("Mul", matrix, graph.number(np.diag([NEAREST, 1, 1, 1])))
-    diagonal = graph.node("ReduceMax", weighted, graph.whole([3]), keepdims=0)
+            matrix = graph.node("Div", matrix, graph.node("ReduceMax", matrix, graph.integers([2, 3]), keepdims=1))
+    weighted = graph.node("Mul", matrix, graph.constant(np.diag([NEAREST, 1, 1, 1])))
+    diagonal = graph.node("ReduceMax", weighted, graph.integers([3]), keepdims=0)
     best = graph.node("ArgMax", diagonal, axis=2, keepdims=1)
-    row = graph.reshape(graph.cast(graph.node("Equal", best, graph.whole(range(4)))), [0, 0, 1, 4])
+    row = graph.reshape(graph.cast(graph.node("Equal", best, graph.integers(range(4)))), [0, 0, 1, 4])
     return _unit(graph, graph.node("MatMul", row, matrix))
 
 
@@ -139,17 +139,17 @@ def _improved(graph: OnnxGraph, quaternion: str, covariance: str, rest: str, pos
     matrix = _matrix(graph, quaternion)
     turned = graph.node("MatMul", rest, matrix)
     moment = graph.node("MatMul", _transposed(graph, turned), graph.node("Sub", posed, turned))
-    gradient = graph.node("MatMul", graph.reshape(moment, [0, 0, 1, 9]), graph.number(AXIAL))  # (b, r, 1, 3)
+    gradient = graph.node("MatMul", graph.reshape(moment, [0, 0, 1, 9]), graph.constant(AXIAL))  # (b, r, 1, 3)
     curvature = graph.reshape(graph.node("MatMul", _transposed(graph, matrix), covariance), [0, 0, 1, 9])
-    curvature = graph.node("MatMul", curvature, graph.number(CURVATURE))
-    size = graph.node("Add", graph.node("ReduceL2", curvature, graph.whole([3])), graph.number(TINY))
+    curvature = graph.node("MatMul", curvature, graph.constant(CURVATURE))
+    size = graph.node("Add", graph.node("ReduceL2", curvature, graph.integers([3])), graph.constant(TINY))
     gradient = graph.node("Div", gradient, size)
     curvature = graph.reshape(graph.node("Div", curvature, size), [0, 0, 3, 3])
-    damped = graph.node("Add", curvature, graph.number(DAMPING * np.eye(3)))
-    turn = graph.node("Clip", _solved(graph, damped, gradient), graph.number(-1), graph.number(1))
-    half = graph.node("MatMul", turn, graph.number(np.eye(3, 4, 1) / 2))
-    half = graph.node("Add", half, graph.number([1, 0, 0, 0]))
-    return _unit(graph, graph.node("MatMul", _products(graph, half, quaternion), graph.number(PRODUCT)))
+    damped = graph.node("Add", curvature, graph.constant(DAMPING * np.eye(3)))
+    turn = graph.node("Clip", _solved(graph, damped, gradient), graph.constant(-1), graph.constant(1))
+    half = graph.node("MatMul", turn, graph.constant(np.eye(3, 4, 1) / 2))
+    half = graph.node("Add", half, graph.constant([1, 0, 0, 0]))
+    return _unit(graph, graph.node("MatMul", _products(graph, half, quaternion), graph.constant(PRODUCT)))
 
 
 def _solved(graph: OnnxGraph, matrix: str, right: str) -> str:
@@ -158,20 +158,22 @@ def _solved(graph: OnnxGraph, matrix: str, right: str) -> str:
     trace, trace_of_square = (_trace(graph, value) for value in (matrix, square))
     rest = graph.node("Sub", graph.node("Mul", trace, trace), trace_of_square)
     adjugate = graph.node("Sub", square, graph.node("Mul", trace, matrix))
-    adjugate = graph.node("Add", adjugate, graph.node("Mul", rest, graph.number(np.eye(3) / 2)))
-    threefold = graph.node("ReduceSum", graph.node("Mul", matrix, adjugate), graph.whole([2, 3]), keepdims=1)
-    determinant = graph.node("Max", graph.node("Mul", threefold, graph.number(1 / 3)), graph.number(LEAST_DETERMINANT))
+    adjugate = graph.node("Add", adjugate, graph.node("Mul", rest, graph.constant(np.eye(3) / 2)))
+    threefold = graph.node("ReduceSum", graph.node("Mul", matrix, adjugate), graph.integers([2, 3]), keepdims=1)
+    determinant = graph.node(
+        "Max", graph.node("Mul", threefold, graph.constant(1 / 3)), graph.constant(LEAST_DETERMINANT)
+    )
     return graph.node("Div", graph.node("MatMul", right, adjugate), determinant)
 
 
 def _trace(graph: OnnxGraph, matrix: str) -> str:
-    diagonal = graph.node("Mul", matrix, graph.number(np.eye(3)))
-    return graph.node("ReduceSum", diagonal, graph.whole([2, 3]), keepdims=1)
+    diagonal = graph.node("Mul", matrix, graph.constant(np.eye(3)))
+    return graph.node("ReduceSum", diagonal, graph.integers([2, 3]), keepdims=1)
 
 
 def _matrix(graph: OnnxGraph, quaternion: str) -> str:
     """Return the rotation (b, r, 3, 3) of row vectors of a unit quaternion (b, r, 1, 4)."""
-    flat = graph.node("MatMul", _products(graph, quaternion, quaternion), graph.number(FROM_PRODUCTS))
+    flat = graph.node("MatMul", _products(graph, quaternion, quaternion), graph.constant(FROM_PRODUCTS))
     return graph.reshape(flat, [0, 0, 3, 3])
 
 
@@ -185,5 +187,5 @@ def _transposed(graph: OnnxGraph, value: str) -> str:
 
 
 def _unit(graph: OnnxGraph, value: str) -> str:
-    size = graph.node("ReduceL2", value, graph.whole([3]))
-    return graph.node("Div", value, graph.node("Add", size, graph.number(TINY)))
+    size = graph.node("ReduceL2", value, graph.integers([3]))
+    return graph.node("Div", value, graph.node("Add", size, graph.constant(TINY)))

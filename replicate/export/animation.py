@@ -33,8 +33,11 @@ def animated_glb(
 ) -> tuple[bytes, list[Track]]:
     """Return a GLB that plays a clip, and each part's track.
 
-    rest: the parts in the neutral pose; frames: each part's vertices (t, n, 3) in mm. No vertex of a frame is further
-    from where it belongs than the tolerance.
+    rest: the parts in the neutral pose
+    frames: each part's vertices (t, n, 3), mm
+    about: words for the scene's extras
+    tolerance_mm: how far a vertex of any frame may be off
+    frames_per_second: of the clip
     """
     tracks = []
     with progress(len(rest), "morph targets") as bar:
@@ -43,8 +46,8 @@ def animated_glb(
             bar.update(1)
 
     def finish(buffers, tree) -> None:
-        own = {part.name: track for part, track in zip(rest, tracks, strict=True)}
-        _Writer(buffers, tree).animate(own, frames_per_second)
+        by_name = {part.name: track for part, track in zip(rest, tracks, strict=True)}
+        _Writer(buffers, tree).animate(by_name, frames_per_second)
 
     return glb(rest, about, finish), tracks
 
@@ -93,7 +96,7 @@ class _Writer:
             self.tree["animations"] = [{"name": "clip", "samplers": samplers, "channels": channels}]
 
     def add(self, array: np.ndarray, kind: str) -> int:
-        """Append an array as a buffer and an accessor of its own; return the accessor's index."""
+        """Append an array as a buffer with an accessor; return the accessor's index."""
         key = ("clip", len(self.buffers))
         self.buffers[key] = np.ascontiguousarray(array, "<f4").tobytes()  # whole words, so that the next is aligned
         rows = array.reshape(-1, _COLUMNS[kind]).astype(np.float32)
@@ -111,9 +114,9 @@ class _Writer:
 
 # A clip as few shapes and their weights: a small basis that keeps every vertex within a stated distance.
 
-PASSES = 2  # fits of one size, each with the vertices weighted by how far the one before was off
-STEP = 1 / 16  # sizes that differ by less than this share count as equal: a try costs more than it saves
-LEAST_WEIGHT = 0.03  # a vertex that is exact still counts, so that it stays so
+PASSES = 2  # fits of one size, each with the vertices weighted by how far off the last one was
+STEP = 1 / 16  # sizes closer than this share count as equal: another fit costs more than it saves
+LEAST_WEIGHT = 0.03  # of a vertex that is exact, so that it stays exact
 CHUNK_FLOATS = 4_000_000
 
 
@@ -155,7 +158,7 @@ def follow(weights: Float32[np.ndarray, "t k"], values: Float32[np.ndarray, "t n
 
 
 def _fit(offsets: np.ndarray, k: int, scale: Float[np.ndarray, " n"]) -> tuple[LowRank, Float[np.ndarray, " n"]]:
-    """Return the best fit of rank k from these weights of the vertices on, and the weights to go on with."""
+    """Return the best fit of rank k and the vertices' next weights. scale: the weights to begin with."""
     t, n, _ = offsets.shape
     if k == 0:
         shapes, weights = np.zeros((0, n, 3), np.float32), np.zeros((t, 0), np.float32)
@@ -176,7 +179,7 @@ def _fit(offsets: np.ndarray, k: int, scale: Float[np.ndarray, " n"]) -> tuple[L
 
 
 def _gram(offsets: np.ndarray, scale: Float[np.ndarray, " n"]) -> Float64[np.ndarray, "t t"]:
-    """Return the frames' products, vertices weighted; in double precision, since its roots are needed."""
+    """Return the products of the frames, with weighted vertices; in double precision, since its roots are needed."""
     t, n, _ = offsets.shape
     gram = np.zeros((t, t))
     step = max(1, CHUNK_FLOATS // (3 * t))

@@ -25,11 +25,13 @@ LEAST_TOLERANCE_MM = 0.001
 class Request:
     """What to export: one of `pose`, `clip` and `params`, or none of them for the neutral pose.
 
-    pose: an expression's name. clip: a clip's name or number. params: a CSV file of control values, a row a frame,
-    or a pose that the posing page saved, as .json.
-    to: the file to write, else one in results/runs/export. tolerance_mm: how far a vertex of a clip may be off.
+    pose: an expression's name
+    clip: a clip's name or number
+    params: a CSV file of control values, a row a frame, or a pose that the posing page saved, as .json
+    to: the file to write, else one in results/runs/export
+    tolerance_mm: how far a vertex of a clip may be off
 
-    Raises InputError for more than one of them, or a file or a tolerance that can't be.
+    Raises InputError for more than one of the three, a file that can't be written, or a bad tolerance.
     """
 
     pose: str | None = None
@@ -61,7 +63,7 @@ def _check_file(file: Path) -> None:
 
 
 def export(rig: Rig, request: Request) -> tuple[list[Path], str]:
-    """Write a rig's pose or clip; return the files, which appear whole or not at all, and what is in them, in words.
+    """Write a rig's pose or clip; return the files and what is in them, in words. Files appear whole or not at all.
 
     Raises InputError for an unknown pose or clip, or a bad file of parameters.
     """
@@ -98,7 +100,7 @@ def _summary(poses: np.ndarray, tracks: list, size_bytes: int, rate: float) -> s
 
 
 def requested_poses(rig: Rig, request: Request) -> tuple[str, Float32[np.ndarray, "t m"]]:
-    """Return the name and the parameters (t, m) of what is asked for; a pose has one row."""
+    """Return the name and the parameters (t, m) of the requested pose or clip; a pose has one row."""
     if request.params is not None:
         file = Path(request.params)
         is_pose = file.suffix.lower() == ".json"

@@ -1,8 +1,8 @@
 """The poses of a rig that is written as a folder of samples (data_recipes/sampled).
 
-They are those of §3.5: every frame of the clips, and poses that Eq. 5 draws from the training frames of a split,
-each with the frame that it was drawn from. Read with the same seed, split and configuration, they give the same
-training, validation and test poses as the rig itself.
+As in §3.5 they are every frame of the clips, and poses that Eq. 5 draws from the training frames of a split, each with
+the frame that it was drawn from. Read with the same seed, split and configuration, they give the same training,
+validation and test poses as the rig itself.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,15 +20,12 @@ from replicate.engine.stage import stream_rng
 from replicate.methods.artefacts import rig_of
 
 POSES_A_SHARD = 256
-STAGE = "samples"  # whose random streams the poses are drawn from
-INFLUENCE = "influence"  # the same of the poses from which controls are tried
+STAGE = "samples"  # the stage whose random streams draw the poses
+INFLUENCE = "influence"  # the stage whose random streams draw the poses in which controls are tried
 
 
 def drawn_shards(rig: Rig, config: SamplesConfig, seed: int) -> tuple[int, Iterator[dict[str, np.ndarray]]]:
-    """Return the number of a rig's samples, and the arrays of each shard without its vertices.
-
-    seed: that whose poses they are.
-    """
+    """Return how many samples a rig has, and the arrays of each shard without its vertices."""
     parts = choose_poses(rig, config, lambda stream: stream_rng(seed, STAGE, stream))
     if rig.clips is None:
         every = np.concatenate([parts[part] for part in PARTS])
@@ -36,11 +33,11 @@ def drawn_shards(rig: Rig, config: SamplesConfig, seed: int) -> tuple[int, Itera
     clips = [np.asarray(clip.values, np.float32) + np.float32(0) for clip in rig.clips]
     frames = np.concatenate(clips)
     names = np.repeat([clip.name for clip in rig.clips], [len(values) for values in clips])
-    numbers = np.concatenate([np.arange(len(values)) for values in clips])
+    positions = np.concatenate([np.arange(len(values)) for values in clips])
     drawn = parts["training"]
     source = _sources(frames, parts, config, seed)
-    acted = {"params": frames, "clip": names, "frame": numbers}
-    random = {"params": drawn, "clip": names[source], "frame": numbers[source], "drawn": np.ones(len(drawn), bool)}
+    acted = {"params": frames, "clip": names, "frame": positions}
+    random = {"params": drawn, "clip": names[source], "frame": positions[source], "drawn": np.ones(len(drawn), bool)}
     return len(frames) + len(drawn), (shard for arrays in (acted, random) for shard in _in_shards(arrays))
 
 
@@ -59,7 +56,7 @@ def _sources(
 ) -> Int[np.ndarray, " count"]:
     """Return which frame each training pose was drawn from.
 
-    Eq. 5 takes the frames first thing from its stream, out of the animation less what is held out: the same draw again.
+    Eq. 5 begins by drawing frames from the animation without what is held out; this repeats that draw.
     """
     held_out = {pose.tobytes() for part in PARTS[1:] for pose in parts[part]}
     kept = np.flatnonzero([pose.tobytes() not in held_out for pose in frames])
@@ -71,14 +68,14 @@ def _in_shards(arrays: dict[str, np.ndarray]) -> Iterator[dict[str, np.ndarray]]
         yield {name: array[first : first + POSES_A_SHARD] for name, array in arrays.items()}
 
 
-# A small folder of samples of one of our rigs, so that the format can be tried before a rig of one's own is there.
+# A small folder of samples of one of our rigs, so that the format can be tried without another rig.
 
 CHARACTER = "toon"  # it has no clips, so that few poses will do
 SAMPLES = SamplesConfig(count=120, validation=8, uniform_test=40)
 
 
 def example_folder() -> Path:
-    """Return a folder of the toon's samples; it is written where it isn't there yet (half a minute, 10 MB)."""
+    """Return a folder of the toon's samples, written if it is missing (half a minute, 10 MB)."""
     from data_recipes.catalogue import write_folder
     from data_recipes.recipe_paths import FACE_FILE
 

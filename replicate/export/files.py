@@ -22,8 +22,12 @@ from replicate.geometry.mesh import vertex_normals
 class Part:
     """One mesh of a file.
 
-    name: of its node or object. vertices (n, 3) mm; normals (n, 3), unit vectors. faces (f, 3). colours: (n, 3) uint8,
-    sRGB, one a vertex. uv: (n, 2) in [0, 1], each vertex in its own segment's chart, or None.
+    name: of its node or object
+    vertices: (n, 3), mm
+    normals: (n, 3), unit vectors
+    faces: (f, 3)
+    colours: of the vertices, (n, 3) uint8, sRGB
+    uv: (n, 2) in [0, 1], each vertex in the chart of its segment, or None
     """
 
     name: str
@@ -35,7 +39,7 @@ class Part:
 
 
 def unit_normals(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "*b n 3"]:
-    """Return vertex normals of length 1 throughout: where there is none, in a part that is flat to a line, forwards."""
+    """Return vertex normals of length 1; a vertex that has none, in a part as thin as a line, gets (0, 0, 1)."""
     normals = vertex_normals(vertices, faces)
     normals[(normals == 0).all(-1)] = (0, 0, 1)
     return normals
@@ -75,7 +79,7 @@ def moving_parts(rig: Rig, poses: Float[np.ndarray, "t m"]) -> tuple[list[Part],
 
 
 def by_material(rig: Rig, head: Part) -> list[Part]:
-    """Return a head's skin, teeth, gums, tongue and mouth as parts of their own, for files with a colour a part.
+    """Return a head's skin, teeth, gums, tongue and mouth as separate parts, for files with one colour a part.
 
     Vertices keep their order; those on a border are in both parts, with the same normals.
     """
@@ -140,7 +144,7 @@ def obj(parts: Sequence[Part], about: str, material_file: str) -> tuple[str, str
 
     class PoseScene(trimesh.Scene):
         def dump(self, *_) -> list:
-            return list(self.geometry.values())  # trimesh's own are copies, which lose the normals shared at borders
+            return list(self.geometry.values())  # trimesh returns copies, which lose the normals shared at borders
 
     scene = PoseScene()
     for part in sorted(parts, key=lambda part: part.uv is None):
@@ -171,7 +175,7 @@ def linear(colours: UInt8[np.ndarray, "n 3"]) -> UInt8[np.ndarray, "n 3"]:
 
 
 def write_whole(file: Path, data: bytes) -> None:
-    """Write a file beside and rename it into place; whatever goes wrong, the old one, if there is one, still stands.
+    """Write a file beside its place and rename it; whatever goes wrong, an old file stays as it was.
 
     Raises InputError where nothing may be written, and OSError when the disk is full.
     """

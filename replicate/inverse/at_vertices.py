@@ -1,4 +1,4 @@
-"""Approximations at a few vertices: r̃_C(p) of Eq. 7, differentiable in p and cheap, for every method with a model."""
+"""Approximations at a few vertices: r̃_C(p) of Eq. 7, cheap and differentiable in p, for every method with a model."""
 
 import copy
 from collections.abc import Callable
@@ -24,8 +24,8 @@ Points = Callable[[Float[torch.Tensor, "b m"]], Float[torch.Tensor, "b c 3"]]
 def at_vertices(model: object, vertices: Int[np.ndarray, " c"]) -> Points:
     """Return raw rig parameters (b, m) → offsets (b, c, 3) of some vertices in mm, differentiable in the parameters.
 
-    A model of another class has a function `at_vertices(vertices)` that returns that. Its weights are frozen.
-    Raises InputError for one that has none.
+    The weights are frozen. A model of a class that isn't registered here needs a method `at_vertices(vertices)` that
+    returns the same; InputError without one.
     """
     points = _at_vertices(model, np.asarray(vertices))
     if isinstance(points, nn.Module):
@@ -34,7 +34,7 @@ def at_vertices(model: object, vertices: Int[np.ndarray, " c"]) -> Points:
 
 
 def is_differentiable(model: object) -> bool:
-    """Return whether `at_vertices` takes a model."""
+    """Return whether `at_vertices` works for a model."""
     return _at_vertices.dispatch(type(model)) is not _at_vertices.dispatch(object) or hasattr(model, "at_vertices")
 
 
@@ -56,18 +56,18 @@ class SegmentPoints(nn.Module):
         for network, segment, length in zip(model.networks, model.segments, model.lengths, strict=True):
             order = np.argsort(segment.vertices)
             place = order[np.searchsorted(segment.vertices, vertices, sorter=order).clip(max=len(order) - 1)]
-            own = np.flatnonzero(segment.vertices[place] == vertices)
-            if len(own):
-                networks.append(narrow(network, place[own]))
-                index = (torch.from_numpy(segment.parameters).long(), torch.from_numpy(own))
+            moved = np.flatnonzero(segment.vertices[place] == vertices)
+            if len(moved):
+                networks.append(narrow(network, place[moved]))
+                index = (torch.from_numpy(segment.parameters).long(), torch.from_numpy(moved))
                 self.parts.append((*index, length))
         self.networks = nn.ModuleList(networks)
 
     def forward(self, params: Float[torch.Tensor, "b m"]) -> Float[torch.Tensor, "b c 3"]:
         scaled = params / self.scale
         out = torch.zeros(len(params), self.count, 3, dtype=params.dtype, device=params.device)
-        for network, (parameters, own, length) in zip(self.networks, self.parts, strict=True):
-            out = out.index_add(1, own, network(scaled[:, parameters]) * length)
+        for network, (parameters, moved, length) in zip(self.networks, self.parts, strict=True):
+            out = out.index_add(1, moved, network(scaled[:, parameters]) * length)
         return out
 
 
@@ -125,7 +125,7 @@ _at_vertices.register(RegionalModel, RegionalPoints)
 
 
 class Indexed(nn.Module):
-    """A network whose outputs for some of its vertices count: what is narrowed in no better way."""
+    """A network's outputs at some of its vertices, for networks that can't be narrowed."""
 
     def __init__(self, network: nn.Module, places: np.ndarray):
         super().__init__()
@@ -137,7 +137,7 @@ class Indexed(nn.Module):
 
 @singledispatch
 def narrow(network: nn.Module, places: Int[np.ndarray, " k"]) -> nn.Module:
-    """Return a network that gives the offsets of some of its segment's vertices alone."""
+    """Return a network that gives only the offsets of some of its segment's vertices."""
     return Indexed(network, places)
 
 

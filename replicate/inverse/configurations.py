@@ -1,4 +1,4 @@
-"""Where the control points of a character shall go: as its file of drags says, or as a script draws them (§5.3.1)."""
+"""Where a character's control points are dragged: as its file of drags says, or as a script draws them (§5.3.1)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -63,7 +63,7 @@ def write_drags(file: Path, configurations: Sequence[Configuration]) -> None:
 def read_drags(file: Path, names: Sequence[str]) -> list[Configuration]:
     """Read what `write_drags` wrote, or what somebody typed. names: of the control points.
 
-    Raises InputError, naming the file, for no such table, for a point that the character doesn't have, and for a file
+    Raises InputError, naming the file, for a bad table, for a point that the character doesn't have, and for a file
     without drags.
     """
     frame = read_csv(file, SCHEMA, KEY, missing="there is no such file of drags.")
@@ -77,16 +77,16 @@ def read_drags(file: Path, names: Sequence[str]) -> list[Configuration]:
 
 
 def targets_of(neutral: np.ndarray, names: Sequence[str], configurations: Sequence[Configuration]) -> np.ndarray:
-    """Return where the control points shall go, (k, c, 3) float32 mm: those that nobody drags stay in their places.
+    """Return where the control points shall go, (k, c, 3) float32 mm; those that nobody drags stay.
 
     neutral: (c, 3), the control points of the neutral pose.
     """
     moves = [[(drag.point, (drag.x_mm, drag.y_mm)) for drag in drags] for drags in configurations]
-    return np.stack([targets_of_drags(neutral, names, own) for own in moves])
+    return np.stack([targets_of_drags(neutral, names, of_configuration) for of_configuration in moves])
 
 
 def files_of(character: str) -> tuple[Path, ...]:
-    """Return the file of a character's drags, in a tuple of its own; an empty one where there is none."""
+    """Return a tuple with the file of a character's drags, empty where there is none."""
     file = drags_file(character)
     return (file,) if file.is_file() else ()
 
@@ -94,10 +94,15 @@ def files_of(character: str) -> tuple[Path, ...]:
 def configurations(
     rig: Rig, points: ControlPoints, files: Sequence[Path] = (), stream: str = "table4", count: int = COUNT
 ) -> Float32[np.ndarray, "k c 3"]:
-    """Return where the control points shall go, (k, c, 3) mm, a configuration each.
+    """Return where the control points shall go in each configuration, (k, c, 3) mm.
 
-    files: as of `files_of`. Without one a script draws `count` configurations from the random stream of that name.
-    Raises InputError, naming the file, for one of anything else than this rig's drags.
+    rig: for its neutral pose
+    points: the rig's control points
+    files: from `files_of`; without a file a script draws the configurations
+    stream: the name of the script's random stream
+    count: how many configurations the script draws
+
+    Raises InputError as `read_drags` does.
     """
     if files:
         drags = read_drags(files[0], points.names)

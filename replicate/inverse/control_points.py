@@ -12,12 +12,12 @@ from replicate.base.exceptions import InputError
 from replicate.base.schema import Checked, number
 from replicate.config import TrainingConfig
 
-IMAGE_PLANE, SPACE = 2, 3  # how many coordinates of a point count: x and y as a camera along z sees them, or all
+IMAGE_PLANE, SPACE = 2, 3  # how many coordinates of a point are used: x and y as a camera along z sees them, or all
 
 
 @dataclass(frozen=True)
 class Region:
-    """A part of the face with a network of its own: C_j and R_j of §4.1.
+    """A part of the face that has one network: C_j and R_j of §4.1.
 
     name: as the rig has it. points: indices into the control points. parameters: indices into p, of those that can move
     one of the points.
@@ -47,7 +47,7 @@ def control_points(rig: Rig, influence: Bool[np.ndarray, "n m"]) -> ControlPoint
     Raises InputError for a rig without control points, and for a region whose points nothing moves.
     """
     if not len(rig.control_points):
-        raise InputError(f"rig '{rig.name}': inverse kinematics needs at least one control point, and there is none.")
+        raise InputError(f"rig '{rig.name}': it has no control points; inverse kinematics needs at least one.")
     vertices = np.asarray(rig.control_points, np.int64)
     names = rig.control_point_names or tuple(f"point_{i + 1:02d}" for i in range(len(vertices)))
     regions = []
@@ -77,7 +77,7 @@ def targets_of_drags(
     return targets
 
 
-# The numbers of inverse kinematics: the IK networks and their training (§4.2).
+# The settings of inverse kinematics: the IK networks and their training (§4.2).
 
 STEPS = {"quick": 200, "laptop": 4_000, "paper": 70_000}
 TRAINING = {
@@ -88,18 +88,26 @@ TRAINING = {
 
 @dataclass(frozen=True)
 class InverseConfig(Checked):
-    """How the IK networks are trained (§4.2). axes: "xy" for points in the image plane (§5.3.1), "xyz" in space."""
+    """How the IK networks are trained (§4.2).
+
+    hidden: widths of the hidden layers
+    leaky_slope: of their leaky ReLU
+    axes: "xy" for points in the image plane (§5.3.1), "xyz" in space
+    noise_mm: δ, each coordinate of a control point moves by U(−δ, δ)
+    regularisation: λ_reg of Eq. 8, in mm; the paper names no value
+    training: steps, batches and rates
+    """
 
     hidden: tuple[int, ...] = number((256, 256), 1, 65_536)
     leaky_slope: float = number(0.2, 0.0, 1.0)
     axes: Literal["xy", "xyz"] = "xy"
-    noise_mm: float = number(4.5, 0.0, 1e3)  # δ: each coordinate of a control point moves by U(−δ, δ)
-    regularisation: float = number(0.02, 0.0, 1e6)  # λ_reg of Eq. 8, in mm: the paper names no value
+    noise_mm: float = number(4.5, 0.0, 1e3)
+    regularisation: float = number(0.02, 0.0, 1e6)
     training: TrainingConfig = TRAINING["laptop"]
 
     @property
     def coordinates(self) -> int:
-        """How many coordinates of a control point count."""
+        """How many coordinates of a control point are used."""
         return IMAGE_PLANE if self.axes == "xy" else SPACE
 
 

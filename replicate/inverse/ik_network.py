@@ -45,9 +45,14 @@ class IkModel(nn.Module):
     """f_IK: control points → rig parameters, one network a region (Eq. 7, Fig. 6).
 
     A parameter that several regions drive is the mean of what they say; one that none drives keeps its default.
-    neutral: (c, 3) control points of the neutral pose, mm. spread: (c, a) what their moves are divided by, mm. default:
-    (m,) parameters of the neutral pose. reach: (m,) what the networks' outputs are multiplied by. a is 2 for points in
-    the image plane, x and y (§5.3.1), 3 for points in space.
+
+    regions: the control points and parameters of each network
+    hidden: widths of the hidden layers
+    slope: of their leaky ReLU
+    neutral: control points of the neutral pose, (c, 3), mm
+    spread: what their moves are divided by, (c, a), mm; a is 2 for points in the image plane (§5.3.1), 3 in space
+    default: parameters of the neutral pose, (m,)
+    reach: what the networks' outputs are multiplied by, (m,)
     """
 
     def __init__(
@@ -77,12 +82,12 @@ class IkModel(nn.Module):
             self.register_buffer(f"parameters_{j}", torch.from_numpy(region.parameters).long(), persistent=False)
 
     def forward(self, points: Float[torch.Tensor, "b c 3"]) -> Float[torch.Tensor, "b m"]:
-        """Return raw rig parameters for control points in mm; of points in the image plane z doesn't count."""
+        """Return raw rig parameters for control points in mm; z is ignored for points in the image plane."""
         moves = (points - self.neutral)[..., : self.axes] / self.spread
         total = torch.zeros(len(points), len(self.default), dtype=moves.dtype, device=moves.device)
         for j, network in enumerate(self.networks):
-            own = network(moves[:, getattr(self, f"points_{j}")].flatten(1))
-            total = total.index_add(1, getattr(self, f"parameters_{j}"), own)
+            driven = network(moves[:, getattr(self, f"points_{j}")].flatten(1))
+            total = total.index_add(1, getattr(self, f"parameters_{j}"), driven)
         return self.default + total * self.share * self.reach
 
     def solve(self, points: Float[np.ndarray, "b c 3"]) -> Float32[np.ndarray, "b m"]:
@@ -122,7 +127,7 @@ def load_ik(folder: Path) -> IkModel:
 
 LOG_COLUMNS = ("step", "loss", "mm", "amplitude")  # amplitude: L_reg of Eq. 10
 STREAM = "inverse"
-SMALLEST_MM = 0.1  # of what a control point's moves are divided by
+SMALLEST_MM = 0.1  # the least that a control point's moves are divided by
 
 
 @dataclass(frozen=True)
@@ -142,9 +147,9 @@ def read_truth(samples: SampleSet, neutral: Float[np.ndarray, "n 3"], points: Co
 
 
 def parameter_ranges(rig: Rig) -> Float32[np.ndarray, " m"]:
-    """Return p_max − p_min of each parameter in the animation data (Eq. 10); of one that rests there, its limits'.
+    """Return p_max − p_min of each parameter in the animation data (Eq. 10).
 
-    A rig without animation has the limits of its controls.
+    It is taken from the control's limits for a parameter at rest in all clips, and for a rig without clips.
     """
     limits = rig.upper - rig.lower
     if not rig.clips:
@@ -180,11 +185,22 @@ def train_ik(
     progress: Callable,
     label: str,
 ) -> tuple[IkModel, list[dict]]:
-    """Train the IK networks and return them with the log of LOG_COLUMNS.
+    """Train the IK networks (§4.2) and return them with the log of LOG_COLUMNS.
 
-    approximation: r̃_C, raw rig parameters (b, m) → positions (b, c, 3) of the control points in mm, differentiable.
-    All else is drawn alike for every approximation: what differs is the gradient alone.
+    All random draws are the same for every approximation, so that only the gradient differs.
+
+    approximation: r̃_C, raw rig parameters (b, m) → positions (b, c, 3) of the control points in mm, differentiable
+    rig: for its neutral pose and its parameters' ranges
+    points: the rig's control points
+    truth: where they are in the samples
+    samples: draws the poses of each step
+    section: settings of the networks and of their training
+    seed: of the weights, the poses and the noise
+    scratch: folder for checkpoints
+    progress: as `StageContext.progress`
+    label: the progress bar's
     """
+    # the networks, with inputs and outputs scaled by the data
     device = prepare("cpu")
     neutral = rig.mesh.neutral[points.vertices].astype(np.float32)
     axes = section.coordinates
@@ -193,6 +209,7 @@ def train_ik(
     model = IkModel(points.regions, section.hidden, section.leaky_slope, neutral, spread, rig.default, ranges)
     initialise(ConditioningConfig(), list(model.networks), section.leaky_slope, torch.Generator().manual_seed(seed))
     model = model.to(device)
+    # the loss of Eq. 8 on noisy targets, and what the log measures on held-out poses
     scales = torch.from_numpy(ranges)
     held_out = torch.from_numpy(truth.validation)
 

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Int
 
 from replicate.engine.stage import Stage, StageContext, stage_function
-from replicate.inverse.control_points import InverseConfig
+from replicate.inverse.control_points import InverseConfig, control_points
+from replicate.inverse.control_points import own as default_section
 from replicate.methods import artefacts
 from replicate.methods.method import Method
 from replicate.methods.plan import Plan, TrainingNumbers, reference
@@ -17,23 +18,21 @@ from replicate.methods.plan import Plan, TrainingNumbers, reference
 if TYPE_CHECKING:
     import replicate.inverse.ik_network
 
-RIG = "rig"  # in the place of an approximation's name
+RIG = "rig"  # instead of an approximation's name
 PREFIX = "inverse"
 LOG = "log.csv"
 
 
 @dataclass(frozen=True)
 class ThroughModel(TrainingNumbers):
-    """What the training needs, and "module:function" of the approximation's `model`; "" for the rig itself."""
+    """The training's settings. model: "module:function" of the approximation's `model`; "" for the rig itself."""
 
     model: str
 
 
 def section(plan: Plan) -> InverseConfig:
-    """Return the numbers of inverse kinematics that a plan's configuration has."""
-    from replicate.inverse.control_points import own
-
-    return getattr(plan.config, PREFIX, None) or own(plan.config.profile)
+    """Return the settings of inverse kinematics in a plan's configuration."""
+    return getattr(plan.config, PREFIX, None) or default_section(plan.config.profile)
 
 
 def stage_name(approximation: str) -> str:
@@ -44,30 +43,29 @@ def stage_name(approximation: str) -> str:
 def stage(plan: Plan, method: Method | None) -> Stage:
     """Return the stage that trains the IK networks through a method's model; through the rig where it is None."""
     model, stages = (reference(method.model), method.stages(plan)) if method else ("", ())
-    numbers = ThroughModel(section(plan), plan.config.seed, plan.config.device, model)
+    settings = ThroughModel(section(plan), plan.config.seed, plan.config.device, model)
     common = tuple(stage(plan) for stage in (artefacts.rig_stage, artefacts.samples_stage, artefacts.influence_stage))
-    names = {one.name for one in common}
-    inputs = (*common, *(one for one in stages if one.name not in names))
+    names = {known.name for known in common}
+    inputs = (*common, *(needed for needed in stages if needed.name not in names))
     functions = ",".join([reference(train), *([model] if model else [])])  # the model's sources count too
-    return plan.stage(stage_name(method.name if method else RIG), functions, numbers, *inputs)
+    return plan.stage(stage_name(method.name if method else RIG), functions, settings, *inputs)
 
 
 def train(context: StageContext) -> None:
     """Train the IK networks (§4.2) and write model and log."""
     from replicate.approximation.training import write_log
-    from replicate.inverse.control_points import control_points
     from replicate.inverse.ik_network import read_truth, save_ik, train_ik
 
-    numbers, rig, samples = context.config, artefacts.load_rig(context.inputs), artefacts.load_samples(context.inputs)
+    settings, rig, samples = context.config, artefacts.load_rig(context.inputs), artefacts.load_samples(context.inputs)
     points = control_points(rig, artefacts.load_influence(context.inputs))
     model, log = train_ik(
-        positions(context.inputs, numbers.model, points.vertices),
+        positions(context.inputs, settings.model, points.vertices),
         rig,
         points,
         read_truth(samples, rig.mesh.neutral, points),
         samples,
-        numbers.section,
-        numbers.seed,
+        settings.section,
+        settings.seed,
         context.scratch,
         context.progress,
         context.name,

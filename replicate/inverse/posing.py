@@ -34,7 +34,7 @@ def pose(rig: Rig, params: Float[np.ndarray, "k m"]) -> Posed:
 def point_errors_mm(
     posed: Posed, targets: Float[np.ndarray, "k c 3"], points: ControlPoints, axes: int
 ) -> Float32[np.ndarray, "k c"]:
-    """Return how far the rig's control points are from where they shall go, mm, in the coordinates that count."""
+    """Return how far the rig's control points are from where they shall go, mm, in the first `axes` coordinates."""
     apart = (posed.vertices[:, points.vertices] - targets)[..., :axes]
     return np.linalg.norm(apart, axis=-1).astype(np.float32)
 
@@ -51,13 +51,18 @@ def approximation_errors(
 ) -> dict[str, Errors]:
     """Return each method's distance and normal errors (Eq. 11) against the rig, both at the same parameters.
 
-    predictors: name → (params, true vertices) → vertices, rigid segments placed. A configuration that leads to the same
-    parameters as another counts once.
+    A configuration that leads to the same parameters as another counts once.
+
+    rig: for its mesh
+    posed: what inverse kinematics made of the configurations
+    predictors: name → (params, true vertices) → vertices, rigid segments placed
+    rigid: indices of the rigid segments
+    batch: poses that are predicted at once
     """
     return evaluate(rig.mesh, posed.params, posed.vertices - rig.mesh.neutral, predictors, rigid, batch)
 
 
-# The true rig at its control points, as a function that torch differentiates: what no closed rig allows (§4).
+# The true rig at its control points, as a function that torch differentiates; a closed rig allows none (§4).
 
 
 class RigPoints:

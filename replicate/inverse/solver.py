@@ -1,6 +1,7 @@
 """Inverse kinematics by iteration: Eq. 6 with the penalty of Eq. 8, minimised anew for each configuration (§4).
 
-The paper turns it down for its speed. Here it says how much of an error is the network's, and how much the gradient's.
+The paper rejects it as too slow. Here it tells how much of an error comes from the network, and how much from the
+gradient.
 """
 
 from collections.abc import Callable, Sequence
@@ -38,9 +39,18 @@ def solve(
 ) -> Solution:
     """Minimise Eq. 8 from the neutral pose by L-BFGS-B within the controls' limits, for all configurations at once.
 
-    The configurations have nothing in common, so that the sum over them is least where each is; a batch costs little
-    more than one. positions: raw rig parameters (b, m) → positions (b, c, 3) of the control points in mm. driven: the
-    parameters that may move. axes: how many coordinates of a point count. regularisation: λ_reg in mm.
+    The configurations are independent, so their sum is least where each of them is.
+
+    positions: raw rig parameters (b, m) → positions (b, c, 3) of the control points in mm
+    targets: where the control points shall go, mm
+    default: parameters of the neutral pose
+    lower: limits of the parameters
+    upper: limits of the parameters
+    ranges: as of `parameter_ranges`
+    driven: indices of the parameters that may move
+    axes: how many coordinates of a point are used
+    regularisation: λ_reg, mm
+    iterations: the most that are made
     """
     goals, start = torch.from_numpy(np.array(targets, np.float32)), torch.from_numpy(np.array(default, np.float32))
     index, scale = torch.from_numpy(np.asarray(driven)).long(), torch.from_numpy(ranges[driven].astype(np.float32))
@@ -69,14 +79,12 @@ def solve(
     return Solution(params, int(result.nfev))
 
 
-# How well an approximation's derivative agrees with the rig's: inverse kinematics sees the rig through it alone (§4).
+# How well an approximation's derivative agrees with the rig's: it is all that inverse kinematics sees of the rig (§4).
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """Of two derivatives of the same points. cosine: 1 where they point the same way. size: the length of one over that
-    of the other.
-    """
+    """How well two derivatives agree. cosine: 1 where they point the same way. size: the ratio of their lengths."""
 
     cosine: float
     size: float
@@ -90,10 +98,10 @@ def jacobians(
     positions: raw rig parameters (b, m) → positions (b, c, 3) of the points in mm.
     """
     rows = []
-    for one in np.asarray(params, np.float32):
+    for pose in np.asarray(params, np.float32):
         with torch.no_grad():
-            shape = positions(torch.from_numpy(one[None].copy()))[0].shape
-        copies = torch.from_numpy(np.tile(one, (shape.numel(), 1))).requires_grad_(True)  # one for each coordinate
+            shape = positions(torch.from_numpy(pose[None].copy()))[0].shape
+        copies = torch.from_numpy(np.tile(pose, (shape.numel(), 1))).requires_grad_(True)  # one for each coordinate
         positions(copies).flatten(1).diagonal().sum().backward()
         rows.append(copies.grad.view(*shape, -1).numpy())
     return np.stack(rows)

@@ -1,7 +1,6 @@
-"""The posing page as a browser shows it while points are dragged: a strip of pictures, where this machine has one.
+"""The posing page as a browser shows it while points are dragged, as a strip of pictures.
 
-A picture is of the page opened with a link that keeps a pose, so that nothing but the browser's own command line is
-needed.
+Each picture is of the page opened with a link that keeps a pose, so that the browser's command line is enough.
 """
 
 import base64
@@ -29,8 +28,8 @@ if TYPE_CHECKING:
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 GRAPHICS = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")  # without a graphics card
 SIZE, COLUMNS = (880, 640), 2  # of the window, px; pictures side by side
-FINER = 2  # pixels a pixel of the picture, whose edges are smooth so
-PAGE_MS, PATIENCE_S = 3_000, 300  # of the browser's own time until the picture; of ours
+FINER = 2  # the browser draws this many pixels for one of the picture, for smooth edges
+PAGE_MS, PATIENCE_S = 3_000, 300  # of the browser's clock until the picture; of waiting for it
 LINK_STEPS, LINK_MM = 32_767, 0.01  # as front/pose_files.js has them
 # What is dragged in turn, on all points whose names begin so: (outwards, up) mm.
 DRAGS = (
@@ -41,12 +40,12 @@ DRAGS = (
 
 
 def browser() -> str | None:
-    """Return the path of this machine's browser, None where there is none that can be asked for pictures."""
+    """Return the path of this machine's browser, None where there is none."""
     return next(filter(None, map(shutil.which, BROWSERS)), None)
 
 
 def pose_link(face: PosedFace, params: Float[np.ndarray, " m"], targets: Float[np.ndarray, "c 3"]) -> str:
-    """Return what the address of a page ends with for a pose: parameters, and where the control points are wanted."""
+    """Return the end of a page's address that keeps a pose: parameters, and where the control points are wanted."""
     rig = face.rig
     points = control_points(rig, face.influence)
     shares = LINK_STEPS * (params - rig.lower) / (rig.upper - rig.lower)
@@ -56,7 +55,7 @@ def pose_link(face: PosedFace, params: Float[np.ndarray, " m"], targets: Float[n
 
 
 def strip(face: PosedFace, page: Path, program: str) -> "tuple[matplotlib.figure.Figure, Words] | None":
-    """Return (figure, words): the page at rest, and after one drag upon the other; None where no point has a drag.
+    """Return (figure, words): the page at rest, and after each of some drags; None where none fits the face's points.
 
     page: the file. program: the browser. Raises RunError where the browser makes no picture.
     """
@@ -97,7 +96,7 @@ def picture(page: Path, link: str, program: str) -> UInt8[np.ndarray, "h w 3"]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "page.png"
         call = [program, "--headless", "--no-first-run", "--hide-scrollbars", "--disable-gpu", *GRAPHICS]
-        call += ["--no-sandbox"] if os.geteuid() == 0 else []  # which root can't have
+        call += ["--no-sandbox"] if os.geteuid() == 0 else []  # root can't have one
         call += [f"--user-data-dir={folder}/profile", f"--window-size={SIZE[0]},{SIZE[1]}", f"--screenshot={file}"]
         call += [f"--force-device-scale-factor={FINER}"]
         call += [f"--virtual-time-budget={PAGE_MS}", f"{page.resolve().as_uri()}#{link}"]

@@ -31,7 +31,7 @@ Approximation = RegionalModel | SegmentedModel | RefinedModel  # of those by seg
 
 
 def halved(network: nn.Module) -> nn.Module:
-    """Return a network with its weights rounded to what 16 bits hold, as a page has them."""
+    """Return a copy of a network with its weights rounded to 16 bits, as a page has them."""
     twin = copy.deepcopy(network)
     with torch.no_grad():
         for weight in twin.parameters():
@@ -41,7 +41,7 @@ def halved(network: nn.Module) -> nn.Module:
 
 @singledispatch
 def as_on_page(model: Approximation) -> Approximation:
-    """Return a model with the weights that a page has of it."""
+    """Return a model with its weights as a page has them."""
     raise TypeError(f"no page evaluates a {type(model).__name__}")
 
 
@@ -134,10 +134,13 @@ def half(weight: torch.Tensor) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PosedFace:
-    """A character as it is posed: the rig for its mesh, names and limits, and what stands in for its function.
+    """A character to pose: its rig, and what stands in for the rig's function.
 
-    model: rig parameters → offsets, with weights as a page has them. attachments: what places the rigid segments. ik:
-    control points → rig parameters. influence: which control (m) moves which vertex (n).
+    rig: for its mesh, names and limits
+    model: rig parameters → offsets, with weights as a page has them
+    attachments: what places the rigid segments
+    ik: control points → rig parameters
+    influence: (n, m), which control moves which vertex
     """
 
     rig: Rig
@@ -150,7 +153,7 @@ class PosedFace:
     def evaluate(self) -> Callable[[np.ndarray], np.ndarray] | None:
         """Raw rig parameters (1, m) → the whole posed mesh (1, n, 3), mm, as fast as the suite can.
 
-        None for networks that have no fast evaluation, as those with other numbers of channels than the paper's.
+        None for networks without a fast evaluation, such as maps with other channels than the paper's.
         """
         return fast_evaluation(self.model, self.rig.mesh, self.attachments)
 
@@ -161,12 +164,12 @@ class PosedFace:
 
         They change by as much as the IK networks' answer does, and keep within their limits (D25).
         """
-        said = self.ik.solve(np.stack([before, after]))
-        return np.clip(params + said[1] - said[0], self.rig.lower, self.rig.upper).astype(np.float32)
+        solved_before, solved_after = self.ik.solve(np.stack([before, after]))
+        return np.clip(params + solved_after - solved_before, self.rig.lower, self.rig.upper).astype(np.float32)
 
 
 def face_contents(face: PosedFace) -> Parts:
-    """Return all that a page needs to pose a face, but for the meshes that are there for display alone."""
+    """Return all that a page needs to pose a face, except for the meshes that are only displayed."""
     header, arrays = {}, {}
     for words, values in (
         _mesh(face.rig),

@@ -1,4 +1,4 @@
-"""Eyeballs, brows and hair for a page: meshes for display alone, and how they go with the face.
+"""Eyeballs, brows and hair for a page: meshes that are only displayed, and how they go with the face.
 
 No method approximates them. What lies on the skin goes with the vertices that are nearest at rest. An eyeball turns and
 shifts by the sum of what each control, alone at its limits, does to it.
@@ -60,7 +60,7 @@ def display_contents(rig: Rig, progress: Callable) -> Parts:
 
 
 def _used(prop: tuple) -> Prop:
-    """Return a prop without the vertices that are in no face, with a colour for each; it may have one for all."""
+    """Return a prop without the vertices that are in no face, and with a colour for each of the others."""
     name, vertices, faces, colours = prop
     used, faces = np.unique(faces, return_inverse=True)
     paint = np.broadcast_to(np.asarray(colours, np.uint8), (len(vertices), 3))
@@ -99,9 +99,10 @@ def _eyeballs(rig: Rig, props: list[Prop], firsts: np.ndarray, progress: Callabl
 def _alone(
     rig: Rig, rest: EyePoints, limits: np.ndarray, controls: np.ndarray, done: Callable[[int], None]
 ) -> Iterator[tuple[int, EyePoints]]:
-    """Yield each of some controls that moves an eyeball, with where that puts it when the control is at its limit.
+    """Yield each of some controls that moves an eyeball, and where the eyeballs are with that control at its limit.
 
-    Most move none: they are tried in groups, and groups that move one are halved. done: told how many are through.
+    Most controls move none, so they are tried in groups, and a group that moves one is halved. done: is called with
+    how many controls are finished.
     """
     params = np.array(rig.default)
     params[controls] = limits[controls]

@@ -1,4 +1,4 @@
-"""A posed face as a still picture: as our method has it, as the rig has it, and its errors in colours."""
+"""A posed face as a still picture: the rig's, our method's, and its errors in colours."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -44,7 +44,15 @@ def error_figure(
     kind: str = NORMAL,
     renderer: str | None = None,
 ) -> "matplotlib.figure.Figure":
-    """Return the rig's face, our method's, and its errors of a kind, with a bar that has their unit."""
+    """Return pictures of the rig's face, our method's, and its errors in colours with their bar.
+
+    rig: for its faces and props
+    params: raw rig parameters of the pose
+    targets: where the control points are wanted, mm
+    errors: the pose's
+    kind: NORMAL or DISTANCE, the errors shown
+    renderer: as of `render`
+    """
     scale, faces, camera = SCALES[kind], rig.mesh.faces, camera_for("front", rig.mesh.neutral)
     props = tuple(rig.pose_props(params))
 

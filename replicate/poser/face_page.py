@@ -13,7 +13,7 @@ from replicate.poser.pack import Parts, indices, page
 
 
 def face_page(face: PosedFace, rng: np.random.Generator, progress: Callable, made_by: str) -> str:
-    """Return the HTML of a face's page. rng: draws the poses that it checks itself by.
+    """Return the HTML of a face's page. rng: draws the poses with which the page checks itself.
 
     progress: as `StageContext.progress`. made_by: where it comes from, in a sentence.
     """
@@ -24,16 +24,16 @@ def face_page(face: PosedFace, rng: np.random.Generator, progress: Callable, mad
     return page(header, arrays, made_by)
 
 
-# Poses with their known answers, which a page carries so that it can check its own arithmetic on any machine.
+# Poses with their known answers, with which a page can check its arithmetic on any machine.
 
-VERTICES = 1_500  # of which the page knows where they belong, spread over the mesh
+VERTICES = 1_500  # whose right places the page knows, spread over the mesh
 POSES = 4
 PULL_MM = 6.0  # how far the control points of a check are pulled, at most, along each axis
 
 
 @dataclass(frozen=True)
 class Answers:
-    """What Python says of some poses.
+    """Python's results for some poses.
 
     targets: (b, c, 3) control points, mm. solved: (b, m) rig parameters that the IK networks give for them. params:
     (b, m) rig parameters within their limits. vertices: (b, n, 3) mm, of the approximation for `params`.
@@ -46,7 +46,7 @@ class Answers:
 
 
 def answers(face: PosedFace, rng: np.random.Generator) -> Answers:
-    """Return poses with every control and every control point somewhere, and what Python makes of them."""
+    """Return random poses of the controls and of the control points, and Python's results for them."""
     rig = face.rig
     rest = face.ik.neutral.numpy()
     targets = rest + rng.uniform(-PULL_MM, PULL_MM, (POSES, *rest.shape)).astype(np.float32)

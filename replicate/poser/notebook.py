@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from replicate.base.exceptions import InputError
 from replicate.base.paths import cache_folder, display_path
+from replicate.base.progress import progress
 from replicate.engine.store import load
 from replicate.inverse import ik_stage
 from replicate.inverse.control_points import control_points, targets_of_drags
@@ -30,7 +31,7 @@ from replicate.report.manifest import command_of, entries
 from replicate.report.notebooks import folder_of
 
 if TYPE_CHECKING:
-    from replicate.poser.contents import Approximation, PosedFace
+    from replicate.poser.contents import Approximation
 
 
 BAR_STEPS = 24  # colours of the legend's bar
@@ -48,7 +49,8 @@ class Poser(anywidget.AnyWidget):
     targets: (c, 3) where the control points are wanted, mm; of a point that is set, x and y count. kind: "normal" or
     "distance", which error the colours show. judged: the errors of the pose, a `RigErrors`.
 
-    Raises InputError, and changes nothing, for parameters of another number, that are not finite or beyond a limit.
+    Raises InputError, and changes nothing, for too many or too few parameters, or one that isn't finite or is beyond a
+    limit.
     """
 
     _esm = joined((*SCRIPTS, FRONT / "errors.js", FRONT / "widget.js"))
@@ -61,8 +63,6 @@ class Poser(anywidget.AnyWidget):
     errors = traitlets.Dict().tag(sync=True)
 
     def __init__(self, face: PosedFace):
-        from replicate.base.progress import progress
-
         self.face, self.judged = face, None
         self._points = control_points(face.rig, face.influence)
         self._held = True  # while several things change at once
@@ -97,12 +97,12 @@ class Poser(anywidget.AnyWidget):
         write_pose(Path(file), self.face.rig, self.params, self.points, self.targets)
 
     def load(self, file: Path | str) -> None:
-        """Pose as a file says. Raises InputError, and changes nothing, for a bad one; `saved_pose` says which are."""
+        """Pose the face as a file says. Raises InputError, and changes nothing, for a bad file, as `read_pose` does."""
         params, targets = read_pose(Path(file), self.face.rig, self.points)
         self._set(params, self._reached(params) if targets is None else targets)
 
     def set_state(self, sync_data: Mapping[str, object]) -> None:
-        """Take what the browser sends: it sets parameters and points together, and asks for the errors then."""
+        """Take what the browser sends: it sets parameters and points together, then asks for the errors."""
         self._held = True
         try:
             super().set_state(sync_data)
@@ -125,7 +125,7 @@ class Poser(anywidget.AnyWidget):
     @traitlets.validate("params")
     def _check_params(self, proposal: Mapping) -> np.ndarray:
         rig = self.face.rig
-        params = _numbers(proposal["value"], rig.default.shape, "params")
+        params = _finite(proposal["value"], rig.default.shape, "params")
         outside = np.flatnonzero((params < rig.lower - SLACK) | (params > rig.upper + SLACK))
         if len(outside):
             j = outside[0]
@@ -137,7 +137,7 @@ class Poser(anywidget.AnyWidget):
 
     @traitlets.validate("targets")
     def _check_targets(self, proposal: Mapping) -> np.ndarray:
-        return _numbers(proposal["value"], (len(self.points), 3), "targets")
+        return _finite(proposal["value"], (len(self.points), 3), "targets")
 
     @traitlets.observe("params")
     def _follow(self, change: Mapping) -> None:
@@ -169,7 +169,7 @@ def colours_in_words(errors: RigErrors, kind: str) -> dict[str, object]:
     }
 
 
-def _numbers(value: object, shape: tuple[int, ...], name: str) -> np.ndarray:
+def _finite(value: object, shape: tuple[int, ...], name: str) -> np.ndarray:
     try:
         array = np.array(value, np.float32)
     except (TypeError, ValueError):
@@ -180,7 +180,7 @@ def _numbers(value: object, shape: tuple[int, ...], name: str) -> np.ndarray:
     return array
 
 
-# Faces to pose, from the artefacts that a folder of results was made with; nothing is trained for it.
+# Faces to pose, from the artefacts of a folder of results; nothing is trained.
 
 NETWORKS = f"{ik_stage.PREFIX}_"
 SHOWN = "figure11"  # whose networks pose a face; its IK networks are trained through the first method that it shows
@@ -195,7 +195,7 @@ def open_poser(results: str, character: str) -> "Poser":
 
 
 def what_is_missing(results: str, character: str) -> str:
-    """Return "" if `open_poser` can do its work, else a sentence with the command that makes what is missing."""
+    """Return "" if `open_poser` works, else a sentence with the command that makes what is missing."""
     try:
         artefacts_of_run(results, character)
     except InputError as error:
@@ -203,7 +203,7 @@ def what_is_missing(results: str, character: str) -> str:
     return ""
 
 
-def open_face(results: str, character: str) -> "PosedFace":
+def open_face(results: str, character: str) -> PosedFace:
     """Return what poses a character: the rig, our method's model and the IK networks.
 
     Raises InputError where the manifest names no such results, or the cache doesn't hold their artefacts.
@@ -213,10 +213,8 @@ def open_face(results: str, character: str) -> "PosedFace":
     return read_face(inputs, regional.load_model(inputs), networks.removeprefix(NETWORKS))
 
 
-def read_face(inputs: Mapping[str, Path], model: "Approximation", trained_through: str) -> "PosedFace":
+def read_face(inputs: Mapping[str, Path], model: "Approximation", trained_through: str) -> PosedFace:
     """Return what poses a character. trained_through: the method that the IK networks are trained through."""
-    from replicate.poser.contents import PosedFace
-
     return PosedFace(
         methods_artefacts.load_rig(inputs),
         model,
@@ -227,9 +225,9 @@ def read_face(inputs: Mapping[str, Path], model: "Approximation", trained_throug
 
 
 def artefacts_of_run(results: str, character: str) -> dict[str, Path]:
-    """Return the folders of what poses a character, by stage name, all of them verified.
+    """Return the verified artefact folders that `open_face` reads, by stage name.
 
-    Raises InputError as `open_face` does; the sentence has the command that makes what is missing.
+    Raises InputError as `open_face` does, with the command that makes what is missing.
     """
     folder = folder_of(results)
     facts = entries(folder, SHOWN).get(character)

@@ -15,7 +15,7 @@ import numpy as np
 from replicate.base.exceptions import InputError
 from replicate.methods import coarse, refined, regional
 
-EVALUATED = (regional.METHOD.name, coarse.METHOD.name, refined.METHOD.name)  # methods that the JavaScript does
+EVALUATED = (regional.METHOD.name, coarse.METHOD.name, refined.METHOD.name)  # methods that the JavaScript evaluates
 
 Parts = tuple[dict, dict[str, np.ndarray]]  # words for the header, and arrays by name
 KINDS = ("float32", "float16", "uint32", "int16", "uint16", "int8", "uint8")
@@ -27,8 +27,8 @@ def packed(header: Mapping[str, object], arrays: Mapping[str, np.ndarray]) -> by
     """Return words and arrays as gzip; the same ones give the same bytes.
 
     It holds the length of the header in bytes (little-endian, 32 bits), the header as JSON with a list "arrays" of
-    name, kind and shape, and the arrays one after the other. All begin at multiples of `ALIGNMENT`. Of arrays in 16
-    bits the lower bytes come first, then the upper ones, which are more alike: they take a twentieth less.
+    name, kind and shape, and the arrays one after the other. All begin at multiples of `ALIGNMENT`. Arrays of 16 bits
+    have all their lower bytes first, then the upper ones, which are more alike: that saves a twentieth.
     Raises InputError for an array of another kind than `KINDS`.
     """
     for name, array in arrays.items():
@@ -69,7 +69,7 @@ def as_text(data: bytes) -> str:
 
 
 def indices(values: np.ndarray, below: int) -> np.ndarray:
-    """Return whole numbers from 0 to below a limit in 16 bits where that does, else in 32."""
+    """Return whole numbers from 0 to below a limit in 16 bits where they fit, else in 32."""
     return np.asarray(values).astype(np.uint16 if below <= 1 << 16 else np.uint32)
 
 
@@ -111,5 +111,5 @@ def page(header: Mapping[str, object], arrays: Mapping[str, np.ndarray], provena
 
 
 def joined(files: Sequence[Path]) -> str:
-    """Return the text of some files, one after the other: of `SCRIPTS`, `mountPoser` and all that it needs."""
+    """Return the text of some files, one after the other; that of `SCRIPTS` defines `mountPoser`."""
     return "\n".join(file.read_text(encoding="utf-8") for file in files)

@@ -13,7 +13,7 @@ from replicate.poser.face_page import posed_vertices
 
 @dataclass(frozen=True)
 class Scale:
-    """What a colour means: errors from 0 to `limit`, larger ones have the last colour. ticks: errors that are named."""
+    """A colour scale: errors from 0 to `limit`, larger ones have the last colour. ticks: errors with a label."""
 
     title: str
     unit: str
@@ -21,7 +21,7 @@ class Scale:
     ticks: tuple[float, ...]
 
     def colours(self, errors: Float[np.ndarray, " k"]) -> UInt8[np.ndarray, "k 3"]:
-        """Return a colour for each error; they go with its root. NaN is grey."""
+        """Return each error's colour, by its root; NaN is grey."""
         return error_colours(errors, self.limit, ROOT)
 
     def place(self, error: float) -> float:
@@ -40,8 +40,11 @@ SCALES = {
 class RigErrors:
     """One pose's errors against the rig.
 
-    distance: (n,) mm. normal: (n,) degrees, of each vertex the mean over its faces' angles (Eq. 11); NaN where none of
-    them has a normal. normal_mean: over all faces, degrees, as tables have it. predicted, truth: (n, 3) mm.
+    distance: (n,), mm
+    normal: (n,), degrees, the mean angle of each vertex's faces (Eq. 11); NaN where none of them has a normal
+    normal_mean: over all faces, degrees, as in the tables
+    predicted: the approximation's vertices, (n, 3), mm
+    truth: the rig's vertices, (n, 3), mm
     """
 
     distance: Float[np.ndarray, " n"]
@@ -73,9 +76,9 @@ def rig_errors(face: PosedFace, params: Float32[np.ndarray, " m"]) -> RigErrors:
 
 
 def at_vertices(values: Float[np.ndarray, " f"], faces: Int[np.ndarray, "f 3"], count: int) -> Float[np.ndarray, " n"]:
-    """Return for each of `count` vertices the mean of its faces' values that are no NaN; NaN where there are none."""
+    """Return the mean over each of `count` vertices' faces, leaving out NaN; NaN where no face is left."""
     known = ~np.isnan(values)
     corners = faces[known].ravel()
     total = np.bincount(corners, np.repeat(values[known], 3), count)
-    number = np.bincount(corners, minlength=count)
-    return np.where(number > 0, total / np.maximum(number, 1), np.nan)
+    faces_known = np.bincount(corners, minlength=count)
+    return np.where(faces_known > 0, total / np.maximum(faces_known, 1), np.nan)

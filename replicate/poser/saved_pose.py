@@ -27,7 +27,14 @@ def write_pose(
     names: Sequence[str],
     targets: Float[np.ndarray, "c 3"],
 ) -> None:
-    """Write a pose as the page does. params: raw. names, targets: of the control points, mm."""
+    """Write a pose as the page does.
+
+    file: the JSON file
+    rig: for its name and its controls' names
+    params: raw rig parameters
+    names: of the control points
+    targets: where the control points are wanted, mm
+    """
     controls = {c.name: round(float(value), 6) for c, value in zip(rig.controls, params, strict=True)}
     points = {name: [round(float(x), 4) for x in place] for name, place in zip(names, targets, strict=True)}
     words = {"format": FORMAT, "version": VERSION, "character": rig.name, "controls": controls, "points": points}
@@ -39,8 +46,8 @@ def read_pose(
 ) -> tuple[Float32[np.ndarray, " m"], Float32[np.ndarray, "c 3"] | None]:
     """Return (params, targets) of a saved pose; targets is None where the file has no control points.
 
-    names: of the control points that are read. Raises InputError, naming the file, for no JSON, another character's
-    pose, a control that is missing or unknown, and a value that is no number within the control's limits.
+    names: of the control points that are read. Raises InputError, naming the file, for a file that isn't JSON, another
+    character's pose, a missing or unknown control, and a value beyond its limits.
     """
     where = shown_path(file)
     words = _table(file, where)
