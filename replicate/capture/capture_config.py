@@ -1,4 +1,4 @@
-"""The numbers of performance capture: how landmarks become control points (§5.3.2)."""
+"""The settings of performance capture: how landmarks become control points (§5.3.2)."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -14,13 +14,14 @@ DEGREE = 2  # of the polynomials that smoothing fits to a window of frames
 class CaptureConfig(Checked):
     """How the movement of landmarks is taken over, and what Figure 12 tries (DEVIATIONS D26).
 
-    scale: "face", the actor's movement in sizes of the face, or "none", in millimetres as it is. head: "steady" takes
-    the head's shift, turn and size in the picture out of each frame, "moving" leaves them in. neutral_frames: how many
-    first frames show the neutral expression. smoothing_frames: an odd window, 1 for none. longest_gap: how many frames
-    in a row are interpolated where a landmark was not seen. frames_per_second: of the recording.
-
-    actor: who performs beside the character itself in Figure 12; "" for the woman, or for her the teen. noises_mm:
-    standard deviations of the noise of each coordinate of an actor's landmarks.
+    scale: "face" scales the actor's movement by the faces' sizes, "none" takes its millimetres as they are
+    head: "steady" takes the head's shift, turn and size in the picture out of each frame, "moving" leaves them in
+    neutral_frames: how many first frames show the neutral expression
+    smoothing_frames: an odd window, 1 for none
+    longest_gap: how many frames in a row are interpolated where a landmark was not seen
+    frames_per_second: of the recording
+    actor: who performs beside the character itself in Figure 12; "" for the woman, or the teen for the woman
+    noises_mm: standard deviations of the noise in each coordinate of an actor's landmarks, in Figure 12
     """
 
     scale: Literal["face", "none"] = "face"
@@ -49,7 +50,7 @@ def own(profile: str) -> CaptureConfig:
 
 @dataclass(frozen=True)
 class CaptureNumbers:
-    """Whose face is driven, how landmarks are taken over, and what approximation gives the mesh."""
+    """Whose face is driven, how landmarks move it, and which approximation gives the mesh."""
 
     character: str
     section: CaptureConfig

@@ -30,7 +30,7 @@ TOLERANCE_MM = 0.25  # that a vertex of the GLB may be off: less than a landmark
 
 
 def write_all(settings: CaptureNumbers, inputs: Mapping[str, Path], file: Path, out: Path) -> dict:
-    """Write a recording's files into a folder and return facts about it. file: the recording, as CSV."""
+    """Write a recording's files into the folder `out` and return facts about it. file: the recording, as CSV."""
     rig, section = landmark_rig.load_landmark_rig(inputs), settings.section
     recording = read_landmarks(file, rig.control_point_names, section.longest_gap)
     motion = control_motion(recording, rig.mesh.neutral[rig.control_points], section)
@@ -51,7 +51,7 @@ def write_all(settings: CaptureNumbers, inputs: Mapping[str, Path], file: Path, 
 
 
 def write_params(file: Path, rig: Rig, params: Float[np.ndarray, "t m"]) -> None:
-    """Write rig parameters as `make export PARAMS=` reads them: a control a column, a frame of 1/24 s a line."""
+    """Write rig parameters as `make export PARAMS=` reads them: one column a control, one line a frame of 1/24 s."""
     columns = [Column(control.name, "finite number") for control in rig.controls]
     write_csv(file, columns, [[round(float(value), 6) for value in frame] for frame in params])
 
@@ -79,7 +79,16 @@ def strip(
     how: str,
     renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): some frames, the landmarks above and the driven face below."""
+    """Return (figure, words): some frames, the landmarks above and the driven face below.
+
+    character: its name
+    face: the character with the approximation's skin
+    params: raw rig parameters of all frames
+    motion: the landmarks of all frames
+    chosen: which frames are shown
+    how: a sentence on how the landmarks were taken over
+    renderer: as of `render`
+    """
     width = cell_width(len(chosen))
     height = round(TALL * width)
     camera, window = head_camera(face, width / height), window_of(motion.recorded, 1.0)
@@ -120,7 +129,13 @@ def landmark_picture(
     width: int,
     height: int,
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """Return a picture of one frame's landmarks. window: the lower left and the upper right corner of what is shown."""
+    """Return a picture of one frame's landmarks.
+
+    places: of the landmarks, y up
+    names: of the landmarks, which say how lines join them
+    window: lower left and upper right corner of what is shown
+    width, height: of the picture, pixels
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -129,9 +144,9 @@ def landmark_picture(
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set_axis_off()
     for chain, closed in CHAINS:
-        own = [k for k, name in enumerate(names) if _belongs(name, chain)]
-        own = own + own[:1] if closed else own
-        axes.plot(*places[own].T, color=GREY, linewidth=width / 160, solid_joinstyle="round")
+        joined = [k for k, name in enumerate(names) if _belongs(name, chain)]
+        joined = joined + joined[:1] if closed else joined
+        axes.plot(*places[joined].T, color=GREY, linewidth=width / 160, solid_joinstyle="round")
     axes.plot(*places.T, "o", color=RED, markersize=width / 55, markeredgewidth=0)
     (left, bottom), (right, top) = window
     axes.set_xlim(left, right)
@@ -141,7 +156,7 @@ def landmark_picture(
 
 
 def window_of(places: Float[np.ndarray, "t l 2"], aspect: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners of a window of this width over height that shows the landmarks of all frames."""
+    """Return the corners of a window that shows the landmarks of all frames. aspect: its width over its height."""
     low, high = places.min(axis=(0, 1)), places.max(axis=(0, 1))
     tall = (1 + 2 * MARGIN) * max(high[1] - low[1], (high[0] - low[0]) / aspect)
     half = np.array([aspect * tall, tall]) / 2

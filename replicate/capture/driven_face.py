@@ -50,7 +50,7 @@ MARGIN = 0.06  # of a picture's height around the head at rest, since it moves
 
 
 def head_camera(rig: Rig, aspect: float) -> Camera:
-    """Return the camera in front of a head that has all of it in a picture of this width over height."""
+    """Return the camera in front of a head that shows all of it. aspect: the picture's width over its height."""
     front = camera_for("front", rig.mesh.neutral)
     shown = [Surface(rig.mesh.neutral, rig.mesh.faces), *prop_surfaces(rig.pose_props(rig.default))]
     return frame_surfaces(front, shown, aspect, MARGIN)
@@ -65,6 +65,14 @@ def face_picture(
     renderer: str | None = None,
     marks: Surface | None = None,
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """Return a picture of a face in a pose. marks: a surface that is drawn into it."""
+    """Return a picture of a face in a pose.
+
+    face: the rig that is drawn
+    params: raw rig parameters
+    camera: as of `head_camera`
+    width, height: of the picture, pixels
+    renderer: as of `render`
+    marks: a surface that is drawn with the face
+    """
     surfaces = [Surface(face(params), face.mesh.faces), *prop_surfaces(face.pose_props(params), camera)]
     return render([*surfaces, *([marks] if marks else [])], camera, width, height, renderer=renderer)

@@ -1,4 +1,4 @@
-"""Recorded landmarks as CSV, a landmark of a frame a line (§5.3.2): read with every fault named, short gaps filled."""
+"""Recorded landmarks as CSV, one line a landmark and frame (§5.3.2): every fault is named, short gaps are filled."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -52,7 +52,7 @@ class Recording:
 def write_landmarks(file: Path, positions: Float[np.ndarray, "t l 2"], names: Sequence[str], unit: str) -> None:
     """Write a recording whose frames are numbered from 0.
 
-    positions: x to the picture's right, y up in mm and down in pixels as a file has it; NaN where a landmark was not
+    positions: x to the picture's right, y up in mm and down in pixels, as in the file; NaN where a landmark was not
     seen.
     """
     lines = [
@@ -66,26 +66,26 @@ def write_landmarks(file: Path, positions: Float[np.ndarray, "t l 2"], names: Se
 def read_landmarks(file: Path, names: Sequence[str], longest_gap: int) -> Recording:
     """Read a recording of all landmarks, which may come in any order within a frame.
 
-    names: of the landmarks. longest_gap: of how many frames in a row a landmark may be missing between two in which it
-    was seen; it is interpolated there. Raises InputError, naming the file and the line or the frame, for a file that is
-    missing or no such table, for an unknown landmark, for frames that repeat, run backwards or lack landmarks, for a
-    coordinate beyond `LARGEST` or without its other one, and for a gap that is longer or has an open end.
+    names: of the landmarks. longest_gap: the most frames in a row over which an unseen landmark is interpolated.
+    Raises InputError, naming the file and the line or the frame, for a file that is missing or no such table, for an
+    unknown landmark, for frames that repeat, run backwards or lack landmarks, for a coordinate that is beyond `LARGEST`
+    or alone, and for a gap that is longer or at either end.
     """
     where = shown_path(file)
     unit = _unit(where, read_text(file, MOST_BYTES))
-    frame = read_csv(file, SCHEMAS[unit], (), missing="there is no such file of landmarks.")
-    if frame.empty:
+    table = read_csv(file, SCHEMAS[unit], (), missing="there is no such file of landmarks.")
+    if table.empty:
         raise InputError(f"{where}: expected {len(names)} landmarks a frame, got none.")
-    _check_lines(where, frame, names)
-    numbers = frame["frame"].to_numpy(np.int64)
-    first, last = int(numbers[0]), int(numbers[-1])
+    _check_lines(where, table, names)
+    frames = table["frame"].to_numpy(np.int64)
+    first, last = int(frames[0]), int(frames[-1])
     if last - first >= MOST_FRAMES:
         raise InputError(f"{where}: expected at most {MOST_FRAMES:,} frames, got frames {first} to {last}.")
-    _check_counts(where, frame, names)
+    _check_counts(where, table, names)
     places = {name: k for k, name in enumerate(names)}
     positions = np.full((last - first + 1, len(names), 2), np.nan)
-    rows, columns = numbers - first, frame["landmark"].map(places).to_numpy()
-    positions[rows, columns] = frame.iloc[:, 2:].to_numpy(np.float64)
+    rows, columns = frames - first, table["landmark"].map(places).to_numpy()
+    positions[rows, columns] = table.iloc[:, 2:].to_numpy(np.float64)
     unseen = np.isnan(positions).any(axis=2)
     _check_gaps(where, unseen, first, names, longest_gap)
     positions = _filled(positions, unseen)
@@ -103,33 +103,33 @@ def _unit(where: str, text: str) -> str:
     return headers[header]
 
 
-def _check_lines(where: str, frame: "pandas.DataFrame", names: Sequence[str]) -> None:
-    unknown = np.flatnonzero(~frame["landmark"].isin(names))
+def _check_lines(where: str, table: "pandas.DataFrame", names: Sequence[str]) -> None:
+    unknown = np.flatnonzero(~table["landmark"].isin(names))
     if len(unknown):
-        name, some = frame["landmark"].iloc[unknown[0]], ", ".join(names[:4])
+        name, some = table["landmark"].iloc[unknown[0]], ", ".join(names[:4])
         raise InputError(
             f"{where}, line {unknown[0] + 2}: there is no landmark {shown(name)}; there are {some} and "
             f"{len(names) - 4} more, which `data_recipes/landmark_set.py` lists."
         )
-    _check_coordinates(where, frame)
-    numbers = frame["frame"].to_numpy(np.int64)
-    again = np.flatnonzero(frame.duplicated(list(KEY)))
+    _check_coordinates(where, table)
+    frames = table["frame"].to_numpy(np.int64)
+    again = np.flatnonzero(table.duplicated(list(KEY)))
     if len(again):
-        name = frame["landmark"].iloc[again[0]]
+        name = table["landmark"].iloc[again[0]]
         raise InputError(
-            f"{where}, line {again[0] + 2}: {name!r} of frame {numbers[again[0]]} comes a second time; leave one out."
+            f"{where}, line {again[0] + 2}: {name!r} of frame {frames[again[0]]} comes a second time; leave one out."
         )
-    back = np.flatnonzero(np.diff(numbers) < 0)
+    back = np.flatnonzero(np.diff(frames) < 0)
     if len(back):
         line = back[0] + 3
-        earlier, later = numbers[back[0]], numbers[back[0] + 1]
+        earlier, later = frames[back[0]], frames[back[0] + 1]
         raise InputError(
             f"{where}, line {line}: expected frames in rising order, got frame {later} after frame {earlier}."
         )
 
 
-def _check_coordinates(where: str, frame: "pandas.DataFrame") -> None:
-    names, places = frame.columns[2:], frame.iloc[:, 2:].to_numpy(np.float64)
+def _check_coordinates(where: str, table: "pandas.DataFrame") -> None:
+    names, places = table.columns[2:], table.iloc[:, 2:].to_numpy(np.float64)
     beyond = np.argwhere(np.abs(places) > LARGEST)
     if len(beyond):
         line, axis = beyond[0]
@@ -147,25 +147,25 @@ def _check_coordinates(where: str, frame: "pandas.DataFrame") -> None:
         )
 
 
-def _check_counts(where: str, frame: "pandas.DataFrame", names: Sequence[str]) -> None:
-    counts = frame.groupby("frame", sort=False)["landmark"].size()
+def _check_counts(where: str, table: "pandas.DataFrame", names: Sequence[str]) -> None:
+    counts = table.groupby("frame", sort=False)["landmark"].size()
     short = counts[counts < len(names)]
     if len(short):
-        number = short.index[0]
-        missing = [name for name in names if name not in set(frame.loc[frame["frame"] == number, "landmark"])]
+        frame = short.index[0]
+        missing = [name for name in names if name not in set(table.loc[table["frame"] == frame, "landmark"])]
         raise InputError(
-            f"{where}: frame {number} has {short.iloc[0]} of {len(names)} landmarks, and {missing[0]!r} is missing; "
+            f"{where}: frame {frame} has {short.iloc[0]} of {len(names)} landmarks, and {missing[0]!r} is missing; "
             "leave the coordinates of a landmark that was not seen empty."
         )
 
 
 def _check_gaps(where: str, unseen: Bool[np.ndarray, "t l"], first: int, names: Sequence[str], longest: int) -> None:
     for k in np.flatnonzero(unseen.any(axis=0)):
-        what = "no landmark" if unseen[unseen[:, k]].all() else repr(names[k])
+        subject = "no landmark is" if unseen[unseen[:, k]].all() else f"{names[k]!r} is not"
         begins, ends = _runs(unseen[:, k])
         for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
             frames = f"frame {first + begin}" if end - begin == 1 else f"frames {first + begin} to {first + end - 1}"
-            seen = f"{where}: {what} is {'not ' if what != 'no landmark' else ''}seen in {frames}"
+            seen = f"{where}: {subject} seen in {frames}"
             if begin == 0 or end == len(unseen):
                 raise InputError(f"{seen}, at the recording's end or beginning, where nothing can be interpolated.")
             if end - begin > longest:

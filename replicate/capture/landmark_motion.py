@@ -16,10 +16,10 @@ FRAMES_PER_SECOND = 24.0  # of all clips
 
 @dataclass(frozen=True)
 class Motion:
-    """Where a character's landmarks shall go. targets: (t, l, 3) mm, of which z is that of the neutral pose.
+    """Where a character's landmarks shall go. targets: (t, l, 3) mm, with z of the neutral pose.
 
-    scale: by what the actor's movement was multiplied, mm per unit of the recording. recorded: (t, l, 2) the landmarks
-    as they were taken over, steadied, smoothed and resampled.
+    scale: what the actor's movement was multiplied with, mm per unit of the recording. recorded: (t, l, 2) the actor's
+    landmarks, steadied, smoothed and resampled.
     """
 
     targets: np.ndarray
@@ -63,7 +63,7 @@ def face_size(places: Float[np.ndarray, "l 2"]) -> float:
 
 
 def smoothed(positions: Float[np.ndarray, "t l 2"], frames: int) -> Float[np.ndarray, "t l 2"]:
-    """Return landmarks after a Savitzky-Golay filter: a parabola fitted to a window of so many frames; 1: as is."""
+    """Return landmarks after a Savitzky-Golay filter: a parabola fitted to windows of some frames; 1 for none."""
     if frames == 1:
         return positions
     return scipy.signal.savgol_filter(positions, frames, DEGREE, axis=0, mode="nearest")
@@ -82,8 +82,8 @@ def resampled(positions: Float[np.ndarray, "t l 2"], frames_per_second: float) -
 def steadied(positions: Float[np.ndarray, "t l 2"], rest: Float[np.ndarray, "l 2"]) -> Float[np.ndarray, "t l 2"]:
     """Return landmarks without the head's shift, turn and size in the picture.
 
-    Each frame is brought onto the neutral one by the similarity that fits all landmarks best in least squares; of a
-    head that turns aside or nods the foreshortening stays.
+    Each frame is brought onto the neutral one by the similarity that fits all landmarks best in least squares; the
+    foreshortening of a head that turns aside or nods stays.
     """
     frames, goal = (_complex(each - each.mean(axis=-2, keepdims=True)) for each in (positions, rest))
     turn = (frames.conj() * goal).sum(-1, keepdims=True) / (np.abs(frames) ** 2).sum(-1, keepdims=True)
@@ -101,7 +101,7 @@ def jitter_mm(places: Float[np.ndarray, "t l d"]) -> float:
 
 
 def telling_frames(places: Float32[np.ndarray, "t l 3"] | Float[np.ndarray, "t l 3"], count: int) -> list[int]:
-    """Return so many frames of a motion that differ most from the first frame and from each other, in order."""
+    """Return the `count` frames of a motion that differ most from the first frame and from each other, in order."""
     flat = np.asarray(places, float).reshape(len(places), -1)
     away = np.linalg.norm(flat - flat[0], axis=1)
     chosen: list[int] = []
@@ -111,7 +111,7 @@ def telling_frames(places: Float32[np.ndarray, "t l 3"] | Float[np.ndarray, "t l
     return sorted(chosen)
 
 
-# What a recording must show before it drives a character (§5.3.2): a face that has a size and stands upright.
+# What a recording must show before it drives a character (§5.3.2): an upright face that isn't a point.
 
 POINT = 1e-6  # a face of this size, as a share of its largest coordinate, is a point
 
@@ -119,9 +119,9 @@ POINT = 1e-6  # a face of this size, as a share of its largest coordinate, is a 
 def check_face(recording: Recording, names: Sequence[str], section: CaptureConfig) -> None:
     """Raise InputError for landmarks in one place where a face's size counts, and for a face that isn't upright.
 
-    recording: one that `check_recording` accepts. names: of the landmarks, as `FACE_LANDMARKS` has them. A face is
-    upright in the neutral frames if the line from its chin to its brows is nearer to up, and that from its right to its
-    left nearer to the picture's right, than to any other axis.
+    recording: one that `check_recording` accepts. names: of the landmarks, as in `FACE_LANDMARKS`. A face is upright in
+    the neutral frames if the line from its chin to its brows points up more than sideways, and that from its right to
+    its left points to the picture's right more than up or down.
     """
     rest = recording.positions[: section.neutral_frames].mean(axis=0)
     if _is_point(rest):
@@ -146,7 +146,7 @@ def _is_point(places: Float[np.ndarray, "l 2"]) -> bool:
 
 
 def _turned(rest: Float[np.ndarray, "l 2"], names: Sequence[str], rule: str) -> str:
-    """Return what is wrong with how a face stands and what mends it; "" for nothing. rule: where y points."""
+    """Return how a face is turned wrongly and what mends it, "" if it is upright. rule: where y points."""
     up = _middle(rest, names, "brow") - _middle(rest, names, "chin")
     across = _middle(rest, names, "left") - _middle(rest, names, "right")
     if abs(up[0]) >= abs(up[1]) or abs(across[1]) >= abs(across[0]):

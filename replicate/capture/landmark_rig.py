@@ -1,6 +1,6 @@
 """The artefact "landmark_rig": a character's rig whose control points are the 54 landmarks of a face (§5.3.2).
 
-So the IK networks of §4 take landmarks without knowing of them.
+So the IK networks of §4 work on landmarks unchanged.
 """
 
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from data_recipes.catalogue import character_parts
+from data_recipes.catalogue import character_parts, save_rig, with_face_landmarks
 from data_recipes.recipe_paths import sample_folder
 from data_recipes.rig import Rig
 from replicate.base.exceptions import InputError
@@ -40,8 +40,6 @@ def stage(plan: Plan) -> Stage:
 
 def make(context: StageContext) -> None:
     """Write the rig once more, with its landmarks as control points."""
-    from data_recipes.catalogue import save_rig, with_face_landmarks
-
     rig = with_face_landmarks(artefacts.load_rig(context.inputs), context.config.recipe)
     save_rig(rig, context.out / "rig")
     rig.mesh.save(context.out / "mesh.npz")
@@ -54,7 +52,7 @@ def load_landmark_rig(inputs: Mapping[str, Path]) -> Rig:
 
 
 def as_rig(inputs: Mapping[str, Path]) -> dict[str, Path]:
-    """Return the inputs with this rig in the place of the other: for stages that ask for control points."""
+    """Return the inputs with this rig as "rig", for stages that read its control points."""
     return {**inputs, "rig": inputs[NAME]}
 
 
@@ -70,9 +68,11 @@ def stage_name(approximation: str) -> str:
 
 def ik_stage_of(plan: Plan, method: Method) -> Stage:
     """Return the stage that trains the networks through a method's model, as `ik_stage` does."""
-    other = ik_stage.stage(plan, method)
+    through_rig_points = ik_stage.stage(plan, method)
     functions = ",".join([reference(train_networks), reference(method.model)])
-    return plan.stage(stage_name(method.name), functions, other.config, *other.inputs, stage(plan))
+    return plan.stage(
+        stage_name(method.name), functions, through_rig_points.config, *through_rig_points.inputs, stage(plan)
+    )
 
 
 def train_networks(context: StageContext) -> None:

@@ -2,7 +2,7 @@
 
 `python -m replicate.capture.video_landmarks actor.mp4 face_landmarker.task actor.csv` needs `pip install mediapipe`,
 which is no part of the suite, and the model's file, which you get from its makers: nothing is downloaded here. It has
-not been tried on real footage: no video is in the project.
+not been tried on real footage, since the project has no video.
 """
 
 import argparse
@@ -35,10 +35,10 @@ def chosen_points(file: Path = POINTS) -> Int[np.ndarray, " l"]:
 def pixel_landmarks(
     faces: Iterable[Float[np.ndarray, "p 2"] | None], width: int, height: int
 ) -> Float[np.ndarray, "t l 2"]:
-    """Return landmarks in pixels, y down, of what was detected frame by frame.
+    """Return landmarks in pixels, y down, from the points detected in each frame.
 
     faces: points in shares of the picture's width and height, as MediaPipe gives them; None where no face was found,
-    which gives NaN. Raises InputError where none was found at all.
+    which gives NaN. Raises InputError where no frame has a face.
     """
     points = chosen_points()
     missing = np.full((len(points), 2), np.nan)

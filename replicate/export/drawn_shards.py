@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float32, Int
 
+from data_recipes.catalogue import write_folder
+from data_recipes.recipe_paths import FACE_FILE
 from data_recipes.rig import Rig
 from replicate.approximation.influence import influence, influence_poses
 from replicate.approximation.samples import PARTS, choose_poses
@@ -76,9 +78,6 @@ SAMPLES = SamplesConfig(count=120, validation=8, uniform_test=40)
 
 def example_folder() -> Path:
     """Return a folder of the toon's samples, written if it is missing (half a minute, 10 MB)."""
-    from data_recipes.catalogue import write_folder
-    from data_recipes.recipe_paths import FACE_FILE
-
     folder = paths.run_folder("export") / f"{CHARACTER}_example"
     if not (folder / FACE_FILE).is_file():
         rig = rig_of(CHARACTER)

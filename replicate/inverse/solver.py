@@ -52,6 +52,7 @@ def solve(
     regularisation: λ_reg, mm
     iterations: the most that are made
     """
+    # Eq. 8 and its gradient in shares of the parameters' ranges
     goals, start = torch.from_numpy(np.array(targets, np.float32)), torch.from_numpy(np.array(default, np.float32))
     index, scale = torch.from_numpy(np.asarray(driven)).long(), torch.from_numpy(ranges[driven].astype(np.float32))
     shape = len(goals), len(driven)
@@ -66,6 +67,7 @@ def solve(
         value.backward()
         return float(value.detach()), shares.grad.numpy().astype(np.float64).ravel()
 
+    # minimised within the limits
     limits = [
         tuple(pair)
         for pair in zip(*((each - default)[driven] / ranges[driven] for each in (lower, upper)), strict=True)

@@ -1,7 +1,7 @@
-"""A panel of sliders over a rig's controls, for notebooks: every change draws the face anew.
+"""A panel of sliders for a rig's controls, for notebooks: every change draws the face again.
 
-`control_panel(rig)` builds it; its `widget` is what a notebook shows. Without a browser the panel works all the same:
-set a slider's `value` and look at `picture`.
+`control_panel(rig)` builds it; its `widget` is what a notebook shows. The panel also works without a browser: set a
+slider's `value` and look at `picture`.
 """
 
 import io
@@ -93,7 +93,7 @@ class ControlPanel:
     def show(self, expression: str) -> None:
         """Set all sliders to an expression, "neutral" for none, and list those of the region that it moves most.
 
-        Raises InputError for one that the rig lacks.
+        Raises InputError for an unknown expression.
         """
         if expression not in self._presets:
             choices = ", ".join(self._presets)
@@ -110,7 +110,7 @@ class ControlPanel:
         self.draw()
 
     def _most_moved_region(self) -> str:
-        """Return the region whose controls leave their defaults most, for their ranges; at rest the one listed."""
+        """Return the region whose controls leave their defaults most, in shares of their ranges; at rest the one shown."""
         controls = self.rig.controls
         moved = dict.fromkeys([self.region.value, *(control.region for control in controls)], 0.0)
         for control, value in zip(controls, self.params, strict=True):
@@ -138,12 +138,12 @@ class ControlPanel:
 
 
 def control_panel(rig: Rig, width: int = 400, height: int = 440, renderer: str | None = None) -> ControlPanel:
-    """Return a panel for any rig that keeps the contract; wrinkles can be switched off on those built from recipes."""
+    """Return a panel for any rig; wrinkles can be switched off on those built from recipes."""
     return ControlPanel(rig, width, height, renderer)
 
 
 def still(panel: ControlPanel) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): a panel's picture, and as bars its region's sliders, those that move most if many."""
+    """Return (figure, words): a panel's picture, and its region's sliders as bars; if many, those that moved most."""
     from matplotlib.figure import Figure
 
     height, width = panel.picture.shape[:2]
@@ -154,7 +154,7 @@ def still(panel: ControlPanel) -> "tuple[matplotlib.figure.Figure, Words]":
     picture.set_axis_off()
     columns = [k for k, c in enumerate(panel.rig.controls) if c.region == panel.region.value]
     moved = abs(panel.params - panel.rig.default)
-    bars = sorted(sorted(columns, key=lambda k: -moved[k])[:SHOWN_BARS])  # those that move first, in the rig's order
+    bars = sorted(sorted(columns, key=lambda k: -moved[k])[:SHOWN_BARS])  # those that moved most, in the rig's order
     axes = figure.add_axes((share + 150 / (width + BARS), 0.06, 250 / (width + BARS), 0.84))
     names = [panel.rig.controls[k].name for k in bars]
     axes.barh(names, panel.params[bars], color="#0072B2", height=0.55)
@@ -181,11 +181,11 @@ def _png(picture: UInt8[np.ndarray, "h w 3"]) -> bytes:
     return buffer.getvalue()
 
 
-# A view that stays open: meshes are handed to the graphics once, and a new pose only moves their points.
+# A view that stays open: the graphics gets the meshes once, and a new pose only moves their points.
 
 
 class LiveView:
-    """Draw the same surfaces again and again, with other vertices and from other cameras."""
+    """Draws the same surfaces many times, with other vertices and from other cameras."""
 
     def __init__(
         self,
@@ -200,7 +200,7 @@ class LiveView:
         self._plotter, self._meshes, self._camera = None, [], None
 
     def draw(self, surfaces: Sequence[Surface], camera: Camera) -> UInt8[np.ndarray, "h w 3"]:
-        """Return the picture. The meshes are set up anew where their number, their sizes or the camera have changed."""
+        """Return the picture. The meshes are set up again where their count, their sizes or the camera have changed."""
         if self.renderer == "software":
             return rasterise(surfaces, camera, *self.look)
         if self._plotter is None or camera != self._camera or not self._fits(surfaces):
@@ -217,7 +217,7 @@ class LiveView:
         return np.array(self._plotter.screenshot(return_img=True))[..., :3]
 
     def close(self) -> None:
-        """Give the graphics' memory back."""
+        """Free the graphics' memory."""
         if self._plotter is not None:
             self._plotter.close()
             self._plotter = None

@@ -1,8 +1,8 @@
-"""Does an eye show when its lids are closed: rays from the eyeball's surface outwards, and what they meet.
+"""Whether an eye shows when its lids are closed, found by rays from the eyeball's surface outwards.
 
-Where a ray meets nothing the eyeball shows: it looks out between the lids, or sticks out of them by as much as skin
-lies within it on the way from its middle. Lids have an inner side, which may touch the eyeball behind the outer one.
-Eyeballs are display-only, so this needs a rig that brings them (`eye_…_left` and `eye_…_right`).
+Where a ray meets nothing the eyeball shows: either between the lids, or where it sticks out of them; by how much is the
+depth of the skin below its surface, on the way from its middle. Lids have an inner side, which may touch the eyeball
+behind the outer one. Eyeballs are display-only, so this needs a rig with such props (`eye_…_left` and `eye_…_right`).
 """
 
 from dataclasses import dataclass
@@ -15,18 +15,24 @@ from replicate.geometry.alignment import align
 from replicate.geometry.rays import ray_hits
 
 SIDES = ("left", "right")
-NEAR_RADII = 3.5  # an eye's surroundings, which move with its socket: skin within so many radii of its middle
-FAR_RADII = 12.0  # a broad nose can stand before an eye as far away as this
-CONE_DEG = 52.0  # about where the eye looks at rest: its lids and their corners, and nothing else's rim
-SPARE_DEG = 30.0  # by so much skin may come into the cone from beside it
-TOUCH_MM = 0.05  # what a lid may lie within an eyeball of flat pieces
+NEAR_RADII = 3.5  # skin within this many radii of an eye's middle moves with its socket
+FAR_RADII = 12.0  # skin farther than this never hides an eye, not even a broad nose
+CONE_DEG = 52.0  # about where the eye looks at rest: its lids and their corners, but no other rim
+SPARE_DEG = 30.0  # how far beside the cone skin may be that moves into it
+TOUCH_MM = 0.05  # how far a lid may lie inside an eyeball of flat pieces
 FULL_BLINK = 0.98
 
 
 @dataclass(frozen=True)
 class Eyes:
-    """Each eye's lids and all else that can stand before it (f, 3), the vertices around it, where it looks at rest, its
-    open area then in mm², and its blink control; rims: landmarks on the upper and the lower one.
+    """A rig's eyes, by side.
+
+    faces: triangles of the lids and of all else that can hide the eye
+    around: vertices around the eye, which move with its socket
+    forward: where it looks at rest, a unit vector
+    open_mm2: the area that shows at rest
+    blink: index of its blink control
+    rims: landmarks on the rims of the upper and the lower lid
     """
 
     faces: dict[str, Int[np.ndarray, "f 3"]]
@@ -39,7 +45,7 @@ class Eyes:
 
 @dataclass(frozen=True)
 class Lids:
-    """An eye in a pose: the share of its resting opening that still shows, and by how far it comes out of the lids."""
+    """An eye in a pose: the share of its resting opening that shows, how far it sticks out, and the rims' gap."""
 
     shows: float
     sticks_out_mm: float
@@ -47,7 +53,7 @@ class Lids:
 
 
 def find_eyes(rig: Rig) -> Eyes | None:
-    """Return a rig's eyes, or None where it brings no eyeballs or has no controls called blink_left and blink_right."""
+    """Return a rig's eyes, or None where it has no eyeballs or no controls called blink_left and blink_right."""
     columns = {control.name: index for index, control in enumerate(rig.controls)}
     balls = _eyeballs(rig.pose_props(rig.default))
     blink = {side: columns[f"blink_{side}"] for side in SIDES if f"blink_{side}" in columns}
@@ -90,7 +96,7 @@ def measure_lids(
 
 
 def _eyeballs(props) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return side → vertices and faces of all props of that eye, but for what is lifted off the ball (the pupil)."""
+    """Return side → vertices and faces of all props of that eye, except the pupil, which is lifted off the ball."""
     balls = {}
     for side in SIDES:
         parts = [p for p in props if p[0].startswith("eye_") and p[0].endswith(f"_{side}") and "pupil" not in p[0]]
@@ -111,7 +117,7 @@ def _sphere(vertices: Float[np.ndarray, "k 3"]) -> tuple[Float[np.ndarray, " 3"]
 def _rays(
     vertices: np.ndarray, faces: np.ndarray, lids: Float[np.ndarray, "f 3 3"], forward: Float[np.ndarray, " 3"]
 ) -> tuple[float, float]:
-    """Return the area of an eyeball that shows (mm²) and how far it comes out of the lids (mm), looking `forward`."""
+    """Return the area of an eyeball that shows (mm²) and how far it sticks out of the lids (mm). forward: its gaze."""
     centre, radius = _sphere(vertices)
     corners = vertices[faces]
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)

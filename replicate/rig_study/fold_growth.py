@@ -23,7 +23,7 @@ STEPS = np.linspace(0, 1, 13)
 
 
 def strain(rig: Rig, params: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
-    """Return c̃ at every vertex; where regions overlap, the larger one in size; NaN outside all of them."""
+    """Return c̃ at every vertex: where regions overlap, the one of larger size; NaN outside all of them."""
     compression = np.full(len(rig.mesh.neutral), np.nan)
     for state in rig.wrinkle_states(params).values():
         before = np.nan_to_num(compression[state.vertices])
@@ -56,7 +56,14 @@ def strain_sheet(
     rig: Rig, poses: Mapping[str, Float[np.ndarray, " m"]], limit: float = 0.2, width: int = 200, height: int = 218,
     renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":  # fmt: skip
-    """Return (figure, words): the diffused compression of every region in some poses, and the folds that it raises."""
+    """Return (figure, words): the diffused compression of every region in some poses, and the folds that it raises.
+
+    rig: one with wrinkles
+    poses: raw rig parameters by title
+    limit: the strain with the last colour
+    width, height: of a picture, pixels
+    renderer: as of `render`
+    """
     view = camera_for("front", rig.mesh.neutral)
     draw = partial(render, camera=view, width=width, height=height, renderer=renderer)
     strain_row, clay_row, percentages = [], [], []
@@ -87,12 +94,14 @@ def fold_chart(
     """
     from matplotlib.figure import Figure
 
+    # the region at each step, and the vertex that ends highest
     whole = pose_params(rig, amounts)
     states = [rig.wrinkle_states(rig.default + step * (whole - rig.default))[region] for step in STEPS]
     last = states[-1]
     best = int(np.argmax(np.abs(last.height_mm)))
     figure = Figure((10, 3.1), dpi=DPI, layout="constrained")
     growth, soft, profile = figure.subplots(1, 3)
+    # left: growth at that vertex
     growth.plot(100 * STEPS, [100 * s.compression[best] for s in states], color="#0072B2", label="c̃, %")
     growth.plot(100 * STEPS, [100 * s.excess[best] for s in states], color="#E69F00", label="c₊, %")
     height = growth.twinx()
@@ -101,12 +110,14 @@ def fold_chart(
     growth.set_xlabel("controls, % of the pose")
     lines = [*growth.get_lines(), *height.get_lines()]
     growth.legend(lines, [line.get_label() for line in lines], fontsize=7, loc="upper left", frameon=False)
+    # middle: the soft threshold
     c, over = (100 * np.concatenate([getattr(s, part) for s in states]) for part in ("compression", "excess"))
     soft.scatter(c, over, s=1.5, color="#0072B2", linewidths=0)
     soft.axvline(100 * last.threshold.min(), color="black", linewidth=0.6, linestyle=":")
     soft.set_xlim(left=-5)
     soft.set_xlabel("compression c̃, %")
     soft.set_ylabel("excess c₊, %")
+    # right: the profile along the middle line
     line, along = middle_line(rig.mesh.neutral[last.vertices])
     for step in (3, 6, 9, 12):
         share = f"{100 * STEPS[step]:.0f} %"

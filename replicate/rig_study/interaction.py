@@ -2,8 +2,8 @@
 
     d_ij(p) = r(p + a_i + b_j) − r(p + a_i) − r(p + b_j) + r(p)
 
-is zero at a vertex wherever the rig adds up the effects of i and j there, however curved each of them is alone. Steps
-are as large as the control usually goes, so that the difference says what a sum of shapes would get wrong in practice.
+is zero at a vertex where the rig adds up the effects of i and j, however curved each of them is alone. Steps are as
+large as a control usually moves, so that the difference says what a sum of shapes would get wrong in practice.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,17 +16,20 @@ from jaxtyping import Bool, Float, Float64, Int
 from data_recipes.rig import Rig
 from replicate.approximation.samples import evaluate
 
-USED = 0.02  # of its range: how far off its default a control is used
-UNUSED_STEP = 0.25  # of the range's longer side, for a control that no pose uses
+USED = 0.02  # of its range: a control farther than this off its default is used
+UNUSED_STEP = 0.25  # of the range's longer side: the step of a control that no pose uses
 
 
 @dataclass(frozen=True)
 class Interaction:
     """Mixed and single differences of q pairs of controls in b poses.
 
-    pairs: (q, 2) controls. mixed_mm: (b, q), the largest |d_ij| of any vertex, and place: (b, q), that vertex.
-    single_mm: (b, m), how far each control alone moves any vertex. mixed_square: (b, n) mm², Σ |d_ij|² over the pairs
-    whose controls both can move the vertex, and single_square: (b, n) mm², Σ of both controls' own, halved.
+    pairs: (q, 2), indices of the controls
+    mixed_mm: (b, q), the largest |d_ij| of any vertex
+    place: (b, q), that vertex
+    single_mm: (b, m), how far each control alone moves any vertex
+    mixed_square: (b, n), mm², Σ |d_ij|² over the pairs whose controls both can move the vertex
+    single_square: (b, n), mm², Σ of both controls' single squares over the same pairs, halved
     """
 
     pairs: np.ndarray
@@ -42,7 +45,7 @@ class Interaction:
         return float(np.sqrt(self.mixed_square[poses].sum() / single)) if single else 0.0
 
     def vertex_ratio(self) -> Float64[np.ndarray, " n"]:
-        """Return the same for each vertex; NaN for one that no pair moves."""
+        """Return that ratio for each vertex; NaN for one that no pair moves."""
         mixed, single = self.mixed_square.sum(0), self.single_square.sum(0)
         return np.sqrt(np.divide(mixed, single, out=np.full(len(mixed), np.nan), where=single > 0))
 
@@ -52,16 +55,16 @@ class Interaction:
 
 
 def no_interaction(vertices: int, controls: int) -> Interaction:
-    """Return what is known of pairs that nobody can try: nothing."""
+    """Return the empty result, for a rig whose controls can't be tried."""
     pairs, alone = np.zeros((0, 2), np.int64), np.zeros((0, controls))
     nothing = np.zeros((0, vertices))
     return Interaction(pairs, np.zeros((0, 0)), np.zeros((0, 0), np.int64), alone, nothing, nothing)
 
 
 def acting_steps(rig: Rig, poses: Float[np.ndarray, "b m"]) -> Float64[np.ndarray, " m"]:
-    """Return each control's usual step, to the side of its default that poses use more.
+    """Return each control's usual step: the median distance from its default, in the poses that use it.
 
-    It is the median distance from the default in the poses that use the control.
+    Its sign is the side of the default that poses use more.
     """
     away = np.asarray(poses, np.float64) - rig.default
     up, down = (np.asarray(part, np.float64) for part in (rig.upper - rig.default, rig.lower - rig.default))
@@ -74,7 +77,7 @@ def acting_steps(rig: Rig, poses: Float[np.ndarray, "b m"]) -> Float64[np.ndarra
 
 
 def steps_within(rig: Rig, pose: Float[np.ndarray, " m"], steps: Float[np.ndarray, " m"]) -> Float64[np.ndarray, " m"]:
-    """Return the steps from a pose, turned round where they would leave the control's range and the others don't."""
+    """Return the steps from a pose, reversed where only the step itself would leave the control's range."""
     outside, other = (((pose + way) > rig.upper) | ((pose + way) < rig.lower) for way in (steps, -steps))
     return np.where(outside & ~other, -steps, steps)
 
@@ -104,7 +107,11 @@ def interaction(
 ) -> Interaction:
     """Return how pairs of controls interact from some poses: 1 + m + q rig calls a pose, batched.
 
-    influence: which control can move which vertex. progress: as for `write_samples`.
+    poses: raw rig parameters
+    steps: each control's, as from `acting_steps`
+    pairs: of controls that are tried
+    influence: which control can move which vertex
+    progress: as of `write_samples`
     """
     b, (n, m), q = len(poses), influence.shape, len(pairs)
     sums = Interaction(

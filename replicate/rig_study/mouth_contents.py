@@ -1,13 +1,14 @@
-"""What is in a mouth stays in it: how far teeth, gums and tongue come through the skin.
+"""How far teeth, gums and tongue come through the skin, instead of staying in the mouth.
 
-The face and the mouth bag are one surface; teeth, gums and tongue are pieces of their own that lie in the bag. A vertex
-of theirs has come *through* when it lies in front of outer skin, where it can be seen: a ray from it back into the
-head, against the direction in which it faces lips, cheek or chin at rest (which turns with its piece), meets skin that
-faces that direction. The depth is the distance to that skin's plane, in mm beyond what it is at rest. Through an open
-mouth the ray meets none. Where they lie behind the skin, in the bag or in its wall, is not looked at: nobody sees it.
+The face and the mouth bag are one surface; teeth, gums and tongue are separate pieces that lie in the bag. A vertex of
+theirs has come *through* when it lies in front of outer skin, where it can be seen. Then a ray from it back into the
+head meets skin that faces the other way; the ray is opposite to the direction in which the vertex faces lips, cheek or
+chin at rest, turned with its piece. The depth is the distance to that skin's plane, in mm beyond what it is at rest.
+Through an open mouth the ray meets no skin. Pieces behind the skin, in the bag or in its wall, are ignored: nobody sees
+them.
 
-A tongue may loll over a lip, and then lies in front of skin without having come through it. It has where the skin parts
-its front from its root: where no way along its edges leads back without crossing skin.
+A tongue may loll over a lip, and then lies in front of skin without having come through it. It has come through where
+skin separates its front from its root, so that no way along its edges leads back without crossing skin.
 """
 
 from dataclasses import dataclass, replace
@@ -23,23 +24,30 @@ from replicate.geometry.mesh import Mesh, edges, face_normals
 from replicate.geometry.rays import ray_hits
 
 HEAD_WIDTH_MM = 188.0  # the lengths below are for a head of this width, and scale with it
-NEAR_MM = 30.0  # skin this near to the pieces is looked at
+NEAR_MM = 30.0  # skin farther from the pieces is ignored
 REACH_MM = 25.0  # how far back a ray looks for skin
 FACING = 0.3  # cosine above which skin faces the ray's way
-NEIGHBOURS = 24  # of a vertex, over which its direction is the mean
-SKIN_NEAR = 64  # triangles of skin that a vertex may face, its nearest ones
+NEIGHBOURS = 24  # of a vertex, whose directions are averaged
+SKIN_NEAR = 64  # nearest triangles of skin, which a vertex may face
 LOLLS = "tongue"
-KINDS = {"tooth": "teeth", "teeth": "teeth", "gum": "gums", "tongue": "tongue"}  # by a segment's beginning
+KINDS = {"tooth": "teeth", "teeth": "teeth", "gum": "gums", "tongue": "tongue"}  # by the beginning of a segment's name
 GUM_MM = 5.0  # from a vertex of a gum to the nearest tooth, in the median; a tongue's are further away
 
 
 @dataclass(frozen=True)
 class Mouth:
-    """What of a mesh is in the mouth, and the skin around it.
+    """The pieces in a mesh's mouth, and the skin around them.
 
-    points (k,): vertices of all pieces; piece (k,): which one each belongs to; kind (k,): its index in `kinds`; outward
-    (k, 3): the direction in which it faces the skin at rest. skin (s, 3): triangles of the outer skin near them.
-    lolling (e, 2): edges of the tongue, as indices in `points`. resting (k,): depths of the neutral pose, in mm.
+    kinds: of the pieces: teeth, gums, tongue
+    points: vertices of all pieces
+    piece: the piece of each point
+    kind: the kind of each point, as an index in `kinds`
+    outward: the direction in which each point faces the skin at rest
+    skin: triangles of the outer skin near the pieces
+    lolling: edges of the tongue, as indices in `points`
+    reach_mm: how far back a ray looks for skin
+    neutral: the mesh's neutral vertices, mm
+    resting: depths of the points in the neutral pose, mm
     """
 
     kinds: tuple[str, ...]
@@ -55,7 +63,7 @@ class Mouth:
 
 
 def find_mouth(mesh: Mesh) -> Mouth | None:
-    """Return a mesh's mouth, or None where no piece of its own is called tooth or teeth, or no skin is near it."""
+    """Return a mesh's mouth, or None where no separate piece is called tooth or teeth, or no skin is near it."""
     n = len(mesh.neutral)
     ends = mesh.faces.ravel(), np.roll(mesh.faces, 1, axis=1).ravel()
     _, piece = connected_components(sparse.coo_matrix((np.ones(len(ends[0])), ends), (n, n)), directed=False)
@@ -92,33 +100,32 @@ def find_mouth(mesh: Mesh) -> Mouth | None:
 
 def _edges_between(faces: np.ndarray, points: np.ndarray, inside: np.ndarray) -> Int[np.ndarray, "e 2"]:
     """Return the edges whose ends are both among some of the points, as indices in `points`."""
-    every = edges(faces)
-    number = np.full(faces.max() + 1, -1)
-    number[points[inside]] = np.flatnonzero(inside)
-    pairs = number[every]
+    index = np.full(faces.max() + 1, -1)
+    index[points[inside]] = np.flatnonzero(inside)
+    pairs = index[edges(faces)]
     return pairs[(pairs >= 0).all(1)]
 
 
 def _outward(x: np.ndarray, points: np.ndarray, skin: np.ndarray) -> Float[np.ndarray, "k 3"]:
-    """Return the mean normal of the outer skin that each vertex and its neighbours face: skin turned away from them."""
+    """Return the mean normal of the outer skin, turned away from them, that each vertex and its neighbours face."""
     normals, centres = face_normals(x, skin), x[skin].mean(1)
-    tree, own = cKDTree(centres), np.zeros((len(points), 3))
+    tree, faced = cKDTree(centres), np.zeros((len(points), 3))
     rest, count = np.arange(len(points)), SKIN_NEAR
-    while len(rest):  # the lining of lips may hide the skin behind it, which is turned away: then further ones count
+    while len(rest):  # where the lining of the lips is all that is near, farther triangles are tried
         distance, near = tree.query(x[points[rest]], min(count, len(skin)))
         towards = centres[near] - x[points[rest]][:, None]
         faces_out = (normals[near] * towards).sum(-1) > 0.5 * distance
         weight = np.where(faces_out, 1 / (1 + distance), 1e-9)
-        own[rest] = (normals[near] * weight[..., None]).sum(1)
+        faced[rest] = (normals[near] * weight[..., None]).sum(1)
         rest, count = rest[~faces_out.any(1)] if count < len(skin) else rest[:0], 2 * count
-    own /= np.linalg.norm(own, axis=1, keepdims=True)
+    faced /= np.linalg.norm(faced, axis=1, keepdims=True)
     _, around = cKDTree(x[points]).query(x[points], min(NEIGHBOURS, len(points)))
-    mean = own[around].mean(1)
+    mean = faced[around].mean(1)
     return mean / np.linalg.norm(mean, axis=1, keepdims=True)
 
 
 def depths(mouth: Mouth, vertices: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " k"]:
-    """Return how far each of the mouth's points is through the skin, beyond its rest; mm."""
+    """Return how far each of the mouth's points is through the skin, beyond its resting depth, mm."""
     posed = vertices.astype(float)
     at = posed[mouth.points]
     outward = np.empty_like(mouth.outward)

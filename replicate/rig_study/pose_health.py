@@ -1,4 +1,4 @@
-"""Poses by the thousand: which are broken, and how badly; the skin in all of them, mouth and lids where asked."""
+"""Which of thousands of poses are broken, and how badly: their skin and, on request, mouth and lids."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,14 +15,14 @@ from replicate.geometry.mesh import Mesh, face_vectors
 from replicate.rig_study.eyelids import Eyes, Lids, measure_lids
 from replicate.rig_study.mouth_contents import Mouth, deepest, depths
 
-# The skin in a pose: is it torn, does it fold over, does it fly away; whatever the head as a whole does.
+# The skin in a pose: is it torn, folded over or far away, however the head as a whole moves.
 
-INSIDE = ("tooth", "teeth", "gum", "tongue", "mouth", "lid")  # segments that begin so are no skin
+INSIDE = ("tooth", "teeth", "gum", "tongue", "mouth", "lid")  # beginnings of the names of segments that are not skin
 
 
 @dataclass(frozen=True)
 class Skin:
-    """A mesh's skin: its triangles (f, 3), and which of them are at rest what would count as flipped."""
+    """A mesh's skin. Triangles that look flipped at rest already are never counted as flipped."""
 
     mesh: Mesh
 
@@ -61,7 +61,7 @@ class Skin:
         return self._is_against_mean(vertices) & ~self._sharp
 
     def furthest(self, vertices: Float[np.ndarray, "b n 3"]) -> Float[np.ndarray, " b"]:
-        """Return how far the furthest vertex is from the neutral's middle, in sizes of the head: 1 is the neutral's."""
+        """Return how far the furthest vertex is from the head's middle, in sizes of the head: 1 in the neutral pose."""
         centre = self.mesh.neutral.mean(0)
         size = np.linalg.norm(self.mesh.neutral - centre, axis=1).max()
         return np.linalg.norm(vertices - centre, axis=-1).max(-1) / size
@@ -69,11 +69,14 @@ class Skin:
 
 @dataclass(frozen=True)
 class Health:
-    """What is broken in some poses, (b,) each.
+    """What is broken in some poses; arrays have one entry a pose.
 
-    params (b, m). bad: vertices that are NaN or infinite; such poses have no other numbers. flipped: the share of
-    the skin's triangles; furthest: in head sizes. through: kind of mouth part → depth in mm; empty if not
-    asked for. lids: (pose, side, Lids) for each eye that blinks fully.
+    params: raw rig parameters
+    bad: how many vertices are NaN or infinite; such poses have zeros for all else
+    flipped: share of the skin's triangles that are flipped
+    furthest: distance of the furthest vertex from the middle, in head sizes
+    through: kind of mouth part → depth in mm; empty if not measured
+    lids: (pose, side, Lids) for each eye that blinks fully
     """
 
     params: Float[np.ndarray, "b m"]
@@ -92,7 +95,14 @@ def measure(
     eyes: Eyes | None = None,
     label: str = "poses",
 ) -> Health:
-    """Evaluate a rig at many poses and return what is broken in them; `mouth` and `eyes` None: leave these out."""
+    """Evaluate a rig at many poses and return what is broken in them.
+
+    params: raw rig parameters
+    skin: the rig's
+    mouth: the rig's; None leaves it out
+    eyes: the rig's; None leaves them out
+    label: the progress bar's
+    """
     count = len(params)
     bad, flipped, furthest = np.zeros(count, int), np.zeros(count), np.zeros(count)
     kinds = mouth.kinds if mouth is not None else ()
@@ -124,7 +134,7 @@ def worst(values: np.ndarray, count: int) -> np.ndarray:
 
 
 def strongest(controls: Sequence, params: Float[np.ndarray, " m"], count: int = 5) -> str:
-    """Return the controls that a pose uses most, in units of their limits, in words."""
+    """Return the controls that a pose uses most, with their values as shares of their limits, in words."""
     reach = np.array([max(abs(c.upper - c.default), abs(c.lower - c.default)) for c in controls])
     used = (params - np.array([c.default for c in controls])) / reach
     order = np.argsort(-np.abs(used), kind="stable")[:count]

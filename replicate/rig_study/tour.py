@@ -1,4 +1,4 @@
-"""A tour of a rig: its layers one after the other, what a control moves, and expressions that one knows."""
+"""A tour of a rig: its layers one after the other, what a control moves, and known expressions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -26,12 +26,19 @@ if TYPE_CHECKING:
 
 
 SCALES_MM = (0.5, 1, 2, 3, 5, 8, 12, 20, 30, 50, 80)  # upper ends of the heatmaps
-MOVED_MM = 0.1  # a vertex that a layer moves by more counts as moved
+MOVED_MM = 0.1  # a vertex that a layer moves less counts as still
 
 
 @dataclass(frozen=True)
 class Exhibit:
-    """A layer in a pose that shows it: its node, what it does, amounts of controls, a camera."""
+    """A layer in a pose that shows it.
+
+    node: of the rig
+    title: the layer's number and name
+    does: what the layer does, in words
+    amounts: of the pose's controls
+    camera: the view
+    """
 
     node: str
     title: str
@@ -97,7 +104,12 @@ def layer_sheet(
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): each layer's exhibit without it, with it, and how far it moves the surface in the end.
 
-    Everything else is the same in both, the layers that come after included. rig: one built from a recipe.
+    Everything else is the same in both pictures, including the layers that come after.
+
+    rig: one built from a recipe
+    exhibits: the layers
+    width, height: of a picture, pixels
+    renderer: as of `render`
     """
     pictures, titles, sentences = [], [], []
     for exhibit in exhibits:
@@ -141,7 +153,14 @@ def build_up(
     columns: int = 7,
     renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): one pose after each node, from the neutral face on."""
+    """Return (figure, words): one pose after each node, starting with the neutral face.
+
+    rig: one built from a recipe
+    amounts: of the pose's controls
+    width, height: of a picture, pixels
+    columns: pictures in a row
+    renderer: as of `render`
+    """
     params = pose_params(rig, amounts)
     view = camera_for("front", rig.mesh.neutral)
     pictures, titles = [], []
@@ -205,7 +224,7 @@ SIDES = ("left", "right")
 def pose_params(rig: Rig, amounts: Mapping[str, float]) -> Float32[np.ndarray, " m"]:
     """Return parameters (m,): the defaults and these amounts; "*" in a name stands for both sides.
 
-    Controls that a smaller rig lacks are left out. Raises InputError if it lacks all of them.
+    Controls that a smaller rig lacks are left out; InputError if it lacks all of them.
     """
     columns = {control.name: k for k, control in enumerate(rig.controls)}
     params, matches = rig.default.copy(), 0
@@ -231,7 +250,12 @@ def derivative_sheet(
 ) -> "tuple[matplotlib.figure.Figure, Words]":  # fmt: skip
     """Return (figure, words): |∂V/∂p| of one control in some poses, and its change from the first.
 
-    Raises InputError if there is no such control.
+    rig: one that JAX differentiates
+    control: its name; InputError if the rig lacks it
+    poses: raw rig parameters by title
+    camera: the view
+    width, height: of a picture, pixels
+    renderer: as of `render`
     """
     names = [c.name for c in rig.controls]
     if control not in names:
@@ -239,7 +263,7 @@ def derivative_sheet(
     column = names.index(control)
     exact = [rig.jacobian(params, [column])[:, :, 0] for params in poses.values()]
     differences = [central(rig, params, column) for params in poses.values()]
-    apart = max(np.abs(one - other).max() for one, other in zip(exact, differences, strict=True))
+    apart = max(np.abs(a - b).max() for a, b in zip(exact, differences, strict=True))
     lengths = [np.linalg.norm(derivative, axis=1) for derivative in exact]
     changes = [np.linalg.norm(derivative - exact[0], axis=1) for derivative in exact]
     view = camera_for(camera, rig.mesh.neutral)
@@ -274,11 +298,11 @@ def central(rig: Rig, params: Float[np.ndarray, " m"], column: int) -> Float[np.
     return (after - before) / (2 * STEP)
 
 
-# A rig that is known by its samples, to look at: its segments in colours, and a few of the poses that are known.
+# Pictures of a rig that is known by its samples: its segments in colours, and a few of its poses.
 
 COLUMNS, TALL = 4, 1.2  # pictures in a row; a picture's height over its width
-SHOWN = 6  # poses, those that differ most
-ROOM = 1.15  # around a neutral head, for those that stretch
+SHOWN = 6  # poses that differ most
+ROOM = 1.15  # around a neutral head, for poses that stretch it
 
 
 def known_faces(rig: Rig, renderer: str | None = None) -> "tuple[matplotlib.figure.Figure, Words]":

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 POSES, COLUMNS = 10, 5
 FLIP_COLOUR, BESIDE, OUTSIDE = (220, 0, 110), (250, 190, 90), (220, 0, 110)
 SKIN = (214, 206, 198)
-LEAST = {"flips": 1e-9, "through": 0.05}  # what is worth a picture: a share, mm
+LEAST = {"flips": 1e-9, "through": 0.05}  # a pose below these gets no picture: a share, mm
 
 
 def worst_poses(
@@ -31,7 +31,9 @@ def worst_poses(
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): the poses with most flipped triangles, then those whose teeth go furthest.
 
-    sets: of poses, each with `kind`, `names` and `health`, as the benchmark of poses has them.
+    sets: of poses, each with `kind`, `names` and `health`, as in the benchmark of poses
+    width, height: of a picture, pixels
+    renderer: as of `render`
     """
     flips = _rank(sets, lambda health: health.flipped, "flips")
     deep = _rank(sets, lambda health: health.through.get("teeth", ()), "through")
@@ -80,15 +82,15 @@ def _words(rig, flips: list, deep: list) -> Words:
 
 
 def _rank(sets: Sequence, value_of, kind: str) -> list[tuple[float, str, np.ndarray]]:
-    """Return the largest values of all sets with their poses' names and parameters, one a clip, largest first."""
+    """Return the largest values of all sets with their poses' names and parameters, at most one from each clip."""
     entries: dict[str, tuple[float, str, np.ndarray]] = {}
-    for one in sets:
-        values = value_of(one.health)
+    for poses in sets:
+        values = value_of(poses.health)
         count = 0
         for k in worst(values, len(values)) if len(values) else ():
-            source = one.names[k].rsplit(" ", 1)[0] if one.kind == "clips" else one.names[k]
+            source = poses.names[k].rsplit(" ", 1)[0] if poses.kind == "clips" else poses.names[k]
             if source not in entries and values[k] >= LEAST[kind]:  # a sample can be in two sets
-                entries[source] = float(values[k]), one.names[k], one.health.params[k]
+                entries[source] = float(values[k]), poses.names[k], poses.health.params[k]
                 count += 1
             if count == POSES:
                 break
@@ -96,7 +98,7 @@ def _rank(sets: Sequence, value_of, kind: str) -> list[tuple[float, str, np.ndar
 
 
 def _flip_colours(mesh: Mesh, skin: Skin, flipped: Bool[np.ndarray, " f"]) -> np.ndarray:
-    """Return each face's colour: flipped, beside a flipped one (they are small and hard to see alone), or neither."""
+    """Return each face's colour: flipped, beside a flipped one (which is easily missed by itself), or neither."""
     colours = segment_colours(mesh, SKIN)
     near = np.zeros(len(mesh.neutral), bool)
     near[skin.faces[flipped]] = True
@@ -111,7 +113,7 @@ def _picture(rig, params, vertices, colours, camera: Camera, width: int, height:
 
 
 def _fill(pictures: list, titles: list, width: int, height: int) -> None:
-    """Fill up the last row with white."""
+    """Fill the last row with white pictures."""
     while len(pictures) % COLUMNS:
         pictures.append(np.full((height, width, 3), 255, np.uint8))
         titles.append("")

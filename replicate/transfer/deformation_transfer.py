@@ -1,8 +1,8 @@
 """Deformation transfer (Sumner and Popović 2004), the classical way to move one mesh as another one does: the baseline.
 
-Every triangle of the new mesh is asked to turn, stretch and shear as its counterpart on the posed original does; the
-vertices that come nearest to that solve a linear system, whose matrix never changes. Unlike the networks' maps it needs
-the original mesh in every pose, and a counterpart for every triangle.
+Every triangle of the new mesh shall turn, stretch and shear as its counterpart on the posed original does; the vertices
+that come nearest to that solve a linear system, whose matrix never changes. Unlike the networks' maps it needs the
+original mesh in every pose, and a counterpart for every triangle.
 """
 
 from dataclasses import replace
@@ -19,14 +19,17 @@ from replicate.transfer.surface_places import Nearby, nearest_faces
 
 
 class DeformationTransfer:
-    """A new mesh that follows a posed original, factored once.
+    """A new mesh that follows a posed original; its linear system is factored once.
 
-    neutral: (n, 3), source_faces: (f, 3), of the original. target: (k, 3), faces: (g, 3), of the new mesh, in its
-    neutral pose. counterpart: (g,), the original's face that each new one follows.
+    As in their paper a fourth vertex for each triangle, off its plane, makes the gradient of the deformation a linear
+    function of positions (their Eq. 3 to 6). Triangles are weighted by their area here, as in a finite-element sum, so
+    that slivers don't decide.
 
-    As in their paper a fourth vertex a triangle, off its plane, makes the gradient of its deformation a linear function
-    of positions (their Eq. 3 to 6). Triangles count by their area here, as in a finite-element sum, so that slivers
-    don't decide.
+    neutral: vertices of the original in its neutral pose
+    source_faces: of the original
+    target: vertices of the new mesh in its neutral pose
+    faces: of the new mesh
+    counterpart: (g,), the face of the original that each new one follows
     """
 
     def __init__(
@@ -43,10 +46,10 @@ class DeformationTransfer:
             )
         self.source_faces, self.counterpart, self.count = source_faces, counterpart, len(target)
         self.rest = np.linalg.inv(frames(neutral.astype(np.float64), source_faces))  # (f, 3, 3)
-        own = target.astype(np.float64)
-        root = np.sqrt(np.linalg.norm(face_vectors(own, faces), axis=1))
+        target = target.astype(np.float64)
+        root = np.sqrt(np.linalg.norm(face_vectors(target, faces), axis=1))
         self.weight = np.repeat(root, 3)[:, None]
-        matrix = self.weight * _gradient_matrix(own, faces)
+        matrix = self.weight * _gradient_matrix(target, faces)
         held, self.part, self.parts = _parts(faces, len(target))
         self.free = np.delete(np.arange(matrix.shape[1]), held)
         self.matrix = csr_array(matrix)[:, self.free]
@@ -57,7 +60,7 @@ class DeformationTransfer:
     ) -> Float32[np.ndarray, "b k 3"]:
         """Return the new mesh's vertices, mm, for poses of the original.
 
-        expected: where the vertices roughly are. Gradients say nothing of translations, so the mean of each connected
+        expected: roughly where the vertices are. Gradients don't determine translations, so the mean of each connected
         part is put on that of its expected vertices.
         """
         edges = frames(posed.astype(np.float64), self.source_faces[self.counterpart])
@@ -91,11 +94,16 @@ def counterparts(
 ) -> Int[np.ndarray, " g"]:
     """Return the original's face nearest to the middle of each new one, among those that face the same way.
 
-    For meshes of the same neutral surface that is exact enough; others need landmarks to be brought together first.
-    nearby: for the new vertices, which parts of the original's surface they belong to.
+    For meshes of the same neutral surface that is exact enough; others have to be aligned by landmarks first.
+
+    target: vertices of the new mesh
+    faces: of the new mesh
+    neutral: vertices of the original
+    source_faces: of the original
+    nearby: for the new vertices, the parts of the original's surface that they belong to
     """
-    own = None if nearby is None else replace(nearby, points=nearby.points[faces].mean(1))
-    return nearest_faces(target[faces].mean(1), neutral, source_faces, face_vectors(target, faces), nearby=own)
+    of_middles = None if nearby is None else replace(nearby, points=nearby.points[faces].mean(1))
+    return nearest_faces(target[faces].mean(1), neutral, source_faces, face_vectors(target, faces), nearby=of_middles)
 
 
 def _gradient_matrix(target: np.ndarray, faces: np.ndarray) -> csr_array:

@@ -20,7 +20,7 @@ from replicate.geometry.mesh import Mesh, face_vectors, vertex_normals
 from replicate.transfer.remeshing import NewMesh
 from replicate.transfer.surface_places import FAR_MM, Places, edge_graph, nearest_faces, nearest_places
 
-# The face of a character: the segments that are named so, and ways over its skin, which no slit crosses.
+# The face of a character: the segments with that name, and ways over its skin, which never cross a slit.
 
 FACE = "face"  # what the names of a face's segments begin with
 
@@ -29,8 +29,8 @@ FACE = "face"  # what the names of a face's segments begin with
 class Face:
     """A face: the vertices (k,) of its mesh that its triangles use, ascending.
 
-    faces: (f, 3) its triangles, as vertices of the mesh, and local: (f, 3) as positions in `vertices`. whole: (w, 3),
-    those of them that lie in one segment, as vertices of the mesh.
+    faces: (f, 3) its triangles, as vertices of the mesh, and local: (f, 3) as positions in `vertices`. whole: (w, 3)
+    the triangles that lie in one segment, as vertices of the mesh.
     """
 
     vertices: np.ndarray
@@ -40,7 +40,7 @@ class Face:
 
 
 def face_of(mesh: Mesh) -> Face:
-    """Return the face of a mesh: what lies in segments named "face…". Raises InputError where none is named so."""
+    """Return the face of a mesh: its segments named "face…". Raises InputError where there is none."""
     segments = [k for k, name in enumerate(mesh.segment_names) if name.startswith(FACE)]
     if not segments:
         names = ", ".join(mesh.segment_names[:4])
@@ -57,8 +57,8 @@ def upper_over_lower(
 ) -> Float64[np.ndarray, " n"]:
     """Return for each vertex how much shorter the way over the skin is to an upper lid or lip than to a lower one, mm.
 
-    Beside the seam of closed lips that is tens of millimetres, above it more than 0 and below it less. marks: landmarks
-    by name; those with "upper" or "lower" in it count. Without any of either kind, and off the face, it is 0.
+    Beside the seam of closed lips that is tens of millimetres, positive above it and negative below. marks: landmarks
+    by name, of which those with "upper" or "lower" in it are used. Without both kinds, and off the face, it is 0.
     """
     kinds = [[v for name, v in marks.items() if kind in name] for kind in ("upper", "lower")]
     if not all(kinds):
@@ -73,9 +73,9 @@ def _ways(vertices: np.ndarray, face: Face, marks: list[int]) -> np.ndarray:
 
 
 FEWEST = 8  # landmarks that both faces need: four settle an affine map of space, and no face is a tetrahedron
-REACH_MM = 20.0  # what lies farther from the original's face, once landmarks agree, is no part of the face
-LEAD_MM = 3.0  # by which a place must be nearer to be taken although it faces another way: lids and lips turn inwards
-CLEAR_MM = 2.0  # longer ways over the skin to one lid or lip than to the other say which of them it is
+REACH_MM = 20.0  # what lies farther from the original's face, once landmarks agree, doesn't belong to the face
+LEAD_MM = 3.0  # a place that faces another way is taken if it is this much nearer: lids and lips turn inwards
+CLEAR_MM = 2.0  # a vertex belongs to the lid or lip that is nearer over the skin by this much
 
 
 @dataclass(frozen=True)
@@ -91,9 +91,10 @@ class Marks:
 class AlignedFace:
     """Another character's face with charts of the original's.
 
-    new: k vertices in their own neutral places, mm; their places on the original's face. vertices: (k,) which vertices
-    of the other character they are. counterpart: (g,) the triangle of `face_of(original)` that each of theirs follows.
-    scale: how much larger it is than the original, which offsets are multiplied by.
+    new: k vertices where the other character has them in neutral, mm, and their places on the original's face.
+    vertices: (k,) which vertices of the other character they are. counterpart: (g,) the triangle of
+    `face_of(original)` that each of theirs follows. scale: how much larger the other face is; offsets are multiplied
+    by it.
     """
 
     new: NewMesh
@@ -103,7 +104,7 @@ class AlignedFace:
 
 
 def shared_marks(source: Rig, target: Rig) -> Marks:
-    """Return all landmarks and control points whose names both characters have; a vertex that has two counts once.
+    """Return all landmarks and control points whose names both characters have; a vertex with two is used once.
 
     Raises InputError where fewer than `FEWEST` are left.
     """
@@ -152,12 +153,12 @@ def aligned(source: Mesh, target: Mesh, marks: Marks) -> AlignedFace:
     faces = faces.reshape(-1, 3).astype(np.int32)
     vertices, places = theirs.vertices[kept], Places(places.corners[kept], places.shares[kept])
     present, index = np.unique(source.segment[places.corners[:, 0]], return_inverse=True)
-    uv = places.mix(source.uv).clip(0, 1)  # rounding leaves the chart by a millionth
+    uv = places.mix(source.uv).clip(0, 1)  # rounding can leave the chart by a millionth
     names = tuple(source.segment_names[k] for k in present)
     mesh = Mesh(target.neutral[vertices], faces, uv, index.astype(np.int32), names)
-    own = bent[vertices]
-    centres = own[faces].mean(1)
-    counterpart = nearest_faces(centres, source.neutral, ours.faces, face_vectors(own, faces), LEAD_MM)
+    points = bent[vertices]
+    centres = points[faces].mean(1)
+    counterpart = nearest_faces(centres, source.neutral, ours.faces, face_vectors(points, faces), LEAD_MM)
     scale = size_ratio(source.neutral[marks.source], target.neutral[marks.target])
     return AlignedFace(NewMesh(mesh, places), vertices, counterpart, scale)
 
@@ -170,10 +171,10 @@ def _places(source: Mesh, ours: Face, bent: np.ndarray, theirs: Face, marks: Mar
     side_of_face = sides[ours.whole].mean(1)
     corners, shares = np.empty((len(points), 3), np.int64), np.empty((len(points), 3))
     group = np.where(side > CLEAR_MM, 1, np.where(side < -CLEAR_MM, -1, 0))
-    for which in np.unique(group):
-        chosen = group == which
-        allowed = ours.whole[which * side_of_face >= 0]
-        found = nearest_places(points[chosen], source.neutral, allowed, normals[chosen], LEAD_MM)
+    for sign in np.unique(group):
+        chosen = group == sign
+        faces = ours.whole[sign * side_of_face >= 0]
+        found = nearest_places(points[chosen], source.neutral, faces, normals[chosen], LEAD_MM)
         corners[chosen], shares[chosen] = found.corners, found.shares
     return Places(corners, shares)
 

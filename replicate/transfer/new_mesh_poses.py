@@ -1,4 +1,4 @@
-"""A new mesh in some poses: as it should be, and as every way of moving it has it."""
+"""A new mesh in some poses: its true vertices, and those of every way to move it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -20,10 +20,10 @@ WAYS = ("coarse", "refined", "coarse_carried", "deformation_transfer", "deformat
 
 @dataclass(frozen=True)
 class SourcePoses:
-    """Some poses of the original mesh, all that its new meshes are moved by.
+    """Some poses of the original mesh, from which new meshes are moved.
 
-    params: (b, m) raw rig parameters. truth: (b, n, 3) the rig's vertices, mm; only `deformation_transfer` is handed
-    them. predicted: (b, n, 3) the coarse model's.
+    params: (b, m) raw rig parameters. truth: (b, n, 3) the rig's vertices, mm, which only `deformation_transfer` uses.
+    predicted: (b, n, 3) the coarse model's vertices.
     """
 
     params: np.ndarray
@@ -48,7 +48,12 @@ def ways_to_move(
     prediction for the original mesh to the new vertices' places; both deformation transfers follow the original mesh,
     as the rig has it (an oracle) and as the coarse model does; "neutral" doesn't move.
 
-    mesh: the original. faces: those of it that new vertices lie on. counterpart: of each new face, among `faces`.
+    mesh: the original
+    faces: those of the original that new vertices lie on
+    new: the new mesh, and the places of its vertices on the original
+    counterpart: the one of `faces` that each new face follows
+    coarse: model of the original
+    refined: model of the original
     """
     target, places = new.mesh, new.places
     follow = DeformationTransfer(mesh.neutral, faces, target.neutral, target.faces, counterpart)
@@ -84,11 +89,11 @@ def errors_of_ways(ways: Mapping[str, Way], new: NewMesh, poses: SourcePoses) ->
 
 
 def ways_onto(mesh: Mesh, face: AlignedFace, coarse: SegmentedModel, refined: RefinedModel) -> dict[str, Way]:
-    """Return what moves another face, by the names of `new_mesh_poses.WAYS`: poses of the original → (b, k, 3) mm.
+    """Return what moves another face, by the names of `WAYS`: poses of the original → (b, k, 3) mm.
 
     mesh: the original. Offsets are millimetres of the original's face, along its axes, and are multiplied by
-    `face.scale`. Deformation transfer takes gradients instead, which have no size; its mean alone goes where the scaled
-    offsets lead. Otherwise as `new_mesh_poses.ways_to_move` says.
+    `face.scale`. Deformation transfer works with gradients, which have no size; the scaled offsets only set its mean.
+    For the rest see `ways_to_move`.
     """
     target, places, scale = face.new.mesh, face.new.places, np.float32(face.scale)
     follow = DeformationTransfer(mesh.neutral, face_of(mesh).faces, target.neutral, target.faces, face.counterpart)

@@ -1,7 +1,7 @@
-"""Places on a surface, a triangle and barycentric coordinates each, and what a mesh has there: positions, coordinates.
+"""Places on a surface, each a triangle and barycentric coordinates, and a mesh's values there.
 
-The places of a new mesh's vertices on the original one carry everything over: the neutral pose, texture coordinates,
-and any pose of the rig, which is the truth for the new mesh.
+Through the places of its vertices on the original mesh, a new mesh gets its neutral pose, its texture coordinates, and
+in any pose of the rig its true vertices.
 """
 
 from dataclasses import dataclass
@@ -14,18 +14,18 @@ from scipy.spatial.distance import cdist
 
 from replicate.geometry.mesh import edges, face_vectors
 
-# Ways over a surface, along the edges of its mesh: two lips that touch are far apart by them.
+# Ways over a surface, along the edges of its mesh: two lips that touch are far apart on them.
 
-ENDS = 12  # of the ways that tell where on a surface a vertex is
+ENDS = 12  # of the ways that tell where a vertex is on a surface
 FAR_MM = 1_000.0  # the longest way that counts, and that between two parts which no edge joins
 
 
 @dataclass(frozen=True)
 class Nearby:
-    """Which triangles of a mesh each of k points may be put on: those from which ways over the surface are as long.
+    """Which triangles of a mesh each of k points may lie on: those whose ways over the surface are as long.
 
-    points: (k, e), vertices: (n, e), the lengths of the ways to the same e places, as `surface_ways` gives them, mm.
-    reach: by how much the length of any of them may differ, mm; where all triangles differ by more, the least is taken.
+    points: (k, e), vertices: (n, e), the lengths of the ways to the same e places, from `surface_ways`, mm. reach: by
+    how much any of them may differ, mm; where all triangles differ by more, those that differ least.
     """
 
     points: np.ndarray
@@ -43,14 +43,14 @@ def edge_graph(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]
 def surface_ways(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], count: int = ENDS
 ) -> Float64[np.ndarray, "n count"]:
-    """Return the length of the shortest way from each vertex to some that are spread over the surface, mm.
+    """Return the length of the shortest way from each vertex to some ends that are spread over the surface, mm.
 
-    The first is the first of the faces' vertices, each further one the farthest from those before. Two vertices that
-    are near each other over the surface have nearly the same lengths; two lips that touch have not.
+    The first end is the first vertex of the faces, each further one the farthest from those before. Two vertices that
+    are near each other over the surface have nearly the same lengths; those of two lips that touch differ.
     """
     graph = edge_graph(vertices, faces)
     ways, end = np.empty((len(vertices), count)), faces[0, 0]
-    nearest = np.where(np.isin(np.arange(len(vertices)), faces), np.inf, 0.0)  # what no face has is never an end
+    nearest = np.where(np.isin(np.arange(len(vertices)), faces), np.inf, 0.0)  # a vertex of no face is never an end
     for k in range(count):
         ways[:, k] = np.minimum(dijkstra(graph, directed=False, indices=end), FAR_MM)
         nearest = np.minimum(nearest, ways[:, k])
@@ -73,7 +73,7 @@ class Places:
     shares: np.ndarray
 
     def mix(self, values: Float[np.ndarray, "*b n d"]) -> Float[np.ndarray, "*b k d"]:
-        """Return what the mesh's values (n vertices, d numbers each) are at the places, in the values' precision."""
+        """Return the mesh's values (n vertices, d numbers each) at the places, in the values' precision."""
         around = np.take(values, self.corners, axis=-2)  # (..., k, 3, d)
         return (around * self.shares[..., None].astype(values.dtype)).sum(-2)
 
@@ -91,7 +91,7 @@ def nearest_places(
     lead: float = np.inf,
     nearby: Nearby | None = None,
 ) -> Places:
-    """Return the place on a mesh that is nearest to each point; directions, lead and nearby: see `nearest_faces`."""
+    """Return the place on a mesh that is nearest to each point; the arguments are those of `nearest_faces`."""
     chosen = nearest_faces(points, vertices, faces, directions, lead, nearby)
     corners = vertices[faces[chosen]].astype(np.float64)
     return Places(faces[chosen], closest_shares(points.astype(np.float64), corners))
@@ -107,23 +107,26 @@ def nearest_faces(
 ) -> Int[np.ndarray, " k"]:
     """Return the triangle of a mesh that is nearest to each point; exact, the first of several equally near.
 
-    directions: each point's normal; only triangles that face the same way are looked at, so that a point on the front
-    of an ear never lands on its back. A point takes the nearest of all where none faces it, or where that is nearer by
-    more than `lead`. nearby: only triangles that it allows are looked at, so that a point of the upper lip never lands
-    on the lower one.
+    points: to place
+    vertices: of the mesh
+    faces: the mesh's triangles that a point may lie on
+    directions: each point's normal; only triangles that face the same way are candidates, so that a point on the front
+        of an ear never lands on its back; all triangles are where none faces that way
+    lead: a triangle that faces another way is taken if it is nearer by more than this
+    nearby: limits the candidates, so that a point of the upper lip never lands on the lower one
     """
     chosen = _nearest(points, vertices, faces, directions, nearby)
     if directions is None or np.isinf(lead):
         return chosen
     of_all = _nearest(points, vertices, faces, None, nearby)
-    facing, any_way = (_distances(points, vertices[faces[which]]) for which in (chosen, of_all))
+    facing, any_way = (_distances(points, vertices[faces[indices]]) for indices in (chosen, of_all))
     return np.where(facing > any_way + lead, of_all, chosen)
 
 
 def _nearest(
     points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, directions: np.ndarray | None, nearby: Nearby | None
 ) -> Int[np.ndarray, " k"]:
-    """Return the nearest of the triangles that are nearby and face the same way, of all nearby where there is none.
+    """Return the nearest triangle that is nearby and faces the same way; the nearest nearby where none faces it.
 
     A triangle lies within its radius of its centre, and its centre is one of its points: most are ruled out by that.
     """
@@ -135,8 +138,8 @@ def _nearest(
     chosen = np.empty(len(points), np.int64)
     step = max(1, PAIRS_AT_ONCE // len(faces))
     for start in range(0, len(points), step):
-        own = np.asarray(points[start : start + step], np.float64)
-        squared = (own**2).sum(1)[:, None] - 2 * own @ centres.T + (centres**2).sum(1)
+        batch = np.asarray(points[start : start + step], np.float64)
+        squared = (batch**2).sum(1)[:, None] - 2 * batch @ centres.T + (centres**2).sum(1)
         away = np.sqrt(np.maximum(squared, 0))  # (k, f), from point to centre
         if nearby is not None:
             apart = cdist(nearby.points[start : start + step], ways, "chebyshev")
@@ -146,9 +149,9 @@ def _nearest(
             away[left_out & ~left_out.all(1, keepdims=True)] = np.inf
         bound = away.min(1, keepdims=True)
         point, face = np.nonzero(away - radii <= bound * (1 + 1e-9) + 1e-9)
-        distance = _distances(own[point], corners[face])
+        distance = _distances(batch[point], corners[face])
         order = np.lexsort((face, distance, point))
-        chosen[start : start + step] = face[order[np.searchsorted(point[order], np.arange(len(own)))]]
+        chosen[start : start + step] = face[order[np.searchsorted(point[order], np.arange(len(batch)))]]
     return chosen
 
 

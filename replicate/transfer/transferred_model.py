@@ -27,18 +27,18 @@ from replicate.geometry.mesh import Mesh
 def transferred(model: object, mesh: Mesh) -> SegmentedModel | RefinedModel:
     """Return a coarse or refined model whose `.offsets(params)` are (b, k, 3) mm, for the k vertices of a new mesh.
 
-    mesh: the new one; its texture coordinates lie in the charts of the model's segments, by whose names its own go. It
-    may have some of them only, as in Fig. 13. Raises InputError for a segment that the model has no map of.
+    mesh: the new one; its texture coordinates lie in the charts of the model's segments, whose names its segments have.
+    It may have only some of them, as in Fig. 13. Raises InputError for a segment that the model has no map of.
     """
     raise InputError(f"model: expected a coarse or a refined one, which has maps, got a {type(model).__name__}.")
 
 
 @transferred.register
 def _coarse(model: SegmentedModel, mesh: Mesh) -> SegmentedModel:
-    number = {segment.name: k for k, segment in enumerate(model.segments)}
-    _check_names(mesh, number)
-    own = [(number[name], np.flatnonzero(mesh.segment == k)) for k, name in enumerate(mesh.segment_names)]
-    return _moved(model, [(k, vertices, mesh.uv[vertices]) for k, vertices in own], len(mesh.neutral))
+    index = {segment.name: k for k, segment in enumerate(model.segments)}
+    _check_names(mesh, index)
+    members = [(index[name], np.flatnonzero(mesh.segment == k)) for k, name in enumerate(mesh.segment_names)]
+    return _moved(model, [(k, vertices, mesh.uv[vertices]) for k, vertices in members], len(mesh.neutral))
 
 
 @transferred.register
@@ -57,7 +57,7 @@ def _refined(model: RefinedModel, mesh: Mesh) -> SegmentedModel | RefinedModel:
 
 
 def read_at(network: MapNetwork, uv: Float[np.ndarray, "k 2"]) -> MapNetwork:
-    """Return the network with weights of its own, equal ones, whose map is read at other texture coordinates."""
+    """Return a copy of the network whose map is read at other texture coordinates."""
     twin, grid = copy.deepcopy(network), bilinear(uv, network.map_size)
     device = network.pixels.device
     twin.register_buffer("pixels", torch.from_numpy(grid.pixels).to(device), persistent=False)
@@ -66,24 +66,24 @@ def read_at(network: MapNetwork, uv: Float[np.ndarray, "k 2"]) -> MapNetwork:
 
 
 def square_of(chart: Segment, squares: Sequence[Segment], uv: Float[np.ndarray, "k 2"]) -> Int[np.ndarray, " k"]:
-    """Return the refinement segment that each place of a chart belongs to, −1 for none (§3.3).
+    """Return the index of the refinement segment that each place of a chart belongs to, −1 for none (§3.3).
 
     chart: a coarse segment. squares: all refinement segments, those of other charts among them. A place belongs to a
     square if it lies in it, and the original vertex nearest in the chart belongs to it too: squares may overlap.
     """
     owner_of_vertex = np.full(len(chart.vertices), -1)
-    for number, square in enumerate(squares):
-        owner_of_vertex[np.isin(chart.vertices, square.vertices)] = number
+    for k, square in enumerate(squares):
+        owner_of_vertex[np.isin(chart.vertices, square.vertices)] = k
     owner = owner_of_vertex[cKDTree(chart.uv).query(uv)[1]]
-    for number in np.unique(owner[owner >= 0]):
-        low, size = square_extent(chart, squares[number])
+    for k in np.unique(owner[owner >= 0]):
+        low, size = square_extent(chart, squares[k])
         stretched = (uv - low) / size
-        owner[(owner == number) & ((stretched < 0) | (stretched > 1)).any(1)] = -1
+        owner[(owner == k) & ((stretched < 0) | (stretched > 1)).any(1)] = -1
     return owner
 
 
 def square_extent(chart: Segment, square: Segment) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
-    """Return a refinement segment's lower corner and size in its chart: what its coordinates were stretched from."""
+    """Return a refinement segment's lower corner and size in its chart, from which its coordinates were stretched."""
     uv = chart.uv[np.isin(chart.vertices, square.vertices)]
     size = np.ptp(uv, axis=0)
     return uv.min(0), np.where(size > 0, size, 1).astype(uv.dtype)
@@ -106,7 +106,7 @@ def _check_names(mesh: Mesh, known: dict[str, int]) -> None:
         raise InputError(f"mesh: the model has no map of segment {unknown[0]!r}; it has maps of {', '.join(known)}.")
 
 
-# Texture coordinates that are off: how well the charts of two meshes have to be aligned (§6).
+# Misplaced texture coordinates: how well the charts of two meshes have to be aligned (§6).
 
 
 def shifted(mesh: Mesh, shift: float, rng: np.random.Generator) -> Mesh:
@@ -127,11 +127,11 @@ def turned(mesh: Mesh, angle_deg: float, rng: np.random.Generator) -> Mesh:
     signs = rng.choice([-1.0, 1.0], len(mesh.segment_names))
     uv = mesh.uv.astype(np.float64)
     for k, sign in enumerate(signs):
-        own = mesh.segment == k
-        middle = (uv[own].min(0) + uv[own].max(0)) / 2
+        members = mesh.segment == k
+        middle = (uv[members].min(0) + uv[members].max(0)) / 2
         angle = np.radians(sign * angle_deg)
         rotation = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        uv[own] = (uv[own] - middle) @ rotation + middle
+        uv[members] = (uv[members] - middle) @ rotation + middle
     return _with_uv(mesh, uv)
 
 
