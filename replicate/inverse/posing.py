@@ -111,15 +111,6 @@ def _to_numpy(params: torch.Tensor) -> np.ndarray:
     return params.detach().numpy().astype(np.float32)
 
 
-def jacobian_at(rig: Rig, vertices: Int[np.ndarray, " c"]) -> Callable[[np.ndarray], Float32[np.ndarray, "c 3 m"]]:
-    """Return (m,) → ∂V_C/∂p (c, 3, m), mm per unit of each control, exact, by reverse differentiation."""
-    import jax
-
-    check_function(rig)
-    derivative = jax.jit(jax.jacrev(lambda p: rig.function(p[None])[0, vertices]))
-    return lambda params: np.asarray(derivative(np.asarray(params, np.float32)))
-
-
 def check_function(rig: Rig) -> None:
     """Raise InputError for a rig without a function that could be differentiated."""
     if not hasattr(rig, "function"):

@@ -110,7 +110,7 @@ class ControlPanel:
         self.draw()
 
     def _most_moved_region(self) -> str:
-        """Return the region whose controls leave their defaults most, in shares of their ranges; at rest the one shown."""
+        """Return the region whose controls leave their defaults most, relative to their ranges; at rest the current."""
         controls = self.rig.controls
         moved = dict.fromkeys([self.region.value, *(control.region for control in controls)], 0.0)
         for control, value in zip(controls, self.params, strict=True):

@@ -1,8 +1,8 @@
 """Whether an eye shows when its lids are closed, found by rays from the eyeball's surface outwards.
 
-Where a ray meets nothing the eyeball shows: either between the lids, or where it sticks out of them; by how much is the
-depth of the skin below its surface, on the way from its middle. Lids have an inner side, which may touch the eyeball
-behind the outer one. Eyeballs are display-only, so this needs a rig with such props (`eye_…_left` and `eye_…_right`).
+Where a ray meets nothing the eyeball shows: between the lids, or where it sticks out of them by as much as the skin
+lies below its surface. Lids have an inner side, which may touch the eyeball behind the outer one. Eyeballs are
+display-only, so this needs a rig with such props (`eye_…_left` and `eye_…_right`).
 """
 
 from dataclasses import dataclass
