@@ -13,9 +13,9 @@ from replicate.inverse.ik_network import IkModel
 
 
 def driven_params(ik: IkModel, targets: Float[np.ndarray, "t l 3"], rig: Rig) -> Float32[np.ndarray, "t m"]:
-    """Return rig parameters for landmarks that shall go to some places, within the controls' limits (D26).
+    """Return the rig parameters that bring landmarks to their targets, within the controls' limits (D26).
 
-    targets: mm, in the order of the networks' points.
+    targets: where the landmarks are wanted, mm, in the order of the networks' points.
     """
     return np.clip(ik.solve(targets), rig.lower, rig.upper).astype(np.float32)
 

@@ -16,7 +16,7 @@ FRAMES_PER_SECOND = 24.0  # of all clips
 
 @dataclass(frozen=True)
 class Motion:
-    """Where a character's landmarks shall go. targets: (t, l, 3) mm, with z of the neutral pose.
+    """Where a character's landmarks are wanted. targets: (t, l, 3) mm, with z of the neutral pose.
 
     scale: what the actor's movement was multiplied with, mm per unit of the recording. recorded: (t, l, 2) the actor's
     landmarks, steadied, smoothed and resampled.

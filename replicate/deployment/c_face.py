@@ -5,7 +5,7 @@ times the memory and no less time: most of a pose's time goes into reading them.
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
@@ -25,6 +25,8 @@ LETTER = 79  # small numbers of 8 bits become capitals, which take one character
 HALF_BIAS = 112  # the exponent of a float less that of a 16-bit float
 LARGEST_HALF = 65504.0
 LIMITS = ("least", "most")  # bounds of the hidden layers' outputs
+FOLDER = Path(__file__).parent / "c"
+TEMPLATES = (FOLDER / "face.h", FOLDER / "face.c")  # the arithmetic is plain C, and what belongs to a face is a $word
 NOTHING = [["0"]]  # C has no empty arrays
 
 
@@ -54,7 +56,8 @@ class CFace:
 
 def c_files(face: CFace, stem: str) -> dict[str, str]:
     """Return the texts of the header and of the source by their names, stem.h and stem.c."""
-    return filled(stem, _words(face, stem))
+    words = _words(face, stem)
+    return {f"{stem}{file.suffix}": Template(file.read_text(encoding="ascii")).substitute(words) for file in TEMPLATES}
 
 
 def identifier(text: str) -> str:
@@ -281,14 +284,3 @@ def _string(data: bytes) -> str:
     return (
         f'"{"".join((LONG if after in DIGITS else SHORT)[code] for code, after in zip(data, following, strict=True))}"'
     )
-
-
-# The C99 templates: the arithmetic is plain C, and what belongs to a face is a $word.
-
-FOLDER = Path(__file__).parent / "c"
-TEMPLATES = (FOLDER / "face.h", FOLDER / "face.c")
-
-
-def filled(stem: str, words: Mapping[str, object]) -> dict[str, str]:
-    """Return the texts of the header and of the source by their names, stem.h and stem.c."""
-    return {f"{stem}{file.suffix}": Template(file.read_text(encoding="ascii")).substitute(words) for file in TEMPLATES}

@@ -77,7 +77,7 @@ def read_drags(file: Path, names: Sequence[str]) -> list[Configuration]:
 
 
 def targets_of(neutral: np.ndarray, names: Sequence[str], configurations: Sequence[Configuration]) -> np.ndarray:
-    """Return where the control points shall go, (k, c, 3) float32 mm; those that nobody drags stay.
+    """Return where the control points are wanted, (k, c, 3) float32 mm; those that nobody drags stay.
 
     neutral: (c, 3), the control points of the neutral pose.
     """
@@ -94,7 +94,7 @@ def files_of(character: str) -> tuple[Path, ...]:
 def configurations(
     rig: Rig, points: ControlPoints, files: Sequence[Path] = (), stream: str = "table4", count: int = COUNT
 ) -> Float32[np.ndarray, "k c 3"]:
-    """Return where the control points shall go in each configuration, (k, c, 3) mm.
+    """Return where the control points are wanted in each configuration, (k, c, 3) mm.
 
     rig: for its neutral pose
     points: the rig's control points

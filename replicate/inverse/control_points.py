@@ -65,7 +65,7 @@ def targets_of_drags(
 ) -> Float32[np.ndarray, "c 3"]:
     """Return control points with some of them moved: (name, (x, y) or (x, y, z) in mm) each.
 
-    Raises InputError for a name that is no control point, and for a move that is not finite.
+    Raises InputError for an unknown control point, and for a move that is not finite.
     """
     targets = np.array(neutral, np.float32)
     for name, move in drags:

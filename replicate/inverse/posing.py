@@ -34,7 +34,7 @@ def pose(rig: Rig, params: Float[np.ndarray, "k m"]) -> Posed:
 def point_errors_mm(
     posed: Posed, targets: Float[np.ndarray, "k c 3"], points: ControlPoints, axes: int
 ) -> Float32[np.ndarray, "k c"]:
-    """Return how far the rig's control points are from where they shall go, mm, in the first `axes` coordinates."""
+    """Return how far the rig's control points are from where they are wanted, mm, in the first `axes` coordinates."""
     apart = (posed.vertices[:, points.vertices] - targets)[..., :axes]
     return np.linalg.norm(apart, axis=-1).astype(np.float32)
 

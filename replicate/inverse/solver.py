@@ -42,10 +42,9 @@ def solve(
     The configurations are independent, so their sum is least where each of them is.
 
     positions: raw rig parameters (b, m) → positions (b, c, 3) of the control points in mm
-    targets: where the control points shall go, mm
+    targets: where the control points are wanted, mm
     default: parameters of the neutral pose
-    lower: limits of the parameters
-    upper: limits of the parameters
+    lower, upper: limits of the parameters
     ranges: as of `parameter_ranges`
     driven: indices of the parameters that may move
     axes: how many coordinates of a point are used

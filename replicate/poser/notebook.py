@@ -83,7 +83,7 @@ class Poser(anywidget.AnyWidget):
         """Drag control points, by name, (x, y) mm from where they are wanted; the IK networks pose the face (Eq. 7).
 
         The parameters change by as much as the networks' answer does, within their limits (D25). Raises InputError for
-        a name that is no control point, and for a move that is not finite.
+        an unknown control point, and for a move that is not finite.
         """
         targets = targets_of_drags(self.targets, self.points, list(moves.items()))
         self._set(self.face.dragged(self.params, self.targets, targets), targets)

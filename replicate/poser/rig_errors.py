@@ -66,7 +66,7 @@ class RigErrors:
 
 
 def rig_errors(face: PosedFace, params: Float32[np.ndarray, " m"]) -> RigErrors:
-    """Return how far a face, as it is posed in a browser, is from its rig at the same raw parameters."""
+    """Return how far a face, posed as in a browser, is from its rig at the same raw parameters."""
     truth = np.asarray(face.rig(params[None])[0], np.float32)
     predicted = posed_vertices(face, params[None])[0]
     faces = face.rig.mesh.faces
