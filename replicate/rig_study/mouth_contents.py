@@ -2,10 +2,10 @@
 
 The face and the mouth bag are one surface; teeth, gums and tongue are separate pieces that lie in the bag. A vertex of
 theirs has come *through* when it lies in front of outer skin, where it can be seen. Then a ray from it back into the
-head meets skin that faces the other way; the ray is opposite to the direction in which the vertex faces lips, cheek or
-chin at rest, turned with its piece. The depth is the distance to that skin's plane, in mm beyond what it is at rest.
-Through an open mouth the ray meets no skin. Pieces behind the skin, in the bag or in its wall, are ignored: nobody sees
-them.
+head, against its outward direction, meets skin that faces outwards as well. The outward direction is that in which the
+vertex faces lips, cheek or chin at rest, and turns with its piece. The depth is the distance to that skin's plane, in
+mm beyond what it is at rest. Through an open mouth the ray meets no skin. Pieces behind the skin, in the bag or in its
+wall, are ignored: nobody sees them.
 
 A tongue may loll over a lip, and then lies in front of skin without having come through it. It has come through where
 skin separates its front from its root, so that no way along its edges leads back without crossing skin.

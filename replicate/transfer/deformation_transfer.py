@@ -1,8 +1,8 @@
 """Deformation transfer (Sumner and Popović 2004), the classical way to move one mesh as another one does: the baseline.
 
-Every triangle of the new mesh should turn, stretch and shear as its counterpart on the posed original. The vertices that
-come nearest to that solve a linear system, whose matrix never changes. Unlike the networks' maps it needs the original
-mesh in every pose, and a counterpart for every triangle.
+Every triangle of the new mesh should turn, stretch and shear as its counterpart on the posed original. The vertices
+that come nearest to that solve a linear system, whose matrix never changes. Unlike the networks' maps it needs the
+original mesh in every pose, and a counterpart for every triangle.
 """
 
 from dataclasses import replace
