@@ -122,7 +122,7 @@ def test_the_model_itself_stays_as_it_was(mesh, coarse):
 def test_a_segment_without_a_map_and_a_model_without_maps_are_refused(mesh, coarse):
     with pytest.raises(InputError, match="no map of segment 'tooth'; it has maps of face, neck"):
         transferred(coarse, mesh)
-    with pytest.raises(InputError, match="found a dict"):
+    with pytest.raises(InputError, match="expected a coarse or a refined one, which has maps, got a dict"):
         transferred({}, mesh)
 
 
