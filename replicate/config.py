@@ -1,7 +1,7 @@
-"""All numbers of a run's configuration, as frozen dataclasses whose defaults are the paper's values.
+"""The configuration of a run, as frozen dataclasses whose defaults are the paper's values.
 
-A profile overrides some of them, a TOML file (`CONFIG=file.toml`) may override more; an unknown key or a value
-out of range is an InputError. The resolved configuration is stored with every artefact and decides its key.
+A profile overrides some of them, and a TOML file (`CONFIG=file.toml`) may override more; an unknown key or a value
+out of range is an InputError. The resolved configuration is stored with every artefact and is part of its key.
 """
 
 import dataclasses
@@ -41,13 +41,13 @@ class SamplesConfig(Checked):
     bins: int = number(16, 1, 10_000)
     split: Literal["frames", "clips"] = "frames"
     held_out: float = number(0.1, 0.001, 0.9)  # share of the animation that makes the test poses
-    validation: int = number(64, 1, 100_000)  # training poses held out, to follow it and choose schedules by (D6)
+    validation: int = number(64, 1, 100_000)  # training poses held out, to watch the training (D6)
     uniform_test: int = number(5_000, 1, 1_000_000)  # test poses of a rig without clips
 
     def __post_init__(self):
         super().__post_init__()
         if self.high < self.low:
-            raise InputError(f"high is {self.high!r}: allowed is a number of at least low, {self.low}")
+            raise InputError(f"high: expected a number of at least low, {self.low}, got {self.high!r}")
 
 
 @dataclass(frozen=True)
@@ -57,18 +57,18 @@ class TrainingConfig(Checked):
     schedule: Literal["paper", "one_cycle", "two_cycles"] = "paper"
     steps: int = number(70_000, 1, 2_000_000)
     batch: int = number(8, 1, 4096)
-    draws: Literal["balanced", "uniform"] = "balanced"  # of training samples: as §3.5, or each as often as any other
+    draws: Literal["balanced", "uniform"] = "balanced"  # of training samples: as in §3.5, or all equally often
     rates: tuple[float, ...] = number((1e-3, 1e-4, 1e-5), 1e-9, 1.0)  # "paper": one after the other
     shares: tuple[float, ...] = number((5.0, 1.0, 1.0), 0.0, 1e6)  # of the steps that each rate gets
     peak_rate: float = number(2e-3, 1e-9, 1.0)  # of a cycle: linear warm-up to it, cosine decay from it
     warm_up: float = number(0.05, 0.0, 0.9)  # share of the steps
-    largest_gradient: float = number(0.0, 0.0, 1e6)  # longer ones are shortened to it; 0 leaves all as they are
+    largest_gradient: float = number(0.0, 0.0, 1e6)  # longer ones are shortened to it; 0: no limit
 
     def __post_init__(self):
         super().__post_init__()
         if len(self.shares) != len(self.rates) or sum(self.shares) <= 0:
-            choices = f"{len(self.rates)} numbers, as many as rates, not all of them 0"
-            raise InputError(f"shares is {shown(self.shares)}: allowed are {choices}")
+            expected = f"{len(self.rates)} numbers, as many as rates, not all of them 0"
+            raise InputError(f"shares: expected {expected}, got {shown(self.shares)}")
 
 
 @dataclass(frozen=True)
@@ -78,12 +78,12 @@ class ConditioningConfig(Checked):
     # rig parameters by the largest value of each, as the rig has them, or in ranges like those of Ray's controls
     inputs: Literal["largest", "raw", "released"] = "largest"
     unit_mm: float = number(0.0, 0.0, 1e6)  # the length that outputs are in; 0: the RMS of the segment's targets
-    weights: Literal["he", "released"] = "he"  # first ones: He et al. (2015), or as TensorFlow and the released code do
+    weights: Literal["he", "released"] = "he"  # the first: He et al. (2015), or as in the released code
 
 
 def _check_maps(size: int, hidden: tuple[int, ...]) -> None:
     if size & (size - 1):
-        raise InputError(f"map_size is {size}: allowed is a power of two, since each level doubles the 8×8 maps")
+        raise InputError(f"map_size: expected a power of two, since each level doubles the 8×8 maps, got {size}")
     if hidden[-1] % START**2:
         raise InputError(
             f"hidden: expected a multiple of {START**2} as its last width, for maps of 8×8 pixels, got {shown(hidden)}"
@@ -116,8 +116,8 @@ class RefinementConfig(Checked):
     hidden: tuple[int, ...] = number((256, 512), 1, 65_536)
     leaky_slope: float = number(0.2, 0.0, 1.0)
     normal_weight: float = number(5.0, 0.0, 1e6)
-    square: float = number(0.25, 0.01, 1.0)  # side of a segment, of the width of the UVs
-    clusters_max: int = number(10, 2, 64)  # the elbow is looked for up to so many clusters
+    square: float = number(0.25, 0.01, 1.0)  # side of a segment, in widths of a chart
+    clusters_max: int = number(10, 2, 64)  # the most clusters that are tried
     poses: int = number(1_000, 1, 1_000_000)  # training poses that Eq. 2 is averaged over
     conditioning: ConditioningConfig = ConditioningConfig()
     training: TrainingConfig = TrainingConfig()
@@ -175,11 +175,9 @@ class DrivenConfig(Checked):
 class EvaluationConfig(Checked):
     """What is measured and shown (§5.1)."""
 
-    test_poses: int = number(
-        0, 0, 10_000_000
-    )  # a random subset of so many unique test poses; 0 takes them all, as the paper
+    test_poses: int = number(0, 0, 10_000_000)  # size of a random subset of the unique test poses; 0: all, as the paper
     batch: int = number(32, 1, 4096)  # test poses predicted at a time
-    floor_poses: int = number(0, 0, 10_000_000)  # test poses that the projection floor is measured on; 0 takes them all
+    floor_poses: int = number(0, 0, 10_000_000)  # test poses that the projection floor is measured on; 0: all
     heatmap_deg: float = number(30.0, 0.1, 180.0)  # upper end of the colours, shared by all panels
 
 
@@ -187,9 +185,11 @@ class EvaluationConfig(Checked):
 class ReportFitsConfig(Checked):
     """The regressions of `make rig-report`, and the basis whose coefficients they predict (not in the paper)."""
 
-    samples: int = number(10_000, 2, 30_000)  # most training samples: their products fill 0.8 GB, a factor as much more
+    samples: int = number(
+        10_000, 2, 30_000
+    )  # training samples at most; their products fill 0.8 GB, their factorisation as much
     basis_samples: int = number(2_000, 2, 20_000)  # training samples that the components are of
-    components: int = number(512, 1, 20_000)  # most of them: those of a face beyond hold micrometres
+    components: int = number(512, 1, 20_000)  # at most; those of a face beyond these are of micrometres
     strengths: tuple[float, ...] = number((1e-7, 1e-6, 1e-5), 1e-15, 1e6)  # λ of the penalty
     poses: int = number(100, 1, 1_000_000)  # test poses that components are counted on
 
@@ -246,8 +246,8 @@ class Config(Checked):
             raise InputError(no_character(name))
         if not re.fullmatch(LABEL, stem) or len(os.fsencode(stem)) > LONGEST:
             raise InputError(
-                f"{'folder' if folder else 'recipe'} {shown_path(folder or recipe)}: the name {shown(stem)} can't name "
-                f"folders: allowed are letters, digits, _, . and -, {LONGEST} of them at most"
+                f"{'folder' if folder else 'recipe'} {shown_path(folder or recipe)}: folders can't be "
+                f"called {shown(stem)}: expected at most {LONGEST} letters, digits, _, . and -"
             )
         if not is_file(recipe):
             kind = "file, which a folder of samples has" if folder else "recipe file"
@@ -255,9 +255,9 @@ class Config(Checked):
 
 
 def with_sections(sections: Mapping[str, Checked]) -> type[Config]:
-    """Return the class of configurations that have more sections: those of methods with numbers of their own.
+    """Return the class of configurations with more sections: those of methods that have settings.
 
-    The same sections give the same class, so that configurations of equal numbers are equal.
+    The same sections give the same class, so that configurations with equal values are equal.
     """
     return _with_fields(tuple(sections.items())) if sections else Config
 
@@ -276,12 +276,16 @@ def resolve(
     sections: Mapping[str, Checked] | None = None,
     **values: object,
 ) -> Config:
-    """Return the configuration of one character: the paper's values, then the profile, a file, and single values.
+    """Return the configuration of one character: the paper's values, overridden by the profile, a file and arguments.
 
-    character: a name from `recipe_paths.character_names()`, or the path of a recipe or a folder of samples. overrides:
-    a nested dict as a TOML file would give. file: a TOML file of overrides. sections: more sections by name, with the
-    profile's values. values: top-level fields, e.g. `seed=3`; None leaves a field. Raises InputError for an unknown
-    profile or key and for a value out of range.
+    character: a name from `recipe_paths.character_names()`, or the path of a recipe or a folder of samples.
+    profile: a key of `PROFILES`.
+    overrides: a nested dict, as a TOML file would give.
+    file: a TOML file of overrides.
+    sections: more sections by name, with the profile's values.
+    values: top-level fields, such as `seed=3`; None leaves a field as it is.
+
+    Raises InputError for an unknown profile or key and for a value out of range.
     """
     check_profile(profile)
     config = read_table(with_sections(sections or {})(character=character, profile=profile), PROFILES[profile])
@@ -300,7 +304,7 @@ def _overridden(config: Config, overrides: dict, source: str) -> Config:
         return read_table(config, overrides)
 
 
-# The profiles: how many samples and steps a run takes, as overrides of the paper's values.
+# The profiles: numbers of samples and steps, as overrides of the paper's values.
 
 BEST = {"schedule": "one_cycle", "peak_rate": 5e-3, "draws": "uniform", "largest_gradient": 1.0}  # DEVIATIONS D6
 

@@ -149,9 +149,9 @@ FEW_CONTROLS = re.sub(r"(?s)\[controls\].*", f"[controls]\nface = 8\n{NO_OTHERS}
 @pytest.mark.parametrize(
     ("recipe", "parts"),
     [
-        (TINY + "\n[nostril]\nwide = 3\n", ["mine.toml", "unknown key nostril: allowed are name, vertices"]),
-        (TINY + "\n[acting]\nholds = 2\n", ["mine.toml", "acting.holds is 2: allowed is a number from 0 to 1"]),
-        (b"\x89PNG\r\n\x1a\n\xff\xfe", ["mine.toml", "found bytes that are no UTF-8 at 0"]),
+        (TINY + "\n[nostril]\nwide = 3\n", ["mine.toml", "unknown key nostril: expected name, vertices"]),
+        (TINY + "\n[acting]\nholds = 2\n", ["mine.toml", "acting.holds: expected a number from 0 to 1, got 2"]),
+        (b"\x89PNG\r\n\x1a\n\xff\xfe", ["mine.toml", "byte 0 is no UTF-8"]),
         ("name = ", ["mine.toml", "not a readable TOML file"]),
         ('clip_files = ["none.csv"]\n' + TINY, ["none.csv", "there is no such file"]),
         (TINY.replace("vertices = 918", "vertices = 917"), ["mine.toml", "vertices is 917: allowed is 918"]),
@@ -180,9 +180,9 @@ def test_a_bad_clip_is_refused_by_name_and_line(table2_refusal, tmp_path, clip, 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[coarse]\nmap_sise = 64\n", r"unknown key coarse\.map_sise: allowed are map_size"),
-        ("[samples]\ncount = 0\n", r"samples\.count is 0: allowed is a whole number from 1 to 10000000"),
-        ("[coarse.training]\nsteps = 70000000\n", r"coarse\.training\.steps is 70000000: .* from 1 to 2000000"),
+        ("[coarse]\nmap_sise = 64\n", r"unknown key coarse\.map_sise: expected map_size"),
+        ("[samples]\ncount = 0\n", r"samples\.count: expected a whole number from 1 to 10000000, got 0"),
+        ("[coarse.training]\nsteps = 70000000\n", r"coarse\.training\.steps: .* from 1 to 2000000, got 70000000"),
         ("[samples\n", "not a readable TOML file"),
     ],
 )

@@ -42,13 +42,13 @@ def toy(monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (["--jobs", "0"], ["jobs is '0'", "a whole number from 1"]),
-        (["--jobs", "many"], ["jobs is 'many'", "a whole number from 1"]),
+        (["--jobs", "0"], ["jobs: expected a whole number from 1", "got '0'"]),
+        (["--jobs", "many"], ["jobs: expected a whole number from 1", "got 'many'"]),
         (["--jobs", "4", "--cluster", "local:2"], ["JOBS=4", "CLUSTER=local:2", "leave JOBS out"]),
-        (["--seed=-1"], ["seed is '-1'", "a whole number from 0"]),
-        (["--seed", "0,one"], ["seed is 'one'", "a whole number from 0"]),
-        (["--device", "tpu"], ["'tpu'", "auto, cpu, cuda"]),
-        (["--split", "poses"], ["'poses'", "frames, clips"]),
+        (["--seed=-1"], ["seed: expected a whole number from 0", "got '-1'"]),
+        (["--seed", "0,one"], ["seed: expected a whole number from 0", "got 'one'"]),
+        (["--device", "tpu"], ["'tpu'", "expected auto, cpu or cuda"]),
+        (["--split", "poses"], ["split: expected frames or clips, got 'poses'"]),
         (["--config", "nowhere.toml"], ["nowhere.toml", "no such file"]),
         (["--characters", ","], ["no character", "teen"]),
         (["--colour", "red"], ["--colour"]),
@@ -122,7 +122,7 @@ def test_what_make_hands_to_every_target_is_left_out_where_a_target_lacks_it(cap
     assert [(one.config.character, one.config.profile, one.config.seed) for one in results] == [("teen", "quick", 3)]
     facts = read_manifest(artefact_folder(results[0].stage.identifier))["run"]
     assert facts["command"] == "python -m replicate toy --profile quick --seed 3"
-    assert "left out, since this command doesn't take it: LATEX, POSE, TOLERANCE\n" in capfd.readouterr().err
+    assert "left out, since this command has no such option: LATEX, POSE, TOLERANCE\n" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("option", [["--latex"], ["--pose", "joy"]])
@@ -131,7 +131,7 @@ def test_who_types_an_option_that_a_target_lacks_is_told(capsys, cache, recipes,
 
 
 def test_make_leaves_no_misspelt_option_out_of_a_typed_command(capsys, cache, recipes, toy):
-    assert "seed is 'one'" in refusal(capsys, "toy", "--from-make", "--seed", "one")
+    assert "got 'one'" in refusal(capsys, "toy", "--from-make", "--seed", "one")
 
 
 def test_the_tour_is_executed_once_for_each_character(capfd, monkeypatch, tmp_path):

@@ -58,24 +58,24 @@ def test_a_file_overrides_a_profile_and_values_override_both(tmp_path, recipe):
     [
         ("colour = 1", ["unknown key colour", "samples"]),
         ("[coarse]\nmapsize = 32", ["unknown key coarse.mapsize", "map_size"]),
-        ("[coarse.training]\nbatch = 0", ["coarse.training.batch is 0", "from 1 to 4096"]),
-        ("[coarse.training]\nbatch = 8.5", ["coarse.training.batch is 8.5", "whole number"]),
-        ("[coarse.training]\nbatch = true", ["coarse.training.batch is True", "whole number"]),
+        ("[coarse.training]\nbatch = 0", ["coarse.training.batch: expected", "from 1 to 4096, got 0"]),
+        ("[coarse.training]\nbatch = 8.5", ["coarse.training.batch: expected a whole number", "got 8.5"]),
+        ("[coarse.training]\nbatch = true", ["coarse.training.batch: expected a whole number", "got True"]),
         ("[coarse.training]\nrates = [1e-3]", ["coarse.training.shares", "1 numbers"]),
         (
             "[coarse.training]\nschedule = 'cosine'",
-            ["coarse.training.schedule is 'cosine'", "paper, one_cycle, two_cycles"],
+            ["coarse.training.schedule: expected paper, one_cycle or two_cycles, got 'cosine'"],
         ),
         ("[coarse]\nhidden = [32, 32]", ["coarse.hidden", "multiple of 64", "got [32, 32]"]),
         ("[refinement]\nhidden = [100]", ["refinement.hidden", "multiple of 64", "got [100]"]),
-        ("[coarse]\nmap_size = 33", ["coarse.map_size is 33", "power of two"]),
-        ("[coarse]\nnormal_weight = nan", ["coarse.normal_weight is nan", "number"]),
-        ("[coarse]\nnormal_weight = inf", ["coarse.normal_weight is inf", "number"]),
-        ("coarse = 3", ["coarse is 3", "a table"]),
-        ("[samples]\nhigh = 0.1", ["samples.high is 0.1", "at least low"]),
-        ("[samples]\nsplit = 'poses'", ["samples.split is 'poses'", "frames, clips"]),
-        ("[samples]\nheld_out = 1.0", ["samples.held_out is 1.0", "from 0.001 to 0.9"]),
-        ("[lbs]\nbones = []", ["lbs.bones is []", "one or more"]),
+        ("[coarse]\nmap_size = 33", ["coarse.map_size: expected a power of two", "got 33"]),
+        ("[coarse]\nnormal_weight = nan", ["coarse.normal_weight: expected a number", "got nan"]),
+        ("[coarse]\nnormal_weight = inf", ["coarse.normal_weight: expected a number", "got inf"]),
+        ("coarse = 3", ["coarse: expected a table [coarse], got 3"]),
+        ("[samples]\nhigh = 0.1", ["samples.high: expected", "at least low", "got 0.1"]),
+        ("[samples]\nsplit = 'poses'", ["samples.split: expected frames or clips, got 'poses'"]),
+        ("[samples]\nheld_out = 1.0", ["samples.held_out: expected", "from 0.001 to 0.9, got 1.0"]),
+        ("[lbs]\nbones = []", ["lbs.bones: expected", "one or more", "got []"]),
         ("[lbs]\nbones = [16, 'x']", ["lbs.bones", "whole number"]),
         ("profile = 'quick'", ["profile can't be set here", "PROFILE="]),
         ("character = 'teen'", ["character can't be set here", "CHARACTERS="]),
@@ -163,7 +163,7 @@ def test_configurations_are_frozen(recipe):
 
 
 def test_a_seed_or_device_that_cannot_be_is_refused(recipe):
-    with pytest.raises(InputError, match="seed is -1: allowed is a whole number from 0 to 4294967295"):
+    with pytest.raises(InputError, match="seed: expected a whole number from 0 to 4294967295, got -1"):
         resolve(recipe, seed=-1)
-    with pytest.raises(InputError, match="device is 'tpu': allowed is one of cpu, cuda"):
+    with pytest.raises(InputError, match="device: expected cpu or cuda, got 'tpu'"):
         resolve(recipe, device="tpu")

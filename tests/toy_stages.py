@@ -68,7 +68,7 @@ def faulty(context) -> None:
         with open(os.environ["TOY_FAULTS"], "a") as stream:
             stream.write(f"{context.config.fault}\n")
     if context.config.fault == "input":
-        raise InputError("head.toml: teeth is 3: allowed is an even number")
+        raise InputError("head.toml: teeth: expected an even number, got 3")
     if context.config.fault == "full":
         with open("/dev/full", "wb") as stream:
             stream.write(b"x" * 100_000)

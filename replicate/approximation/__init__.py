@@ -1,1 +1,1 @@
-"""The approximation of a rig by networks (§3), and the baselines that it is compared with."""
+"""The approximation of a rig by networks (§3), and how its errors are measured (§5)."""

@@ -1,8 +1,8 @@
-"""The coarse approximation: a small CNN a segment turns rig parameters into a deformation map (§3.1, §3.5, Fig. 3).
+"""The coarse approximation: for each segment a small CNN from rig parameters to a deformation map (§3.1, §3.5, Fig. 3).
 
-`MapNetwork.maps` is the figure, layer by layer. Training and inference go through `forward`, the same function
-rearranged: nearest upsampling and the 3×3 convolution after it become one transposed convolution, and the maps are
-sampled before the last 1×1 convolution, not after; both are exact, since all of these are linear.
+`MapNetwork.maps` follows the figure layer by layer. Training and inference use `forward`, the same function rearranged:
+nearest upsampling and the 3×3 convolution after it become one transposed convolution, and the maps are sampled before
+the last 1×1 convolution, not after it. Both are exact, since all of these are linear.
 """
 
 from collections.abc import Sequence
@@ -28,9 +28,12 @@ from replicate.kernels.vector_code import CHANNELS
 class MapNetwork(nn.Module):
     """f(p; θ) of Fig. 3 and the sampling g: (b, j) scaled parameters → (b, k, 3) offsets of one segment.
 
-    uv: (k, 2), where the segment's vertices read the map. map_size: 8·2^levels pixels. hidden: widths of the dense
-    layers; the last is reshaped to 8×8 with hidden[-1] / 64 channels. All layers but that one and the last are followed
-    by a leaky ReLU.
+    inputs: j.
+    uv: (k, 2), where the segment's vertices read the map.
+    map_size: pixels a side, 8·2^levels.
+    channels: those of every convolution.
+    hidden: widths of the dense layers; the last is reshaped to 8×8 pixels with hidden[-1] / 64 channels.
+    slope: that of the leaky ReLUs, which follow all layers but the last dense one and the output.
     """
 
     pixels: torch.Tensor
@@ -59,7 +62,7 @@ class MapNetwork(nn.Module):
         return self.dense[-1](x).view(len(x), START, START, -1)
 
     def maps(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b size size 3"]:
-        """Return the deformation maps I_k, as Fig. 3 has them: the clear twin."""
+        """Return the deformation maps I_k, computed as in Fig. 3."""
         x = self._start(params).permute(0, 3, 1, 2)
         for layer in self.upsampled:
             x = functional.leaky_relu(layer(functional.interpolate(x, scale_factor=2, mode="nearest")), self.slope)
@@ -75,7 +78,7 @@ class MapNetwork(nn.Module):
         return MapOffsets.apply(start, self.slope, self._grid(), *convolutions, *output)
 
     def _grid(self) -> Grid:
-        """Return how the vertices read the map; worked out anew where they are other ones than the last time."""
+        """Return how the vertices read the map; cached for as long as `pixels` is the same tensor."""
         if self._listed is None or self._listed[0] is not self.pixels:
             pixels = self.pixels.numpy()
             upper = places(*np.divmod(pixels[:, 0], self.map_size), self.map_size)
@@ -91,7 +94,7 @@ def make_network(segment: Segment, facts: dict) -> MapNetwork:
 
 
 def shape_facts(config: CoarseConfig | RefinementConfig) -> dict:
-    """Return what `make_network` needs of a configuration, JSON-ready."""
+    """Return the part of a configuration that `make_network` needs, JSON-ready."""
     return {
         "map_size": config.map_size,
         "channels": config.channels,
@@ -106,5 +109,5 @@ def save(model: SegmentedModel, folder: Path, config: CoarseConfig | RefinementC
 
 
 def load_coarse(folder: Path) -> SegmentedModel:
-    """Read a coarse model; its `.offsets(params)` predicts. Raises InputError when there is none."""
+    """Read a coarse model; raise InputError if there is none."""
     return load_model(folder, make_network)

@@ -1,11 +1,11 @@
-"""The sizes that a training starts from: of rig parameters, of offsets and of first weights (DEVIATIONS D8).
+"""How a network's inputs and outputs are scaled, and its first weights drawn (DEVIATIONS D8).
 
 Ours: parameters are divided by their largest absolute value in the training poses, so that rest stays at zero; each
 network's output is multiplied by one fixed length, the RMS of its segment's targets; weights are those of He et al.
 
-The paper is silent on all of it. Its released code scales nothing: controls are in the units of the rig, degrees beside
-lengths, offsets are in the rig's unit of length (its noise of 0.01 units is the paper's 4.5 mm), and the weights are
-TensorFlow's own and small ones for convolutions. Ray's ranges are in its list of controls.
+The paper says nothing about this. Its released code scales nothing: controls are in the rig's units, degrees beside
+lengths, and offsets in its unit of length (its noise of 0.01 units is the paper's 4.5 mm); weights are TensorFlow's
+defaults, and small ones for convolutions. Ray's ranges are in its list of controls.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,9 +19,9 @@ from data_recipes.rig import Rig
 from replicate.approximation.segments import Segment
 from replicate.config import ConditioningConfig
 
-OUTPUT_SHARE = 0.1  # of the size of its targets: what a fresh network gives
-CONVOLUTION_SD = 0.02  # of the released code's first weights of convolutions
-# What 1 of a control of ours is in Ray's ranges, by what its name begins with: degrees and the rig's lengths.
+OUTPUT_SHARE = 0.1  # the size of a fresh network's output, in that of its targets
+CONVOLUTION_SD = 0.02  # standard deviation of the released code's first weights of convolutions
+# The value 1 of our controls in Ray's ranges, in degrees or the rig's lengths, by how their names begin.
 RELEASED_RANGES = (
     ("jaw_open", 22.0),
     ("jaw_", 7.5),
@@ -45,7 +45,8 @@ def input_scale(
 ) -> Float32[np.ndarray, " m"]:
     """Return what each rig parameter is divided by before a network sees it.
 
-    params: the training poses. rig: gives the rig; it is called only where the names of its controls decide.
+    params: the training poses.
+    rig: returns the rig; called only if the names of its controls matter.
     """
     if config.inputs == "largest":
         return parameter_scale(params)
@@ -67,9 +68,9 @@ def parameter_scale(params: Float[np.ndarray, "N m"]) -> Float32[np.ndarray, " m
 def output_lengths(
     config: ConditioningConfig, segments: Sequence[Segment], targets: Float[np.ndarray, "b n 3"]
 ) -> list[float]:
-    """Return the length in mm that each segment's network gives its offsets in.
+    """Return the unit, in mm, of the output of each segment's network.
 
-    targets: what the networks are to give at some training poses.
+    targets: the offsets that the networks should predict at some training poses.
     """
     if config.unit_mm:
         return [config.unit_mm] * len(segments)
@@ -80,23 +81,20 @@ def output_lengths(
 def initialise(
     config: ConditioningConfig, networks: Sequence[nn.Module], slope: float, generator: torch.Generator
 ) -> None:
-    """Draw the first weights of networks; biases start at zero. slope: of their leaky ReLUs."""
+    """Draw the first weights of networks; biases start at zero. slope: that of their leaky ReLUs."""
     draw = _he(slope) if config.weights == "he" else _released
     with torch.no_grad():
         for layer in nn.ModuleList(networks).modules():
             if isinstance(layer, nn.Linear | nn.Conv2d):
                 draw(layer, generator)
                 layer.bias.zero_()
-        if config.weights == "he":
+        if config.weights == "he":  # then a fresh network has little noise to unlearn
             for network in networks:
                 network.output.weight.mul_(OUTPUT_SHARE)
 
 
 def _he(slope: float) -> Callable:
-    """Weights that keep the variance through leaky ReLUs (He et al. 2015), a tenth of that for each `output`.
-
-    So a fresh network gives a tenth of the offsets' size, and has little noise to unlearn.
-    """
+    """Return a function that draws weights which keep the variance through leaky ReLUs (He et al. 2015)."""
     gain = (2 / (1 + slope**2)) ** 0.5
 
     def draw(layer: nn.Module, generator: torch.Generator) -> None:
@@ -106,7 +104,7 @@ def _he(slope: float) -> Callable:
 
 
 def _released(layer: nn.Module, generator: torch.Generator) -> None:
-    """Glorot and Bengio (2010) for dense layers; for convolutions a normal distribution cut off at twice its width."""
+    """Draw weights: Glorot and Bengio (2010) for dense layers, a truncated normal distribution for convolutions."""
     if isinstance(layer, nn.Linear):
         nn.init.xavier_uniform_(layer.weight, generator=generator)
     else:

@@ -12,8 +12,8 @@ import torch
 from jaxtyping import Float, Float32, Int
 from scipy.sparse import csr_array, identity
 
-# Weight of |I|² beside a typical |data|² in the least-squares fit: it only decides the pixels that the vertices leave
-# open, and moves the result by less than a thousandth of the offsets.
+# Weight of |I|² beside |data|² in the least-squares fit: it only decides pixels that no vertex reads, and moves the
+# result by less than a thousandth of the offsets.
 RIDGE = 1e-6
 
 
@@ -21,7 +21,8 @@ RIDGE = 1e-6
 class Bilinear:
     """How k vertices read a map: the four pixels around each, and their weights.
 
-    pixels: (k, 4) int32, index r·size + c. weights: (k, 4) float32, non-negative, each row sums to 1.
+    pixels: (k, 4) int32, index r·size + c.
+    weights: (k, 4) float32, non-negative; each row sums to 1.
     """
 
     size: int
@@ -41,11 +42,9 @@ def bilinear(uv: Float[np.ndarray, "k 2"], size: int) -> Bilinear:
 
 
 def sample(
-    maps: Float[torch.Tensor, "b size size c"],
-    pixels: Int[torch.Tensor, "k 4"],
-    weights: Float[torch.Tensor, "k 4"],
+    maps: Float[torch.Tensor, "b size size c"], pixels: Int[torch.Tensor, "k 4"], weights: Float[torch.Tensor, "k 4"]
 ) -> Float[torch.Tensor, "b k c"]:
-    """Return what each vertex reads from the maps, Δ_k = g(I_k; U_k): in plain torch."""
+    """Return what each vertex reads from the maps, Δ_k = g(I_k; U_k), in plain torch."""
     read = maps.flatten(1, 2)[:, pixels.long()]  # (b, k, 4, c)
     return (read * weights[:, :, None]).sum(2)
 
@@ -62,10 +61,12 @@ def polyharmonic_map(
 ) -> Float[np.ndarray, "size size d"]:
     """Interpolate vertex values to the pixels of a map: polyharmonic interpolation with a linear kernel (§3.3).
 
-    uv: texture coordinates; vertices that share one are averaged, since no function can pass through both. values: d
-    numbers a vertex. An affine function of u and v is added to the kernels, as is usual, so that affine maps are kept.
+    uv: texture coordinates; vertices with the same ones are averaged, since no function can pass through both values.
+    values: d of them for each vertex.
+
+    An affine function of u and v is added to the kernels, as is usual, so that affine maps are kept.
     """
-    from scipy.interpolate import RBFInterpolator  # not for those who pose a face
+    from scipy.interpolate import RBFInterpolator  # slow; posing a face doesn't need it
 
     places, inverse = np.unique(np.asarray(uv, np.float64), axis=0, return_inverse=True)
     inverse = inverse.ravel()
@@ -80,10 +81,7 @@ def polyharmonic_map(
 
 
 class Projection:
-    """The least-squares map of a segment, and what its vertices read from it.
-
-    min_I Σ |g(I; U) − values|² + RIDGE |I|², factored once, applied to any number of poses.
-    """
+    """The least-squares maps of a segment, min_I Σ |g(I; U) − values|² + RIDGE |I|², for any number of poses."""
 
     def __init__(self, uv: Float[np.ndarray, "k 2"], size: int):
         from scipy.sparse.linalg import splu
@@ -101,11 +99,11 @@ class Projection:
 
 
 class Floor:
-    """The true offsets as well as the maps can hold them, by least squares: what this layout of maps allows.
+    """The true offsets as well as maps of these sizes can hold them, by least squares.
 
-    segments: the coarse ones, each with `.vertices` (k,) and `.uv` (k, 2). With refinement segments, what their maps of
-    `refinement_size` can hold of the remaining residual is added, as the refinement network would. One factorisation a
-    segment.
+    segments: the coarse ones, each with `.vertices` (k,) and `.uv` (k, 2).
+    size: that of the coarse maps.
+    refinement: segments whose maps, of `refinement_size`, hold a part of the remaining residual.
     """
 
     def __init__(self, segments: Sequence, size: int, refinement: Sequence = (), refinement_size: int = 64):
@@ -113,7 +111,7 @@ class Floor:
         self.projections = [(s.vertices, Projection(s.uv, width)) for level, width in levels for s in level]
 
     def __call__(self, offsets: Float[np.ndarray, "b n 3"]) -> Float32[np.ndarray, "b n 3"]:
-        """Return the offsets (mm) that the vertices read from the maps; zero on vertices of no segment (rigid ones)."""
+        """Return the offsets (mm) that the vertices read from the maps; zero on vertices outside the segments."""
         floor = np.zeros(offsets.shape, np.float32)
         for vertices, project in self.projections:
             floor[:, vertices] += project(offsets[:, vertices] - floor[:, vertices])

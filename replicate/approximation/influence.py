@@ -1,8 +1,8 @@
 """Which control can move which vertex: the inputs of each segment's networks (§3.1).
 
-The paper feeds a segment's network the rig parameters that can move the segment. For a closed rig only trials
-show which those are. One trial at the default pose is not enough: a wrinkle gain does nothing on a smooth forehead,
-sticky lips nothing in a closed mouth. So every control is moved to both ends of its range from several poses.
+In the paper, a segment's network sees the rig parameters that can move the segment. For a closed rig only trials show
+which these are. One trial at the default pose is not enough: a wrinkle gain does nothing on a smooth forehead, sticky
+lips do nothing in a closed mouth. So every control is moved to both ends of its range from several poses.
 """
 
 from collections.abc import Callable
@@ -15,16 +15,13 @@ from data_recipes.rig import Rig
 from replicate.approximation.samples import SampleSet, evaluate
 from replicate.approximation.sampling import augment
 
-THRESHOLD_MM = 1e-3  # a tenth of the smallest error in Table 2's last digit, and well above float32 rounding
+THRESHOLD_MM = 1e-3  # a tenth of the last digit in Table 2, and well above float32 rounding
 
 
 def influence_poses(
     rig: Rig, poses: Float[np.ndarray, "a m"], generator: np.random.Generator, count: int = 12
 ) -> Float32[np.ndarray, "count m"]:
-    """Choose poses to try controls from: the default, far-apart poses of the animation, and Eq. 5 on those.
-
-    poses: training poses (or uniform ones, for a rig without clips).
-    """
+    """Choose poses to try controls from: the default pose, training poses far apart, and Eq. 5 on those."""
     spread = (poses - rig.default) / (rig.upper - rig.lower)
     base = np.asarray(poses, dtype=np.float32)[farthest_first(spread, max(1, (count - 1) // 2))]
     augmentation = augment(base, count - 1 - len(base), generator)
@@ -42,15 +39,12 @@ def farthest_first(points: Float[np.ndarray, "a m"], count: int) -> Int[np.ndarr
 
 
 def influence(
-    rig: Rig,
-    poses: Float[np.ndarray, "b m"],
-    threshold_mm: float = THRESHOLD_MM,
-    progress: Callable | None = None,
+    rig: Rig, poses: Float[np.ndarray, "b m"], threshold_mm: float = THRESHOLD_MM, progress: Callable | None = None
 ) -> Bool[np.ndarray, "n m"]:
-    """Return which control moves which vertex by more than `threshold_mm` along an axis, from any of some poses.
+    """Return which control moves which vertex by more than `threshold_mm` along an axis, from any of the poses.
 
-    From every pose, each control in turn is set to the lower and to the upper end of its range, the others unchanged:
-    1 + 2m rig calls a pose, batched. poses: as `influence_poses` chooses them. progress: as for `write_samples`.
+    poses: as `influence_poses` chooses them. From each of them, every control is set to both ends of its range.
+    progress: as for `write_samples`.
     """
     m = len(rig.controls)
     moves = np.zeros((m, len(rig.mesh.neutral)), dtype=bool)
@@ -69,14 +63,15 @@ def influence(
     return moves.T
 
 
-# Which control can move which vertex, where no control can be tried: estimated from training poses (DEVIATIONS D7).
+# Where no control can be tried, influence is estimated from training poses (DEVIATIONS D7): by ridge regression on the
+# controls and on *shadows*, which are columns of controls in shuffled order, so that all their effect is noise.
 
-POSES = 10_000  # most that are looked at
+POSES = 10_000  # at most
 BATCH = 128
-RIDGE = 1e-4  # of the mean square of a column, which is 1
+RIDGE = 1e-4  # in mean squares of a column, which are 1
 FLOOR_MM = 0.005
-SHADOWS = 64  # at most; as many columns of noise as of controls would take too much from few samples
-TIMES = 1.5
+SHADOWS = 64  # at most: a shadow for each control would be too much for few samples
+TIMES = 1.5  # a control moves a vertex if its effect is that of the largest shadow times this, or more
 
 
 def estimate_influence(
@@ -85,9 +80,11 @@ def estimate_influence(
     generator: np.random.Generator,
     progress: Callable | None = None,
 ) -> Bool[np.ndarray, "n m"]:
-    """Return which control moves which vertex, by the training samples.
+    """Return which control moves which vertex, estimated from the training samples.
 
-    default: the controls' defaults. generator: orders the shadows' poses. progress: as for `write_samples`.
+    default: the controls' defaults.
+    generator: shuffles the shadows.
+    progress: as for `write_samples`.
     """
     effects, shadows = effects_mm(samples, default, generator, progress)
     noise = shadows.max(axis=1, keepdims=True)
@@ -100,7 +97,7 @@ def effects_mm(
     generator: np.random.Generator,
     progress: Callable | None = None,
 ) -> tuple[Float64[np.ndarray, "n m"], Float64[np.ndarray, "n s"]]:
-    """Return how far each control moves each vertex, and how far shadows seem to, in mm (root mean squares)."""
+    """Return how far each control moves each vertex, and how far each shadow seems to, in mm (root mean squares)."""
     poses = np.unique(np.linspace(0, len(samples) - 1, POSES).astype(int))
     moves = np.asarray(samples.params[poses], np.float64) - default
     m = moves.shape[1]
@@ -121,7 +118,7 @@ def effects_mm(
     gram = design.T.astype(np.float64) @ design
     weights = np.linalg.solve(gram + RIDGE * len(poses) * np.eye(len(gram)), products.astype(np.float64))
     weights = weights[:-1].reshape(2, count, -1, 3)  # (term, control or shadow, vertex, axis)
-    mixed = (columns[:, :count] * columns[:, count:]).mean(axis=0)[:, None]  # of a control and its square
+    mixed = (columns[:, :count] * columns[:, count:]).mean(axis=0)[:, None]  # correlation of a control and its square
     used = (size[:count] > 0)[:, None]
     square = (weights[0] ** 2).sum(-1) + (weights[1] ** 2).sum(-1) + 2 * mixed * (weights[0] * weights[1]).sum(-1)
     effects = np.sqrt(np.maximum(square, 0.0)) * used

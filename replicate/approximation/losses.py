@@ -1,8 +1,8 @@
 """The loss of Eq. 1: L1 on vertices plus α times L1 on face normals, positions in millimetres.
 
-`reference_loss` is the equation in plain torch. `FacialLoss` is the same on the CPU in one compiled pass that gives
-value and gradient together, since torch's normals and their backward pass alone take longer than the networks.
-α depends on the unit of length: the paper's 5 goes with millimetres.
+`reference_loss` is the equation in plain torch. On the CPU, `FacialLoss` computes value and gradient in one compiled
+pass, since torch's normals and their backward pass alone would take longer than the networks. α depends on the unit of
+length: the paper's 5 is for millimetres.
 """
 
 from collections.abc import Callable
@@ -38,10 +38,13 @@ def reference_loss(
     vertex_count: int,
     face_count: int,
 ) -> Float[torch.Tensor, ""]:
-    """Return Eq. 1 of approximated and true vertices (mm), averaged over the batch.
+    """Return Eq. 1 of approximated and true vertices, averaged over the batch.
 
-    vertex_count, face_count: n and f of Eq. 1. They are those of all that the networks move even where `vertices` and
-    `faces` are the part that a refinement network can change, so that both stages weigh the two terms alike.
+    vertices, target: in mm.
+    faces: indices into the n vertices.
+    normal_weight: α.
+    vertex_count, face_count: n and f of Eq. 1, those of everything that the networks move, even if `vertices` and
+        `faces` are only what a refinement network can change; so both stages weigh the two terms alike.
     """
     distance = (vertices - target).abs().sum() / vertex_count
     normals = (unit_normals(vertices, faces) - unit_normals(target, faces)).abs().sum() / face_count
@@ -49,10 +52,11 @@ def reference_loss(
 
 
 class FacialLoss:
-    """Eq. 1 for one set of faces: compiled on the CPU, `reference_loss` elsewhere.
+    """Eq. 1 for one set of faces: compiled on the CPU, `reference_loss` on other devices.
 
-    neutral: (n, 3) mm. faces: (f, 3), indices into the n vertices. The other arguments as in `reference_loss`.
-    Called with offsets Δ and true offsets, both (b, n, 3) mm, it returns the loss, differentiable in Δ.
+    neutral: (n, 3) mm. The other arguments are those of `reference_loss`.
+
+    A call with offsets Δ and true offsets, both (b, n, 3) mm, returns the loss, differentiable in Δ.
     """
 
     def __init__(
@@ -60,14 +64,14 @@ class FacialLoss:
     ):
         self.neutral, self.faces = np.ascontiguousarray(neutral, np.float32), np.ascontiguousarray(faces, np.int32)
         self.normal_weight, self.vertex_count, self.face_count = float(normal_weight), vertex_count, face_count
-        self._there = None  # neutral and faces on another device, once one asks
+        self._on_device = None  # neutral and faces on another device, from the first call on
 
     def __call__(self, offsets: Float[torch.Tensor, "b n 3"], target: Float[torch.Tensor, "b n 3"]) -> torch.Tensor:
         if offsets.device.type == "cpu":
             return _CompiledLoss.apply(offsets, target, self)
-        if self._there is None:
-            self._there = [torch.from_numpy(array).to(offsets.device) for array in (self.neutral, self.faces)]
-        neutral, faces = self._there
+        if self._on_device is None:
+            self._on_device = [torch.from_numpy(array).to(offsets.device) for array in (self.neutral, self.faces)]
+        neutral, faces = self._on_device
         counts = (self.vertex_count, self.face_count)
         return reference_loss(neutral + offsets, neutral + target, faces, self.normal_weight, *counts)
 
@@ -103,15 +107,18 @@ def _lanes_last(offsets: torch.Tensor, neutral: np.ndarray) -> np.ndarray:
 
 # What networks are trained and validated on: batches of samples, and Eq. 1 over their part of the mesh.
 
-STATISTICS = 512  # training samples, spread over the set, that output lengths are taken from
+STATISTICS = 512  # training samples, spread over the set, that decide the output's unit
 
 
 class Supervision:
-    """Eq. 1 on `vertices`, in that order, against training samples drawn as §3.5 says.
+    """Eq. 1 against training samples, drawn as in §3.5.
 
-    movable: (v,) the vertices that some network moves; its size, and the number of faces within, are Eq. 1's n and f.
-    trainable: (k,) the vertices that the network in training can change, all of `movable` by default. Only faces that
-    touch one of those are in the loss; the rest of Eq. 1 is a constant. `vertices` are the corners of those faces.
+    movable: (v,) the vertices that any network moves; v, and the number of faces among them, are n and f of Eq. 1.
+    normal_weight: α.
+    trainable: (k,) the vertices that the network in training can change; all of `movable` by default.
+
+    The loss is taken on `vertices`, in that order: the corners of all faces that touch a trainable vertex. The rest of
+    Eq. 1 is constant.
     """
 
     def __init__(
@@ -147,9 +154,9 @@ class Supervision:
     def validation(
         self, base: Callable[[np.ndarray], np.ndarray] | None = None
     ) -> Callable[[Callable[[np.ndarray], np.ndarray]], tuple[float, float]]:
-        """Return a function from a predictor of offsets to its mean errors (mm, degrees) on the validation poses.
+        """Return a function: predictor of offsets → its mean errors (mm, degrees) on the validation poses.
 
-        base: a fixed predictor, evaluated once, that the predictor adds to.
+        base: a fixed predictor that the other adds to; evaluated once.
         """
         params = np.asarray(self.samples.validation_params)
         truth = self.mesh.neutral + np.asarray(self.samples.validation_offsets)

@@ -1,7 +1,7 @@
 """How far an approximated mesh is from the true one: Table 2's two errors, and running statistics of them.
 
-The statistics never hold more than one chunk of poses: a test set of 1,500 poses and 25,000 faces has 37 million
-angles for each method.
+Only one batch of poses is held at a time: a test set of 1,500 poses and 25,000 faces has 37 million angles for each
+method.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -14,8 +14,8 @@ from jaxtyping import Float, Int
 from replicate.base.progress import Progress
 from replicate.geometry.mesh import Mesh, face_vectors
 
-# A float32's top 17 bits, sign, exponent and 8 of the mantissa, number the bins of a histogram whose bins are 0.3 %
-# wide or less; those between 2⁻²⁰ and 2¹² (of a mm or degree) have one each, the rest goes to the first or the last.
+# A histogram's bins are the top 17 bits of a float32: sign, exponent and 8 bits of the mantissa. They are at most 0.4 %
+# wide and cover 2⁻²⁰ to 2¹² mm or degrees; other values go to the first or the last bin.
 _SHIFT = 15
 _BINS_PER_OCTAVE = 1 << (23 - _SHIFT)
 _LOWEST = (127 - 20) * _BINS_PER_OCTAVE
@@ -30,10 +30,10 @@ def vertex_error(
 
 
 def angle_between(a: Float[np.ndarray, "*#b 3"], b: Float[np.ndarray, "*#b 3"]) -> Float[np.ndarray, "..."]:
-    """Return the angle between vectors of any length in degrees; NaN where one of them is zero.
+    """Return the angle between vectors of any length in degrees; NaN if one of them is zero.
 
-    Eq. 11 has arccos(n·n'), which loses half of its digits near zero and is undefined when rounding makes the product
-    exceed 1. atan2(|a × b|, a·b) is the same angle, exact for small ones and for large ones.
+    Eq. 11 has arccos(n·n'), which loses half of its digits near zero and is undefined if rounding makes the product
+    exceed 1. atan2(|a × b|, a·b) is the same angle, exact for all sizes.
     """
     ax, ay, az = np.moveaxis(a, -1, 0)
     bx, by, bz = np.moveaxis(b, -1, 0)
@@ -45,24 +45,27 @@ def angle_between(a: Float[np.ndarray, "*#b 3"], b: Float[np.ndarray, "*#b 3"]) 
 
 
 def normal_error(
-    predicted: Float[np.ndarray, "*#b n 3"],
-    target: Float[np.ndarray, "*#b n 3"],
-    faces: Int[np.ndarray, "f 3"],
+    predicted: Float[np.ndarray, "*#b n 3"], target: Float[np.ndarray, "*#b n 3"], faces: Int[np.ndarray, "f 3"]
 ) -> Float[np.ndarray, "... f"]:
     """Return the angle between each face's predicted and true normal, in degrees (the terms of Eq. 11).
 
-    A face that has no area in either mesh has no normal, so its term is NaN. `tally_add` leaves NaN out and counts it,
-    as the paper's released evaluation drops such faces; Eq. 11's f is then the number of the remaining ones.
+    If a face has no area in one of the meshes it has no normal there, and its term is NaN. `tally_add` leaves NaN out
+    and counts it, as the paper's released evaluation drops such faces; f of Eq. 11 is the number of the others.
     """
     return angle_between(face_vectors(predicted, faces), face_vectors(target, faces))
 
 
 @dataclass(frozen=True)
 class Tally:
-    """Running statistics of an error, one row per group of elements (a segment's vertices, say).
+    """Running statistics of an error, for each of g groups of elements, such as a segment's vertices.
 
-    total: (g,) float64 sums; count: (g,) int64 how many were summed; left_out: (g,) int64 how many were NaN;
-    largest: (g,) float64; histogram: (g, 8192) int64. The arrays are changed in place by `tally_add`.
+    total: (g,) float64, sums.
+    count: (g,) int64, how many values were summed.
+    left_out: (g,) int64, how many were NaN.
+    largest: (g,) float64.
+    histogram: (g, 8192) int64.
+
+    `tally_add` changes the arrays in place.
     """
 
     total: np.ndarray
@@ -74,7 +77,7 @@ class Tally:
 
 @dataclass(frozen=True)
 class Summary:
-    """Mean, 95th percentile and maximum of an error over elements and poses, and how many values those are of."""
+    """Mean, 95th percentile and maximum of an error over elements and poses, and the number of values."""
 
     mean: float
     p95: float
@@ -85,18 +88,12 @@ class Summary:
 
 def new_tally(groups: int) -> Tally:
     """Return an empty tally for that many groups."""
-    integers = np.zeros((2, groups), np.int64)
-    return Tally(
-        np.zeros(groups),
-        integers[0],
-        integers[1],
-        np.zeros(groups),
-        np.zeros((groups, _BINS), np.int64),
-    )
+    count, left_out = np.zeros((2, groups), np.int64)
+    return Tally(np.zeros(groups), count, left_out, np.zeros(groups), np.zeros((groups, _BINS), np.int64))
 
 
 def tally_add(tally: Tally, errors: Float[np.ndarray, "b k"], group: Int[np.ndarray, " k"]) -> None:
-    """Add the errors (≥ 0, or NaN to be left out) of b poses and k elements to their elements' groups."""
+    """Add the errors of b poses and k elements (≥ 0, or NaN to be left out) to the elements' groups."""
     groups = len(tally.total)
     errors = errors.astype(np.float32, copy=False)
     valid = ~np.isnan(errors)
@@ -112,10 +109,9 @@ def tally_add(tally: Tally, errors: Float[np.ndarray, "b k"], group: Int[np.ndar
 
 
 def summary(tally: Tally, group: int | None = None) -> Summary:
-    """Return a group's statistics, or, for None, those of all groups together.
+    """Return a group's statistics, or those of all groups together for None; NaN for a group without values.
 
-    Mean and maximum are exact. The percentile comes from a histogram whose bins are at most 0.4 % wide and is
-    interpolated in its bin. A group without any value gives NaN.
+    Mean and maximum are exact. The percentile is interpolated in a bin that is at most 0.4 % wide.
     """
     rows = slice(None) if group is None else slice(group, group + 1)
     count, left_out = int(tally.count[rows].sum()), int(tally.left_out[rows].sum())
@@ -143,7 +139,7 @@ def _edge(k: int) -> float:
 
 # Table 2: the vertex and normal error of every method over all unique test poses (§5.1, Eq. 11).
 
-# predict(params (b, m), truth (b, n, 3)) -> vertices (b, n, 3). Only oracles look at the truth.
+# (params (b, m), truth (b, n, 3)) → vertices (b, n, 3). Only oracles look at the truth.
 Predictor = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 _KINDS = ("vertex", "normal")
@@ -151,8 +147,9 @@ _KINDS = ("vertex", "normal")
 
 @dataclass(frozen=True)
 class Errors:
-    """One method's errors: tallies whose groups are `group_names`, and each pose's own means.
+    """One method's errors.
 
+    vertex, normal: tallies whose groups are `group_names`.
     pose_mm, pose_deg: (t,) float64, mean vertex and normal error of each unique test pose.
     """
 
@@ -190,11 +187,12 @@ def evaluate(
     batch: int = 32,
     progress: Progress | None = None,
 ) -> dict[str, Errors]:
-    """Measure every method on the test poses, a batch at a time.
+    """Measure every method on the test poses (§5.1, Eq. 11), a batch at a time.
 
-    params, offsets: the test poses and their true V − V⁰ in mm (memory-mapped, too); a repeated pose is measured once.
-    predictors: label → function of (params, true vertices) giving all n vertices, rigid segments placed.
-    rigid: the rigid segments' indices; their errors are pooled into one group, "rigid".
+    params, offsets: the test poses and their true V − V⁰ in mm, perhaps memory-mapped; repeated poses count once.
+    predictors: by label; they give all n vertices, rigid segments placed.
+    rigid: the rigid segments' indices; their errors go into one group, "rigid".
+    batch: poses at a time.
     progress: counts poses.
     """
     names, group = _groups(mesh, rigid)
@@ -222,7 +220,7 @@ def evaluate(
 
 
 def _groups(mesh: Mesh, rigid: Iterable[int]) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return the groups' names and each segment's group: one a deformable segment, and one for all rigid ones."""
+    """Return the groups' names and each segment's group: one for each deformable segment, one for all rigid ones."""
     rigid = set(rigid)
     deformable = [s for s in range(len(mesh.segment_names)) if s not in rigid]
     group = np.full(len(mesh.segment_names), len(deformable))

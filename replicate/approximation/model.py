@@ -1,7 +1,7 @@
-"""A trained approximation: one network a segment, from raw rig parameters to vertex offsets in millimetres.
+"""A trained approximation: a network for each segment, from raw rig parameters to vertex offsets in millimetres.
 
-Coarse, refinement and dense models differ only in their networks; what surrounds them is here: which parameters
-each sees and how they are scaled (`conditioning.py`), which vertices it moves, and how all of it is saved.
+Coarse, refinement and dense models differ only in their networks. What they share is here: which parameters each
+network sees and how they are scaled (`conditioning.py`), which vertices it moves, and how the model is saved.
 """
 
 import json
@@ -24,10 +24,12 @@ from replicate.config import CoarseConfig, DenseConfig, RefinementConfig
 class SegmentedModel(nn.Module):
     """Networks side by side, each (b, j) scaled parameters → (b, k, 3) offsets of its segment.
 
-    scale: (m,) of the rig parameters. lengths: (segments,) mm. vertex_count: n of the whole mesh.
+    scale: (m,), what rig parameters are divided by.
+    lengths: the unit of each network's output, in mm.
+    vertex_count: n of the whole mesh.
     """
 
-    networks: Any  # an nn.ModuleList of what the method at hand has for networks
+    networks: Any  # an nn.ModuleList of the method's networks
     scale: torch.Tensor
 
     def __init__(
@@ -63,7 +65,7 @@ class SegmentedModel(nn.Module):
         return out
 
     def part(self, indices: Sequence[int]) -> "SegmentedModel":
-        """Return the model of some segments only, sharing the networks."""
+        """Return the model of some segments, with the same networks."""
         networks, segments, lengths = zip(
             *[(self.networks[k], self.segments[k], self.lengths[k]) for k in indices], strict=True
         )
@@ -83,9 +85,13 @@ def fresh_model(
     config: CoarseConfig | RefinementConfig | DenseConfig,
     seed: int,
 ) -> SegmentedModel:
-    """Return a model to be trained, its weights drawn from `seed`.
+    """Return an untrained model.
 
-    scale: what rig parameters are divided by. targets: what the model is to give at some training poses.
+    networks: their weights are drawn from `seed`.
+    segments: one for each network.
+    scale: what rig parameters are divided by.
+    targets: the offsets that the model should predict at some training poses.
+    config: has the networks' conditioning and slope.
     """
     initialise(config.conditioning, networks, config.leaky_slope, torch.Generator().manual_seed(seed))
     lengths = output_lengths(config.conditioning, segments, targets)
@@ -93,7 +99,7 @@ def fresh_model(
 
 
 def save_model(model: SegmentedModel, folder: Path, facts: dict) -> None:
-    """Write weights.safetensors and model.json (facts: what `load_model`'s maker needs, JSON-ready)."""
+    """Write weights.safetensors and model.json; facts: what is needed to make the networks again, JSON-ready."""
     arrays = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
     for k, segment in enumerate(model.segments):
         for field in ("vertices", "uv", "parameters"):
@@ -105,15 +111,15 @@ def save_model(model: SegmentedModel, folder: Path, facts: dict) -> None:
 
 
 def load_model(folder: Path, make_network: Callable[[Segment, dict], nn.Module]) -> SegmentedModel:
-    """Read what `save_model` wrote. make_network: (segment, facts) → a network of the saved shape.
+    """Read what `save_model` wrote; raise InputError, naming the folder, if there is no such model.
 
-    Raises InputError, naming the folder, when it holds no such model.
+    make_network: (segment, facts) → a network of the saved shape.
     """
     try:
         facts = json.loads((Path(folder) / "model.json").read_text())
         arrays = load_file(Path(folder) / "weights.safetensors")
-    except Exception as error:  # safetensors raises its own class for a damaged file, Python others for a missing one
-        raise InputError(f"{folder}: found no readable model there ({error}).") from error
+    except Exception as error:  # safetensors has an error class for damaged files, Python others for missing ones
+        raise InputError(f"{folder}: the model can't be read ({error})") from error
     segments = [
         Segment(name, *(arrays.pop(f"segment.{k}.{field}").numpy() for field in ("vertices", "uv", "parameters")))
         for k, name in enumerate(facts["segments"])

@@ -1,8 +1,8 @@
 """How large a model is, counted from its architecture alone (Table 1): no network is built for it.
 
-A size is that of all trained weights as float32, in MB of 10⁶ bytes. What decides it: how many rig parameters each
-network sees, and for the dense baseline how many vertices it moves. A model whose networks see no parameter and one
-whose networks see all of them are therefore the least and the most that a given set of segments can make.
+A size is that of all trained weights as float32, in MB of 10⁶ bytes. It depends on how many rig parameters each network
+sees and, for the dense baseline, on how many vertices it moves. So for a given set of segments, networks that see no
+parameter make the smallest model, and networks that see all of them the largest.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ BYTES = 4
 
 @runtime_checkable
 class NetworkShape(Protocol):
-    """What decides the size of a map network (Fig. 3); a network's section of the configuration has it, too."""
+    """What decides the size of a map network (Fig. 3), as a network's section of the configuration also has it."""
 
     @property
     def map_size(self) -> int:
@@ -33,7 +33,7 @@ class NetworkShape(Protocol):
 
 @dataclass(frozen=True)
 class MapShape:
-    """The shape of a map network alone, for stages that depend on nothing else of a network's section."""
+    """The shape of a map network, for stages that depend on nothing else in a network's section."""
 
     map_size: int
     channels: int
@@ -51,10 +51,7 @@ def megabytes(weights: int) -> float:
 
 
 def cnn_weights(inputs: int, shape: NetworkShape) -> int:
-    """Return the number of weights of one map network of Fig. 3.
-
-    inputs: how many rig parameters it sees.
-    """
+    """Return the number of weights of one map network of Fig. 3 that sees `inputs` rig parameters."""
     dense = sum(a * b + b for a, b in pairwise((inputs, *shape.hidden)))
     levels = (shape.map_size // START).bit_length() - 1
     depths = (shape.hidden[-1] // START**2, *[shape.channels] * (levels + 1))
@@ -70,29 +67,27 @@ def dense_weights(inputs: int, vertices: int, hidden: Sequence[int]) -> int:
 def cnn_size_mb(
     coarse: Sequence[int], refined: Sequence[int], coarse_shape: NetworkShape, refined_shape: NetworkShape
 ) -> float:
-    """Return the size of the full approximation.
-
-    coarse, refined: how many rig parameters each of their networks sees.
-    """
+    """Return the size of the full approximation; coarse, refined: how many rig parameters each network sees."""
     weights = sum(cnn_weights(inputs, coarse_shape) for inputs in coarse)
     return megabytes(weights + sum(cnn_weights(inputs, refined_shape) for inputs in refined))
 
 
 def dense_size_mb(inputs: Sequence[int], vertices: Sequence[int], hidden: Sequence[int]) -> float:
-    """Return the size of a dense model: for each network the parameters it sees and the vertices it moves."""
+    """Return the size of a dense model; inputs, vertices: how many each network sees and moves."""
     return megabytes(sum(dense_weights(j, k, hidden) for j, k in zip(inputs, vertices, strict=True)))
 
 
 def dense_vertices(size_mb: float, segments: int, inputs: int, hidden: Sequence[int]) -> float:
-    """Return how many vertices a dense model of some size moves, if each of its networks sees `inputs` parameters."""
+    """Return how many vertices a dense model of this size moves if each network sees `inputs` parameters."""
     least = segments * dense_weights(inputs, 0, hidden)
     return (size_mb * 1e6 / BYTES - least) / (dense_weights(0, 1, hidden) - dense_weights(0, 0, hidden))
 
 
 def dense_width(inputs: Sequence[int], vertices: Sequence[int], first: Sequence[int], size_mb: float) -> int:
-    """Return the largest width of the last hidden layer with which a dense model takes at most `size_mb`; may be < 1.
+    """Return the largest width of the last hidden layer for a dense model of at most `size_mb`; it may be below 1.
 
-    inputs, vertices: as for `dense_size_mb`. first: the widths of the hidden layers before the last.
+    inputs, vertices: as for `dense_size_mb`.
+    first: the widths of the other hidden layers.
     """
     none, one = (
         sum(dense_weights(j, k, (*first, width)) for j, k in zip(inputs, vertices, strict=True)) for width in (0, 1)

@@ -21,17 +21,18 @@ from replicate.base.exceptions import InputError
 from replicate.config import RefinementConfig
 from replicate.geometry.mesh import Mesh
 
-UNCOVERED_COST = 0.25  # squared distance, in widths of a chart, of a vertex whose chart has no cluster: half a width
-STARTS = 4  # k-means runs, of which the best counts
-GAP_NOISE = 0.02  # by which a gap differs from run to run of k-means
+UNCOVERED_COST = 0.25  # squared distance that counts for a vertex whose chart has no cluster: half a chart's width
+STARTS = 4  # k-means runs, the best of which is taken
+GAP_NOISE = 0.02  # how much a gap differs between runs of k-means
 
 
 @dataclass(frozen=True)
 class Elbow:
-    """What decides the number of clusters: inertia[k − 1] is that of k clusters, even[k − 1] that of an even error.
+    """How the number of clusters was chosen.
 
-    Both are shares of what no cluster at all would cost. clusters: where the gap between their logarithms first stops
-    to grow.
+    inertia: that of 1, 2, … clusters, as a share of the cost without clusters.
+    even: the same for an error that is equal everywhere.
+    clusters: their number, where the gap between the two curves' logarithms first stops growing.
     """
 
     inertia: tuple[float, ...]
@@ -40,10 +41,9 @@ class Elbow:
 
 
 def map_error(segments: Sequence[Segment], offsets: Float[np.ndarray, "p n 3"], size: int) -> Float64[np.ndarray, " n"]:
-    """Return e_i of Eq. 2 in mm²: what each vertex loses on the way to a map of size² pixels and back, over p poses.
+    """Return e_i of Eq. 2 in mm²: what each vertex loses in a map of size² pixels, over p poses; zero outside segments.
 
-    Offsets go through the maps, not positions, because offsets are what the networks' maps hold. Zero outside the
-    segments.
+    The maps hold offsets, not positions, as those of the networks do.
     """
     errors = np.zeros(offsets.shape[1])
     for segment in segments:
@@ -62,13 +62,19 @@ def select(
     clusters_max: int,
     seed: int = 0,
 ) -> tuple[tuple[Segment, ...], Elbow]:
-    """Return the refinement segments (§3.3), and the elbow that decides the number of clusters.
+    """Return the refinement segments (§3.3), and how the number of clusters was chosen.
 
-    k-means of each chart's texture coordinates weighted by e_i; the vertices in a square of side `square` about
-    their nearest centroid form a segment, whose coordinates are stretched to fill its map. Nearness is measured as the
-    squares are, by the larger of both coordinates, so that every vertex in a square belongs to a segment. A cluster
-    belongs to one chart, since charts are separate planes: k clusters go to where they lower the summed inertia most,
-    and a vertex in a chart without one costs UNCOVERED_COST. At most `clusters_max` clusters are tried.
+    segments: the coarse ones.
+    errors: e_i of Eq. 2, mm².
+    influence: which parameter can move which vertex.
+    square: the side of a square, in widths of a chart.
+    clusters_max: the most clusters that are tried.
+    seed: of k-means.
+
+    Texture coordinates of each chart are clustered by k-means, weighted by e_i. The vertices in a square around a
+    centroid form a segment, whose coordinates are stretched to fill its map. A cluster belongs to one chart, since
+    charts are separate planes: clusters go where they lower the summed inertia most, and a vertex in a chart without
+    clusters costs UNCOVERED_COST.
     """
     weights = [errors[segment.vertices] for segment in segments]
     centroids, knee = clusters([segment.uv for segment in segments], weights, clusters_max, seed)
@@ -76,9 +82,7 @@ def select(
     for segment, centres in zip(segments, centroids, strict=True):
         squares += square_segments(segment, centres, influence, square)
     if not squares:
-        raise InputError(
-            f"refinement.square is {square}: no square of that size holds three vertices; choose a larger one."
-        )
+        raise InputError(f"refinement.square is {square}: no such square holds three vertices; choose a larger one")
     return tuple(squares), knee
 
 
@@ -87,8 +91,8 @@ def square_segments(
 ) -> list[Segment]:
     """Return the segments of a chart's squares: the vertices in each, their coordinates stretched to fill its map.
 
-    A vertex in several squares belongs to that of its nearest centroid, by the larger of both coordinates; a square
-    with fewer than three vertices is none.
+    A vertex in several squares belongs to that of the nearest centroid, by the larger difference in u or v, so that
+    every vertex in a square belongs to a segment. Squares with fewer than three vertices are dropped.
     """
     if len(centres) == 0:
         return []
@@ -107,10 +111,10 @@ def square_segments(
 def clusters(
     charts: Sequence[np.ndarray], weights: Sequence[np.ndarray], most: int, seed: int
 ) -> tuple[list[Float64[np.ndarray, "c 2"]], Elbow]:
-    """Return each chart's centroids (c may be 0) for the number of clusters at the elbow of 1 to `most`."""
+    """Return each chart's centroids (c may be 0) for the number of clusters, at most `most`, at the elbow."""
     fits, dealt, inertia = deal(charts, weights, most, seed)
     if not inertia:
-        raise InputError("refinement: the maps hold every vertex exactly, so that there is nothing to refine.")
+        raise InputError("refinement: the coarse maps hold every vertex exactly, so there is nothing to refine")
     _, _, even = deal(charts, [np.ones(len(weight)) for weight in weights], len(inertia), seed)
     count = elbow(inertia, even)
     centroids = [fit[d - 1][1] if d else np.zeros((0, 2)) for fit, d in zip(fits, dealt[count - 1], strict=True)]
@@ -120,7 +124,7 @@ def clusters(
 def deal(
     charts: Sequence[np.ndarray], weights: Sequence[np.ndarray], most: int, seed: int
 ) -> tuple[list[list[tuple[float, np.ndarray]]], list[tuple[int, ...]], list[float]]:
-    """Return each chart's fits, how 1, 2, … clusters are dealt to the charts, and what is then left of the cost."""
+    """Return each chart's fits, how many of 1, 2, … clusters each chart gets, and the remaining share of the cost."""
     fits = [_chart_fits(uv, weight, most, seed) for uv, weight in zip(charts, weights, strict=True)]
     costs = [
         [UNCOVERED_COST * float(w.sum())] + [cost for cost, _ in fit] for w, fit in zip(weights, fits, strict=True)
@@ -140,7 +144,7 @@ def deal(
 
 def _chart_fits(uv: np.ndarray, weight: np.ndarray, most: int, seed: int) -> list[tuple[float, np.ndarray]]:
     """Return (inertia, centroids) of one chart for 1, 2, … clusters."""
-    from sklearn.cluster import KMeans  # not for those who pose a face
+    from sklearn.cluster import KMeans  # slow; posing a face doesn't need it
 
     fits = []
     distinct = len(np.unique(uv[weight > 0], axis=0))
@@ -152,11 +156,11 @@ def _chart_fits(uv: np.ndarray, weight: np.ndarray, most: int, seed: int) -> lis
 
 
 def elbow(inertia: Sequence[float], even: Sequence[float]) -> int:
-    """Return the number of clusters, from 1, at the elbow of an inertia curve: where its gap to `even` stops to grow.
+    """Return the number of clusters at the elbow of an inertia curve: where its gap to `even` first stops growing.
 
-    The gap is log(even) − log(inertia), where `even` is the curve of an error that is the same everywhere (Tibshirani,
-    Walther and Hastie 2001, "Estimating the number of clusters in a data set via the gap statistic"). Unlike the place
-    farthest below the chord of the curve's ends it doesn't depend on where the curve is cut off. See DEVIATIONS, D11.
+    The gap is log(even) − log(inertia), where `even` is the curve of an error that is equal everywhere (Tibshirani,
+    Walther and Hastie 2001, "Estimating the number of clusters in a data set via the gap statistic"). Unlike the point
+    farthest below the chord of the curve, it doesn't depend on where the curve ends. See DEVIATIONS, D11.
     """
     least = np.finfo(np.float64).tiny
     gap = np.log(np.maximum(even, least)) - np.log(np.maximum(inertia, least))
@@ -192,14 +196,16 @@ def train_refined(
 ) -> tuple[RefinedModel, list[dict]]:
     """Train the refinement networks on the residual of a fixed coarse model; return the model and its log.
 
-    The networks see rig parameters as the coarse ones do.
-    The loss is Eq. 1 of Δ + δ, restricted to the faces that touch a refined vertex, since nothing else can change. The
-    coarse networks that reach those faces are evaluated with every batch: for a few charts of a face that costs a
-    millisecond, and no table of predictions for all samples is needed. Other arguments as in `train_segments`.
+    coarse: the coarse model; the networks see rig parameters scaled as in it.
+    segments: those of the refinement. The other arguments are those of `train_segments`.
+
+    The loss is Eq. 1 of Δ + δ on the faces that touch a refined vertex, since nothing else can change. The coarse
+    networks behind those faces are evaluated with every batch: that takes a millisecond, and saves a table of
+    predictions for all samples.
     """
     place = prepare(device)
-    own = segment_vertices(segments)
-    supervision = Supervision(mesh, samples, coarse.vertices, config.normal_weight, place, own)
+    refined = segment_vertices(segments)
+    supervision = Supervision(mesh, samples, coarse.vertices, config.normal_weight, place, refined)
     params, offsets = supervision.statistics()
     networks = [make_network(segment, shape_facts(config)) for segment in segments]
     targets = offsets - coarse.offsets(params)
@@ -208,7 +214,7 @@ def train_refined(
     near = [k for k, s in enumerate(coarse.segments) if np.isin(s.vertices, supervision.vertices).any()]
     below = coarse.part(near)
     source = _positions(below.vertices, supervision.vertices, place)
-    target = _positions(supervision.vertices, own, place)
+    target = _positions(supervision.vertices, refined, place)
 
     def loss_of_step(step: int) -> torch.Tensor:
         params, truth = supervision.batch(seed, "refined", step, config.training)
@@ -222,11 +228,11 @@ def train_refined(
 
 
 def _positions(among: Int[np.ndarray, " a"], members: Int[np.ndarray, " w"], device: torch.device) -> torch.Tensor:
-    """Return where each of `members` stands in `among`, which holds them all."""
+    """Return the position in `among` of each of `members`, all of which are in it."""
     order = np.argsort(among)
     return torch.from_numpy(order[np.searchsorted(among, members, sorter=order)]).to(device)
 
 
 def load_refined(folder: Path, coarse: SegmentedModel) -> RefinedModel:
-    """Read a refinement that `cnn.save(model.residual, …)` wrote. Raises InputError when there is none."""
+    """Read a refinement that `cnn.save(model.residual, …)` wrote; raise InputError if there is none."""
     return RefinedModel(coarse, load_model(folder, make_network))

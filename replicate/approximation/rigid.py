@@ -1,9 +1,8 @@
-"""Mesh segments that move rigidly, and their placement from vertices near them (§3.4).
+"""Mesh segments that move rigidly, and their placement by other vertices (§3.4).
 
 Teeth need no network: once the deformable part of a mesh is approximated, each tooth follows the rotation and
-translation of a handful of deformable vertices that move as it does. Which segments are rigid (Eq. 3) and which
-vertices carry them (Eq. 4) follows from example poses. All lengths are millimetres; rotations act on row vectors,
-V @ R + t.
+translation of a few deformable vertices that move as it does. Example poses show which segments are rigid (Eq. 3) and
+which vertices carry them (Eq. 4). All lengths are millimetres; rotations act on row vectors, V @ R + t.
 """
 
 from dataclasses import dataclass
@@ -20,9 +19,9 @@ from replicate.geometry.mesh import Mesh
 def segment_errors(mesh: Mesh, vertices: Float[np.ndarray, "b n 3"]) -> Float[np.ndarray, "b k"]:
     """Return how far each segment is from a rigid motion in each pose: Eq. 3's residual as an RMS in millimetres.
 
-    Eq. 3 is a sum of squares over a segment's vertices, which grows with their number and is no length, while the
-    paper's threshold is one; so the mean over vertices is taken and then the root (DEVIATIONS D15). A
-    segment is a column, in the order of `mesh.segment_names`.
+    Eq. 3 is a sum of squares over a segment's vertices, which grows with their number, while the paper's threshold is a
+    length; so the root of the mean over vertices is taken (DEVIATIONS D15). Columns are in the order of
+    `mesh.segment_names`.
     """
     errors = np.empty((len(vertices), len(mesh.segment_names)))
     for k in range(len(mesh.segment_names)):
@@ -37,10 +36,12 @@ def segment_errors(mesh: Mesh, vertices: Float[np.ndarray, "b n 3"]) -> Float[np
 class Attachments:
     """Rigid segments and the deformable vertices that carry them (r segments, c vertices each).
 
-    segment: index into the mesh's segments. vertex: indices into the mesh, best first. error_mm: their root of
-    Eq. 4's ε_rj. rigid_error_mm: the segment's own mean residual of Eq. 3. spread_mm: standard deviations of the
-    carrying vertices along their three principal axes at rest, largest first: a placement is only as well conditioned
-    as the second of them is large.
+    segment: indices into the mesh's segments.
+    vertex: indices into the mesh, best first.
+    error_mm: √ε_rj of Eq. 4 for these vertices.
+    rigid_error_mm: each segment's mean residual of Eq. 3.
+    spread_mm: standard deviations of the carrying vertices at rest along their three principal axes, largest first; if
+        the second is small, the placement is badly conditioned.
     """
 
     segment: Int[np.ndarray, " r"]
@@ -63,18 +64,19 @@ class Attachments:
 def find_attachments(
     mesh: Mesh, vertices: Float[np.ndarray, "b n 3"], tau_mm: float = 0.3, count: int = 10
 ) -> Attachments:
-    """Find the rigid segments (mean of Eq. 3 below τ) and the `count` vertices that best follow each (Eq. 4).
+    """Find the rigid segments (mean of Eq. 3 below τ), and for each the `count` vertices that follow it best (Eq. 4).
 
-    vertices: example poses (b, n, 3) mm of the rig itself. Vertices of rigid segments carry nothing. Raises InputError
-    when there are rigid segments but fewer deformable vertices than `count`.
+    vertices: example poses of the rig, mm.
+
+    Raises InputError if there are rigid segments but fewer deformable vertices than `count`.
     """
     errors = segment_errors(mesh, vertices).mean(0)
     rigid = np.flatnonzero(errors < tau_mm)
     candidates = np.flatnonzero(~np.isin(mesh.segment, rigid))
     if len(rigid) and len(candidates) < count:
         raise InputError(
-            f"rigid segments: {len(candidates)} deformable vertices are left to carry {len(rigid)} rigid segments, "
-            f"at least {count} are needed"
+            f"rigid segments: expected at least {count} deformable vertices to carry {len(rigid)} rigid segments, "
+            f"got {len(candidates)}"
         )
     rest_around, around = mesh.neutral[candidates], vertices[:, candidates]
     carriers = np.empty((len(rigid), count), np.int64)
@@ -97,10 +99,10 @@ def following_errors(
     rotation: Float[np.ndarray, "b 3 3"],
     translation: Float[np.ndarray, "b 3"],
 ) -> Float[np.ndarray, " n"]:
-    """Return for each vertex how badly it follows a rigid motion, √ε_rj of Eq. 4, in millimetres.
+    """Return how badly each vertex follows a rigid motion, √ε_rj of Eq. 4, in millimetres.
 
-    The square is multiplied out, so that poses are summed before vertices are multiplied: with p = (v⁰, 1),
-    A = [R − I; t] and x = v − v⁰, Σ_i ‖p A_i − x_i‖² = p (Σ A_i A_iᵀ) pᵀ − 2 p Σ A_i x_i + Σ ‖x_i‖².
+    The square is multiplied out, so that poses can be summed first: with p = (v⁰, 1), A = [R − I; t] and x = v − v⁰,
+    Σ_i ‖p A_i − x_i‖² = p (Σ A_i A_iᵀ) pᵀ − 2 p Σ A_i x_i + Σ ‖x_i‖².
     """
     homogeneous = np.concatenate([neutral, np.ones((len(neutral), 1))], axis=1).astype(np.float64)
     motion = np.concatenate([rotation - np.eye(3), translation[:, None, :]], axis=1)  # (b, 4, 3)
@@ -114,7 +116,7 @@ def following_errors(
 def attach(mesh: Mesh, attachments: Attachments, vertices: Float[np.ndarray, "b n 3"]) -> Float[np.ndarray, "b n 3"]:
     """Return the poses with every rigid segment placed by the vertices that carry it (§3.4).
 
-    vertices: (b, n, 3) mm, right on the deformable segments; whatever they hold on rigid ones is replaced.
+    vertices: mm; those of rigid segments are replaced.
     """
     posed = np.array(vertices, np.float32)
     rotation, translation = align(mesh.neutral[attachments.vertex], vertices[:, attachments.vertex])  # (b, r, 3, 3)

@@ -1,9 +1,9 @@
 """The training samples (p, V), validation and test poses of one character, read by memory map (§3.5).
 
-50,000 poses of 12,510 vertices would be 7.5 GB as float32. Vertex offsets V − V⁰ are therefore stored as int16
-multiples of a step that each pose has of its own, the smallest that holds its largest offset: about a micrometre
-for a face, whatever the most extreme pose of the set may be. Test poses stay float32, so that no measured error
-contains a quantisation error; that of the training samples is in samples.json.
+50,000 poses of 12,510 vertices would take 7.5 GB as float32. Training offsets V − V⁰ are therefore stored as int16
+multiples of a step, which differs from pose to pose: the smallest that can hold the pose's largest offset, about a
+micrometre for a face. Test poses stay float32, so that no measured error contains a quantisation error; that of the
+training samples is in samples.json.
 """
 
 import hashlib
@@ -45,10 +45,13 @@ PARTS = ("training", "validation", "test")
 class SampleSet:
     """The samples of one character, memory-mapped.
 
-    params (N, m) float32, raw control values; quantised (N, n, 3) int16, offsets in steps; steps_mm (N,) float32;
-    bins (N,) int16, each sample's interval for balanced draws; test_params (T, m) and test_offsets (T, n, 3) float32,
-    mm; validation_params and validation_offsets the same for poses that neither training nor test sees; facts: what
-    samples.json states.
+    params: (N, m) float32, raw control values.
+    quantised: (N, n, 3) int16, offsets in steps.
+    steps_mm: (N,) float32.
+    bins: (N,) int16, each sample's bin for balanced draws.
+    validation_params, validation_offsets: (V, m) and (V, n, 3) mm, float32; poses that are in no other part.
+    test_params, test_offsets: (T, m) and (T, n, 3) mm, float32.
+    facts: the contents of samples.json.
     """
 
     params: np.ndarray
@@ -63,7 +66,7 @@ class SampleSet:
 
     @classmethod
     def open(cls, folder: Path) -> "SampleSet":
-        """Open what `write_samples` wrote. Raises InputError, naming the file, when one is missing or no array."""
+        """Open what `write_samples` wrote; raise InputError if a file is missing or can't be read."""
         folder = Path(folder)
         held_out = [f"{part}_{name}" for part in ("validation", "test") for name in ("params", "offsets")]
         names = ("params", "offsets", "steps", "bins", *held_out)
@@ -71,7 +74,7 @@ class SampleSet:
             arrays = [np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False) for name in names]
             facts = json.loads((folder / "samples.json").read_text())
         except (OSError, ValueError) as error:
-            raise InputError(f"{folder}: found no readable set of samples there ({error}).") from error
+            raise InputError(f"{folder}: the samples can't be read ({error})") from error
         return cls(*arrays, facts)
 
     def __len__(self) -> int:
@@ -95,9 +98,10 @@ class SampleSet:
     def draw_for_step(
         self, seed: int, stream: str, step: int, batch: int, draws: str = "balanced"
     ) -> Int[np.ndarray, " batch"]:
-        """Draw the batch of one training step, a function of (seed, stream, step) alone: resuming needs no state.
+        """Draw the batch of one training step; it depends on seed, stream and step alone, so resuming needs no state.
 
-        draws: "balanced" as `draw`, or "uniform": every sample as often as any other.
+        stream: names the sequence of draws.
+        draws: "balanced" as in `draw`, or "uniform" for all samples equally often.
         """
         generator = np.random.default_rng([seed, zlib.crc32(stream.encode()), step])
         return self.draw(generator, batch) if draws == "balanced" else generator.integers(len(self), size=batch)
@@ -120,9 +124,10 @@ def choose_poses(
 ) -> dict[str, Float32[np.ndarray, "k m"]]:
     """Return a rig's poses by part: "training", "validation" and "test".
 
-    With clips, the training part is Eq. 5 on the training animation, less the poses held out for validation; without,
-    all three are uniform. Of a rig that is known by its samples, all are among these. rng: a stream's name → its
-    generator.
+    rng: a stream's name → its generator.
+
+    With clips, training poses are Eq. 5 on the training animation without the poses held out for validation; without
+    clips, all poses are uniform. If the rig is known only by its samples, all poses are among those.
     """
     if not has_function(rig):
         return choose_known(rig.known_poses, rig.clips, config, rng)
@@ -145,14 +150,17 @@ def write_samples(
     scratch: Path,
     progress: Callable,
 ) -> dict:
-    """Evaluate a rig at its training, validation and test poses and write the set that `SampleSet.open` reads.
+    """Evaluate a rig at its training, validation and test poses, and write the set that `SampleSet.open` reads.
 
-    Stopped at any moment and called again with the same `scratch`, it goes on after the last whole chunk and ends
-    with the same bytes. rng: as in `choose_poses`. folder: filled when all is done. scratch: stays between calls.
+    folder: where the set is written, when all is done.
+    rng: as for `choose_poses`.
+    scratch: a folder that stays between calls: after a kill, work goes on with the chunk it broke off in, to the same
+        bytes.
     progress: (total, label, initial) → a context manager with update(k).
 
-    Returns the facts of samples.json. Raises InputError, naming pose and vertex, when the rig gives NaN or infinity.
+    Returns the facts of samples.json. Raises InputError, naming pose and vertex, if the rig gives NaN or infinity.
     """
+    # the poses, and a draft of the arrays
     poses_of = choose_poses(rig, config, rng)
     params, n = poses_of["training"], len(rig.mesh.neutral)
     rows = {
@@ -177,6 +185,7 @@ def write_samples(
         arrays["squared_error"][rows] = (error**2).mean(axis=(1, 2), dtype=np.float64)
         arrays["landmarks"][rows] = offsets[:, rig.landmarks]
 
+    # the rig's vertices, chunk by chunk
     with progress(sum(map(len, poses_of.values())), "samples", sum(map(drafts.finished_poses, PARTS))) as bar:
         for part, poses in poses_of.items():
             while (first := drafts.finished_poses(part)) < len(poses):
@@ -186,6 +195,7 @@ def write_samples(
                     store(part, rows, vertices - rig.mesh.neutral)
                     bar.update(len(vertices))
                 drafts.checkpoint(part)
+    # balance and quantisation error, and the files
     facts = {
         "poses": len(params),
         "validation_poses": len(poses_of["validation"]),
@@ -211,7 +221,7 @@ def write_samples(
 
 
 def evaluate(rig: Rig, params: Float32[np.ndarray, "b m"]) -> Iterator[tuple[slice, Float32[np.ndarray, "k n 3"]]]:
-    """Yield (rows, posed vertices in mm) over batches of one size, the last one padded by repeating its last pose."""
+    """Yield (rows, posed vertices in mm); the rig is called with batches of one size, the last one padded."""
     for start in range(0, len(params), BATCH):
         part = params[start : start + BATCH]
         padded = np.concatenate([part, np.repeat(part[-1:], BATCH - len(part), axis=0)])
@@ -222,24 +232,25 @@ def _check_finite(name: str, part: str, first: int, vertices: np.ndarray) -> Non
     bad = np.argwhere(~np.isfinite(vertices).all(axis=-1))
     if len(bad):
         pose, vertex = bad[0]
-        value = vertices[pose, vertex].tolist()
-        raise InputError(
-            f"rig '{name}': vertex {vertex} of {part} pose {first + pose} is {value}, where only finite mm are allowed."
-        )
+        where = f"rig '{name}': vertex {vertex} of {part} pose {first + pose}"
+        raise InputError(f"{where}: expected finite mm, got {vertices[pose, vertex].tolist()}")
 
 
-# The unfinished arrays of a set of samples: a killed set goes on after its last chunk whose checksum agrees.
+# The unfinished arrays of a set of samples, from which a killed run can continue.
 
 STATE = "state.sealed"
 
 
 class Scratch:
-    """Arrays in a folder, memory-mapped, of which the first rows are done.
+    """Memory-mapped arrays in a folder, of which the first rows are done.
 
-    folder: stays between calls. key: what the contents depend on; a folder of another key is begun anew. chunk: poses
-    between two checkpoints. parts: by name, the number of poses and the arrays, name → (dtype, shape of one row). The
-    rows of an earlier call are checked here: those from the first damaged chunk of a part on count as missing, and
-    standard error names it.
+    folder: stays between calls.
+    key: what the contents depend on; a folder with another key is begun anew.
+    chunk: poses between two checkpoints.
+    parts: by name, the number of poses and the arrays, name → (dtype, shape of one row).
+
+    Rows of an earlier call are checked: those from the first damaged chunk of a part on are made again, and standard
+    error says so.
     """
 
     def __init__(
@@ -266,7 +277,7 @@ class Scratch:
         return min(len(self._sums[part]) * self.chunk, self.poses[part])
 
     def checkpoint(self, part: str) -> None:
-        """State that the next chunk of a part is done; all of its rows are filled."""
+        """Record that the next chunk of a part is done; all of its rows are filled."""
         for name in self._names[part]:
             self.arrays[name].flush()
         self._sums[part].append(self._sum(part, len(self._sums[part])))
@@ -276,7 +287,7 @@ class Scratch:
     def move(self, names: list[str], target: Path) -> None:
         """Move finished arrays into another folder; they are never in two places, where a write would change both.
 
-        A run that ends after this evaluates all samples again, to the same bytes.
+        If the run is killed after this, the next one evaluates all samples again, to the same bytes.
         """
         del self.arrays
         (self.folder / STATE).unlink()
@@ -287,7 +298,7 @@ class Scratch:
         return self.folder / f"{name}.npy"
 
     def _reopen(self, shapes: dict) -> dict[str, np.memmap] | None:
-        """Take over what is sound of an earlier call with this key; return its arrays, or None to begin anew."""
+        """Return the arrays of an earlier call with this key, or None to begin anew; damaged chunks are forgotten."""
         state = read_sealed(self.folder / STATE, json.load)
         if state is None or state["key"] != self.key:
             return None
@@ -299,15 +310,15 @@ class Scratch:
                     for part, sums in state["sums"].items():
                         self._sums[part] = self._sound(part, sums)
                     return arrays
-        self._report("an array is gone or its header is damaged", "all samples are")
+        self._report("an array is gone or its header is damaged", "all samples")
         return None
 
     def _sound(self, part: str, sums: list[str]) -> list[str]:
-        """Return the checksums up to the first chunk of a part that differs from its own."""
+        """Return the checksums of a part up to the first damaged chunk."""
         for chunk, checksum in enumerate(sums):
             if self._sum(part, chunk) != checksum:
                 first = chunk * self.chunk
-                self._report(f"{part} poses from {first} on differ from their checksum", "they are")
+                self._report(f"{part} poses from {first} on differ from their checksum", "they")
                 return sums[:chunk]
         return sums
 
@@ -319,7 +330,7 @@ class Scratch:
         return digest.hexdigest()
 
     def _headers(self) -> str:
-        """Return a checksum of what stands in the files before the numbers."""
+        """Return a checksum of the files' headers."""
         digest = hashlib.sha256()
         for name, array in self.arrays.items():
             with open(self._file(name), "rb") as stream:
@@ -330,22 +341,23 @@ class Scratch:
         for file in (self.folder / STATE, *map(self._file, names)):
             file.unlink(missing_ok=True)
 
-    def _report(self, damage: str, what: str) -> None:
-        print(f"{self.folder}: damaged ({damage}); {what} evaluated again", file=sys.stderr, flush=True)
+    def _report(self, damage: str, lost: str) -> None:
+        print(f"{self.folder}: damaged ({damage}); {lost} are evaluated again", file=sys.stderr, flush=True)
 
 
-# Training, validation and test poses of a rig that is known by its samples alone: all are among these.
+# Training, validation and test poses of a rig that is known only by its samples.
 
-ENOUGH = 0.5  # of the training poses that are asked for
+ENOUGH = 0.5  # share of the wanted training poses, below which frames are added to the drawn ones
 
 
 def choose_known(
     known: KnownPoses, clips: Sequence[Clip] | None, config: SamplesConfig, rng: Callable[[str], np.random.Generator]
 ) -> dict[str, Float32[np.ndarray, "k m"]]:
-    """Return known poses by part: "training", "validation" and "test".
+    """Return known poses by part: "training", "validation" and "test"; raise InputError if a part would be empty.
 
-    Without clips all poses are split like the frames of one clip, and the test keeps `config.uniform_test` of them at
-    most. rng: a stream's name → its generator. Raises InputError where a part would be empty.
+    rng: a stream's name → its generator.
+
+    Without clips, all poses are split like the frames of one clip, and the test keeps at most `config.uniform_test`.
     """
     split = split_clips if clips and config.split == "clips" else split_frames
     values = [clip.values for clip in clips] if clips else [np.asarray(known.frame_params)]
@@ -356,21 +368,22 @@ def choose_known(
         training = animation
     else:
         held_out = {pose.tobytes() for pose in (*test, *validation)}
+        # drawn poses that are not held out, nor is the frame that they were drawn from
         leaks = np.array([pose.tobytes() in held_out for pose in np.asarray(known.frame_params)])
         source = np.asarray(known.drawn_source)
-        fit = (source < 0) | ~leaks[source]  # −1 reads the last frame, and doesn't count
+        fit = (source < 0) | ~leaks[source]  # −1 stands for no source; it reads the last frame, which is ignored
         fit &= np.array([pose.tobytes() not in held_out for pose in np.asarray(known.drawn_params)], bool)
         training = np.asarray(known.drawn_params)[fit]
         if len(training) < ENOUGH * config.count:
             training = np.concatenate([training, _some(animation, config.count - len(training), rng("frames"))])
     training = _some(training, config.count, rng("training"))
     if not len(training):
-        raise InputError("the samples: no pose is left to train on; allowed is one at least")
+        raise InputError("the samples: expected at least one pose to train on, got none")
     return dict(zip(PARTS, (training, validation, test), strict=True))
 
 
 def _some(poses: np.ndarray, count: int, generator: np.random.Generator) -> np.ndarray:
-    """Return so many of some poses at most, drawn at random, in their order."""
+    """Return at most `count` of some poses, drawn at random, in their order."""
     if len(poses) <= count:
         return poses
     return poses[np.sort(generator.choice(len(poses), count, replace=False))]

@@ -1,7 +1,7 @@
 """Which poses a method is trained and tested on: the split, Eq. 5, and the balancing of §3.5.
 
-Poses are rows of raw control values p (m,), in the rig's own order and units. Every function takes the
-`np.random.Generator` that it draws from, so that a stage's poses depend on nothing but its own stream.
+Poses are rows of raw control values p (m,), in the rig's order and units. Every function gets the `np.random.Generator`
+that it draws from.
 """
 
 from collections.abc import Sequence
@@ -17,12 +17,13 @@ def split_frames(
 ) -> tuple[Float32[np.ndarray, "a m"], Float32[np.ndarray, "t m"]]:
     """Split an animation by random frames: training poses A, and the unique test poses that A lacks (§5.1).
 
-    The paper's split, by our reading of "randomly split the data 90%/10%". Held-out frames leave the test set when the
-    very same pose stands in A, and otherwise count once. A keeps its repetitions, because Eq. 5 draws from the
-    animation as it is. Neighbouring frames of one move may fall on both sides: `split_clips` is the stricter split.
-
     clips: arrays (t_i, m), the poses of each clip in time order.
-    Returns both sets in the order of the animation. Raises InputError when a side would be empty.
+    held_out: share of the frames.
+
+    This is how we read the paper's "randomly split the data 90%/10%". A held-out frame whose very pose is also in A
+    leaves the test set; the others count once. A keeps its repetitions, because Eq. 5 draws from the animation as it
+    is. Neighbouring frames of a movement may be on both sides; `split_clips` is stricter. Returns both sets in the
+    order of the animation. Raises InputError if one would be empty.
     """
     poses = _stack(clips)
     mask = np.zeros(len(poses), dtype=bool)
@@ -35,8 +36,8 @@ def split_clips(
 ) -> tuple[Float32[np.ndarray, "a m"], Float32[np.ndarray, "t m"]]:
     """Split an animation by whole clips: no test pose has a neighbour in time among the training poses.
 
-    Clips are held out in random order as long as the share of frames stays within `held_out`; the first one
-    always is. Otherwise as `split_frames`.
+    Clips are held out in random order as long as the share of frames stays within `held_out`; the first one always is.
+    The rest is as in `split_frames`.
     """
     poses = _stack(clips)
     owner = np.repeat(np.arange(len(clips)), [len(clip) for clip in clips])
@@ -74,11 +75,10 @@ def _separate(poses: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def hold_out(
     poses: Float[np.ndarray, "a m"], count: int, generator: np.random.Generator
 ) -> tuple[Float32[np.ndarray, "r m"], Float32[np.ndarray, "v m"]]:
-    """Take `count` poses out of a training animation, to choose schedules by and to follow a training with.
+    """Take `count` poses out of a training animation for validation; return the rest and these, in their order.
 
-    The choice is among the poses that occur once, a tenth of them at most, so that the rest keeps every pose that the
-    animation dwells on. Returns the rest and the choice, both in the order of the animation. Raises InputError when no
-    pose occurs once.
+    Only poses that occur once are taken, and at most a tenth of them, so that the rest keeps every pose that the
+    animation dwells on. Raises InputError if no pose occurs once.
     """
     _, first, times = np.unique(poses, axis=0, return_index=True, return_counts=True)
     single = np.sort(first[times == 1])
@@ -91,21 +91,18 @@ def hold_out(
 
 
 def augment(
-    poses: Float[np.ndarray, "a m"],
-    count: int,
-    generator: np.random.Generator,
-    low: float = 0.25,
-    high: float = 3.0,
+    poses: Float[np.ndarray, "a m"], count: int, generator: np.random.Generator, low: float = 0.25, high: float = 3.0
 ) -> Float32[np.ndarray, "count m"]:
-    """Draw training poses T = {u ⊙ p : u ~ U(low, high)^m, p ~ A} (Eq. 5).
+    """Draw training poses T = {u ⊙ p : u ~ U(low, high)^m, p ~ A}, with replacement (Eq. 5).
 
-    The factors multiply the raw values, so that a control at 0 stays at 0 and nothing changes sign: a sample uses
-    the controls that its animator used, and no others. Values reach three times what the animation holds, past the
-    controls' limits, which the rig must bear. All controls of our rigs rest at 0. A rig with a control that rests
-    elsewhere (a gain of 1, say) gets it scattered over [low, high] times that value in *every* sample, whether or
-    not the animation touches it; the equation stays as it is, and such a rig had better redefine the control.
+    poses: A, training poses only.
+    count: how many to draw.
+    low, high: the range of the factors u.
 
-    poses: A, training poses only. Poses are drawn with replacement.
+    The factors multiply the raw values, so that a control at 0 stays at 0 and nothing changes sign: a sample uses the
+    controls that its animator used, and no others. Values reach three times those of the animation, beyond the
+    controls' limits; the rig must bear that. All controls of our rigs rest at 0. A control that rests elsewhere, such
+    as a gain of 1, is multiplied in *every* sample, whether or not the animation touches it; better redefine it.
     """
     source = generator.integers(len(poses), size=count)
     factors = generator.random((count, poses.shape[1]), dtype=np.float32)
@@ -126,14 +123,16 @@ def sample_uniform(
 def balance_bins(landmark_positions: Float[np.ndarray, "k l 3"], bins: int = 16) -> Int16[np.ndarray, " k"]:
     """Sort samples into intervals of equal length along the landmarks' first principal component (§3.5).
 
-    landmark_positions: positions (or offsets) in mm of the l landmark vertices in each of k samples.
-    Returns each sample's interval, 0 … bins − 1; some intervals may hold no sample. When no landmark moves,
-    all samples share interval 0.
+    landmark_positions: positions or offsets in mm of the l landmark vertices in each of k samples.
+    bins: how many intervals.
+
+    Returns each sample's interval, 0 … bins − 1, some of which may be empty. If no landmark moves, all samples are in
+    interval 0.
     """
     points = np.asarray(landmark_positions, dtype=np.float64).reshape(len(landmark_positions), -1)
     centred = points - points.mean(axis=0)
     axis = np.linalg.eigh(centred.T @ centred)[1][:, -1]
-    axis *= np.sign(axis[np.argmax(np.abs(axis))])  # eigenvectors have no sign; bins should
+    axis *= np.sign(axis[np.argmax(np.abs(axis))])  # an eigenvector's sign is arbitrary
     score = centred @ axis
     span = score.max() - score.min()
     if span <= 1e-9:
@@ -146,7 +145,7 @@ def bin_index(
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " c"], Int[np.ndarray, " c"]]:
     """Return samples ordered by bin, and the start and size of each non-empty bin in that order.
 
-    bins: each sample's bin. All of them are sorted, so one index serves many draws.
+    bins: each sample's bin.
     """
     order = np.argsort(bins, kind="stable")
     _, starts, sizes = np.unique(np.asarray(bins)[order], return_index=True, return_counts=True)
@@ -163,6 +162,7 @@ def draw_from_index(
     """Draw sample indices: a non-empty bin uniformly, then a sample of that bin uniformly, with replacement (§3.5).
 
     order, starts, sizes: as `bin_index` returns them.
+    count: how many to draw.
     """
     bins = generator.integers(len(starts), size=count)
     return order[starts[bins] + generator.integers(sizes[bins])]

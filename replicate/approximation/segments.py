@@ -16,7 +16,8 @@ from replicate.geometry.mesh import Mesh
 class Segment:
     """A set of vertices that one network deforms.
 
-    vertices: (k,) int32, ascending indices into the mesh. uv: (k, 2) float32 in [0, 1], their places in the map, U_k.
+    vertices: (k,) int32, ascending indices into the mesh.
+    uv: (k, 2) float32 in [0, 1], their places in the map, U_k.
     parameters: (j,) int32, indices of the rig parameters that can move one of them; at least one.
     """
 
@@ -27,10 +28,7 @@ class Segment:
 
 
 def make_segment(name: str, vertices: np.ndarray, uv: np.ndarray, influence: Bool[np.ndarray, "n m"]) -> Segment:
-    """Return a segment that sees the parameters with influence on any of its vertices (§3.1).
-
-    A segment that nothing moves gets every parameter: its network then learns the zero offsets that it should.
-    """
+    """Return a segment that sees the parameters that move any of its vertices (§3.1), or all of them if none does."""
     moves = influence[vertices].any(0)
     parameters = np.flatnonzero(moves) if moves.any() else np.arange(influence.shape[1])
     return Segment(name, vertices.astype(np.int32), np.ascontiguousarray(uv, np.float32), parameters.astype(np.int32))
@@ -39,16 +37,18 @@ def make_segment(name: str, vertices: np.ndarray, uv: np.ndarray, influence: Boo
 def coarse_segments(
     mesh: Mesh, rigid_segments: Collection[int], influence: Bool[np.ndarray, "n m"]
 ) -> tuple[Segment, ...]:
-    """Return the mesh's own segments without the rigid ones, in the mesh's order.
+    """Return the mesh's segments without the rigid ones, in the mesh's order.
 
-    rigid_segments: indices into `mesh.segment_names` (those of §3.4). influence: which parameter can move which vertex.
-    Raises InputError when the influence is not of this mesh or every segment is rigid.
+    rigid_segments: indices into `mesh.segment_names` (§3.4).
+    influence: which parameter can move which vertex.
+
+    Raises InputError if the influence is that of another mesh, or if every segment is rigid.
     """
     if len(influence) != len(mesh.neutral):
-        raise InputError(f"influence: found {len(influence)} vertices, where the mesh has {len(mesh.neutral)}.")
+        raise InputError(f"influence: expected {len(mesh.neutral)} vertices, as the mesh has, got {len(influence)}")
     deforming = [k for k in range(len(mesh.segment_names)) if k not in set(rigid_segments)]
     if not deforming:
-        raise InputError(f"mesh: all {len(mesh.segment_names)} segments are rigid, where one that deforms is needed.")
+        raise InputError(f"mesh: expected a segment that deforms, got {len(mesh.segment_names)} rigid ones")
     vertices = [np.flatnonzero(mesh.segment == k) for k in deforming]
     names = [mesh.segment_names[k] for k in deforming]
     return tuple(make_segment(name, v, mesh.uv[v], influence) for name, v in zip(names, vertices, strict=True))

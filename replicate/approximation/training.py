@@ -1,7 +1,7 @@
-"""The one training loop, for every network: Adam, a schedule, checkpoints (§3.5).
+"""The training loop of all networks: Adam, a schedule, checkpoints (§3.5).
 
-Nothing random happens here. A step's batch is a function of (seed, stream, step), so that a run that is stopped at any
-moment and started again goes through the same numbers, bit for bit, as one that never stopped.
+Nothing random happens here. A step's batch depends on seed, stream and step alone, so that a run that is stopped at any
+moment and started again gives the same result, bit for bit, as one that never stopped.
 """
 
 import json
@@ -27,15 +27,15 @@ from replicate.geometry.mesh import Mesh
 
 CHECKPOINT_S = 30.0
 _FACTS = ":facts"  # the array of a checkpoint that holds step and log as JSON; no weight's name begins so
-ROWS = 25  # of the log; each one costs a measurement on held-out poses
+ROWS = 25  # of the log; each needs a measurement on held-out poses
 LOG_COLUMNS = ("step", "loss", "mm", "degrees")
 
 
 def learning_rate(config: TrainingConfig, step: int) -> float:
-    """Return the rate of one step (0 ≤ step < config.steps).
+    """Return the learning rate of one step (0 ≤ step < config.steps).
 
-    "paper": config.rates one after the other, each for its share of the steps. "one_cycle": linear warm-up to
-    peak_rate, then a cosine down to nothing. "two_cycles": that twice, in half of the steps each: a warm restart.
+    "paper": the rates one after another, each for its share of the steps. "one_cycle": a linear warm-up to the peak
+    rate, then a cosine down to zero. "two_cycles": the same twice, each in half of the steps (a warm restart).
     """
     if config.schedule == "paper":
         ends = np.cumsum(config.shares) / sum(config.shares) * config.steps
@@ -48,9 +48,9 @@ def learning_rate(config: TrainingConfig, step: int) -> float:
 
 
 def prepare(device: str) -> torch.device:
-    """Return the device, with torch set to one thread (stages run side by side) and denormals flushed to zero.
+    """Return the device; set torch to one thread, since stages run side by side, and to flush denormals to zero.
 
-    Adam's second moments of weights that rest decay into denormals, which cost a hundred cycles each.
+    Adam's second moments of weights at rest decay into denormals, which cost a hundred cycles each.
     """
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
@@ -67,12 +67,15 @@ def train(
     measure: Callable[[], tuple[float, float]],
     columns: Sequence[str] = LOG_COLUMNS,
 ) -> list[dict]:
-    """Minimise a loss over a model's weights, in place, and return the log: one dict of `columns` a row.
+    """Minimise a loss over a model's weights, in place, and return the log: a dict of `columns` for each row.
 
-    loss_of_step: the differentiable loss of one step's batch. scratch: a folder of this training's own,
-    which stays until its result is safe; a checkpoint in it is continued. progress: (total, label, initial)
-    → a context manager with update(k). measure: () → (mm, degrees) on held-out poses, for the log. columns: the log's,
-    where something else is measured.
+    loss_of_step: step → the differentiable loss of its batch.
+    config: the schedule.
+    scratch: a folder for checkpoints, used by this training alone; a checkpoint in it is continued.
+    progress: (total, label, initial) → a context manager with update(k).
+    label: names the training in its progress.
+    measure: () → (mm, degrees) on held-out poses, for the log.
+    columns: those of the log, if something else is measured.
     """
     weights = dict(model.named_parameters())
     optimiser = torch.optim.Adam(weights.values(), lr=config.peak_rate, fused=True)
@@ -82,6 +85,7 @@ def train(
     last_save = time.monotonic()
     with progress(config.steps, label, first) as bar:
         for step in range(first, config.steps):
+            # one step
             optimiser.param_groups[0]["lr"] = learning_rate(config, step)
             optimiser.zero_grad(set_to_none=True)
             loss = loss_of_step(step)
@@ -90,6 +94,7 @@ def train(
                 nn.utils.clip_grad_norm_(weights.values(), config.largest_gradient)
             optimiser.step()
             running.append(loss.item())
+            # the log, and a checkpoint
             if (step + 1) % every == 0 or step + 1 == config.steps:
                 row = (step + 1, math.fsum(running) / len(running), *measure())
                 log.append(dict(zip(columns, row, strict=True)))
@@ -113,7 +118,7 @@ def _save(checkpoint: Path, weights: dict, optimiser, step: int, log: list, runn
 
 
 def _resume(checkpoint: Path, weights: dict, optimiser) -> tuple[int, list, list]:
-    """Restore weights and moments from a checkpoint, if there is a sound one; return (step, log, running)."""
+    """Restore weights and moments from a checkpoint if there is a sound one; return (step, log, recent losses)."""
     arrays = read_sealed(checkpoint, lambda stream: load(stream.read()))
     if arrays is None:
         return 0, [], []
@@ -135,7 +140,7 @@ def write_log(log: Sequence[dict], file: Path) -> None:
     write_csv(file, columns, (list(row.values()) for row in log))
 
 
-# Training one network a segment from nothing: what the coarse CNN and the dense baseline share (§3.5, §5.1).
+# Training a network for each segment, which the coarse CNN and the dense baseline share (§3.5, §5.1).
 
 
 def train_segments(
@@ -152,18 +157,22 @@ def train_segments(
     device: str = "cpu",
     base: SegmentedModel | None = None,
 ) -> tuple[SegmentedModel, list[dict]]:
-    """Train the networks of some segments together on Eq. 1; return the model and its log.
+    """Train the networks of some segments together on Eq. 1; return the model and its log of validation errors.
 
-    networks: one a segment; their weights are drawn anew. scratch: a folder of this training's own, continued from if
-    it holds a checkpoint. progress: as for `training.train`. stream: names the training, in its progress and as its
-    stream of random batches. scale: what rig parameters are divided by. base: a model of the same segments that stays
-    as it is, and that the networks learn to add to; none by default. The log's mm and degrees are those of the
-    validation poses, over all segments.
+    networks: one for each segment; their weights are drawn anew from `seed`.
+    samples: the training and validation poses.
+    config: the networks' section: loss, conditioning and schedule.
+    scratch, progress: as for `train`.
+    stream: names the training in its progress, and its stream of random batches.
+    seed: decides weights and batches.
+    scale: what rig parameters are divided by.
+    device: "cpu" or "cuda".
+    base: a fixed model of the same segments that the networks add to; none by default.
     """
     device = prepare(device)
     supervision = Supervision(mesh, samples, segment_vertices(segments), config.normal_weight, device)
     params, targets = supervision.statistics()
-    if base is not None:
+    if base is not None:  # the networks learn what it leaves
         targets = targets - base.offsets(params)
         base = base.to(device)
     model = fresh_model(networks, segments, scale, targets, config, seed).to(device)

@@ -1,8 +1,8 @@
 """Which sources a stage depends on, read from definitions and imports without importing anything.
 
-What a function reaches counts: the definitions that it names in its own module, those that it imports from others, what
-those reach in turn, and every statement that runs when one of these modules is imported. What it doesn't reach, say how
-stages are put together or what a row is labelled with, can change without making an artefact anew.
+A function depends on the definitions that it names in its module, on those that it imports from others, on what those
+name in turn, and on every statement that runs when one of these modules is imported. Anything else, such as how stages
+are put together or how a row is labelled, can change without making an artefact anew.
 """
 
 import ast
@@ -15,7 +15,7 @@ from pathlib import Path
 
 from replicate.base.paths import ROOT
 
-# What carries a stage and checks its configuration: numbers don't pass through it, so it doesn't count.
+# What runs a stage and checks its configuration. It changes no result, so no stage depends on it.
 MACHINERY = ("replicate", "replicate.config", "replicate.base", "replicate.engine", "replicate.cli")
 EVERYTHING = "*"  # in place of a definition's name: all of a module
 
@@ -26,23 +26,24 @@ def is_machinery(module: str) -> bool:
 
 
 def sources_digest(functions: str) -> str:
-    """Return a hash of all project sources that a stage's function, or several of them, depend on.
+    """Return a hash of all project sources that a stage's function, or several functions, depend on.
 
-    functions: "module:function", or several after commas: a stage's own, then those that it calls by name. Imports
-    within functions count as those at the top do. Comments, layout and docstrings do not, nor does the engine
-    (`is_machinery`). Definitions and modules that are looked up by a computed name are not seen. Raises ValueError when
-    there is no such function.
+    functions: "module:function", or several after commas: the stage's function, then those that it calls by name.
+
+    Imports inside functions count as those at the top do. Comments, layout, docstrings and the engine (`is_machinery`)
+    don't count. Definitions and modules that are looked up by a computed name are missed. Raises ValueError when there
+    is no such function.
     """
     return _digest(_definitions(functions))
 
 
 def source_texts(functions: str) -> dict[str, str]:
-    """Return a hash of each module's text, comments and all, that `sources_digest` of some functions reads."""
+    """Return, for each module that `sources_digest` of some functions reads, a hash of its whole text."""
     return {module: _outline(_module_file(module), module).text for module in _closure(_definitions(functions))}
 
 
 def are_unchanged(texts: dict[str, str]) -> bool:
-    """Return whether modules have the texts that `source_texts` found: if so, `sources_digest` is what it was then."""
+    """Return whether modules still have the texts that `source_texts` found, and `sources_digest` is the same."""
     files = {module: _module_file(module) for module in texts}
     return all(file is not None and _hash(file.read_bytes()) == texts[module] for module, file in files.items())
 
@@ -61,7 +62,7 @@ def _definitions(functions: str) -> tuple[tuple[str, str], ...]:
 
 
 def code_digest(code: str) -> str:
-    """Return a hash of all project sources that some lines of Python reach by their imports; not of the lines."""
+    """Return a hash of all project sources that some lines of Python import; the lines themselves don't count."""
     entries = [entry for node in ast.walk(ast.parse(code)) for entry in _import_entries(node, "", False)]
     definitions = [
         (f"{module}.{name}", EVERYTHING) if name and _module_file(f"{module}.{name}") else (module, name or EVERYTHING)
@@ -72,7 +73,7 @@ def code_digest(code: str) -> str:
 
 @functools.cache
 def _digest(definitions: tuple[tuple[str, str], ...]) -> str:
-    """Return the hash of all that some definitions, (module, name) each, reach."""
+    """Return the hash of everything that some definitions, (module, name) each, depend on."""
     dumps = []
     for module, places in sorted(_closure(definitions).items()):
         statements = _outline(_module_file(module), module).statements
@@ -82,7 +83,7 @@ def _digest(definitions: tuple[tuple[str, str], ...]) -> str:
 
 @functools.cache
 def _written(module: str, place: int) -> str:
-    """Return a statement of a module as digests have it; many of them share it."""
+    """Return a statement of a module as it enters a hash; cached, since many hashes share it."""
     return repr((module, _outline(_module_file(module), module).statements[place].dump))
 
 
@@ -92,7 +93,7 @@ def _hash(data: bytes) -> str:
 
 @functools.cache
 def _closure(definitions: tuple[tuple[str, str], ...]) -> dict[str, set[int]]:
-    """Return all that some definitions, (module, name) each, reach: by module, the places of its statements."""
+    """Return the statements that some definitions, (module, name) each, depend on: by module, their places in it."""
     closure: dict[str, set[int]] = {}
     pending, visits = list(definitions), set()
     while pending:
@@ -120,7 +121,7 @@ def _closure(definitions: tuple[tuple[str, str], ...]) -> dict[str, set[int]]:
 
 @functools.cache
 def _reached(module: str, place: int) -> frozenset[tuple[str, str]]:
-    """Return the definitions, (module, name) each, that a statement of a module names or imports."""
+    """Return the definitions, (module, name) each, that a module's statement names or imports."""
     outline = _outline(_module_file(module), module)
     named = {(module, other) for other in outline.statements[place].names if other in outline.definitions}
     return frozenset(named.union(_imports_of(outline, place)))
@@ -128,10 +129,13 @@ def _reached(module: str, place: int) -> frozenset[tuple[str, str]]:
 
 @dataclass(frozen=True)
 class _Statement:
-    """What hashing needs of a statement at a module's top.
+    """A statement at a module's top, as hashing sees it.
 
-    names: all that it names. attributes: (name, attribute) of every name whose attribute it reads. bare: names that
-    stand elsewhere too. imports: what it imports, also deep inside: (bound name, module, name there or "").
+    is_import, dump: whether it is an import; else its syntax tree as text.
+    names: all names in it.
+    attributes: (name, attribute) wherever it reads an attribute of a name.
+    bare: names that it uses in another way.
+    imports: what it imports, also inside functions: (bound name, module, name there or "").
     """
 
     is_import: bool
@@ -144,9 +148,14 @@ class _Statement:
 
 @dataclass(frozen=True)
 class _Outline:
-    """A module's statements, which of them bind a name, which bind none (loose), and the modules that it imports.
+    """A module as hashing sees it.
 
-    definitions: the names that are bound by other statements than imports. text: a hash of the file's bytes.
+    text: a hash of the file's bytes.
+    statements: those at the module's top.
+    bindings: the places of the statements that bind each name.
+    definitions: the names that something other than an import binds.
+    loose: the places of the statements that bind no name.
+    imports: the modules that it imports.
     """
 
     text: str
@@ -158,9 +167,10 @@ class _Outline:
 
 
 def _imports_of(outline: _Outline, place: int) -> list[tuple[str, str]]:
-    """Return the (module, name) pairs that a statement imports, by itself or by imports at the module's top.
+    """Return the (module, name) pairs that a statement uses, through imports inside it or at the module's top.
 
-    Of a module that a name stands for, the attributes count that the statement reads; all, where it is used otherwise.
+    Where a name stands for a module, these are the attributes that the statement reads, or everything in the module if
+    the name is used in another way.
     """
     statement = outline.statements[place]
     entries = list(statement.imports)
@@ -212,7 +222,7 @@ def _outline(file: Path, module: str) -> _Outline:
     tree = ast.parse(text, str(file))
     _drop_docstring(tree)
     package = file.name == "__init__.py"
-    bindings: dict[str, list[int]] = {}
+    bindings = {}
     loose, statements = [], []
     for place, node in enumerate(tree.body):
         bound = _bound(node)
@@ -228,11 +238,9 @@ def _outline(file: Path, module: str) -> _Outline:
         for _, source, name in statement.imports
         for whole in (source, f"{source}.{name}" if name else source)
     }
-    places = {name: tuple(numbers) for name, numbers in bindings.items()}
-    definitions = {
-        name for name, numbers in places.items() if not all(statements[place].is_import for place in numbers)
-    }
-    return _Outline(_hash(text), tuple(statements), places, frozenset(definitions), tuple(loose), frozenset(imports))
+    bindings = {name: tuple(places) for name, places in bindings.items()}
+    definitions = {name for name, places in bindings.items() if not all(statements[k].is_import for k in places)}
+    return _Outline(_hash(text), tuple(statements), bindings, frozenset(definitions), tuple(loose), frozenset(imports))
 
 
 def _drop_docstring(node: ast.AST) -> None:
@@ -241,7 +249,7 @@ def _drop_docstring(node: ast.AST) -> None:
 
 
 def _statement(node: ast.stmt, module: str, package: bool) -> _Statement:
-    """Return what hashing needs of a statement, whose docstrings are dropped; its nodes are walked over once."""
+    """Return a statement as hashing sees it, without docstrings; its nodes are visited once."""
     imports, names, roots = [], [], {}
     for inner in ast.walk(node):
         if isinstance(inner, ast.Name):
@@ -261,7 +269,7 @@ def _statement(node: ast.stmt, module: str, package: bool) -> _Statement:
 
 
 def _import_entries(node: ast.AST, module: str, package: bool) -> list[tuple[str, str, str]]:
-    """Return (bound name, module, name there) of an import; "import a.b" binds a, and is an import of all of a.b."""
+    """Return (bound name, module, name there) of an import; "import a.b" binds a and imports all of a.b."""
     if isinstance(node, ast.Import):
         return [(alias.asname or alias.name, alias.name, "") for alias in node.names]
     if not isinstance(node, ast.ImportFrom):

@@ -1,12 +1,12 @@
-"""The door of every command: whatever goes wrong inside ends in one sentence and an exit code, without a traceback.
+"""How every command ends: whatever goes wrong inside becomes one sentence and an exit code, without a traceback.
 
-Exit codes: 0 done; 1 a run that could not go on, a full disk, too little memory; 2 bad input; 130 Ctrl-C; 141 nobody
-reads what is printed. A program of this project ends with
+Exit codes: 0 done; 1 the run could not go on, the disk is full, memory ran out; 2 bad input; 130 Ctrl-C; 141 nobody
+reads the output. A program of this project ends with
 
     if __name__ == "__main__":
         sys.exit(run("replicate.somewhere:main"))
 
-and imports nothing before that but this module, which loads next to nothing: Ctrl-C may come during the first imports.
+and imports only this module before that, which loads next to nothing: Ctrl-C may come during the first imports.
 """
 
 import contextlib
@@ -31,8 +31,7 @@ INTERRUPTION = "interrupted: what is finished is kept, and the same command goes
 def run(function: str) -> int:
     """Import a function, "module:name", call it without arguments, and return the exit code as `guard` does.
 
-    Ctrl-C ends the process at once while modules are imported and when the work is done: an exception in the middle of
-    an import, or of the interpreter's end, could become any other.
+    Ctrl-C ends the process at once during imports and after the work: there an exception could turn into any other.
     """
     end_with_make()
     prepare_streams()
@@ -50,14 +49,14 @@ def run(function: str) -> int:
         return entry()
 
     code = guard(body)
-    on_interrupt(lambda number, frame: os._exit(code))
+    on_interrupt(lambda signum, frame: os._exit(code))
     return code
 
 
 def guard(body: Callable[[], int | None]) -> int:
-    """Call a function and return the exit code: its own, or that of what it raises, which ends in one sentence.
+    """Call a function and return its exit code, or that of the error it raises, which is printed as one sentence.
 
-    Errors that nobody has foreseen are raised as they are.
+    Unforeseen errors are raised as they are.
     """
     try:
         try:
@@ -91,12 +90,12 @@ def guard(body: Callable[[], int | None]) -> int:
 
 
 def is_out_of_memory(error: Exception) -> bool:
-    """Return whether an error says that memory could not be had, in whatever words a library has for that."""
+    """Return whether an error means that memory ran out, whatever words its library has for that."""
     return isinstance(error, MemoryError) or any(words in str(error) for words in _NO_MEMORY)
 
 
 def exit_in_words(end: SystemExit) -> str:
-    """Return whose function called sys.exit where it was to return: a method of somebody's own, say."""
+    """Return a sentence that names the function that called sys.exit; it may belong to a user's method."""
     import traceback
 
     place = traceback.extract_tb(end.__traceback__)[-1]
@@ -104,16 +103,16 @@ def exit_in_words(end: SystemExit) -> str:
 
 
 def prepare_streams() -> None:
-    """Make the standard streams take whatever is printed.
+    """Make the standard streams accept whatever is printed.
 
-    A stream that is closed becomes one that takes all and keeps nothing: the next file to be opened would be in its
-    place. Characters that the encoding of the output lacks are replaced.
+    A closed stream is connected to the null device, or the next file that is opened would take its place. Characters
+    that the output's encoding lacks are replaced.
     """
-    for number in (0, 1, 2):
+    for descriptor in (0, 1, 2):
         try:
-            os.fstat(number)
+            os.fstat(descriptor)
         except OSError:
-            nowhere = os.open(os.devnull, os.O_RDWR)  # in the closed one's place: the lowest number that is free
+            nowhere = os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, which is the closed one's
             os.set_inheritable(nowhere, True)
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
@@ -129,7 +128,7 @@ def _tell(sentence: str, code: int) -> int:
     return code
 
 
-def _leave(number: int, frame: object) -> None:
+def _leave(signum: int, frame: object) -> None:
     _tell(INTERRUPTION, 130)
     os._exit(130)
 
@@ -143,7 +142,7 @@ def _is_unread() -> bool:
 
 
 def _silence() -> None:
-    """Send what is still to be printed to nowhere, so that the interpreter's end does not fail on it."""
+    """Discard what is still to be printed, or the interpreter's end would fail on it."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):

@@ -2,11 +2,11 @@
 
 
 class InputError(ValueError):
-    """Bad input: one sentence that names the file, the key or index, what was found and what is allowed.
+    """Bad input: one sentence that names the file, the key or index, what was expected and what was found.
 
     The command line prints the sentence alone and exits with code 2. Arguments, recipes and configuration files are
-    checked before anything is written; what shows only in a stage, such as a bad clip or a recipe that gives no mesh,
-    ends the run with no result, and what other stages have finished by then stays in the cache.
+    checked before anything is written. Mistakes that only a stage can find, such as a recipe that gives no mesh, end
+    the run without a result; what other stages have finished stays in the cache.
     """
 
 

@@ -1,4 +1,4 @@
-"""Files that are whole or absent: written beside and renamed, sealed with a checksum; and what a full disk says."""
+"""Files that are whole or absent: written beside their place and renamed, or sealed by a checksum; and full disks."""
 
 import errno
 import hashlib
@@ -18,11 +18,12 @@ from replicate.base.paths import CACHE_VARIABLE, RESULTS_VARIABLE, cache_folder,
 
 @contextmanager
 def replacing(file: Path, durable: bool = False) -> Iterator[Path]:
-    """Yield a path to write to, which takes the place of `file` when the block ends and goes away if it fails.
+    """Yield a path to write to, which replaces `file` when the block ends and is removed if the block fails.
 
-    The path is `.new-…-<name>` in the folder of `file` and ends as `file` does: some writers look at the ending, or add
-    their own. durable: wait until the contents are on the disk, or a power cut could leave the new name with half of
-    them. Raises OSError, naming `file`, where it can't be written; one with a number where the disk is full.
+    durable: wait until the contents are on the disk; otherwise a power cut could leave the new name with half of them.
+
+    The path is `.new-…-<name>` beside `file` and has its ending, since some writers look at that. Raises OSError, which
+    names `file`, where it can't be written, with an error number where the disk is full.
     """
     file = Path(file)
     new = file.with_name(f".new-{os.urandom(4).hex()}-{file.name[-60:]}")  # a folder's names end at 255 bytes
@@ -33,10 +34,10 @@ def replacing(file: Path, durable: bool = False) -> Iterator[Path]:
                 os.fsync(stream.fileno())
         os.replace(new, file)
     except OSError as error:
-        number = shortage_number(error, file.parent) or error.errno
-        if error.filename not in (None, str(new)) or number is None:
+        code = shortage_number(error, file.parent) or error.errno
+        if error.filename not in (None, str(new)) or code is None:
             raise
-        raise OSError(number, os.strerror(number), str(file)) from error
+        raise OSError(code, os.strerror(code), str(file)) from error
     finally:
         with suppress(OSError):
             new.unlink()
@@ -59,7 +60,7 @@ def copy_file(source: Path, target: Path) -> None:
         shutil.copyfile(source, new)
 
 
-# Checkpoints that begin with a checksum of what follows: a damaged one counts as none, and is named.
+# Checkpoints that begin with a checksum of what follows: a damaged one is reported and not used.
 
 Contents = TypeVar("Contents")
 _BEGIN, _END = b"sha256:", b"\n"
@@ -67,9 +68,9 @@ _SEAL_BYTES = len(_BEGIN) + 64 + len(_END)
 
 
 def write_sealed(file: Path, write: Callable[[BinaryIO], object]) -> None:
-    """Write a file with its checksum in the first line; it is there as a whole, also after a power cut, or not at all.
+    """Write a file whose first line is a checksum of the rest; even after a power cut it is whole or absent.
 
-    write: called with a binary stream, after the first line, to write the contents to.
+    write: writes the contents to the binary stream that it is called with.
     """
     file.parent.mkdir(parents=True, exist_ok=True)
     with replacing(file, durable=True) as new, open(new, "w+b") as stream:
@@ -81,9 +82,9 @@ def write_sealed(file: Path, write: Callable[[BinaryIO], object]) -> None:
 
 
 def read_sealed(file: Path, read: Callable[[BinaryIO], Contents]) -> Contents | None:
-    """Return what a reader makes of a sealed file, or None if there is none or it is damaged.
+    """Return the contents of a sealed file, or None if it is missing or damaged; damage is told on standard error.
 
-    read: called with a binary stream at the first byte of the contents. Damage is named on standard error, in one line.
+    read: reads the contents from the binary stream that it is called with.
     """
     try:
         with open(file, "rb") as stream:
@@ -104,52 +105,52 @@ def _seal(stream: BinaryIO) -> bytes:
 
 
 def _first_line(stream: BinaryIO) -> bytes:
-    """Return the seal that a stream carries and leave the stream behind it."""
+    """Read the seal at the beginning of a stream."""
     stream.seek(0)
     return stream.read(_SEAL_BYTES)
 
 
-# A full disk: which errors mean one, and the sentence that names the folder and what helps.
+# A full disk: which errors mean that, and a sentence that names the folder and the remedy.
 
 _NEARLY_FULL_BYTES = 32 << 20  # below this, a write that failed without a reason failed for lack of space
-_NUMBERS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def shortage_number(error: BaseException, folder: Path | None = None) -> int | None:
-    """Return ENOSPC, EDQUOT or EFBIG if an error says, or by the free space must mean, that a file found no room.
+    """Return ENOSPC, EDQUOT or EFBIG if a file found no room, as the error says or the free space shows, else None.
 
-    folder: where the file was to be, for errors that name none.
+    folder: where the file should have been written; used where the error names no file.
     """
     if isinstance(error, (InputError, RunError)):
         return None
-    for number in _NUMBERS:
-        if os.strerror(number) in str(error):  # some libraries wrap the number away
-            return number
+    for code in _NO_ROOM:
+        if os.strerror(code) in str(error):  # some libraries lose the error number
+            return code
     if not isinstance(error, OSError):
         return None
-    if error.errno in _NUMBERS:
+    if error.errno in _NO_ROOM:
         return error.errno
     if error.errno is None and free_bytes(folder or cache_folder()) < _NEARLY_FULL_BYTES:
         return errno.ENOSPC
-    if error.errno is None and " requested and " in str(error):  # so numpy tells of a short write, without a number
+    if error.errno is None and " requested and " in str(error):  # numpy's words for a short write
         return errno.EFBIG if _limit() else errno.ENOSPC
     return None
 
 
 def shortage(error: BaseException, folder: Path | None = None) -> str:
-    """Return "" unless a file found no room, else which folder has no more, or which limit was met, and what helps.
+    """Return "" unless a file found no room, else a sentence that names the full folder or the limit, and the remedy.
 
-    folder: where the file was to be; an error that names its file knows better.
+    folder: where the file should have been written; used where the error names no file.
     """
-    number = shortage_number(error, folder)
-    if number is None:
+    code = shortage_number(error, folder)
+    if code is None:
         return ""
     named = _named_folder(error)
-    if number == errno.EFBIG:
+    if code == errno.EFBIG:
         limit = f" of {_limit() >> 10} KB" if _limit() else ""
         return f"a file would be larger than allowed{_at(named or folder)}: raise the limit{limit} with `ulimit -f`"
     folder = named or next(filter(_is_full, [folder, *_roots().values()]), folder)
-    if number == errno.EDQUOT:
+    if code == errno.EDQUOT:
         return f"your quota is used up{_at(folder)}: make room{_elsewhere(folder)}"
     if folder and _lacks_inodes(folder):
         free = f"{free_bytes(folder) >> 20} MB are free, but no inodes"
@@ -159,7 +160,7 @@ def shortage(error: BaseException, folder: Path | None = None) -> str:
 
 
 def _named_folder(error: BaseException) -> Path | None:
-    """Return the folder that an error names, or that of its file: of two, the one that was to be written."""
+    """Return the folder that an error names, or that of the file it names; of two files the one that was written."""
     name = isinstance(error, OSError) and (error.filename2 or error.filename)
     if not name:
         return None
@@ -172,21 +173,21 @@ def _is_full(folder: Path | None) -> bool:
 
 
 def free_bytes(folder: Path) -> int:
-    """Return how much room there is where a folder is, or will be."""
+    """Return how many bytes are free where a folder is or will be."""
     return shutil.disk_usage(_existing(folder)).free
 
 
 def _lacks_inodes(folder: Path) -> bool:
-    """Return whether a file system can hold hardly any more files, though more bytes; false where it counts no files.
+    """Return whether a file system has room for bytes but for hardly any more files; false where it has no such limit.
 
-    What found no room may have been removed by now, so that a few of them are free again.
+    The file that found no room may have been removed since, so a few inodes count as none.
     """
     room = os.statvfs(_existing(folder))
     return room.f_favail * room.f_blocks < min(0.05 * room.f_blocks, room.f_bavail) * room.f_files
 
 
 def _existing(folder: Path) -> Path:
-    """Return a folder, or the nearest one above it that is there."""
+    """Return a folder, or the nearest folder above it that exists."""
     folder = Path(folder).absolute()
     while not folder.exists():
         folder = folder.parent
@@ -199,7 +200,7 @@ def _at(folder: Path | None) -> str:
 
 
 def _elsewhere(folder: Path | None) -> str:
-    """Return the variable that moves a folder's contents to another disk, as the end of a piece of advice."""
+    """Return the end of a piece of advice: the variable that would move a folder's contents to another disk."""
     above = {variable: root for variable, root in _roots().items() if folder and folder.resolve().is_relative_to(root)}
     variable = max(above, key=lambda name: len(above[name].parts), default="")  # one root may lie in another
     return f" or set {variable} to a folder elsewhere" if variable else ""
@@ -208,26 +209,26 @@ def _elsewhere(folder: Path | None) -> str:
 def _roots() -> dict[str, Path]:
     """Return the folders that this project writes to, resolved, by the variables that name them."""
     roots = {CACHE_VARIABLE: cache_folder(), RESULTS_VARIABLE: run_folder("any").parent}
-    with suppress(FileNotFoundError):  # there is none, should all disks be full
+    with suppress(FileNotFoundError):  # all disks may be full
         roots["TMPDIR"] = Path(tempfile.gettempdir())
     return {variable: root.resolve() for variable, root in roots.items()}
 
 
 def _limit() -> int:
-    """Return the largest size of a file that this process may write, in bytes; 0 for none."""
+    """Return the largest file that this process may write, in bytes; 0 for no limit."""
     soft, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
     return 0 if soft == resource.RLIM_INFINITY else soft
 
 
-# Folders to write to: that one can be written is known before hours of work; one whose path is short, for sockets.
+# Folders to write to, which are checked before hours of work; and one with a short path, for sockets.
 
-_LONGEST_BYTES = 60  # of a temporary folder's path: a socket's, a random name and its own included, ends at 103
+_LONGEST_BYTES = 60  # of a temporary folder's path; with two more names a socket's path may have 103
 
 
 def check_writable(folder: Path, variable: str) -> None:
-    """Make a folder, unless it is there, and see that files can be written into it.
+    """Make a folder unless it exists, and raise InputError if no file can be written into it.
 
-    variable: the environment variable that names it. Raises InputError, in one sentence, where nothing can be written.
+    variable: the environment variable that names it, for the message.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -242,18 +243,15 @@ def check_writable(folder: Path, variable: str) -> None:
 
 
 def check_creatable(folder: Path, variable: str) -> None:
-    """See that a folder can be written, or made where it isn't there, and leave nothing behind.
-
-    variable, errors: as for `check_writable`.
-    """
+    """Raise InputError, as `check_writable` does, if a folder can't be made or written; leave nothing behind."""
     check_writable(next(part for part in (folder, *folder.parents) if part.exists()), variable)
 
 
 @contextmanager
 def short_temporary_folder() -> Iterator[Path]:
-    """Yield a temporary folder in which a socket can stand: the path of one ends at about a hundred bytes.
+    """Yield a temporary folder for a socket, whose path may have about a hundred bytes.
 
-    It is in `$TMPDIR` where that is short enough, and goes when the block ends. Raises InputError where there is none.
+    It is in `$TMPDIR` if that is short enough, and goes when the block ends. Raises InputError if none can be made.
     """
     parents = [Path(name) for name in (os.environ.get("TMPDIR"), "/tmp", "/var/tmp", "/dev/shm") if name]
     for parent in parents:

@@ -45,7 +45,7 @@ def settle_folders(*others: str) -> None:
 
     others: variables beside those of the cache and the results.
 
-    Called once, when a command starts. Raises InputError for a variable that can't name a folder.
+    It is called once, when a command starts. Raises InputError for a variable that can't name a folder.
     """
     for variable in (CACHE_VARIABLE, RESULTS_VARIABLE, *others):
         if (folder := named_folder(variable)) is not None:
@@ -53,28 +53,28 @@ def settle_folders(*others: str) -> None:
 
 
 def named_folder(variable: str) -> Path | None:
-    """Return the folder that an environment variable names, absolute, or None where it names none."""
+    """Return the absolute path of the folder that an environment variable names, or None if it is not set."""
     name = os.environ.get(variable, "").strip()
     if not name:
         return None
     folder = Path(os.path.abspath(with_home(name, variable, "folder")))
     if any(len(os.fsencode(part)) > LONGEST_NAME for part in folder.parts):
-        raise InputError(f"{variable} has a name of more than {LONGEST_NAME} bytes in it: allowed is a folder's path")
+        raise InputError(f"{variable}: expected a folder's path, got one with a name of more than {LONGEST_NAME} bytes")
     if os.path.exists(folder) and not os.path.isdir(folder):
-        raise InputError(f"{variable} is {name}: allowed is a folder, and this is none")
+        raise InputError(f"{variable}: expected a folder, got {name}, which is something else")
     return Path(os.path.realpath(folder))
 
 
 def with_home(text: str, what: str, kind: str = "file") -> Path:
-    """Return the path that a text names, its ~ replaced by the home folder.
+    """Return a path with its ~ replaced by the home folder; raise InputError where there is no such home folder.
 
-    what: its name, for messages. kind: what it is a path of. Raises InputError for the home folder of nobody.
+    what: the option or variable that names it, for messages.
+    kind: "file" or "folder", for messages.
     """
     try:
         return Path(text).expanduser()
     except RuntimeError:  # ~nobody
-        requirement = f"allowed is a {kind}'s path"
-        raise InputError(f"{what} is {shown(text)}: there is no such home folder, {requirement}") from None
+        raise InputError(f"{what}: expected a {kind}'s path, got {shown(text)}: there is no such home folder") from None
 
 
 def display_path(path: Path) -> str:

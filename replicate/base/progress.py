@@ -1,4 +1,4 @@
-"""Progress with an estimate of the time left, for whatever takes more than two seconds."""
+"""Progress bars with an estimate of the time left, for work of more than two seconds."""
 
 import sys
 import time
@@ -15,14 +15,14 @@ _reporter: Callable[[str, float, float], None] | None = None
 def report_to(reporter: Callable[[str, float, float], None] | None) -> None:
     """Send progress to `reporter(label, done, total)` instead of a bar; None brings the bar back.
 
-    A worker process has no terminal of its own: it reports to the process that started it, which draws.
+    A worker process has no terminal: it reports to the process that started it, which draws.
     """
     global _reporter
     _reporter = reporter
 
 
 class Progress:
-    """How far a piece of work has come; made by `progress`."""
+    """How much of a piece of work is done; made by `progress`."""
 
     def __init__(self, total: float, label: str, initial: float = 0):
         self.total, self.label, self.steps = total, label, initial
@@ -51,7 +51,7 @@ class Progress:
             self._report()
 
     def update(self, amount: float = 1) -> None:
-        """Add `amount` to what is done."""
+        """Report `amount` more steps as done."""
         self.steps += amount
         if self._bar is not None:
             self._bar.update(amount)
@@ -67,6 +67,6 @@ class Progress:
 def progress(total: float, label: str, initial: float = 0) -> Progress:
     """Return a context manager whose `.update(k)` moves a bar of `total` steps, of which `initial` are done.
 
-    Draws nothing when standard error is no terminal; inside a stage the scheduler draws for all workers.
+    Nothing is drawn if standard error is no terminal; inside a stage, the scheduler draws.
     """
     return Progress(total, label, initial)

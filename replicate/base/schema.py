@@ -1,7 +1,7 @@
-"""What a user may set: frozen dataclasses that check their own fields, their reading from TOML, their form as JSON.
+"""Settings: frozen dataclasses that check their fields, are read from TOML tables and are stored as JSON.
 
-A field's annotation says what it is (`float`, `int`, `Literal`, `tuple[float, ...]`, another dataclass), its metadata
-which values are allowed; `number`, `numbers`, `span`, `table`, `names`, `groups` and `identifier` declare such fields.
+A field's annotation is its type (`float`, `int`, `Literal`, `tuple[float, ...]`, another dataclass), its metadata says
+which values it may have; `number`, `numbers`, `span`, `table`, `names`, `groups` and `identifier` declare such fields.
 Recipes, ICT-FaceKit's recipes and configurations are all read by `read_table`.
 """
 
@@ -9,27 +9,27 @@ import dataclasses
 import importlib
 import math
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, field
 from typing import Any, Literal
 
 from replicate.base.exceptions import InputError
 
-LONGEST = 100  # characters of a value in a sentence, and bytes of a name that names of files are built from
+LONGEST = 100  # characters of a value in a message, and bytes of a name that file names are built from
 
 
 class _Unfit(ValueError):
-    """A value doesn't fit its field; the text says what is allowed."""
+    """A value doesn't fit its field; the text says what is expected."""
 
 
 def number(default: Any = MISSING, lower: float = 0, upper: float | None = None, even: bool = False) -> Any:
-    """Declare a number in [lower, upper], or by its annotation a list of one or more such numbers."""
+    """Declare a number in [lower, upper]; with a tuple as annotation, a list of one or more such numbers."""
     return field(default=default, metadata={"range": (lower, upper), "even": even})
 
 
 def numbers(default: Any, length: int, lower: float, upper: float, optional: bool = False) -> Any:
-    """Declare `length` numbers in [lower, upper], or, where they are optional, none at all."""
+    """Declare a list of `length` numbers in [lower, upper], which may be empty if it is optional."""
     return field(default=default, metadata={"range": (lower, upper), "length": length, "optional": optional})
 
 
@@ -44,17 +44,17 @@ def table(default: Any, width: int, lower: float, upper: float) -> Any:
 
 
 def identifier() -> Any:
-    """Declare a required name of letters, digits and _, short enough for names of files."""
+    """Declare a required name of letters, digits and _, short enough for a file name."""
     return field(metadata={"identifier": True})
 
 
 def names(default: tuple[str, ...] = (), what: str = "names") -> Any:
-    """Declare a list of texts, which may be empty; what: what they are, for messages."""
+    """Declare a list of texts, which may be empty; what: the plural noun for them in messages."""
     return field(default=default, metadata={"what": what, "optional": True})
 
 
 def groups(default: dict[str, tuple[str, ...]], options: tuple[str, ...], what: str) -> Any:
-    """Declare a table of lists of `options`, of any texts where there are none; what: what these are, for messages."""
+    """Declare a table of lists of `options`, or of any texts if there are none; what: their plural noun in messages."""
     return field(default_factory=lambda: dict(default), metadata={"options": options, "what": what})
 
 
@@ -73,32 +73,33 @@ class Checked:
 def read_table(base: Any, table: dict[str, Any], prefix: str = "", **extra: Any) -> Any:
     """Return a Checked dataclass with the values of a nested table, as TOML gives it.
 
-    base: a Checked class, or an instance whose values stay where the table has none. prefix: the table's own name and
-    a dot, for messages. extra: fields that don't come from the table.
+    base: a Checked class, or an instance whose values stay where the table has none.
+    prefix: the table's name and a dot, for messages.
+    extra: fields that don't come from the table.
 
-    Raises InputError for an unknown or missing key and for a value that is not allowed; it names the key, the value and
-    what is allowed.
+    Raises InputError for an unknown or missing key and for a value that doesn't fit.
     """
     kind = base if isinstance(base, type) else type(base)
     hints = typing.get_type_hints(kind)
     entries = {entry.name: entry for entry in dataclasses.fields(kind) if entry.name not in extra}
     for key in table:
         if key not in entries:
-            raise InputError(f"unknown key {prefix}{cut(key)}: allowed are {', '.join(entries)}")
+            raise InputError(f"unknown key {prefix}{cut(key)}: expected {either(entries)}")
     values = dict(extra)
     for key, entry in entries.items():
         section = hints[key] if dataclasses.is_dataclass(hints[key]) else None
         if key not in table:
             if base is kind and entry.default is MISSING and entry.default_factory is MISSING:
-                requirement = f"a table [{prefix}{key}]" if section else "it"
-                raise InputError(f"{prefix}{key} is missing: {requirement} is required")
+                raise InputError(
+                    f"{prefix}{key} is missing: expected {f'a table [{prefix}{key}]' if section else 'a value'}"
+                )
         elif section is None:
             values[key] = _check(f"{prefix}{key}", table[key], hints[key], entry.metadata)
         elif isinstance(table[key], dict):
             inner = section if base is kind else getattr(base, key)
             values[key] = read_table(inner, table[key], f"{prefix}{key}.")
         else:
-            raise InputError(f"{prefix}{key} is {shown(table[key])}: allowed is a table [{prefix}{key}]")
+            raise InputError(f"{prefix}{key}: expected a table [{prefix}{key}], got {shown(table[key])}")
     try:
         return kind(**values) if base is kind else dataclasses.replace(base, **values)
     except InputError as error:
@@ -107,7 +108,7 @@ def read_table(base: Any, table: dict[str, Any], prefix: str = "", **extra: Any)
 
 @contextmanager
 def naming(source: str) -> Iterator[None]:
-    """Put a file's name in front of an InputError that doesn't begin with it."""
+    """Put a file's name in front of any InputError that lacks it."""
     try:
         yield
     except InputError as error:
@@ -117,12 +118,18 @@ def naming(source: str) -> Iterator[None]:
 
 
 def cut(text: str) -> str:
-    """Return a text as a sentence can hold it: whole, or its beginning."""
+    """Return a text for use in a message: whole, or its beginning if it is long."""
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
 
 
+def either(names: Iterable[str]) -> str:
+    """Return names as a sentence lists them: "auto, cpu or cuda"."""
+    *others, last = names
+    return f"{', '.join(others)} or {last}" if others else last
+
+
 def shown(value: Any) -> str:
-    """Return a value as a sentence can hold it, however large it is."""
+    """Return a value for use in a message, however large it is."""
     try:
         return cut(repr(list(value) if isinstance(value, tuple) else value))
     except (ValueError, RecursionError):  # whole numbers of thousands of digits, lists in lists in lists
@@ -133,25 +140,25 @@ def _check(name: str, value: Any, hint: Any, rule: typing.Mapping) -> Any:
     try:
         return _fit(value, hint, rule)
     except _Unfit as error:
-        raise InputError(f"{name} is {shown(value)}: allowed is {error}") from None
+        raise InputError(f"{name}: expected {error}, got {shown(value)}") from None
 
 
 def _fit(value: Any, hint: Any, rule: typing.Mapping) -> Any:
-    """Return a value in its field's type. Raises _Unfit where it isn't of that type or not allowed."""
+    """Return a value in its field's type. Raises _Unfit if it doesn't fit."""
     origin = typing.get_origin(hint)
     if hint in (int, float):
         return _number(value, hint, rule)
     if rule.get("identifier"):
         if not isinstance(value, str) or not value.isidentifier() or len(value.encode()) > LONGEST:
-            raise _Unfit(f"a name of letters, digits and _, {LONGEST} of them at most")
+            raise _Unfit(f"a name of at most {LONGEST} letters, digits and _")
         return value
     if hint is bool or hint is str:
         if not isinstance(value, hint):
-            raise _Unfit("true or false" if hint is bool else "a text")
+            raise _Unfit("true or false" if hint is bool else "text")
         return value
     if origin is Literal:
         if value not in typing.get_args(hint) or not isinstance(value, str):
-            raise _Unfit(f"one of {', '.join(typing.get_args(hint))}")
+            raise _Unfit(either(typing.get_args(hint)))
         return value
     if origin is tuple:
         return _list(value, typing.get_args(hint)[0], rule)

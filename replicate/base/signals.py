@@ -1,4 +1,4 @@
-"""Signals that end a run: they become exceptions, so that the run ends its workers and says so on its way out."""
+"""Signals that end a run become exceptions, so that the run can end its workers and say why it stopped."""
 
 import os
 import signal
@@ -14,35 +14,35 @@ _ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(si
 
 
 class Stopped(SystemExit):
-    """A signal ends this process; the exit code is 128 + the signal's."""
+    """A signal ends this process; the exit code is 128 plus the signal's number."""
 
-    def __init__(self, number: int):
-        super().__init__(128 + number)
-        self.reason = f"ended by {signal.Signals(number).name}"
-        self.announced = _ended_with_make.is_set()  # which has been said
+    def __init__(self, signum: int):
+        super().__init__(128 + signum)
+        self.reason = f"ended by {signal.Signals(signum).name}"
+        self.announced = _ended_with_make.is_set()  # `_watch` has printed the reason then
 
 
 @contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """Turn SIGTERM and SIGHUP into `Stopped`, and say in a line that they ended the work.
+    """Turn SIGTERM and SIGHUP into `Stopped`, and print a line that says so.
 
-    Ctrl-C is an exception already. A signal that is ignored stays ignored, as SIGHUP is under `nohup`. Only the first
-    signal counts: further ones do not disturb the ending. Outside the main thread nothing changes.
+    Ctrl-C is an exception already. An ignored signal stays ignored, as SIGHUP under `nohup`. Only the first signal
+    counts; more of them don't disturb the ending. Outside the main thread nothing changes.
     """
     stopping = False
 
-    def stop(number: int, frame: object) -> None:
+    def stop(signum: int, frame: object) -> None:
         nonlocal stopping
         if not stopping:
             stopping = True
-            raise Stopped(number)
+            raise Stopped(signum)
 
     before = {}
     try:
-        for number in _ENDING:
-            if signal.getsignal(number) is not signal.SIG_IGN:
-                before[number] = signal.signal(number, stop)
-    except ValueError:  # not the main thread: signals are somebody else's
+        for signum in _ENDING:
+            if signal.getsignal(signum) is not signal.SIG_IGN:
+                before[signum] = signal.signal(signum, stop)
+    except ValueError:  # only the main thread can handle signals
         pass
     try:
         yield
@@ -50,8 +50,8 @@ def ended_by_signals() -> Iterator[None]:
         _announce(end)
         raise
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for signum, handler in before.items():
+            signal.signal(signum, handler)
 
 
 def _announce(end: Stopped) -> None:
@@ -67,12 +67,11 @@ def _say(reason: str) -> None:
 
 
 def end_with_make() -> None:
-    """Have this process ended by SIGTERM when the `make` that started it is gone, and say so.
+    """End this process by SIGTERM, with a line that says so, when the `make` that started it is gone.
 
-    The Makefile says `--from-make` with make's own number, which make found before it started anything, and starts
-    Python with `exec`, so that its parent is make for as long as make lives. Whoever starts a process otherwise may
-    leave it behind on purpose, as with `nohup`; a killed `make` never does. To be called first of all: a `make` may be
-    killed while modules are imported.
+    The Makefile passes make's process id after `--from-make`, and starts Python with `exec`, so that make is its parent
+    for as long as make lives. A process that was started in another way may outlive its parent on purpose, as with
+    `nohup`. This is called first of all, since `make` may be killed while modules are imported.
     """
     if FROM_MAKE in sys.argv:
         make = int(sys.argv[sys.argv.index(FROM_MAKE) + 1])
@@ -88,9 +87,9 @@ def _watch(make: int) -> None:
 
 
 def _is_hung_up(make: int) -> bool:
-    """Return whether SIGHUP has reached make alone: it waits for its recipes then, and tells them nothing (Linux).
+    """Return whether SIGHUP has reached make but not this process: make then waits for its recipes (Linux).
 
-    Its handler blocks the signal and has given up catching it.
+    make's handler shows by a signal that is blocked and no longer caught.
     """
     try:
         with open(f"/proc/{make}/status", encoding="utf-8", errors="replace") as stream:
@@ -101,16 +100,16 @@ def _is_hung_up(make: int) -> bool:
     return bool(blocked and not ignored and not caught)
 
 
-# The options that `make` hands on: all variables that are set go to every target, which leaves out what it lacks.
+# The options that `make` passes on: every target gets all variables that are set, and drops those it has no use for.
 
 FROM_MAKE = "--from-make"
-ALWAYS_SET = ("--profile",)  # by the Makefile, whoever asks for what
+ALWAYS_SET = ("--profile",)  # by the Makefile, for every target
 
 
 def without_foreign(words: list[str], options: Collection[str]) -> list[str]:
-    """Return a command line's words; those from make without the options, and their values, that a command lacks.
+    """Return the words of a command line, without options that the command lacks if the line comes from make.
 
-    options: those that the command takes, as "--profile". Standard error says which variables count for nothing.
+    options: those that the command has, such as "--profile". Standard error lists the variables that are left out.
     """
     if FROM_MAKE not in words:
         return words
@@ -123,7 +122,7 @@ def without_foreign(words: list[str], options: Collection[str]) -> list[str]:
         if keep:
             rest.append(word)
     if foreign:
-        print(f"left out, since this command doesn't take it: {', '.join(map(_variable, foreign))}", file=sys.stderr)
+        print(f"left out, since this command has no such option: {', '.join(map(_variable, foreign))}", file=sys.stderr)
     return rest
 
 

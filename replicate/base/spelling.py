@@ -1,27 +1,32 @@
-"""What a mistyped word may have meant: `make` asks before anything is installed, so this needs Python's own library."""
+"""What a mistyped word may have meant. `make` asks before anything is installed, so this imports no package."""
 
 import difflib
 import re
 import sys
 from collections.abc import Iterable
 
-LONGEST = 60  # characters of a word that a sentence repeats
+LONGEST = 60  # characters of a word in a message
 
 
 def meant(word: str, names: Iterable[str]) -> str:
-    """Return the name that a word most probably stands for, "" for none.
+    """Return the name that a word most probably stands for, or "".
 
-    Numbers may lack their zero, capitals and - for _ count for nothing: "Figure1" stands for "figure01".
+    Capitals, punctuation and leading zeros make no difference: "Figure1" stands for "figure01".
     """
-    plain = {re.sub(r"[^a-z0-9]|(?<!\d)0+(?=\d)", "", name.lower()): name for name in names}
-    near = difflib.get_close_matches(re.sub(r"[^a-z0-9]|(?<!\d)0+(?=\d)", "", word.lower()), plain, 1, 0.6)
+    plain = {_plain(name): name for name in names}
+    near = difflib.get_close_matches(_plain(word), plain, 1, 0.6)
     return plain[near[0]] if near else ""
 
 
-def nothing_named(kind: str, word: str, names: Iterable[str], otherwise: str) -> str:
-    """Return the sentence for a word that names nothing: "there is no method coarze; did you mean coarse?".
+def _plain(word: str) -> str:
+    return re.sub(r"[^a-z0-9]|(?<!\d)0+(?=\d)", "", word.lower())
 
-    kind: what it was to name. otherwise: how the sentence ends where no name is near.
+
+def nothing_named(kind: str, word: str, names: Iterable[str], otherwise: str) -> str:
+    """Return a sentence about a word that names nothing: "there is no method coarze; did you mean coarse?".
+
+    kind: the noun, such as "method".
+    otherwise: the end of the sentence where no name is near.
     """
     near = meant(word, names)
     end = f"; did you mean {near}?" if near else otherwise
@@ -30,9 +35,9 @@ def nothing_named(kind: str, word: str, names: Iterable[str], otherwise: str) ->
 
 
 def main() -> int:
-    """Say that make knows no target or variable of a name, and which it may have meant; always 2, for bad input.
+    """Print that make has no such target or variable, and which may be meant; return 2, for bad input.
 
-    The words of the command line: "target" or "variable", the word, and the names that there are.
+    The command line has "target" or "variable", the word, and the names that there are.
     """
     kind, word, *names = sys.argv[1:]
     print(f"make: {nothing_named(kind, word, names, '; `make` alone lists them')}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""CSV files with declared columns: read as a pandas DataFrame, every cell checked; written whole and to the last bit.
+"""CSV files with declared columns, each cell of which is checked; they keep the last bit of every number.
 
 Reading loads pandas, writing doesn't.
 """
@@ -16,12 +16,13 @@ import numpy as np
 
 from replicate.base.exceptions import InputError
 from replicate.base.files import write_text
+from replicate.base.schema import either
 
 if TYPE_CHECKING:
     import pandas
 
-SPARE = 20  # columns beyond those declared, so that a line with too many cells can say how many
-LONGEST = 200  # characters of a file that a sentence repeats
+SPARE = 20  # columns beyond those declared, so that extra cells of a line can be counted
+LONGEST = 200  # characters of a file in a message
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?|[+-]?inf|nan", re.ASCII | re.IGNORECASE)
 DIGITS = 18  # of a whole number: as many as 64 bits hold
 _WHOLE_NUMBER = re.compile(rf"-?\d{{1,{DIGITS}}}", re.ASCII)
@@ -31,8 +32,8 @@ _WHOLE_NUMBER = re.compile(rf"-?\d{{1,{DIGITS}}}", re.ASCII)
 class Column:
     """What the cells of one column may hold.
 
-    optional: cells may be empty, which means *not known*. choices: the only texts that may stand there; any, if there
-    are none.
+    optional: whether a cell may be empty, which means *not known*.
+    choices: the texts to choose from; any text if there are none.
     """
 
     name: str
@@ -42,16 +43,17 @@ class Column:
 
     @property
     def dtype(self) -> str:
-        """The dtype of the column in a DataFrame; of whole numbers one that has room for *not known*."""
+        """The dtype of the column in a DataFrame; whole numbers have one that can hold *not known*."""
         return {"text": "str", "whole number": "Int64"}.get(self.kind, "float64")
 
 
 def read_csv(path: Path, columns: Sequence[Column], key: Sequence[str], missing: str) -> "pandas.DataFrame":
-    """Read a CSV file with exactly these columns; numbers keep their last bit.
+    """Read a CSV file with exactly these columns.
 
-    key: the columns whose cells together name a row, in one row at most; no columns: rows may repeat. missing: the
-    sentence that follows the name of a file that isn't there. Raises InputError, naming the file and the line, for a
-    file of anything else.
+    key: the columns that together identify a row; without any, rows may repeat.
+    missing: the message if the file isn't there, after its name.
+
+    Raises InputError, naming file and line, for anything else in the file.
     """
     import pandas
 
@@ -59,12 +61,11 @@ def read_csv(path: Path, columns: Sequence[Column], key: Sequence[str], missing:
     names = [column.name for column in columns]
     header = [cell for cell in cells.iloc[0] if isinstance(cell, str)] if len(cells) else ["nothing"]
     if header != names:
-        names_there, names_here = _shorten(",".join(header)), ",".join(names)
-        raise InputError(f"{path}, line 1: found {names_there!r}, where only the header {names_here!r} is allowed.")
+        raise InputError(f"{path}, line 1: expected the header {','.join(names)!r}, got {_shorten(','.join(header))!r}")
     body = cells.iloc[1:].reset_index(drop=True)
     for line, count in enumerate(body.notna().sum(axis="columns"), start=2):
         if count != len(columns):
-            raise InputError(f"{path}, line {line}: found {count} cells, where {len(columns)} are allowed.")
+            raise InputError(f"{path}, line {line}: expected {len(columns)} cells, got {count}")
     read = {}
     for place, column in enumerate(columns):
         texts = body[place].tolist()
@@ -77,15 +78,15 @@ def read_csv(path: Path, columns: Sequence[Column], key: Sequence[str], missing:
 
 
 def write_csv(path: Path, columns: Sequence[Column], lines: Iterable[Sequence], key: Sequence[str] = ()) -> None:
-    r"""Write lines of values, in their order, as `read_csv` reads them; the file appears whole or not at all.
+    r"""Write lines of values for `read_csv`; the file appears whole or not at all.
 
     A value of None is *not known*; floats get as many digits as they need to be read back; lines end in \n. Raises
-    InputError for what `read_csv` would refuse, before it writes anything.
+    InputError, before it writes anything, for what `read_csv` would refuse.
     """
     rows = [[_text(value) for value in line] for line in lines]
-    for number, texts in enumerate(rows, start=2):
+    for line, texts in enumerate(rows, start=2):
         for column, text in zip(columns, texts, strict=True):
-            _check(path, number, column, text)
+            _check(path, line, column, text)
     places = [place for place, column in enumerate(columns) if column.name in key]
     _check_unique(path, (tuple(texts[place] for place in places) for texts in rows) if key else ())
     text = io.StringIO()
@@ -94,9 +95,9 @@ def write_csv(path: Path, columns: Sequence[Column], lines: Iterable[Sequence], 
 
 
 def _cells(path: Path, width: int, missing: str) -> "pandas.DataFrame":
-    """Return a file's cells as texts, NaN where a line has none, in more columns than there should be.
+    """Return a file's cells as texts, NaN where a line has no cell, with `SPARE` columns more than there should be.
 
-    pandas' parser in Python, unlike the one in C, tells a cell that is empty from one that isn't there.
+    pandas' Python parser, unlike its C parser, can tell an empty cell from a missing one.
     """
     import pandas
 
@@ -115,15 +116,15 @@ def _cells(path: Path, width: int, missing: str) -> "pandas.DataFrame":
     except FileNotFoundError:
         raise InputError(f"{path}: {missing}") from None
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}).") from None
+        raise InputError(f"{path} can't be read ({error.strerror})") from None
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: found no text of comma-separated values ({error}).") from None
+        raise InputError(f"{path}: expected comma-separated values ({error})") from None
     except (csv.Error, pandas.errors.ParserError) as error:
-        raise InputError(f"{path}{_broken_line(path)}: found no text of comma-separated values ({error}).") from None
+        raise InputError(f"{path}{_broken_line(path)}: expected comma-separated values ({error})") from None
 
 
 def _broken_line(path: Path) -> str:
-    """Return ", line 3" for the line in which a row begins that is no comma-separated values, "" if there is none."""
+    """Return ", line 3" if a row that begins there can't be parsed, and "" if all rows can."""
     with open(path, encoding="utf-8", newline="") as file:
         rows, line = csv.reader(file, strict=True), 1
         try:
@@ -144,20 +145,18 @@ def _check(path: Path, line: int, column: Column, text: str) -> None:
     else:
         right = _NUMBER.fullmatch(text) and (column.kind == "number" or math.isfinite(float(text)))
     if not right:
-        long = f" of at most {DIGITS} digits" if column.kind == "whole number" and _is_long(text) else ""
-        only = f"{', '.join(column.choices)} are" if column.choices else f"a {column.kind}{long} is"
-        raise InputError(f"{path}, line {line}: {column.name} is {_shorten(text)!r}, where only {only} allowed.")
-
-
-def _is_long(text: str) -> bool:
-    return re.fullmatch(r"-?\d+", text, re.ASCII) is not None
+        is_long = column.kind == "whole number" and re.fullmatch(r"-?\d+", text, re.ASCII)
+        long = f" of at most {DIGITS} digits" if is_long else ""
+        kind = column.kind if column.kind == "text" else f"a {column.kind}{long}"
+        expected = either(column.choices) if column.choices else kind
+        raise InputError(f"{path}, line {line}: {column.name}: expected {expected}, got {_shorten(text)!r}")
 
 
 def _check_unique(path: Path, keys: Iterable[tuple]) -> None:
     earlier = set()
     for line, key in enumerate(keys, start=2):
         if key in earlier:
-            raise InputError(f"{path}, line {line}: found a second row for {key}, where one is allowed.")
+            raise InputError(f"{path}, line {line}: expected one row for {key}, got a second")
         earlier.add(key)
 
 

@@ -1,4 +1,4 @@
-"""What users type and the files that they bring: lists of words, numbers, paths, TOML and CSV."""
+"""What users type, and the files they bring: words, numbers, paths, TOML."""
 
 import os
 import shlex
@@ -16,7 +16,7 @@ TOML_BYTES = 100_000  # of a recipe or a configuration; ours have 2 to 6 KB
 MOST_DOTS = 200  # of a line: the time to read a key grows with the square of its parts
 MOST_TABLES = 8  # one within the other
 
-BESIDE = ".0000000.part"  # what the name of a half-written file is longer by
+BESIDE = ".0000000.part"  # is added to the name of a half-written file
 
 _KINDS = {
     stat.S_IFDIR: "a folder",
@@ -28,8 +28,7 @@ _KINDS = {
 
 
 def read_bytes(file: Path, most_bytes: int) -> bytes:
-    """Return a file's contents. Raises InputError for a missing or unreadable one, for what is no regular file
-    and for more than `most_bytes`."""
+    """Return a file's contents. Raises InputError if it is missing, unreadable, not regular or too long."""
     name = shown_path(file)
     try:
         _check_regular(os.stat(file).st_mode, name)  # first by name: to open some devices does something
@@ -40,42 +39,37 @@ def read_bytes(file: Path, most_bytes: int) -> bytes:
     except FileNotFoundError:
         raise InputError(f"{name}: there is no such file") from None
     except OSError as error:
-        raise InputError(f"{name}: found no readable file ({error.strerror})") from None
+        raise InputError(f"{name} can't be read ({error.strerror})") from None
     except InputError:
         raise
     except ValueError as error:  # a NUL, or what no file system can encode
         raise InputError(f"{name}: no file can have this name ({error})") from None
     if len(data) > most_bytes:
-        raise InputError(f"{name}: the file is too long: allowed are {most_bytes / 1e6:g} MB")
+        raise InputError(f"{name}: expected at most {most_bytes / 1e6:g} MB, got a longer file")
     return data
 
 
 def _check_regular(mode: int, name: str) -> None:
     if not stat.S_ISREG(mode):
-        raise InputError(f"{name} is {_KINDS.get(stat.S_IFMT(mode), 'no regular file')}: allowed is a regular file")
+        raise InputError(f"{name}: expected a regular file, got {_KINDS.get(stat.S_IFMT(mode), 'something else')}")
 
 
 def read_text(file: Path, most_bytes: int) -> str:
-    """Return a file's text, UTF-8 with or without a byte order mark. Raises InputError as `read_bytes` does, and for
-    bytes that are no UTF-8."""
+    """Return a file's text without byte order mark. Raises InputError as `read_bytes` does, and if it isn't UTF-8."""
     data = read_bytes(file, most_bytes)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{shown_path(file)}: found bytes that are no UTF-8 at {error.start}") from None
+        raise InputError(f"{shown_path(file)}: byte {error.start} is no UTF-8: save the file as UTF-8") from None
 
 
 def read_toml(file: Path) -> dict[str, Any]:
-    """Return a TOML file's table.
-
-    Raises InputError as `read_text` does, for what is no TOML, and for keys that are longer or deeper than any has to
-    be.
-    """
+    """Return a TOML file's table. Raises InputError if it can't be read, and for keys that are too long or too deep."""
     text = read_text(file, TOML_BYTES)
-    for number, line in enumerate(text.split("\n"), 1):
+    for line_number, line in enumerate(text.split("\n"), 1):
         if (dots := line.count(".")) > MOST_DOTS:
-            allowed = f"expected at most {MOST_DOTS}, with keys of a few parts and numbers line by line"
-            raise InputError(f"{shown_path(file)}: line {number} has {dots:,} dots: {allowed}")
+            remedy = f"expected at most {MOST_DOTS}, with keys of a few parts and numbers line by line"
+            raise InputError(f"{shown_path(file)}: line {line_number} has {dots:,} dots: {remedy}")
     try:
         table = tomllib.loads(text)
     except RecursionError:
@@ -88,7 +82,7 @@ def read_toml(file: Path) -> dict[str, Any]:
 
 def _check_keys(table: dict[str, Any], name: str, depth: int = 1) -> None:
     if depth > MOST_TABLES:
-        raise InputError(f"{name}: its tables are nested more than {MOST_TABLES} deep: expected a few")
+        raise InputError(f"{name}: expected tables at most {MOST_TABLES} deep, got deeper ones")
     for key, value in table.items():
         if len(key) > LONGEST:
             raise InputError(f"{name}: the key {cut(key)} has {len(key):,} characters: expected at most {LONGEST}")
@@ -98,7 +92,7 @@ def _check_keys(table: dict[str, Any], name: str, depth: int = 1) -> None:
 
 
 def is_file(file: Path) -> bool:
-    """Tell whether there is a regular file of this name; a name that no file can have is none."""
+    """Return whether there is a regular file of this name."""
     try:
         return stat.S_ISREG(os.stat(file).st_mode)
     except (OSError, ValueError):
@@ -106,10 +100,10 @@ def is_file(file: Path) -> bool:
 
 
 def check_output_file(file: Path) -> None:
-    """Raise InputError where no regular file can be written: a folder, device or pipe is there, or the name is none."""
+    """Raise InputError where no file can be written: a folder, device or pipe is there, or no file can be called so."""
     name = shown_path(file)
     if "\0" in str(file) or len(os.fsencode(file.name)) > LONGEST_NAME - len(BESIDE):
-        raise InputError(f"{name}: no file can have this name, name another file")
+        raise InputError(f"{name}: no file can have this name: name another file")
     try:
         _check_regular(os.stat(file).st_mode, name)
     except FileNotFoundError:
@@ -119,25 +113,25 @@ def check_output_file(file: Path) -> None:
 
 
 def shown_path(file: Path) -> str:
-    """Return a path as a sentence can hold it: as it is, or quoted and cut if it is no printable name."""
+    """Return a path for use in a message: as it is, or quoted and cut if it isn't printable or short."""
     text = str(file)
     return text if text.isprintable() and len(text) <= 4 * LONGEST_NAME else shown(text)
 
 
 def as_whole_number(text: str) -> int | None:
-    """Return a text of decimal digits as a number of at most 18 digits, and None for any other text."""
+    """Return a text of at most 18 decimal digits as a number, None for any other text."""
     digits = text.strip().lstrip("0") or "0" if text.strip() else ""
     return int(digits) if digits.isascii() and digits.isdecimal() and len(digits) <= 18 else None
 
 
 def whole_number(text: str, what: str, lower: int, upper: int) -> int:
-    """Return a text of the command line as a whole number in [lower, upper]; what: its name, for messages.
+    """Return a text of the command line as a whole number in [lower, upper]; raise InputError for any other text.
 
-    Raises InputError for any other text.
+    what: the option's name, for messages.
     """
     value = as_whole_number(text)
     if value is None or not lower <= value <= upper:
-        raise InputError(f"{what} is {shown(text)}: allowed is a whole number from {lower} to {upper}")
+        raise InputError(f"{what}: expected a whole number from {lower} to {upper}, got {shown(text)}")
     return value
 
 
@@ -147,8 +141,8 @@ def whole_number(text: str, what: str, lower: int, upper: int) -> int:
 def words(text: str | Iterable[str]) -> list[str]:
     """Return the words of a list, separated by commas or spaces.
 
-    A path with spaces stands in quotes, or alone or between commas if there is such a file or folder. Raises InputError
-    for a quote that does not end.
+    A path with spaces is one word if it is quoted, or if it exists and stands alone or between commas. Raises
+    InputError for a quote that does not end.
     """
     line = " ".join(map(_quoted, [text] if isinstance(text, str) else text))
     lexer = shlex.shlex(line, posix=True, punctuation_chars="")
@@ -160,7 +154,7 @@ def words(text: str | Iterable[str]) -> list[str]:
 
 
 def _quoted(text: str) -> str:
-    """Return a text with quotes around what is there under its whole name, alone or between commas."""
+    """Return a text with quotes around every existing path in it that stands alone or between commas."""
     parts = [text] if _is_there(text) else text.split(",")
     return ",".join(shlex.quote(part.strip()) if _is_there(part) else part for part in parts)
 

@@ -1,4 +1,4 @@
-"""The options of the command line, each described once, and what they name: characters, seeds, methods."""
+"""The options of the command line, and the characters, seeds and methods that they name."""
 
 import argparse
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from pathlib import Path
 from data_recipes.recipe_paths import OUTSIDE, character_label, character_names, named, recipe_file
 from replicate.base import paths
 from replicate.base.exceptions import InputError
-from replicate.base.schema import shown
+from replicate.base.schema import either, shown
 from replicate.base.user_files import whole_number, words
 from replicate.capture.capture_config import own as capture_section
 from replicate.config import LARGEST_SEED, PROFILES, Config, check_profile, resolve
@@ -92,13 +92,13 @@ OPTIONS = {
 
 def configurations(options: argparse.Namespace) -> list[Config]:
     """Return the configuration of every character and seed that the command line names."""
-    check_profile(options.profile)  # before methods are asked for their numbers of it
+    check_profile(options.profile)  # before methods are asked for their settings
     device = choose_device(options.device, elsewhere=is_elsewhere(getattr(options, "cluster", None)))
     if options.split and options.split not in SPLITS:
-        raise InputError(f"split is {shown(options.split)}: allowed are {', '.join(SPLITS)}")
+        raise InputError(f"split: expected {either(SPLITS)}, got {shown(options.split)}")
     overrides = {"samples": {"split": options.split}} if options.split else None
     file = paths.with_home(options.config, "CONFIG") if options.config else None
-    registry.choose(words(getattr(options, "methods", "")))  # those from outside have sections of their own too
+    registry.choose(words(getattr(options, "methods", "")))  # also imports those from outside, which may have sections
     sections = registry.sections(options.profile)
     sections |= {"inverse": inverse_section(options.profile), "capture": capture_section(options.profile)}
     return [
@@ -109,7 +109,7 @@ def configurations(options: argparse.Namespace) -> list[Config]:
 
 
 def characters(options: argparse.Namespace) -> list[str]:
-    """Return the characters that are named, each recipe once; results are kept by its label."""
+    """Return the characters that are named, each recipe once; raise InputError if two recipes have one label."""
     recipes: dict[str, tuple[Path, str]] = {}
     for character in map(named, words(options.characters)):
         file, label = recipe_file(character), character_label(character)
@@ -118,12 +118,12 @@ def characters(options: argparse.Namespace) -> list[str]:
             both = f"{paths.display_path(first)} and {paths.display_path(file)}"
             raise InputError(f"{both} would both be {label!r} in the results: rename one of them")
     if not recipes:
-        raise InputError(f"no character is named: allowed are {', '.join(character_names())}")
+        raise InputError(f"no character is named: expected {either(character_names())}")
     return [character for _, character in recipes.values()]
 
 
 def seeds(options: argparse.Namespace) -> list[int]:
-    """Return the seeds that are named, each once; 0 where none is."""
+    """Return the seeds that are named, each once; 0 if there are none."""
     return list(dict.fromkeys(whole_number(seed, "seed", 0, LARGEST_SEED) for seed in words(options.seed))) or [0]
 
 
@@ -133,9 +133,9 @@ def methods(options: argparse.Namespace, config: Config) -> Sequence[Method]:
 
 
 def others(options: argparse.Namespace, plan: Plan) -> list[str]:
-    """Return the characters that `onto` names, each once, without the plan's own."""
-    each = {character_label(character): character for character in map(named, words(options.onto))}
-    return [character for label, character in each.items() if label != plan.character]
+    """Return the characters that `onto` names, each once, except the plan's character."""
+    by_label = {character_label(character): character for character in map(named, words(options.onto))}
+    return [character for label, character in by_label.items() if label != plan.character]
 
 
 def workers(options: argparse.Namespace) -> int:

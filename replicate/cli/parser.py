@@ -1,4 +1,4 @@
-"""The command line's words: one command for each target, with its options."""
+"""The command line: one command for each target, with its options."""
 
 import argparse
 import sys
@@ -20,19 +20,18 @@ Artefacts are kept in .cache, or in $REPLICATE_CACHE, and reused for as long as 
 sources stay the same. Exit codes: 0 done, 1 a stage failed or the disk is full, 2 bad input, 130 interrupted.
 """
 
-LONGEST = 600  # characters of argparse's own sentences, which repeat what was typed
+LONGEST = 600  # characters of argparse's messages, which repeat what was typed
 
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str):
-        raise InputError(f"{textwrap.shorten(message, LONGEST)}; `{self.prog} --help` lists what is allowed")
+        raise InputError(f"{textwrap.shorten(message, LONGEST)}; `{self.prog} --help` lists the options")
 
 
 def command(arguments: Sequence[str] | None = None) -> None:
-    """Run the target that a command line names.
+    """Run the target that a command line names; raise InputError for a bad line, and whatever the target raises.
 
-    arguments: the words after `python -m replicate`; None for those of this process. Raises InputError for words that
-    mean nothing, and whatever the target raises.
+    arguments: the words after `python -m replicate`; None for those of this process.
     """
     settle_folders(*OUTSIDE.values())
     words = list(sys.argv[1:] if arguments is None else arguments)
@@ -40,10 +39,10 @@ def command(arguments: Sequence[str] | None = None) -> None:
     if words and not target and not words[0].startswith("-"):
         listed = "; `python -m replicate --help` lists them"
         raise InputError(nothing_named("target", words[0], targets(), listed))
-    own = without_foreign(words, {f"--{option}" for option in target.options} if target else ())
-    options = parser().parse_args(own)
-    options.command_line = ["python", "-m", "replicate", *own]
-    forget_folders()  # what they hold now is what this command sees of them
+    words = without_foreign(words, {f"--{option}" for option in target.options} if target else ())
+    options = parser().parse_args(words)
+    options.command_line = ["python", "-m", "replicate", *words]
+    forget_folders()  # they may have changed since an earlier command of this process
     target = targets()[options.target]
     if target.asks_the_rig:
         check_function(characters(options), f"make {target.name}", target.asks_the_rig)
@@ -51,15 +50,15 @@ def command(arguments: Sequence[str] | None = None) -> None:
         target.run(options)
     except Stopped:
         raise
-    except SystemExit as end:  # a method's function, say: silence would look like success
+    except SystemExit as end:  # by a user's method, say; silence would look like success
         raise RunError(exit_in_words(end)) from None
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of all targets' command lines."""
     plain, about = argparse.RawDescriptionHelpFormatter, "Make a table, a figure, or what belongs to them."
-    whole = _Parser("python -m replicate", description=about, epilog=EPILOG, formatter_class=plain)
-    subparsers = whole.add_subparsers(dest="target", required=True, metavar="target")
+    top = _Parser("python -m replicate", description=about, epilog=EPILOG, formatter_class=plain)
+    subparsers = top.add_subparsers(dest="target", required=True, metavar="target")
     for target in targets().values():
         about = target.about[0].upper() + target.about[1:] + "."
         subparser = subparsers.add_parser(
@@ -67,11 +66,11 @@ def parser() -> argparse.ArgumentParser:
         )
         for option in target.options:
             subparser.add_argument(f"--{option}", **_settings(option, target))
-    return whole
+    return top
 
 
 def _settings(option: str, target: Target) -> dict:
-    """Return what argparse needs of an option, with the target's own characters and methods as default."""
+    """Return argparse's arguments for an option; the target's characters and methods are the default."""
     settings = dict(OPTIONS[option])
     if option == "characters":
         settings["default"] = list(target.characters())

@@ -1,4 +1,4 @@
-"""How a target makes its graph: the stages of every character and seed in one go, and about how long they take."""
+"""How a target makes its graph: the stages of all characters and seeds at once, with a forecast of their time."""
 
 import argparse
 import re
@@ -26,10 +26,11 @@ from replicate.report.publication import CharacterResult, check_results_folder
 
 
 def make(options: argparse.Namespace, stages: Callable[[Plan], Sequence[Stage]]) -> list[CharacterResult]:
-    """Make the stages of every character and seed that the command line names.
+    """Make the stages of every character and seed that the command line names; return the result of each.
 
-    stages: a plan → its stages, the more urgent first, the one whose artefact is the result last. Prints about how long
-    what is missing takes, before it starts. Returns the result of each configuration.
+    stages: a plan → its stages, by urgency, but the one whose artefact is the result last.
+
+    Before it starts it prints about how long the missing stages take.
     """
     configs = configurations(options)
     graphs = [list(stages(Plan(config))) for config in configs]
@@ -40,35 +41,38 @@ def make(options: argparse.Namespace, stages: Callable[[Plan], Sequence[Stage]])
 def make_rows(
     options: argparse.Namespace, stages: Callable[[Plan, Sequence[Method]], Sequence[Stage]]
 ) -> tuple[list[CharacterResult], list[str]]:
-    """Make the stages of a table whose rows are methods: one that fails costs its own row, and of its character alone.
+    """Make the stages of a table whose rows are methods; a method that fails on a character loses only that row.
 
-    stages: a plan and its methods → its stages, as for `make`. Returns the result of each configuration, and a sentence
-    for each row that is missing. Raises the first error where a character has no row left.
+    stages: (a plan, its methods) → its stages, as for `make`.
+
+    Returns the result of each configuration, and a sentence for each missing row. Raises the first error if a character
+    has no row left.
     """
     configs = configurations(options)
-    rows = [list(methods(options, config)) for config in configs]
+    methods_of = [list(methods(options, config)) for config in configs]
     missing: dict[tuple[str, str], str] = {}
     while True:
-        graphs = [list(stages(Plan(config), own)) for config, own in zip(configs, rows, strict=True)]
+        graphs = [list(stages(Plan(config), chosen)) for config, chosen in zip(configs, methods_of, strict=True)]
         failures: dict[str, InputError | RunError] = {}
         _run(options, configs, graphs, failures)
         if not failures:
             return _results(configs, graphs), [
                 f"{character} has no row of {name}: {reason}" for (character, name), reason in sorted(missing.items())
             ]
+        # which methods needed a failed stage; the others are tried again without them
         lost = {
             (character_label(config.character), method.name): str(failures[title])
-            for config, own in zip(configs, rows, strict=True)
-            for method in own
+            for config, chosen in zip(configs, methods_of, strict=True)
+            for method in chosen
             for title in sorted(
                 failures.keys() & {stage.title for stage in in_order(list(stages(Plan(config), [method])))}
             )
         }
-        rows = [
-            [method for method in own if (character_label(config.character), method.name) not in lost]
-            for config, own in zip(configs, rows, strict=True)
+        methods_of = [
+            [method for method in chosen if (character_label(config.character), method.name) not in lost]
+            for config, chosen in zip(configs, methods_of, strict=True)
         ]
-        if not lost or not all(rows):
+        if not lost or not all(methods_of):
             raise next(iter(failures.values()))
         missing |= lost
 
@@ -82,49 +86,50 @@ def _run(
     side_by_side = workers(options)
     check_results_folder(options.profile)  # an error now is better than one after hours
     facts = provenance(options.command_line, options.profile, sorted({config.seed for config in configs}), side_by_side)
-    known = partial(foresee, workers=side_by_side)
-    ahead = None if options.cluster else known  # how many work there, and how fast, nobody knows
-    run([stage for graph in graphs for stage in graph], side_by_side, facts, options.cluster, ahead, failures)
+    # a cluster's workers and their speed are unknown
+    forecast = None if options.cluster else partial(foresee, workers=side_by_side)
+    run([stage for graph in graphs for stage in graph], side_by_side, facts, options.cluster, forecast, failures)
 
 
 def _results(configs: Sequence[Config], graphs: Sequence[Sequence[Stage]]) -> list[CharacterResult]:
     return [CharacterResult(config, graph[-1]) for config, graph in zip(configs, graphs, strict=True)]
 
 
-# How long a run takes, said before it starts: from the times of the stages in the reference results' manifest.
+# About how long a run will take, from the times of the stages in the reference results' manifest.
 
-# Stages that the reference results may lack, and those that do about the same work, with how many times as much of it:
-# other networks have the steps of `dense`; three times the features make nine times the products of `linear`, of which
-# reading the samples is the larger part; derivatives come before the training and make its steps longer.
+# Stages that the reference results may lack: a stage that does about the same work, and how many times as much this one
+# does. Other networks have the steps of `dense`. Three times the features make nine times the products of `linear`, but
+# reading the samples takes longer than those. Derivatives are computed before the training and make its steps longer.
 KIN = {"pca": ("dense", 1), "pca_line": ("dense", 1), "driven": ("dense", 1), "squares": ("linear", 4),
        "dense_compact": ("linear", 1), "regional_derivatives": ("regional", 2)}  # fmt: skip
-# The power of the number of controls that a time grows with: influence is found for each of them, our networks have an
-# input for each, and regressions a product for each pair.
+# The power of the number of controls with which a time grows: influence is found for each control, our networks have an
+# input for each, and regressions need a product for each pair.
 GROWTH = {"influence": 1, "regional": 1, "regional_derivatives": 1, "linear": 2, "squares": 2}
 EXAMPLE = "teen"
 
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of one stage: its wall time in seconds, and the profile that it was run with."""
+    """The wall time of a stage in seconds, and the profile it was run with."""
 
     wall_s: float
     profile: str
 
 
 def foresee(missing: Sequence[Stage], workers: int, folder: Path = REFERENCE) -> tuple[str, dict[str, float | None]]:
-    """Return about how long some stages take, in a sentence, and the seconds of each by its identifier.
+    """Return a sentence about how long missing stages will take, and the seconds of each by its identifier.
 
-    missing: those that are not in the cache. workers: processes side by side. folder: the results whose manifest is
-    asked. Its times are of other cores, perhaps faster ones, and of the teen where it lacks the character. The sentence
-    is "" where nothing is known.
+    workers: processes side by side.
+    folder: results with a manifest of times; those of the teen are used if it lacks the character.
+
+    The sentence is "" if nothing is known.
     """
     times = times_s(missing, known_times(folder))
     return sentence(missing, times, workers), times
 
 
 def sentence(missing: Sequence[Stage], times: Mapping[str, float | None], workers: int) -> str:
-    """Return about how long stages of these times take, in a sentence; "" where none is known."""
+    """Return a sentence about how long stages with these times take; "" if no time is known."""
     if not any(times.values()):
         return ""
     seconds = wall_s(missing, times, workers)
@@ -143,18 +148,18 @@ def duration(seconds: float) -> str:
 
 
 def known_times(folder: Path) -> dict[str, Known]:
-    """Return the times of all stages in a folder's manifest by name-character; none without one.
+    """Return the times of all stages in a folder's manifest by name-character; none without a manifest.
 
-    Of several seeds it is the shortest time: the others ran beside other work, or were interrupted.
+    Of several seeds the shortest time is taken: the others ran beside other work or were interrupted.
     """
     known = {}
-    for target in reversed(manifest.targets(folder)):  # Table 2's are the last word
+    for target in reversed(manifest.targets(folder)):  # so that Table 2's times win
         for facts in manifest.entries(folder, target).values():
             times: dict[str, list[tuple[bool, float]]] = {}
             for title, stage in (facts.get("stages") or {}).items():
-                whole_first = (bool(stage.get("resumed")), float(stage["wall_s"]))
-                times.setdefault(title.partition("-seed")[0], []).append(whole_first)
-            known |= {title: Known(min(each)[1], str(facts.get("profile"))) for title, each in times.items()}
+                uninterrupted_first = (bool(stage.get("resumed")), float(stage["wall_s"]))
+                times.setdefault(title.partition("-seed")[0], []).append(uninterrupted_first)
+            known |= {title: Known(min(runs)[1], str(facts.get("profile"))) for title, runs in times.items()}
     return known
 
 
@@ -164,27 +169,27 @@ def times_s(stages: Sequence[Stage], known: dict[str, Known]) -> dict[str, float
 
 
 def stage_s(stage: Stage, known: dict[str, Known]) -> float | None:
-    """Return the seconds that a stage takes, None where nothing is known of it or its kin.
+    """Return about how many seconds a stage takes, None if neither it nor a similar stage is known.
 
-    That of the same character, else of the teen, more of it where there are more controls; in proportion to its steps,
-    samples or iterations. Rigs that are timed together take their share of the time of those that were.
+    The time of the same character is taken, else that of the teen, multiplied by the ratio of controls and by that of
+    steps, samples or iterations. Rigs that are timed together take time in proportion to their number.
     """
     if rigs := getattr(stage.config, "rigs", ()):
-        together = ((re.fullmatch(rf"{stage.name}-(\d+)_rigs", title), one) for title, one in known.items())
-        return min((len(rigs) * one.wall_s / int(match[1]) for match, one in together if match), default=None)
-    for name, times in _candidates(stage):
+        together = ((re.fullmatch(rf"{stage.name}-(\d+)_rigs", title), entry) for title, entry in known.items())
+        return min((len(rigs) * entry.wall_s / int(match[1]) for match, entry in together if match), default=None)
+    for name, factor in _candidates(stage):
         label = stage.label.partition("-seed")[0]
-        for whose in (label, EXAMPLE):
-            if one := known.get(f"{name}-{whose}"):
-                usual = _of_profile(one.profile)
-                other = usual[name] if name in usual else None
-                growth = 1.0 if whose == label else _growth(stage)
-                return one.wall_s * times * growth * (work(stage) / work(other) if other else 1.0)
+        for character in (label, EXAMPLE):
+            if entry := known.get(f"{name}-{character}"):
+                plan = _example_plan(entry.profile)
+                timed = plan[name] if name in plan else None
+                growth = 1.0 if character == label else _growth(stage)
+                return entry.wall_s * factor * growth * (work(stage) / work(timed) if timed else 1.0)
     return None
 
 
 def work(stage: Stage) -> float:
-    """Return what a stage's time is in proportion to: steps times batch, samples, or iterations times poses; else 1."""
+    """Return what a stage's time is proportional to: steps times batch, samples, or iterations times poses; else 1."""
     section, config = getattr(stage.config, "section", None), stage.config
     if training := getattr(section, "training", None):
         return float(training.steps * training.batch)
@@ -196,16 +201,17 @@ def work(stage: Stage) -> float:
 
 
 def _growth(stage: Stage) -> float:
-    """Return how many times as long as the teen's a stage takes for more controls; 1 for fewer, which save little."""
+    """Return how many times as long as the teen's a stage takes because of more controls; 1 for fewer controls."""
     rig = next((source for source in in_order([stage]) if source.name == "rig"), None)
     if rig is None or stage.name not in GROWTH:
         return 1.0
-    own, example = (control_count(r.config.recipe, r.files) for r in (rig, artefacts.rig_stage(Plan(resolve(EXAMPLE)))))
-    return max(1.0, own / example) ** GROWTH[stage.name]
+    rigs = (rig, artefacts.rig_stage(Plan(resolve(EXAMPLE))))
+    controls, example_controls = (control_count(rig.config.recipe, rig.files) for rig in rigs)
+    return max(1.0, controls / example_controls) ** GROWTH[stage.name]
 
 
 def _candidates(stage: Stage) -> list[tuple[str, float]]:
-    """Return the names of stages that tell a stage's time, its own first, and how many times theirs it is."""
+    """Return the names of stages to estimate a stage's time by, with a factor for each; its name comes first."""
     names = [(stage.name, 1.0), *([KIN[stage.name]] if stage.name in KIN else [])]
     base = stage.name.split("_")[0]
     if base == "errors":
@@ -218,8 +224,8 @@ def _candidates(stage: Stage) -> list[tuple[str, float]]:
 
 
 @cache
-def _of_profile(profile: str) -> Plan:
-    """Return the plan of the teen with all methods' stages and a profile's numbers as they are now."""
+def _example_plan(profile: str) -> Plan:
+    """Return the plan of the teen with all methods' stages in a profile."""
     config = resolve(EXAMPLE, profile, sections=sections(profile))
     plan = Plan(config)
     for method in all_methods(config).values():

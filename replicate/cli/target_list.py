@@ -1,4 +1,4 @@
-"""The list of targets, as `replicate/targets/targets.toml` has it; a target's module is loaded when it is asked for."""
+"""The list of targets in `replicate/targets/targets.toml`; a target's module is loaded only when it is needed."""
 
 import argparse
 import ast
@@ -23,7 +23,7 @@ DEFAULT_CHARACTER = "teen"
 
 @dataclass(frozen=True)
 class Target:
-    """A target of `make`; `targets.toml` says what its fields mean. module: which holds it, else that of its name."""
+    """A target of `make`; `targets.toml` explains its fields. module: the module that holds it, by default its name."""
 
     name: str
     group: str
@@ -37,16 +37,16 @@ class Target:
     module: str = ""
 
     def characters(self) -> tuple[str, ...]:
-        """Return the characters that it takes if none is named."""
+        """Return the characters that it is made for if none is named."""
         return cast() if self.whole_cast else (DEFAULT_CHARACTER,)
 
     def run(self, options: argparse.Namespace) -> None:
-        """Do what the target is for."""
+        """Make the target."""
         self._module().run(options)
 
     @property
     def stages(self) -> Callable[..., Sequence[Stage]] | None:
-        """Return the function (plan, methods) → its graph for one character, its result last; None without a graph."""
+        """The function (plan, methods) → the stages of one character, its result last; None for targets without any."""
         return getattr(self._module(), "stages", None)
 
     def _module(self) -> ModuleType:
@@ -62,12 +62,12 @@ def targets() -> dict[str, Target]:
 def _target(name: str, entry: dict) -> Target:
     entry = {key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()}
     options = entry.pop("options", ("run",))
-    spelled_out = tuple(one for option in options for one in (OF_A_RUN if option == "run" else (option,)))
+    spelled_out = tuple(name for option in options for name in (OF_A_RUN if option == "run" else (option,)))
     return Target(name, options=spelled_out, **entry)
 
 
 def target_table() -> Table:
-    """Return a line for each thing that `make` makes: targets, benchmarks, and make's own."""
+    """Return the table of everything that `make` makes: targets, benchmarks, and the Makefile's rules."""
     lines = [(name, target.about, target.writes) for name, target in targets().items()]
     lines += [_benchmark_line(file) for file in sorted((ROOT / "replicate" / "benchmarks").glob("bench_*.py"))]
     rules = (ROOT / "Makefile").read_text(encoding="utf-8")
@@ -77,7 +77,7 @@ def target_table() -> Table:
 
 
 def _benchmark_line(file: Path) -> tuple[str, str, str]:
-    """Return the name of a benchmark's target, what its module says that it is about, and what it writes."""
+    """Return the name of a benchmark's target, what it is about and what it writes, as its module says."""
     constants = {
         node.targets[0].id: ast.literal_eval(node.value)
         for node in ast.parse(file.read_text(encoding="utf-8")).body

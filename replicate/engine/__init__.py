@@ -1,1 +1,1 @@
-"""How work is run and kept: stages, the store of their artefacts, worker processes. It knows nothing of faces."""
+"""How work is run and kept: stages, the store of their artefacts, worker processes. Nothing here is about faces."""

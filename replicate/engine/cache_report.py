@@ -1,4 +1,4 @@
-"""What the cache holds, and which of it is still of use."""
+"""What the cache holds, and which of it can still be used."""
 
 import re
 import shutil
@@ -20,14 +20,15 @@ from replicate.engine.store import MANIFEST, MARKER, artefact_folder, find_damag
 _IDENTIFIER = r"([\w.@-]+-[0-9a-f]{16})"  # as `Stage.identifier` makes them
 _WORK_NAMES = {"partial": f"{_IDENTIFIER}@.+", "scratch": _IDENTIFIER, "logs": rf"{_IDENTIFIER}\.log"}
 UP_TO_DATE = "up to date"
-_LONGEST_LIST = 10  # items that a sentence names before it counts the others
+_LONGEST_LIST = 10  # items in a message; the others are counted
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A folder or log of the cache; its state is "current", "stale" (sources have changed), "damaged" or "unfinished".
+    """A folder or log in the cache.
 
-    identifier: that of the artefact that it is or belongs to; of a folder of kernels, its name.
+    state: "current", "stale" (sources have changed), "damaged" or "unfinished".
+    identifier: that of its artefact; of a folder of kernels, its name.
     """
 
     folder: Path
@@ -37,14 +38,14 @@ class Entry:
 
 
 def inventory() -> list[Entry]:
-    """Return what this suite has put into the cache; files are not hashed."""
+    """Return everything that this suite has put into the cache; files are not hashed."""
     return _survey()[0]
 
 
 def states(stages: list[Stage]) -> Iterator[tuple[Stage, str]]:
     """Yield the stages of a graph with "up to date", "missing" or "damaged: why".
 
-    A file counts as whole if it has its size: to hash all of them takes minutes, and every run does that.
+    Only sizes are compared: hashing all files takes minutes, and every run does that anyway.
     """
     for stage in in_order(stages):
         folder = artefact_folder(stage.identifier)
@@ -53,23 +54,22 @@ def states(stages: list[Stage]) -> Iterator[tuple[Stage, str]]:
 
 
 def known_titles() -> set[str]:
-    """Return the titles of the stages that the cache has artefacts of, of whatever configuration and sources."""
+    """Return the titles of all stages with an artefact in the cache, whatever its configuration and sources."""
     names = (re.fullmatch(_IDENTIFIER, folder.name) for folder in cache_folder().glob("*"))
     return {match[1].rpartition("-")[0] for match in names if match}
 
 
 def clean(everything: bool = False) -> tuple[int, int]:
-    """Remove what is stale, damaged or unfinished, or everything; return how many folders, of how many bytes.
+    """Remove what is stale, damaged or unfinished, or everything; return how many folders, and their bytes.
 
-    Only what carries a name of this suite's goes, artefacts only with a valid seal, in a folder that has been used as a
-    cache: one with the file `.replicate-cache`, or, from before there was one, with nothing else in it. Links are
-    neither removed nor followed. While a run goes on, artefacts stay, and what a stage is working on. What is left
-    alone is named on standard error, with the reason.
+    Only what has a name of this suite's is removed, artefacts only with a valid seal, and only from a cache: a folder
+    with the file `.replicate-cache`, or with nothing foreign in it. Links are neither removed nor followed. During a
+    run, artefacts stay, as does what a stage is working on. Standard error lists what is left alone, with the reason.
     """
     cache = cache_folder()
     entries, left, foreign = _survey()
     if not (cache / MARKER).is_file() and (left or foreign):
-        reason = f"it has no file {MARKER} and holds what this suite has not made; make that file to have it cleaned"
+        reason = f"it has no file {MARKER} and holds things that this suite has not made; to clean it, make that file"
         _tell({cache: reason})
         return 0, 0
     busy = store.is_in_use()
@@ -94,7 +94,7 @@ def clean(everything: bool = False) -> tuple[int, int]:
 
 
 def _survey() -> tuple[list[Entry], dict[Path, str], list[Path]]:
-    """Return what is ours in the cache; what looks so and isn't, with the reason; and what is somebody else's."""
+    """Return the entries of the cache; what only looks like one, with the reason; and what is foreign."""
     entries, left, foreign = [], {}, []
     stale: dict[str, bool] = {}
     kernels = jit_cache.folder_name(jit_cache.kernel_sources())
@@ -109,7 +109,7 @@ def _survey() -> tuple[list[Entry], dict[Path, str], list[Path]]:
                 if match and not inner.is_symlink():
                     entries.append(Entry(inner, "unfinished", _size_bytes(inner), match[1]))
                 else:
-                    left[inner] = "it is a link" if inner.is_symlink() else "it has no name that this suite gives"
+                    left[inner] = "it is a link" if inner.is_symlink() else "this suite gives no such name"
         elif wreck and item.is_dir():
             entries.append(Entry(item, "damaged", _size_bytes(item), wreck[1]))
         elif re.fullmatch(jit_cache.FOLDER_NAME, item.name) and _holds_kernels(item):
@@ -119,14 +119,14 @@ def _survey() -> tuple[list[Entry], dict[Path, str], list[Path]]:
             state = "stale" if _is_stale(item.name, stale) else "current"
             entries.append(Entry(item, state, _size_bytes(item), item.name))
         elif (item / MANIFEST).is_file():
-            left[item] = "it is no artefact of this suite, or a damaged one that no run has met since"
+            left[item] = "it isn't an artefact of this suite, or it is damaged and no run has met it since"
         elif item.name not in store.WORKING_FOLDERS:
             foreign.append(item)
     return entries, left, foreign
 
 
 def _holds_kernels(folder: Path) -> bool:
-    """Return whether a folder has nothing in it but compiled kernels, and what a killed process has half written."""
+    """Return whether a folder holds nothing but compiled kernels, whole or half-written by a killed process."""
     name = rf"{jit_cache.FILE_NAME}|\.new-[0-9a-f]{{8}}-.+\.code"
     try:
         files = list(folder.iterdir())
@@ -136,9 +136,9 @@ def _holds_kernels(folder: Path) -> bool:
 
 
 def _is_stale(identifier: str, answers: dict[str, bool]) -> bool:
-    """Return whether the sources of an artefact, or of what it was made from, have changed or are gone.
+    """Return whether the sources of an artefact, or of its inputs, have changed or are gone.
 
-    An input that is missing or damaged says nothing about them: what was made from it is as good as before.
+    An input that is missing or damaged is not a reason: what was made from it is as good as before.
     """
     if identifier not in answers:
         answers[identifier] = False
@@ -150,9 +150,9 @@ def _is_stale(identifier: str, answers: dict[str, bool]) -> bool:
 
 
 def _has_changed(manifest: dict) -> bool:
-    """Return whether the sources behind an artefact differ from what they were when it was made.
+    """Return whether the sources behind an artefact differ from those it was made with.
 
-    Of a function from outside the project, which may be out of sight just now, only what can be read is compared.
+    A function from outside the project may not be found just now; then nothing is said to have changed.
     """
     try:
         return sources_digest(manifest["function"]) != manifest["sources"]
@@ -172,11 +172,11 @@ def _remove(item: Path) -> None:
 
 
 def _tell(left: dict[Path, str]) -> None:
-    """Print what was left alone, a line a reason."""
-    for why in dict.fromkeys(left.values()):
-        items = [str(item) for item, reason in left.items() if reason == why]
+    """Print what was left alone, one line for each reason."""
+    for reason in dict.fromkeys(left.values()):
+        items = [str(item) for item in left if left[item] == reason]
         others = f" and {len(items) - _LONGEST_LIST} more" if len(items) > _LONGEST_LIST else ""
-        print(f"left alone: {', '.join(items[:_LONGEST_LIST])}{others} ({why})", file=sys.stderr)
+        print(f"left alone: {', '.join(items[:_LONGEST_LIST])}{others} ({reason})", file=sys.stderr)
 
 
 def _size_bytes(item: Path) -> int:

@@ -1,4 +1,4 @@
-"""Which device the networks run on, found out without loading torch."""
+"""Which device the networks run on, decided without loading torch."""
 
 import ctypes
 import importlib.util
@@ -10,25 +10,26 @@ from replicate.base.exceptions import InputError
 
 
 def choose_device(choice: str = "auto", elsewhere: bool = False) -> str:
-    """Return "cuda" or "cpu": the choice itself, or for "auto" CUDA where there is one.
+    """Return "cuda" or "cpu": the choice itself, or for "auto" CUDA if this machine has it.
 
-    elsewhere: whether other machines do the work, so that "cuda" is taken at its word and "auto" means the CPU.
-    Raises InputError for another name, and for "cuda" where there is none.
+    elsewhere: whether other machines do the work; then "cuda" is not checked and "auto" means the CPU.
+
+    Raises InputError for another name, and for "cuda" on a machine without it.
     """
     if choice not in ("auto", "cpu", "cuda"):
-        raise InputError(f"device {choice!r} is unknown: allowed are auto, cpu, cuda")
+        raise InputError(f"device {choice!r} is unknown: expected auto, cpu or cuda")
     if elsewhere:
         return "cuda" if choice == "cuda" else "cpu"
     if choice == "cpu":
         return "cpu"
     obstacle = _obstacle()
     if obstacle and choice == "cuda":
-        raise InputError(f"device cuda can't be used: {obstacle}; allowed are auto and cpu")
+        raise InputError(f"device cuda can't be used: {obstacle}; choose auto or cpu")
     return "cpu" if obstacle else "cuda"
 
 
 def _obstacle() -> str:
-    """Return "" if torch can use a GPU here, else why not."""
+    """Return why torch can't use a GPU here, "" if it can."""
     package = importlib.util.find_spec("torch")
     if package is None or package.origin is None:
         return "torch isn't installed"

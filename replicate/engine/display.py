@@ -1,4 +1,4 @@
-"""What the scheduler shows of stages that run side by side: bars on a terminal, now and then a line elsewhere."""
+"""The progress of stages that run side by side: bars on a terminal, a line now and then elsewhere."""
 
 import sys
 import time
@@ -8,7 +8,7 @@ from tqdm import tqdm
 
 from replicate.base.progress import DELAY_S
 
-LINE_EVERY_S = 30.0  # between two lines on the same stage, when there is no terminal
+LINE_EVERY_S = 30.0  # between two lines about a stage, without a terminal
 
 
 class StageDisplay:
@@ -24,7 +24,7 @@ class StageDisplay:
 
     @property
     def seconds(self) -> float:
-        """How long the stage has been under way."""
+        """How long the stage has been running."""
         return time.monotonic() - self.start
 
     def tick(self) -> None:
@@ -50,7 +50,7 @@ class StageDisplay:
             self._line(f"{label} {steps:,.0f} of {total:,.0f}{self._time_left(steps, total)}")
 
     def end(self, outcome: str) -> None:
-        """Take the bar away and, unless the stage took under two seconds, say how long it took."""
+        """Remove the bar and, if the stage took two seconds or more, say how long it took."""
         self._close()
         if self.seconds >= DELAY_S:
             self._line(f"{outcome} in {duration(self.seconds)}")
@@ -85,18 +85,18 @@ class StageDisplay:
 
 
 class RunDisplay:
-    """How far a whole run is: a row below all bars on a terminal, now and then a line elsewhere."""
+    """The progress of a whole run: a row below all bars on a terminal, a line now and then elsewhere."""
 
     def __init__(self, total: int, stream: TextIOBase | None = None):
-        """total: artefacts to make; of a single one its stage's own display says all."""
+        """total: artefacts to make; nothing is shown for a single one, which has its stage's display."""
         self.total, self.stream = total, stream or sys.stderr
         self.start = self._last_line = time.monotonic()
         self._bar: tqdm | None = None
 
     def show(self, done: int, running: int, left_s: float | None, row: int) -> None:
-        """Show how many artefacts are done and under way, and about how many seconds are left, where that is known.
+        """Show how many artefacts are done and being made, and about how many seconds are left, if that is known.
 
-        row: the first row below the bars of those that are under way.
+        row: the first row below the bars of the stages.
         """
         now = time.monotonic()
         if self.total < 2 or now - self.start < DELAY_S:
@@ -111,7 +111,7 @@ class RunDisplay:
             self.stream.flush()
 
     def end(self) -> None:
-        """Take the row away; what is printed next begins at the left."""
+        """Remove the row; what is printed next begins at the left."""
         if self._bar is not None:
             self._bar.clear()
             self._bar.pos = 0
@@ -130,7 +130,7 @@ class RunDisplay:
 
 
 def duration(seconds: float) -> str:
-    """Return a time in words that are short enough for a line of progress."""
+    """Return a time in a few words."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60)

@@ -1,4 +1,4 @@
-"""What the scheduler asks of whatever runs stages: the worker processes of this machine, or a Dask cluster."""
+"""The contract between the scheduler and what runs stages: worker processes of this machine, or a Dask cluster."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,8 @@ from replicate.engine.stage import Stage, input_names
 class Task:
     """A stage whose artefact is missing.
 
-    needs: the identifiers of those of its inputs that are missing too. facts: provenance for the manifest.
+    needs: the identifiers of its inputs that are missing too.
+    facts: provenance for the manifest.
     """
 
     stage: Stage
@@ -34,7 +35,7 @@ class Task:
         return getattr(self.stage.config, "device", None) == "cuda"
 
     def threads(self, most: int) -> int:
-        """Return how many threads the stage gets where it can have at most so many."""
+        """Return how many threads the stage gets if there are `most`."""
         return most if self.stage.threads == 0 else min(self.stage.threads, most)
 
     def orders(self, threads: int) -> dict:
@@ -60,18 +61,18 @@ class Task:
 
 @runtime_checkable
 class Executor(Protocol):
-    """Runs tasks side by side, each in a worker process of its own, and tells how they fare.
+    """Runs tasks side by side, each in its process, and reports how they get on.
 
     A message is a dict with an "event": "started", "progress" (label, done, total), "waiting" (another process makes
     the artefact), and at last "done" (made: whether it was made here) or "failed" (kind, message). The kinds are
-    "InputError", "RunError", "Exception" and "died", whose message goes on from the words "stage so-and-so".
+    "InputError", "RunError", "Exception" and "died"; the message of "died" continues the words "stage so-and-so".
     """
 
     def submit(self, tasks: Sequence[Task]) -> None:
-        """Take the whole graph, inputs first, else the more urgent first; called once."""
+        """Accept the whole graph, inputs first, otherwise by urgency; called once."""
 
     def listen(self, timeout_s: float) -> list[tuple[str, dict]]:
-        """Return the messages that came in by now, each with its task's identifier; wait a while if there is none."""
+        """Return the messages that have come in, each with its task's identifier; wait a while if there are none."""
 
     def close(self) -> None:
         """Kill what still runs, and return when nothing does."""

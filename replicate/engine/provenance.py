@@ -12,16 +12,18 @@ from replicate.base.paths import ROOT
 from replicate.engine.stage import Stage, in_order
 from replicate.engine.store import artefact_folder, read_manifest
 
-_VECTORS = ("avx", "fma", "amx", "asimd", "sve")  # beginnings of the names of instructions on many numbers at once
-LABELS = 32  # characters of the column that labels stand in
-PACKAGES = ("jax", "jaxlib", "numba", "numpy", "scikit-learn", "scipy", "torch")  # those that numbers pass through
+_VECTORS = ("avx", "fma", "amx", "asimd", "sve")  # how the names of vector instructions begin
+LABELS = 32  # characters of the column with labels
+PACKAGES = ("jax", "jaxlib", "numba", "numpy", "scikit-learn", "scipy", "torch")  # those that compute results
 
 
 def provenance(command: list[str], profile: str, seeds: list[int], workers: int) -> dict:
-    """Return what a manifest tells of a run: commit, command, profile, seeds, versions, processor, threads, GPU.
+    """Return what a manifest says about a run: commit, command, profile, seeds, versions, processor, threads, GPU.
 
-    command: the arguments as typed. workers: processes side by side, each with one thread unless a stage's own
-    manifest says more. The GPU is named only if torch is loaded in this process: asking loads it otherwise.
+    command: the arguments as typed.
+    workers: processes side by side; each has one thread unless a stage's manifest says more.
+
+    The GPU is named only if torch is loaded in this process: asking would load it.
     """
     return {
         "git": git_state(),
@@ -37,7 +39,7 @@ def provenance(command: list[str], profile: str, seeds: list[int], workers: int)
 
 
 def surroundings() -> dict:
-    """Return what a number's last digits depend on beside sources and seeds: versions, and the kind of processor."""
+    """Return what the last digits of results depend on beside sources and seeds: versions and processor."""
     return {
         "python": platform.python_version(),
         "packages": package_versions(),
@@ -47,7 +49,7 @@ def surroundings() -> dict:
 
 
 def as_lines(facts: dict[str, str]) -> str:
-    """Return facts by their labels as lines, all values in one column; a long label has a line of its own."""
+    """Return facts by their labels as lines, all values in one column; a long label gets a separate line."""
     indented = "\n" + " " * LABELS
     return "\n".join(
         f"{label:{LABELS}}" + ("" if len(label) < LABELS - 1 else indented) + value.replace("\n", indented)
@@ -56,7 +58,7 @@ def as_lines(facts: dict[str, str]) -> str:
 
 
 def git_state(folder: Path = ROOT) -> dict | None:
-    """Return {"commit", "clean"} of the checkout that `folder` is the root of; None outside a checkout."""
+    """Return {"commit", "clean"} of the checkout whose root is `folder`, None if it is no such root."""
     if not (folder / ".git").exists():  # without it, git would answer for a repository further up
         return None
     try:
@@ -72,7 +74,7 @@ def _git(folder: Path, *arguments: str) -> str:
 
 
 def package_versions() -> dict[str, str]:
-    """Return the installed versions of the packages that numbers pass through."""
+    """Return the installed versions of the packages that compute results."""
     versions = {}
     for package in PACKAGES:
         try:
@@ -98,9 +100,9 @@ def processor() -> str:
 
 
 def instruction_set() -> str:
-    """Return this processor's vector instructions; with AVX2 sums have other last digits than with AVX-512.
+    """Return this processor's vector instructions; sums by AVX2 and by AVX-512 differ in their last digits.
 
-    Libraries choose by them when they run, so that one build gives two results on two machines.
+    Libraries choose among them at run time, so one build can give two results on two machines.
     """
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
@@ -116,9 +118,9 @@ def core_count() -> int:
 
 
 def peak_memory_mb() -> float:
-    """Return the most memory that this process has held at once, in MB, since its program was started.
+    """Return the most memory that this process has held at once since its program was started, in MB.
 
-    Linux' `getrusage` also counts what the process was before, a copy of the one that started it; /proc does not.
+    On Linux, `getrusage` also counts what the process was before: a copy of its parent. /proc doesn't.
     """
     status = Path("/proc/self/status")
     lines = status.read_text().splitlines() if status.is_file() else []
@@ -136,10 +138,10 @@ def gpu() -> str | None:
 
 
 def graph_git(stages: list[Stage]) -> dict | None:
-    """Return the commit that the first stage of a finished graph was made from, and whether all stages were so cleanly.
+    """Return the commit behind a finished graph, {"commit", "clean"}; None if its first stage comes from no checkout.
 
-    {"commit", "clean"}: "clean" is true only if every stage, inputs included, was made from a clean tree; "commits"
-    names all that stages were made from, where there are several. None if the first was made outside a checkout.
+    "commit" is that of the first stage. "clean" is true only if every stage, inputs included, was made from a clean
+    tree. "commits" lists all commits that stages were made from, if there are several.
     """
     states = [_made_from(stage) for stage in in_order(stages)]
     first = _made_from(stages[0])
@@ -151,11 +153,11 @@ def graph_git(stages: list[Stage]) -> dict | None:
 
 
 def stage_facts(stages: list[Stage]) -> dict[str, dict]:
-    """Return, for every stage of a finished graph by its title, its key, wall time and what it noted.
+    """Return the key, wall time, notes and so on of every stage of a finished graph, by its title.
 
-    "git" is there for stages whose commit or clean flag differs from those of `graph_git`; None for one that was made
-    outside a checkout. "python", "packages", "processor" and "instruction_set" are there where they differ from those
-    of the run that made the first of the stages; of packages, those that differ.
+    "git" is given where it differs from `graph_git`, None for a stage that was made outside a checkout. "python",
+    "packages", "processor" and "instruction_set" are given where they differ from those of the run that made the first
+    stage; of the packages, only those that differ.
     """
     facts = {}
     top = graph_git(stages)
@@ -165,20 +167,20 @@ def stage_facts(stages: list[Stage]) -> dict[str, dict]:
         manifest = read_manifest(artefact_folder(stage.identifier))
         keys = ("key", "wall_s", "resumed", "threads", "peak_memory_mb", "gpu", "notes")
         facts[stage.title] = {name: manifest[name] for name in keys if manifest.get(name) not in (None, {}, False)}
-        if (own := _made_from(stage)) != shared:
-            facts[stage.title]["git"] = own
+        if (git := _made_from(stage)) != shared:
+            facts[stage.title]["git"] = git
         facts[stage.title] |= _differences(manifest.get("surroundings", manifest["run"]), run)
     return facts
 
 
-def _differences(own: dict, run: dict) -> dict:
-    """Return of a stage's surroundings what is not that of a run; what either does not tell is not compared."""
+def _differences(stage: dict, run: dict) -> dict:
+    """Return the surroundings of a stage that differ from those of a run; what either of them lacks is left out."""
     names = ("python", "packages", "processor", "instruction_set")
-    differences = {name: own[name] for name in names if name in own and name in run and own[name] != run[name]}
+    differences = {name: stage[name] for name in names if name in stage and name in run and stage[name] != run[name]}
     if "packages" in differences:
-        both = sorted(own["packages"].keys() | run["packages"].keys())
-        differing = (name for name in both if own["packages"].get(name) != run["packages"].get(name))
-        differences["packages"] = {name: own["packages"].get(name) for name in differing}
+        versions, others = stage["packages"], run["packages"]
+        differing = (name for name in sorted(versions | others) if versions.get(name) != others.get(name))
+        differences["packages"] = {name: versions.get(name) for name in differing}
     return differences
 
 

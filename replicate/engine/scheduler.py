@@ -1,4 +1,4 @@
-"""Runs a graph of stages on this machine or on a cluster, shows how far they are, and ends all if one fails."""
+"""Runs a graph of stages on this machine or on a cluster, shows their progress, and ends all if one fails."""
 
 import statistics
 import time
@@ -15,8 +15,8 @@ from replicate.engine.provenance import core_count
 from replicate.engine.stage import Stage, in_order
 from replicate.engine.workers import LocalWorkers
 
-_TICK_S = 0.5  # the longest time between two looks at what is shown
-_TRUST_S = 60.0  # expected times are taken at their word until about so many seconds of work are done
+_TICK_S = 0.5  # the longest time between two updates of what is shown
+_TRUST_S = 60.0  # of work done, until which the expected times are hardly corrected
 
 
 def run(
@@ -27,16 +27,18 @@ def run(
     foresee: Callable[[list[Stage]], tuple[str, Mapping[str, float | None]]] | None = None,
     failures: dict[str, InputError | RunError] | None = None,
 ) -> dict[str, Path]:
-    """Make what is missing of a graph and return the artefacts' folders by the stages' titles.
+    """Make what is missing of a graph, and return the artefacts' folders by the stages' titles.
 
-    stages: those to make, the more urgent first; their inputs are made too. workers: processes side by side, by
-    default one a core. facts: provenance for the manifests. cluster: where they run instead, as CLUSTER names it (see
-    `cluster_config`). foresee: what is missing → a line to print before it is made, "" for none, and about how
-    many seconds each takes, by its identifier; None for what nobody knows. failures: where given,
-    a stage that fails costs only what needs it, and its error is put there by its title. Prints what was done, or
-    that there was nothing to do. Raises InputError or RunError if a stage does, RunError if one fails or is killed;
-    the others are ended then, as they are by SIGINT, SIGTERM and SIGHUP. Raises InputError for a cluster that is none
-    or can't be reached.
+    stages: those to make, the most urgent first; their inputs are made too.
+    workers: processes side by side; by default as many as cores.
+    facts: provenance for the manifests.
+    cluster: where the stages run instead, as CLUSTER names it (see `cluster.config`).
+    foresee: missing stages → a line to print first, or "", and the expected seconds of each by its identifier, or None.
+    failures: if given, a failed stage stops only those that need it, and its error is put here by its title.
+
+    Prints what was made, or that there was nothing to do. Raises the InputError or RunError of a stage, RunError if one
+    fails otherwise or is killed; then all others are ended, as they are by SIGINT, SIGTERM and SIGHUP. Raises
+    InputError for a cluster that can't be understood or reached.
     """
     start = time.monotonic()
     elsewhere = read_cluster(cluster) if cluster else None
@@ -49,9 +51,9 @@ def run(
             if line:
                 print(line, flush=True)
             count = workers or core_count()
-            ahead = Forecast(expected, None if elsewhere else count)
+            forecast = Forecast(expected, None if elsewhere else count)
             with ended_by_signals():
-                lost = _make(_tasks(missing, facts or {}), _executor(elsewhere, count), failures, ahead)
+                lost = _make(_tasks(missing, facts or {}), _executor(elsewhere, count), failures, forecast)
     if not missing:
         print(f"nothing to do: {len(graph)} artefacts up to date", flush=True)
     else:
@@ -64,7 +66,7 @@ def run(
 def _executor(cluster: Cluster | None, cores: int) -> Executor:
     if cluster is None:
         return LocalWorkers(cores)
-    from replicate.engine.cluster.workers import DaskWorkers  # Dask is loaded for those alone who ask for it
+    from replicate.engine.cluster.workers import DaskWorkers  # it loads Dask
 
     return DaskWorkers(cluster)
 
@@ -78,10 +80,10 @@ def _tasks(missing: list[Stage], facts: dict) -> list[Task]:
 
 
 class Forecast:
-    """About how long a run still takes: expected times, which what is done so far corrects."""
+    """About how long a run still takes: expected times, corrected by how long finished stages took."""
 
     def __init__(self, expected_s: Mapping[str, float | None], workers: int | None):
-        """expected_s: by the stages' identifiers. workers: processes side by side, None where nobody knows."""
+        """expected_s: by the stages' identifiers. workers: processes side by side, None if that is unknown."""
         self._expected = {name: seconds for name, seconds in expected_s.items() if seconds}
         self._workers, self._most = workers, 1
         self._spent: dict[str, float] = {}
@@ -91,9 +93,9 @@ class Forecast:
         self._spent[identifier] = seconds
 
     def left_s(self, undone: Sequence[Stage], running_s: Mapping[str, float]) -> float | None:
-        """Return about how many seconds are left, None where nothing is known.
+        """Return about how many seconds are left, None if nothing is known.
 
-        running_s: how long those that are under way have been at it.
+        running_s: how long the running stages have been at it, by their identifiers.
         """
         self._most = max(self._most, len(running_s))
         known = self._expected
@@ -102,18 +104,18 @@ class Forecast:
         if not known:
             return None
         both = known.keys() & self._spent.keys()
-        pace = (sum(self._spent[one] for one in both) + _TRUST_S) / (sum(known[one] for one in both) + _TRUST_S)
+        pace = (sum(self._spent[name] for name in both) + _TRUST_S) / (sum(known[name] for name in both) + _TRUST_S)
         names = [stage.identifier for stage in undone]
         left = {name: max(0.0, pace * known.get(name, 0.0) - running_s.get(name, 0.0)) for name in names}
         return wall_s(undone, left, self._workers or self._most)
 
 
 def wall_s(missing: Sequence[Stage], times: Mapping[str, float | None], workers: int) -> float:
-    """Return how long stages take side by side: all work over the workers, or the longest chain of inputs.
+    """Return how long stages take side by side: all work divided by the workers, or the longest chain of inputs.
 
-    times: seconds by the stages' identifiers; one that is unknown counts nothing.
+    times: seconds by the stages' identifiers; unknown ones count as 0.
     """
-    times = {name: time or 0.0 for name, time in times.items()}
+    times = {name: seconds or 0.0 for name, seconds in times.items()}
     ends: dict[str, float] = {}
     for stage in in_order(list(missing)):
         before = max((ends.get(source.identifier, 0.0) for source in stage.inputs), default=0.0)
@@ -122,11 +124,11 @@ def wall_s(missing: Sequence[Stage], times: Mapping[str, float | None], workers:
 
 
 def _make(
-    tasks: list[Task], executor: Executor, failures: dict[str, InputError | RunError] | None, ahead: Forecast
+    tasks: list[Task], executor: Executor, failures: dict[str, InputError | RunError] | None, forecast: Forecast
 ) -> int:
     """Run tasks to their end and return how many were lost; raises as `run` does, with nothing left running."""
     lost: set[str] = set()
-    whole, next_look_s = RunDisplay(len(tasks)), 0.0
+    run_display, next_look_s = RunDisplay(len(tasks)), 0.0
     undone = {task.identifier: task.stage for task in tasks}
     displays: dict[str, StageDisplay] = {}
     try:
@@ -134,7 +136,7 @@ def _make(
         while undone:
             for identifier, message in executor.listen(_TICK_S):
                 if identifier in undone:  # a cluster may run a task again whose result was lost
-                    at_it = displays.get(identifier)
+                    display = displays.get(identifier)
                     try:
                         _show(undone[identifier], message, displays)
                     except (InputError, RunError) as error:
@@ -142,8 +144,8 @@ def _make(
                             raise
                         failures[undone[identifier].title] = error
                         lost |= _without(identifier, tasks, undone)
-                    if message["event"] == "done" and at_it:
-                        ahead.done(identifier, at_it.seconds)
+                    if message["event"] == "done" and display:
+                        forecast.done(identifier, display.seconds)
                 if message["event"] == "done":
                     undone.pop(identifier, None)
             for display in displays.values():
@@ -153,28 +155,28 @@ def _make(
                 seconds = {name: display.seconds for name, display in displays.items()}
                 row = max((display.slot + 1 for display in displays.values()), default=0)
                 done = len(tasks) - len(lost) - len(undone)
-                whole.show(done, len(displays), ahead.left_s(list(undone.values()), seconds), row)
+                run_display.show(done, len(displays), forecast.left_s(list(undone.values()), seconds), row)
     finally:
         executor.close()
-        whole.end()
+        run_display.end()
         for display in displays.values():
             display.end("stopped")
     return len(lost)
 
 
 def _without(identifier: str, tasks: list[Task], undone: dict[str, Stage]) -> set[str]:
-    """Take a task and all that need it from those to be done, and return their identifiers."""
+    """Remove a task, and all that need it, from those to be done; return their identifiers."""
     lost = {identifier}
     for task in tasks:  # inputs first
         if not lost.isdisjoint(task.needs):
             lost.add(task.identifier)
-    for one in lost:
-        undone.pop(one, None)
+    for name in lost:
+        undone.pop(name, None)
     return lost
 
 
 def _show(stage: Stage, message: dict, displays: dict[str, StageDisplay]) -> None:
-    """Show what an executor tells of a stage; raise what the stage has raised, or that it died."""
+    """Show what an executor reports of a stage; raise the error if it failed or died."""
     event = message["event"]
     if stage.identifier not in displays:
         rows = {display.slot for display in displays.values()}

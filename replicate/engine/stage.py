@@ -1,4 +1,4 @@
-"""A stage: a function from a configuration and other stages' artefacts to an artefact of its own."""
+"""A stage: a function that makes an artefact from a configuration and from the artefacts of other stages."""
 
 import hashlib
 import importlib
@@ -20,14 +20,16 @@ from replicate.base.schema import to_json
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """One node of the graph; its key decides, alone, whether its artefact is up to date.
+    """One node of the graph; its key alone decides whether its artefact is up to date.
 
-    name: short and lower-case, e.g. "coarse". function: "module:function", called with a `StageContext` in a process
-    of its own; functions that it calls by their names may follow, after commas: their sources count as well. config: a
-    frozen dataclass of numbers, text, tuples and dataclasses; with a `seed` where the stage draws. inputs: the stages
-    whose artefacts it reads. label: whose it is, e.g. the character; shown, and part of the folder's name. files: data
-    files that it depends on by their content, e.g. a recipe. threads: how many it may use; 0 for as many as there are
-    workers, then it runs alone.
+    name: short and lower-case, such as "coarse".
+    function: "module:function", called with a `StageContext` in a separate process; functions that it calls by a
+        computed name follow after commas, so that their sources count too.
+    config: a frozen dataclass of numbers, text, tuples and dataclasses; it has a `seed` if the stage draws.
+    inputs: the stages whose artefacts it reads.
+    label: whose stage it is, such as the character; part of the folder's name.
+    files: data files whose content it depends on, such as a recipe.
+    threads: how many it may use; 0 for as many as there are workers, and then it runs alone.
     """
 
     name: str
@@ -44,7 +46,7 @@ class Stage:
 
     @property
     def title(self) -> str:
-        """The name and whose it is, as shown in progress and logs."""
+        """The name and the label, as progress and logs show them."""
         return f"{self.name}-{self.label}" if self.label else self.name
 
     @cached_property
@@ -70,17 +72,19 @@ def _file_digest(file: Path) -> str:
     try:
         return hashlib.sha256(file.read_bytes()).hexdigest()
     except OSError as error:
-        raise InputError(f"{file}: found no readable file ({error.strerror})") from error
+        raise InputError(f"{file} can't be read ({error.strerror})") from error
 
 
 @dataclass(frozen=True)
 class StageContext:
     """The argument of a stage's function.
 
-    config: the stage's. inputs: by the name of each input stage (by its title, name-label, where several share a
-    name), the folder of its verified artefact. out: an empty folder to fill. scratch: a folder that outlives a kill,
-    for checkpoints; it is removed once the artefact is complete. threads: how many the stage may use. files: the
-    stage's data files, in its order.
+    name, config, files: those of the stage.
+    inputs: the folders of the input stages' verified artefacts by name; by title, name-label, where names are equal.
+    out: an empty folder to fill.
+    scratch: a folder for checkpoints, which outlives a kill and is removed when the artefact is complete.
+    threads: how many the stage may use.
+    notes: facts for the artefact's manifest.
     """
 
     name: str
@@ -106,7 +110,7 @@ class StageContext:
 
 
 def stream_rng(seed: int, name: str, stream: str) -> np.random.Generator:
-    """Return the generator of one named stream of one stage, so that a new stream moves no other's numbers."""
+    """Return the generator of a stage's named stream; streams don't disturb each other."""
     digest = hashlib.sha256(json.dumps([seed, name, stream]).encode()).digest()
     return np.random.default_rng(int.from_bytes(digest[:16], "little"))
 
@@ -127,7 +131,7 @@ def input_names(stages: tuple[Stage, ...]) -> dict[str, Stage]:
 
 
 def in_order(stages: list[Stage]) -> list[Stage]:
-    """Return the stages and all that they need, each once, inputs first, else in the order given."""
+    """Return the stages and all that they need, each once, inputs first, otherwise in the order given."""
     order: dict[str, Stage] = {}
 
     def visit(stage: Stage) -> None:

@@ -3,12 +3,12 @@
     <cache>/<stage>-<key>/            an artefact: its files, manifest.json and manifest.sha256
     <cache>/damaged-<stage>-<key>/    one that failed its check, kept to be looked at
     <cache>/kernels-<hash>/           compiled code, see `base.jit_cache`
-    <cache>/scratch/, locks/, logs/               work that goes on, by the same names
+    <cache>/scratch/, locks/, logs/               unfinished work, by the same names
     <cache>/partial/<stage>-<key>@<host>-<pid>/   an artefact that this process is filling
 
-An artefact is filled in `partial/` and renamed into place when its manifest is written, so that what stands in the
-cache was complete. Every file is hashed in full whenever an artefact is loaded: sizes and times say nothing about a
-flipped bit, and SHA-256 takes a second or two for a gigabyte.
+An artefact is filled in `partial/` and renamed into place when its manifest is written, so that the cache holds only
+complete ones. Every file is hashed in full whenever an artefact is loaded: sizes and times don't show a flipped bit,
+and SHA-256 takes a second or two for a gigabyte.
 """
 
 import contextlib
@@ -34,19 +34,16 @@ MANIFEST = "manifest.json"
 MARKER = ".replicate-cache"  # stands in every folder that has been used as a cache
 WORKING_FOLDERS = ("partial", "scratch", "locks", "logs")
 _SEAL = "manifest.sha256"
-_RUN = "run@"  # begins the names of the locks of whole runs
+_RUN = "run@"  # how the names of whole runs' locks begin
 
 
 def artefact_folder(identifier: str) -> Path:
-    """Return where an artefact stands, or will."""
+    """Return the folder that an artefact has or will have."""
     return cache_folder() / identifier
 
 
 def make_cache_folder() -> None:
-    """Make the cache's folder, with the file that tells it from other folders, and see that all of it can be written.
-
-    Raises InputError where that can't be, before any work is done.
-    """
+    """Make the cache's folder, with the file that marks it; raise InputError if something in it can't be written."""
     cache = cache_folder()
     for folder in (cache, *(cache / name for name in WORKING_FOLDERS)):
         check_writable(folder, "REPLICATE_CACHE")
@@ -62,7 +59,7 @@ def scratch_folder(identifier: str) -> Path:
 
 
 def log_file(identifier: str) -> Path:
-    """Return what the stage that makes this artefact printed."""
+    """Return the file with what the stage that makes this artefact printed."""
     return cache_folder() / "logs" / f"{identifier}.log"
 
 
@@ -72,7 +69,7 @@ def read_manifest(folder: Path) -> dict:
 
 
 def is_sealed(folder: Path) -> bool:
-    """Return whether a folder is an artefact under its own name, whose manifest agrees with its checksum."""
+    """Return whether a folder is an artefact with the right name, whose manifest agrees with its checksum."""
     try:
         text = (folder / MANIFEST).read_bytes()
         if (folder / _SEAL).read_bytes() != _seal(text):
@@ -84,9 +81,9 @@ def is_sealed(folder: Path) -> bool:
 
 
 def find_damage(folder: Path, in_full: bool = True) -> str:
-    """Return "" if every file of an artefact agrees with its manifest, else one finding in words.
+    """Return "" if every file of an artefact agrees with its manifest, else what is wrong with one of them.
 
-    in_full: every file is hashed; otherwise its size alone is looked at.
+    in_full: whether files are hashed; otherwise only their sizes are compared.
     """
     try:
         text = (folder / MANIFEST).read_bytes()
@@ -105,15 +102,15 @@ def find_damage(folder: Path, in_full: bool = True) -> str:
 def load(identifier: str) -> Path | None:
     """Return the folder of a verified artefact, or None if there is none.
 
-    A damaged one is named on standard error and set aside as `damaged-…`, so that it is made again, never used; from
-    the first step on, since what is left of its making may have the same damage.
+    A damaged one is named on standard error and set aside as `damaged-…`, to be made again. Its checkpoints are
+    removed, since they may have the same damage.
     """
     folder = artefact_folder(identifier)
     if not folder.exists():
         return None
     if not find_damage(folder):
         return folder
-    with lock(identifier):  # another process may have found the same, and mended it
+    with lock(identifier):  # another process may have found and mended it
         damage = find_damage(folder) if folder.exists() else ""
         if damage:
             aside = cache_folder() / f"damaged-{identifier}"
@@ -127,9 +124,10 @@ def load(identifier: str) -> Path | None:
 def make(identifier: str, build: Callable[[Path, Path], dict], waiting: Callable[[], None] = lambda: None) -> Path:
     """Return a verified artefact, made by `build` if there is none yet.
 
-    build: called with an empty folder to fill and a scratch folder that outlives a kill; returns the facts for the
-    manifest. waiting: called once when another process is making the same artefact; theirs is returned then.
-    Raises RunError when the disk is full; nothing half written is left in place.
+    build: (empty folder to fill, scratch folder that outlives a kill) → the facts for the manifest.
+    waiting: called once if another process is making the same artefact, which is then waited for.
+
+    Raises RunError when the disk is full; nothing half-written is left in place.
     """
     partial = _partial_folder(identifier, os.getpid(), cache_folder())
     scratch = scratch_folder(identifier)
@@ -150,20 +148,20 @@ def make(identifier: str, build: Callable[[Path, Path], dict], waiting: Callable
 
 
 def discard_partial(identifier: str, pid: int, cache: Path) -> None:
-    """Remove what a process of this machine that is gone had filled of an artefact of this cache."""
+    """Remove the unfinished artefact of a process of this machine that has ended."""
     shutil.rmtree(_partial_folder(identifier, pid, cache), ignore_errors=True)
 
 
 def lock(
     identifier: str, waiting: Callable[[], None] = lambda: None, wait: bool = True
 ) -> contextlib.AbstractContextManager[None]:
-    """Return a context manager that holds an artefact's lock; arguments and errors are those of `locks.hold`."""
+    """Return a context manager that holds an artefact's lock; arguments and errors are those of `hold`."""
     return hold(cache_folder() / "locks" / f"{identifier}.lock", waiting, wait)
 
 
 @contextlib.contextmanager
 def used_by_a_run() -> Iterator[None]:
-    """Tell other processes, through a lock, that a run goes on in this cache, also between two of its stages."""
+    """Hold a lock that tells other processes that a run uses this cache, also between two of its stages."""
     name = f"{_RUN}{platform.node()}-{os.getpid()}"
     try:
         with lock(name):
@@ -178,7 +176,7 @@ def is_in_use() -> bool:
         try:
             with lock(file.stem, wait=False):
                 if file.name.startswith(_RUN):
-                    file.unlink(missing_ok=True)  # a killed run has left it
+                    file.unlink(missing_ok=True)  # left by a killed run
         except Timeout:
             return True
     return False
@@ -196,16 +194,16 @@ def _tell_if_full(identifier: str) -> Iterator[None]:
 
 
 def _put_in_place(partial: Path, identifier: str) -> None:
-    """Rename a complete folder into the cache; another machine's artefact that stands there by now is as good.
+    """Rename a complete folder into the cache, unless another machine has put the same artefact there by now.
 
-    The lock keeps processes of one machine apart, but on some network file systems it does not reach other machines.
+    Locks keep processes of one machine apart; on some network file systems other machines don't see them.
     """
     try:
         os.replace(partial, artefact_folder(identifier))
     except OSError as error:
         if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
             raise
-        if load(identifier) is None:  # theirs was damaged, and is set aside by this look at it
+        if load(identifier) is None:  # theirs was damaged, and `load` has set it aside
             os.replace(partial, artefact_folder(identifier))
         shutil.rmtree(partial, ignore_errors=True)
 
@@ -215,7 +213,7 @@ def _partial_folder(identifier: str, pid: int, cache: Path) -> Path:
 
 
 def _discard_partials(identifier: str) -> None:
-    """Remove what killed processes of this machine have left of an artefact; its lock is held, so none is at work."""
+    """Remove what killed processes of this machine have left of an artefact, whose lock is held."""
     for folder in (cache_folder() / "partial").glob(f"{identifier}@{platform.node()}-*"):
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -246,21 +244,23 @@ def _digest(file: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-# Locks between processes, as files; the system frees one should the process that holds it die.
+# Locks between processes, as files; the system frees a lock when its process dies.
 
 
 def check_lock(file: Path) -> None:
-    """Raise InputError if something else than a file stands where a lock has to be."""
+    """Raise InputError if something other than a file has a lock's name."""
     if file.exists() and not file.is_file():
-        raise InputError(f"{file} is a folder, where only a lock's file is allowed: remove it")
+        raise InputError(f"{file}: expected a lock's file, got a folder: remove it")
 
 
 @contextmanager
 def hold(file: Path, waiting: Callable[[], None] = lambda: None, wait: bool = True) -> Iterator[None]:
     """Hold a lock; the same process may hold it twice.
 
-    waiting: called once where another process holds it. wait: else, filelock's Timeout is raised then. Raises
-    InputError where the file can't be a lock.
+    waiting: called once if another process holds it.
+    wait: whether to wait for that process; otherwise filelock's Timeout is raised.
+
+    Raises InputError if the file can't be a lock.
     """
     try:
         file.parent.mkdir(parents=True, exist_ok=True)

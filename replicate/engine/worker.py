@@ -1,7 +1,7 @@
-"""One stage in a process of its own: `python -m replicate.engine.worker`, started by an executor.
+"""Runs one stage in a separate process: `python -m replicate.engine.worker`, started by an executor.
 
-It reads its orders, one line of JSON, from standard input and answers in lines of JSON on standard output; whatever
-the stage prints goes to the log. It never outlives the process that started it: the end of standard input ends it.
+It reads its orders, one line of JSON, from standard input and answers in lines of JSON on standard output; what the
+stage prints goes to the log. It never outlives the process that started it: the end of standard input ends it.
 """
 
 import ctypes
@@ -25,24 +25,28 @@ from replicate.engine import store
 from replicate.engine.provenance import gpu, peak_memory_mb, surroundings
 from replicate.engine.stage import StageContext, stage_function
 
-LIBRARIES = (  # that take long to import, and start no thread by it where there is to be only one
+LIBRARIES = (  # slow to import; none of them starts a second thread then
     "numpy", "scipy.sparse.linalg", "scipy.interpolate", "scipy.spatial", "jax", "numba", "torch", "sklearn.cluster",
     "sklearn.decomposition", "pandas", "matplotlib.figure",
 )  # fmt: skip
 _PR_SET_PDEATHSIG = 1
-_RESERVE_BYTES = 8 << 20  # for the words of a stage that has run out of memory; nothing is written to it
+_RESERVE_BYTES = 8 << 20  # memory to free for the report of a stage that has run out of it
 
 
 def main() -> None:
-    """Make one artefact by its orders, and report how it went."""
+    """Make one artefact as ordered, and report how it went."""
+    # never outlive the process that gives the orders
     if sys.platform == "linux":  # at once, even while a compiled kernel runs; elsewhere the watchdog has to do
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     line = sys.stdin.readline()
-    if not line:  # whoever started this process was gone sooner than the lines above
+    if not line:  # the process that started this one was gone before the lines above
         return
     orders = json.loads(line)
-    sys.path += [folder for folder in orders["path"] if folder not in sys.path]  # last: its files hide no library
+    sys.path += [
+        folder for folder in orders["path"] if folder not in sys.path
+    ]  # at the end, so that they hide no library
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    # standard output is for answers: what the stage prints goes to the log
     answers = os.fdopen(os.dup(1), "w", buffering=1)
     log_file = store.log_file(orders["identifier"])
     log_file.parent.mkdir(parents=True, exist_ok=True)
@@ -114,8 +118,8 @@ def _build(orders: dict, out: Path, scratch: Path) -> dict:
 
 
 def _check_sources(orders: dict) -> None:
-    """Refuse to make an artefact under the key of sources that are not those of this machine by now."""
-    if are_unchanged(orders["texts"]):  # as almost always: to read what they say takes half a second
+    """Raise RunError if this machine's sources are no longer those that the artefact's key was made from."""
+    if are_unchanged(orders["texts"]):  # as almost always; parsing them would take half a second
         return
     if sources_digest(orders["function"]) != orders["sources"]:
         raise RunError(
@@ -125,7 +129,7 @@ def _check_sources(orders: dict) -> None:
 
 
 def _end_with_parent() -> None:
-    os.read(0, 1)  # blocks until that process is gone
+    os.read(0, 1)  # blocks until the parent is gone
     os._exit(1)
 
 

@@ -5,14 +5,13 @@ from jaxtyping import Float
 
 
 def align(
-    source: Float[np.ndarray, "*#batch n 3"],
-    target: Float[np.ndarray, "*#batch n 3"],
+    source: Float[np.ndarray, "*#batch n 3"], target: Float[np.ndarray, "*#batch n 3"]
 ) -> tuple[Float[np.ndarray, "*batch 3 3"], Float[np.ndarray, "*batch 3"]]:
     """Return the rotation R and translation t that best align two point sets (Eq. 3).
 
-    They minimise Σ_i ‖source_i R + t − target_i‖² with R in SO(3): a mirrored or flat target yields the best
-    proper rotation, never a reflection. Where the points leave a freedom (all on a line, or all in one place) the
-    rotation nearest to the identity is taken. Leading axes are batches and broadcast; the work is done in float64.
+    They minimise Σ_i ‖source_i R + t − target_i‖² with R in SO(3): a mirrored or flat target gives the best proper
+    rotation, never a reflection. If points on a line or in one place leave a choice, the rotation nearest to the
+    identity is taken. Leading axes are batches and broadcast. All is computed in float64.
     """
     source, target = np.asarray(source, np.float64), np.asarray(target, np.float64)
     source_centre, target_centre = source.mean(-2, keepdims=True), target.mean(-2, keepdims=True)

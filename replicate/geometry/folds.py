@@ -1,4 +1,4 @@
-"""How a surface folds at its edges: signed angles, and the pose that folds a patch most."""
+"""How a surface folds at its edges: signed angles, and which pose folds a patch most."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -24,24 +24,27 @@ def most_folded(
     mesh: Mesh, poses: Int[np.ndarray, " p"], offsets: Float[np.ndarray, "t n 3"], visible: Bool[np.ndarray, " f"],
     batch: int = 32,
 ) -> int:  # fmt: skip
-    """Return the one of some poses that folds the shown faces most.
+    """Return the pose that folds the visible faces most.
 
-    poses: indices of the poses that are looked at. offsets: V − V⁰ of all poses in mm; may be a memory map.
+    poses: indices of the poses to choose from.
+    offsets: V − V⁰ of all poses in mm; may be a memory map.
+    visible: which faces count.
+    batch: poses at a time.
 
-    The measure is the mean, over the inner edges between shown faces and weighted by their neutral length, of how much
-    the fold at the edge differs from the neutral one. Turning or moving the face does not change it. Of equal poses the
-    first is taken. Raises InputError if no two shown faces share an edge.
+    The measure is how much the folds at edges between visible faces differ from those in the neutral pose: the mean
+    over the edges, weighted by their neutral lengths. Moving or turning the face doesn't change it. Of equal poses the
+    first is taken. Raises InputError if no two visible faces share an edge.
     """
     edges, sides = inner_edges(mesh.faces)
     inner = visible[sides].all(-1)
     if not inner.any():
-        raise InputError("most_folded: no two of the shown faces share an edge; visible must hold a patch of the mesh.")
+        raise InputError("most_folded: no two of the shown faces share an edge: expected a patch of the mesh")
     edges, sides = edges[inner], sides[inner]
-    # Only the patch is looked at: the test poses of a whole head need not be read into memory.
+    # only the patch, so that whole heads need not be read into memory
     used, inverse = np.unique(mesh.faces[sides].reshape(-1), return_inverse=True)
-    number, face_pairs = np.full(len(mesh.neutral), -1), np.arange(2 * len(sides)).reshape(-1, 2)
-    number[used] = np.arange(len(used))
-    patch, edges = inverse.reshape(-1, 3), number[edges]
+    place, face_pairs = np.full(len(mesh.neutral), -1), np.arange(2 * len(sides)).reshape(-1, 2)
+    place[used] = np.arange(len(used))
+    patch, edges = inverse.reshape(-1, 3), place[edges]
     neutral = mesh.neutral[used]
     rest = fold_angles(neutral, patch, edges, face_pairs)
     length = np.linalg.norm(neutral[edges[:, 1]] - neutral[edges[:, 0]], axis=-1)

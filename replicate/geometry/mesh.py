@@ -1,7 +1,7 @@
 """A triangle mesh with segments and their charts (§3).
 
-A mesh's topology never changes with the pose: one `Mesh` belongs to one character, and posed vertices are
-plain arrays (..., n, 3) beside it.
+A mesh's topology doesn't change with the pose: a character has one `Mesh`, and posed vertices are plain arrays
+(..., n, 3) beside it.
 """
 
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ class Mesh:
 
     neutral: (n, 3) float32, millimetres, x to the picture's right, y up, z forward.
     faces: (f, 3) int32, vertex indices, counter-clockwise from outside.
-    uv: (n, 2) float32 in [0, 1]; a vertex's place in its own segment's chart.
+    uv: (n, 2) float32 in [0, 1], each vertex's place in its segment's chart.
     segment: (n,) int32, indices into `segment_names`.
-    segment_names: one name per segment; every segment has a vertex.
+    segment_names: one for each segment; every segment has a vertex.
 
     Raises InputError, naming the first offending index, for anything else.
     """
 
-    # Plain arrays: __post_init__ checks the shapes of what users bring, and says more than a type error could.
+    # plain arrays: __post_init__ checks users' shapes, with better messages than type errors
     neutral: np.ndarray
     faces: np.ndarray
     uv: np.ndarray
@@ -34,12 +34,7 @@ class Mesh:
     segment_names: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        for name, dtype in (
-            ("neutral", np.float32),
-            ("uv", np.float32),
-            ("faces", np.int32),
-            ("segment", np.int32),
-        ):
+        for name, dtype in (("neutral", np.float32), ("uv", np.float32), ("faces", np.int32), ("segment", np.int32)):
             object.__setattr__(self, name, _array(name, getattr(self, name), dtype))
         object.__setattr__(self, "segment_names", tuple(self.segment_names))
         _check_shapes(self)
@@ -47,7 +42,7 @@ class Mesh:
 
     @property
     def face_segment(self) -> Int[np.ndarray, " f"]:
-        """The segment of each face: that of two of its vertices, or of its first where all three differ."""
+        """The segment of each face: that of two of its corners, or of the first if all three differ."""
         a, b, c = self.segment[self.faces].T
         return np.where(b == c, b, a).astype(np.int32)
 
@@ -58,7 +53,7 @@ class Mesh:
 
     @classmethod
     def load(cls, file: Path) -> "Mesh":
-        """Read what `save` wrote; it is validated again."""
+        """Read what `save` wrote, and check it again."""
         with np.load(file, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in ("neutral", "faces", "uv", "segment")}
             return cls(**arrays, segment_names=tuple(stored["segment_names"].tolist()))
@@ -69,52 +64,40 @@ def _array(name: str, values, dtype) -> np.ndarray:
     kinds = "f" if dtype == np.float32 else "iu"
     if array.dtype.kind not in kinds:
         kind = "floating-point numbers" if kinds == "f" else "integers"
-        raise InputError(f"mesh: {name} holds {array.dtype}, where only {kind} are allowed.")
+        raise InputError(f"mesh: {name}: expected {kind}, got {array.dtype}")
     return np.ascontiguousarray(array, dtype=dtype)
 
 
 def _check_shapes(mesh: Mesh) -> None:
     n = len(mesh.neutral)
-    shapes = {
-        "neutral": (n, 3),
-        "faces": (len(mesh.faces), 3),
-        "uv": (n, 2),
-        "segment": (n,),
-    }
+    shapes = {"neutral": (n, 3), "faces": (len(mesh.faces), 3), "uv": (n, 2), "segment": (n,)}
     for name, expectation in shapes.items():
         shape = getattr(mesh, name).shape
         if shape != expectation:
-            raise InputError(f"mesh: {name} has the shape {shape}, where {expectation} is allowed.")
+            raise InputError(f"mesh: {name}: expected the shape {expectation}, got {shape}")
     if n == 0 or len(mesh.faces) == 0:
-        raise InputError(
-            f"mesh: found {n} vertices and {len(mesh.faces)} faces, where at least one of each is allowed."
-        )
+        raise InputError(f"mesh: expected at least one vertex and one face, got {n} and {len(mesh.faces)}")
 
 
 def _check_values(mesh: Mesh) -> None:
     n, segments = len(mesh.neutral), len(mesh.segment_names)
     if (i := _first(~np.isfinite(mesh.neutral).all(-1))) is not None:
-        raise InputError(
-            f"mesh: neutral[{i}] is {mesh.neutral[i].tolist()}, where only finite millimetres are allowed."
-        )
+        raise InputError(f"mesh: neutral[{i}]: expected finite millimetres, got {mesh.neutral[i].tolist()}")
     inside = (mesh.uv >= 0) & (mesh.uv <= 1)  # False for NaN as well
     if (i := _first(~inside.all(-1))) is not None:
-        raise InputError(f"mesh: uv[{i}] is {mesh.uv[i].tolist()}, where only values in [0, 1] are allowed.")
+        raise InputError(f"mesh: uv[{i}]: expected values in [0, 1], got {mesh.uv[i].tolist()}")
     if (i := _first(((mesh.faces < 0) | (mesh.faces >= n)).any(-1))) is not None:
-        raise InputError(
-            f"mesh: faces[{i}] is {mesh.faces[i].tolist()}, where only vertex indices 0 to {n - 1} are allowed."
-        )
+        raise InputError(f"mesh: faces[{i}]: expected vertex indices from 0 to {n - 1}, got {mesh.faces[i].tolist()}")
     if (i := _first((mesh.segment < 0) | (mesh.segment >= segments))) is not None:
         raise InputError(
-            f"mesh: vertex {i} is in no segment: segment[{i}] is {mesh.segment[i]}, "
-            f"where 0 to {segments - 1} is allowed."
+            f"mesh: vertex {i} is in no segment: segment[{i}]: expected 0 to {segments - 1}, got {mesh.segment[i]}"
         )
     if (i := _first(np.bincount(mesh.segment, minlength=segments) == 0)) is not None:
-        raise InputError(f"mesh: segment {i} ({mesh.segment_names[i]!r}) has no vertex, where at least one is allowed.")
+        raise InputError(f"mesh: segment {i} ({mesh.segment_names[i]!r}): expected at least one vertex, got none")
     if (i := _first(degenerate_faces(mesh.neutral, mesh.faces))) is not None:
         raise InputError(
-            f"mesh: faces[{i}] = {mesh.faces[i].tolist()} is degenerate (its corners coincide or lie on a line in the "
-            "neutral pose), where only faces with an area are allowed."
+            f"mesh: faces[{i}]: expected a face with an area, got {mesh.faces[i].tolist()}, whose corners coincide or "
+            "lie on a line in the neutral pose"
         )
 
 
@@ -123,10 +106,10 @@ def _first(bad: np.ndarray) -> int | None:
     return int(hits[0]) if len(hits) else None
 
 
-# Normals of faces and vertices (the n_i of Eq. 1 and Eq. 11), and faces that have none.
+# Normals of faces and vertices (n_i of Eq. 1 and Eq. 11), and faces that have none.
 
-# A face counts as degenerate when its height over its longest edge is below this: float32 millimetres of a head
-# carry about 1e-5 mm of rounding, so the normal of such a face would be noise.
+# A face is degenerate if its height, in lengths of its longest edge, is below this: float32 millimetres of a head have
+# about 1e-5 mm of rounding, so the normal of such a face would be noise.
 FLATNESS = 1e-5
 
 
@@ -143,7 +126,7 @@ def face_vectors(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "
 
 
 def face_normals(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "*b f 3"]:
-    """Return each face's unit normal (the n_i of Eq. 1 and Eq. 11); a face without an area gets the zero vector."""
+    """Return each face's unit normal (n_i of Eq. 1 and Eq. 11), the zero vector for a face without area."""
     return _normalise(face_vectors(vertices, faces))
 
 
@@ -151,10 +134,7 @@ def vertex_normals(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray,
     """Return each vertex's unit normal: the mean of its faces' normals, weighted by area (for shading only)."""
     vectors = face_vectors(vertices, faces)
     total = np.zeros_like(vertices)
-    flat, source = (
-        total.reshape(-1, *total.shape[-2:]),
-        vectors.reshape(-1, *vectors.shape[-2:]),
-    )
+    flat, source = (total.reshape(-1, *total.shape[-2:]), vectors.reshape(-1, *vectors.shape[-2:]))
     for pose, vector in zip(flat, source, strict=True):
         for corner in range(3):
             for axis in range(3):
@@ -163,7 +143,7 @@ def vertex_normals(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray,
 
 
 def degenerate_faces(vertices: Float[np.ndarray, "*b n 3"], faces: Int[np.ndarray, "f 3"]) -> np.ndarray:
-    """Return (..., f) bool: faces whose height over their longest edge is below `FLATNESS`, or that are points."""
+    """Return which faces, (..., f) bool, are points or have a height below `FLATNESS` over their longest edge."""
     exact = vertices.astype(np.float64)
     corners = exact[..., faces, :]
     longest = (np.roll(corners, -1, axis=-2) - corners) ** 2

@@ -1,7 +1,7 @@
-"""Where rays meet a surface of triangles: a compiled loop over all triangles, most of them passed by quickly.
+"""Where rays meet a surface of triangles: a compiled loop over all triangles, which skips most of them quickly.
 
-Each triangle lies in a ball about its centroid; one whose ball the ray's line misses is left out. Everything is double
-precision and in mm.
+Each triangle lies in a ball around its centroid; if a ray misses the ball, the triangle is skipped. Everything is in
+double precision and in mm.
 """
 
 from typing import no_type_check
@@ -19,10 +19,11 @@ def ray_hits(
     corners: Float[np.ndarray, "f 3 3"],
     opaque: Bool[np.ndarray, " f"] | None = None,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Return where the segments origin + s·direction, 0 ≤ s ≤ 1, first meet a triangle: s, and the cosine there.
+    """Return where the lines origin + s·direction, 0 ≤ s ≤ 1, first meet a triangle: s, and a cosine.
 
-    s is infinite for none. The cosine is that between the triangle's normal and the direction. opaque: which
-    triangles count, all by default; rays pass through the others.
+    opaque: which triangles stop a ray, all by default.
+
+    s is infinite if no triangle is met. The cosine is that between the triangle's normal and the direction.
     """
     opaque = np.ones(len(corners), bool) if opaque is None else opaque
     arrays = (np.ascontiguousarray(array, np.float64) for array in (origins, directions))

@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Character:
-    """Which rig to build: a recipe, or what a folder of samples says, free of the place that it lies at."""
+    """Which rig to build: a recipe, or the settings of a folder of samples, without its path."""
 
     recipe: object
 
 
 def rig_stage(plan: Plan) -> Stage:
     """Return the stage that builds the plan's character. Raises InputError for a bad recipe."""
-    from data_recipes.catalogue import character_parts, sampled_parts  # not for those who pose a face
+    from data_recipes.catalogue import character_parts, sampled_parts  # slow; posing a face needs none of it
 
     if "rig" in plan:
         return plan["rig"]
@@ -55,7 +55,7 @@ def make_rig(context: StageContext) -> None:
 
 
 def make_sampled_rig(context: StageContext) -> None:
-    """Read the samples of a rig that is known by these alone, and write them with its mesh."""
+    """Read a rig that is known only by its samples, and write it with its mesh."""
     from data_recipes.catalogue import import_sampled
 
     rig = import_sampled(context.config.recipe, context.files, context.out / "rig", context.progress)
@@ -65,7 +65,7 @@ def make_sampled_rig(context: StageContext) -> None:
 
 
 def load_rig(inputs: Mapping[str, Path]) -> Rig:
-    """Return the rig. inputs: the folder of the artefact by its name, "rig", among others."""
+    """Return the rig, from the artefact "rig" among the inputs."""
     from data_recipes.catalogue import load_rig
 
     return load_rig(inputs["rig"] / "rig")
@@ -77,15 +77,15 @@ def load_mesh(inputs: Mapping[str, Path]) -> Mesh:
 
 
 def rig_of(character: str) -> Rig:
-    """Return a character's rig, which is built unless the store has it: for those who work outside a graph.
+    """Return a character's rig outside of any graph; it is built unless the cache has it.
 
     Raises InputError for an unknown character or a bad recipe.
     """
     from replicate.engine.scheduler import run
 
     facts = provenance(["python", *sys.orig_argv[1:]], "any", [], core_count())
-    own = rig_stage(Plan(resolve(character)))
-    return load_rig({"rig": run([own], facts=facts)[own.title]})
+    stage = rig_stage(Plan(resolve(character)))
+    return load_rig({"rig": run([stage], facts=facts)[stage.title]})
 
 
 def rig_identifier(character: str) -> str:
@@ -135,9 +135,9 @@ INFLUENCE = "influence.npy"
 
 
 def influence_stage(plan: Plan) -> Stage:
-    """Return the stage that tries every control: a fact about the rig, so at poses of its own draw.
+    """Return the stage that tries every control, at poses that it draws.
 
-    Of a rig that is known by its samples it is what these samples' folder says, or estimated from them.
+    If the rig is known only by its samples, their folder states the influence, or it is estimated from them.
     """
     if sample_folder(plan.config.character):
         inputs = (rig_stage(plan), samples_stage(plan))
@@ -159,16 +159,14 @@ def make_influence(context: StageContext) -> None:
 
 
 def estimate(context: StageContext) -> None:
-    """Take what the folder says that every control moves, or estimate it from the training poses (DEVIATIONS D7)."""
+    """Take the influence that the samples' folder states, or estimate it from the training poses (DEVIATIONS D7)."""
     from replicate.approximation.influence import estimate_influence
 
     rig, samples = load_rig(context.inputs), load_samples(context.inputs)
     stated = getattr(rig, "moves", None)
-    moves = (
-        stated
-        if stated is not None
-        else estimate_influence(samples, rig.default, context.rng("shadows"), context.progress)
-    )
+    moves = stated
+    if moves is None:
+        moves = estimate_influence(samples, rig.default, context.rng("shadows"), context.progress)
     np.save(context.out / INFLUENCE, moves)
     context.note(stated=stated is not None, idle_controls=[rig.controls[k].name for k in np.flatnonzero(~moves.any(0))])
 
@@ -178,19 +176,19 @@ def load_influence(inputs: Mapping[str, Path]) -> Bool[np.ndarray, "n m"]:
     return np.load(inputs["influence"] / INFLUENCE, allow_pickle=False)
 
 
-# The artefact "rigid": the segments that move rigidly, and the vertices that carry them (§3.4); and what is left.
+# The artefact "rigid": the segments that move rigidly, and the vertices that carry them (§3.4).
 
 ATTACHMENTS = "attachments.npz"
 
 
 def rigid_stage(plan: Plan) -> Stage:
-    """Return the stage that looks for rigid segments and for what carries them."""
+    """Return the stage that finds rigid segments and the vertices that carry them."""
     inputs = (rig_stage(plan), samples_stage(plan))
     return plan.stage("rigid", find_rigid, plan.numbers(plan.config.rigid), *inputs)
 
 
 def find_rigid(context: StageContext) -> None:
-    """Look for rigid segments, and for the vertices that carry them, in training poses (Eq. 3 and 4)."""
+    """Find rigid segments, and the vertices that carry them, from training poses (Eq. 3 and 4)."""
     from replicate.approximation.rigid import find_attachments
 
     mesh, samples = load_mesh(context.inputs), load_samples(context.inputs)
@@ -202,7 +200,7 @@ def find_rigid(context: StageContext) -> None:
 
 
 def mean_rigid_errors(inputs: Mapping[str, Path], section: RigidConfig, seed: int) -> Float[np.ndarray, " s"]:
-    """Return each segment's mean residual of Eq. 3 in mm, over the poses that `make` decides on."""
+    """Return each segment's mean residual of Eq. 3 in mm, over the poses that `find_rigid` looks at."""
     from replicate.approximation.rigid import segment_errors
 
     mesh, samples = load_mesh(inputs), load_samples(inputs)
@@ -220,7 +218,7 @@ def load_attachments(inputs: Mapping[str, Path]) -> "replicate.approximation.rig
 def load_coarse_segments(
     inputs: Mapping[str, Path], mesh: Mesh
 ) -> "tuple[replicate.approximation.segments.Segment, ...]":
-    """Return the segments of the coarse networks: the mesh's own, less the rigid ones."""
+    """Return the segments of the coarse networks: those of the mesh, without the rigid ones."""
     from replicate.approximation.segments import coarse_segments
 
     return coarse_segments(mesh, load_attachments(inputs).segment.tolist(), load_influence(inputs))
@@ -232,8 +230,8 @@ SQUARES, MAP_ERROR = "segments.npz", "map_error.npy"
 
 
 @dataclass(frozen=True)
-class SquareNumbers:
-    """What decides where a refinement is needed: of the refinement's section, and the coarse maps' size."""
+class SquareSettings:
+    """What decides where a refinement is needed: a part of its section, and the size of the coarse maps."""
 
     poses: int
     square: float
@@ -243,23 +241,23 @@ class SquareNumbers:
 
 def squares_stage(plan: Plan) -> Stage:
     """Return the stage that chooses the squares."""
-    where = plan.config.refinement
-    numbers = SquareNumbers(where.poses, where.square, where.clusters_max, plan.config.coarse.map_size)
-    modules = (rig_stage, samples_stage, influence_stage, rigid_stage)
-    return plan.stage("selection", choose_squares, plan.numbers(numbers), *(stage(plan) for stage in modules))
+    section = plan.config.refinement
+    settings = SquareSettings(section.poses, section.square, section.clusters_max, plan.config.coarse.map_size)
+    inputs = (stage(plan) for stage in (rig_stage, samples_stage, influence_stage, rigid_stage))
+    return plan.stage("selection", choose_squares, plan.numbers(settings), *inputs)
 
 
 def choose_squares(context: StageContext) -> None:
-    """Choose the squares by what the coarse maps lose (Eq. 2), as many as the elbow says (§3.3)."""
+    """Choose the squares where coarse maps lose most (Eq. 2), as many as the elbow says (§3.3)."""
     from replicate.approximation.refinement import map_error, select
     from replicate.approximation.segments import save_segments
 
-    numbers, mesh = context.config.section, load_mesh(context.inputs)
+    settings, mesh = context.config.section, load_mesh(context.inputs)
     samples, segments = load_samples(context.inputs), load_coarse_segments(context.inputs, mesh)
-    poses = samples.draw(context.rng("poses"), min(numbers.poses, len(samples)))
-    errors = map_error(segments, samples.offsets(poses), numbers.coarse_map_size)
+    poses = samples.draw(context.rng("poses"), min(settings.poses, len(samples)))
+    errors = map_error(segments, samples.offsets(poses), settings.coarse_map_size)
     influence, seed = load_influence(context.inputs), context.config.seed
-    squares, elbow = select(segments, errors, influence, numbers.square, numbers.clusters_max, seed)
+    squares, elbow = select(segments, errors, influence, settings.square, settings.clusters_max, seed)
     save_segments(squares, context.out / SQUARES)
     np.save(context.out / MAP_ERROR, errors)
     sizes = {square.name: len(square.vertices) for square in squares}
@@ -289,7 +287,7 @@ def shown_pose_stage(plan: Plan) -> Stage:
 
 
 def choose_pose(context: StageContext) -> None:
-    """Choose the pose, from the truth alone."""
+    """Choose the test pose whose forehead folds most, whatever any method predicts."""
     from replicate.approximation.metrics import unique_poses
     from replicate.drawing.scene import forehead_faces
     from replicate.geometry.folds import most_folded

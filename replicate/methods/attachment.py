@@ -1,4 +1,4 @@
-"""The rigid step alone: the true mesh, but for its rigid segments, which their attachments place (§3.4)."""
+"""The rigid step alone: the true mesh, except for its rigid segments, which are placed by attachments (§3.4)."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -9,12 +9,12 @@ from replicate.methods.method import Method, Number
 
 
 def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
-    """Return (parameters, truth) → truth, whose rigid segments the rigid step then replaces."""
+    """Return (parameters, truth) → truth; the rigid step then replaces its rigid segments."""
     return lambda params, truth: truth
 
 
 def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Number]:
-    """Return how many rigid segments §3.4 has, how rigid they are, and how well they are placed at the worst."""
+    """Return how many rigid segments there are, how rigid they are, and how well the worst of them is placed."""
     attachments = artefacts.load_attachments(inputs)
     count: list[Number] = [("rigid_segments", "count", len(attachments.segment))]
     if not len(attachments.segment):

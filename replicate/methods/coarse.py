@@ -1,4 +1,4 @@
-"""The coarse approximation: a CNN a segment, whose map of offsets its vertices read (§3.1)."""
+"""The coarse approximation: for each segment a CNN that makes a map of offsets, which the vertices read (§3.1)."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -40,7 +40,7 @@ def map_sizes(inputs: Mapping[str, Path]) -> dict[str, tuple[int, int]]:
 
 
 def texels(maps: Mapping[str, tuple[int, int]]) -> list[Number]:
-    """Return how many texels of its map each vertex has: for every map, and on the whole."""
+    """Return how many texels each vertex has: in every map, and in all maps together."""
     ratios = {f"[{name}]": width**2 / vertices for name, (width, vertices) in maps.items()}
     ratios[""] = sum(width**2 for width, _ in maps.values()) / sum(vertices for _, vertices in maps.values())
     return [(f"texels_per_vertex{which}", "ratio", ratio) for which, ratio in ratios.items()]

@@ -1,7 +1,7 @@
-"""The trained dense baseline at the CNN's size: its last layers as low-rank products in few bits, nothing trained anew.
+"""The trained dense baseline at the CNN's size: its last layers become low-rank products in few bits.
 
-The rule, the same for all characters: components of what the last layers give, over training poses, are taken in the
-order of their variance a coordinate, as many as keep the whole model at most as large as the refined one.
+The rule is the same for all characters: principal components of the last layers' outputs over training poses are kept
+in the order of their variance per coordinate, as many as keep the model no larger than the refined one.
 """
 
 from collections.abc import Mapping
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CompactConfig(Checked):
-    """How many training samples, spread over the set, the components are of."""
+    """How many training samples, spread over the set, the components are computed from."""
 
     samples: int = number(2_000, 2, 1_000_000)
 
 
 @dataclass(frozen=True)
-class CompactNumbers:
-    """The method's section, and the shapes of the networks whose size is not to be exceeded."""
+class CompactSettings:
+    """The method's section, and the shapes of the networks that limit the size."""
 
     section: CompactConfig
     shapes: RefinedShapes
@@ -44,8 +44,8 @@ def own(profile: str) -> CompactConfig:
 
 def stage(plan: Plan) -> Stage:
     """Return the stage that compacts the trained dense networks."""
-    numbers = CompactNumbers(METHOD.section(plan.config), shapes(plan))
-    return plan.stage("dense_compact", make, numbers, *inputs_of_size(plan), dense_network.stage(plan))
+    settings = CompactSettings(METHOD.section(plan.config), shapes(plan))
+    return plan.stage("dense_compact", make, settings, *inputs_of_size(plan), dense_network.stage(plan))
 
 
 def make(context: StageContext) -> None:

@@ -1,4 +1,4 @@
-"""The dense baseline: a multilayer perceptron a segment (§5.1)."""
+"""The dense baseline: a multilayer perceptron for each segment (§5.1)."""
 
 from collections.abc import Mapping
 from pathlib import Path

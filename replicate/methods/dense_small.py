@@ -1,7 +1,7 @@
 """The dense baseline at the CNN's size: narrow networks, trained as `dense` is.
 
-The rule, the same for all characters: the hidden layers of `dense`, but the last as narrow as makes the whole model at
-most as large as the refined model of this configuration, counted from the architecture, and as wide as that allows.
+The rule is the same for all characters: the hidden layers of `dense`, but the last one is as wide as it can be with the
+whole model no larger than the refined model of this configuration, counted from the architecture.
 """
 
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replicate.approximation.model_size import MapShape, cnn_size_mb, shape_of
+from replicate.approximation.model_size import MapShape, cnn_size_mb, dense_width, shape_of
 from replicate.base.exceptions import InputError
 from replicate.engine.stage import Stage, StageContext
 from replicate.methods import artefacts, dense_network
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import replicate.approximation.model
 
 
-# How large the refined model is under a configuration, for methods that are to be no larger.
+# How large the refined model is under a configuration, for methods that may not be larger.
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ def refined_size_mb(inputs: Mapping[str, Path], shapes: RefinedShapes) -> float:
 
 
 @dataclass(frozen=True)
-class SmallNumbers(TrainingNumbers):
-    """The numbers of the dense networks' training, and the shapes of the networks whose size is not to be exceeded."""
+class SmallSettings(TrainingNumbers):
+    """What the dense networks are trained with, and the shapes of the networks that limit their size."""
 
     shapes: RefinedShapes
 
@@ -61,17 +61,17 @@ class SmallNumbers(TrainingNumbers):
 def stage(plan: Plan) -> Stage:
     """Return the stage that trains the narrow networks."""
     config = plan.config
-    numbers = SmallNumbers(config.dense, config.seed, config.device, shapes(plan))
-    return plan.stage("dense_small", train, numbers, *inputs_of_size(plan))
+    settings = SmallSettings(config.dense, config.seed, config.device, shapes(plan))
+    return plan.stage("dense_small", train, settings, *inputs_of_size(plan))
 
 
 def train(context: StageContext) -> None:
     """Choose the width, and train the networks on Eq. 1."""
     from replicate.baselines import dense
 
-    numbers = context.config
-    hidden = narrow_widths(context.inputs, numbers.section.hidden, numbers.shapes)
-    narrow = replace(numbers, section=replace(numbers.section, hidden=hidden))
+    settings = context.config
+    hidden = narrow_widths(context.inputs, settings.section.hidden, settings.shapes)
+    narrow = replace(settings, section=replace(settings.section, hidden=hidden))
     context.note(hidden=list(hidden))
     facts = dense.shape_facts(narrow.section)
     train_on_segments(replace(context, config=narrow), dense.make_network, facts, dense.save)
@@ -80,10 +80,8 @@ def train(context: StageContext) -> None:
 def narrow_widths(inputs: Mapping[str, Path], hidden: tuple[int, ...], shapes: RefinedShapes) -> tuple[int, ...]:
     """Return the widths of the hidden layers: those of `dense`, the last cut so that the model is no larger.
 
-    Raises InputError where the other layers alone are as large.
+    Raises InputError if the other layers alone are as large.
     """
-    from replicate.approximation.model_size import dense_width
-
     size_mb = refined_size_mb(inputs, shapes)
     segments = artefacts.load_coarse_segments(inputs, artefacts.load_mesh(inputs))
     seen, moved = (
@@ -93,7 +91,7 @@ def narrow_widths(inputs: Mapping[str, Path], hidden: tuple[int, ...], shapes: R
     if width < 1:
         raise InputError(
             f"dense.hidden is {list(hidden)}: its layers before the last are as large as the refined model, "
-            f"{size_mb:.2f} MB; choose narrower ones."
+            f"{size_mb:.2f} MB; choose narrower ones"
         )
     return (*hidden[:-1], min(width, hidden[-1]))
 

@@ -1,4 +1,4 @@
-"""Linear blend skinning moved by a network that sees rig parameters: the largest skin, as a prediction."""
+"""Linear blend skinning as a prediction: a network that sees rig parameters moves the bones of the largest skin."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ from replicate.methods.training_stage import write_training
 
 
 @dataclass(frozen=True)
-class DrivenNumbers(TrainingNumbers):
-    """The numbers of the training, and which skin is moved."""
+class DrivenSettings(TrainingNumbers):
+    """What the network is trained with, and how many bones its skin has."""
 
     bones: int
 
@@ -21,27 +21,27 @@ class DrivenNumbers(TrainingNumbers):
 def stage(plan: Plan) -> Stage:
     """Return the stage that trains the network; it needs the skin with the most bones."""
     config, bones = plan.config, max(plan.config.lbs.bones)
-    numbers = DrivenNumbers(config.driven, config.seed, config.device, bones)
+    settings = DrivenSettings(config.driven, config.seed, config.device, bones)
     inputs = (artefacts.rig_stage(plan), artefacts.samples_stage(plan), skinned.stage(plan, bones))
-    return plan.stage("driven", train, numbers, *inputs)
+    return plan.stage("driven", train, settings, *inputs)
 
 
 def train(context: StageContext) -> None:
-    """Train the network that moves a skin's bones as the rig parameters say."""
+    """Train the network that moves a skin's bones by the rig parameters."""
     from replicate.baselines.skinning.bone_network import save, train_driven
 
-    numbers, skin = context.config, skinned.load_skin(context.inputs, context.config.bones)
+    settings, skin = context.config, skinned.load_skin(context.inputs, context.config.bones)
     model, log = train_driven(
         artefacts.load_mesh(context.inputs),
         skin,
         artefacts.load_samples(context.inputs),
-        numbers.section,
+        settings.section,
         context.scratch,
         context.progress,
-        numbers.seed,
-        numbers.device,
+        settings.seed,
+        settings.device,
     )
-    save(model, skin, context.out, numbers.section)
+    save(model, skin, context.out, settings.section)
     write_training(context, model, log)
 
 

@@ -1,7 +1,7 @@
 """A straight line: ridge regression from rig parameters to vertices, segment by segment. How far from linear is a rig?
 
 For each segment Δ ≈ (p / scale, 1) W with W = argmin ‖(p / scale, 1) W − Δ‖² / N + λ ‖W‖² over all N training samples;
-the constant is not penalised. λ is the one of a few that is best on the validation poses.
+the constant is not penalised. Of a few λ the one that is best on the validation poses is taken.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -56,9 +56,9 @@ def _columns(params: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def fit_features(context: StageContext, features: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> None:
-    """Fit features of the parameters, for each λ, and keep what is best on the validation poses of all segments.
+    """Fit features of the parameters for each λ, and keep the λ that is best on the validation poses of all segments.
 
-    features: scaled parameters (b, m) and the indices (j,) of those that move a segment → (b, k), the constant last.
+    features: (scaled parameters (b, m), indices (j,) of those that move a segment) → (b, k), the constant last.
     """
     from replicate.approximation.conditioning import parameter_scale
     from replicate.approximation.segments import save_segments
@@ -82,16 +82,18 @@ def best_weights(
     features: Callable[[np.ndarray, np.ndarray], np.ndarray] = _columns,
     bar: Progress | None = None,
 ) -> tuple[list[Float32[np.ndarray, "_ _"]], float]:
-    """Return each segment's weights (k, 3v), fitted to all training samples, and the λ that they are of.
+    """Fit all training samples; return each segment's weights (k, 3v) and the λ that is best on the validation poses.
 
-    It is the one of `strengths` whose weights are best on the validation poses of all segments. scale: what rig
-    parameters are divided by. features: as for `fit_features`; the parameters themselves by default. bar: counts
-    segments.
+    samples, segments: what is fitted; one λ is taken for all segments.
+    scale: what rig parameters are divided by.
+    strengths: the λ that are tried.
+    features: as for `fit_features`; the parameters themselves by default.
+    bar: counts segments.
     """
-    params, others = samples.params / scale, samples.validation_params / scale
+    training, validation = samples.params / scale, samples.validation_params / scale
     squares, fits = np.zeros(len(strengths)), []
     for segment in segments:
-        inputs, held_out = (features(each, segment.parameters) for each in (params, others))
+        inputs, held_out = (features(params, segment.parameters) for params in (training, validation))
         solutions = ridge(inputs, chunks(samples, segment.vertices), strengths)
         truth = samples.validation_offsets[:, segment.vertices].reshape(len(held_out), -1)
         squares += [float(np.square(held_out @ weights - truth).sum()) for weights in solutions]
@@ -110,7 +112,7 @@ def with_constant(params: Float[np.ndarray, "b m"]) -> Float64[np.ndarray, "b n"
 def chunks(
     samples: "replicate.approximation.samples.SampleSet", vertices: np.ndarray
 ) -> Iterator[Float64[np.ndarray, "k d"]]:
-    """Yield the offsets of some vertices in all training samples, (k, 3v) float64 mm, a chunk of samples at a time."""
+    """Yield the offsets of some vertices in all training samples, a chunk of samples (k, 3v) in mm at a time."""
     for start in range(0, len(samples), CHUNK):
         rows = np.arange(start, min(start + CHUNK, len(samples)))
         yield samples.vertices_subset(rows, vertices).reshape(len(rows), -1).astype(np.float64)
@@ -121,7 +123,7 @@ def ridge(
 ) -> list[np.ndarray]:
     """Return the weights (j, d) for each strength λ; the last input, the constant, is not penalised.
 
-    targets: the rows of the (n, d) targets, some at a time, in order.
+    targets: the (n, d) targets, some rows at a time.
     """
     n, j = inputs.shape
     moments, start = np.zeros(()), 0
@@ -134,7 +136,7 @@ def ridge(
 
 
 def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the straight lines as a model of one linear layer a segment."""
+    """Return the straight lines as a model with a linear layer for each segment."""
     from replicate.baselines.line import line_model
 
     return load_fits(inputs, "linear", line_model)
@@ -143,9 +145,10 @@ def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.Seg
 def load_fits(
     inputs: Mapping[str, Path], name: str, make_model: Callable
 ) -> "replicate.approximation.model.SegmentedModel":
-    """Return the model of what `fit_features` wrote.
+    """Return the model whose weights `fit_features` wrote.
 
-    name: of the stage. make_model: (segments, their weights (k, 3v), scale (m,), number of vertices) → the model.
+    name: that of the stage.
+    make_model: (segments, their weights (k, 3v), scale (m,), number of vertices) → the model.
     """
     from replicate.approximation.segments import load_segments
 

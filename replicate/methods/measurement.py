@@ -1,4 +1,4 @@
-"""The artefacts "errors_…": a method's errors on the test poses, and its prediction of the pose that figures show."""
+"""The artefacts "errors_…": a method's errors on the test poses, and the pose that figures show as it predicts it."""
 
 import json
 import shutil
@@ -30,7 +30,11 @@ ERRORS, POSE, NUMBERS = "errors.npz", "pose.npy", "numbers.json"
 
 @dataclass(frozen=True)
 class MeasurementNumbers:
-    """Which method is measured, on how many test poses (0: all), and what its predictor is read with."""
+    """Which method is measured, how its predictor is read, and on how many test poses (0: all).
+
+    load, facts, multiplications: "module:function", or "".
+    numbers: what `load` needs beside the artefacts.
+    """
 
     method: str
     load: str
@@ -45,7 +49,7 @@ class MeasurementNumbers:
 
 
 def numbers_of(method: Method, config: Config) -> MeasurementNumbers:
-    """Return what a method's predictor is read with under a configuration, and how it is measured."""
+    """Return how a method is read and measured under a configuration."""
     read = reading(method, config)
     facts, multiplications = (reference(f) if f else "" for f in (method.facts, read.multiplications))
     return MeasurementNumbers(
@@ -63,8 +67,8 @@ def numbers_of(method: Method, config: Config) -> MeasurementNumbers:
 
 
 def stage(plan: Plan, method: Method) -> Stage:
-    """Return the stage that measures a method; what its predictor is read from is among the stage's inputs."""
-    numbers = numbers_of(method, plan.config)
+    """Return the stage that measures a method; the method's artefacts are among its inputs."""
+    settings = numbers_of(method, plan.config)
     read = reading(method, plan.config)
     shared = (
         artefacts.rig_stage(plan),
@@ -73,25 +77,25 @@ def stage(plan: Plan, method: Method) -> Stage:
         artefacts.rigid_stage(plan),
     )
     inputs = {stage.title: stage for stage in (*shared, *method.stages(plan))}
-    further = (numbers.facts, numbers.multiplications)
-    functions = ", ".join(filter(None, (*map(reference, (measure, *read.sources)), *further)))
-    return plan.stage(f"{PREFIX}{method.name}", functions, numbers, *inputs.values())
+    called = (*map(reference, (measure, *read.sources)), settings.facts, settings.multiplications)
+    return plan.stage(f"{PREFIX}{method.name}", ", ".join(filter(None, called)), settings, *inputs.values())
 
 
-def predictor(numbers: MeasurementNumbers, inputs: Mapping[str, Path]) -> Callable:
+def predictor(settings: MeasurementNumbers, inputs: Mapping[str, Path]) -> Callable:
     """Return (parameters (b, m), truth (b, n, 3)) → vertices (b, n, 3) mm of one method, rigid segments placed.
 
-    Only an oracle is handed the truth. It raises RunError where the method predicts anything but real, finite vertices.
+    Only an oracle gets the truth. The function raises RunError if the method predicts anything but real, finite
+    vertices.
     """
     from replicate.approximation.rigid import attach
 
-    predict = stage_function(numbers.load)(inputs, numbers.numbers)
+    predict = stage_function(settings.load)(inputs, settings.numbers)
     mesh, attachments = artefacts.load_mesh(inputs), artefacts.load_attachments(inputs)
 
     def vertices(params: np.ndarray, truth: np.ndarray) -> np.ndarray:
-        answer = predict(params, truth) if numbers.oracle else predict(params)
-        predicted = checked(answer, (len(params), *mesh.neutral.shape), numbers.method)
-        return attach(mesh, attachments, predicted) if numbers.rigid_step else predicted
+        answer = predict(params, truth) if settings.oracle else predict(params)
+        predicted = checked(answer, (len(params), *mesh.neutral.shape), settings.method)
+        return attach(mesh, attachments, predicted) if settings.rigid_step else predicted
 
     return vertices
 
@@ -99,14 +103,15 @@ def predictor(numbers: MeasurementNumbers, inputs: Mapping[str, Path]) -> Callab
 def measured_poses(params: Float[np.ndarray, "t m"], count: int, seed: int) -> Int[np.ndarray, " u"]:
     """Return the indices of the unique test poses that a method is measured on.
 
-    params: of all test poses. count: how many of them, drawn by the seed; 0 for all.
+    params: those of all test poses.
+    count: how many of them, drawn by the seed; 0 for all.
     """
     from replicate.approximation.metrics import unique_poses
 
     poses = unique_poses(params)
     if count and count < len(poses):
         order = stream_rng(seed, "errors", "poses").permutation(len(poses))
-        poses = poses[np.sort(order[:count])]  # fewer poses are some of the more
+        poses = poses[np.sort(order[:count])]  # a smaller count gives a subset
     return poses
 
 
@@ -114,74 +119,74 @@ def measure(context: StageContext) -> None:
     """Measure a method on the unique test poses (§5.1, Eq. 11), and predict the pose that figures show."""
     from replicate.approximation.metrics import evaluate
 
-    numbers, inputs = context.config, context.inputs
+    settings, inputs = context.config, context.inputs
     mesh, samples = artefacts.load_mesh(inputs), artefacts.load_samples(inputs)
-    predict = predictor(numbers, inputs)
-    poses = measured_poses(samples.test_params, numbers.test_poses, numbers.seed)
-    with context.progress(len(poses), f"errors, {numbers.method}") as bar:
+    predict = predictor(settings, inputs)
+    poses = measured_poses(samples.test_params, settings.test_poses, settings.seed)
+    with context.progress(len(poses), f"errors, {settings.method}") as bar:
         errors = evaluate(
             mesh,
             samples.test_params[poses],
             samples.test_offsets[poses],
-            {numbers.method: predict},
+            {settings.method: predict},
             artefacts.load_attachments(inputs).segment.tolist(),
-            numbers.batch,
+            settings.batch,
             bar,
-        )[numbers.method]
+        )[settings.method]
     errors.save(context.out / ERRORS)
     row = artefacts.load_shown_pose(inputs)
     truth = mesh.neutral + samples.test_offsets[row : row + 1]
     np.save(context.out / POSE, predict(samples.test_params[row : row + 1], truth)[0].astype(np.float32))
-    entries = stage_function(numbers.facts)(inputs, mesh) if numbers.facts else []
-    if numbers.multiplications:
-        count = stage_function(numbers.multiplications)(inputs, numbers.numbers)
-        entries = [*entries, ("multiplications", "count", count)]
-    own = inputs.get(numbers.method)
-    size = read_manifest(own)["notes"].get("size_mb") if own else None
-    entries = [*entries, *([("model_size", "MB", size)] if size is not None else [])]
-    (context.out / NUMBERS).write_text(json.dumps(entries) + "\n", encoding="utf-8")
-    if own and (own / LOG).is_file():
-        shutil.copyfile(own / LOG, context.out / LOG)
+    metrics = [*stage_function(settings.facts)(inputs, mesh)] if settings.facts else []
+    if settings.multiplications:
+        count = stage_function(settings.multiplications)(inputs, settings.numbers)
+        metrics.append(("multiplications", "count", count))
+    artefact = inputs.get(settings.method)
+    if artefact and (size := read_manifest(artefact)["notes"].get("size_mb")) is not None:
+        metrics.append(("model_size", "MB", size))
+    (context.out / NUMBERS).write_text(json.dumps(metrics) + "\n", encoding="utf-8")
+    if artefact and (artefact / LOG).is_file():
+        shutil.copyfile(artefact / LOG, context.out / LOG)
 
 
 def error_folders(inputs: Mapping[str, Path]) -> dict[str, Path]:
     """Return the artefact of every measured method among some inputs, by the method's name.
 
-    An input goes by its stage's name and by its title, name-character; only names count here.
+    An input is listed by its stage's name and by its title, name-character; only names are looked at.
     """
     names = (name for name in inputs if name.startswith(PREFIX) and "-" not in name)
     return {name.removeprefix(PREFIX): inputs[name] for name in names}
 
 
 def load_errors(folder: Path) -> "replicate.approximation.metrics.Errors":
-    """Return the `Errors` of a measured method."""
+    """Return the errors of a measured method."""
     from replicate.approximation.metrics import load_errors
 
     return load_errors(folder / ERRORS)
 
 
 def load_pose(folder: Path) -> Float32[np.ndarray, "n 3"]:
-    """Return the pose that figures show, as the method predicts it; mm."""
+    """Return the pose that figures show as the method predicts it, in mm."""
     return np.load(folder / POSE, allow_pickle=False)
 
 
 def load_numbers(folder: Path) -> list[Number]:
-    """Return the method's further numbers: metric, unit, value."""
+    """Return the method's other metrics: name, unit, value."""
     return [tuple(entry) for entry in json.loads((folder / NUMBERS).read_text(encoding="utf-8"))]
 
 
 def load_curve(folder: Path) -> Path | None:
-    """Return the file of the method's training curve, if it was trained step by step."""
+    """Return the file of the method's training curve, None if it has none."""
     return folder / LOG if (folder / LOG).is_file() else None
 
 
 # How a method is read from its artefacts: what it predicts, and how many multiplications that takes.
 
-FAR_MM = 1e15  # where no vertex is; its square is a float32
+FAR_MM = 1e15  # farther than any vertex; its square fits a float32
 
 
 @dataclass(frozen=True)
-class ModelNumbers:
+class ModelSettings:
     """Which model is read: "module:function" of the method's `model`."""
 
     model: str
@@ -189,11 +194,12 @@ class ModelNumbers:
 
 @dataclass(frozen=True)
 class Reading:
-    """The functions that a method is read with; other processes find them at the top of their modules.
+    """The functions that a method is read with; they stand at the top of modules, where other processes find them.
 
-    load: (inputs, numbers) → predict, as `Method` says. multiplications: (inputs, numbers) → how many a pose takes;
-    None where they are not counted. numbers: what both take beside the artefacts. sources: the functions whose code
-    decides what is predicted.
+    load: (inputs, numbers) → predict, as in `Method`.
+    multiplications: (inputs, numbers) → how many a pose needs; None if they are not counted.
+    numbers: what both need beside the artefacts.
+    sources: the functions whose code decides what is predicted.
     """
 
     load: Callable[[Mapping[str, Path], Any], Callable]
@@ -205,27 +211,29 @@ class Reading:
 def reading(method: Method, config: Config) -> Reading:
     """Return how a method is read under a configuration."""
     if method.model is not None:
-        return Reading(load, multiplications, ModelNumbers(reference(method.model)), (load, method.model))
+        return Reading(load, multiplications, ModelSettings(reference(method.model)), (load, method.model))
     assert method.load is not None, "a method has one of the two"
     return Reading(method.load, method.multiplications, method.numbers(config), (method.load,))
 
 
-def load(inputs: Mapping[str, Path], numbers: ModelNumbers) -> Callable:
+def load(inputs: Mapping[str, Path], settings: ModelSettings) -> Callable:
     """Return parameters (b, m) → vertices (b, n, 3), mm, of a method that has a model."""
-    return vertices_of(inputs, stage_function(numbers.model)(inputs), numbers.model)
+    return vertices_of(inputs, stage_function(settings.model)(inputs), settings.model)
 
 
-def multiplications(inputs: Mapping[str, Path], numbers: ModelNumbers) -> int:
-    """Return how many multiplications one pose takes of a method that has a model."""
+def multiplications(inputs: Mapping[str, Path], settings: ModelSettings) -> int:
+    """Return how many multiplications a method with a model needs for one pose."""
     from replicate.baselines.multiplications import of_model
 
-    return of_model(stage_function(numbers.model)(inputs))
+    return of_model(stage_function(settings.model)(inputs))
 
 
 def vertices_of(inputs: Mapping[str, Path], model: Model, name: str) -> Callable:
     """Return parameters (b, m) → vertices (b, n, 3), mm, of a model that predicts offsets; on the CPU, one thread.
 
-    name: the model's, for messages. They raise RunError for offsets of another shape, which NumPy might spread.
+    name: the model's, for messages.
+
+    The function raises RunError for offsets of another shape, which NumPy might broadcast.
     """
     from replicate.approximation.training import prepare
 
@@ -242,14 +250,16 @@ def vertices_of(inputs: Mapping[str, Path], model: Model, name: str) -> Callable
 
 
 def checked(predicted: object, shape: tuple[int, int, int], method: str) -> Float[np.ndarray, "b n 3"]:
-    """Return what a method's predict has returned as an array of real and finite vertices of a shape (b, n, 3).
+    """Return a method's prediction as an array of real and finite vertices; raise RunError for anything else.
 
-    method: its name. Raises RunError, naming it, for anything else. It takes microseconds.
+    predicted: what the method's function returned.
+    shape: the expected (b, n, 3).
+    method: its name, for messages.
     """
     demand = f"method {method}: expected vertices {shape}, real and finite, got"
     try:
         array = np.asarray(predicted)
-    except Exception as error:  # whatever an object of somebody's raises
+    except Exception as error:  # a user's object may raise anything
         raise RunError(f"{demand} {_in_words(predicted)} ({cut(' '.join(str(error).split()))})") from None
     if array.shape != shape or array.dtype.kind not in "fiu":
         raise RunError(f"{demand} {_in_words(predicted if predicted is None else array)}")
@@ -257,7 +267,7 @@ def checked(predicted: object, shape: tuple[int, int, int], method: str) -> Floa
         array = array.astype(np.float32)
     flat = array.reshape(-1)
     with np.errstate(over="ignore", invalid="ignore"):
-        square = flat @ flat  # a tenth of the time that the look at each number takes
+        square = flat @ flat  # ten times as fast as a look at each number
     if not square < FAR_MM**2 and not (near := np.abs(flat) < FAR_MM).all():  # NaN is not near either
         pose, vertex, axis = np.unravel_index(np.argmin(near), shape)
         raise RunError(f"{demand} {flat[np.argmin(near)]:g} at [{pose}, {vertex}, {axis}]")
@@ -265,7 +275,7 @@ def checked(predicted: object, shape: tuple[int, int, int], method: str) -> Floa
 
 
 def _in_words(found: object) -> str:
-    """Return what something is that is no prediction."""
+    """Return a phrase for a value that is no prediction."""
     if found is None:
         return "None"
     kind = type(found).__name__

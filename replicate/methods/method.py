@@ -1,4 +1,4 @@
-"""What a method is to the tables: a row with a label, stages that make it, and a model or function that predicts."""
+"""A method: a row of the tables with a label, the stages that make it, and a model or function that predicts."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -20,9 +20,9 @@ Number = tuple[str, str, float]  # metric, unit (one of report.results.UNITS), v
 
 @runtime_checkable
 class Model(Protocol):
-    """What predicts the offsets of the whole mesh from rig parameters.
+    """Predicts the offsets of the whole mesh from rig parameters.
 
-    Its multiplications are those of its `networks`, unless it has a function `multiplications()` that counts them.
+    Multiplications are counted over its `networks`, unless it has a method `multiplications()`.
     """
 
     def offsets(self, params: Float[np.ndarray, "b m"]) -> Float[np.ndarray, "b n 3"]:
@@ -31,7 +31,7 @@ class Model(Protocol):
 
 
 def no_numbers(config: Config) -> None:
-    """Return that a method's function needs nothing besides its artefacts."""
+    """Return None: the method needs only its artefacts."""
     return None
 
 
@@ -42,30 +42,36 @@ def all_test_poses(config: Config) -> int:
 
 @dataclass(frozen=True)
 class Method:
-    """A row of the tables. Functions stand at the top of the method's module, since worker processes look them up.
+    """A row of the tables. Its functions stand at the top of a module, where worker processes find them.
 
-    name: as `METHODS=` and results have it; letters, digits and _. label: as tables and figures show it.
-    stages: plan → the stages whose artefacts `model` or `load` reads. What the stage of the method's own name notes as
-    `size_mb` is its size, and its log.csv its training curve.
-    model: inputs → the model that predicts offsets; the prediction and the count of multiplications follow from it.
-    load: in its place, (inputs, numbers) → predict. A method has one of the two. inputs: by stage name the folder of
-    each artefact: those of `stages`, "rig", "samples" and "rigid". predict: parameters (b, m) → vertices (b, n, 3), mm;
-    an oracle's also takes the true vertices (b, n, 3), which no other method is handed.
-    oracle: whether it sees the truth. rigid_step: whether rigid segments are placed by their attachments (§3.4)
-    afterwards; whatever it predicts for them is replaced then.
-    in_paper: whether the paper has the row. place: rows are sorted by it, those of the paper first. note: a footnote,
-    in one sentence; mark: its sign, else it is printed with the label. colour: in charts. in_figures: whether figures
-    show its mesh. in_charts: whether charts show its errors. standard: whether tables have the row unless METHODS asks
-    for others. floor_of: the method that it is the floor of, if any.
-    numbers: configuration → what `load` needs besides, a frozen dataclass. poses: configuration → on how many test
-    poses it is measured, 0 for all. facts: (inputs, mesh) → more numbers for Table 2.
-    multiplications: beside `load`, (inputs, numbers) → how many a pose takes, as `approximation.multiplications` counts
-    them; None where that makes no sense, as for the truth seen through maps.
-    needs_derivatives: whether its stages differentiate the rig, as they can't where a rig is known by its samples.
-    own: profile → the method's own section of the configuration, a `Checked` dataclass, where it has one: `[name]` in a
-    CONFIG file.
+    name: as in `METHODS=` and in results; letters, digits and _.
+    label: as in tables and figures.
+    stages: plan → the stages whose artefacts `model` or `load` reads. If one of them has the method's name, its note
+        `size_mb` is the method's size, and its log.csv the training curve.
+    load: (inputs, numbers) → predict, for a method without `model`. inputs has the folder of each artefact by stage
+        name: those of `stages`, "rig", "samples" and "rigid". predict is parameters (b, m) → vertices (b, n, 3), mm; an
+        oracle's predict also gets the true vertices (b, n, 3).
+    place: rows are sorted by it, those of the paper first.
+    oracle: whether it sees the truth.
+    rigid_step: whether rigid segments are placed by their attachments (§3.4), in place of what it predicts for them.
+    in_paper: whether the paper has the row.
+    note: a footnote, in one sentence.
+    mark: the footnote's sign; without one, the footnote is printed with the label.
+    colour: in charts.
+    in_figures: whether figures show its mesh.
+    in_charts: whether charts show its errors.
+    standard: whether tables have the row unless METHODS asks for others.
+    floor_of: the method that it is the floor of, if any.
+    needs_derivatives: whether its stages differentiate the rig, which needs more than samples.
+    numbers: configuration → what `load` needs beside the artefacts, a frozen dataclass.
+    poses: configuration → on how many test poses it is measured, 0 for all.
+    facts: (inputs, mesh) → more metrics for Table 2.
+    multiplications: (inputs, numbers) → how many a pose needs, for a method with `load`, counted as in
+        `baselines.multiplications`; None if that makes no sense, as for the truth seen through maps.
+    own: profile → the method's section of the configuration, a `Checked` dataclass; `[name]` in a CONFIG file.
+    model: inputs → the model that predicts offsets; predictions and multiplications follow from it.
 
-    Raises ValueError for a method with neither `model` nor `load`, with both, and with a count beside a model.
+    Raises ValueError for a method with neither `model` nor `load`, with both, or with `multiplications` beside a model.
     """
 
     name: str
@@ -99,24 +105,24 @@ class Method:
             raise ValueError(f"method {self.name!r} has a model, which is counted: leave its multiplications out")
 
     def section(self, config: Config) -> Any:
-        """Return the method's own section of a configuration; the profile's where the configuration has none.
+        """Return the method's section of a configuration, or that of its profile if the configuration has none.
 
         Raises ValueError for a method that has no section.
         """
         if self.own is None:
-            raise ValueError(f"method {self.name!r} has no section of its own: give it `own`")
+            raise ValueError(f"method {self.name!r} has no section: give it `own`")
         return getattr(config, self.name, None) or self.own(config.profile)
 
     @property
     def title(self) -> str:
-        """The label with the mark of its note."""
+        """The label with the mark of its footnote."""
         return f"{self.label} {self.mark}".rstrip()
 
 
 def variant(method: Method, name: str, label: str, place: float, **fields: object) -> Method:
-    """Return a row of ours that varies one of the paper's: tables have it where METHODS names it, figures never.
+    """Return a variant of a method, as a row that only METHODS can ask for and figures don't show.
 
-    fields: what else differs, by the names of `Method`'s fields. The facts of the paper's row are left out.
+    fields: other fields of `Method` that differ. The facts of the varied method are left out.
     """
     ours = {"in_paper": False, "in_figures": False, "standard": False, "facts": None}
     return replace(method, name=name, label=label, place=place, **ours, **fields)

@@ -20,29 +20,29 @@ from replicate.base.user_files import is_file, shown_path
 from replicate.config import Config
 from replicate.methods.method import Method
 
-VARIABLE = "REPLICATE_METHODS"  # files of methods from outside: worker processes and notebooks find them by it
+VARIABLE = "REPLICATE_METHODS"  # lists files of methods from outside, for worker processes and notebooks
 PACKAGE = "replicate.methods"
 
 
 def methods(config: Config | None = None) -> dict[str, Method]:
     """Return all methods by name, in the order of the tables: the project's, then those from outside.
 
-    config: decides which numbers of bones LBS has; the paper's where it is None.
+    config: decides which numbers of bones LBS has; None for the paper's.
     """
-    modules = [*_own_modules(), *map(_outside_module, _outside_files())]
+    modules = [*_suite_modules(), *map(_outside_module, _outside_files())]
     return {method.name: method for method in _sort(m for module in modules for m in _methods_in(module, config))}
 
 
 def sections(profile: str) -> dict[str, Checked]:
-    """Return the methods' own sections of the configuration, by the methods' names."""
+    """Return the methods' sections of the configuration, by the methods' names."""
     return {name: method.own(profile) for name, method in methods().items() if method.own}
 
 
 def method_named(name: str) -> Method:
-    """Return the method of that name; one that nobody knows, in old results say, is labelled by its name."""
+    """Return the method of that name; an unknown one, as in old results, gets its name as label."""
     if name in (registry := methods()):
         return registry[name]
-    for module in _own_modules():
+    for module in _suite_modules():
         if hasattr(module, "method_named") and (method := module.method_named(name)):
             return method
     return Method(name, name, lambda plan: (), lambda inputs, numbers: lambda params: None)
@@ -56,9 +56,11 @@ def in_order(names: Iterable[str]) -> list[str]:
 def choose(words: Sequence[str], config: Config | None = None) -> list[Method]:
     """Return the methods that some words name, in the order of the tables.
 
-    words: names, "standard", "all", "lbs" for all numbers of bones, or the paths of .py files with a method; none means
-    the standard ones. All of a character that is known by its samples are those that don't differentiate a rig.
-    Raises InputError for an unknown name and for a file that holds no method.
+    words: names, "standard", "all", "lbs" for all numbers of bones, or paths of .py files with a method; without any,
+        the standard methods. "all" leaves out methods that differentiate the rig if that is known only by its samples.
+    config: as for `methods`.
+
+    Raises InputError for an unknown name and for a file without a method.
     """
     outside = {word: _bring(Path(word)) for word in words if word.endswith(".py")}
     registry = methods(config)
@@ -93,7 +95,7 @@ def _sort(methods: Iterable[Method]) -> list[Method]:
 
 
 @cache
-def _own_modules() -> tuple[ModuleType, ...]:
+def _suite_modules() -> tuple[ModuleType, ...]:
     names = [name for _, name, _ in pkgutil.iter_modules(importlib.import_module(PACKAGE).__path__)]
     modules = [importlib.import_module(f"{PACKAGE}.{name}") for name in names]
     return tuple(module for module in modules if _holds_methods(module))
@@ -114,7 +116,7 @@ def _outside_files() -> list[Path]:
 
 
 def _bring(file: Path) -> ModuleType:
-    """Import a method's file and remember it in the environment, which other processes inherit."""
+    """Import a method's file and list it in the environment, which other processes inherit."""
     file = with_home(str(file), "METHODS").resolve()
     module = _outside_module(file)
     files = dict.fromkeys([*map(str, _outside_files()), str(file)])
@@ -125,10 +127,10 @@ def _bring(file: Path) -> ModuleType:
 def _outside_module(file: Path) -> ModuleType:
     """Import a file as the module of its name; its folder joins the path, so that it may import its neighbours."""
     if not is_file(file):
-        raise InputError(f"{shown_path(file)}: there is no such file; METHODS takes names and paths of .py files")
+        raise InputError(f"{shown_path(file)}: there is no such file; METHODS expects names and paths of .py files")
     name, folder = file.stem, str(file.parent)
     if not name.isidentifier():
-        raise InputError(f"{file}: {name!r} can't name a module; allowed are letters, digits and _")
+        raise InputError(f"{file}: a module can't be called {name!r}: use letters, digits and _")
     if folder not in sys.path:
         sys.path.append(folder)
     spec = importlib.util.find_spec(name)
@@ -143,7 +145,7 @@ def _outside_module(file: Path) -> ModuleType:
         raise InputError(f"{file}: it has no METHOD; README shows what a method's file looks like")
     for method in found:
         if not isinstance(method, Method) or not re.fullmatch(r"[a-z]\w*", method.name):
-            raise InputError(f"{file}: METHOD must be a Method whose name is of small letters, digits and _")
-        if method.name in {own.name for m in _own_modules() for own in _methods_in(m, None)}:
-            raise InputError(f"{file}: the suite has a method {method.name!r} of its own; give yours another name")
+            raise InputError(f"{file}: METHOD must be a Method whose name has only small letters, digits and _")
+        if method.name in {known.name for m in _suite_modules() for known in _methods_in(m, None)}:
+            raise InputError(f"{file}: the suite has a method {method.name!r} already; give yours another name")
     return module

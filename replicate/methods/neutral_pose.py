@@ -1,4 +1,4 @@
-"""The neutral pose as prediction, whatever the parameters: how much the test poses move."""
+"""The neutral pose as prediction for all parameters: its errors say how much the test poses move."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -16,7 +16,7 @@ def load(inputs: Mapping[str, Path], numbers: None) -> Callable:
 
 
 def multiplications(inputs: Mapping[str, Path], numbers: None) -> int:
-    """Return that it takes none."""
+    """Return 0: nothing is computed."""
     return 0
 
 

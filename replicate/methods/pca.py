@@ -38,7 +38,7 @@ class PcaConfig(Checked):
     """The basis and the network of the PCA model."""
 
     components: int = number(200, 1, 4_096)
-    basis_samples: int = number(2_000, 2)  # training samples, spread over the set, that the components are of
+    basis_samples: int = number(2_000, 2)  # training samples, spread over the set, for the components
     hidden: tuple[int, ...] = number((256, 256), 1, 65_536)
     leaky_slope: float = number(0.2, 0.0, 1.0)
     normal_weight: float = number(5.0, 0.0, 1e6)
@@ -62,7 +62,10 @@ def make_network(
 ) -> "torch.nn.Module":
     """Return the network: (b, m) scaled parameters → (b, k, 3) offsets in mm.
 
-    basis: (c, 3k) components; mean: (3k,); both of float32, which are not trained.
+    inputs: m.
+    basis: (c, 3k) components, float32; not trained, nor is mean (3k,).
+    hidden: the widths of its layers.
+    slope: that of its leaky ReLUs.
     """
     import torch
     from torch import nn
@@ -106,10 +109,11 @@ def _start(
 
 
 def train_on_basis(context: StageContext, make: Callable, start: Callable) -> None:
-    """Compute the basis, and train a network to its coefficients on Eq. 1; the stage's name is the training's stream.
+    """Compute the basis, and train a network to its coefficients on Eq. 1; the stage's name is the stream of draws.
 
-    make: gives the network, with the arguments of `make_network`. start: (model, samples, section, generator) → what is
-    noted of it; it sets the first weights of the model's only network, which holds the basis as `basis` and `mean`.
+    make: makes the network, as `make_network` does.
+    start: (model, samples, section, generator) → facts to note. It sets the first weights of the model's only network,
+        which holds the basis as `basis` and `mean`.
     """
     import torch
 
@@ -120,21 +124,24 @@ def train_on_basis(context: StageContext, make: Callable, start: Callable) -> No
     from replicate.approximation.training import prepare
     from replicate.approximation.training import train as minimise
 
-    numbers, section, name = context.config, context.config.section, context.name
-    device = prepare(numbers.device)
+    settings, section, name = context.config, context.config.section, context.name
+    device = prepare(settings.device)
+    # one segment of all deformable vertices, which sees every control
     mesh, samples = artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
     vertices = np.sort(segment_vertices(artefacts.load_coarse_segments(context.inputs, mesh)))
     count, places = samples.params.shape[1], np.zeros((len(vertices), 2), np.float32)
     segment = Segment("deformable", vertices.astype(np.int32), places, np.arange(count, dtype=np.int32))
-    basis, mean = components(samples, segment.vertices, section, numbers.seed)
+    # its basis and the untrained network
+    basis, mean = components(samples, segment.vertices, section, settings.seed)
     network = make(count, torch.from_numpy(basis), torch.from_numpy(mean), section.hidden, section.leaky_slope)
     model = SegmentedModel([network], [segment], parameter_scale(samples.params), [1.0], len(mesh.neutral))
-    notes = start(model, samples, section, torch.Generator().manual_seed(numbers.seed))
+    notes = start(model, samples, section, torch.Generator().manual_seed(settings.seed))
     model = model.to(device)
+    # the training
     supervision = Supervision(mesh, samples, segment.vertices, section.normal_weight, device)
 
     def loss_of_step(step: int) -> torch.Tensor:
-        params, target = supervision.batch(numbers.seed, name, step, section.training)
+        params, target = supervision.batch(settings.seed, name, step, section.training)
         return supervision.loss(model(params), target)
 
     validation = supervision.validation()
@@ -158,7 +165,7 @@ def components(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the principal components of some vertices' offsets, (c, 3k) mm, and their mean, (3k,), as float32.
 
-    Each component is as long as its standard deviation over the samples, so that coefficients are of the size of 1.
+    Each component has the length of its standard deviation over the samples, so that coefficients are about 1.
     """
     from sklearn.decomposition import PCA
     from threadpoolctl import threadpool_limits
@@ -180,7 +187,7 @@ def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.Seg
 
 
 def load_on_basis(folder: Path, make: Callable) -> "replicate.approximation.model.SegmentedModel":
-    """Return the model that `train_on_basis` wrote; make: as there."""
+    """Return the model that `train_on_basis` wrote; make is the same as there."""
     import torch
 
     from replicate.approximation.model import load_model

@@ -1,7 +1,7 @@
 """The PCA network beside a straight line: coefficients of a basis = a linear skip + the layers of `pca`.
 
-The skip starts as the ridge regression onto the coefficients, so that the layers learn what a line leaves; all of it is
-trained on Eq. 1 as `pca` is. Its strength λ is the one of a few that is best on the validation poses.
+The skip starts as ridge regression onto the coefficients, so that the layers learn what a line leaves; both are trained
+on Eq. 1 as `pca` is. Of a few strengths λ the one that is best on the validation poses is taken.
 """
 
 from collections.abc import Iterator, Mapping
@@ -59,7 +59,7 @@ def _start(
     generator: "torch.Generator",
 ) -> dict:
     (network,) = model.networks
-    basis, mean, scale = (each.numpy() for each in (network.basis, network.mean, model.scale))
+    basis, mean, scale = (tensor.numpy() for tensor in (network.basis, network.mean, model.scale))
     line, strength = fit_line(samples, model.vertices, scale, basis, mean, section.strengths)
     network.start(line, generator)
     return {"strength": strength}
@@ -75,8 +75,12 @@ def fit_line(
 ) -> tuple[np.ndarray, float]:
     """Return the ridge regression onto coefficients, (m + 1, c) with the constant last, and its strength λ.
 
-    λ is the one with the smallest squared error, in mm², of the validation poses' coefficients. scale: (m,), what
-    parameters are divided by. basis: (c, 3k) mm; mean: (3k,) mm; vertices: the k that they move.
+    samples: the training samples; λ has the smallest squared error, in mm², of the validation poses' coefficients.
+    vertices: the k that the basis moves.
+    scale: (m,), what parameters are divided by.
+    basis: (c, 3k) mm.
+    mean: (3k,) mm.
+    strengths: the λ that are tried.
     """
     from replicate.baselines.line import onto_basis
 

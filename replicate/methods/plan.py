@@ -1,4 +1,4 @@
-"""One character's graph of stages while it is put together: an artefact has one stage, whoever asks for it.
+"""One character's graph of stages while it is put together; every artefact has one stage.
 
 rig ─┬─ samples ──┬─ rigid ─┬─ coarse ──────┬─ refined
      └─ influence ┘         ├─ selection ───┘
@@ -18,7 +18,7 @@ from replicate.engine.stage import Stage
 
 @dataclass(frozen=True)
 class Numbers:
-    """A section of the configuration, and the seed that its stage draws from."""
+    """What a stage depends on: a section of the configuration, and the seed it draws from."""
 
     section: Any
     seed: int
@@ -26,7 +26,7 @@ class Numbers:
 
 @dataclass(frozen=True)
 class TrainingNumbers(Numbers):
-    """The same for a stage that trains a network, on a device."""
+    """The same for a stage that trains a network on a device."""
 
     device: str
 
@@ -34,7 +34,7 @@ class TrainingNumbers(Numbers):
 class Plan:
     """The stages of one character under one configuration, each of them once.
 
-    config: the configuration. character: the character's name as results have it.
+    character: the character's name as in results.
     """
 
     def __init__(self, config: Config):
@@ -51,11 +51,12 @@ class Plan:
         files: tuple[Path, ...] = (),
         per_seed: bool = True,
     ) -> Stage:
-        """Return the stage of that name, which is put together the first time that somebody asks.
+        """Return the stage of that name, which is made when it is first asked for.
 
-        function: called with a `StageContext` in a process of its own, or as "module:function". settings: a frozen
-        dataclass of what its numbers depend on, or None. inputs, files: as for `Stage`. per_seed: False where nothing
-        depends on the seed, so that all seeds share the artefact.
+        function: called with a `StageContext` in another process; also as "module:function".
+        settings: a frozen dataclass of what the result depends on, or None.
+        inputs, files: as for `Stage`.
+        per_seed: False if nothing depends on the seed, so that all seeds share the artefact.
         """
         if name not in self._stages:
             seed = self.config.seed if per_seed else 0
@@ -80,10 +81,7 @@ class Plan:
 
 
 def reference(function: Callable | None) -> str:
-    """Return "module:function" of a function that stands at the top of its module.
-
-    Raises ValueError for None, as of a method that has no such function.
-    """
+    """Return "module:function" of a function at the top of its module; raise ValueError for None."""
     if function is None:
         raise ValueError("expected a function at the top of a module, got None")
     return f"{function.__module__}:{function.__qualname__}"

@@ -1,4 +1,4 @@
-"""The full approximation: the coarse networks, and finer maps over a few squares for what those leave (§3.2, §3.3)."""
+"""The full approximation: the coarse networks, and finer maps over a few squares for the rest (§3.2, §3.3)."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,7 +23,7 @@ def stage(plan: Plan) -> Stage:
 
 
 def inputs_of_refinement(plan: Plan, coarse_stage: Stage) -> tuple[Stage, ...]:
-    """Return the stages that refinement networks are trained on, one of them that of the coarse networks."""
+    """Return the stages whose artefacts refinement networks are trained on."""
     return (artefacts.rig_stage(plan), artefacts.samples_stage(plan), coarse_stage, artefacts.squares_stage(plan))
 
 
@@ -37,24 +37,24 @@ def train_on(context: StageContext, coarse_model: "replicate.approximation.model
     from replicate.approximation.cnn import save
     from replicate.approximation.refinement import train_refined
 
-    numbers, inputs = context.config, context.inputs
+    settings, inputs = context.config, context.inputs
     model, log = train_refined(
         artefacts.load_mesh(inputs),
         coarse_model,
         artefacts.load_squares(inputs),
         artefacts.load_samples(inputs),
-        numbers.section,
+        settings.section,
         context.scratch,
         context.progress,
-        numbers.seed,
-        numbers.device,
+        settings.seed,
+        settings.device,
     )
-    save(model.residual, context.out, numbers.section)
+    save(model.residual, context.out, settings.section)
     write_training(context, model, log)
 
 
 def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.refinement.RefinedModel":
-    """Return the coarse networks and what is added to them."""
+    """Return the coarse and the refinement networks."""
     from replicate.approximation.refinement import load_refined
 
     return load_refined(inputs["refined"], coarse.load_model(inputs))

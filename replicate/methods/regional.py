@@ -1,8 +1,8 @@
 """Ours: gated networks with a linear skip to the coefficients of regional bases, stored in few bits.
 
-The mesh is cut into compact regions. Each has a PCA basis of its own, principal in the metric of the loss, so that a
-few dozen components hold wrinkles too. A network of products for each region gives its coefficients, beside a straight
-line, and sees only the controls that move the region. Where regions meet, one fades into the other.
+The mesh is cut into compact regions. Each has a PCA basis, principal in the metric of the loss, so that a few dozen
+components hold wrinkles too. For each region a network of products, beside a straight line, gives the coefficients from
+the controls that move the region. Where regions meet, one fades into the other.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -43,9 +43,9 @@ class RegionalConfig(Checked):
     """The regions, their bases and the network."""
 
     regions: int = number(16, 1, 1_024)
-    components: int = number(96, 1, 4_096)  # of each region
+    components: int = number(96, 1, 4_096)  # in each region
     fine: int = number(16, 0, 4_096)  # of them in 16 bits; the others are stored in 8
-    basis_samples: int = number(2_500, 2)  # training samples, spread over the set, that the components are of
+    basis_samples: int = number(2_500, 2)  # training samples, spread over the set, for the components
     blend_rings: int = number(1, 0, 64)  # of edges on either side of a border, over which one region fades into another
     by_region: bool = True  # a network for each region; False: one for all
     by_influence: bool = True  # a network sees the controls that move its vertices; False: all of them
@@ -80,8 +80,9 @@ def train(context: StageContext) -> None:
     from replicate.approximation.training import train as minimise
     from replicate.regional import model as regional_model
 
-    numbers, section = context.config, context.config.section
-    device = prepare(numbers.device)
+    settings, section = context.config, context.config.section
+    device = prepare(settings.device)
+    # the regions' bases, and the coefficients of all samples
     mesh, samples = artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
     movable = np.sort(segment_vertices(artefacts.load_coarse_segments(context.inputs, mesh)))
     supervision = Supervision(mesh, samples, movable, section.normal_weight, device)
@@ -90,11 +91,13 @@ def train(context: StageContext) -> None:
     params = np.asarray(samples.params / scale, np.float32)
     slopes = rig_slopes(context, samples.params, bases, projections) if section.derivatives else None
     length = float(np.sqrt(np.mean(np.square(coefficients), dtype=np.float64))) or 1.0
+    # the untrained networks, which start as straight lines
     influence = artefacts.load_influence(context.inputs)
     network = untrained_networks(bases, influence, section)
-    start(network, params, coefficients / np.float32(length), torch.Generator().manual_seed(numbers.seed))
+    start(network, params, coefficients / np.float32(length), torch.Generator().manual_seed(settings.seed))
     network = network.to(device)
     overlapping = blended_bases(supervision, bases, coefficients, section)
+    # the loss of a step
     regions = np.repeat(np.arange(len(bases)), [len(basis.steps) for basis in bases])
     membership = torch.from_numpy(np.eye(len(bases), dtype=np.float32)[regions]).to(device)
 
@@ -109,7 +112,7 @@ def train(context: StageContext) -> None:
 
     def loss_of_step(step: int) -> torch.Tensor:
         training = section.training
-        rows = samples.draw_for_step(numbers.seed, "regional", step, training.batch, training.draws)
+        rows = samples.draw_for_step(settings.seed, "regional", step, training.batch, training.draws)
         rows = torch.from_numpy(rows).to(device)
         if along is None:
             return length_of(network(inputs[rows]) - targets[rows])
@@ -120,6 +123,7 @@ def train(context: StageContext) -> None:
     def model() -> regional_model.RegionalModel:
         return regional_model.RegionalModel(network.to("cpu"), overlapping, scale, length, len(mesh.neutral))
 
+    # the training, and the networks in the bits that they are stored in
     validation = supervision.validation()
 
     def measure() -> tuple[float, float]:
@@ -142,7 +146,7 @@ def untrained_networks(
     influence: Bool[np.ndarray, "n m"],
     section: RegionalConfig,
 ) -> "replicate.regional.networks.RegionalNetworks":
-    """Return the networks of some bases; influence: which control moves which vertex."""
+    """Return networks for the coefficients of some bases; influence: which control moves which vertex."""
     from replicate.regional.networks import fresh_networks
 
     members = [basis.vertices.numpy() for basis in bases]
@@ -156,7 +160,7 @@ def untrained_networks(
 
 
 def parameters_of(influence: Bool[np.ndarray, "k m"]) -> Int[np.ndarray, " j"]:
-    """Return the parameters that move any of some vertices; all of them where none does."""
+    """Return the parameters that move any of some vertices, all parameters if none does."""
     moving = influence.any(axis=0)
     return np.flatnonzero(moving if moving.any() else ~moving)
 
@@ -167,24 +171,23 @@ def start(
     coefficients: Float[np.ndarray, "s d"],
     generator: "torch.Generator",
 ) -> None:
-    """Draw a network's weights, set its straight lines to ridge regression on samples, and its bounds to theirs."""
+    """Draw a network's weights; set its straight lines by ridge regression on samples, its bounds by their range."""
     first = 0
     for part, seen in zip(network.networks, network.seen, strict=True):
         last = first + part.output.out_features
-        own = params[:, seen.numpy()]
-        (line,) = ridge(with_constant(own), chunks_of(coefficients[:, first:last]), (STRENGTH,))
+        inputs = params[:, seen.numpy()]
+        (line,) = ridge(with_constant(inputs), chunks_of(coefficients[:, first:last]), (STRENGTH,))
         part.start(line, generator)
-        part.bound(own)
+        part.bound(inputs)
         first = last
 
 
 def stored_bases(
     supervision: "replicate.approximation.losses.Supervision", section: RegionalConfig, progress: Callable
 ) -> "tuple[list[replicate.regional.model.StoredBasis], list[np.ndarray], np.ndarray]":
-    """Return bases, what projects onto them, and coefficients.
+    """Return the regions' bases in few bits, their projections and the coefficients of all training samples.
 
-    Each region's basis comes in few bits, with the (3k, c) matrix that gives coefficients of it. Coefficients are those
-    of all training samples, (N, Σ c) float32.
+    A projection is the (3k, c) matrix that gives a region's coefficients. The coefficients are (N, Σ c) float32.
     """
     from threadpoolctl import threadpool_limits
 
@@ -208,16 +211,11 @@ def stored_bases(
             mean = stored.mean.float().numpy()
             shapes = stored.components().numpy().reshape(len(stored.steps), -1, 3)
             onto = projection(RegionalBasis(vertices, mean, shapes), metric).astype(np.float32)
-            parts = [
-                (samples.vertices_subset(np.arange(i, min(i + CHUNK, len(samples))), vertices) - mean).reshape(
-                    -1, len(onto)
-                )
-                @ onto
-                for i in range(0, len(samples), CHUNK)
-            ]
+            rows = (np.arange(i, min(i + CHUNK, len(samples))) for i in range(0, len(samples), CHUNK))
+            offsets = (samples.vertices_subset(chunk, vertices) - mean for chunk in rows)
             bases.append(stored)
             projections.append(onto)
-            columns.append(np.concatenate(parts))
+            columns.append(np.concatenate([chunk.reshape(-1, len(onto)) @ onto for chunk in offsets]))
             bar.update(1)
     return bases, projections, np.concatenate(columns, axis=1)
 
@@ -228,7 +226,7 @@ def blended_bases(
     coefficients: Float32[np.ndarray, "s d"],
     section: RegionalConfig,
 ) -> "list[replicate.regional.model.StoredBasis]":
-    """Return bases that overlap, of some that don't; coefficients: of all training samples."""
+    """Return bases that overlap, made from bases that don't; coefficients: those of all training samples."""
     from threadpoolctl import threadpool_limits
 
     from replicate.approximation.losses import spread
@@ -240,12 +238,12 @@ def blended_bases(
     regions = [basis.vertices.numpy() for basis in bases]
     reaches = blend_weights(regions, mesh.faces, len(mesh.neutral), section.blend_rings)
     columns = np.split(coefficients[few], np.cumsum([len(basis.steps) for basis in bases])[:-1], axis=1)
-    found = []
+    overlapping = []
     with threadpool_limits(1):
-        for basis, own, (vertices, weights) in zip(bases, columns, reaches, strict=True):
+        for basis, known, (vertices, weights) in zip(bases, columns, reaches, strict=True):
             beyond = samples.vertices_subset(few, vertices[len(basis.vertices) :])
-            found.append(blended(basis, vertices, weights, own, beyond))
-    return found
+            overlapping.append(blended(basis, vertices, weights, known, beyond))
+    return overlapping
 
 
 def rig_slopes(
@@ -256,7 +254,7 @@ def rig_slopes(
 ) -> tuple[Float32[np.ndarray, "s m"], Float32[np.ndarray, "s d"]]:
     """Return, for each training sample, a direction and the exact change of its coefficients along it (Sobolev).
 
-    A direction leads some of the way to another training sample, so that it is one that poses differ by. Raises
+    A direction leads a part of the way to another training sample, so that poses do differ in that way. Raises
     InputError for a rig that can't be differentiated.
     """
     from replicate.regional.derivatives import derivative_batches
@@ -264,8 +262,8 @@ def rig_slopes(
     section, rig = context.config.section, artefacts.load_rig(context.inputs)
     if not has_function(rig):
         raise InputError(
-            f"{context.name}.derivatives is {section.derivatives}, where only 0 is allowed: {rig.name} is known by its "
-            "samples alone, which have no derivatives"
+            f"{context.name}.derivatives: expected 0, since {rig.name} is known by its samples alone, which have no "
+            f"derivatives, got {section.derivatives}"
         )
     others = context.rng("slopes").permutation(len(params))
     directions = np.asarray(section.reach * (params[others] - params), np.float32)

@@ -1,7 +1,7 @@
-"""Ours, trained on the rig's exact derivatives too (Sobolev training): what only a rig that JAX can trace allows.
+"""Ours, trained on the rig's exact derivatives too (Sobolev training), which needs a rig that JAX can trace.
 
-Each training sample also says how the face moves from there towards another sample. The network is that of `regional`,
-of the same size and as fast; only its training sees more of the rig.
+For each training sample it also learns how the face moves from there towards another sample. The network is that of
+`regional`, of the same size and speed; only the training sees more of the rig.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The paper's networks as its released code trains them (facts were read from the code for the Ray rig, none is used).
+"""The paper's networks, trained as its released code for the Ray rig does; only facts were read from that code.
 
 Constant rates one after the other; batches of 4, in which each sample is as likely as any other; rig parameters and
 offsets in the rig's own units, not scaled; first weights as TensorFlow draws them, and small ones for convolutions;
@@ -54,7 +54,7 @@ def own_coarse(profile: str) -> CoarseConfig:
 
 
 def own_refined(profile: str) -> RefinementConfig:
-    """Return the refinement networks' section; which squares there are is decided by the section `refinement`."""
+    """Return the refinement networks' section; the squares are still chosen by the section `refinement`."""
     return as_released(RefinementConfig(), "refinement", profile)
 
 

@@ -23,8 +23,8 @@ NOTE = "An oracle: its bones are refitted to the true mesh of each test pose; it
 
 
 @dataclass(frozen=True)
-class SkinNumbers:
-    """What a skin depends on: of the configuration's section "lbs" what the fit needs, and no more."""
+class SkinSettings:
+    """What a skin depends on: a part of the configuration's section "lbs", and the seed."""
 
     bones: int
     influences: int
@@ -36,8 +36,8 @@ class SkinNumbers:
 
 
 @dataclass(frozen=True)
-class RefitNumbers:
-    """Which skin is posed, and when the sweeps over its bones end (see `skinning.ssdr.refit`)."""
+class RefitSettings:
+    """Which skin is posed, and when the sweeps over its bones end (see `baselines.skinning.ssdr.refit`)."""
 
     bones: int
     sweeps: int
@@ -45,49 +45,50 @@ class RefitNumbers:
 
 
 def stage(plan: Plan, bones: int) -> Stage:
-    """Return the stage that fits a skin with some number of bones."""
+    """Return the stage that fits a skin with that many bones."""
     lbs = plan.config.lbs
-    numbers = SkinNumbers(
+    settings = SkinSettings(
         bones, lbs.influences, lbs.samples, lbs.relaxed, lbs.iterations, lbs.coherence, plan.config.seed
     )
-    return plan.stage(f"lbs{bones}", fit_skin, numbers, artefacts.rig_stage(plan), artefacts.samples_stage(plan))
+    return plan.stage(f"lbs{bones}", fit_skin, settings, artefacts.rig_stage(plan), artefacts.samples_stage(plan))
 
 
 def fit_skin(context: StageContext) -> None:
     """Fit bones and weights to training poses, the same poses for every number of bones."""
     from replicate.baselines.skinning.ssdr import fit
 
-    numbers, mesh, samples = context.config, artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
-    poses = samples.draw(stream_rng(numbers.seed, "lbs", "poses"), min(numbers.samples, len(samples)))
+    settings = context.config
+    mesh, samples = artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
+    poses = samples.draw(stream_rng(settings.seed, "lbs", "poses"), min(settings.samples, len(samples)))
     skin = fit(
         mesh.neutral,
         mesh.neutral + samples.offsets(poses),
-        numbers.bones,
+        settings.bones,
         context.rng("sketch"),
-        numbers.influences,
-        numbers.iterations,
+        settings.influences,
+        settings.iterations,
         context.scratch,
         context.progress,
         mesh.faces,
-        numbers.coherence,
-        numbers.relaxed,
+        settings.coherence,
+        settings.relaxed,
     )
     skin.save(context.out / FILE)
 
 
 def load_skin(inputs: Mapping[str, Path], bones: int) -> "replicate.baselines.skinning.ssdr.Skin":
-    """Return the skin with some number of bones."""
+    """Return the skin with that many bones."""
     from replicate.baselines.skinning.ssdr import Skin
 
     return Skin.load(inputs[f"lbs{bones}"] / FILE)
 
 
-def load(inputs: Mapping[str, Path], numbers: RefitNumbers) -> Callable:
-    """Return (parameters, truth (b, n, 3)) → vertices of the skin in the poses that come nearest to the truth."""
+def load(inputs: Mapping[str, Path], settings: RefitSettings) -> Callable:
+    """Return (parameters, truth (b, n, 3)) → the vertices of the skin, posed as near to the truth as possible."""
     from replicate.baselines.skinning.ssdr import refit
 
-    skin = load_skin(inputs, numbers.bones)
-    return lambda params, truth: skin.deform(*refit(skin, truth, numbers.sweeps, numbers.settled))
+    skin = load_skin(inputs, settings.bones)
+    return lambda params, truth: skin.deform(*refit(skin, truth, settings.sweeps, settings.settled))
 
 
 def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Number]:
@@ -96,23 +97,23 @@ def facts(inputs: Mapping[str, Path], mesh: Mesh) -> list[Number]:
     return [("model_size", "MB", 8 * load_skin(inputs, bones).weights.size / 1e6)]
 
 
-def multiplications(inputs: Mapping[str, Path], numbers: RefitNumbers) -> int:
-    """Return how many multiplications the blend of one pose takes; finding its bones from the truth is left out."""
+def multiplications(inputs: Mapping[str, Path], settings: RefitSettings) -> int:
+    """Return how many multiplications the blend of one pose needs, without finding its bones from the truth."""
     from replicate.baselines.multiplications import of_blend
 
-    return of_blend(load_skin(inputs, numbers.bones).weights)
+    return of_blend(load_skin(inputs, settings.bones).weights)
 
 
 def _stages(plan: Plan, bones: int) -> tuple[Stage, ...]:
     return (stage(plan, bones),)
 
 
-def _refit_numbers(config: Config, bones: int) -> RefitNumbers:
-    return RefitNumbers(bones, config.lbs.refit_sweeps, config.lbs.refit_settled)
+def _refit_settings(config: Config, bones: int) -> RefitSettings:
+    return RefitSettings(bones, config.lbs.refit_sweeps, config.lbs.refit_settled)
 
 
 def method(bones: int) -> Method:
-    """Return the row of a skin with some number of bones."""
+    """Return the row of a skin with that many bones."""
     return Method(
         f"lbs{bones}",
         f"LBS: {bones} bones",
@@ -125,14 +126,14 @@ def method(bones: int) -> Method:
         note=NOTE,
         mark="†",
         colour=GREYS.get(bones, GREYS[24]),
-        numbers=partial(_refit_numbers, bones=bones),
+        numbers=partial(_refit_settings, bones=bones),
         facts=facts,
         multiplications=multiplications,
     )
 
 
 def methods_of(config: Config | None) -> tuple[Method, ...]:
-    """Return the rows of a configuration's numbers of bones, the paper's where there is none."""
+    """Return the rows of a configuration's numbers of bones, of the paper's for None."""
     return tuple(method(bones) for bones in (config.lbs if config else LbsConfig()).bones)
 
 

@@ -1,7 +1,7 @@
 """Squares beside the straight line: ridge regression on p, |p| and p², segment by segment.
 
-As `linear`, with three features of each parameter: Δ ≈ (p, |p|, p², 1) W, p divided by its scale. What each parameter
-does by itself it can bend; what two parameters do together it can't know.
+As `linear`, with three features of each parameter: Δ ≈ (p, |p|, p², 1) W, p divided by its scale. The effect of one
+parameter can be curved; a joint effect of two parameters is out of reach.
 """
 
 from collections.abc import Mapping
@@ -37,7 +37,7 @@ def _features(params: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def load_model(inputs: Mapping[str, Path]) -> "replicate.approximation.model.SegmentedModel":
-    """Return the fits as a model of one matrix a segment."""
+    """Return the fits as a model with a matrix for each segment."""
     from replicate.baselines.ridge import squares_model
 
     return load_fits(inputs, "squares", squares_model)

@@ -1,4 +1,4 @@
-"""What methods with trained networks share: training on coarse segments, and what is written of it."""
+"""What methods with trained networks share: training on coarse segments, and what they write."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
@@ -14,7 +14,7 @@ LOG = "log.csv"
 
 
 def inputs_of_networks(plan: Plan) -> tuple[Stage, ...]:
-    """Return the stages that a network for each coarse segment is trained on."""
+    """Return the stages whose artefacts the networks of coarse segments are trained on."""
     return tuple(
         stage(plan)
         for stage in (artefacts.rig_stage, artefacts.samples_stage, artefacts.influence_stage, artefacts.rigid_stage)
@@ -28,34 +28,37 @@ def train_on_segments(
     save: Callable,
     lines: "replicate.approximation.model.SegmentedModel | None" = None,
 ) -> None:
-    """Train one network a coarse segment and write model and log; the stage's name is the training's stream.
+    """Train a network for each coarse segment, and write model and log; the stage's name is the stream of draws.
 
-    lines: straight lines that the networks learn to add to, and that become part of the model; none by default.
+    make_network: (segment, facts) → the network.
+    facts: the networks' shape.
+    save: (model, folder, section) → None; writes the model.
+    lines: straight lines that the networks add to, which become part of the model; none by default.
     """
     from replicate.approximation.conditioning import input_scale
     from replicate.approximation.training import train_segments
     from replicate.baselines.line import add_line
 
-    numbers, mesh = context.config, artefacts.load_mesh(context.inputs)
+    settings, mesh = context.config, artefacts.load_mesh(context.inputs)
     samples, segments = artefacts.load_samples(context.inputs), artefacts.load_coarse_segments(context.inputs, mesh)
     networks = [make_network(segment, facts) for segment in segments]
-    scale = input_scale(numbers.section.conditioning, samples.params, lambda: artefacts.load_rig(context.inputs))
+    scale = input_scale(settings.section.conditioning, samples.params, lambda: artefacts.load_rig(context.inputs))
     model, log = train_segments(
         mesh,
         segments,
         networks,
         samples,
-        numbers.section,
+        settings.section,
         context.scratch,
         context.progress,
         context.name,
-        numbers.seed,
+        settings.seed,
         scale,
-        numbers.device,
+        settings.device,
         lines,
     )
     model = model if lines is None else add_line(model, lines)
-    save(model, context.out, numbers.section)
+    save(model, context.out, settings.section)
     write_training(context, model, log)
 
 
@@ -68,11 +71,7 @@ class WithSize(Protocol):
         ...
 
 
-def write_training(
-    context: StageContext,
-    model: WithSize,
-    log: list[dict],
-) -> None:
+def write_training(context: StageContext, model: WithSize, log: list[dict]) -> None:
     """Write a training's log beside its model, and note the model's size."""
     from replicate.approximation.training import write_log
 

@@ -1,8 +1,7 @@
-"""The artefacts "ranked" and "typical_…": the median and the worst test pose, and what each method predicts of them.
+"""The artefacts "ranked" and "typical_…": the median and the worst test pose, as each method predicts them.
 
-One rule for all characters: test poses are ranked by the mean normal error (Eq. 11) of the refined method, where it is
-not among the methods of the coarse one, and without that of the first method of the table. Poses that are known already
-can be taken instead.
+The rule is the same for all characters: test poses are ranked by the mean normal error (Eq. 11) of the refined method,
+or else of the coarse one, or else of the first in the table. Poses that are known already can be taken instead.
 """
 
 import json
@@ -27,7 +26,7 @@ CHOSEN, POSES = "poses.json", "poses.npy"
 
 
 @dataclass(frozen=True)
-class RankingNumbers:
+class RankingSettings:
     """Which method ranks the test poses, and which of them it was measured on."""
 
     method: str
@@ -37,7 +36,7 @@ class RankingNumbers:
 
 @dataclass(frozen=True)
 class KnownPoses:
-    """The indices of the median and the worst test pose, and which method has ranked them."""
+    """The indices of the median and the worst test pose, and the method that ranked them."""
 
     ranked_by: str
     median: int
@@ -53,14 +52,14 @@ def ranking_method(methods: Sequence[Method]) -> Method:
 def ranking_stage(plan: Plan, methods: Sequence[Method]) -> Stage:
     """Return the stage that chooses the median and the worst test pose."""
     method = ranking_method(methods)
-    numbers = RankingNumbers(method.name, method.poses(plan.config), plan.config.seed)
-    return plan.stage("ranked", rank, numbers, artefacts.samples_stage(plan), measurement.stage(plan, method))
+    settings = RankingSettings(method.name, method.poses(plan.config), plan.config.seed)
+    return plan.stage("ranked", rank, settings, artefacts.samples_stage(plan), measurement.stage(plan, method))
 
 
 def stages(plan: Plan, methods: Sequence[Method], known: KnownPoses | None = None) -> list[Stage]:
-    """Return the stage that chooses the poses and, for each method that figures show, the one that predicts them.
+    """Return the stage that chooses the poses and, for each method that figures show, the stage that predicts them.
 
-    known: poses to take where the method that has ranked them is not among `methods`.
+    known: poses to take if the method that ranked them is not among `methods`.
     """
     if not methods:
         return []
@@ -79,26 +78,26 @@ def _prediction(plan: Plan, method: Method, ranked: Stage) -> Stage:
 
 def rank(context: StageContext) -> None:
     """Choose the median and the worst test pose."""
-    numbers, samples = context.config, artefacts.load_samples(context.inputs)
-    poses = measured_poses(samples.test_params, numbers.test_poses, numbers.seed)
-    errors = measurement.load_errors(measurement.error_folders(context.inputs)[numbers.method]).pose_deg
+    settings, samples = context.config, artefacts.load_samples(context.inputs)
+    poses = measured_poses(samples.test_params, settings.test_poses, settings.seed)
+    errors = measurement.load_errors(measurement.error_folders(context.inputs)[settings.method]).pose_deg
     order = poses[np.argsort(errors, kind="stable")]
-    chosen = KnownPoses(numbers.method, int(order[(len(order) - 1) // 2]), int(order[-1]))
+    chosen = KnownPoses(settings.method, int(order[(len(order) - 1) // 2]), int(order[-1]))
     _write_chosen(context.out, chosen)
 
 
 def take(context: StageContext) -> None:
-    """Take the poses that are known."""
+    """Take known poses."""
     _write_chosen(context.out, context.config)
 
 
 def predict(context: StageContext) -> None:
     """Predict the median and the worst test pose with one method."""
-    numbers: MeasurementNumbers = context.config
+    settings: MeasurementNumbers = context.config
     mesh, samples = artefacts.load_mesh(context.inputs), artefacts.load_samples(context.inputs)
     rows = [load_chosen(context.inputs)[1][choice] for choice in CHOICES]
     truth = mesh.neutral + np.asarray(samples.test_offsets[rows], np.float32)
-    predicted = predictor(numbers, context.inputs)(samples.test_params[rows], truth)
+    predicted = predictor(settings, context.inputs)(samples.test_params[rows], truth)
     np.save(context.out / POSES, np.asarray(predicted, np.float32))
 
 
@@ -108,13 +107,13 @@ def _write_chosen(out: Path, chosen: KnownPoses) -> None:
 
 
 def load_chosen(inputs: Mapping[str, Path]) -> tuple[str, dict[str, int]]:
-    """Return the name of the method that ranks the test poses, and the index of the chosen ones by `CHOICES`."""
+    """Return the name of the method that ranked the test poses, and the index of each of `CHOICES`."""
     stored = json.loads((inputs["ranked"] / CHOSEN).read_text(encoding="utf-8"))
     return stored["ranked_by"], stored["poses"]
 
 
 def load_predictions(inputs: Mapping[str, Path], choice: str) -> dict[str, Float32[np.ndarray, "n 3"]]:
-    """Return one of `CHOICES` as each method predicts it, by the methods' names; mm."""
+    """Return one of `CHOICES` as each method predicts it, in mm, by the methods' names."""
     row = CHOICES.index(choice)
     names = [name for name in inputs if name.startswith(PREFIX) and "-" not in name]
     return {name.removeprefix(PREFIX): np.load(inputs[name] / POSES, allow_pickle=False)[row] for name in names}

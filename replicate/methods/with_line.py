@@ -1,7 +1,7 @@
-"""The paper's networks with a straight line beside them: how much of their error is that they must first learn one?
+"""The paper's networks beside a straight line: how much of their error comes from having to learn that line?
 
-Each network adds to the ridge regression of `linear` and is trained, as without it, on Eq. 1. The line's weights are
-those of the fit and count in the model's size.
+Each network adds to the ridge regression of `linear` and is trained on Eq. 1 as it is without. The line's weights stay
+fixed, and count in the model's size.
 """
 
 from collections.abc import Callable, Mapping
@@ -37,7 +37,7 @@ def _stage(plan: Plan, name: str, function: Callable, section: CoarseConfig | De
 
 
 def refined_stage(plan: Plan) -> Stage:
-    """Return the stage that trains refinement networks on what the coarse ones beside the line leave."""
+    """Return the stage that trains refinement networks on what the coarse networks and the line leave."""
     return plan.stage(
         REFINED,
         train_refined,

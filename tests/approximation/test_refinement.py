@@ -100,7 +100,7 @@ def test_what_cannot_be_refined_is_said_in_one_sentence(face):
     with pytest.raises(InputError, match="nothing to refine"):
         refinement.select(segments, np.zeros(len(mesh.neutral)), small_influence(mesh), 0.25, 10)
     errors = np.ones(len(mesh.neutral))
-    with pytest.raises(InputError, match=r"refinement\.square is 0\.01: no square of that size"):
+    with pytest.raises(InputError, match=r"refinement\.square is 0\.01: no such square"):
         refinement.select(segments, errors, small_influence(mesh), 0.01, 10)
 
 

@@ -175,7 +175,7 @@ def test_uniform_draws_take_every_sample_as_often_as_any_other(tmp_path):
 def test_nan_names_pose_and_vertex_and_writes_nothing(tmp_path):
     rig = Waves(clips(), broken_above=2.5)
     first = np.flatnonzero(samples.choose_poses(rig, config(), rng)["training"][:, 0] > 2.5)[0]
-    with pytest.raises(InputError, match=f"rig 'waves': vertex 23 of training pose {first} "):
+    with pytest.raises(InputError, match=f"rig 'waves': vertex 23 of training pose {first}: expected finite mm, got "):
         write(tmp_path, rig)
     assert not list((tmp_path / "out").iterdir())
 

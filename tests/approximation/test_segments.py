@@ -41,7 +41,7 @@ def test_faces_are_found_by_all_corners_or_by_any():
 
 def test_a_mesh_of_rigid_segments_only_is_refused_in_one_sentence():
     mesh = small_mesh()
-    with pytest.raises(InputError, match="all 3 segments are rigid"):
+    with pytest.raises(InputError, match="expected a segment that deforms, got 3 rigid ones"):
         coarse_segments(mesh, {0, 1, 2}, small_influence(mesh))
-    with pytest.raises(InputError, match="found 5 vertices"):
+    with pytest.raises(InputError, match=r"expected .* vertices, as the mesh has, got 5"):
         coarse_segments(mesh, {2}, small_influence(mesh)[:5])

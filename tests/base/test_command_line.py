@@ -44,7 +44,7 @@ def names():
     print("\\udcff is a byte of a file's name")
 
 def input_error():
-    raise InputError("head.toml: teeth is 3:\\nallowed is an even number")
+    raise InputError("head.toml: teeth: expected an even\\nnumber, got 3")
 
 def run_error():
     raise RunError("stage coarse failed")
@@ -125,7 +125,7 @@ def outcome(process: subprocess.Popen) -> tuple[int, str, str]:
 @pytest.mark.parametrize(
     ("function", "code", "sentence"),
     [
-        ("input_error", 2, "head.toml: teeth is 3: allowed is an even number\n"),
+        ("input_error", 2, "head.toml: teeth: expected an even number, got 3\n"),
         ("run_error", 1, "stage coarse failed\n"),
         *((words, 1, NO_MEMORY) for words in ("memory", "fork", "bad_alloc", "library")),
         ("text", 1, "a last word\n"),

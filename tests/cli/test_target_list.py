@@ -145,4 +145,4 @@ def test_make_hands_a_benchmark_its_characters():
 def test_a_benchmark_says_which_variables_count_for_nothing(capsys):
     options, _ = parse(make_parser("bench_toy", "a toy"), ["--from-make", "--profile", "quick", "--methods", "dense"])
     assert options.characters == "teen" and not hasattr(options, "methods")
-    assert capsys.readouterr().err == "left out, since this command doesn't take it: METHODS\n"
+    assert capsys.readouterr().err == "left out, since this command has no such option: METHODS\n"

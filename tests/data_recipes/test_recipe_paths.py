@@ -75,5 +75,5 @@ def test_results_have_the_name_of_a_folder_or_where_it_names_no_file_that_of_its
     folder = write(tmp_path / "my face, (2)")
     assert character_label(str(folder)) == "box" and resolve(str(folder), "quick").character == str(folder)
     (folder / "face.toml").write_text("unit = 3")
-    with pytest.raises(InputError, match=r"the name 'my face, .2.' can't name folders"):
+    with pytest.raises(InputError, match=r"folders can't be called 'my face, .2.'"):
         resolve(str(folder), "quick")

@@ -226,7 +226,7 @@ def test_a_failure_that_is_noted_costs_only_what_needs_it(cache, capfd):
 
 
 def test_bad_input_that_a_stage_finds_is_passed_on(cache):
-    with pytest.raises(InputError, match=r"^head.toml: teeth is 3: allowed is an even number$"):
+    with pytest.raises(InputError, match=r"^head.toml: teeth: expected an even number, got 3$"):
         run(faulty_graph("input"), workers=2)
 
 

@@ -84,40 +84,40 @@ def with_value(array, index, value):
     [
         (
             {"uv": with_value(UV, (2, 1), 1.5)},
-            r"uv\[2\] is \[0.0, 1.5\], where only values in \[0, 1\]",
+            r"uv\[2\]: expected values in \[0, 1\], got \[0.0, 1.5\]",
         ),
-        ({"uv": with_value(UV, (1, 0), np.nan)}, r"uv\[1\] is \[nan, 0.0\]"),
+        ({"uv": with_value(UV, (1, 0), np.nan)}, r"uv\[1\]: .* got \[nan, 0.0\]"),
         (
             {"neutral": with_value(TETRAHEDRON, (3, 2), np.nan)},
-            r"neutral\[3\] is \[0.0, 0.0, nan\].*finite",
+            r"neutral\[3\]: expected finite .* got \[0.0, 0.0, nan\]",
         ),
-        ({"faces": with_value(FACES, (1, 2), 4)}, r"faces\[1\] is \[0, 1, 4\].*0 to 3"),
-        ({"faces": with_value(FACES, (0, 0), -1)}, r"faces\[0\] is \[-1, 2, 1\]"),
+        ({"faces": with_value(FACES, (1, 2), 4)}, r"faces\[1\]: expected .*0 to 3, got \[0, 1, 4\]"),
+        ({"faces": with_value(FACES, (0, 0), -1)}, r"faces\[0\]: .* got \[-1, 2, 1\]"),
         (
             {"faces": with_value(FACES, (3, 1), 1)},
-            r"faces\[3\] = \[1, 1, 3\] is degenerate",
+            r"faces\[3\]: expected a face with an area, got \[1, 1, 3\]",
         ),
         (
             {"neutral": with_value(TETRAHEDRON, 3, [1.5, 0, 0])},
-            r"faces\[1\] = \[0, 1, 3\] is degenerate",
+            r"faces\[1\]: expected a face with an area, got \[0, 1, 3\]",
         ),
         (
             {"segment": np.array([0, 0, -1, 0], np.int32)},
-            r"vertex 2 is in no segment.*0 to 0",
+            r"vertex 2 is in no segment.*0 to 0, got -1",
         ),
         ({"segment": np.array([0, 0, 0, 1], np.int32)}, r"vertex 3 is in no segment"),
-        ({"segment_names": ("skin", "ear")}, r"segment 1 \('ear'\) has no vertex"),
-        ({"uv": UV[:3]}, r"uv has the shape \(3, 2\), where \(4, 2\)"),
+        ({"segment_names": ("skin", "ear")}, r"segment 1 \('ear'\): expected at least one vertex"),
+        ({"uv": UV[:3]}, r"uv: expected the shape \(4, 2\), got \(3, 2\)"),
         (
             {"faces": FACES.astype(np.float32)},
-            r"faces holds float32, where only integers",
+            r"faces: expected integers, got float32",
         ),
     ],
 )
 def test_a_bad_mesh_is_refused_with_one_sentence(changes, sentence):
     with pytest.raises(InputError, match=sentence) as error:
         tetrahedron(**changes)
-    assert str(error.value).endswith(".") and "\n" not in str(error.value)
+    assert str(error.value).startswith("mesh: ") and "\n" not in str(error.value)
 
 
 def test_a_mesh_comes_back_from_disk_as_it_was(tmp_path):

@@ -58,7 +58,7 @@ def test_the_last_layer_is_as_wide_as_the_refined_models_size_allows(inputs):
 
 
 def test_narrow_networks_are_trained_as_dense_ones_and_are_no_larger_than_the_refined_model(inputs, tmp_path):
-    numbers = dense_small.SmallNumbers(WIDE, 0, "cpu", shape(32))
+    numbers = dense_small.SmallSettings(WIDE, 0, "cpu", shape(32))
     inputs, notes = run_stage(dense_small.train, inputs, "dense_small", numbers, tmp_path)
     room = refined_size_mb(inputs, shape(32))
     assert 0.9 * room < notes["size_mb"] <= room
@@ -109,7 +109,7 @@ def trained(inputs, tmp_path):
 
 def compacted(trained, shapes, folder):
     inputs, _ = trained
-    numbers = dense_compact.CompactNumbers(dense_compact.own("quick"), shapes)
+    numbers = dense_compact.CompactSettings(dense_compact.own("quick"), shapes)
     return run_stage(dense_compact.make, inputs, "dense_compact", numbers, folder)
 
 

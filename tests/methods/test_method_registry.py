@@ -83,8 +83,8 @@ def test_a_file_from_outside_joins_the_others_and_other_processes_find_it(bring)
     ("changes", "message"),
     [
         ((("METHOD = ", "OTHER = "),), "has no METHOD; README shows"),
-        ((('Method("mine"', 'Method("coarse"'),), "has a method 'coarse' of its own; give yours another name"),
-        ((('Method("mine"', 'Method("My method"'),), "whose name is of small letters, digits and _"),
+        ((('Method("mine"', 'Method("coarse"'),), "has a method 'coarse' already; give yours another name"),
+        ((('Method("mine"', 'Method("My method"'),), "whose name has only small letters, digits and _"),
         (
             (("METHOD = Method(", "METHOD = dict("), ('"mine", "Mean pose", stages, load, ', "")),
             "must be a Method",
@@ -105,7 +105,8 @@ def test_a_file_that_holds_no_usable_method_is_refused(bring, changes, message):
 
 
 @pytest.mark.parametrize(
-    ("name", "message"), [("brought mine", "can't name a module; allowed are letters"), ("json", "another module json")]
+    ("name", "message"),
+    [("brought mine", "a module can't be called 'brought mine': use letters"), ("json", "another module json")],
 )
 def test_a_file_is_named_as_no_other_module_is(bring, name, message):  # noqa: F811
     with pytest.raises(InputError, match=message):
@@ -119,12 +120,14 @@ def test_a_method_that_calls_sys_exit_before_the_run_is_named_and_is_no_success(
 
 
 def test_a_file_that_there_is_not_is_named(bring, tmp_path):  # noqa: F811
-    with pytest.raises(InputError, match=rf"{tmp_path}/none.py: there is no such file; METHODS takes names and paths"):
+    with pytest.raises(
+        InputError, match=rf"{tmp_path}/none.py: there is no such file; METHODS expects names and paths"
+    ):
         choose([str(tmp_path / "none.py")])
 
 
 def test_a_name_that_is_too_long_for_a_file_is_none_either():
-    with pytest.raises(InputError, match=r"a\.py: there is no such file; METHODS takes names and paths"):
+    with pytest.raises(InputError, match=r"a\.py: there is no such file; METHODS expects names and paths"):
         choose(["a" * 300 + ".py"])
 
 

@@ -12,7 +12,7 @@ from replicate.config import resolve
 from replicate.methods import artefacts, measurement, typical_poses
 from replicate.methods.method_registry import choose
 from replicate.methods.plan import Plan
-from replicate.methods.typical_poses import MEDIAN, WORST, KnownPoses, RankingNumbers
+from replicate.methods.typical_poses import MEDIAN, WORST, KnownPoses, RankingSettings
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def ranked(inputs, tmp_path, test_poses=0):
     """Return the inputs with the errors of a toy method and the poses that they choose."""
     numbers = replace(BLIND, test_poses=test_poses)
     inputs, _ = run_stage(measurement.measure, inputs, "errors_toy", numbers, tmp_path)
-    return run_stage(typical_poses.rank, inputs, "ranked", RankingNumbers("toy", test_poses, 0), tmp_path)[0]
+    return run_stage(typical_poses.rank, inputs, "ranked", RankingSettings("toy", test_poses, 0), tmp_path)[0]
 
 
 @pytest.mark.parametrize("test_poses", [0, 7])

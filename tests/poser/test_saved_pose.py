@@ -85,7 +85,11 @@ def test_what_is_no_json_is_refused(saved, text):
 
 def test_what_is_no_text_or_no_file_gets_the_sentence_of_that(tmp_path):
     (tmp_path / "picture.json").write_bytes(b"\x89PNG\r\n\xff\xfe")
-    for name, part in (("picture.json", "no UTF-8"), ("none.json", "there is no such file"), (".", "is a folder")):
+    for name, part in (
+        ("picture.json", "no UTF-8"),
+        ("none.json", "there is no such file"),
+        (".", "expected a regular file, got a folder"),
+    ):
         with pytest.raises(InputError, match=part) as error:
             read_pose(tmp_path / name, RIG, NAMES)
         assert "JSON" not in str(error.value)

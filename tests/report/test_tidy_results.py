@@ -79,7 +79,7 @@ def test_results_that_are_not_there_name_what_writes_them(runs, run, sentence):
 
 def test_a_table_that_is_none_is_named_with_its_line(runs):
     (runs / "laptop" / "table2.csv").write_text(",".join(COLUMNS) + "\nt,c,m,e,furlong,1,,1,2,laptop,r\n")
-    with pytest.raises(InputError, match=r"laptop/table2\.csv, line 2: unit is 'furlong'"):
+    with pytest.raises(InputError, match=r"laptop/table2\.csv, line 2: unit: expected .*, got 'furlong'"):
         replicate.results("laptop")
 
 

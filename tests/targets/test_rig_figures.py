@@ -260,10 +260,10 @@ def test_numbers_that_are_missing_or_no_such_table_are_named(tmp_path):
     with pytest.raises(InputError, match=r"figure07_plate.csv: there is no such file; `make figure07` writes it"):
         segments_table(file, "plate")
     file.write_text("segment\nface\n")
-    with pytest.raises(InputError, match="line 1: found 'segment'"):
+    with pytest.raises(InputError, match=r"line 1: expected the header .*, got 'segment'"):
         segments_table(file, "plate")
     file.write_text(",".join(figure07.HEADER) + "\nface\n")
-    with pytest.raises(InputError, match="line 2: found 1 cells, where 6 are allowed"):
+    with pytest.raises(InputError, match="line 2: expected 6 cells, got 1"):
         segments_table(file, "plate")
 
 

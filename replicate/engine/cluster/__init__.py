@@ -1,1 +1,1 @@
-"""Stages on other machines: Dask, and Slurm through it."""
+"""Stages on other machines: through Dask, and through Dask on Slurm."""

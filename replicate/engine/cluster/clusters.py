@@ -1,4 +1,4 @@
-"""Starts the Dask cluster that CLUSTER names, or finds the one that runs already."""
+"""Starts the Dask cluster that CLUSTER names, or connects to one that is running."""
 
 import logging
 import os
@@ -25,16 +25,18 @@ if TYPE_CHECKING:
 
 REACHED_WITHIN_S = 8.0
 STARTS = 2  # of local workers, if one of them ends before it is ready
-_HERE = "127.0.0.1"  # a scheduler or a worker runs whatever code reaches one of its ports
+_HERE = "127.0.0.1"  # only: a scheduler or a worker runs any code that reaches its ports
 _PORTS = {"port": 0, "dashboard": False, "dashboard_address": f"{_HERE}:0"}  # any that are free
 
 
 @dataclass
 class Connection:
-    """A Dask client, the cluster if it was started here, and what its workers offer.
+    """A Dask client and its cluster.
 
-    cores: the most threads that one worker gives to a stage. gpus: whether some worker has a GPU. watch: looks after
-    the cluster; to be called now and then.
+    cluster: None if it was not started here.
+    cores: the most threads that one worker gives to a stage.
+    gpus: whether some worker has a GPU.
+    watch: looks after the cluster; to be called now and then.
     """
 
     client: distributed.Client
@@ -45,12 +47,12 @@ class Connection:
 
 
 def connect(settings: Cluster) -> Connection:
-    """Return a connection to the cluster, started if need be.
+    """Return a connection to the cluster, which is started if need be.
 
-    Raises InputError if a scheduler can't be reached, or Slurm refuses such jobs; RunError if a running scheduler has
-    no workers that stages can be given to.
+    Raises InputError if the scheduler can't be reached or Slurm refuses the jobs, RunError if a running scheduler has
+    no workers that offer CPUs.
     """
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters of it is said in our words
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # its errors are reported in our words
     if isinstance(settings, LocalCluster):
         gpus = visible_gpus()
         cluster = _local(settings.workers, gpus)
@@ -68,7 +70,7 @@ def connect(settings: Cluster) -> Connection:
 
 
 def _local(count: int, gpus: list[str]) -> distributed.SpecCluster:
-    """Return workers on this machine; one that ends while it starts ends the others, and all are started once more."""
+    """Return workers on this machine; if one of them ends while it starts, all are started once more."""
     folder = os.path.join(tempfile.gettempdir(), f"replicate-dask-{os.getuid()}")
     for attempt in range(1, STARTS + 1):
         try:
@@ -78,25 +80,25 @@ def _local(count: int, gpus: list[str]) -> distributed.SpecCluster:
                 silence_logs=logging.CRITICAL,
             )
         except RuntimeError as error:  # "Nanny failed to start."
-            why = error.__cause__ or error
+            cause = error.__cause__ or error
             if attempt == STARTS:
-                what = f"a Dask worker ends while it starts ({type(why).__name__}: {why})"
-                raise RunError(f"CLUSTER is local:{count}: {what}; JOBS without CLUSTER needs none") from None
+                why = f"a Dask worker ends while it starts ({type(cause).__name__}: {cause})"
+                raise RunError(f"CLUSTER is local:{count}: {why}; use JOBS={count} without CLUSTER") from None
 
 
 def local_workers(count: int, gpus: list[str], folder: str) -> dict[int, dict]:
-    """Return Dask's description of workers on this machine: the first ones have a GPU each, the others none."""
+    """Return Dask's description of workers on this machine: the first ones get a GPU each, the others none."""
     descriptions = {}
     for place in range(count):
-        own_gpu = gpus[place : place + 1]
+        gpu = gpus[place : place + 1]
         options = {
             "host": _HERE,  # of the worker, of its page, and of the nanny that looks after it
             "nthreads": 1,
-            "memory_limit": 0,  # it would count the memory of the Dask worker, not that of its stage
+            "memory_limit": 0,  # no limit: Dask would count its worker's memory, not the stage's
             "local_directory": folder,
             "dashboard": False,
-            "resources": {"CPU": 1, **({"GPU": 1} if own_gpu else {})},
-            "env": {"CUDA_VISIBLE_DEVICES": "".join(own_gpu)},
+            "resources": {"CPU": 1, **({"GPU": 1} if gpu else {})},
+            "env": {"CUDA_VISIBLE_DEVICES": "".join(gpu)},
             "silence_logs": logging.CRITICAL,
         }
         descriptions[place] = {"cls": distributed.Nanny, "options": options}
@@ -115,13 +117,13 @@ def _running(settings: RunningCluster) -> Connection:
     cores = [int(offer["CPU"]) for offer in offers if offer.get("CPU", 0) >= 1]
     if not cores:
         client.close()
-        what = f"none of its {len(offers)} workers offers CPUs" if offers else "it has no workers"
+        why = f"none of its {len(offers)} workers offers CPUs" if offers else "it has no workers"
         start = f"python -m distributed.cli.dask_worker {address} --nthreads 1 --resources CPU=1"
-        raise RunError(f"CLUSTER is {address}: {what}: start some in {ROOT} with `{start}`")
+        raise RunError(f"CLUSTER is {address}: {why}: start some in {ROOT} with `{start}`")
     return Connection(client, None, max(cores), any("GPU" in offer for offer in offers))
 
 
-# Dask workers as jobs of Slurm: submitted as the file says, looked after, and submitted again when they have ended.
+# Dask workers as jobs of Slurm, which are submitted again when they have ended.
 
 _LOOK_EVERY_S = 10.0
 _ANNOUNCED_AFTER_S = 5.0
@@ -129,8 +131,8 @@ _LOST_AFTER_S = 60.0  # without a worker, and without a job that could become on
 
 
 def start_jobs(settings: SlurmCluster) -> "dask_jobqueue.SLURMCluster":
-    """Return a cluster whose jobs are submitted; raises InputError with Slurm's words if it refuses such jobs."""
-    import dask_jobqueue  # where jobs are wanted alone: it makes Ctrl-C end a process without a word
+    """Return a cluster whose jobs are submitted; raise InputError with Slurm's words if it refuses them."""
+    import dask_jobqueue  # only here: it makes Ctrl-C end a process silently
 
     logging.getLogger("dask_jobqueue").setLevel(logging.CRITICAL)
     try:
@@ -163,7 +165,7 @@ def slurm_options(settings: SlurmCluster) -> dict:
         "job_extra_directives": [*gpu, *shlex.split(settings.directives)],
         "job_script_prologue": [f"export PYTHONPATH={shlex.quote(str(ROOT))}", *settings.prologue.splitlines()],
         "worker_extra_args": ["--resources", resources, "--no-dashboard"],
-        "death_timeout": 20,  # seconds that a worker looks for a client that is gone, before its job ends
+        "death_timeout": 20,  # seconds without a scheduler after which a worker ends its job
         "log_directory": str(log_folder()),
         "scheduler_options": {"dashboard": False, "dashboard_address": "127.0.0.1:0"},
         "silence_logs": logging.CRITICAL,
@@ -171,12 +173,12 @@ def slurm_options(settings: SlurmCluster) -> dict:
 
 
 def log_folder() -> Path:
-    """Return where the jobs' own output goes; that of stages is in their logs."""
+    """Return the folder for the jobs' output; that of stages is in their logs."""
     return cache_folder() / "slurm"
 
 
 class SlurmWatch:
-    """Says that a run waits for Slurm, submits jobs again that have ended, and notices when none is left."""
+    """Tells when a run waits for Slurm, submits ended jobs again, and notices when none is left."""
 
     def __init__(self, cluster: "dask_jobqueue.SLURMCluster", jobs: int):
         self._cluster, self._jobs = cluster, jobs
@@ -184,12 +186,12 @@ class SlurmWatch:
         self._announced = False
 
     def look(self) -> None:
-        """Look at the jobs if it is time to; raises RunError if for a minute there was none."""
+        """Look at the jobs if it is time to; raise RunError if there has been none for a minute."""
         now = time.monotonic()
         has_workers = bool(self._cluster.scheduler_info["workers"])
         if not self._announced and not has_workers and now - self._started >= _ANNOUNCED_AFTER_S:
             self._announced = True
-            print(f"waiting for Slurm to start a job, of {self._jobs}", file=sys.stderr, flush=True)
+            print(f"waiting for Slurm to start one of {self._jobs} jobs", file=sys.stderr, flush=True)
         if now - self._looked < _LOOK_EVERY_S:
             return
         self._looked = now
@@ -197,14 +199,14 @@ class SlurmWatch:
         if has_workers or self._has_jobs():
             self._well = now
         elif now - self._well >= _LOST_AFTER_S:
-            raise RunError(f"Slurm has ended all jobs, and none is at work: their logs are in {log_folder()}")
+            raise RunError(f"Slurm has ended all jobs: their logs are in {log_folder()}")
 
     def _has_jobs(self) -> bool:
-        """Return whether a job of this cluster waits or runs; true where Slurm does not answer."""
-        numbers = {str(job.job_id) for job in self._cluster.workers.values()}
+        """Return whether a job of this cluster waits or runs; true if Slurm doesn't answer."""
+        job_ids = {str(job.job_id) for job in self._cluster.workers.values()}
         command = ["squeue", "--me", "--noheader", "--format=%i"]
         try:
             answer = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30)
         except (OSError, subprocess.SubprocessError):
             return True
-        return not numbers.isdisjoint(answer.stdout.split())
+        return not job_ids.isdisjoint(answer.stdout.split())

@@ -1,13 +1,13 @@
-"""What CLUSTER names: worker processes on this machine, a Dask scheduler that runs already, or jobs of Slurm."""
+"""What CLUSTER names: worker processes on this machine, a running Dask scheduler, or jobs of Slurm."""
 
 import importlib.util
 import re
 import shutil
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 from replicate.base.exceptions import InputError
-from replicate.base.schema import Checked, number
+from replicate.base.schema import Checked, naming, number, read_table
 from replicate.base.user_files import read_toml
 
 _MOST_WORKERS = 1024
@@ -18,7 +18,7 @@ _INSTALL = "python -m pip install distributed dask-jobqueue"
 
 @dataclass(frozen=True)
 class LocalCluster:
-    """`local:4`: Dask workers of one thread each on this machine; one of them for each GPU, where there are GPUs."""
+    """`local:4`: Dask workers on this machine, of one thread each; each GPU goes to one of them."""
 
     workers: int
 
@@ -34,11 +34,13 @@ class RunningCluster:
 class SlurmCluster(Checked):
     """`slurm.toml`: equal jobs of Slurm, each with one Dask worker that runs as many stages as the job has cores.
 
-    jobs: how many are submitted, and submitted again when Slurm has ended them. cores, memory, gpus: of a job; a job
-    has at most one GPU, since stages that share one would also share its memory. walltime: as `04:00:00`. partition,
-    account: where empty, Slurm's default. interface: the network interface over which jobs reach this machine; where
-    empty, the one that leads outside. directives: further options of sbatch, as `--constraint=avx512 --exclusive`.
-    prologue: shell commands that a job begins with, as `module load cuda`.
+    jobs: how many are submitted, and submitted again when Slurm has ended them.
+    cores, memory, gpus: of each job; at most one GPU, since stages that share one would also share its memory.
+    walltime: such as `04:00:00`.
+    partition, account: Slurm's default if empty.
+    interface: the network interface over which jobs reach this machine; if empty, the one that leads outside.
+    directives: further options of sbatch, such as `--constraint=avx512 --exclusive`.
+    prologue: shell commands that a job begins with, such as `module load cuda`.
     """
 
     jobs: int = number(1, 1, _MOST_WORKERS)
@@ -59,8 +61,7 @@ Cluster = LocalCluster | RunningCluster | SlurmCluster
 def read_cluster(text: str) -> Cluster:
     """Return what CLUSTER names.
 
-    Raises InputError for what has none of the three forms, for a file that is no TOML or has a value that is not
-    allowed, and where a package or a program that it needs is not installed.
+    Raises InputError for any other text, for a file with mistakes, and if a package or program is missing.
     """
     cluster = _parse(text.strip())
     missing = [package.replace("_", "-") for package in _PACKAGES if importlib.util.find_spec(package) is None]
@@ -72,41 +73,34 @@ def read_cluster(text: str) -> Cluster:
 
 
 def is_elsewhere(text: str | None) -> bool:
-    """Return whether CLUSTER names other machines, whose GPUs are not those of this one."""
+    """Return whether CLUSTER names other machines, which may have other GPUs."""
     return bool(text) and not isinstance(_parse(text.strip()), LocalCluster)
 
 
 def _parse(text: str) -> Cluster:
     if match := re.fullmatch(r"local:(\d{1,4})", text, re.ASCII):
         if not 1 <= int(match[1]) <= _MOST_WORKERS:
-            raise InputError(f"CLUSTER is {text!r}: allowed are 1 to {_MOST_WORKERS} workers")
+            raise InputError(f"CLUSTER: expected 1 to {_MOST_WORKERS} workers, got {text!r}")
         return LocalCluster(int(match[1]))
     if re.fullmatch(r"tcp://[^\s/:]+:\d{1,5}|tcp://\[[0-9a-fA-F:.]+\]:\d{1,5}", text, re.ASCII):
         return RunningCluster(text)
     if text.endswith(".toml"):
         return _read_slurm(Path(text))
-    raise InputError(f"CLUSTER is {text[:100]!r}: allowed is {_FORMS}")
+    raise InputError(f"CLUSTER: expected {_FORMS}, got {text[:100]!r}")
 
 
 def _read_slurm(file: Path) -> SlurmCluster:
-    values = read_toml(file)
-    keys = [entry.name for entry in fields(SlurmCluster)]
-    for key in values:
-        if key not in keys:
-            raise InputError(f"{file}: unknown key {key}: allowed are {', '.join(keys)}")
-    try:
-        cluster = SlurmCluster(**values)
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
+    with naming(str(file)):
+        cluster = read_table(SlurmCluster, read_toml(file))
     forms = {
-        "memory": (r"\d{1,6}(\.\d+)? ?[MGT]i?B", "a size, as 8GB"),
-        "walltime": (r"(\d+-)?\d{1,3}(:\d\d){1,2}", "a time, as 04:00:00 or 2-00:00:00"),
+        "memory": (r"\d{1,6}(\.\d+)? ?[MGT]i?B", "a size such as 8GB"),
+        "walltime": (r"(\d+-)?\d{1,3}(:\d\d){1,2}", "a time such as 04:00:00 or 2-00:00:00"),
         "partition": (r"[\w,.-]*", "a name"),
         "account": (r"[\w.-]*", "a name"),
-        "interface": (r"[\w.-]*", "a name, as eth0"),
+        "interface": (r"[\w.-]*", "a name such as eth0"),
         "directives": (r"[^\n]*", "options in one line"),
     }
     for key, (form, words) in forms.items():
         if not re.fullmatch(form, getattr(cluster, key)):
-            raise InputError(f"{file}: {key} is {getattr(cluster, key)!r}: allowed is {words}")
+            raise InputError(f"{file}: {key}: expected {words}, got {getattr(cluster, key)!r}")
     return cluster

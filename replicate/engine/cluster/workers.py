@@ -18,14 +18,14 @@ from replicate.engine.cluster.config import Cluster
 from replicate.engine.executor import Task
 from replicate.engine.workers import WorkerProcess
 
-_RETRIES = 2  # of a stage whose process was killed or ran out of memory; with luck on another machine
+_RETRIES = 2  # of a stage whose process was killed or ran out of memory; perhaps on another machine
 _CLOSED_WITHIN_S = 10.0
 
 
 class DaskWorkers:
-    """The executor that hands stages to a Dask cluster, which it starts and ends unless it runs already.
+    """The executor that gives stages to a Dask cluster, which it starts and ends unless it is running already.
 
-    Raises InputError or RunError where there is no such cluster.
+    Raises InputError or RunError if there is no such cluster.
     """
 
     def __init__(self, settings: Cluster):
@@ -35,10 +35,10 @@ class DaskWorkers:
         self._address = self._connection.client.scheduler.address
 
     def submit(self, tasks: Sequence[Task]) -> None:
-        """Take the whole graph; raises RunError if a stage wants a GPU and the cluster has none."""
+        """Accept the whole graph; raise RunError if a stage needs a GPU and the cluster has none."""
         for task in tasks:
             if task.gpu and not self._connection.gpus:
-                raise RunError(f"{task.stage.title} wants a GPU, and no worker of the cluster offers one: DEVICE=cpu")
+                raise RunError(f"{task.stage.title} needs a GPU, and no worker offers one: use DEVICE=cpu")
         client = self._connection.client
         client.register_plugin(KillCancelled())
         client.subscribe_topic(TOPIC, lambda event: self._hear(*event[1]))
@@ -48,7 +48,7 @@ class DaskWorkers:
                 supervise,
                 task.orders(threads),
                 [self._futures[need] for need in task.needs],
-                key=f"{task.identifier}@{store.cache_folder()}",  # two runs at once share the stages that they share
+                key=f"{task.identifier}@{store.cache_folder()}",  # two runs make a stage that both need once
                 resources={"CPU": threads} | ({"GPU": 1} if task.gpu else {}),
                 priority=-place,
                 retries=_RETRIES,
@@ -57,7 +57,7 @@ class DaskWorkers:
             future.add_done_callback(lambda future, identifier=task.identifier: self._end(identifier, future))
 
     def listen(self, timeout_s: float) -> list[tuple[str, dict]]:
-        """Return what the cluster has said; raises RunError if it is gone."""
+        """Return the messages of the cluster; raise RunError if it is gone."""
         self._connection.watch()
         messages = []
         with suppress(queue.Empty):
@@ -76,12 +76,12 @@ class DaskWorkers:
             connection.cluster.close(timeout=_CLOSED_WITHIN_S)
 
     def _hear(self, identifier: str, message: dict) -> None:
-        """Take a message of a worker, unless it is on another run's stage; called in Dask's thread."""
+        """Keep a worker's message unless it is about another run's stage; called in a thread of Dask."""
         if identifier in self._futures:
             self._messages.put((identifier, message))
 
     def _end(self, identifier: str, future: Future) -> None:
-        """Turn a future that is done into the last message on its stage; called in a thread of Dask."""
+        """Turn a finished future into the last message about its stage; called in a thread of Dask."""
         if future.status == "finished":
             message = future.result()
             if message["event"] == "done" and not_visible(store.cache_folder(), [identifier]):
@@ -93,7 +93,7 @@ class DaskWorkers:
         elif future.status == "error":
             error = future.exception()
             if isinstance(error, KilledWorker):
-                message = _failure("died", "was given up, since the Dask workers that ran it died one after the other")
+                message = _failure("died", "was given up, since the Dask workers that ran it died one after another")
             else:
                 message = _failure("died", str(error))
         else:
@@ -105,10 +105,10 @@ def _failure(kind: str, message: str) -> dict:
     return {"event": "failed", "kind": kind, "message": message}
 
 
-# What a Dask worker does for a stage: it watches over the one process that makes the artefact.
+# What a Dask worker does for a stage: it watches the process that makes the artefact.
 
-TOPIC = "replicate"  # of the messages that come in before a task's result: (identifier, message)
-_INTERVAL_S = 0.5  # the shortest time between two reports on the same part of a stage
+TOPIC = "replicate"  # of the messages before a task's result: (identifier, message)
+_INTERVAL_S = 0.5  # the shortest time between two reports of the same part of a stage
 
 _running: dict[str, WorkerProcess] = {}  # in this Dask worker, by the task's key
 
@@ -118,10 +118,10 @@ class WorkerDied(Exception):
 
 
 class KillCancelled(WorkerPlugin):
-    """Kills the process of a task that nobody wants any more: Dask itself would wait for its end."""
+    """Kills the process of a cancelled task: Dask itself would wait for its end."""
 
     name = "replicate-kill-cancelled"
-    idempotent = True  # a second run on a scheduler would tear this one down, and kill what the first one runs
+    idempotent = True  # or a second run would tear this one down, and kill what the first is running
 
     def transition(self, key: object, start: str, finish: str, **kwargs: Any) -> None:
         """Follow a task from one of Dask's states to the next."""
@@ -135,10 +135,12 @@ class KillCancelled(WorkerPlugin):
 
 
 def supervise(orders: dict, inputs: list[dict]) -> dict:
-    """Make one artefact in a process of its own and return the last message about it, "done" or "failed".
+    """Make one artefact in a separate process and return the last message about it, "done" or "failed".
 
-    orders: as `Task.orders` returns them. inputs: what this function has returned for the stages that it needs.
-    Raises WorkerDied if the process was killed, or ran out of memory.
+    orders: as `Task.orders` returns them.
+    inputs: what this function has returned for the stages that this one needs.
+
+    Raises WorkerDied if the process was killed or ran out of memory.
     """
     failures = [outcome for outcome in inputs if outcome["event"] == "failed"]
     if failures:
@@ -169,21 +171,21 @@ def supervise(orders: dict, inputs: list[dict]) -> dict:
         del _running[key]
 
 
-def _refuse_cache(orders: dict, what: str) -> dict:
-    reason = f"{orders['title']}: the cache {orders['cache']} {what} on {platform.node()}"
-    return {"event": "failed", "kind": "RunError", "message": f"{reason}: the machines of a cluster must share it"}
+def _refuse_cache(orders: dict, fault: str) -> dict:
+    where = f"{orders['title']}: the cache {orders['cache']} {fault} on {platform.node()}"
+    return _failure("RunError", f"{where}: the machines of a cluster must share it")
 
 
-# What a cache on a network file system needs: other machines see a new artefact a while after it was put in place.
+# On a network file system other machines see a new artefact only after a while.
 
-VISIBLE_WITHIN_S = 90.0  # NFS looks again at a folder after 60 seconds at the latest, unless it is told otherwise
+VISIBLE_WITHIN_S = 90.0  # NFS reads a folder again after 60 seconds at the latest, by default
 
 
 def not_visible(cache: Path, identifiers: Iterable[str], timeout_s: float = VISIBLE_WITHIN_S) -> list[str]:
-    """Return which of these artefacts do not stand in a cache, seen from this machine, after waiting for them."""
+    """Return those artefacts that this machine doesn't see in a cache after waiting for them."""
     deadline = time.monotonic() + timeout_s
     while True:
-        with os.scandir(cache) as entries:  # to read a folder makes NFS look at it anew
+        with os.scandir(cache) as entries:  # makes NFS read the folder again
             standing = {entry.name for entry in entries}
         hidden = [identifier for identifier in identifiers if identifier not in standing]
         if not hidden or time.monotonic() >= deadline:

@@ -130,10 +130,10 @@ def test_without_the_folder_the_command_ends_with_2_and_says_where_to_get_it(loc
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ("rows = 5", "rows = 1", "folds.rows is 1: allowed is a whole number from 2 to 12"),
-        ("rows = 5", "rose = 5", "unknown key folds.rose: allowed are forehead"),
-        ("[parts]", "[bits]", "unknown key bits: allowed are name, vertices, parts"),
-        ("mouth = [", "muth = [", "unknown key parts.muth: allowed are face"),
+        ("rows = 5", "rows = 1", "folds.rows: expected a whole number from 2 to 12, got 1"),
+        ("rows = 5", "rose = 5", "unknown key folds.rose: expected forehead"),
+        ("[parts]", "[bits]", "unknown key bits: expected name, vertices, parts"),
+        ("mouth = [", "muth = [", "unknown key parts.muth: expected face"),
         (
             "vertices = 1597",
             "vertices = 900",

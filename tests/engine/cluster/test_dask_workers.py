@@ -115,7 +115,7 @@ def test_a_signal_ends_a_cluster_and_its_stages(cache, number):
 @pytest.mark.parametrize(
     ("fault", "sentence"),
     [
-        ("input", "InputError: head.toml: teeth is 3: allowed is an even number"),
+        ("input", "InputError: head.toml: teeth: expected an even number, got 3"),
         ("error", "RunError: stage faulty failed (RuntimeError: the fault that was asked for); its log is "),
         ("kill", "RunError: stage faulty was killed by SIGKILL, probably because memory ran out, on "),
     ],
@@ -246,7 +246,7 @@ def test_a_stage_that_wants_a_gpu_is_refused_where_there_is_none(cache):
         "scheduler.run([stage], cluster='local:1')"
     )
     said = launch([sys.executable, "-c", program], cache, CUDA_VISIBLE_DEVICES="").communicate(timeout=60)[1]
-    assert "RunError: net wants a GPU, and no worker of the cluster offers one: DEVICE=cpu" in said.splitlines()[-1]
+    assert "RunError: net needs a GPU, and no worker offers one: use DEVICE=cpu" in said.splitlines()[-1]
 
 
 def test_workers_that_are_killed_while_they_start_are_started_anew(monkeypatch):
