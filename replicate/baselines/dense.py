@@ -36,7 +36,7 @@ def make_network(segment: Segment, facts: dict) -> DenseNetwork:
 
 
 def shape_facts(config: DenseConfig) -> dict:
-    """Return what `make_network` needs of a configuration, JSON-ready."""
+    """Return the facts that `make_network` needs, JSON-ready."""
     return {"hidden": list(config.hidden), "leaky_slope": config.leaky_slope}
 
 

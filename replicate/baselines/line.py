@@ -16,7 +16,7 @@ from replicate.regional.networks import OUTPUT_SHARE
 
 
 class Line(nn.Module):
-    """(b, j) scaled parameters → (b, k, 3) offsets that are linear in them. Its weights count, and are not trained."""
+    """(b, j) scaled parameters → (b, k, 3) offsets that are linear in them. Its weights are fitted, not trained."""
 
     def __init__(self, inputs: int, vertices: int):
         super().__init__()
@@ -25,6 +25,11 @@ class Line(nn.Module):
 
     def forward(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b k 3"]:
         return torch.addmm(self.bias, params, self.weight).unflatten(1, (-1, 3))
+
+    def set_weights(self, weights: Float[np.ndarray, "i d"]) -> None:
+        """Set the weights, and the constant from the last row."""
+        self.weight.copy_(torch.from_numpy(np.ascontiguousarray(weights[:-1])))
+        self.bias.copy_(torch.from_numpy(np.ascontiguousarray(weights[-1])))
 
 
 class WithLine(nn.Module):
@@ -46,28 +51,22 @@ class WithLine(nn.Module):
 def line_model(
     segments: Sequence[Segment], weights: Sequence[Float[np.ndarray, "_ _"]], scale: np.ndarray, vertex_count: int
 ) -> SegmentedModel:
-    """Return the model of the straight lines that `methods.linear` fits; the last row of each segment's weights is
-    the constant. scale: (m,), what parameters are divided by.
+    """Return the model of the straight lines that `methods.linear` fits.
+
+    weights: a segment's are (j + 1, 3k), the constant in the last row. scale: (m,), what parameters are divided by.
     """
     lines = []
     for segment, weight in zip(segments, weights, strict=True):
-        line = Line(len(segment.parameters), len(segment.vertices))
-        line.weight.copy_(torch.from_numpy(np.ascontiguousarray(weight[:-1])))
-        line.bias.copy_(torch.from_numpy(np.ascontiguousarray(weight[-1])))
-        lines.append(line)
+        lines.append(Line(len(segment.parameters), len(segment.vertices)))
+        lines[-1].set_weights(weight)
     return SegmentedModel(lines, segments, scale, [1.0] * len(lines), vertex_count)
 
 
 def add_line(model: SegmentedModel, lines: SegmentedModel) -> SegmentedModel:
-    """Return the sum of a model and its straight lines, as one model whose networks are sums.
-
-    Both see the same parameters on the same scale.
-    """
+    """Return the sum of a model and its straight lines as one model; both see the same parameters on the same scale."""
     sums = []
     for network, line, length in zip(model.networks, lines.networks, model.lengths, strict=True):
-        shorter = Line(
-            line.weight.shape[0], line.weight.shape[1] // 3
-        )  # a model multiplies what its networks give by their lengths
+        shorter = Line(line.weight.shape[0], line.weight.shape[1] // 3)  # as outputs are multiplied by the length
         shorter.weight.copy_(line.weight / length)
         shorter.bias.copy_(line.bias / length)
         sums.append(WithLine(network, shorter))
@@ -75,7 +74,7 @@ def add_line(model: SegmentedModel, lines: SegmentedModel) -> SegmentedModel:
 
 
 def maker(make_network: Callable[[Segment, dict], nn.Module]) -> Callable[[Segment, dict], WithLine]:
-    """Return the function that makes a network with a line of the right shape, for `model.load_model`."""
+    """Return a function that makes a network beside a line of the right shape, for `model.load_model`."""
 
     def make(segment: Segment, facts: dict) -> WithLine:
         return WithLine(make_network(segment, facts), Line(len(segment.parameters), len(segment.vertices)))
@@ -89,8 +88,11 @@ def maker(make_network: Callable[[Segment, dict], nn.Module]) -> Callable[[Segme
 class CoefficientsBesideLine(nn.Module):
     """(b, m) scaled parameters → (b, k, 3) offsets in mm, in the span of a basis.
 
-    basis: (c, 3k) components; mean: (3k,); both of float32, which are not trained. hidden: widths of the layers, each
-    followed by a leaky ReLU of that slope.
+    inputs: m.
+    basis: (c, 3k) components, float32, not trained.
+    mean: (3k,), likewise.
+    hidden: widths of the layers, each followed by a leaky ReLU.
+    slope: of the leaky ReLUs.
     """
 
     basis: torch.Tensor
@@ -133,7 +135,7 @@ def onto_basis(
 ) -> Float64[np.ndarray, "b c"]:
     """Return the coefficients of offsets in mm: their projection onto the components, which are orthogonal.
 
-    A component of length zero, of samples that have fewer, has the coefficient 0.
+    The coefficient of a component of length zero is 0.
     """
     squared = np.square(basis, dtype=np.float64).sum(1)
     return (offsets - mean) @ basis.T.astype(np.float64) / np.where(squared > 0, squared, 1.0)

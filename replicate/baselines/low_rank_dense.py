@@ -1,9 +1,9 @@
-"""A trained dense network in few bytes: its last layer as a low-rank product, PCA of what the layer gives.
+"""A trained dense network in few bytes: its last layer as a low-rank product, by PCA of the layer's outputs.
 
 The output layer W h + b maps w hidden activations to 3k coordinates. The principal components of its outputs over
-training poses lie in its range, so that W ≈ A B with A (3k, r) the components and B (r, w) what reads their
-coefficients off the activations: the truncated SVD of W in the metric of the activations. What is cut stays at its
-mean; nothing is trained anew.
+training poses lie in its range, so that W ≈ A B, where A (3k, r) are the components and B (r, w) gives their
+coefficients from the activations: the truncated SVD of W in the metric of the activations. What is cut stays at its
+mean; nothing is trained again.
 """
 
 from collections.abc import Sequence
@@ -32,9 +32,11 @@ NEGLIGIBLE = 1e-6  # of the first component's length: a shorter one is rounding
 class OutputComponents:
     """The principal components of a layer's outputs W h + b over some poses.
 
-    lengths: (c,), each component's standard deviation, the largest first. shapes: (c, d), as long as that. readers:
-    (c, w): coefficients of variance 1 are readers · (h − middle). middle: (w,), the mean activations. mean: (d,), the
-    mean outputs.
+    lengths: (c,), each component's standard deviation, the largest first.
+    shapes: (c, d), the components, each of that length.
+    readers: (c, w), by which readers · (h − middle) are coefficients of variance 1.
+    middle: (w,), the mean activations.
+    mean: (d,), the mean outputs.
     """
 
     lengths: Float64[np.ndarray, " c"]
@@ -60,10 +62,13 @@ def output_components(
 
 
 class LowRankNetwork(nn.Module):
-    """(b, j) scaled parameters → (b, k, 3) offsets in mm, as it is stored.
+    """(b, j) scaled parameters → (b, k, 3) offsets in mm, by weights as they are stored.
 
-    hidden: layers in float16, each followed by a leaky ReLU. inner: (r, w) int8 with a step a row, what gives
-    coefficients. outer: the components and the constant, in mm.
+    hidden: layers in float16, each followed by a leaky ReLU.
+    slope: of the leaky ReLUs.
+    inner: (r, w) int8, from activations to coefficients.
+    steps: (r,), what each row of `inner` is multiplied by.
+    outer: the components and the constant, in mm.
     """
 
     inner: torch.Tensor
@@ -103,10 +108,15 @@ class LowRankNetwork(nn.Module):
 def low_rank(
     network: DenseNetwork, segment: Segment, components: OutputComponents, rank: int, length: float
 ) -> LowRankNetwork:
-    """Return a dense network with the first `rank` components of its outputs in its last layer's place.
+    """Return a dense network whose last layer is replaced by the first components of its outputs.
 
-    length: the mm that the network's outputs are multiplied by. The constant makes up for what rounding does to the
-    mean.
+    The constant makes up for what rounding does to the mean.
+
+    network: of one segment.
+    segment: whose vertices it moves.
+    components: of the network's outputs.
+    rank: how many of them are kept.
+    length: the mm that the network's outputs are multiplied by.
     """
     hidden = [_half(layer) for layer in network.hidden]
     readers = components.readers[:rank]
@@ -125,7 +135,7 @@ def low_rank(
 
 
 def stored_bytes(widths: Sequence[int], outputs: int, rank: int) -> int:
-    """Return the bytes of a `LowRankNetwork`: widths of its inputs and hidden layers, 3k outputs, `rank` components."""
+    """Return the bytes of a `LowRankNetwork` of some rank. widths: of its inputs and hidden layers. outputs: 3k."""
     layers = sum(2 * (a * b + b) for a, b in pairwise(widths))
     fine = min(rank, FINE)
     return layers + rank * (widths[-1] + 4) + rank * (outputs + 4) + fine * outputs + 2 * outputs
@@ -134,10 +144,10 @@ def stored_bytes(widths: Sequence[int], outputs: int, rank: int) -> int:
 def choose_ranks(
     networks: Sequence[DenseNetwork], components: Sequence[OutputComponents], lengths: Sequence[float], size_mb: float
 ) -> list[int]:
-    """Return how many components each network keeps, so that all together take at most `size_mb` of 10⁶ bytes.
+    """Return how many components each network keeps, so that all networks take at most `size_mb` of 10⁶ bytes.
 
-    The components of all networks are taken in the order of their variance a coordinate, in mm², until the next one
-    has no room. Raises InputError where there is room for none.
+    The components of all networks are taken by their variance a coordinate in mm², the largest first, until there is no
+    room for the next. Raises InputError where the networks have no room even without components.
     """
     widths = [(n.hidden[0].in_features, *(layer.out_features for layer in n.hidden)) for n in networks]
     outputs, ranks = [network.output.out_features for network in networks], [0] * len(networks)
@@ -149,8 +159,8 @@ def choose_ranks(
         )
     queue = sorted(
         (-((part * length) ** 2) / outputs[k], k)
-        for k, (one, length) in enumerate(zip(components, lengths, strict=True))
-        for part in one.lengths
+        for k, (of_network, length) in enumerate(zip(components, lengths, strict=True))
+        for part in of_network.lengths
     )
     for _, k in queue:
         more = stored_bytes(widths[k], outputs[k], ranks[k] + 1) - stored_bytes(widths[k], outputs[k], ranks[k])
@@ -161,9 +171,9 @@ def choose_ranks(
 
 
 def compact(model: SegmentedModel, params: Float[np.ndarray, "b m"], size_mb: float) -> SegmentedModel:
-    """Return a trained dense model in at most `size_mb`, its networks `LowRankNetwork`s.
+    """Return a trained dense model in at most `size_mb`, made of `LowRankNetwork`s.
 
-    params: raw rig parameters of the training poses over which outputs have their principal components.
+    params: raw rig parameters of the training poses whose outputs the principal components are of.
     """
     scaled = torch.from_numpy(np.array(params, np.float32)) / model.scale
     components = []
@@ -181,7 +191,7 @@ def compact(model: SegmentedModel, params: Float[np.ndarray, "b m"], size_mb: fl
 
 
 def empty_network(segment: Segment, facts: dict) -> LowRankNetwork:
-    """Return a network of a stored shape, for `model.load_model`; facts: hidden, leaky_slope, and ranks by segment."""
+    """Return a network without weights, for `model.load_model`; facts: hidden, leaky_slope, ranks by segment."""
     widths, rank, k = (len(segment.parameters), *facts["hidden"]), facts["ranks"][segment.name], len(segment.vertices)
     hidden = [nn.Linear(a, b).half() for a, b in pairwise(widths)]
     fine = min(rank, FINE)

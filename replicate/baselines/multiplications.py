@@ -1,9 +1,9 @@
 """How many multiplications one pose takes, counted from a model's architecture.
 
-A product of a weight (or of a basis, a skin, a bilinear share) with what it weighs counts as one. Activations,
-additions and what folds into weights (the scale of parameters, the length of outputs) count nothing; nor does the rigid
-step (§3.4), which all approximations share. Map networks count as Fig. 3 draws them: what exact rewrites save
-(DEVIATIONS D14) is not taken off.
+A product of a weight (or of an entry of a basis, a skin weight, a bilinear share) with what it weighs counts as one.
+Activations, additions and what can be folded into weights (the scale of parameters, the length of outputs) don't count,
+nor does the rigid step (§3.4), which all approximations share. Map networks count as Fig. 3 draws them, without what
+exact rewrites save (DEVIATIONS D14).
 """
 
 from typing import Protocol, runtime_checkable
@@ -19,7 +19,7 @@ from replicate.baselines.line import Line
 from replicate.baselines.low_rank_dense import LowRankNetwork
 from replicate.baselines.skinning.bone_network import BoneNetwork
 
-AFFINE = 12  # of (v, 1) with a 4×3 matrix
+AFFINE = 12  # multiplications of (v, 1) and a 4×3 matrix
 CORNERS = 4  # pixels that a vertex reads: bilinear sampling
 
 
@@ -33,7 +33,7 @@ class Counted(Protocol):
 
 
 def of_model(model: SegmentedModel | RefinedModel | Counted) -> int:
-    """Return the multiplications of a model: what it counts itself, else those of all its networks."""
+    """Return the multiplications of a model: its count where it has one, else those of all its networks."""
     if isinstance(model, Counted):
         return model.multiplications()
     if isinstance(model, RefinedModel):
@@ -42,16 +42,16 @@ def of_model(model: SegmentedModel | RefinedModel | Counted) -> int:
 
 
 def of_network(network: nn.Module) -> int:
-    """Return the multiplications of one segment's network, with all that it consists of."""
+    """Return the multiplications of one segment's network and all its parts."""
     bases = sum(value.numel() for name, value in network.named_buffers() if name.split(".")[-1] == "basis")
     return bases + sum(_of_part(part) for part in network.modules())
 
 
 def of_maps(network: MapNetwork) -> int:
-    """Return the multiplications of a map network after its dense layers, and of reading its vertices off the map.
+    """Return the multiplications of a map network after its dense layers, with those of reading the vertices.
 
-    A 3×3 convolution on each upsampled map, at all of its pixels; another and a 1×1 one on the last map; four pixels of
-    three coordinates a vertex.
+    They are those of a 3×3 convolution on all pixels of each upsampled map, of another and a 1×1 one on the last map,
+    and of four pixels with three coordinates for each vertex.
     """
     sides = [START * 2 ** (level + 1) for level in range(len(network.upsampled))]
     layers = [*network.upsampled, network.last, network.output]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float, Float32, Float64
+from scipy.linalg import cho_factor, cho_solve
 from sklearn.decomposition import PCA
 from threadpoolctl import threadpool_limits
 from torch import nn
@@ -18,7 +19,7 @@ ROWS = 512  # of a kernel at a time
 
 
 def product_features(inputs: Float[np.ndarray, "b m"]) -> Float64[np.ndarray, "b k"]:
-    """Return the features φ of each row, one column each: for few inputs, and to compare `product_kernel` with."""
+    """Return the features φ of each row as columns: for few inputs, and for comparison with `product_kernel`."""
     x = np.asarray(inputs, np.float64)
     first, second = np.triu_indices(x.shape[1], 1)
     return np.concatenate([x, np.abs(x), x * x, x[:, first] * x[:, second]], axis=1)
@@ -41,9 +42,10 @@ def product_kernel(left: Float[np.ndarray, "a m"], right: Float[np.ndarray, "b m
 
 @dataclass(frozen=True)
 class ProductRidge:
-    """A fit: inputs (N, m) it stands on, its weights (N, d) on them, and what centres features and targets.
+    """A fit.
 
-    means: (N,) each row's mean of the kernel before it was centred; constant: (d,), the targets' mean.
+    inputs: (N, m), those that it was fitted to. weights: (N, d), of these. means: (N,), of the kernel's rows before it
+    was centred. constant: (d,), the targets' mean.
     """
 
     inputs: np.ndarray
@@ -52,7 +54,7 @@ class ProductRidge:
     constant: np.ndarray
 
     def __call__(self, inputs: Float[np.ndarray, "b m"]) -> Float64[np.ndarray, "b d"]:
-        """Return what the fit predicts for some inputs."""
+        """Return the fit's predictions for some inputs."""
         kernel = product_kernel(inputs, self.inputs)
         kernel -= kernel.mean(1, keepdims=True)
         kernel -= self.means - self.means.mean()
@@ -62,9 +64,7 @@ class ProductRidge:
 def product_ridges(
     inputs: Float[np.ndarray, "n m"], targets: Float[np.ndarray, "n d"], strengths: tuple[float, ...]
 ) -> Iterator[ProductRidge]:
-    """Yield the fit for each strength λ, one factorisation of an n × n matrix each."""
-    from scipy.linalg import cho_factor, cho_solve
-
+    """Yield the fit for each strength λ; each takes a factorisation of an n × n matrix."""
     inputs = np.asarray(inputs, np.float64)
     gram, n = product_kernel(inputs, inputs), len(inputs)
     means, constant = gram.mean(0), targets.mean(0, dtype=np.float64)
@@ -86,7 +86,7 @@ Fit = Callable[[np.ndarray], np.ndarray]  # inputs (b, m) → targets (b, d)
 
 
 def feature_count(name: str, inputs: int) -> int:
-    """Return how many features a fit has of so many inputs."""
+    """Return how many features a fit makes of its inputs."""
     return {"linear": inputs, "squares": 3 * inputs, "products": inputs * (inputs + 5) // 2}[name]
 
 
@@ -114,7 +114,7 @@ def ridges(
 def closest(
     fits: Iterable[tuple[float, Fit]], inputs: Float[np.ndarray, "b m"], targets: Float[np.ndarray, "b d"]
 ) -> tuple[float, Fit]:
-    """Return (strength, fit) of the fit with the smallest squared error, of some (strength, fit) pairs."""
+    """Return that of some (strength, fit) pairs whose fit has the smallest squared error."""
     errors = ((float(np.square(fit(inputs) - targets).sum()), strength, fit) for strength, fit in fits)
     _, strength, fit = min(errors, key=lambda entry: entry[0])
     return strength, fit
@@ -127,9 +127,10 @@ SMALLEST = 1e-12  # of the largest variance: below it a component is rounding
 
 @dataclass(frozen=True)
 class OffsetBasis:
-    """Orthonormal shapes (c, 3n) float32 by falling variance, around a mean (3n,) float32, mm.
+    """Principal components of offsets.
 
-    variances: (c,) float64, mm², of the offsets along each shape; total: that of all offsets, mm².
+    shapes: (c, 3n) float32, orthonormal, the one of the largest variance first. mean: (3n,) float32, mm. variances:
+    (c,) float64, of the offsets along each shape, mm². total: the variance of all offsets, mm².
     """
 
     shapes: np.ndarray
@@ -138,17 +139,17 @@ class OffsetBasis:
     total: float
 
     def project(self, offsets: Float[np.ndarray, "b n 3"]) -> Float32[np.ndarray, "b c"]:
-        """Return the coefficients of the closest offsets that the basis has, mm."""
+        """Return the coefficients, mm, of those offsets in the span of the shapes that are closest."""
         return (np.asarray(offsets, np.float32).reshape(len(offsets), -1) - self.mean) @ self.shapes.T
 
     def restore(self, coefficients: Float[np.ndarray, "b k"]) -> Float32[np.ndarray, "b n 3"]:
-        """Return the offsets of some coefficients, mm; of fewer than there are shapes, those of the first ones."""
+        """Return the offsets of some coefficients, mm, which may be those of the first shapes only."""
         flat = np.asarray(coefficients, np.float32) @ self.shapes[: coefficients.shape[1]] + self.mean
         return flat.reshape(len(flat), -1, 3)
 
 
 def principal_components(offsets: Float32[np.ndarray, "b n 3"], most: int) -> OffsetBasis:
-    """Return up to `most` principal components of some offsets; poses all alike have one, of no variance."""
+    """Return up to `most` principal components of some offsets; one, of no variance, where all poses are alike."""
     flat = offsets.reshape(len(offsets), -1)
     with threadpool_limits(1):
         pca = PCA(min(most, *flat.shape), svd_solver="full").fit(flat)
@@ -160,15 +161,15 @@ def principal_components(offsets: Float32[np.ndarray, "b n 3"], most: int) -> Of
 
 
 def components_of_variance(variances: Float64[np.ndarray, " c"], total: float, share: float) -> int | None:
-    """Return how many components hold a share of the variance; None where all that there are hold less."""
+    """Return how many components hold a share of the variance; None where all of them hold less."""
     enough = np.flatnonzero(np.cumsum(variances) >= share * total)
     return int(enough[0]) + 1 if len(enough) else None
 
 
 def components_within(error: Callable[[int], float], most: int, limit: float) -> int | None:
-    """Return the least number of components whose error is at most a limit, by bisection; None where `most` exceed it.
+    """Return the smallest count of components whose error is within a limit, by bisection; None where there is none.
 
-    error: a number of components → their error, which falls with the number.
+    error: count → error, which falls as the count grows. most: the largest count to try.
     """
     if error(most) > limit:
         return None
@@ -179,16 +180,13 @@ def components_within(error: Callable[[int], float], most: int, limit: float) ->
     return high
 
 
-# A line in more than the parameters: offsets that are linear in p, |p| and p², the features of ridge regression.
+# Offsets that are linear in p, |p| and p², the features of ridge regression.
 
 FEATURES = 3  # of each parameter
 
 
 class SquaresLine(nn.Module):
-    """(b, j) scaled parameters → (b, k, 3) offsets: a line in (p, |p|, p²), 3j features.
-
-    `polynomial_fits.explicit_features` has the same features for the fit.
-    """
+    """(b, j) scaled parameters → (b, k, 3) offsets, a line in the 3j features (p, |p|, p²) of `explicit_features`."""
 
     def __init__(self, inputs: int, vertices: int):
         super().__init__()
@@ -201,14 +199,12 @@ class SquaresLine(nn.Module):
 def squares_model(
     segments: Sequence[Segment], weights: Sequence[Float[np.ndarray, "_ _"]], scale: np.ndarray, vertex_count: int
 ) -> SegmentedModel:
-    """Return the model of fits on p, |p| and p²: one matrix a segment.
+    """Return the model of fits on p, |p| and p².
 
-    weights: a segment's are (3j + 1, 3k), the constant's row last. scale: (m,), what parameters are divided by.
+    weights: a segment's are (3j + 1, 3k), the constant in the last row. scale: (m,), what parameters are divided by.
     """
     networks = []
     for segment, weight in zip(segments, weights, strict=True):
-        network = SquaresLine(len(segment.parameters), len(segment.vertices))
-        network.line.weight.copy_(torch.from_numpy(np.ascontiguousarray(weight[:-1])))
-        network.line.bias.copy_(torch.from_numpy(np.ascontiguousarray(weight[-1])))
-        networks.append(network)
+        networks.append(SquaresLine(len(segment.parameters), len(segment.vertices)))
+        networks[-1].line.set_weights(weight)
     return SegmentedModel(networks, segments, scale, [1.0] * len(networks), vertex_count)

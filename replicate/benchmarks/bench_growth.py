@@ -1,14 +1,13 @@
 """How the cost of a pose grows with vertices, segments, map size and components: each varied alone, on one core.
 
-`make bench-growth` needs no character and no training. Weights are random and have the right shapes; times do not
-depend on what they are, but for rows of zero parameters, which the fast evaluation leaves out. A pose here moves a
-quarter of its controls. All else is about as large as it is for `teen`. Networks alone are timed, without the rigid
-step.
+`make bench-growth` needs no character and no training: weights are random, since times depend only on their shapes, and
+on how many parameters are zero, whose rows the fast evaluation leaves out. A pose here moves a quarter of the controls.
+All other sizes are about those of `teen`. Networks are timed without the rigid step.
 """
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -22,19 +21,18 @@ from replicate.approximation.segments import Segment
 from replicate.base.progress import progress
 from replicate.baselines import dense
 from replicate.baselines.line import Line
-from replicate.benchmarks.common import PROFILE, add_count, answer, bench_folder, publish
+from replicate.benchmarks.common import add_count, answer, bench_row, cell, publish, save_picture, without_rigid_step
 from replicate.config import CoarseConfig, DenseConfig
 from replicate.drawing.panels import DPI, WIDTH, Words, enlarge, error_scale, tidy
 from replicate.geometry.mesh import Mesh
 from replicate.inference.fast_evaluation import placing_of
-from replicate.methods.method import Model
 from replicate.methods.method_registry import method_named
 from replicate.methods.regional import RegionalConfig
 from replicate.regional.model import RegionalModel, StoredBasis
 from replicate.regional.networks import fresh_networks
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
-from replicate.timing.machine import can_confine, one_core, threads
+from replicate.timing.machine import confined
 from replicate.timing.plain_evaluation import plain_offsets
 from replicate.timing.single_poses import (
     BACKENDS,
@@ -52,17 +50,17 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
 
-# Models of any size with weights drawn at random, for times alone: what a network multiplies does not change them.
+# Models of any size with random weights.
 
 COARSE, DENSE, LINEAR, OURS = "coarse", "dense", "linear", "regional"
 PARAMETERS, SEEN = 256, 100  # of the rig, and by the network of each segment, and of each region
-OWN = RegionalConfig()  # of ours
+REGIONAL = RegionalConfig()  # the settings of our method
 RING = 5.3  # a region of k vertices has about this times √k in the ring about it, as on the teen
 
 
 @dataclass(frozen=True)
 class Face:
-    """What is varied; by default about what `teen` has."""
+    """The sizes that are varied; by default about those of `teen`."""
 
     vertices: int = 11_200
     segments: int = 8
@@ -71,9 +69,9 @@ class Face:
 
 
 def models_of(face: Face, names: tuple[str, ...]) -> dict[str, SegmentedModel | RegionalModel]:
-    """Return the models of a face by method: networks of the usual widths, vertices dealt evenly to all segments.
+    """Return the models of a face by method: networks of the usual widths, segments of equal sizes.
 
-    The charts' vertices lie anywhere in them, so that a map's pixels are read evenly.
+    Vertices lie anywhere in their charts, so that all parts of a map are read alike.
     """
     torch.manual_seed(0)
     rng = np.random.default_rng(0)
@@ -81,11 +79,11 @@ def models_of(face: Face, names: tuple[str, ...]) -> dict[str, SegmentedModel | 
     segments = [
         Segment(
             f"segment {k}",
-            own,
-            rng.uniform(size=(len(own), 2)).astype(np.float32),
+            vertices,
+            rng.uniform(size=(len(vertices), 2)).astype(np.float32),
             _some_parameters(rng),
         )
-        for k, own in enumerate(parts)
+        for k, vertices in enumerate(parts)
     ]
     maps = cnn.shape_facts(CoarseConfig(map_size=face.map_size))
     make = {
@@ -100,7 +98,7 @@ def models_of(face: Face, names: tuple[str, ...]) -> dict[str, SegmentedModel | 
 
 
 def flat_mesh(vertices: int) -> Mesh:
-    """Return a mesh of so many vertices anywhere; nothing here needs its triangles."""
+    """Return a mesh of vertices at random places; nothing here needs its triangles."""
     places = np.random.default_rng(1).normal(size=(vertices, 3)).astype(np.float32)
     faces, uv = np.array([[0, 1, 2]], np.int32), np.zeros((vertices, 2), np.float32)
     return Mesh(places, faces, uv, np.zeros(vertices, np.int32), ("face",))
@@ -119,8 +117,8 @@ def _line(segment: Segment) -> Line:
 
 def _regional(face: Face, rng: np.random.Generator) -> RegionalModel:
     bases = list(_bases(face, rng))
-    seen = [_some_parameters(rng) for _ in bases] if OWN.by_region else [np.arange(PARAMETERS)]
-    network = fresh_networks(seen, OWN.hidden, [face.components] * len(bases), OWN.gated, OWN.line)
+    seen = [_some_parameters(rng) for _ in bases] if REGIONAL.by_region else [np.arange(PARAMETERS)]
+    network = fresh_networks(seen, REGIONAL.hidden, [face.components] * len(bases), REGIONAL.gated, REGIONAL.line)
     with torch.no_grad():
         for weight in network.parameters():  # in 16 bits, as trainings leave them
             weight.copy_(weight.half().float())
@@ -132,16 +130,16 @@ def _some_parameters(rng: np.random.Generator) -> np.ndarray:
 
 
 def _bases(face: Face, rng: np.random.Generator) -> Iterator[StoredBasis]:
-    fine = min(OWN.fine, face.components)
-    for region in np.array_split(np.arange(face.vertices, dtype=np.int32), OWN.regions):
-        beyond = min(round(RING * len(region) ** 0.5), face.vertices - len(region)) if OWN.blend_rings else 0
-        own = (region[0] + np.arange(len(region) + beyond, dtype=np.int32)) % face.vertices
+    fine = min(REGIONAL.fine, face.components)
+    for region in np.array_split(np.arange(face.vertices, dtype=np.int32), REGIONAL.regions):
+        beyond = min(round(RING * len(region) ** 0.5), face.vertices - len(region)) if REGIONAL.blend_rings else 0
+        count = len(region) + beyond
         yield StoredBasis(
-            torch.from_numpy(own),
-            torch.ones(len(own)),
-            torch.zeros(len(own), 3, dtype=torch.float16),
-            torch.from_numpy(rng.integers(-9999, 9999, (fine, len(own), 3)).astype(np.int16)),
-            torch.from_numpy(rng.integers(-99, 99, (face.components - fine, len(own), 3)).astype(np.int8)),
+            torch.from_numpy((region[0] + np.arange(count, dtype=np.int32)) % face.vertices),
+            torch.ones(count),
+            torch.zeros(count, 3, dtype=torch.float16),
+            torch.from_numpy(rng.integers(-9999, 9999, (fine, count, 3)).astype(np.int16)),
+            torch.from_numpy(rng.integers(-99, 99, (face.components - fine, count, 3)).astype(np.int8)),
             torch.full((face.components,), 1e-4),
         )
 
@@ -149,14 +147,14 @@ def _bases(face: Face, rng: np.random.Generator) -> Iterator[StoredBasis]:
 ABOUT = "how the cost of a pose grows with vertices, segments, map size and components, each varied alone"
 WRITES = "results/runs/bench/bench_growth.csv, bench_growth.png"
 TABLE = "bench_growth"
-RANDOM = "random"  # what rows have for a character
+RANDOM = "random"  # the character in rows
 SIZES = {
     "vertices": (2_800, 5_600, 11_200, 22_400, 44_800),
     "segments": (1, 2, 4, 8, 16, 32),
     "map_size": (16, 32, 64, 128),
     "components": (24, 48, 96, 192, 384),
 }
-CONCERNED = {  # the methods that a size is a matter for
+CONCERNED = {  # the methods whose cost depends on a size
     "vertices": (COARSE, DENSE, LINEAR, OURS),
     "segments": (COARSE, DENSE, LINEAR),
     "map_size": (COARSE,),
@@ -168,25 +166,24 @@ POSES = 20
 
 
 def measure(evaluations: int, sizes: dict[str, Sequence[int]] = SIZES) -> list[Row]:
-    """Time all models of all sizes, and return the rows. sizes: by what is varied."""
+    """Time all models of all sizes, and return the rows. sizes: the values of what is varied, by its name."""
     poses = random_poses()
     rows = []
-    with one_core() if can_confine() else threads(1), progress(evaluations * len(sizes), "timing") as bar:
+    with confined(), progress(evaluations * len(sizes), "timing") as bar:
         for varied, values in sizes.items():
-            found = {metric_of(varied, value): ways_of(varied, value) for value in values}
-            ways = {f"{name} {metric}": Way(way) for metric, own in found.items() for name, way in own.items()}
-            times = time_single_poses(ways, poses, evaluations, bar.update)
-            rows += [
-                Row(TABLE, RANDOM, name, metric, "ms", time.p05, None, 1, time.evaluations, PROFILE, RANDOM)
-                for metric, own in found.items()
-                for name in own
-                for time in (times[f"{name} {metric}"],)
-            ]
+            ways = {
+                f"{name} {metric_of(varied, value)}": Way(way)
+                for value in values
+                for name, way in ways_of(varied, value).items()
+            }
+            for name_and_metric, time in time_single_poses(ways, poses, evaluations, bar.update).items():
+                name, metric = name_and_metric.split(" ")
+                rows.append(bench_row(TABLE, RANDOM, name, metric, "ms", time.p05, time.evaluations))
     return rows
 
 
 def metric_of(varied: str, value: int) -> str:
-    """Return the metric of a time where one size has a value and all others are usual."""
+    """Return what the time is called where one size has a value and all others are usual."""
     return f"network[{varied}={value}]"
 
 
@@ -198,24 +195,14 @@ def random_poses() -> Float32[np.ndarray, "t m"]:
 
 
 def ways_of(varied: str, value: int) -> dict[str, Evaluate]:
-    """Return by name, method and ending, the ways to evaluate what a size is a matter for."""
+    """Return the ways to evaluate the methods whose cost depends on a size, by method's name and ending."""
     face = replace(Face(), **{varied: value})
     mesh, ways = flat_mesh(face.vertices), {}
     for name, model in models_of(face, CONCERNED[varied]).items():
-        found = {PLAIN: plain_offsets(model), "": model.offsets if name == OURS else None, FAST: _fast(model, mesh)}
-        ways |= {name + ending: way for ending, way in found.items() if way}
+        by_ending = {PLAIN: plain_offsets(model), "": model.offsets if name == OURS else None}
+        by_ending[FAST] = without_rigid_step(placing_of(model, mesh), mesh)
+        ways |= {name + ending: way for ending, way in by_ending.items() if way}
     return ways
-
-
-def _fast(model: Model, mesh: Mesh) -> Callable[[np.ndarray], np.ndarray]:
-    placing, out = placing_of(model, mesh), np.array(mesh.neutral)
-
-    def evaluate(pose: np.ndarray) -> np.ndarray:
-        np.copyto(out, mesh.neutral)
-        placing.place(pose[0], out)
-        return out
-
-    return evaluate
 
 
 def growth_tables(rows: Sequence[Row]) -> list[Table]:
@@ -227,7 +214,7 @@ def growth_tables(rows: Sequence[Row]) -> list[Table]:
         body = []
         for name in names:
             found = [find(rows, TABLE, RANDOM, name, metric_of(varied, value)) for value in present]
-            body.append((label_of(name), *(round_off(row.value, "ms") if row else "–" for row in found)))
+            body.append((label_of(name), *map(cell, found)))
         title = f"Milliseconds a pose by {varied.replace('_', ' ')}"
         notes = ("Networks of random weights on one core, without the rigid step; 5th percentiles of the times.",)
         tables.append(Table(title, (("", *(f"{value:,}" for value in present)),), tuple(body), notes))
@@ -242,19 +229,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    from replicate.drawing.panels import save_figure
-
     rows = measure(options.rounds)
     publish(TABLE, rows, growth_tables(rows), command_line)
-    figure, words = growth_figure(rows)
-    save_figure(figure, bench_folder() / f"{TABLE}.png", words)
+    save_picture(TABLE, growth_figure(rows))
 
 
-if __name__ == "__main__":
-    sys.exit(main())
-
-
-# How the cost of a pose grows, as a figure of four panels: milliseconds against what is varied, a method a colour.
+# The times as a figure of four panels, one for each size that is varied; a method has one colour.
 
 HEIGHT = 8.4  # inches
 LABELS = {
@@ -263,7 +243,7 @@ LABELS = {
     "map_size": "pixels a side of a map",
     "components": "components a region",
 }
-USUAL = {"vertices": 11_200, "segments": 8, "map_size": 32, "components": 96}
+USUAL = vars(Face())
 STYLES = {PLAIN: (":", "v"), "": ("--", "^"), FAST: ("-", "o")}
 KEYS = {PLAIN: "plain torch", "": "the suite's torch", FAST: "fast"}
 
@@ -276,6 +256,7 @@ def growth_figure(rows: Sequence[Row]) -> "tuple[matplotlib.figure.Figure, Words
     figure = Figure((WIDTH, HEIGHT), dpi=DPI, layout="constrained")
     panels = figure.subplots(2, 2, sharey=True)
     phrases = []
+    # a panel for each size: milliseconds against its values
     for axes, (varied, label) in zip(panels.flat, LABELS.items(), strict=True):
         lines = _lines(rows, varied)
         for name, points in lines.items():
@@ -294,6 +275,7 @@ def growth_figure(rows: Sequence[Row]) -> "tuple[matplotlib.figure.Figure, Words
         unit = 1_000 if values[0] >= 1_000 else 1
         axes.set_xticks(values, [f"{value / unit:g}" for value in values])
         axes.set_xlabel(f"thousand {label}" if unit > 1 else label)
+    # one scale and one style for all panels
     error_scale(panels[0, 0], "y")
     for axes in panels.flat:
         tidy(axes)
@@ -301,6 +283,7 @@ def growth_figure(rows: Sequence[Row]) -> "tuple[matplotlib.figure.Figure, Words
     for axes in panels[:, 0]:
         axes.set_ylabel("milliseconds a pose")
         enlarge(axes)
+    # a legend of methods by colour and of ways by line
     names = in_table_order({row.method for row in rows})
     methods = list(dict.fromkeys(parted(name)[0] for name in names))
     endings = [ending for ending in STYLES if any(parted(name)[1] == ending for name in names)]
@@ -316,10 +299,14 @@ def growth_figure(rows: Sequence[Row]) -> "tuple[matplotlib.figure.Figure, Words
 
 
 def _lines(rows: Sequence[Row], varied: str) -> dict[str, list[tuple[int, float]]]:
-    """Return by name the points (size, milliseconds) of one panel, from the least size on."""
+    """Return the points (size, milliseconds) of one panel by name, from the least size on."""
     start = f"network[{varied}="
-    own = [row for row in rows if row.metric.startswith(start)]
-    return {
-        name: sorted((int(row.metric.removeprefix(start).rstrip("]")), row.value) for row in own if row.method == name)
-        for name in in_table_order({row.method for row in own})
-    }
+    lines: dict[str, list[tuple[int, float]]] = {}
+    for row in rows:
+        if row.metric.startswith(start):
+            lines.setdefault(row.method, []).append((int(row.metric.removeprefix(start).rstrip("]")), row.value))
+    return {name: sorted(lines[name]) for name in in_table_order(lines)}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,9 +1,9 @@
 """How long inverse kinematics takes: one evaluation of the IK networks, a whole update while a point is dragged, and a
 solver that does without networks.
 
-`make bench-ik` makes what is missing of the methods and of the IK networks that are trained through each. An update is
-what a dragged point costs: IK networks, mesh with rigid segments, normals of all vertices. Rig and methods take turns
-on the same configurations of control points, one a call, on one thread.
+`make bench-ik` trains methods, and the IK networks through each of them, where that is missing. An update is all that a
+dragged point takes: IK networks, mesh with rigid segments, normals of all vertices. Rig and methods take turns on the
+same configurations of control points, one a call, on one thread.
 """
 
 import argparse
@@ -18,13 +18,14 @@ from threadpoolctl import threadpool_limits
 
 from data_recipes.rig import Rig
 from replicate.base.progress import progress
-from replicate.benchmarks.common import (  # fmt: skip
-    PROFILE,
+from replicate.benchmarks.common import (
     add_count,
     add_methods,
     answer,
     artefacts_of,
     bench_methods,
+    bench_row,
+    cell,
     make_parser,
     placing_attachments,
 )
@@ -41,7 +42,7 @@ from replicate.methods.method import Method
 from replicate.methods.method_registry import choose, in_order, method_named
 from replicate.methods.plan import Plan, reference
 from replicate.report.results import Row, find
-from replicate.report.tables import Table, round_off
+from replicate.report.tables import Table
 from replicate.timing.single_poses import Times, Way, time_single_poses
 
 ABOUT = "milliseconds of inverse kinematics: the networks, a whole update while dragging, and a solver"
@@ -60,7 +61,7 @@ COLUMNS = (
 
 
 def measure(config: Config, words: Sequence[str], rounds: int) -> list[Row]:
-    """Make what is missing of one character's IK networks, time them, and return the rows."""
+    """Time the IK networks of one character, and return the rows."""
     confine_jax()
     plan = Plan(config)
     methods = [method for method in choose(words, config) if method.model and not method.oracle]
@@ -77,14 +78,12 @@ def measure(config: Config, words: Sequence[str], rounds: int) -> list[Row]:
         times["solver_ms"] = timed(solvers, targets[:SOLVED], min(SOLVED, rounds))
     rows = []
     for method in updates:
-        medians = {metric: each[method].median for metric, each in times.items() if method in each}
-        numbers = [(metric, "ms", value) for metric, value in medians.items()]
-        if "ik_ms" in medians and "solver_ms" in medians:
-            numbers.append(("solver_over_networks", "ratio", medians["solver_ms"] / medians["ik_ms"]))
-        for metric, unit, value in numbers:
-            count = times[metric][method].evaluations if metric in times else SOLVED
-            facts = (value, None, 1, count, PROFILE, plan.character)
-            rows.append(Row(TABLE, plan.character, method, metric, unit, *facts))
+        of_method = {metric: by_method[method] for metric, by_method in times.items() if method in by_method}
+        for metric, time in of_method.items():
+            rows.append(bench_row(TABLE, plan.character, method, metric, "ms", time.median, time.evaluations))
+        if "ik_ms" in of_method and "solver_ms" in of_method:
+            ratio = of_method["solver_ms"].median / of_method["ik_ms"].median
+            rows.append(bench_row(TABLE, plan.character, method, "solver_over_networks", "ratio", ratio, SOLVED))
     return rows
 
 
@@ -96,7 +95,7 @@ def confine_jax() -> None:
 
 
 def timed(ways: Mapping[str, Callable], targets: np.ndarray, rounds: int) -> dict[str, Times]:
-    """Return the times of some ways, by name, one configuration of control points a call."""
+    """Return the times of some ways by name, each call of which gets one configuration of control points."""
     with progress(rounds, "timing") as bar:
         return time_single_poses({name: Way(way) for name, way in ways.items()}, targets, rounds, bar.update)
 
@@ -104,11 +103,11 @@ def timed(ways: Mapping[str, Callable], targets: np.ndarray, rounds: int) -> dic
 def ways_of(
     methods: Sequence[Method], plan: Plan, inputs: Mapping[str, Path], rig: Rig
 ) -> tuple[dict[str, Callable], dict[str, Callable]]:
-    """Return by method (control points (1, c, 3) → parameters) and (the same → mesh and normals), the rig's last too.
+    """Return by method the IK networks, control points (1, c, 3) → parameters, and updates, → normals of a posed mesh.
 
-    The rig's update takes the networks of the first method.
+    Updates have the rig too, posed by the networks of the first method.
     """
-    faces, nothing = rig.mesh.faces, np.zeros((1, 0, 3), np.float32)
+    faces, no_truth = rig.mesh.faces, np.zeros((1, 0, 3), np.float32)
     attachments = artefacts.load_attachments(inputs)
     networks: dict[str, Callable] = {m.name: ik_stage.load(inputs, m.name).solve for m in methods}
 
@@ -120,32 +119,40 @@ def ways_of(
         predict = fast_evaluation(method.model(inputs), rig.mesh, placing_attachments(method, attachments))
         if predict is None:
             slow = measurement.predictor(measurement.numbers_of(method, plan.config), inputs)
-            predict = lambda params, own=slow: own(params, nothing)  # noqa: E731
+            predict = partial(_without_truth, slow, no_truth)
         updates[method.name] = update(networks[method.name], predict)
     return networks, updates
+
+
+def _without_truth(predict: Callable, no_truth: np.ndarray, params: np.ndarray) -> np.ndarray:
+    return predict(params, no_truth)
 
 
 def solvers_of(
     methods: Sequence[Method], inputs: Mapping[str, Path], rig: Rig, points: ControlPoints, section: InverseConfig
 ) -> dict[str, Callable]:
-    """Return by method, and for the rig itself, (control points (1, c, 3) → parameters) by iteration."""
+    """Return iterative solvers by method and for the rig itself: control points (1, c, 3) → parameters.
+
+    methods, inputs: trained methods, and the folders of their artefacts.
+    rig: the character's.
+    points: the control points.
+    section: the settings of inverse kinematics.
+    """
     models = {RIG: ""} | {method.name: reference(method.model) for method in methods}
     facts = rig.default, rig.lower, rig.upper, parameter_ranges(rig), points.driven(), section.coordinates
     ways = {}
     for name, model in models.items():
         positions = ik_stage.positions(inputs, model, points.vertices)
-        ways[name] = lambda target, own=positions: solve(own, target, *facts, section.regularisation)
+        ways[name] = lambda target, positions=positions: solve(positions, target, *facts, section.regularisation)
     return ways
 
 
 def ik_table(rows: Sequence[Row], character: str) -> Table:
     """Return one character's times, the rig first."""
-    own = [row for row in rows if row.character == character]
     body = []
-    for name in [RIG, *in_order({row.method for row in own} - {RIG})]:
-        cells = [find(own, TABLE, character, name, metric) for metric, _ in COLUMNS]
+    for name in [RIG, *in_order({row.method for row in rows if row.character == character} - {RIG})]:
         label = "The rig, compiled" if name == RIG else method_named(name).label
-        body.append((label, *(round_off(cell.value, cell.unit) if cell else "–" for cell in cells)))
+        body.append((label, *(cell(find(rows, TABLE, character, name, metric)) for metric, _ in COLUMNS)))
     notes = (
         "One configuration of control points a call, on one thread; medians over turns.",
         "An update is what a dragged point costs: IK networks, mesh with rigid segments, by the fast evaluation "
@@ -164,8 +171,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    own = partial(measure, rounds=options.rounds)
-    bench_methods(TABLE, own, ik_table, options, command_line, "for vertices and derivatives")
+    timed_rows = partial(measure, rounds=options.rounds)
+    bench_methods(TABLE, timed_rows, ik_table, options, command_line, rig_use="for vertices and derivatives")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
 """On which rigs would the claims hold? Table 2's errors on rigs of one head, from an easy one to a hard one.
 
 `make bench-ladder` goes up a character's ladder (`data_recipes/README.md`): the same head and controls, with more
-deformers at each step. Then come uniform poses in the place of its animation, and the whole rig once more: with the
-face in one chart, as in the paper; with whole clips of the animation held out for the test, not frames; and with these
-clips, trained on the animation as it is, without the factors of Eq. 5. On each it trains the paper's networks, the
-straight line and our method for a part of the profile's steps, and measures them on the test poses as Table 2 does.
-Nothing is chosen by these numbers. Trainings go through the cache like any stage, so that a stopped run goes on.
+deformers at each step. Then it takes uniform poses instead of the animation, and the whole rig three times more: with
+the face in one chart, as in the paper; tested on whole clips that training hasn't seen, instead of frames; and tested
+on these clips, but trained on the animation as it is, without the factors of Eq. 5. On each it trains the paper's
+networks, the straight line and our method for a part of the profile's steps, and measures them on the test poses as
+Table 2 does.
+No setting is chosen by the results. Trainings are stages in the cache, so that a stopped run goes on where it was.
 """
 
 import argparse
@@ -15,7 +16,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from data_recipes.recipe_paths import split_character
-from replicate.base import paths
 from replicate.base.exceptions import InputError
 from replicate.benchmarks.common import (
     add_count,
@@ -23,8 +23,11 @@ from replicate.benchmarks.common import (
     answer,
     artefacts_of,
     bench_folder,
+    cell,
+    in_groups,
     make_parser,
     publish,
+    save_picture,
     selected,
     split_names,
 )
@@ -49,18 +52,22 @@ SHOWN = ("vertex_error_mean", "vertex_error_p95", "normal_error_mean", "normal_e
 
 
 def rung_config(head: str, rung: str, profile: str, part: int) -> Config:
-    """Return the configuration of one rig, whose networks train for one `part`-th of the profile's steps."""
+    """Return the configuration of one rig, whose networks train for 1 / `part` of the profile's steps."""
     character, samples = f"{head}@{rung}", {}
     if rung in (CLIPS, RAW):
         character, samples = head, {"split": "clips"} | ({"low": 1.0, "high": 1.0} if rung == RAW else {})
-    own = sections(profile)
-    usual = resolve(character, profile, sections=own)
+    more = sections(profile)
+    usual = resolve(character, profile, sections=more)
     short = {name: {"training": {"steps": max(1, getattr(usual, name).training.steps // part)}} for name in TRAINED}
-    return resolve(character, profile, short | {"samples": samples}, sections=own)
+    return resolve(character, profile, short | {"samples": samples}, sections=more)
 
 
 def measure(head: str, rung: str, profile: str, part: int, methods: Sequence[str]) -> list[Row]:
-    """Train and measure some methods on one rig, and return its rows of the table, whose character is <head>@<rung>."""
+    """Train and measure some methods on one rig; return their errors as rows of the character <head>@<rung>.
+
+    head, rung, profile, part: as for `rung_config`.
+    methods: their names.
+    """
     config = rung_config(head, rung, profile, part)
     plan = Plan(config)
     stages = [measurement.stage(plan, method) for method in choose(methods, config)]
@@ -73,7 +80,7 @@ def measure(head: str, rung: str, profile: str, part: int, methods: Sequence[str
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison from the command line; return the exit code."""
-    parser = make_parser(TABLE, __doc__, profile="whose samples and numbers")
+    parser = make_parser(TABLE, __doc__, profile="whose samples and settings")
     parser.add_argument("--rungs", default=",".join(RUNGS), help=f"which rigs of the head (default: {','.join(RUNGS)})")
     add_only(parser)
     add_count(parser, "part", PART, "a training takes so many times fewer steps than the profile's")
@@ -81,11 +88,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    from replicate.drawing.panels import save_figure
-
     rungs = options.rungs.replace(",", " ").split()
     if not rungs or set(rungs) - set(RUNGS):
-        raise InputError(f"rungs are {options.rungs!r}: allowed are {', '.join(RUNGS)}")
+        raise InputError(f"rungs: expected some of {', '.join(RUNGS)}, got {options.rungs!r}")
     methods = selected(METHODS, options.only)
     for head in split_names(options.characters):
         if split_character(head)[1]:
@@ -96,21 +101,14 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
         rows = read_results(bench_folder() / f"{TABLE}.csv")  # those of earlier calls too
         for table in ladder_tables(rows, head):
             print(as_text(table))
-        file = bench_folder() / f"{TABLE}_{head}.png"
-        figure, words = ladder_figure(rows, head)
-        save_figure(figure, file, words)
-        print(f"written to {paths.display_path(file.parent)}: {file.name}")
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        save_picture(f"{TABLE}_{head}", ladder_figure(rows, head))
 
 
 # The ladder's numbers as tables: the errors on each rig of a head, and the ratios that claims are about.
 
 TABLE = "bench_ladder"
 UNIFORM, ONE_FACE, CLIPS, RAW = "uniform", "one_face", "clips", "raw"
-APART = (UNIFORM, ONE_FACE, CLIPS, RAW)  # no steps of the ladder: a whole rig with other charts or poses
+APART = (UNIFORM, ONE_FACE, CLIPS, RAW)  # not steps of the ladder, but a whole rig with other charts or poses
 RUNGS = {  # of a ladder → what its rig adds to the one before, or what its poses are
     "1": "targets",
     "2": "+ pairs",
@@ -123,8 +121,8 @@ RUNGS = {  # of a ladder → what its rig adds to the one before, or what its po
     CLIPS: "@5, clips held out",
     RAW: "clips, raw animation",
 }
-ERRORS = {"vertex_error_mean": ("mm", "Distance error, mm"), "normal_error_mean": ("deg", "Normal error, degrees")}
-RATIOS = (  # (what, method, over which other)
+ERRORS = {"vertex_error_mean": "Distance error, mm", "normal_error_mean": "Normal error, degrees"}
+RATIOS = (  # (title, method, the one below the line)
     ("C1: refined over coarse", "refined", "coarse"),
     ("C2: refined over dense", "refined", "dense"),
     ("C3: refined over LBS with 32 bones", "refined", "lbs32"),
@@ -136,13 +134,13 @@ RATIOS = (  # (what, method, over which other)
 
 
 def rungs_of(rows: Sequence[Row], head: str) -> list[str]:
-    """Return the rungs of a head's ladder that some rows are of, in its order."""
+    """Return those rungs of a head's ladder that have rows, from the lowest up."""
     present = {row.character for row in rows if row.table == TABLE}
     return [rung for rung in RUNGS if f"{head}@{rung}" in present]
 
 
 def ladder_tables(rows: Sequence[Row], head: str) -> list[Table]:
-    """Return a head's errors on each rung of its ladder, and ratios of them that claims and bounds are about."""
+    """Return two tables: a head's errors on each rung of its ladder, and the ratios of errors that claims are about."""
     rungs = rungs_of(rows, head)
     values = {
         (method, metric, rung): row
@@ -153,26 +151,25 @@ def ladder_tables(rows: Sequence[Row], head: str) -> list[Table]:
     }
     methods = list(dict.fromkeys(method for method, _, _ in values))
     header = ("", *(RUNGS[rung] if rung in APART else f"@{rung} {RUNGS[rung]}" for rung in rungs))
-    errors: list[tuple[str, ...] | None] = []
-    ratios: list[tuple[str, ...] | None] = []
-    for metric, (unit, words) in ERRORS.items():
-        errors += [None] if errors else []
-        errors.append((words, *("" for _ in rungs)))
+    errors, ratios, empty = [], [], [""] * len(rungs)
+    for metric, title in ERRORS.items():
+        errors.append((metric, (title, *empty)))
         for method in methods:
-            cells = (values.get((method, metric, rung)) for rung in rungs)
-            errors.append((method_named(method).title, *(round_off(row.value if row else None, unit) for row in cells)))
-        ratios += [None] if ratios else []
-        ratios.append((words.partition(",")[0], *("" for _ in rungs)))
-        for question, method, other in RATIOS:
+            cells = (cell(values.get((method, metric, rung))) for rung in rungs)
+            errors.append((metric, (method_named(method).title, *cells)))
+        ratios.append((metric, (title.partition(",")[0], *empty)))
+        for comparison, method, other in RATIOS:
             pairs = [(values.get((method, metric, rung)), values.get((other, metric, rung))) for rung in rungs]
             if any(above and below for above, below in pairs):
-                ratios.append((question, *map(_ratio, pairs)))
+                ratios.append((metric, (comparison, *map(_ratio, pairs))))
     poses = sorted({row.poses for row in values.values() if row.poses})
     count = f"{poses[0]:,}" if len(poses) == 1 else f"{poses[0]:,} to {poses[-1]:,}" if poses else "no"
     notes = (f"{count} test poses; one seed; a part of the profile's steps.",)
     return [
-        Table(f"The ladder of {head}: mean errors", (header,), tuple(errors), notes),
-        Table(f"The ladder of {head}: ratios", (header,), tuple(ratios), ("Below 1 the first has the smaller error.",)),
+        Table(f"The ladder of {head}: mean errors", (header,), in_groups(errors), notes),
+        Table(
+            f"The ladder of {head}: ratios", (header,), in_groups(ratios), ("Below 1 the first has the smaller error.",)
+        ),
     ]
 
 
@@ -185,7 +182,7 @@ def _ratio(pair: tuple[Row | None, Row | None]) -> str:
 
 HEIGHT = 8.4  # inches, of both panels
 LEFT_OUT = "neutral"  # far above all others
-SIZES = {"coarse": 14}  # of marks: refined ones lie on the coarse ones
+SIZES = {"coarse": 14}  # of marks: the refined ones are drawn on the coarse ones
 MARKERS = {"dense": "s", "lbs32": "^", "regional": "D", "linear": "v"}  # others are round
 WORDS = {"mm": "mm", "deg": "degrees"}
 
@@ -213,10 +210,8 @@ def ladder_figure(rows: Sequence[Row], head: str) -> "tuple[matplotlib.figure.Fi
             title = method_named(name).title
             axes.plot([places[rung] for rung in climb], [values[rung] for rung in climb], label=title, **looks)
             axes.plot([places[rung] for rung in alone], [values[rung] for rung in alone], linestyle="", **looks)
-            numbers = ", ".join(
-                f"{_label(rung)} {round_off(value, unit)}".replace("\n", " ") for rung, value in values.items()
-            )
-            phrases.append(f"{title}, {WORDS[unit]}: {numbers}")
+            errors = ", ".join(f"{_label(rung)} {round_off(value, unit)}" for rung, value in values.items())
+            phrases.append(f"{title}, {WORDS[unit]}: {errors}")
         axes.set_xticks(list(places.values()), [_label(rung).replace(" ", "\n") for rung in rungs])
         axes.set_ylabel(label)
         error_scale(axes, "y")
@@ -234,3 +229,7 @@ def ladder_figure(rows: Sequence[Row], head: str) -> "tuple[matplotlib.figure.Fi
 
 def _label(rung: str) -> str:
     return rung.replace("_", " ") if rung in APART else f"@{rung}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

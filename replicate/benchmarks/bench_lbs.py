@@ -1,9 +1,9 @@
 """Our SSDR and Dem Bones on the same poses: errors on held-out poses, time, memory.
 
-`make bench-lbs` draws training poses of a character (Eq. 5; a seed each time) and test poses, fits both methods until
-they have converged by one rule, refits both on the same test poses in the same way (`ssdr.refit`), and measures. Each
-fit runs in a process of its own, one after the other, on one thread, and its time is that of the processor: other work
-on the machine changes it little. Finished fits stay: the same command goes on from there.
+`make bench-lbs` draws training poses (Eq. 5) and test poses of a character for each seed, fits both methods until they
+have converged by one rule, refits both to the test poses in the same way (`ssdr.refit`), and measures. Fits run one
+after the other, each in a new process on one thread, and are timed by the processor, which other work on the machine
+changes little. Finished fits are kept: the same command goes on from there.
 """
 
 import argparse
@@ -21,22 +21,24 @@ from pathlib import Path
 from replicate.base.exceptions import RunError
 from replicate.benchmarks import lbs_fits
 from replicate.benchmarks.common import (
-    PROFILE,
     add_count,
-    add_counts,
     answer,
     bench_folder,
+    bench_row,
+    in_groups,
     make_parser,
     merge,
     note,
     split_names,
 )
+from replicate.benchmarks.dem_bones import solver_class
 from replicate.engine.workers import thread_limits
+from replicate.methods.artefacts import rig_identifier, rig_of
 from replicate.report.publication import alone
 from replicate.report.results import Row, over_seeds, read_results
 from replicate.report.tables import Table, as_text, round_off
 
-# Our SSDR beside Dem Bones as a table: what `bench-lbs` measured, over seeds, and ours over theirs.
+# The fits as a table: means over seeds, and ours over theirs.
 
 METHODS = {
     "ssdr": "ours", "ssdr_sparse": "ours, sparse from the start",
@@ -54,35 +56,33 @@ RATIO = "ratio"  # in the place of a method: ours over Dem Bones'
 
 
 def metric_of(name: str, bones: int, seed: int, poses: tuple[int, int] = USUAL) -> str:
-    """Return what a fit's number is called: "rmse[16, seed 0]", with the numbers of poses where others than usual.
+    """Return what a fit's number is called: "rmse[16, seed 0]"; unusual counts of poses are named too.
 
     poses: how many training poses and test poses there are.
     """
     training, test = poses
-    own = "" if poses == USUAL else f", {training} training and {test} test poses"
-    return f"{name}[{bones}, seed {seed}{own}]"
+    counts = "" if poses == USUAL else f", {training} training and {test} test poses"
+    return f"{name}[{bones}, seed {seed}{counts}]"
 
 
 def lbs_table(rows: Sequence[Row], character: str, poses: tuple[int, int] = USUAL) -> Table:
     """Return one character's table: each method's means over seeds, and ours over Dem Bones' with its spread.
 
-    poses: the numbers of training and test poses whose rows count.
+    poses: the table shows fits with so many training and test poses.
     """
     rows = [row for row in rows if row.character == character and _poses(row.metric) == poses]
     by_seed = _by_seed(rows)
-    runs = [[*own, *_ratios(own)] for own in by_seed.values()]
+    runs = [[*of_seed, *_ratios(of_seed)] for of_seed in by_seed.values()]
     by_metric = {(row.method, row.metric): row for row in over_seeds(runs)}
-    body: list[tuple[str, ...] | None] = []
-    partly = False
+    lines, partly = [], False
     for bones in sorted({_place(metric)[1] for _, metric in by_metric}):
-        body += [None] if body else []
         seeds = sum(any(_place(row.metric)[1] == bones for row in run) for run in runs)
         for method, words in (METHODS | {RATIO: "ours / Dem Bones"}).items():
             cells = [by_metric.get((method, f"{name}[{bones}]")) for name in COLUMNS]
             if (first := cells[0]) is None:
                 continue
             fewer = f" ({first.seeds} of {seeds} seeds)" if first.seeds < seeds else ""
-            body.append((f"{words}, {bones} bones{fewer}", *(_cell(row, first.seeds) for row in cells)))
+            lines.append((bones, (f"{words}, {bones} bones{fewer}", *(_cell(row, first.seeds) for row in cells))))
             partly |= any(row.seeds < first.seeds for row in cells if row)
     several = f"means over {len(runs)} seeds of poses; ratios ± their standard deviation"
     notes = (
@@ -92,7 +92,7 @@ def lbs_table(rows: Sequence[Row], character: str, poses: tuple[int, int] = USUA
         + (" In brackets: over so many seeds only; in the others it wasn't reached, or not measured." if partly else "")
         + _note_on_starts(rows),
     )
-    return Table(f"LBS: {character}", (("", *COLUMNS.values()),), tuple(body), notes)
+    return Table(f"LBS: {character}", (("", *COLUMNS.values()),), in_groups(lines), notes)
 
 
 def _place(metric: str) -> tuple[str, int, int | None]:
@@ -107,7 +107,7 @@ def _poses(metric: str) -> tuple[int, int]:
 
 
 def _by_seed(rows: Sequence[Row]) -> dict[int, list[Row]]:
-    """Return the rows of each seed, which their metrics no longer name."""
+    """Return the rows by seed, with metrics that no longer name it."""
     by_seed: dict[int, list[Row]] = {}
     for row in rows:
         name, bones, seed = _place(row.metric)
@@ -123,18 +123,18 @@ def _ratios(rows: Sequence[Row]) -> list[Row]:
 
 
 def _note_on_starts(rows: Sequence[Row]) -> str:
-    """Return a sentence on where Dem Bones was not left to its own start, or nothing."""
+    """Return a sentence on fits for which Dem Bones found too few bones, or nothing."""
     theirs = [row for row in rows if row.method == "dem_bones"]
     starts = [(_place(row.metric)[1], int(row.value)) for row in theirs if row.metric.startswith("bones_of_own_start")]
-    few = sorted({(bones, own) for bones, own in starts if own < bones})
+    few = sorted({(bones, found) for bones, found in starts if found < bones})
     if not few:
         return ""
-    counts = ", ".join(f"{own} of {bones}" for bones, own in few)
+    counts = ", ".join(f"{found} of {bones}" for bones, found in few)
     return f" Dem Bones' own start found too few bones ({counts}): it got our clusters, which its memory includes."
 
 
 def _cell(row: Row | None, seeds: int) -> str:
-    """Return a number as it is shown, and of how many seeds, if those are fewer than the others of its line."""
+    """Return a value as it is shown, with the count of its seeds in brackets if other values of its line have more."""
     if row is None:
         return "–"
     value = row.value / 1e3 if row.unit == "ms" else row.value
@@ -157,9 +157,7 @@ METRICS = {
 
 
 def rows_of_character(character: str, options: argparse.Namespace, file: Path) -> list[Row]:
-    """Fit all methods at all numbers of bones and seeds that the file lacks, and return all rows of this character."""
-    from replicate.methods.artefacts import rig_identifier, rig_of
-
+    """Run the fits of a character that the file lacks, by method, bones and seed; return all rows of the character."""
     rig, run, poses = rig_of(character), rig_identifier(character), (options.training, options.test)
     for seed in options.seeds:
         with tempfile.TemporaryDirectory(prefix="bench-lbs-") as name:
@@ -172,14 +170,16 @@ def rows_of_character(character: str, options: argparse.Namespace, file: Path) -
                 if subprocess.run(command, check=False, env=os.environ | thread_limits(1)).returncode:
                     raise RunError(f"{METHODS[method]}, {bones} bones, seed {seed}: the fit failed; see above")
                 results = json.loads((folder / f"{method}.json").read_text())
-                own = method == "dem_bones"
-                reach = min(results["rmse_course"]) if own else _peer_error(file, rig.name, run, bones, seed, poses)
-                _keep(file, rows_of(rig.name, method, bones, seed, run, results, reach, poses))
+                if method == "dem_bones":
+                    peer_error = min(results["rmse_course"])
+                else:
+                    peer_error = _peer_error(file, rig.name, run, bones, seed, poses)
+                _keep(file, rows_of(rig.name, method, bones, seed, run, results, peer_error, poses))
     return [row for row in read_results(file) if row.character == rig.name]
 
 
 def _missing(file: Path, character: str, run: str, seed: int, options: argparse.Namespace) -> list[tuple[int, str]]:
-    """Return the numbers of bones and methods without numbers of this rig, seed and poses, the peers' first."""
+    """Return (bones, method) of the fits that the file lacks for this rig, seed and poses, the peers' first."""
     entries = {(row.method, row.metric) for row in _read_rows(file) if (row.character, row.run) == (character, run)}
     methods = sorted(options.methods, key=lambda method: method in lbs_fits.OURS)  # ours is timed against theirs
     poses = options.training, options.test
@@ -187,7 +187,7 @@ def _missing(file: Path, character: str, run: str, seed: int, options: argparse.
 
 
 def _peer_error(file: Path, character: str, run: str, bones: int, seed: int, poses: tuple[int, int] = USUAL) -> float:
-    """Return the training error that Dem Bones reached; zero, which nothing reaches, if that isn't done."""
+    """Return the training error that Dem Bones reached; zero, which nothing reaches, if it hasn't been fitted."""
     key = (character, run, "dem_bones", metric_of("training_rmse", bones, seed, poses))
     return next((r.value for r in _read_rows(file) if (r.character, r.run, r.method, r.metric) == key), 0.0)
 
@@ -197,7 +197,7 @@ def _read_rows(file: Path) -> list[Row]:
 
 
 def _keep(file: Path, rows: Sequence[Row]) -> None:
-    """Put rows into the file, in place of those about the same things; another rig's numbers go."""
+    """Write rows to the file in place of those about the same things; rows of another rig of that name go."""
     runs = {(row.character, row.run) for row in rows}
     names = {character for character, _ in runs}
     with alone(file.parent):
@@ -216,7 +216,11 @@ def rows_of(
 ) -> list[Row]:
     """Return one fit's numbers as rows; times in ms.
 
-    peer_error: Dem Bones' training RMSE, mm. poses: how many training poses and test poses there are.
+    character, method, bones, seed: the fit.
+    run: identifier of the rig, for the rows' column.
+    results: what `lbs_fits.one_fit` has written.
+    peer_error: Dem Bones' training RMSE, mm.
+    poses: how many training poses and test poses there are.
     """
     course = lbs_fits.Course(results["seconds"], results["rmse_course"])
     values = {
@@ -233,17 +237,16 @@ def rows_of(
     if math.isfinite(seconds):
         values["time_to_dem_bones_error"] = 1e3 * seconds
     return [
-        Row(TABLE, character, method, metric_of(name, bones, seed, poses), METRICS[name], float(value), None, 1,
-            poses[1], PROFILE, run)
+        bench_row(TABLE, character, method, metric_of(name, bones, seed, poses), METRICS[name], value, poses[1], run)
         for name, value in values.items()
-    ]  # fmt: skip
+    ]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
     parser = make_parser(TABLE, __doc__, "teen, dragon")
-    add_counts(parser, "bones", BONES, "numbers of bones")
-    add_counts(parser, "seeds", SEEDS, "seeds of the poses", least=0)
+    add_count(parser, "bones", BONES, "numbers of bones")
+    add_count(parser, "seeds", SEEDS, "seeds of the poses", least=0)
     parser.add_argument("--methods", nargs="+", default=tuple(METHODS), choices=METHODS, help="default: all")
     add_count(parser, "training", USUAL[0], "training poses")
     add_count(parser, "test", USUAL[1], "held-out poses")
@@ -251,11 +254,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    from replicate.benchmarks.dem_bones import solver_class
 
     if any(method not in lbs_fits.OURS for method in options.methods):
         solver_class()
-    for character in split_names(options.characters, "for vertices in poses of its own"):
+    for character in split_names(options.characters, "for vertices in new poses"):
         rows = rows_of_character(character, options, bench_folder() / f"{TABLE}.csv")
         print(as_text(lbs_table(rows, rows[0].character, (options.training, options.test))) + "\n")
         note(TABLE, [rows[0].character], command_line, options.seeds)

@@ -1,7 +1,7 @@
 """How long the posing page takes in a real browser: to open, to follow a dragged point, and frames a second meanwhile.
 
-`make bench-poser` makes what is missing of the page, opens it from disk in this machine's Chromium or Chrome and drags
-one control point to and fro, in each frame a little further.
+`make bench-poser` trains what the page needs where that is missing, opens it from disk in this machine's Chromium or
+Chrome and drags one control point to and fro, in each frame a little further.
 """
 
 import argparse
@@ -16,13 +16,13 @@ import numpy as np
 
 from replicate.base.exceptions import InputError
 from replicate.base.progress import progress
-from replicate.benchmarks.common import (  # fmt: skip
-    PROFILE,
+from replicate.benchmarks.common import (
     add_count,
     add_methods,
     answer,
     artefacts_of,
     bench_methods,
+    bench_row,
     make_parser,
 )
 from replicate.config import Config
@@ -31,6 +31,8 @@ from replicate.methods import artefacts, regional
 from replicate.methods.method_registry import choose, in_order, method_named
 from replicate.methods.plan import Plan
 from replicate.poser.browser_pictures import BROWSERS, browser
+from replicate.poser.contents import as_on_page
+from replicate.poser.face_page import face_page
 from replicate.poser.notebook import read_face
 from replicate.poser.pack import EVALUATED
 from replicate.report.results import Row, find
@@ -70,30 +72,25 @@ COLUMNS = (
 
 def measure(config: Config, words: Sequence[str], seconds: int) -> list[Row]:
     """Make one character's pages, drag a point of each in a browser, and return the rows."""
-    from replicate.poser.contents import as_on_page
-    from replicate.poser.face_page import face_page
-
     if not (program := browser()):
         raise InputError(f"this machine has no browser to open the page in: install one of {', '.join(BROWSERS)}")
     plan = Plan(config)
     methods = [method for method in choose(words, config) if method.name in EVALUATED]
     if not methods:
-        raise InputError(f"none of these methods has a page: allowed are {', '.join(EVALUATED)}")
+        raise InputError(f"methods: none of those named has a page; only {', '.join(EVALUATED)} have one")
     shared = [stage(plan) for stage in (artefacts.rig_stage, artefacts.rigid_stage, artefacts.influence_stage)]
-    own = [stage for method in methods for stage in (*method.stages(plan), ik_stage.stage(plan, method))]
-    inputs = artefacts_of(TABLE, config, [*shared, *own])
+    of_methods = [stage for method in methods for stage in (*method.stages(plan), ik_stage.stage(plan, method))]
+    inputs = artefacts_of(TABLE, config, [*shared, *of_methods])
     rows = []
     for method in methods:
         face = read_face(inputs, as_on_page(method.model(inputs)), method.name)
         page = face_page(face, np.random.default_rng(0), progress, TABLE)
-        for metric, unit, value, count in dragged(page, program, seconds):
-            facts = (value, None, 1, count, PROFILE, plan.character)
-            rows.append(Row(TABLE, plan.character, method.name, metric, unit, *facts))
+        rows += [bench_row(TABLE, plan.character, method.name, *facts) for facts in dragged(page, program, seconds)]
     return rows
 
 
 def dragged(page: str, program: str, seconds: int) -> list[tuple[str, str, float, int | None]]:
-    """Return (metric, unit, value, count) of a page, its HTML, while a browser drags a point of it."""
+    """Drag a point of a page, given as HTML, in a browser; return (metric, unit, value, count) tuples."""
     from replicate.benchmarks.browser_tab import BrowserTab
 
     with tempfile.TemporaryDirectory() as folder, BrowserTab(program, Path(folder)) as tab:
@@ -115,11 +112,11 @@ def dragged(page: str, program: str, seconds: int) -> list[tuple[str, str, float
 
 def poser_table(rows: Sequence[Row], character: str) -> Table:
     """Return what one character's pages take in a browser, a line a method."""
-    own = [row for row in rows if row.table == TABLE and row.character == character]
-    shown = [(metric, words) for metric, words in COLUMNS if any(row.metric == metric for row in own)]
+    rows = [row for row in rows if row.table == TABLE and row.character == character]
+    shown = [(metric, words) for metric, words in COLUMNS if any(row.metric == metric for row in rows)]
     body = []
-    for name in in_order({row.method for row in own}):
-        cells = [find(own, TABLE, character, name, metric) for metric, _ in shown]
+    for name in in_order({row.method for row in rows}):
+        cells = [find(rows, TABLE, character, name, metric) for metric, _ in shown]
         body.append((method_named(name).label, *(_cell(cell) for cell in cells)))
     notes = (
         "A point is dragged to and fro, in each frame a little further; medians over the frames, one thread.",
@@ -146,8 +143,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    own = partial(measure, seconds=options.seconds)
-    bench_methods(TABLE, own, poser_table, options, command_line, "for pictures in a browser")
+    timed = partial(measure, seconds=options.seconds)
+    bench_methods(TABLE, timed, poser_table, options, command_line, rig_use="for pictures in a browser")
 
 
 if __name__ == "__main__":

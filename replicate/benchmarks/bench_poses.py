@@ -3,7 +3,7 @@
 `make bench-poses` measures 10,000 samples of Eq. 5 as training draws them (uniform ones for a rig without clips), every
 frame of the clips once, and each control alone at its ends. The mouth and the lids are measured on the frames and on
 the single controls: what an animator shows, and what depends on one control. `rig_study/`
-says what counts. It prints the worst and the controls behind them, writes bench_poses.csv and draws the worst.
+defines what is broken. It prints the worst and the controls behind them, writes bench_poses.csv and draws the worst.
 """
 
 import argparse
@@ -15,8 +15,7 @@ import numpy as np
 
 from data_recipes.rig import Rig
 from replicate.approximation.samples import choose_poses
-from replicate.base import paths
-from replicate.benchmarks.common import PROFILE, add_count, answer, bench_folder, make_parser, publish, split_names
+from replicate.benchmarks.common import add_count, answer, bench_row, make_parser, publish, save_picture, split_names
 from replicate.config import SamplesConfig
 from replicate.engine.stage import stream_rng
 from replicate.methods.artefacts import rig_of
@@ -25,6 +24,7 @@ from replicate.report.tables import Table, as_text
 from replicate.rig_study.eyelids import find_eyes
 from replicate.rig_study.mouth_contents import find_mouth
 from replicate.rig_study.pose_health import Health, Skin, each_alone, measure, strongest, worst
+from replicate.rig_study.worst_poses import worst_poses
 
 ABOUT = "how many poses are broken: flipped triangles, teeth through skin, eyes through lids"
 WRITES = "results/runs/bench/bench_poses.csv, <character>_worst_poses.png"
@@ -45,7 +45,7 @@ class PoseSet:
 
 
 def sets_of_poses(rig: Rig, count: int, every: int = 1) -> dict[str, tuple[list[str], np.ndarray]]:
-    """Return each set's names and parameters (b, m); every: take each k-th of the clips' frames only."""
+    """Return the names and the parameters (b, m) of each set's poses. every: k takes each k-th frame of the clips."""
     samples = choose_poses(rig, SamplesConfig(count=count), lambda name: stream_rng(0, "samples", name))["training"]
     sets = {"uniform" if rig.clips is None else "augmented": ([f"sample {k}" for k in range(count)], samples)}
     if rig.clips is not None:
@@ -72,14 +72,11 @@ def bench(rig: Rig, count: int, every: int = 1) -> list[PoseSet]:
 
 
 def rows(character: str, pose_set: PoseSet) -> list[Row]:
-    """Return one set's numbers as rows; `poses` is how many they stand on."""
+    """Return the health of one set as rows."""
     health = pose_set.health
 
-    def row(metric: str, unit: str, value: float | int, poses: int | None = None) -> Row:
-        poses = len(health.params) if poses is None else poses
-        return Row(
-            "bench_poses", character, pose_set.kind, metric, unit, float(value), None, 1, poses, PROFILE, "bench-poses"
-        )
+    def row(metric: str, unit: str, value: float, poses: int = len(health.params)) -> Row:
+        return bench_row("bench_poses", character, pose_set.kind, metric, unit, value, poses, "bench-poses")
 
     rows = [
         row("bad_vertices", "count", int(health.bad.sum())),
@@ -102,17 +99,17 @@ def rows(character: str, pose_set: PoseSet) -> list[Row]:
 
 def summary(rows: Sequence[Row]) -> Table:
     """Return the printed table of all rows: a set of a character a line."""
-    value = {(row.character, row.method, row.metric): row.value for row in rows}
+    found = {(row.character, row.method, row.metric): row for row in rows}
     body = []
-    for who, kind in dict.fromkeys((row.character, row.method) for row in rows):
-        poses = next(row.poses for row in rows if (row.character, row.method) == (who, kind))
+    for character, kind in dict.fromkeys((row.character, row.method) for row in rows):
+        poses = next(row.poses for row in rows if (row.character, row.method) == (character, kind))
 
-        def cell(metric: str, scale: float, pattern: str, who=who, kind=kind) -> str:
-            number = value.get((who, kind, metric))
-            return "–" if number is None else pattern.format(scale * number)
+        def cell(metric: str, scale: float, pattern: str, character=character, kind=kind) -> str:
+            row = found.get((character, kind, metric))
+            return pattern.format(scale * row.value) if row else "–"
 
         body.append((
-            f"{who}, {kind}", f"{poses:,}", cell("bad_vertices", 1, "{:.0f}"),
+            f"{character}, {kind}", f"{poses:,}", cell("bad_vertices", 1, "{:.0f}"),
             cell("flipped_triangles_mean", 100, "{:.3f}"), cell("flipped_triangles_worst", 100, "{:.2f}"),
             cell("furthest_vertex", 1, "{:.2f}"), cell("teeth_through_worst", 1, "{:.2f}"),
             cell("teeth_through_over_1mm", 100, "{:.2f}"), cell("gums_through_worst", 1, "{:.2f}"),
@@ -130,26 +127,23 @@ def summary(rows: Sequence[Row]) -> Table:
 
 def health_card(rows: Sequence[Row]) -> Table:
     """Return the table of the data card: a character a line, in the order of the paper's."""
-    value = {(row.character, row.method, row.metric): row for row in rows}
     body = []
-    for who in sorted({row.character for row in rows}, key=order_of):
-        sample_kind, clip_kind = ("augmented", "clips") if (who, "clips", "bad_vertices") in value else UNIFORM_KINDS
-
-        def number(kind: str, metric: str, who=who) -> float:
-            return value[who, kind, metric].value
-
+    for character in sorted({row.character for row in rows}, key=order_of):
+        found = {(row.method, row.metric): row for row in rows if row.character == character}
+        value = {key: row.value for key, row in found.items()}
+        samples, clips = ("augmented", "clips") if ("clips", "bad_vertices") in found else UNIFORM_KINDS
         eyes = {
-            metric: max(number(kind, metric) for kind in (clip_kind, "controls") if (who, kind, metric) in value)
+            metric: max(value[kind, metric] for kind in (clips, "controls") if (kind, metric) in value)
             for metric in ("eye_shows_worst", "eye_sticks_out_worst")
-            if (who, "controls", metric) in value
+            if ("controls", metric) in value
         }
         body.append((
-            who, f"{value[who, sample_kind, 'bad_vertices'].poses:,}", f"{number(sample_kind, 'bad_vertices'):.0f}",
-            f"{100 * number(sample_kind, 'flipped_triangles_mean'):.3f} %",
-            f"{100 * number(sample_kind, 'flipped_triangles_worst'):.2f} %",
-            f"{number(sample_kind, 'furthest_vertex'):.2f}", f"{value[who, clip_kind, 'bad_vertices'].poses:,}",
-            f"{100 * number(clip_kind, 'teeth_through_over_1mm'):.2f} %",
-            f"{number(clip_kind, 'teeth_through_worst'):.2f} mm",
+            character, f"{found[samples, 'bad_vertices'].poses:,}", f"{value[samples, 'bad_vertices']:.0f}",
+            f"{100 * value[samples, 'flipped_triangles_mean']:.3f} %",
+            f"{100 * value[samples, 'flipped_triangles_worst']:.2f} %",
+            f"{value[samples, 'furthest_vertex']:.2f}", f"{found[clips, 'bad_vertices'].poses:,}",
+            f"{100 * value[clips, 'teeth_through_over_1mm']:.2f} %",
+            f"{value[clips, 'teeth_through_worst']:.2f} mm",
             f"{100 * eyes['eye_shows_worst']:.1f} %" if eyes else "–",
             f"{eyes['eye_sticks_out_worst']:.2f} mm" if eyes else "–",
         ))  # fmt: skip
@@ -163,10 +157,10 @@ def worst_in_words(rig: Rig, pose_set: PoseSet) -> list[str]:
     health, lines = pose_set.health, []
     measures = {"flips, %": 100 * health.flipped}
     measures |= {f"{kind} through the skin, mm": values for kind, values in health.through.items()}
-    for what, values in measures.items():
+    for measured, values in measures.items():
         indices = worst(values, LIST_LENGTH)
         if len(indices):
-            lines.append(f"{rig.name}, {pose_set.kind}: worst {what}")
+            lines.append(f"{rig.name}, {pose_set.kind}: worst {measured}")
         for k in indices:
             lines.append(f"  {values[k]:7.2f}  {pose_set.names[k]:28} {strongest(rig.controls, health.params[k])}")
     return lines
@@ -183,7 +177,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     table_rows = [
         row
-        for name in split_names(options.characters, "for vertices in poses of its own")
+        for name in split_names(options.characters, "for vertices in new poses")
         for row in _rows_of(name, options, command_line)
     ]
     print(as_text(summary(table_rows)))
@@ -191,18 +185,13 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
 
 def _rows_of(character: str, options: argparse.Namespace, command_line: Sequence[str]) -> list[Row]:
     """Measure one character; write its rows, in place of those of an earlier run, and draw its worst poses."""
-    from replicate.drawing.panels import save_figure
-    from replicate.rig_study.worst_poses import worst_poses
-
     rig = rig_of(character)
     sets = bench(rig, options.count, options.every)
     table_rows = [row for pose_set in sets for row in rows(rig.name, pose_set)]
     for pose_set in sets:
         print("\n".join(worst_in_words(rig, pose_set)))
     publish("bench_poses", table_rows, [], command_line)
-    figure, words = worst_poses(rig, sets)
-    save_figure(figure, bench_folder() / f"{rig.name}_worst_poses.png", words)
-    print(f"written to {paths.display_path(bench_folder())}: {rig.name}_worst_poses.png")
+    save_picture(f"{rig.name}_worst_poses", worst_poses(rig, sets))
     return table_rows
 
 

@@ -1,10 +1,10 @@
 """What each piece of our regional method does: one is taken away, or changed, at a time.
 
 `make bench-regional` trains one network for all regions at a short schedule, then with one thing changed, and compares
-the errors on the validation poses, which are held out of the training animation; test poses are not looked at. Three of
-the changes together are the method as it is: a network for each region, of the controls that move it, in regions that
-overlap. Of each training it measures too whether the borders of regions show. Trainings go through the cache like any
-stage, so that a stopped run goes on.
+the errors on the validation poses, which are held out of the training animation; test poses are not used. Three of the
+changes together are the method as it is: a network for each region, of the controls that move it, in regions that
+overlap. It also measures whether the borders of regions show. Trainings are stages in the cache, so that a stopped run
+goes on where it was.
 """
 
 import sys
@@ -21,9 +21,10 @@ from data_recipes.catalogue import build_rig
 from data_recipes.recipe_paths import character_label
 from data_recipes.rig import Rig
 from replicate.approximation.metrics import normal_error
+from replicate.approximation.segments import segment_vertices
 from replicate.base.exceptions import InputError
 from replicate.base.paths import REFERENCE
-from replicate.benchmarks.common import add_count, add_only, answer, make_parser
+from replicate.benchmarks.common import add_count, add_only, answer, cell, folders_of, make_parser
 from replicate.benchmarks.variants import Variant, compare_variants, variants_tables
 from replicate.config import resolve
 from replicate.drawing.panels import DPI, LETTER_PT, WIDTH, Words
@@ -40,7 +41,7 @@ from replicate.methods.regional import RegionalConfig
 from replicate.regional.basis import split_regions
 from replicate.regional.model import load
 from replicate.report.results import Row
-from replicate.report.tables import Table, round_off
+from replicate.report.tables import Table
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -59,14 +60,14 @@ START = {
     "training": {"peak_rate": 8e-3},
 }
 REGIONAL = {"by_region": True, "hidden": [128, 128], "training": {"peak_rate": 1.6e-2}}
-OWN_CONTROLS = REGIONAL | {"by_influence": True}
+REGION_CONTROLS = REGIONAL | {"by_influence": True}
 ONE, OURS = "one network for all regions", "the same, borders blended (ours)"
 CHANGES = {
     ONE: {},
     "a network for each region": REGIONAL,
-    "the same, each of its region's controls": OWN_CONTROLS,
-    OURS: OWN_CONTROLS | {"blend_rings": RegionalConfig().blend_rings},
-    "the same, blended over two rings": OWN_CONTROLS | {"blend_rings": 2},
+    "the same, each of its region's controls": REGION_CONTROLS,
+    OURS: REGION_CONTROLS | {"blend_rings": RegionalConfig().blend_rings},
+    "the same, blended over two rings": REGION_CONTROLS | {"blend_rings": 2},
     "no straight line": {"line": False},
     "leaky ReLUs, no products": {"gated": False},
     "squared errors": {"squares": True},
@@ -87,14 +88,15 @@ LINES = (*CHANGES, *SAMPLES)
 
 def variants(character: str, profile: str, steps: int) -> list[Variant]:
     """Return one network for all regions, as it is and with each change, at a schedule of `steps`."""
-    own, training = sections(profile), {"steps": steps}
     changes = {name: {"regional": change} for name, change in CHANGES.items()}
     changes |= {name: {"samples": {"count": count}, "regional": {}} for name, count in SAMPLES.items()}
     for change in changes.values():
-        schedule = training | START["training"] | change["regional"].get("training", {})
+        schedule = {"steps": steps} | START["training"] | change["regional"].get("training", {})
         change["regional"] = START | change["regional"] | {"training": schedule}
+    more = sections(profile)
     return [
-        Variant("regional", name, resolve(character, profile, change, sections=own)) for name, change in changes.items()
+        Variant("regional", name, resolve(character, profile, change, sections=more))
+        for name, change in changes.items()
     ]
 
 
@@ -106,23 +108,13 @@ def pieces_tables(rows: Sequence[Row]) -> list[Table]:
     return [*tables, *(table for table in borders if table.body)]
 
 
-def border_errors(variants: Sequence[Variant], rows: Sequence[Row]) -> list[Row]:
-    """Return what the trained variants of one character have on the borders of regions, and elsewhere."""
-    plans = {variant.change: Plan(variant.config) for variant in variants}
-    return border_rows(rows, plans, regional.stage, RegionalConfig().regions)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison from the command line; return the exit code."""
-    parser = make_parser(TABLE, __doc__, profile="whose numbers are changed")
+    parser = make_parser(TABLE, __doc__, profile="whose settings are changed")
     add_count(parser, "steps", STEPS, "of each training")
     add_only(parser)
     compare = partial(compare_variants, TABLE, variants, pieces_tables, afterwards=border_errors)
     return answer(parser, compare, arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
 
 
 # Do the borders of regions show? The regional method's errors on faces that lie in two regions, beside the others.
@@ -140,14 +132,14 @@ def vertex_regions(mesh: Mesh, movable: Int[np.ndarray, " v"], count: int) -> In
 
 
 def border_faces(mesh: Mesh, movable: Int[np.ndarray, " v"], regions: int) -> Bool[np.ndarray, "2 f"]:
-    """Return which faces of a mesh lie in several regions, and which in a single one; rigid segments' in neither.
+    """Return which faces of a mesh lie in several regions, and which in a single one; those of rigid segments in none.
 
     movable: the vertices that the regions share out among themselves.
     """
     corners = vertex_regions(mesh, movable, regions)[mesh.faces]
     moved = (corners >= 0).all(1)
-    one = (corners == corners[:, :1]).all(1)
-    return np.stack([moved & ~one, moved & one])
+    same = (corners == corners[:, :1]).all(1)
+    return np.stack([moved & ~same, moved & same])
 
 
 def mean_normal_errors(
@@ -159,7 +151,11 @@ def mean_normal_errors(
 ) -> Float[np.ndarray, " g"]:
     """Return the mean normal error of some groups of faces over some poses, in degrees; NaN for an empty group.
 
-    offsets_of: parameters (b, m) → offsets (b, n, 3) mm. truth: the true offsets, mm.
+    mesh: the neutral face.
+    offsets_of: parameters (b, m) → offsets (b, n, 3) mm.
+    params: of the poses.
+    truth: the true offsets, mm.
+    groups: which faces each group has.
     """
     sums, counts = np.zeros(len(groups)), np.zeros(len(groups))
     for start in range(0, len(params), BATCH):
@@ -172,42 +168,39 @@ def mean_normal_errors(
     return np.divide(sums, counts, out=np.full(len(groups), np.nan), where=counts > 0)
 
 
-def border_rows(like: Sequence[Row], plans: Mapping[str, Plan], stage: Callable, regions: int) -> list[Row]:
-    """Return the errors of trained variants on the borders of one split and elsewhere, on the validation poses.
+def border_errors(variants: Sequence[Variant], rows: Sequence[Row]) -> list[Row]:
+    """Return the errors of one character's trained variants on the borders of regions, and elsewhere, as rows.
 
-    like: a variant's rows, by which the new ones get their table and profile. plans: change in words → its plan.
-    stage: plan → the trained stage. regions: of the split whose borders are meant, for every variant the same.
+    The borders are those of the method's regions for all variants; the poses are the validation poses. rows: of the
+    variants, whose table, character and profile the new ones get.
     """
-    rows = []
-    for change, plan in plans.items():
-        inputs = {one.name: artefact_folder(one.identifier) for one in stage(plan).inputs}
+    like, border_rows = rows[0], []
+    for variant in variants:
+        stage = regional.stage(Plan(variant.config))
+        inputs = folders_of(stage.inputs)
         mesh, samples = artefacts.load_mesh(inputs), artefacts.load_samples(inputs)
-        groups = border_faces(mesh, _movable(inputs, mesh), regions)
-        model = load(artefact_folder(stage(plan).identifier))
-        truth = samples.validation_offsets
-        means = mean_normal_errors(mesh, model.offsets, samples.validation_params, truth, groups)
+        groups = border_faces(mesh, _movable(inputs, mesh), RegionalConfig().regions)
+        offsets_of, truth = load(artefact_folder(stage.identifier)).offsets, samples.validation_offsets
+        means = mean_normal_errors(mesh, offsets_of, samples.validation_params, truth, groups)
         for metric, mean in zip(METRICS, means, strict=True):
-            facts = (None, 1, len(truth), like[0].profile, like[0].run)
-            rows.append(
-                Row(like[0].table, like[0].character, "regional", f"{metric}[{change}]", "deg", float(mean), *facts)
-            )
-    return rows
+            key = (like.table, like.character, "regional", f"{metric}[{variant.change}]")
+            border_rows.append(Row(*key, "deg", float(mean), None, 1, len(truth), like.profile, like.run))
+    return border_rows
 
 
 def _movable(inputs: Mapping[str, Path], mesh: Mesh) -> Int[np.ndarray, " v"]:
-    from replicate.approximation.segments import segment_vertices
 
     return np.sort(segment_vertices(artefacts.load_coarse_segments(inputs, mesh)))
 
 
 def borders_table(rows: Sequence[Row], changes: Sequence[str]) -> Table:
     """Return the errors of one character's variants on the borders of 16 regions and elsewhere."""
-    values = {row.metric: row.value for row in rows}
+    by_metric = {row.metric: row for row in rows}
     body = []
     for change in changes:
-        pair = [values.get(f"{metric}[{change}]") for metric in METRICS]
-        if None not in pair:
-            body.append((change, *(round_off(value, "deg") for value in pair), f"{pair[0] / pair[1]:.2f}"))
+        border, inner = (by_metric.get(f"{metric}[{change}]") for metric in METRICS)
+        if border and inner:
+            body.append((change, cell(border), cell(inner), f"{border.value / inner.value:.2f}"))
     header = ("", "on borders, degrees", "elsewhere, degrees", "ratio")
     note = "The borders are those of the method's regions, for every line: a model of one region has none there."
     return Table(f"Borders of regions: {rows[0].character}", (header,), tuple(body), (note,))
@@ -221,7 +214,7 @@ DARK, LIGHT = "#333333", "#F4EFE6"
 
 
 def figure_of(character: str) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return `regional_figure` of a character, with the method's usual numbers.
+    """Return `regional_figure` of a character, with the method's usual settings.
 
     Raises InputError where the reference results don't say which segments of the character are rigid.
     """
@@ -239,7 +232,11 @@ def regional_figure(
 ) -> "tuple[matplotlib.figure.Figure, Words]":
     """Return (figure, words): views of the regions, and below them a diagram of the network and the bases.
 
-    rigid: which of the mesh's segments are; they are no part of any region.
+    rig: the character's.
+    rigid: which segments of its mesh are rigid; no region has a part of them.
+    config: the settings of the method.
+    character: what the words call it.
+    renderer: as for `render`.
     """
     from matplotlib.figure import Figure
 
@@ -310,3 +307,7 @@ def _diagram(axes: "matplotlib.axes.Axes", config: RegionalConfig) -> None:
     few = f"the first {config.fine} of each region in 16 bits, the others in 8\n"
     weights = "$w_r$: 1 inside region $r$, less near its border, 0 outside"
     axes.text(9.95, 0.05, basis + few + weights, ha="right", va="bottom", fontsize=LETTER_PT, linespacing=1.3)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -3,12 +3,12 @@
 The paper's dense networks have 5.0 mm and 8.9° on Ray, several times the errors of its CNN. `make bench-released`
 trains dense networks as the released code does (`replicate.methods.released`) and with one thing as in ours, then ours
 with one thing as released, and the CNN both ways, all at one short schedule. Errors are those of the validation poses;
-test poses are not looked at. Trainings go through the cache like any stage, so that a stopped run goes on.
+test poses are not used. Trainings are stages in the cache, so that a stopped run goes on where it was.
 """
 
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import fields
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -17,16 +17,14 @@ from jaxtyping import Float
 
 from replicate.approximation.metrics import normal_error, vertex_error
 from replicate.approximation.rigid import attach
-from replicate.base import paths
 from replicate.base.schema import Checked
-from replicate.benchmarks.common import add_count, answer, bench_folder, make_parser
+from replicate.benchmarks.common import add_count, answer, folders_of, make_parser, save_picture
 from replicate.benchmarks.variants import Variant, compare_variants, variants_tables
 from replicate.config import Config, resolve
 from replicate.drawing.face_sheet import Cell, cell_width, face_sheet
 from replicate.drawing.heatmap import middle_line, normal_bar, normal_heat, split_face
 from replicate.drawing.panels import Words
 from replicate.drawing.render import render
-from replicate.engine.store import artefact_folder
 from replicate.methods import artefacts, released
 from replicate.methods.method_registry import method_named
 from replicate.methods.plan import Plan
@@ -53,12 +51,12 @@ PIECES = {  # of a recipe: the keys of the section that it consists of
     "schedule": ("training.schedule", "training.peak_rate"),
     "batch, width and bound": ("training.batch", "hidden", "training.largest_gradient"),
 }
-OF_COARSE = ("controls and unit", "normal weight", "controls, unit and normal weight")  # what is tried on the CNN too
+OF_COARSE = ("controls and unit", "normal weight", "controls, unit and normal weight")  # pieces tried on the CNN too
 MORE = 4  # times the steps, for dense networks once: whether the failure passes
 
 
 def changes(method: str) -> tuple[str, ...]:
-    """Return what is tried of a method, in words: each recipe as it is, and with one piece of the other."""
+    """Return the trainings of a method in words: each recipe as it is, and with one piece of the other."""
     pieces = tuple(PIECES) if method == "dense" else OF_COARSE
     more = (f"released, {MORE} times the steps",) if method == "dense" else ()
     theirs = (f"released, but {piece} as ours" for piece in pieces)
@@ -79,7 +77,7 @@ def variants(character: str, profile: str, steps: int) -> list[Variant]:
 
 
 def _overrides(usual: Config, method: str, change: str, steps: int) -> dict:
-    """Return a method's section as a change in words has it, as a nested table."""
+    """Return the settings of a method under a change in words, as a nested table."""
     ours, theirs = getattr(usual, method), SECTIONS[method](usual.profile)
     base, other = (ours, theirs) if change.startswith("ours") else (theirs, ours)
     piece = change.partition(", but ")[2].rpartition(" as ")[0]
@@ -97,7 +95,7 @@ def _as_table(section: Checked) -> dict:
 
 def _plain(value: object) -> object:
     if isinstance(value, Checked):
-        return {name: _plain(each) for name, each in asdict(value).items()}
+        return _as_table(value)
     return list(value) if isinstance(value, tuple) else value
 
 
@@ -113,25 +111,16 @@ def released_tables(rows: Sequence[Row]) -> list[Table]:
 
 
 def draw_faces(variants: Sequence[Variant], rows: Sequence[Row]) -> list[Row]:
-    """Draw one pose as the trained variants of one character predict it; there are no more rows."""
-    from replicate.drawing.panels import save_figure
-
-    file = bench_folder() / f"{TABLE}_{rows[0].character}.png"
-    figure, words = released_faces(faces_of(variants))
-    save_figure(figure, file, words)
-    print(f"written to {paths.display_path(file.parent)}: {file.name}")
+    """Draw one pose as the trained variants of one character predict it; return no rows."""
+    save_picture(f"{TABLE}_{rows[0].character}", released_faces(faces_of(variants)))
     return []
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison from the command line; return the exit code."""
-    parser = make_parser(TABLE, __doc__, "toon", profile="whose samples and numbers")
+    parser = make_parser(TABLE, __doc__, "toon", profile="whose samples and settings")
     add_count(parser, "steps", STEPS, "of each training")
     return answer(parser, partial(compare_variants, TABLE, variants, released_tables, afterwards=draw_faces), arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
 
 
 # The released recipe and ours as faces: one pose as dense networks and CNNs of either recipe predict it.
@@ -148,16 +137,15 @@ LINES = ("mm", "degrees")
 
 
 def faces_of(variants: Sequence[Variant]) -> PoseRecord:
-    """Return a validation pose as the trained variants of `SHOWN` predict it.
+    """Return the validation pose of median motion as the trained variants of `SHOWN` predict it.
 
-    It is the one with the median motion: half of the validation poses are farther from the neutral one, by the mean
-    over the vertices. Predictions are called "dense: released", ….
+    Predictions are called "Dense: released", ….
     """
-    vertices, chosen = {}, {(variant.method, variant.change): variant for variant in variants}
+    vertices, by_name = {}, {(variant.method, variant.change): variant for variant in variants}
     for method, change in SHOWN:
-        plan = Plan(chosen[method, change].config)
+        plan = Plan(by_name[method, change].config)
         (stage,) = method_named(method).stages(plan)
-        inputs = {one.name: artefact_folder(one.identifier) for one in (stage, *stage.inputs)}
+        inputs = folders_of((stage, *stage.inputs))
         mesh, samples = artefacts.load_mesh(inputs), artefacts.load_samples(inputs)
         row = median_pose(samples.validation_offsets)
         params = np.asarray(samples.validation_params[row : row + 1])
@@ -170,7 +158,7 @@ def faces_of(variants: Sequence[Variant]) -> PoseRecord:
 
 
 def median_pose(offsets: Float[np.ndarray, "p n 3"]) -> int:
-    """Return the index of the pose whose mean distance from the neutral one is the median."""
+    """Return the index of the pose whose vertices' mean distance from the neutral pose is the median of all poses."""
     motion = [float(np.linalg.norm(pose, axis=1).mean()) for pose in offsets]
     return int(np.argsort(motion, kind="stable")[(len(motion) - 1) // 2])
 
@@ -201,3 +189,7 @@ def released_faces(record: PoseRecord, renderer: str | None = None) -> "tuple[ma
         f"face: the surface; right half: the angle between predicted and true normals, 0° to {LIMIT_DEG:g}°. Below: "
         "the pose's mean errors.",
     )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -3,7 +3,7 @@
 `make bench-rig` prints milliseconds a pose, ratios of the ways to call the same deformers, and each deformer's share of
 the node-by-node evaluation, and writes bench_rig.csv. The ways take turns within a round, so that a busy machine slows
 all of them alike; the median of the rounds counts. All threads of the machine are used, unlike in a stage. Processor
-time counts all threads and no other process: on a busy machine it is the number to look at.
+time counts all threads and no other process, so compare that on a busy machine.
 """
 
 import argparse
@@ -14,13 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from data_recipes import recipe_paths
 from data_recipes.rig import BATCH, Rig
 from replicate.base.exceptions import InputError
 from replicate.base.progress import progress
 from replicate.benchmarks.common import PROFILE, add_count, answer, make_parser, publish, split_names
 from replicate.methods.artefacts import rig_of
-from replicate.report.results import STANDS_FOR, Row, order_of, read_results
+from replicate.report.results import Row, cast, order_of, read_results
 from replicate.report.tables import Table
 
 ABOUT = "poses per second of all rigs, batched and one at a time, and each deformer's share"
@@ -59,8 +58,10 @@ def time_nodes(rig: Rig, params: np.ndarray, into: dict[str, float]) -> None:
 
 
 def bench(rig: Rig, params: np.ndarray, rounds: int) -> dict[str, float]:
-    """Return times by name: milliseconds a pose of each way to call a rig, on the clock and of processor
-    time; of each node, in both ways to run nodes; of the worst batch; and the ways' difference. params: (BATCH, m).
+    """Return milliseconds a pose by name: of each way to call a rig, by the clock and by processor time, of each node
+    in both ways to run nodes, and of the worst batch; also how far the nodes' vertices are from the rig's, mm.
+
+    params: (BATCH, m).
     """
     single, poses = params[:1], [params[k : k + 1] for k in range(APART)]
     parts: dict[str, list[dict[str, float]]] = {"nodes": [], "nodes_batched": []}
@@ -92,12 +93,12 @@ def bench(rig: Rig, params: np.ndarray, rounds: int) -> dict[str, float]:
 
 def shares(times: dict[str, float], way: str) -> dict[str, float]:
     """Return each node's share of a way to run nodes, "nodes" or "nodes_batched"; they sum to 1."""
-    own = {key[len(way) + 1 : -1]: value for key, value in times.items() if key.startswith(f"{way}[")}
-    return {name: value / sum(own.values()) for name, value in own.items()}
+    of_nodes = {key[len(way) + 1 : -1]: value for key, value in times.items() if key.startswith(f"{way}[")}
+    return {name: value / sum(of_nodes.values()) for name, value in of_nodes.items()}
 
 
 def rows(character: str, times: dict[str, float]) -> list[Row]:
-    """Return the numbers of one character as rows, ratios as rows of their own; `poses` are those of a round."""
+    """Return the times of one character and their ratios as rows, whose poses are those of a round."""
 
     def row(method: str, metric: str, unit: str, value: float) -> Row:
         poses = 1 if metric == "largest_difference" else min(POSES[way] for way in method.split("/"))
@@ -120,23 +121,25 @@ def rows(character: str, times: dict[str, float]) -> list[Row]:
 
 
 def tables(rows: Sequence[Row], rounds: int | None = None) -> list[Table]:
-    """Return two printed tables of some characters' rows: the ways to call a rig, and its nodes, slowest first."""
+    """Return two tables of some characters' rows: the ways to call a rig, and its nodes, slowest first."""
     value = {(row.character, row.method, row.metric): row.value for row in rows}
     characters = list(dict.fromkeys(row.character for row in rows))
     speeds, nodes = [], []
-    for who in characters:
-        times = [f"{value[who, way, 'time_per_pose']:.2f}" for way in POSES]
-        ratios = [f"{value[who, pair, 'time_ratio']:.1f}" for pair in RATIOS]
-        whole = value[who, "batched", f"time_for_{DATA_SET}_poses"] / 60e3
-        processor = f"{value[who, 'batched', 'processor_time_per_pose']:.2f}"
+    # a line for each character: the ways to call its rig
+    for name in characters:
+        times = [f"{value[name, way, 'time_per_pose']:.2f}" for way in POSES]
+        ratios = [f"{value[name, pair, 'time_ratio']:.1f}" for pair in RATIOS]
+        whole = value[name, "batched", f"time_for_{DATA_SET}_poses"] / 60e3
+        processor = f"{value[name, 'batched', 'processor_time_per_pose']:.2f}"
         speeds.append(
-            (who, *times, processor, f"{value[who, 'batched', 'poses_per_second']:,.0f}", *ratios, f"{whole:.1f}")
+            (name, *times, processor, f"{value[name, 'batched', 'poses_per_second']:,.0f}", *ratios, f"{whole:.1f}")
         )
+    # a line for each node, the slowest of the first character first
     names = [row.metric for row in rows if row.method == "nodes" and row.metric.startswith("time_share[")]
     share = lambda metric: value.get((characters[0], "nodes_batched", metric), 0.0)  # noqa: E731
     for metric in sorted(dict.fromkeys(names), key=share, reverse=True):
         cells = []
-        for key in ((who, way) for who in characters for way in ("nodes_batched", "nodes")):
+        for key in ((name, way) for name in characters for way in ("nodes_batched", "nodes")):
             if (*key, metric) in value:
                 cells += [f"{value[*key, metric.replace('share', 'per_pose')]:.2f}"]
                 cells += [f"{100 * value[*key, metric]:.0f} %"]
@@ -147,7 +150,7 @@ def tables(rows: Sequence[Row], rounds: int | None = None) -> list[Table]:
     header += (*(pair.replace("_", " ") for pair in RATIOS), f"{DATA_SET:,} poses, min")
     many = rounds or "several"
     note = f"ms a pose; batches of {BATCH} frames of the clips; medians of {many} rounds of all ways in turn."
-    spans = tuple(text for who in characters for text in (f"{who}, batched", "", f"{who}, single", ""))
+    spans = tuple(text for name in characters for text in (f"{name}, batched", "", f"{name}, single", ""))
     return [
         Table("Rigs: time of one pose", (header,), tuple(speeds), (note,)),
         Table(
@@ -163,10 +166,10 @@ def speed_card(rows: Sequence[Row]) -> Table:
     """Return the table of REPRODUCING: milliseconds a pose in three ways, a character a line."""
     value = {(row.character, row.method, row.metric): row.value for row in rows}
     body = []
-    for who in sorted({row.character for row in rows}, key=order_of):
-        times = [f"{value[who, way, 'time_per_pose']:.1f}" for way in ("batched", "single", "nodes")]
-        ratios = [f"{value[who, pair, 'time_ratio']:.1f}" for pair in RATIOS[:2]]
-        body.append((who, *times, *ratios, f"{value[who, 'batched', f'time_for_{DATA_SET}_poses'] / 60e3:.1f} min"))
+    for name in sorted({row.character for row in rows}, key=order_of):
+        times = [f"{value[name, way, 'time_per_pose']:.1f}" for way in ("batched", "single", "nodes")]
+        ratios = [f"{value[name, pair, 'time_ratio']:.1f}" for pair in RATIOS[:2]]
+        body.append((name, *times, *ratios, f"{value[name, 'batched', f'time_for_{DATA_SET}_poses'] / 60e3:.1f} min"))
     header = ("", "batched", "one at a time", "node by node", "one at a time / batched", "node by node / one at a time",
               f"{DATA_SET:,} poses")  # fmt: skip
     return Table("Milliseconds a pose", (header,), tuple(body))
@@ -181,8 +184,7 @@ def speed_tables(path: Path) -> list[Table]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark from the command line; return the exit code."""
-    own = [name for name in STANDS_FOR if recipe_paths.recipe_file(name).is_file()]
-    parser = make_parser("bench_rig", "Time the rigs.", ", ".join(own))
+    parser = make_parser("bench_rig", "Time the rigs.", ", ".join(cast()))
     add_count(parser, "rounds", ROUNDS, "how often each way is timed", least=3)
     return answer(parser, _run, arguments)
 

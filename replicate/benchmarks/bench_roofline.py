@@ -1,8 +1,8 @@
 """The roofline: how near each evaluation of the networks comes to what one core can do, and what holds it back.
 
-`make bench-roofline` measures the core's peak of float32 multiply-adds and the bytes that it reads in a second, makes
-what is missing of the methods, and times every backend's networks on one core, without the rigid step. Multiplications
-and bytes follow from the architecture. For the fast evaluation they are those that are really done: rows of zero
+`make bench-roofline` measures the core's peak of float32 multiply-adds and the bytes that it reads in a second, trains
+methods where that is missing, and times every backend's networks on one core, without the rigid step. Multiplications
+and bytes follow from the architecture. For the fast evaluation they are those that really happen: rows of zero
 parameters and pixels that nothing reads are left out.
 """
 
@@ -17,18 +17,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from replicate.approximation.metrics import unique_poses
+from data_recipes.recipe_paths import character_label
 from replicate.base.progress import progress
 from replicate.baselines import multiplications
-from replicate.benchmarks.common import (  # fmt: skip
-    PROFILE,
+from replicate.benchmarks.common import (
     add_count,
     add_methods,
     answer,
-    artefacts_of,
-    bench_folder,
     bench_methods,
+    bench_row,
+    distinct_test_poses,
+    in_groups,
     make_parser,
+    save_picture,
+    trained_methods,
+    without_rigid_step,
 )
 from replicate.config import Config
 from replicate.drawing.panels import DPI, WIDTH, Words, enlarge, tidy
@@ -37,13 +40,12 @@ from replicate.inference.fast_evaluation import placing_of
 from replicate.inference.products import Work
 from replicate.methods import artefacts
 from replicate.methods.method import Method, Model
-from replicate.methods.method_registry import choose, method_named
-from replicate.methods.plan import Plan
+from replicate.methods.method_registry import method_named
 from replicate.regional.model import RegionalModel
 from replicate.report.results import Row, find
 from replicate.report.tables import Table, round_off
 from replicate.timing.jax_evaluation import jax_evaluation
-from replicate.timing.machine import CACHE_BYTES, bytes_per_s, can_confine, multiply_adds_per_s, one_core, threads
+from replicate.timing.machine import CACHE_BYTES, bytes_per_s, confined, multiply_adds_per_s
 from replicate.timing.onnx_evaluation import onnx_evaluation
 from replicate.timing.plain_evaluation import plain_offsets
 from replicate.timing.single_poses import (
@@ -74,56 +76,51 @@ MILLION = 1e6
 
 
 def measure(config: Config, words: Sequence[str], evaluations: int) -> list[Row]:
-    """Make what is missing of one character's methods, time their networks in all ways, and return the rows."""
-    plan = Plan(config)
-    methods = [method for method in choose(words, config) if method.model]
-    stages = [artefacts.rig_stage(plan), artefacts.samples_stage(plan)]
-    inputs = artefacts_of(TABLE, config, [*stages, *(stage for method in methods for stage in method.stages(plan))])
-    mesh, samples = artefacts.load_mesh(inputs), artefacts.load_samples(inputs)
-    poses = np.asarray(samples.test_params[unique_poses(samples.test_params)], np.float32)
-    ways, works = ways_of(methods, inputs, mesh, poses)
-    with one_core() if can_confine() else threads(1), progress(evaluations, "timing") as bar:
+    """Time the networks of one character's methods in all ways, and return the rows."""
+    methods, inputs = trained_methods(TABLE, config, words, artefacts.rig_stage, artefacts.samples_stage)
+    poses = distinct_test_poses(inputs)
+    ways, works = ways_of(methods, inputs, artefacts.load_mesh(inputs), poses)
+    with confined(), progress(evaluations, "timing") as bar:
         peaks = {PEAK: multiply_adds_per_s(), CACHE: bytes_per_s(CACHE_BYTES), MEMORY: bytes_per_s()}
         times = time_single_poses({name: Way(way) for name, way in ways.items()}, poses, evaluations, bar.update)
-    numbers = [(MACHINE, metric, "count", value, None) for metric, value in peaks.items()]
+    measured = [(MACHINE, metric, "count", value, None) for metric, value in peaks.items()]
     for name, time in times.items():
         work, milliseconds, count = works[name], time.p05, time.evaluations
         rate = 1e3 * work.multiplications / milliseconds
         roof = min(peaks[PEAK], peaks[CACHE] * work.multiplications / work.read_bytes)
-        eager = times.get(parted(name)[0] + PLAIN, times[parted(name)[0]])
-        numbers += [
+        method, _ = parted(name)
+        torch = times.get(method + PLAIN, times[method])
+        measured += [
             (name, "network", "ms", milliseconds, count),
             (name, "network_median", "ms", time.median, count),
             (name, "multiplications", "count", work.multiplications, count),
             (name, "read", "MB", work.read_bytes / MILLION, count),
             (name, "share_of_peak", "ratio", rate / peaks[PEAK], count),
             (name, "share_of_roof", "ratio", rate / roof, count),
-            (name, "times_as_fast_as_torch", "ratio", eager.p05 / milliseconds, count),
+            (name, "times_as_fast_as_torch", "ratio", torch.p05 / milliseconds, count),
         ]
-    return [
-        Row(TABLE, plan.character, name, metric, unit, float(value), None, 1, count, PROFILE, plan.character)
-        for name, metric, unit, value, count in numbers
-    ]
+    character = character_label(config.character)
+    return [bench_row(TABLE, character, *facts) for facts in measured]
 
 
 def ways_of(
     methods: Sequence[Method], inputs: Mapping[str, Path], mesh: Mesh, poses: Float[np.ndarray, "t m"]
 ) -> tuple[dict[str, Evaluate], dict[str, Work]]:
-    """Return by name, method and ending, the ways to evaluate the networks, and the work of each on a usual pose."""
+    """Return the ways to evaluate the networks by method's name and ending, and the work of each on a usual pose."""
     ways: dict[str, Evaluate] = {}
     works: dict[str, Work] = {}
     for method in methods:
         model = method.model(inputs)
-        found = {PLAIN: plain_offsets(model), "": model.offsets}
-        found |= {JAX: jax_evaluation(model, mesh, None), ONNX: onnx_evaluation(model, mesh, None)}
-        for ending, way in found.items():
+        by_ending = {PLAIN: plain_offsets(model), "": model.offsets}
+        by_ending |= {JAX: jax_evaluation(model, mesh, None), ONNX: onnx_evaluation(model, mesh, None)}
+        for ending, way in by_ending.items():
             if way:
                 ways[method.name + ending], works[method.name + ending] = way, architecture_work(model)
         for ending, halves in ((FAST, False), (HALF, True)):
             if placing := placing_of(model, mesh, halves):
-                ways[method.name + ending] = _placed(placing.place, mesh.neutral)
-                each = np.mean([placing.work(pose) for pose in poses], axis=0)
-                works[method.name + ending] = Work(*map(round, each.tolist()))
+                ways[method.name + ending] = without_rigid_step(placing, mesh)
+                mean = np.mean([placing.work(pose) for pose in poses], axis=0)
+                works[method.name + ending] = Work(*map(round, mean.tolist()))
     return ways, works
 
 
@@ -135,38 +132,26 @@ def architecture_work(model: Model) -> Work:
     return Work(count, round(model.size_mb() * MILLION))
 
 
-def _placed(place: Callable, neutral: np.ndarray) -> Evaluate:
-    out = np.array(neutral, np.float32)
+def _names(rows: Sequence[Row], character: str) -> list[str]:
+    return in_table_order({row.method for row in rows if row.character == character} - {MACHINE})
 
-    def evaluate(pose: np.ndarray) -> np.ndarray:
-        np.copyto(out, neutral)
-        place(pose[0], out)
-        return out
 
-    return evaluate
+def _value(rows: Sequence[Row], character: str, name: str, metric: str) -> float:
+    return find(rows, TABLE, character, name, metric).value
 
 
 def roofline_table(rows: Sequence[Row], character: str) -> Table:
     """Return one character's backends: times, work, and shares of what the core can do."""
-    own = [row for row in rows if row.character == character]
-
-    def value(name: str, metric: str) -> float:
-        return find(own, TABLE, character, name, metric).value
-
-    body, last = [], ""
-    for name in in_table_order({row.method for row in own} - {MACHINE}):
+    value, lines = partial(_value, rows, character), []
+    for name in _names(rows, character):
         method, ending = parted(name)
-        if last and method != last:
-            body.append(None)
-        label, last = f"{label_of(method)}: {BACKENDS[ending]}", method
         milliseconds, count = value(name, "network"), value(name, "multiplications")
-        body.append(
-            (
-                label, round_off(milliseconds, "ms"), f"{value(name, 'times_as_fast_as_torch'):.1f}",
-                f"{count / MILLION:.1f}", f"{value(name, 'read'):.1f}", f"{count / milliseconds / MILLION:.1f}",
-                f"{100 * value(name, 'share_of_peak'):.0f} %", f"{100 * value(name, 'share_of_roof'):.0f} %",
-            )
-        )  # fmt: skip
+        lines.append((method, (
+            f"{label_of(method)}: {BACKENDS[ending]}", round_off(milliseconds, "ms"),
+            f"{value(name, 'times_as_fast_as_torch'):.1f}",
+            f"{count / MILLION:.1f}", f"{value(name, 'read'):.1f}", f"{count / milliseconds / MILLION:.1f}",
+            f"{100 * value(name, 'share_of_peak'):.0f} %", f"{100 * value(name, 'share_of_roof'):.0f} %",
+        )))  # fmt: skip
     header = ("", "ms", "× torch", "million products", "MB read", "billion a second", "of the peak", "of the roof")
     peak, cache, memory = (value(MACHINE, metric) / BILLION for metric in (PEAK, CACHE, MEMORY))
     notes = (
@@ -178,7 +163,7 @@ def roofline_table(rows: Sequence[Row], character: str) -> Table:
         "usual test pose, where pixels that nothing reads and rows of zero parameters are left out.",
         "The roof: the peak, or what the caches deliver for so many products a byte, where that is less.",
     )
-    return Table(f"Roofline: {character}", (header,), tuple(body), notes)
+    return Table(f"Roofline: {character}", (header,), in_groups(lines), notes)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -190,19 +175,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    own = partial(measure, evaluations=options.rounds)
-    bench_methods(TABLE, own, roofline_table, options, command_line, draw=_draw)
+    timed = partial(measure, evaluations=options.rounds)
+    bench_methods(TABLE, timed, roofline_table, options, command_line, draw=_draw)
 
 
 def _draw(rows: Sequence[Row], character: str) -> None:
-    from replicate.drawing.panels import save_figure
-
-    figure, words = roofline_figure(rows, character)
-    save_figure(figure, bench_folder() / f"{TABLE}_{character}.png", words)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    save_picture(f"{TABLE}_{character}", roofline_figure(rows, character))
 
 
 # The roofline as a figure: multiplications a second against multiplications a byte, every backend a dot.
@@ -221,22 +199,20 @@ BACKGROUND = {"facecolor": "white", "edgecolor": "none", "pad": 1}  # of letters
 
 
 def roofline_figure(rows: Sequence[Row], character: str) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): what each way to evaluate the networks of a character reaches of the core's peaks."""
+    """Return (figure, words): how near each way to evaluate a character's networks comes to the core's peaks."""
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-    own = [row for row in rows if row.character == character]
-
-    def value(name: str, metric: str) -> float:
-        return find(own, TABLE, character, name, metric).value
-
-    names = in_table_order({row.method for row in own} - {MACHINE})
+    # the dots, and the frame that holds them all
+    value, names = partial(_value, rows, character), _names(rows, character)
     dots = {name: _dot(value, name) for name in names}
     peak = value(MACHINE, PEAK) / BILLION
     low, high = min(x for x, _ in dots.values()) / 2, max(x for x, _ in dots.values()) * 3
     bottom = min(y for _, y in dots.values()) / 2
     figure = Figure((WIDTH, HEIGHT), dpi=DPI, layout="constrained")
     axes = figure.subplots()
+
+    # the roofs, and a dot for each way
     across = np.geomspace(low, high, 200)
     for metric, _, style, *_ in ROOFS:
         slope = value(MACHINE, metric) / BILLION
@@ -248,12 +224,14 @@ def roofline_figure(rows: Sequence[Row], character: str) -> "tuple[matplotlib.fi
         style = {"color": method_named(method).colour, "markersize": 11, "markeredgecolor": "white"}
         style["zorder"] = 4 if ending in (FAST, HALF) else 3
         axes.plot(x, y, MARKERS[ending], **style)
+
+    # a thin line through each method's dots, and its name at one of them
     labels_of_methods = []
     for method in dict.fromkeys(parted(name)[0] for name in names):
         colour = method_named(method).colour
-        own_dots = [dots[method + ending] for ending in MARKERS if method + ending in dots]
-        axes.plot(*zip(*own_dots, strict=True), color=colour, linewidth=1, alpha=0.35, zorder=2)
-        x, y = dots.get(method + FAST, own_dots[-1])
+        of_method = [dots[method + ending] for ending in MARKERS if method + ending in dots]
+        axes.plot(*zip(*of_method, strict=True), color=colour, linewidth=1, alpha=0.35, zorder=2)
+        x, y = dots.get(method + FAST, of_method[-1])
         right = x < np.sqrt(low * high)
         place = {"textcoords": "offset points", "ha": "left" if right else "right", "va": "center", "color": colour}
         place |= {"bbox": BACKGROUND, "zorder": 2.5}
@@ -267,7 +245,9 @@ def roofline_figure(rows: Sequence[Row], character: str) -> "tuple[matplotlib.fi
     present = [ending for ending in MARKERS if any(parted(name)[1] == ending for name in names)]
     keys = [Line2D([], [], marker=MARKERS[e], color="0.35", linestyle="", markersize=10) for e in present]
     axes.legend(keys, [KEYS.get(ending, BACKENDS[ending]) for ending in present], loc="lower right", frameon=False)
-    figure.draw_without_rendering()  # the layout decides how steep a slope is
+
+    # words along the slopes, once the layout has decided how steep they are
+    figure.draw_without_rendering()
     for metric, label, _, share, side, offset in ROOFS:
         slope = value(MACHINE, metric) / BILLION
         at = max(1.1 * low, peak / slope * share)
@@ -289,7 +269,7 @@ def roofline_figure(rows: Sequence[Row], character: str) -> "tuple[matplotlib.fi
 
 
 def _lift(labels: "Sequence[matplotlib.text.Annotation]") -> None:
-    """Move labels upwards that others lie on, the lowest first. They have been drawn, so that their sizes are known."""
+    """Move up labels that lie on others, the lowest first. They are drawn already, so that their sizes are known."""
     for lower, upper in combinations(sorted(labels, key=lambda label: label.xy[1]), 2):
         below, above = lower.get_window_extent(), upper.get_window_extent()
         if below.overlaps(above):
@@ -297,7 +277,11 @@ def _lift(labels: "Sequence[matplotlib.text.Annotation]") -> None:
             upper.xyann = across, up + (below.y1 - above.y0) * 72 / upper.figure.dpi + 1
 
 
-def _dot(value: object, name: str) -> tuple[float, float]:
-    """Return multiplications a byte, and billions of them a second."""
+def _dot(value: Callable[[str, str], float], name: str) -> tuple[float, float]:
+    """Return the multiplications a byte, and the billions of them a second; value: (name, metric) → number."""
     count = value(name, "multiplications")
     return count / (1e6 * value(name, "read")), count / value(name, "network") / 1e6
+
+
+if __name__ == "__main__":
+    sys.exit(main())

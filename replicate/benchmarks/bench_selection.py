@@ -1,9 +1,9 @@
-"""What readings of §3.3 select: how many squares, what of the wrinkles they cover, and the refined maps' floor.
+"""What readings of §3.3 select: how many squares, how much of the wrinkles they cover, and the refined maps' floor.
 
-`make bench-selection` holds four choices against each other that the section leaves open: the error is that of offsets
-or of positions; clusters belong to one chart each, or all charts lie in one plane; their number is where the gap to an
-even error stops to grow, or lies farthest below the chord of a curve of 10 or 20 numbers, or explains nine tenths.
-No network is involved; floors are measured as `make bench-floors` does.
+`make bench-selection` compares ways to read what the section leaves open. The error is that of offsets or of positions.
+Clusters belong to one chart each, or all charts lie in one plane. And the count of clusters is where the gap to an even
+error stops growing, or where the curve of 10 or 20 counts is farthest below its chord, or where nine tenths are
+explained. No network is involved; floors are measured as by `make bench-floors`.
 """
 
 import argparse
@@ -15,17 +15,24 @@ from jaxtyping import Float, Integer
 
 from data_recipes.rig import Rig
 from replicate.approximation import refinement
-from replicate.approximation.metrics import unique_poses
 from replicate.approximation.segments import Segment
 from replicate.base.exceptions import InputError
 from replicate.base.progress import progress
-from replicate.benchmarks.bench_floors import BATCH, floor_errors, placed_floor
-from replicate.benchmarks.common import answer, artefacts_of, make_parser, publish, split_names
-from replicate.config import Config, resolve
+from replicate.benchmarks.bench_floors import BATCH, floor_errors, placed_floor, some_test_offsets, vertices_in
+from replicate.benchmarks.common import (
+    answer,
+    artefacts_of,
+    bench_characters,
+    cell,
+    in_groups,
+    make_parser,
+    split_names,
+)
+from replicate.config import Config
 from replicate.methods import artefacts
 from replicate.methods.plan import Plan
 from replicate.report.results import Row, find
-from replicate.report.tables import Table, round_off
+from replicate.report.tables import Table
 
 ABOUT = "what readings of §3.3 select to be refined, what of the wrinkles that covers, and its floor"
 WRITES = "results/runs/bench/bench_selection.csv"
@@ -52,7 +59,7 @@ def chord(inertia: Sequence[float]) -> int:
 
 
 def count(rule: str, inertia: Sequence[float], even: Sequence[float]) -> int:
-    """Return the number of clusters that a rule of RULES takes; the curves are shares of what no cluster costs."""
+    """Return the number of clusters that a rule of RULES chooses; inertias are shares of that without clusters."""
     if rule == "gap":
         return refinement.elbow(inertia, even)
     if rule == "explained":
@@ -64,7 +71,7 @@ def count(rule: str, inertia: Sequence[float], even: Sequence[float]) -> int:
 def centroids(
     segments: Sequence[Segment], errors: Float[np.ndarray, " n"], plane: str, seed: int = 0
 ) -> dict[str, tuple[int, list[Float[np.ndarray, "c 2"]]]]:
-    """Return, for each rule, the number of clusters and every segment's centroids; in one plane all have the same."""
+    """Return the number of clusters and the centroids of every segment by rule; in one plane all segments have all."""
     charts, weights = [segment.uv for segment in segments], [errors[segment.vertices] for segment in segments]
     if plane == "plane":
         charts, weights = [np.concatenate(charts)], [np.concatenate(weights)]
@@ -72,9 +79,10 @@ def centroids(
     _, _, even = refinement.deal(charts, [np.ones(len(weight)) for weight in weights], len(inertia), seed)
     selected = {}
     for rule in RULES:
-        k = count(rule, inertia, even)
-        centres = [fit[d - 1][1] if d else np.zeros((0, 2)) for fit, d in zip(fits, dealt[k - 1], strict=True)]
-        selected[rule] = k, centres * len(segments) if plane == "plane" else centres
+        clusters = count(rule, inertia, even)
+        each = zip(fits, dealt[clusters - 1], strict=True)
+        centres = [fit[part - 1][1] if part else np.zeros((0, 2)) for fit, part in each]
+        selected[rule] = clusters, centres * len(segments) if plane == "plane" else centres
     return selected
 
 
@@ -82,14 +90,14 @@ def wrinkled_vertices(rig: Rig) -> Integer[np.ndarray, " s"]:
     """Return the vertices that a rig's wrinkles move. Raises InputError for a rig without wrinkles."""
     states = rig.wrinkle_states(rig.default) if hasattr(rig, "wrinkle_states") else {}
     if not states:
-        raise InputError(f"the rig {rig.name} has no wrinkles, and this benchmark asks what of them is refined")
+        raise InputError(f"the rig {rig.name} has no wrinkles, and this benchmark measures how far they are refined")
     return np.unique(np.concatenate([state.vertices for state in states.values()]))
 
 
 def readings(config: Config, wrinkled: Integer[np.ndarray, " s"]) -> list[Row]:
-    """Make what is needed of a character, nothing trained, and return what each reading selects.
+    """Return what each reading of §3.3 selects of a character, which takes no training.
 
-    wrinkled: the vertices that its wrinkles move.
+    wrinkled: the vertices that the character's wrinkles move.
     """
     from replicate.approximation.deformation_map import Floor
 
@@ -100,25 +108,23 @@ def readings(config: Config, wrinkled: Integer[np.ndarray, " s"]) -> list[Row]:
     attachments = artefacts.load_attachments(inputs)
     poses = samples.draw(np.random.default_rng(0), min(config.refinement.poses, len(samples)))
     offsets = samples.offsets(poses)
-    test = unique_poses(np.asarray(samples.test_params))
-    test = samples.test_offsets[test[:: max(1, len(test) // POSES)][:POSES]]
+    test = some_test_offsets(samples, POSES)
     rows = []
     with progress(len(QUANTITIES) * len(PLANES) * len(RULES), f"{selection.label}, readings") as bar:
         for quantity in QUANTITIES:
             seen = offsets if quantity == "offsets" else offsets + mesh.neutral
             errors = refinement.map_error(segments, seen, config.coarse.map_size)
             for plane in PLANES:
-                for rule, (k, centres) in centroids(segments, errors, plane).items():
+                for rule, (clusters, centres) in centroids(segments, errors, plane).items():
                     squares = []
-                    for segment, own in zip(segments, centres, strict=True):
-                        squares += refinement.square_segments(segment, own, influence, config.refinement.square)
-                    covered = np.zeros(len(mesh.neutral), bool)
-                    for square in squares:
-                        covered[square.vertices] = True
+                    for segment, middles in zip(segments, centres, strict=True):
+                        squares += refinement.square_segments(segment, middles, influence, config.refinement.square)
+                    covered = vertices_in(squares, len(mesh.neutral))
                     floor = Floor(segments, config.coarse.map_size, tuple(squares), config.refinement.map_size)
                     placed = placed_floor(mesh, attachments, floor)
                     degrees = floor_errors(mesh, placed, test, covered)[""][1]
-                    values = (k, len(squares), covered[wrinkled].mean(), errors[covered].sum() / errors.sum(), degrees)
+                    share = errors[covered].sum() / errors.sum()
+                    values = (clusters, len(squares), covered[wrinkled].mean(), share, degrees)
                     for (metric, (unit, _)), value in zip(METRICS.items(), values, strict=True):
                         facts = (unit, float(value), None, 1, len(test), config.profile, "bench-selection")
                         rows.append(Row(TABLE, selection.label, f"{quantity}_{plane}_{rule}", metric, *facts))
@@ -128,22 +134,19 @@ def readings(config: Config, wrinkled: Integer[np.ndarray, " s"]) -> list[Row]:
 
 def selection_table(rows: Sequence[Row], character: str) -> Table:
     """Return one character's readings, a reading a line."""
-    body: list[tuple[str, ...] | None] = []
+    lines = []
     for quantity in QUANTITIES:
         for plane, words in PLANES.items():
-            body += [None] if body else []
             for rule, name in RULES.items():
-                cells = [f"{quantity}, {words}, {name}"]
-                for metric, (unit, _) in METRICS.items():
-                    row = find(rows, TABLE, character, f"{quantity}_{plane}_{rule}", metric)
-                    cells.append(round_off(row.value, unit) if row else "–")
-                body.append(tuple(cells))
+                reading = f"{quantity}_{plane}_{rule}"
+                cells = (cell(find(rows, TABLE, character, reading, metric)) for metric in METRICS)
+                lines.append((f"{quantity}_{plane}", (f"{quantity}, {words}, {name}", *cells)))
     header = ("error of, clusters, their number", *(title for _, title in METRICS.values()))
     notes = (
         "Floor: least-squares maps of the true offsets of test poses, the refinement's on top of the coarse ones; "
         "rigid segments are placed as §3.4 does.",
     )
-    return Table(f"Readings of §3.3: {character}", (header,), tuple(body), notes)
+    return Table(f"Readings of §3.3: {character}", (header,), in_groups(lines), notes)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -154,10 +157,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
     names = split_names(options.characters, "where its skin wrinkles")
-    wrinkled = {name: wrinkled_vertices(artefacts.rig_of(name)) for name in names}
-    for name in names:
-        rows = readings(resolve(name, options.profile), wrinkled[name])
-        publish(TABLE, rows, [selection_table(rows, rows[0].character)], command_line)
+    wrinkled = {name: wrinkled_vertices(artefacts.rig_of(name)) for name in names}  # before anything is made
+
+    def measure(config: Config) -> list[Row]:
+        return readings(config, wrinkled[config.character])
+
+    bench_characters(TABLE, measure, selection_table, options, command_line)
 
 
 if __name__ == "__main__":

@@ -1,16 +1,17 @@
-"""How fast a training step is: ours beside the one that one would write first, and what each piece of ours brings.
+"""How fast a training step is: ours beside a plain one, and what each piece of ours gains.
 
 `make bench-train` lets the ways take turns on the same batches, so that a busy machine slows all of them alike; the
 median of the turns counts. All have the same networks, weights and batches; forward and backward pass, the loss and
-Adam are timed, on one thread. The first way has a module a segment, maps in full, torch's normals; the others replace
-the loss, or the maps, or both; `rewritten` has our exact rewrites of the maps with torch's own layers. The regional
-method is trained on meshes first, and then on coefficients.
+Adam are timed, on one thread. The plain way has a module a segment, maps in full and torch's normals; the others
+replace the loss, or the maps, or both; `rewritten` has our exact rewrites of the maps with torch's layers. The regional
+method is trained on meshes, and on coefficients.
 """
 
 import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 import torch
@@ -28,15 +29,24 @@ from replicate.approximation.training import prepare
 from replicate.base.progress import progress
 from replicate.baselines.dense import make_network as make_dense
 from replicate.baselines.dense import shape_facts as dense_facts
-from replicate.benchmarks.common import PROFILE, add_count, answer, artefacts_of, make_parser, publish, split_names
-from replicate.config import Config, resolve
+from replicate.benchmarks.common import (
+    add_count,
+    answer,
+    artefacts_of,
+    bench_characters,
+    bench_row,
+    cell,
+    in_groups,
+    make_parser,
+)
+from replicate.config import Config
 from replicate.methods import artefacts, regional
-from replicate.methods.method_registry import method_named, sections
+from replicate.methods.method_registry import method_named
 from replicate.methods.plan import Plan
 from replicate.methods.training_stage import inputs_of_networks
 from replicate.regional.model import RegionalModel, regional_loss
 from replicate.report.results import Row, find
-from replicate.report.tables import Table, round_off
+from replicate.report.tables import Table
 from replicate.timing.plain_evaluation import read_full_maps
 
 ABOUT = "milliseconds of a training step, ours beside a plain one, and what each piece of ours brings"
@@ -54,7 +64,7 @@ LABELS = {
 
 
 def ways_of(model: SegmentedModel, supervision: Supervision) -> dict[str, tuple[nn.Module, Callable]]:
-    """Return each way to train a model: its module, and its loss; maps that are no maps have none of their own."""
+    """Return each way to train a model by name: its module and its loss. Only networks of maps have all the ways."""
     ours, plain = supervision.loss, PlainLoss(supervision.loss)
     if not hasattr(model.networks[0], "maps"):
         return {PLAIN: (model, plain), OURS: (model, ours)}
@@ -77,9 +87,9 @@ def _with(model: SegmentedModel, kind: type[nn.Module]) -> SegmentedModel:
 def time_steps(
     ways: dict[str, tuple[nn.Module, Callable]], batches: Sequence[tuple[torch.Tensor, torch.Tensor]], label: str
 ) -> dict[str, np.ndarray]:
-    """Return each way's wall times in ms, one a batch; a first batch goes before them and isn't timed.
+    """Return each way's wall times in ms, one a batch, after a batch that isn't timed.
 
-    All ways share weights; the rate is 0, so that all see the same ones.
+    All ways share weights; the rate is 0, so that the weights stay the same.
     """
     optimisers = {
         name: torch.optim.Adam(module.parameters(), lr=0.0, fused=name != PLAIN) for name, (module, _) in ways.items()
@@ -112,49 +122,45 @@ def measure(config: Config, rounds: int) -> list[Row]:
         ("refined", squares, config.refinement, make_network, shape_facts),
         ("dense", coarse, config.dense, make_dense, dense_facts),
     ):
-        own = segment_vertices(segments)
-        supervision = Supervision(mesh, samples, own if method == "refined" else movable, section.normal_weight, device)
+        vertices = segment_vertices(squares) if method == "refined" else movable
+        supervision = Supervision(mesh, samples, vertices, section.normal_weight, device)
         networks = [make(segment, facts(section)) for segment in segments]
         model = fresh_model(networks, segments, scale, supervision.statistics()[1], section, config.seed)
         batches = [supervision.batch(config.seed, "bench", turn, section.training) for turn in range(rounds)]
         rows += _rows(plan.character, method, time_steps(ways_of(model, supervision), batches, f"{method} steps"))
     section, influence = regional.METHOD.section(config), artefacts.load_influence(inputs)
     supervision = Supervision(mesh, samples, movable, section.normal_weight, device)
-    model, coefficients = fresh_regional(supervision, influence, section, config.seed, progress)
+    model, coefficients = fresh_regional(supervision, influence, section, config.seed)
     batches = regional_batches(supervision, coefficients, section, config.seed, rounds)
-    ways = regional_ways(model, supervision, PLAIN, "loss", OURS)
+    ways = regional_ways(model, supervision)
     return rows + _rows(plan.character, regional.METHOD.name, time_steps(ways, batches, "regional steps"))
 
 
 def _rows(character: str, method: str, times: dict[str, np.ndarray]) -> list[Row]:
-    """Return the rows of a method's ways, whose times are in ms."""
+    """Return the rows of a method's ways. times: of each way's steps, ms."""
     rows = []
     for name, milliseconds in times.items():
-        median = float(np.median(milliseconds))
-        facts = (None, 1, len(milliseconds), PROFILE, TABLE)
+        median, count = float(np.median(milliseconds)), len(milliseconds)
         ratio = float(np.median(times[PLAIN])) / median
-        rows.append(Row(TABLE, character, method, f"step_ms[{name}]", "ms", median, *facts))
-        rows.append(Row(TABLE, character, method, f"times_as_fast[{name}]", "ratio", ratio, *facts))
+        rows.append(bench_row(TABLE, character, method, f"step_ms[{name}]", "ms", median, count, TABLE))
+        rows.append(bench_row(TABLE, character, method, f"times_as_fast[{name}]", "ratio", ratio, count, TABLE))
     return rows
 
 
 def steps_table(rows: Sequence[Row], character: str) -> Table:
     """Return one character's steps, a group a method."""
-    body: list[tuple[str, ...] | None] = []
+    lines = []
     for method in dict.fromkeys(row.method for row in rows if row.character == character):
-        body += [None] if body else []
         for name, label in LABELS.items():
-            cells = [find(rows, TABLE, character, method, f"{m}[{name}]") for m in ("step_ms", "times_as_fast")]
-            if all(cells):
-                ends = (round_off(cell.value, cell.unit) for cell in cells)
-                body.append((method_named(method).label, label, *ends))
+            found = [find(rows, TABLE, character, method, f"{m}[{name}]") for m in ("step_ms", "times_as_fast")]
+            if all(found):
+                lines.append((method, (method_named(method).label, label, *map(cell, found))))
     note = (
         "medians over turns, on one thread; batches of the profile's size; refined: the squares' networks alone; "
         "regional: on meshes, and ours on coefficients of its bases."
     )
-    return Table(
-        f"A training step: {character}", (("", "", "ms", "times as fast"),), tuple(body), (note,), text_columns=2
-    )
+    header = ("", "", "ms", "times as fast")
+    return Table(f"A training step: {character}", (header,), in_groups(lines), (note,), text_columns=2)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -165,16 +171,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
-    for character in split_names(options.characters):
-        rows = measure(resolve(character, options.profile, sections=sections(options.profile)), options.rounds)
-        publish(TABLE, rows, [steps_table(rows, rows[0].character)], command_line)
+    bench_characters(TABLE, partial(measure, rounds=options.rounds), steps_table, options, command_line)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
-
-
-# The networks' training step as one would write it first, in plain torch: what ours is compared with.
+# The plain training step, in torch alone, with which ours is compared.
 
 
 class FullMaps(nn.Module):
@@ -214,17 +214,17 @@ class Rewritten(nn.Module):
 
 
 class PlainLoss:
-    """Eq. 1 in plain torch, with the numbers of a `FacialLoss`."""
+    """Eq. 1 in plain torch, with the weight and counts of a `FacialLoss`."""
 
     def __init__(self, loss: FacialLoss):
         self.neutral, self.faces = torch.from_numpy(loss.neutral), torch.from_numpy(loss.faces).long()
-        self.numbers = (loss.normal_weight, loss.vertex_count, loss.face_count)
+        self.settings = (loss.normal_weight, loss.vertex_count, loss.face_count)
 
     def __call__(self, offsets: Float[torch.Tensor, "b n 3"], target: Float[torch.Tensor, "b n 3"]) -> torch.Tensor:
-        return reference_loss(self.neutral + offsets, self.neutral + target, self.faces, *self.numbers)
+        return reference_loss(self.neutral + offsets, self.neutral + target, self.faces, *self.settings)
 
 
-# The regional method's training step on coefficients, as ours is, and on meshes, as one would write it first.
+# The regional method's training step: on coefficients, as ours, and on meshes, as a plain one.
 
 STREAM = "bench"  # of the batches that are drawn
 
@@ -258,9 +258,12 @@ def fresh_regional(
     influence: Bool[np.ndarray, "n m"],
     section: regional.RegionalConfig,
     seed: int,
-    progress: Callable,
 ) -> tuple[RegionalModel, Float[np.ndarray, "s d"]]:
-    """Return the method's model with random weights, and all training samples' coefficients over its length."""
+    """Return the method's model with random weights, and the coefficients of all training samples over its length.
+
+    supervision: of the vertices that the regions share out. influence: which control moves which vertex. section: the
+    method's settings.
+    """
     samples = supervision.samples
     bases, _, coefficients = regional.stored_bases(supervision, section, progress)
     length = float(np.sqrt(np.mean(np.square(coefficients), dtype=np.float64))) or 1.0
@@ -272,10 +275,8 @@ def fresh_regional(
     return model, coefficients / np.float32(length)
 
 
-def regional_ways(
-    model: RegionalModel, supervision: Supervision, plain: str, loss: str, ours: str
-) -> dict[str, tuple[nn.Module, Callable]]:
-    """Return the ways to train it, by the names that are given: on meshes by either loss, and on coefficients.
+def regional_ways(model: RegionalModel, supervision: Supervision) -> dict[str, tuple[nn.Module, Callable]]:
+    """Return the ways to train a regional model, each a module and its loss: on meshes by either loss, and ours.
 
     A target is a pair: true offsets (b, v, 3) in mm, and coefficients (b, d).
     """
@@ -283,9 +284,9 @@ def regional_ways(
     membership = torch.from_numpy(np.eye(len(counts), dtype=np.float32)[np.repeat(np.arange(len(counts)), counts)])
     on_meshes, of_meshes = OnMeshes(model, supervision.vertices), PlainLoss(supervision.loss)
     return {
-        plain: (on_meshes, lambda offsets, target: of_meshes(offsets, target[0])),
-        loss: (on_meshes, lambda offsets, target: supervision.loss(offsets, target[0])),
-        ours: (OnCoefficients(model), lambda found, target: regional_loss(found - target[1], membership)),
+        PLAIN: (on_meshes, lambda offsets, target: of_meshes(offsets, target[0])),
+        "loss": (on_meshes, lambda offsets, target: supervision.loss(offsets, target[0])),
+        OURS: (OnCoefficients(model), lambda found, target: regional_loss(found - target[1], membership)),
     }
 
 
@@ -296,10 +297,21 @@ def regional_batches(
     seed: int,
     rounds: int,
 ) -> list[tuple[torch.Tensor, tuple[torch.Tensor, torch.Tensor]]]:
-    """Return batches of raw rig parameters (b, m) and targets, as `regional_ways` needs them."""
+    """Return batches of raw rig parameters (b, m) and targets, as `regional_ways` needs them.
+
+    supervision: of the vertices that the regions share out.
+    coefficients: of all training samples.
+    section: the method's settings.
+    seed: of the draws.
+    rounds: how many batches.
+    """
     batches = []
     for turn in range(rounds):
         rows = supervision.samples.draw_for_step(seed, STREAM, turn, section.training.batch, section.training.draws)
         params, offsets = supervision.batch(seed, STREAM, turn, section.training)
         batches.append((params, (offsets, torch.from_numpy(np.ascontiguousarray(coefficients[rows])))))
     return batches
+
+
+if __name__ == "__main__":
+    sys.exit(main())

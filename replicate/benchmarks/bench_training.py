@@ -1,15 +1,15 @@
 """What decides the networks' errors: peak rates, the augmentation and balanced draws of §3.5, a bound on gradients.
 
 `make bench-training` trains each method several times with one thing changed and compares the errors on the validation
-poses, which are held out of the training animation; test poses are not looked at. All is tried for every method alike,
-at the same short schedule. Trainings go through the cache like any stage, so that a stopped run goes on.
+poses, which are held out of the training animation; test poses are not used. Every method gets the same changes at the
+same short schedule. Trainings are stages in the cache, so that a stopped run goes on where it was.
 
 "Raw animation" is what §3.5 argues against (claim C12): coarse networks trained on as many poses, drawn from the
 training animation as it is, each frame as likely as any other (Eq. 5 with all factors 1). Validation and test poses are
 the profile's. They are frames of the animation too, often neighbours of training frames, which favours the raw
 animation: poses unlike the animation's, for which the paper augments, are not among them. So the same three networks,
-raw, balanced and with uniform draws, are trained once more with whole clips held out, and measured on these clips, of
-which training has no frame. Nothing is chosen there. A rig without clips has no animation, and no such rows.
+raw, balanced and with uniform draws, are trained once more without some whole clips, and measured on these. No setting
+is chosen by the results. A rig without clips has no animation, and no such rows.
 """
 
 import argparse
@@ -19,31 +19,33 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from replicate.approximation.segments import segment_vertices
 from replicate.benchmarks.common import (
     add_count,
     add_only,
     answer,
     artefacts_of,
+    folders_of,
+    in_groups,
     make_parser,
+    make_stages,
     publish,
     selected,
     split_names,
 )
+from replicate.benchmarks.variants import validation_errors
 from replicate.config import Config, resolve
-from replicate.engine.provenance import core_count, provenance
-from replicate.engine.scheduler import run
 from replicate.engine.stage import Stage, in_order
 from replicate.engine.store import artefact_folder
 from replicate.methods import artefacts, measurement
 from replicate.methods.method_registry import method_named
 from replicate.methods.plan import Plan
-from replicate.methods.training_stage import LOG
 from replicate.report.manifest import section
 from replicate.report.notebooks import folder_of
-from replicate.report.results import Row, characters_of, error_rows, read_log
+from replicate.report.results import Row, characters_of, error_rows
 from replicate.report.tables import Table, round_off
 
-# Trainings that differ in one thing, as a table: what decides the networks' errors on validation poses.
+# The trainings as a table.
 
 TABLE = "bench_training"
 METRICS = {
@@ -56,7 +58,7 @@ METRICS = {
 METHODS = ("coarse", "refined", "dense")
 BALANCED, RAW_ANIMATION = "balanced draws", "raw animation"  # changes that claim C12 compares
 TWICE, RESTART = "twice the steps", "twice the steps, in two cycles"  # one long schedule, or a warm restart
-USUAL = "peak rate 0.005"  # the profile's own recipe among the changes: augmented, with uniform draws
+USUAL = "peak rate 0.005"  # the recipe of the profile, among the changes: augmented, with uniform draws
 
 
 def trainings_tables(rows: Iterable[Row]) -> list[Table]:
@@ -64,8 +66,8 @@ def trainings_tables(rows: Iterable[Row]) -> list[Table]:
 
     A row's metric is metric[change], as `replicate.benchmarks.bench_training` writes it.
     """
-    own = [row for row in rows if row.table == TABLE and row.method in METHODS]
-    return [_trainings_table([row for row in own if row.character == name], name) for name in characters_of(own)]
+    shown = [row for row in rows if row.table == TABLE and row.method in METHODS]
+    return [_trainings_table([row for row in shown if row.character == name], name) for name in characters_of(shown)]
 
 
 def _trainings_table(rows: Sequence[Row], character: str) -> Table:
@@ -73,13 +75,12 @@ def _trainings_table(rows: Sequence[Row], character: str) -> Table:
     for row in rows:
         metric, _, change = row.metric.rstrip("]").partition("[")
         by_change.setdefault((row.method, change), {})[metric] = row
-    lines: list[tuple[str, ...] | None] = []
+    lines = []
     for method in METHODS:
-        changes = sorted(change for name, change in by_change if name == method)
-        lines += [None] if lines and changes else []
-        for change in changes:
-            cells = (by_change[method, change].get(metric) for metric in METRICS)
-            lines.append((method, change, *(round_off(row.value, row.unit) if row else "" for row in cells)))
+        for change in sorted(change for name, change in by_change if name == method):
+            found = (by_change[method, change].get(metric) for metric in METRICS)
+            cells = (round_off(row.value, row.unit) if row else "" for row in found)
+            lines.append((method, (method, change, *cells)))
     header = ("", "peak rate or change", *(name for _, name in METRICS.values()))
     validation = [row.poses or 0 for row in rows if not row.metric.startswith("clips_")]
     notes = [f"errors on {max(validation)} poses held out of the training animation; one seed."] if validation else []
@@ -88,26 +89,26 @@ def _trainings_table(rows: Sequence[Row], character: str) -> Table:
             f"Other clips: trained anew, with whole clips held out, and measured on {max(clips)} poses of these."
         )
     return Table(
-        f"Trainings that differ in one thing: {character}", (header,), tuple(lines), tuple(notes), text_columns=2
+        f"Trainings that differ in one thing: {character}", (header,), in_groups(lines), tuple(notes), text_columns=2
     )
 
 
 def axis_text(rows: Iterable[Row]) -> str:
-    """Return which controls §3.5's intervals follow most, with their correlations, from `bench_training.csv`.
+    """Return the controls that §3.5's intervals follow most, with their correlations, from `bench_training.csv`.
 
-    A line for each character, after one that says what they are.
+    A line for each character, after a heading.
     """
-    own = [row for row in rows if row.table == TABLE and row.metric.startswith("interval_correlation[")]
+    all_rows = [row for row in rows if row.table == TABLE and row.metric.startswith("interval_correlation[")]
     lines = []
-    for character in characters_of(own):
-        correlations = sorted((row for row in own if row.character == character), key=lambda row: -abs(row.value))
+    for character in characters_of(all_rows):
+        correlations = sorted((row for row in all_rows if row.character == character), key=lambda row: -abs(row.value))
         controls = (f"{row.metric.rstrip(']').partition('[')[2]} {row.value:+.2f}" for row in correlations)
         lines.append(f"{character}: {', '.join(controls)}")
     return "\n".join(["controls that the intervals follow most, with their correlations", *lines] if lines else [])
 
 
 def draws_text(samples_per_bin: Sequence[int]) -> str:
-    """Return what share of the samples half of §3.5's balanced draws go to: those in the emptier half of its intervals.
+    """Return which share of the samples, those in the emptier half of §3.5's intervals, gets half of its draws.
 
     samples_per_bin: how many samples lie in each interval of the landmarks' first principal component.
     """
@@ -150,9 +151,9 @@ ON_CLIPS = (USUAL, BALANCED, RAW_ANIMATION)  # the coarse trainings that are mea
 
 @dataclass(frozen=True)
 class Variant:
-    """One training: which method's, what is changed in words, and as overrides of the profile.
+    """One training: of which method, and what is changed, in words and as overrides of the profile.
 
-    clips: whether it has no frame of the clips that it is measured on.
+    clips: whether it is measured on whole clips, of which training has no frame.
     """
 
     method: str
@@ -184,31 +185,24 @@ def _on_other_clips(variant: Variant) -> Variant:
 
 
 def _at(section: str, steps: int, training: dict) -> dict:
-    """Return the overrides that train a section's networks, and those that they add to, for so many steps."""
+    """Return the overrides that train a section's networks, and the coarse ones below them, for so many steps."""
     short = {"training": {"steps": steps}}
     return {"coarse": short, section: {"training": {"steps": steps} | training}}
 
 
 def stages_of(config: Config, variant: Variant) -> dict[str, Stage]:
-    """Return the stages that a training, and its floor or its errors on other clips, need, by name; the last, last."""
+    """Return by name the stages of a training and all behind them; the one that needs all others comes last."""
     plan, method = Plan(config), method_named(variant.method)
     wanted = [measurement.stage(plan, method)] if variant.clips else list(method.stages(plan))
     return {stage.name: stage for stage in in_order(wanted)}
 
 
-def validation_errors(stages: dict[str, Stage], method: str) -> tuple[float, float]:
-    """Return a finished training's validation errors (mm, degrees): the last row of its log."""
-    *_, last = read_log(artefact_folder(stages[method].identifier) / LOG)
-    return last[2], last[3]
-
-
 def floor_deg(stages: dict[str, Stage], config: Config, refined: bool) -> float:
-    """Return the projection floor's mean normal error on the validation poses, as the log measures it."""
+    """Return the projection floor's mean normal error in degrees on the validation poses, as the log measures it."""
     from replicate.approximation.deformation_map import Floor
     from replicate.approximation.losses import Supervision
-    from replicate.approximation.segments import segment_vertices
 
-    inputs = {name: artefact_folder(stage.identifier) for name, stage in stages.items()}
+    inputs = folders_of(stages.values())
     mesh, samples = artefacts.load_mesh(inputs), artefacts.load_samples(inputs)
     segments = artefacts.load_coarse_segments(inputs, mesh)
     squares = artefacts.load_squares(inputs) if refined else ()
@@ -218,7 +212,7 @@ def floor_deg(stages: dict[str, Stage], config: Config, refined: bool) -> float:
 
 
 def has_clips(config: Config) -> bool:
-    """Return whether a character's rig, which is built if it isn't there, has an animation to draw poses from."""
+    """Return whether a character's rig, which is built where it is missing, has an animation."""
     return artefacts.load_rig(artefacts_of(TABLE, config, [artefacts.rig_stage(Plan(config))])).clips is not None
 
 
@@ -231,8 +225,8 @@ def clip_rows(stages: dict[str, Stage], config: Config, variant: Variant) -> lis
 
 
 def axis_rows(stages: dict[str, Stage], profile: str) -> list[Row]:
-    """Return which controls the balanced intervals follow: correlations of controls with the samples' intervals."""
-    inputs = {name: artefact_folder(stage.identifier) for name, stage in stages.items()}
+    """Return the largest correlations of controls with the samples' intervals (§3.5) as rows."""
+    inputs = folders_of(stages.values())
     controls, samples = artefacts.load_rig(inputs).controls, artefacts.load_samples(inputs)
     params = np.asarray(samples.params, np.float64)
     centred, interval = params - params.mean(0), samples.bins - samples.bins.mean()
@@ -249,7 +243,7 @@ def axis_rows(stages: dict[str, Stage], profile: str) -> list[Row]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison from the command line; return the exit code."""
-    parser = make_parser(TABLE, __doc__, profile="whose numbers are changed")
+    parser = make_parser(TABLE, __doc__, profile="whose settings are changed")
     add_count(parser, "steps", STEPS, "of the short schedule")
     add_only(parser)
     return answer(parser, _run, arguments)
@@ -264,18 +258,17 @@ def _run(options: argparse.Namespace, command_line: Sequence[str]) -> None:
 def compare(character: str, options: argparse.Namespace) -> list[Row]:
     """Train all variants for a character and return their errors on validation poses, or on other clips."""
     selection = selected(variants(options.steps), options.only)
-    if not has_clips(resolve(character, options.profile)):  # its poses are drawn uniformly, with any factors
+    if not has_clips(resolve(character, options.profile)):  # its poses are drawn uniformly
         selection = [variant for variant in selection if variant.change != RAW_ANIMATION and not variant.clips]
     configs = [resolve(character, options.profile, variant.overrides) for variant in selection]
     graphs = [stages_of(config, variant) for config, variant in zip(configs, selection, strict=True)]
-    facts = provenance(["make", "bench-training"], options.profile, [0], core_count())
-    run([list(graph.values())[-1] for graph in graphs], facts=facts)
+    make_stages(TABLE, options.profile, [list(graph.values())[-1] for graph in graphs])
     rows = []
     for variant, config, graph in zip(selection, configs, graphs, strict=True):
         if variant.clips:
             rows += clip_rows(graph, config, variant)
             continue
-        mm, degrees = validation_errors(graph, variant.method)
+        mm, degrees = validation_errors(artefact_folder(graph[variant.method].identifier))
         errors = {"validation_vertex_error": mm, "validation_normal_error": degrees}
         if variant.method in FLOORS:
             errors["normal_error_over_floor"] = degrees / floor_deg(graph, config, variant.method == "refined")

@@ -13,17 +13,17 @@ import websocket
 
 from replicate.base.exceptions import RunError
 
-COMMON = ("--headless", "--no-first-run", "--proxy-server=127.0.0.1:9")  # where no proxy is
-GRAPHICS = ("--enable-unsafe-swiftshader",)  # the card that there is; where there is none, the processor
+COMMON = ("--headless", "--no-first-run", "--proxy-server=127.0.0.1:9")  # no proxy is there: no network
+GRAPHICS = ("--enable-unsafe-swiftshader",)  # the processor draws where there is no graphics card
 SIZE = (1200, 800)  # of the window, px
 PATIENCE_S = 60
 
 
 class BrowserTab:
-    """A page in a browser of its own, which ends with it.
+    """A page in a new process of a browser, which ends with the tab.
 
-    program: the browser. folder: an empty one, for its profile. options: for its graphics. Raises RunError where it
-    does not answer, and for errors in the page.
+    program: the browser. folder: an empty one, for the browser's profile. options: for its graphics. Raises RunError
+    where the browser does not answer, and for errors in the page.
     """
 
     def __init__(self, program: str, folder: Path, options: Sequence[str] = GRAPHICS) -> None:
@@ -31,12 +31,13 @@ class BrowserTab:
         call = [program, *COMMON, *(["--no-sandbox"] if os.geteuid() == 0 else [])]  # which root can't have
         call += [f"--user-data-dir={profile}", f"--window-size={SIZE[0]},{SIZE[1]}", *options]
         call += ["--remote-debugging-port=0", "--remote-allow-origins=*", "about:blank"]
-        self._number, self._session, self._socket = 0, None, None
+        self._calls, self._session, self._socket = 0, None, None
         self._process = subprocess.Popen(call, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
             port, path = wait_for(functools.partial(_lines, profile / "DevToolsActivePort"))
             self._socket = websocket.create_connection(f"ws://127.0.0.1:{port}{path}", timeout=PATIENCE_S)
-            (target,) = [one for one in self.call("Target.getTargets")["targetInfos"] if one["type"] == "page"]
+            targets = self.call("Target.getTargets")["targetInfos"]
+            (target,) = [target for target in targets if target["type"] == "page"]
             attached = self.call("Target.attachToTarget", targetId=target["targetId"], flatten=True)
             self._session = attached["sessionId"]
             self.start()
@@ -45,7 +46,7 @@ class BrowserTab:
             raise
 
     def start(self) -> None:
-        """Switch on what is asked of the browser."""
+        """Switch on the protocol's domains that the tab needs."""
         for domain in ("Page", "Runtime"):
             self.call(f"{domain}.enable")
 
@@ -68,22 +69,22 @@ class BrowserTab:
 
     def call(self, method: str, **params: object) -> dict[str, Any]:
         """Return the answer to a command of the protocol."""
-        self._number += 1
+        self._calls += 1
         session = {"sessionId": self._session} if self._session else {}
-        self._socket.send(json.dumps({"id": self._number, "method": method, "params": params, **session}))
+        self._socket.send(json.dumps({"id": self._calls, "method": method, "params": params, **session}))
         while True:
             message = json.loads(self._socket.recv())
             self.notice(message)
-            if message.get("id") == self._number:
+            if message.get("id") == self._calls:
                 if "error" in message:
                     raise RunError(f"the browser refuses {method}: {message['error'].get('message')}")
                 return message["result"]
 
     def notice(self, message: dict[str, Any]) -> None:
-        """Take note of a message of the browser's."""
+        """Look at a message from the browser; subclasses take notes."""
 
     def evaluate(self, expression: str) -> Any:
-        """Return the value of a JavaScript expression in the page, or of the Promise that it is."""
+        """Return the value of a JavaScript expression in the page, awaited where it is a Promise."""
         answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         if wrong := answer.get("exceptionDetails"):
             raise RunError(f"the page fails: {wrong.get('exception', {}).get('description') or wrong['text']}")
@@ -100,7 +101,7 @@ class BrowserTab:
 
 
 def wait_for(ask: Callable[[], Any]) -> Any:
-    """Return what a function returns as soon as that is true; raises RunError where it takes too long."""
+    """Call a function until it returns something true, and return that. Raises RunError where it takes too long."""
     end = time.monotonic() + PATIENCE_S
     while not (answer := ask()):
         if time.monotonic() > end:

@@ -1,12 +1,12 @@
-"""Electronic Arts' Dem Bones as a peer of our SSDR: its best configuration for a head, and the one it comes with.
+"""Electronic Arts' Dem Bones as a peer of our SSDR: with the best settings for a head, and with its defaults.
 
-Dem Bones is C++ under the BSD licence; `py-dem-bones` binds it and is no dependency of this suite: only
-`make bench-lbs` looks for it. Its clusters and its candidates for weights spread along the polygons' edges, so that
-separate parts (gums, tongue, teeth) share no bones unless they are linked, by two-vertex polygons between near parts.
+Dem Bones is C++ under the BSD licence. Only `make bench-lbs` uses its Python package, `py-dem-bones`, so it is not a
+dependency of this suite. Its clusters and its candidates for weights spread along the polygons' edges, so that separate
+parts (gums, tongue, teeth) share no bones unless they are linked, by two-vertex polygons between near parts.
 
 Its start splits one cluster into many and ends at the first split that adds none. Where a part of the mesh stays still,
-as ICT-FaceKit's neck does, the first split may be that one: its motion fits nearly everything, nothing is left to the
-other cluster, and one bone is all there is. There the best configuration starts from our rigid clusters instead.
+as ICT-FaceKit's neck does, that may be the first split: one cluster's motion fits nearly everything, so that the other
+one gets no vertices, and there is a single bone. Then the best settings start from our rigid clusters instead.
 """
 
 import time
@@ -32,9 +32,10 @@ INFLUENCES = 8
 
 @dataclass(frozen=True)
 class Options:
-    """What is set on the solver; None leaves its own default.
+    """The settings of the solver; None leaves its default.
 
-    all_bones: where its own start finds fewer bones than asked for, it starts from our clusters.
+    link_parts: link separate parts of the mesh by two-vertex polygons. all_bones: start from our clusters where the
+    solver's own start finds fewer bones than asked for.
     """
 
     link_parts: bool = True
@@ -53,15 +54,15 @@ def solver_class() -> type:
         from py_dem_bones._py_dem_bones import DemBones
     except ImportError:
         raise InputError(
-            "py-dem-bones is not installed, and make bench-lbs measures against it: pip install py-dem-bones"
+            "make bench-lbs compares with Dem Bones, and py-dem-bones is not installed: pip install py-dem-bones"
         ) from None
     return DemBones
 
 
 def links(neutral: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "t 3"]) -> Int[np.ndarray, "l 2"]:
-    """Return pairs of vertices that join a mesh's separate parts into one, by its nearest parts.
+    """Return pairs of vertices that join a mesh's separate parts into one.
 
-    Parts are joined along the shortest tree between them, each pair of parts by its `LINKS` nearest pairs of vertices.
+    Parts are joined along the shortest tree between them, each two of them by their `LINKS` nearest pairs of vertices.
     """
     n = len(neutral)
     ends = faces.ravel(), np.roll(faces, 1, axis=1).ravel()
@@ -88,12 +89,17 @@ def fit(
     options: Options,
     go_on: Callable[[int, float, float], bool],
 ) -> tuple[Skin, int]:
-    """Fit Dem Bones to poses and return its skin and how many bones its own start has.
+    """Fit Dem Bones to poses; return its skin and how many bones its own start finds.
 
-    go_on: called after the start and after every iteration with the iterations so far, the processor's seconds that
-    they took, and the RMSE in mm (its own, not counted in the time); the fit ends when it returns False. A start that
-    isn't used isn't counted either.
+    neutral: rest positions, mm.
+    vertices: the poses, mm.
+    faces: the mesh's triangles.
+    bones: how many.
+    options: the solver's settings.
+    go_on: (iterations so far, their seconds on the processor, Dem Bones' RMSE in mm) → whether to go on; called after
+        the start and after every iteration. The seconds leave out the RMSE, and a start that isn't used.
     """
+    # the solver's data and settings
     solver = solver_class()()
     polygons = [face.tolist() for face in faces]
     if options.link_parts:
@@ -108,6 +114,7 @@ def fit(
         solver.transAffine = options.trans_affine
     if options.weights_smooth is not None:
         solver.weightsSmooth = options.weights_smooth
+    # a start, ours where its own finds too few bones
     start = time.process_time()
     solver.init()
     seconds, iteration, own_start = time.process_time() - start, 0, solver.nB
@@ -116,6 +123,7 @@ def fit(
         solver.nB, solver.m = bones, cluster_motions(neutral, vertices, bones)
         solver.init()
         seconds = time.process_time() - start
+    # its iterations, timed one by one
     while go_on(iteration, seconds, float(solver.rmse())):
         start = time.process_time()
         solver.computeTranformations()  # so it is spelt there
@@ -128,7 +136,7 @@ def fit(
 def cluster_motions(
     neutral: Float[np.ndarray, "n 3"], vertices: Float[np.ndarray, "f n 3"], bones: int
 ) -> Float[np.ndarray, "rows columns"]:
-    """Return the rigid motions of our clusters as Dem Bones holds bones: a 4 × 4 block a pose and bone, for columns."""
+    """Return the rigid motions of our clusters in Dem Bones' form: 4 × 4 a pose and bone, for column vectors."""
     labels, _ = cluster(compress(neutral, vertices, stream_rng(0, "lbs", "sketch")), bones)
     blocks = np.zeros((len(vertices), 4, bones, 4))
     blocks[:, 3, :, 3] = 1.0
@@ -140,7 +148,7 @@ def cluster_motions(
 
 
 def skin_of(neutral: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, "n bones"]) -> Skin:
-    """Return a skin of dense weights, of which at most `INFLUENCES` a vertex are not zero."""
+    """Return the skin of dense weights, with the `INFLUENCES` largest of each vertex."""
     count = min(INFLUENCES, weights.shape[1])
     index = np.argsort(-weights, axis=1, kind="stable")[:, :count].astype(np.int32)
     strongest = np.take_along_axis(weights, index, 1)

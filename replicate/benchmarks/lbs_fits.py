@@ -1,7 +1,7 @@
 """One fit of a skin to poses, ours or Dem Bones', with its errors on other poses, its time and its memory.
 
-A program of its own, `python -m replicate.benchmarks.lbs_fits FOLDER METHOD BONES SEED`: the memory of a process is
-then one fit's.
+It is a program, `python -m replicate.benchmarks.lbs_fits FOLDER METHOD BONES SEED`, so that the memory of a process is
+that of one fit.
 """
 
 import json
@@ -10,29 +10,34 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.sparse import eye_array
 
 from data_recipes.rig import Rig
-from replicate.config import SamplesConfig
+from replicate.approximation.metrics import normal_error, vertex_error
+from replicate.approximation.samples import choose_poses, evaluate
+from replicate.baselines.skinning.alternation import Problem, State, normal_equations
+from replicate.baselines.skinning.compression import CompressedPoses, Metric, canonical_order, compress
+from replicate.baselines.skinning.ssdr import Skin, check, fit, refit, skin_of
+from replicate.baselines.skinning.starts import alternation
+from replicate.config import LbsConfig, SamplesConfig
 from replicate.engine.provenance import peak_memory_mb
 from replicate.engine.stage import stream_rng
 
-if TYPE_CHECKING:
-    import replicate.baselines.skinning.alternation
-    import replicate.baselines.skinning.compression
-    import replicate.baselines.skinning.ssdr
-
-OURS = {"ssdr": None, "ssdr_sparse": 0}  # relaxed iterations; None: as usual
+OURS = {"ssdr": None, "ssdr_sparse": 0}  # method → relaxed iterations; None for the usual count
 MOST, LEAST = 200, 30  # iterations
 WINDOW, LEAST_GAIN = 10, 0.002  # converged: the last so many iterations lowered the RMSE by less than this share
 
 
 def write_poses(rig: Rig, seed: int, training: int, test: int, file: Path) -> None:
-    """Write a character's training and test poses for one seed, in mm."""
-    from replicate.approximation.samples import choose_poses, evaluate
+    """Write a character's training and test poses to a file, in mm.
 
+    rig: the character's.
+    seed: of the poses.
+    training, test: how many.
+    file: an .npz file.
+    """
     poses = choose_poses(rig, SamplesConfig(count=training), lambda name: stream_rng(seed, "samples", name))
     unique = np.unique(poses["test"], axis=0)
     choice = unique[np.sort(stream_rng(seed, "lbs", "test").permutation(len(unique))[:test])]
@@ -71,16 +76,17 @@ def fit_ours(
     seed: int,
     course: Course,
     relaxed: int | None = None,
-) -> "replicate.baselines.skinning.ssdr.Skin":
-    """Fit as `ssdr.fit` does with its usual settings, an iteration at a time; notes cost no time.
+) -> Skin:
+    """Fit as `ssdr.fit` does with its usual settings, an iteration at a time; only the fit itself is timed.
 
-    relaxed: iterations in which all bones may act; the usual number by default.
+    neutral: rest positions (n, 3), mm.
+    vertices: the poses (f, n, 3), mm.
+    faces: (t, 3).
+    bones: how many.
+    seed: of the compression.
+    course: notes each iteration and says when to end.
+    relaxed: iterations in which all bones may act; None for the usual count.
     """
-    from replicate.baselines.skinning.compression import canonical_order, compress
-    from replicate.baselines.skinning.ssdr import check, skin_of
-    from replicate.baselines.skinning.starts import alternation
-    from replicate.config import LbsConfig
-
     usual = LbsConfig()
     start = time.process_time()
     check(neutral, vertices, bones, usual.influences)
@@ -88,28 +94,20 @@ def fit_ours(
     rest, ranks = neutral[vertex_order], np.argsort(vertex_order)
     data = compress(rest, vertices[pose_order[:, None], vertex_order[None]], stream_rng(seed, "lbs", "sketch"))
     relaxed = usual.relaxed if relaxed is None else relaxed
-    way = alternation(data, ranks[faces], usual.coherence, usual.influences, relaxed)
-    state = way.start(bones)
-    for _ in range(way.relaxed):
-        state = way.step(state)
+    course_of_fit = alternation(data, ranks[faces], usual.coherence, usual.influences, relaxed)
+    state = course_of_fit.start(bones)
+    for _ in range(course_of_fit.relaxed):
+        state = course_of_fit.step(state)
     seconds = time.process_time() - start
-    while course.go_on(state.iteration - way.relaxed, seconds, training_rmse(data, state)):
+    while course.go_on(state.iteration - course_of_fit.relaxed, seconds, training_rmse(data, state)):
         start = time.process_time()
-        state = way.step(state)
+        state = course_of_fit.step(state)
         seconds += time.process_time() - start
     return skin_of(neutral, vertex_order, state)
 
 
-def training_rmse(
-    data: "replicate.baselines.skinning.compression.CompressedPoses",
-    state: "replicate.baselines.skinning.alternation.State",
-) -> float:
+def training_rmse(data: CompressedPoses, state: State) -> float:
     """Return the root of the mean squared distance over vertices and poses, in mm."""
-    from scipy.sparse import eye_array
-
-    from replicate.baselines.skinning.alternation import Problem, normal_equations
-    from replicate.baselines.skinning.compression import Metric
-
     n, bones = len(data.points), state.motion.shape[2]
     plain = Metric(eye_array(n, format="csr"), eye_array(n, format="csr"), ())
     uu, vu = normal_equations(Problem(data, plain), state.bone_index, state.weights, bones)
@@ -119,11 +117,8 @@ def training_rmse(
     return data.radius_mm * math.sqrt(max(float(squared), 0.0) / (n * data.frames))
 
 
-def held_out(skin: "replicate.baselines.skinning.ssdr.Skin", truth: np.ndarray, faces: np.ndarray) -> dict[str, float]:
+def held_out(skin: Skin, truth: np.ndarray, faces: np.ndarray) -> dict[str, float]:
     """Return the errors of a skin that is refitted to test poses."""
-    from replicate.approximation.metrics import normal_error, vertex_error
-    from replicate.baselines.skinning.ssdr import refit
-
     posed = skin.deform(*refit(skin, truth))
     distance = vertex_error(posed, truth).astype(np.float64)
     return {
@@ -135,9 +130,7 @@ def held_out(skin: "replicate.baselines.skinning.ssdr.Skin", truth: np.ndarray, 
 
 
 def compile_kernels() -> None:
-    """Fit a sheet of a few vertices, so that no time goes into compiling."""
-    from replicate.baselines.skinning.ssdr import fit
-
+    """Fit a sheet of a few vertices, so that no timed fit compiles."""
     x, y = np.meshgrid(np.arange(6.0), np.arange(6.0))
     neutral = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], 1).astype(np.float32)
     rng = np.random.default_rng(0)

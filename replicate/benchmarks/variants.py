@@ -4,15 +4,14 @@ import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from replicate.benchmarks.common import publish, selected, split_names
+from replicate.benchmarks.common import cell, in_groups, make_stages, publish, selected, split_names
 from replicate.config import Config
 from replicate.drawing.panels import DPI, MEASURES, WIDTH, Words, enlarge, tidy
-from replicate.engine.provenance import core_count, provenance
-from replicate.engine.scheduler import run
 from replicate.engine.store import artefact_folder, read_manifest
 from replicate.methods.method_registry import method_named
 from replicate.methods.plan import Plan
@@ -35,7 +34,7 @@ COLUMNS = {  # metric → unit, header
 
 @dataclass(frozen=True)
 class Variant:
-    """One training: a method's, what is changed in words, and the configuration with that change."""
+    """One training: of which method, what is changed in words, and the configuration with that change."""
 
     method: str
     change: str
@@ -46,25 +45,22 @@ class Variant:
         return f"{self.method}, {self.change}"
 
 
-def nothing_more(variants: Sequence[Variant], rows: Sequence[Row]) -> Sequence[Row]:
-    """Return no rows."""
-    return ()
-
-
 def compare_variants(
     name: str,
     variants: Callable[[str, str, int], Sequence[Variant]],
     tables: Callable[[Sequence[Row]], Sequence[Table]],
     options: argparse.Namespace,
     command_line: Sequence[str],
-    afterwards: Callable[[Sequence[Variant], Sequence[Row]], Sequence[Row]] = nothing_more,
+    afterwards: Callable[[Sequence[Variant], Sequence[Row]], Sequence[Row]] = lambda variants, rows: (),
 ) -> None:
     """Train the variants of each character, print their tables and publish their rows.
 
-    name: of the benchmark's module. variants: (character, profile, steps) → what is trained. tables: rows → what is
-    printed of them. options: with `characters`, `profile`, `steps`, and `only` where the benchmark has
-    `common.add_only`. command_line: the words that state them.
-    afterwards: (variants, their rows) → more rows; what else is measured of the trained variants, or drawn.
+    name: the benchmark's module.
+    variants: (character, profile, steps) → what is trained.
+    tables: rows → what is printed.
+    options: `characters`, `profile`, `steps`, and `only` where the benchmark has `common.add_only`.
+    command_line: the words that state the options.
+    afterwards: (variants, their rows) → more rows; measures the trained variants further, or draws them.
     """
     only = getattr(options, "only", "")
     for character in split_names(options.characters):
@@ -77,32 +73,28 @@ def compare_variants(
 def train_variants(name: str, variants: Sequence[Variant]) -> list[Row]:
     """Train all variants, side by side and through the cache, and return their sizes and validation errors.
 
-    name: of the benchmark's module.
+    name: the benchmark's module.
     """
     stages = [method_named(v.method).stages(Plan(v.config))[-1] for v in variants]
-    profile, target = variants[0].config.profile, name.replace("_", "-")
-    run(stages, facts=provenance(["make", target], profile, [0], core_count()))
+    profile = variants[0].config.profile
+    make_stages(name, profile, stages)
     rows = []
     for variant, stage in zip(variants, stages, strict=True):
         folder = artefact_folder(stage.identifier)
         notes = read_manifest(folder)["notes"]
-        *_, last = read_log(folder / LOG)
-        values = dict(zip(COLUMNS, (notes["size_mb"], notes.get("multiplications"), last[2], last[3]), strict=True))
-        facts = (None, 1, variant.config.samples.validation, profile, target)
-        rows += [
-            Row(
-                name,
-                stage.label,
-                variant.method,
-                f"{metric}[{variant.change}]",
-                COLUMNS[metric][0],
-                float(value),
-                *facts,
-            )
-            for metric, value in values.items()
-            if value is not None
-        ]
+        values = (notes["size_mb"], notes.get("multiplications"), *validation_errors(folder))
+        facts = (None, 1, variant.config.samples.validation, profile, name.replace("_", "-"))
+        for (metric, (unit, _)), value in zip(COLUMNS.items(), values, strict=True):
+            if value is not None:
+                key = (name, stage.label, variant.method, f"{metric}[{variant.change}]")
+                rows.append(Row(*key, unit, float(value), *facts))
     return rows
+
+
+def validation_errors(folder: Path) -> tuple[float, float]:
+    """Return the validation errors (mm, degrees) of a finished training, from the last row of its log."""
+    *_, (_, _, mm, degrees, *_) = read_log(folder / LOG)
+    return mm, degrees
 
 
 def variants_tables(rows: Sequence[Row], name: str, title: str, changes: Mapping[str, Sequence[str]]) -> list[Table]:
@@ -114,25 +106,23 @@ def variants_tables(rows: Sequence[Row], name: str, title: str, changes: Mapping
     for character in dict.fromkeys(row.character for row in rows if row.table == name):
         values = {(r.method, r.metric): r for r in rows if r.table == name and r.character == character}
         shown = [metric for metric in COLUMNS if any(key[1].startswith(f"{metric}[") for key in values)]
-        lines: list[tuple[str, ...] | None] = []
+        lines = []
         for method, words in changes.items():
-            group = []
             for change in words:
-                cells = [values.get((method, f"{metric}[{change}]")) for metric in shown]
-                if any(cells):
-                    group.append((method_named(method).label, change, *map(_cell, cells)))
-            lines += [None, *group] if lines and group else group
+                found = [values.get((method, f"{metric}[{change}]")) for metric in shown]
+                if any(found):
+                    lines.append((method, (method_named(method).label, change, *map(_cell, found))))
         poses = max(row.poses or 0 for row in values.values())
         note = f"errors on {poses} poses held out of the training animation; one seed; a short schedule."
         header = ("", "", *(COLUMNS[metric][1] for metric in shown))
-        tables.append(Table(f"{title}: {character}", (header,), tuple(lines), (note,), text_columns=2))
+        tables.append(Table(f"{title}: {character}", (header,), in_groups(lines), (note,), text_columns=2))
     return tables
 
 
 def _cell(row: Row | None) -> str:
     if row is None:
         return ""
-    return f"{row.value / 1e6:.1f}" if row.unit == "count" else round_off(row.value, row.unit)
+    return f"{row.value / 1e6:.1f}" if row.unit == "count" else cell(row)
 
 
 # Trainings that differ in one thing, as a picture: how far each change moves both errors.
@@ -146,11 +136,15 @@ METRICS = ("validation_vertex_error", "validation_normal_error")  # in the order
 def variants_chart(
     rows: Sequence[Row], name: str, character: str, changes: Mapping[str, Sequence[str]], bases: Sequence[str]
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): both errors of one character's trainings, a line each, from the smaller to the larger.
+    """Return (figure, words): both errors of one character's trainings, a line each.
 
-    name: of the benchmark's table. changes: method → what is changed, in the order of the lines. bases: the changes
-    that others start from; a change's bar goes from the error of the last base above it to its own. Errors as numbers
-    stand in a column at the right of each panel, where no bar crosses them.
+    The errors are written at the right of each panel, where no bar crosses them.
+
+    rows: of the benchmark, with the errors.
+    name: the benchmark's table.
+    character: as in the rows.
+    changes: method → what is changed, in the order of the lines.
+    bases: those changes that others start from; a bar joins each change with the last base above it.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
@@ -162,6 +156,7 @@ def variants_chart(
         for change in words
         if (method, f"{METRICS[1]}[{change}]") in values
     ]
+    # a panel for each error: a mark a line, and a bar from the base that the line starts from
     figure = Figure((WIDTH, 1.0 + LINE * len(lines)), dpi=DPI, layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     for axes, metric, (_, unit, label) in zip(panels, METRICS, MEASURES, strict=True):
@@ -175,6 +170,7 @@ def variants_chart(
             axes.plot(error, place, "D" if change in bases else "o", color=colour, markersize=6)
             beside = {"textcoords": "offset points", "ha": "right", "va": "center", "annotation_clip": False}
             axes.annotate(round_off(error, unit), (1, place), (BESIDE, 0), ("axes fraction", "data"), **beside)
+        # few ticks, with numbers that don't touch
         axes.set_xscale("log")
         axes.margins(x=0.06)
         short = np.ptp(np.log10(axes.get_xlim())) < SHORT
@@ -184,6 +180,7 @@ def variants_chart(
         axes.set_xlabel(label)
         tidy(axes)
         enlarge(axes, SIZE_PT)
+    # names at the left, and the extremes in words
     panels[0].set_yticks(range(len(lines)), _names(lines, bases))
     panels[0].set_ylim(len(lines) - 0.5, -0.5)
     worst = max(lines, key=lambda line: values[line[0], f"{METRICS[1]}[{line[1]}]"])
@@ -200,7 +197,7 @@ def variants_chart(
 
 
 def _names(lines: Sequence[tuple[str, str]], bases: Sequence[str]) -> list[str]:
-    """Return what stands at the left of each line: a base by its name, what is changed of it without that name."""
+    """Return what stands at the left of each line: a base's name; of a change, only what differs from its base."""
     several, names, base = len({method for method, _ in lines}) > 1, [], ""
     for method, change in lines:
         if change in bases:
@@ -212,7 +209,7 @@ def _names(lines: Sequence[tuple[str, str]], bases: Sequence[str]) -> list[str]:
 
 
 def _tick(axes: "matplotlib.axes.Axes", value: float, place: int | None = None) -> str:
-    """Return a tick's number; those of an axis that is shorter than a decade have equally many decimals."""
+    """Return a tick's label; on an axis shorter than a decade all have the same number of decimals."""
     low, high = sorted(axes.get_xlim())
     shown = [f"{tick:.6g}" for tick in axes.xaxis.get_majorticklocs() if low <= tick <= high]
     decimals = max((len(text.partition(".")[2]) for text in shown), default=0)

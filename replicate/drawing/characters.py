@@ -1,4 +1,4 @@
-"""A character in several poses, in the colours of skin, teeth and mouth: what a reader sees first."""
+"""A character in several poses, in the colours of skin, teeth and mouth."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
 SKIN = (226, 178, 148)
-# By the beginning of a segment's name; what begins otherwise is skin.
+# By the beginning of a segment's name; all others are skin.
 COLOURS = {
     "tooth": (245, 242, 230),
     "teeth": (245, 242, 230),
@@ -29,20 +29,20 @@ BACKGROUND = (231, 235, 238)
 
 
 def colours_by_segment(mesh: Mesh, skin: tuple[int, int, int] = SKIN) -> UInt8[np.ndarray, "s 3"]:
-    """Return each segment's colour by what it is part of."""
+    """Return each segment's colour, by its name."""
     colours = [next((c for start, c in COLOURS.items() if name.startswith(start)), skin) for name in mesh.segment_names]
     return np.array(colours, np.uint8)
 
 
 def segment_colours(mesh: Mesh, skin: tuple[int, int, int] = SKIN) -> UInt8[np.ndarray, "f 3"]:
-    """Return each face's colour by what it is part of."""
+    """Return each face's colour, by the name of its segment."""
     return colours_by_segment(mesh, skin)[mesh.face_segment]
 
 
 def character_surfaces(rig: Rig, params: Float[np.ndarray, " m"], camera: Camera | None = None) -> list[Surface]:
-    """Return a rig in a pose with its props, in its own paint or, where it has none, coloured by segment.
+    """Return a rig in a pose with its props, painted or, where it has no paint, coloured by segment.
 
-    camera: gives the eyes catchlights, see `prop_surfaces`.
+    camera: gives the eyes catchlights, as in `prop_surfaces`.
     """
     colours = {"colours": segment_colours(rig.mesh)} if rig.paint is None else {"paint": rig.paint}
     return [Surface(rig(params), rig.mesh.faces, **colours), *prop_surfaces(rig.pose_props(params), camera)]
@@ -57,9 +57,14 @@ def expression_sheet(
     height: int = 320,
     renderer: str | None = None,
 ) -> "tuple[matplotlib.figure.Figure, Words]":
-    """Return (figure, words): a rig in several poses, titled, row by row, with its props where it has any.
+    """Return (figure, words): a rig in several poses, row by row, each under its title and with the rig's props.
 
+    rig: the character's.
     poses: title → parameters (m,).
+    columns: pictures in a row.
+    camera: one of `CAMERAS`.
+    width, height: of a picture, pixels.
+    renderer: as for `render`.
     """
     mesh = rig.mesh
     view = camera_for(camera, mesh.neutral)

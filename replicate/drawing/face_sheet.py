@@ -1,4 +1,4 @@
-"""Faces in rows, each with its title above and lines of numbers below, in letters that a column's width leaves legible.
+"""Faces in rows, each with its title above and lines of text below, in letters that stay legible in a paper's column.
 
 A column of the paper is 84 mm wide, and a sheet as many pixels as fill it at 300 dots an inch: letters of `LETTER` are
 5 points high in print.
@@ -27,7 +27,7 @@ BAR_HEIGHT = 0.018  # of the colour bar, as a share of the width
 
 @dataclass(frozen=True)
 class Cell:
-    """What one column of a sheet shows: a title, pictures (h, w, 3) uint8 one above the other, and lines below them."""
+    """One place of a sheet: a title, pictures (h, w, 3) uint8 one above the other, and lines below them."""
 
     title: str
     pictures: tuple[np.ndarray, ...]
@@ -35,7 +35,7 @@ class Cell:
 
 
 def cell_width(columns: int, line_names: Sequence[str] = (), width: int = WIDTH) -> int:
-    """Return how wide a sheet's pictures are, in pixels, so that so many columns and the lines' names fill it."""
+    """Return how wide pictures are, in pixels, where so many columns and the lines' names fill a sheet."""
     return int((width - _names_width(line_names, width) - 2 * MARGIN - (columns - 1) * GAP) / columns)
 
 
@@ -51,13 +51,18 @@ def face_sheet(
 ) -> "matplotlib.figure.Figure":
     """Return a matplotlib figure of cells, row by row, drawn pixel for pixel.
 
-    All cells have pictures of the same sizes, as wide as `cell_width` says. line_names: what their lines are, at the
-    left of each row. bar: draw(figure, axes) draws a level colour bar below the last row. first_bold: the first line of
-    each cell is in bold figures. below: pictures that fill the width, one below the other, under all else. short_first:
-    a row that isn't full is the first one, not the last.
+    cells: with pictures of the same sizes, as wide as `cell_width` says.
+    columns: cells in a row.
+    line_names: what the cells' lines are, written at the left of each row.
+    bar: (figure, axes) → None, draws a horizontal colour bar below the last row.
+    width: of the figure, pixels.
+    first_bold: write the first line of each cell in bold.
+    below: pictures that fill the width, one below the other, under all else.
+    short_first: a row that isn't full is the first, not the last.
     """
     from matplotlib.figure import Figure
 
+    # sizes in pixels, from the titles' lines to the whole height
     letter, names = LETTER * width, _names_width(line_names, width)
     across = cells[0].pictures[0].shape[1]
     titles = [_in_lines(cell.title, int(across / (WIDE * letter))) for cell in cells]
@@ -74,6 +79,7 @@ def face_sheet(
     def write(x: float, y: float, text: str, **style) -> None:  # pixels from the upper left corner
         figure.text(x / width, 1 - y / height, text, va="center", fontsize=size, **style)
 
+    # row by row: names of lines at the left, then each cell from its title down
     top = 0.0
     for row, room in zip(rows, above, strict=True):
         first_line = top + room + tall + letter * (LINE / 2 + 0.2)
@@ -92,6 +98,7 @@ def face_sheet(
                 y = first_line + j * LINE * letter
                 write(left + across / 2, y, text, ha="center", weight=weights[j > 0])
         top += room + tall + under
+    # the colour bar, and the pictures that fill the width
     if bar:
         axes = figure.add_axes(
             (0.2, 1 - (top + 0.5 * letter + BAR_HEIGHT * width) / height, 0.6, BAR_HEIGHT * width / height)
@@ -107,14 +114,14 @@ def face_sheet(
 
 
 def _rows(count: int, columns: int, short_first: bool) -> list[range]:
-    """Return which cells each row has."""
+    """Return the cells of each row."""
     rest = count % columns if short_first else 0
     starts = [*([0] if rest else []), *range(rest, count, columns)]
     return [range(start, stop) for start, stop in zip(starts, [*starts[1:], count], strict=True)]
 
 
 def _in_lines(title: str, most: int) -> list[str]:
-    """Return a title in lines of so many letters at most; one that is too long breaks at its colon."""
+    """Return a title in lines of at most so many letters; one that is too long breaks at its colon first."""
     title = _with_its_mark(title)
     head, colon, rest = title.partition(": ")
     parts = [head + ":", rest] if colon and len(title) > most else [title]
@@ -122,7 +129,7 @@ def _in_lines(title: str, most: int) -> list[str]:
 
 
 def _with_its_mark(title: str) -> str:
-    """Return a title whose last word, if it is a mark alone, isn't parted from the one before it."""
+    """Return a title in which a mark at the end stays on the line of the word before it."""
     words, space, mark = title.rpartition(" ")
     return f"{words}\N{NO-BREAK SPACE}{mark}" if space and len(mark) == 1 and not mark.isalnum() else title
 

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 COLOUR_MAP = "viridis"  # perceptually uniform, and in order for readers who see fewer colours
 NO_NORMAL = (200, 200, 200)  # faces that Eq. 11 leaves out
-ROOT = 0.5  # the power that normal errors' colours go with: a degree is seen, and 12° and 22° are told apart
+ROOT = 0.5  # the power for normal errors: one degree is visible, and 12° and 22° differ
 NORMAL_TICKS_DEG = (0, 1, 3, 6, 12, 20, 30, 45, 60, 90, 180)
 
 
 def error_colours(errors: Float[np.ndarray, " f"], limit: float, power: float = 1.0) -> UInt8[np.ndarray, "f 3"]:
     """Return each face's colour for an error from 0 to `limit`; larger ones get the last colour, NaN grey.
 
-    power: colours go with the error's share of the limit to this power.
+    power: of the error's share of the limit, by which the colour is chosen.
     """
     from matplotlib import colormaps
 
@@ -39,7 +39,7 @@ def normal_heat(
     faces: Int[np.ndarray, "f 3"],
     limit_deg: float,
 ) -> Surface:
-    """Return the predicted surface, each face coloured by the root of its normal's error (Eq. 11) in degrees."""
+    """Return the predicted surface, each face coloured by its normal's error (Eq. 11) up to `limit_deg`."""
     colours = error_colours(normal_error(predicted, truth, faces), limit_deg, ROOT)
     return Surface(predicted, faces, colours, lit=False, smooth=False)
 
@@ -47,7 +47,7 @@ def normal_heat(
 def normal_bar(
     figure: "matplotlib.figure.Figure", axes: "matplotlib.axes.Axes", limit_deg: float, orientation: str = "vertical"
 ) -> None:
-    """Draw the bar of `normal_heat` in `axes`, upright or, as "horizontal", level."""
+    """Draw the bar of `normal_heat` in `axes`; orientation: "vertical" or "horizontal"."""
     bar = colour_bar(figure, axes, limit_deg, "normal angle error, degrees", ROOT, orientation)
     bar.set_ticks([tick for tick in NORMAL_TICKS_DEG if tick <= limit_deg])
 
@@ -60,7 +60,13 @@ def colour_bar(
     power: float = 1.0,
     orientation: str = "vertical",
 ) -> "matplotlib.colorbar.Colorbar":
-    """Draw the bar of `error_colours` in `axes`; the label has the unit, an arrow shows that it saturates."""
+    """Draw the bar of `error_colours` in `axes`, with an arrow at the end for larger errors.
+
+    figure, axes: where it is drawn.
+    limit, power: as for `error_colours`.
+    label: with the unit.
+    orientation: "vertical" or "horizontal".
+    """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import PowerNorm
 
@@ -71,9 +77,9 @@ def colour_bar(
     return bar
 
 
-# Two pictures of one face as one: the left of the face's middle from the first, the right of it from the second.
+# Two pictures of one face as one: the left half from the first, the right half from the second.
 
-MIDDLE = 0.03  # how far from the plane of symmetry, as a share of the head's width, a face of the mesh is in the middle
+MIDDLE = 0.03  # triangles so near to the plane of symmetry, as a share of the head's width, are in the middle
 SEAM = 0.006  # the width of the white line between the halves, as a share of the picture's width
 
 
@@ -87,8 +93,13 @@ def middle_line(
 ) -> Float[np.ndarray, " h"]:
     """Return where the middle of a posed face is in each row of a picture, in pixels from its left edge.
 
-    It is the straight line that fits best where the neutral face has x = 0, so it tilts with the head. A picture that
-    shows nothing of it is halved upright.
+    It is the straight line that best fits the triangles about x = 0 of the neutral face, so it tilts with the head. It
+    is vertical in a picture that shows none of them.
+
+    neutral, vertices: at rest and posed, mm.
+    faces: the mesh's triangles.
+    camera: of the picture.
+    width, height: of the picture, pixels.
     """
     centres = neutral[faces].mean(1)
     near = np.abs(centres[:, 0]) < MIDDLE * np.ptp(neutral[:, 0])
@@ -105,7 +116,7 @@ def middle_line(
 def split_face(
     left: UInt8[np.ndarray, "h w 3"], right: UInt8[np.ndarray, "h w 3"], line: Float[np.ndarray, " h"]
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """Return the left picture up to a line (h,), in pixels, and the right one beyond it, with a white seam between."""
+    """Return the left picture up to a line, in pixels for each row, and the right one beyond it, with a white seam."""
     across = np.arange(left.shape[1]) + 0.5 - line[:, None]
     picture = np.where((across > 0)[..., None], right, left)
     picture[np.abs(across) < max(1.0, SEAM * left.shape[1] / 2)] = WHITE

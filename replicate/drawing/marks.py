@@ -1,4 +1,4 @@
-"""What is drawn upon a mesh: balls at points, rings around places, the edges of its faces."""
+"""Marks on a mesh: balls at points, rings around places, the edges of its faces."""
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -31,18 +31,18 @@ def balls(points: Float[np.ndarray, "c 3"], radius_mm: float) -> Surface:
 def balls_in_front(
     points: Float[np.ndarray, "c 3"], vertices: Float[np.ndarray, "n 3"], radius_mm: float = RADIUS_MM
 ) -> Surface:
-    """Return balls that are brought before a face along the view, so that none is hidden.
+    """Return balls moved along the view in front of a face, so that none is hidden.
 
-    Depth does not count in posing (§5.3.1). vertices: of the face, mm.
+    Depth plays no part in posing (§5.3.1). vertices: of the face, mm.
     """
     front = float(vertices[:, 2].max()) + radius_mm
     return balls(np.concatenate([points[:, :2], np.full((len(points), 1), front)], axis=1), radius_mm)
 
 
-# Rings around places of a picture that are too small to be seen by themselves.
+# Rings around places of a picture that would be too small to see without them.
 
-REACH = 0.09  # places that are nearer to a ring's middle than this share of the picture's width share the ring
-ROOM = 0.035  # between a ring and the places in it, in the same measure
+REACH = 0.09  # places nearer to one another than this share of the picture's width share a ring
+ROOM = 0.035  # between a ring and the places in it, as a share of the width
 LINE = 0.012  # the width of a ring's line, and of the white one around it
 
 
@@ -52,9 +52,9 @@ def ringed(
     camera: Camera,
     colour: tuple[int, int, int],
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """Return a picture with rings around some places of its scene; near ones share a ring, and those outside have none.
+    """Return a picture with rings around places of its scene; near ones share a ring, and those outside have none.
 
-    What hides a place hides no ring.
+    A place that is hidden has a ring too.
     """
     height, width = picture.shape[:2]
     pixels, _ = project(np.asarray(places_mm, float).reshape(-1, 3), camera, width, height)
@@ -63,10 +63,10 @@ def ringed(
     picture, line = picture.copy(), max(1.0, LINE * width)
     rings = []
     while len(pixels):
-        own = np.linalg.norm(pixels - pixels[0], axis=1) < REACH * width
-        middle = pixels[own].mean(0)
-        rings.append((middle, np.linalg.norm(pixels[own] - middle, axis=1).max() + ROOM * width))
-        pixels = pixels[~own]
+        near = np.linalg.norm(pixels - pixels[0], axis=1) < REACH * width
+        middle = pixels[near].mean(0)
+        rings.append((middle, np.linalg.norm(pixels[near] - middle, axis=1).max() + ROOM * width))
+        pixels = pixels[~near]
     for wide, paint in ((3 * line, WHITE), (line, colour)):  # all of the white first: no ring cuts another one
         for middle, radius in rings:
             away = np.abs(np.hypot(columns - middle[0], rows - middle[1]) - radius)
@@ -77,14 +77,14 @@ def ringed(
 # Edges as ribbons over a surface, so that every renderer draws them; quads where triangles are halves of quads.
 
 INK = (66, 69, 76)
-LIFT_MM = 0.35  # towards the eye, so that the surface doesn't cut the ribbons
+LIFT_MM = 0.35  # towards the eye, so that the surface doesn't hide the ribbons
 
 
 def quad_edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "e 2"]:
-    """Return a mesh's edges, (e, 2) vertices, each once; without diagonals where its triangles are halves of quads.
+    """Return a mesh's edges, each once; without diagonals where its triangles are halves of quads.
 
-    Our rigs list the first halves (a, b, c) of all quads and then the second halves (a, c, d). Of any other mesh all
-    edges are returned.
+    Our rigs list the first halves (a, b, c) of all quads and then the second halves (a, c, d). Any other mesh keeps all
+    its edges.
     """
     half = len(faces) // 2
     first, second = faces[:half], faces[half:]
@@ -99,7 +99,7 @@ def quad_edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "e 2"]:
 def wireframe(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], camera: Camera, width_mm: float = 0.28
 ) -> Surface:
-    """Return a surface's edges as flat ribbons turned to the camera; edges on its far side are left out."""
+    """Return a surface's edges as flat ribbons that face the camera, without those on its far side."""
     v = np.asarray(vertices, float)
     to_eye = axes(camera)[1] - v
     to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Rendered panels in a grid with titles and a colour bar, pixel for pixel; and saving them small, with their words."""
+"""Rendered panels in a grid with titles and a colour bar; and figures saved as small files, with their words."""
 
 import io
 import json
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 DPI = 100
 GAP, TITLE, SIDE, BAR, MARGIN = 6, 26, 26, 74, 8  # pixels
 LARGEST_BYTES = 300_000
-FLAT_PIXELS = 40  # a colour all around so many of its pixels is one that was given, not one that shading made
+FLAT_PIXELS = 40  # a colour with so many pixels that it surrounds was chosen, not made by shading
 
 
 @dataclass(frozen=True)
 class Words:
-    """What goes with a figure: alt text for those who don't see it, and the caption."""
+    """The words of a figure: alt text for those who can't see it, and the caption."""
 
     alt: str
     caption: str
@@ -37,15 +37,16 @@ def panel_grid(
 ) -> "matplotlib.figure.Figure":
     """Return a matplotlib figure of equally large pictures.
 
-    rows: pictures (h, w, 3) uint8. titles: one for each column, or for each row a list of its pictures' own. names: one
-    for each row, at its left. bar: None, or (first row, last row, draw), where draw(figure, axes) draws a colour bar to
-    the right of those rows.
+    rows: pictures (h, w, 3) uint8. titles: one for each column, or for each row a list with one for each picture.
+    names: one for each row, at its left. bar: (first row, last row, draw), where draw(figure, axes) draws a colour bar
+    to the right of those rows.
     """
     from matplotlib.figure import Figure
 
+    # sizes in pixels
     height, width = rows[0][0].shape[:2]
-    own = not isinstance(titles[0], str)
-    step, left = height + (TITLE if own else GAP), MARGIN + (SIDE if names else 0)
+    titled_rows = not isinstance(titles[0], str)
+    step, left = height + (TITLE if titled_rows else GAP), MARGIN + (SIDE if names else 0)
     total_width = left + len(rows[0]) * (width + GAP) - GAP + (BAR if bar else MARGIN)
     total_height = TITLE + (len(rows) - 1) * step + height + MARGIN
     figure = Figure((total_width / DPI, total_height / DPI), dpi=DPI, facecolor="white")
@@ -56,19 +57,16 @@ def panel_grid(
     def write(x, y, text, **style):
         figure.text(x / total_width, 1 - y / total_height, text, ha="center", va="center", **style)
 
+    # pictures under their titles, row by row, and the colour bar beside them
     for r, pictures in enumerate(rows):
         top = TITLE + r * step
         for c, picture in enumerate(pictures):
             axes = place(left + c * (width + GAP), top, width, height)
             axes.imshow(picture, interpolation="none", aspect="auto")
             axes.set_axis_off()
-            if own or r == 0:
-                write(
-                    left + c * (width + GAP) + width / 2,
-                    top - TITLE / 2,
-                    (titles[r] if own else titles)[c],
-                    fontsize=10,
-                )
+            if titled_rows or r == 0:
+                title = (titles[r] if titled_rows else titles)[c]
+                write(left + c * (width + GAP) + width / 2, top - TITLE / 2, title, fontsize=10)
         if names:
             write(MARGIN + SIDE / 2, top + height / 2, names[r], rotation=90, fontsize=9)
     if bar:
@@ -84,8 +82,8 @@ def png(
 ) -> bytes:
     """Return a figure as PNG with a palette and its alt text inside, in fewer colours if it would be too large.
 
-    dither: mix neighbouring colours, where more hues are drawn than a palette holds; not for colours that are read off
-    a bar. The same figure gives the same bytes.
+    The same figure gives the same bytes. dither: mix neighbouring colours, for figures of more hues than a palette has;
+    not for colours that are read off a bar.
     """
     _spell_names(figure)
     buffer = io.BytesIO()
@@ -94,7 +92,7 @@ def png(
 
 
 def _spell_names(figure: "matplotlib.figure.Figure") -> None:
-    """Have texts that are no formulas drawn letter by letter: a name may have $ and \\ in it."""
+    """Have texts that are not formulas drawn letter by letter: a name may have $ and \\ in it."""
     from matplotlib.mathtext import MathTextParser
     from matplotlib.text import Text
 
@@ -107,7 +105,7 @@ def _spell_names(figure: "matplotlib.figure.Figure") -> None:
 
 
 def compress(data: bytes, alt: str, largest_bytes: int, dither: bool = False) -> bytes:
-    """Return a PNG with a palette and the alt text inside, in as many colours as the bound leaves; see `png`."""
+    """Return a PNG with a palette and the alt text inside, in as many colours as the bound allows; see `png`."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
@@ -125,11 +123,11 @@ def compress(data: bytes, alt: str, largest_bytes: int, dither: bool = False) ->
 def _with_palette(picture, colours: int, dither: bool):
     from PIL import Image
 
-    # Counted by pixels, a legend's patch or an eye would get the mean of its neighbours' colours: small areas gain.
+    # Hues weigh by the root of their pixels: else a legend's patch or an eye would get its neighbours' mean colour.
     pixels = np.asarray(picture).reshape(-1, 3)
-    numbers = pixels @ np.int32([1 << 16, 1 << 8, 1])  # faster than rows
-    numbers, place, counts = np.unique(numbers, return_inverse=True, return_counts=True)
-    hues = np.stack([numbers >> 16, numbers >> 8, numbers], axis=1).astype(np.uint8)
+    codes = pixels @ np.int32([1 << 16, 1 << 8, 1])  # faster than rows
+    codes, place, counts = np.unique(codes, return_inverse=True, return_counts=True)
+    hues = np.stack([codes >> 16, codes >> 8, codes], axis=1).astype(np.uint8)
     place = place.reshape(picture.height, picture.width)
     flat = _flat_hues(place, len(hues))[: colours // 2]
     room = colours - len(flat)
@@ -137,9 +135,9 @@ def _with_palette(picture, colours: int, dither: bool):
     palette = sample.quantize(room, method=Image.Quantize.MEDIANCUT, kmeans=2)
     dithering = Image.Dither.FLOYDSTEINBERG if dither else Image.Dither.NONE
     indices = np.array(picture.quantize(palette=palette, dither=dithering))
-    own = np.full(len(hues), -1)
-    own[flat] = np.arange(room, colours)
-    exact = own[place]
+    entry = np.full(len(hues), -1)  # of the palette, for hues that stay as they are
+    entry[flat] = np.arange(room, colours)
+    exact = entry[place]
     indices = np.where(exact >= 0, exact, indices).astype(np.uint8)
     table = np.full((colours, 3), 255, np.uint8)
     means = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)[:room]
@@ -151,9 +149,9 @@ def _with_palette(picture, colours: int, dither: bool):
 
 
 def _flat_hues(place: np.ndarray, count: int) -> np.ndarray:
-    """Return the hues, of so many, that fill areas without shading, the largest first: paper, a legend's squares.
+    """Return the hues that fill areas without shading, such as paper and a legend's squares, the largest first.
 
-    place: (h, w), each pixel's hue. A colour that was given, not made by light, has to stay what it is.
+    They were chosen, not made by light, and have to stay as they are. place: (h, w), each pixel's hue. count: of hues.
     """
     middle = place[1:-1, 1:-1]
     around = (place[:-2, 1:-1], place[2:, 1:-1], place[1:-1, :-2], place[1:-1, 2:])
@@ -169,26 +167,26 @@ def save_figure(
     largest_bytes: int = LARGEST_BYTES,
     dither: bool = False,
 ) -> None:
-    """Write a figure as `png` makes it, and `path` with the ending .json beside it with alt text and caption."""
+    """Write a figure to `path` as `png` makes it, and its alt text and caption to a .json file beside it."""
     path.write_bytes(png(figure, words, largest_bytes, dither))
     text = json.dumps({"alt": words.alt, "caption": words.caption}, indent=1, ensure_ascii=False)
     path.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
 
 
 def has_figure(path: Path) -> bool:
-    """Return whether a figure that `save_figure` wrote is there, with its words, and neither file is damaged."""
+    """Return whether `save_figure` has written a figure and its words, and neither file is damaged."""
     from PIL import Image
 
     try:
         with Image.open(path) as picture:
             picture.verify()  # the checksums of the file's parts
         words = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
-    except (OSError, SyntaxError, ValueError):  # so Pillow says that a checksum is not right
+    except (OSError, SyntaxError, ValueError):  # SyntaxError is Pillow's for a wrong checksum
         return False
     return isinstance(words, dict) and set(words) == {"alt", "caption"}
 
 
-# One style for all charts, in letters that a column's width leaves legible.
+# One style for all charts, in letters that stay legible in a paper's column.
 
 WIDTH = 10.0  # inches; a column of the paper shows a third of it
 LETTER_PT = 15.5  # the size of letters in a chart so wide: 5 points in a column
@@ -199,14 +197,14 @@ MEASURES = (
 
 
 def tidy(axes: "matplotlib.axes.Axes") -> None:
-    """Take away what a chart doesn't need."""
+    """Remove the right and upper edges of a chart, and lay a faint grid behind it."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.25, linewidth=0.5)
     axes.set_axisbelow(True)
 
 
 def enlarge(axes: "matplotlib.axes.Axes", size_pt: float = LETTER_PT) -> None:
-    """Give all words and numbers that a chart has so far one size, in points."""
+    """Set all text that a chart has so far to one size."""
     axes.tick_params(which="both", labelsize=size_pt)
     legend = axes.get_legend()
     for text in (axes.title, axes.xaxis.label, axes.yaxis.label, *axes.texts, *(legend.get_texts() if legend else ())):
@@ -214,11 +212,10 @@ def enlarge(axes: "matplotlib.axes.Axes", size_pt: float = LETTER_PT) -> None:
 
 
 def error_scale(axes: "matplotlib.axes.Axes", which: str = "x") -> None:
-    """Make an axis logarithmic, so that equal distances are equal ratios, with plain numbers as its ticks.
+    """Make an axis logarithmic, with plain numbers at its ticks.
 
-    which: "x" or "y". To be called after everything is drawn: the shorter an axis, the more numbers a decade.
+    which: "x" or "y". Call it after everything is drawn: the shorter an axis, the more ticks a decade.
     """
-
     from matplotlib.ticker import LogLocator, NullFormatter
 
     (axes.set_xscale if which == "x" else axes.set_yscale)("log")

@@ -1,4 +1,4 @@
-"""Display-only meshes as surfaces: each part of a character shines in its own way, and eyes catch the light."""
+"""Display-only meshes as surfaces: each kind of part shines in its way, and eyes catch the light."""
 
 from collections.abc import Iterable, Sequence
 
@@ -8,26 +8,26 @@ from scipy.spatial import cKDTree
 
 from replicate.drawing.scene import MATT, SILKY, WET, WHITE, Camera, Finish, Surface, axes
 
-# By the beginning of a prop's name; what begins otherwise is matt.
+# By the beginning of a prop's name; all others are matt.
 FINISHES = {"eye": WET, "hair": SILKY, "horn": SILKY}
-# Where a window would be mirrored in an eyeball, in the camera's axes (right, up, to the eye); its size and how far it
-# lies before the eyeball, as shares of the radius.
+# Where an eyeball would mirror a window, in the camera's axes (right, up, to the eye); the catchlight's size and its
+# distance from the eyeball, as shares of the radius.
 CATCHLIGHT = np.array([-0.20, 0.14, 0.97])
 CATCHLIGHT_SIZE, CATCHLIGHT_LIFT = 0.085, 0.012
-BUST = "bust"  # the prop that a head stands on; it leaves the picture at the lower edge
-NEAREST = 4  # vertices of the skin that a vertex of a prop goes with
+BUST = "bust"  # the prop that a head stands on; the picture's lower edge cuts it off
+NEAREST = 4  # vertices of the skin that move a vertex of a prop
 
 
 def finish_of(name: str) -> Finish:
-    """Return how a part shines, by its name."""
+    """Return how a part of a character shines, by its name."""
     return next((finish for start, finish in FINISHES.items() if name.startswith(start)), MATT)
 
 
 def prop_surfaces(props: Iterable[Sequence], camera: Camera | None = None) -> list[Surface]:
     """Return surfaces of (name, vertices (k, 3), faces, colour) as `rig.pose_props` and pose records give them.
 
-    colour: one RGB, or (k, 3), one for each vertex. camera: gives each eyeball a small white catchlight that stays on
-    the camera's side, wherever the eye looks; lids cover it as they cover the eye.
+    colour: one RGB, or (k, 3), one for each vertex. camera: gives each eyeball a small white catchlight on the camera's
+    side, wherever the eye looks; lids cover it as they cover the eye.
     """
     surfaces, eyes = [], {}
     for name, vertices, faces, colour in props:
@@ -45,10 +45,10 @@ def prop_surfaces(props: Iterable[Sequence], camera: Camera | None = None) -> li
 def carry_props(
     props: Iterable[Sequence], truth: Float[np.ndarray, "n 3"], vertices: Float[np.ndarray, "n 3"]
 ) -> list[tuple]:
-    """Return props that go with the skin from where it truly is to where a method has it; eyeballs stay.
+    """Return props moved with the skin from the truth to a method's vertices; eyeballs stay.
 
-    So brows lie on every method's skin as they do on the true one, and no error of the skin buries them. props: as
-    `prop_surfaces` takes them, where the skin is `truth`.
+    So brows lie on every method's skin as they do on the true one, and no error of the skin hides them. props: as
+    `prop_surfaces` takes them, on the true skin.
     """
     tree, step = cKDTree(truth), np.asarray(vertices, np.float64) - truth
     moved = []
@@ -63,7 +63,7 @@ def carry_props(
 
 
 def _catchlight(eyeball: Float[np.ndarray, "k 3"], camera: Camera) -> Surface:
-    """Return a disc on an eyeball, which may be squashed: on the sphere that fits it, as far out as it is there."""
+    """Return a disc on an eyeball: on the sphere that fits it, but as far out as a squashed eyeball is there."""
     p = eyeball.astype(float)
     system = np.concatenate([2 * p, np.ones((len(p), 1))], 1)
     centre = np.linalg.lstsq(system, (p * p).sum(1), rcond=None)[0][:3]
@@ -87,14 +87,14 @@ def _frame(towards: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     return np.stack([right, np.cross(towards, right), towards])
 
 
-# Colours as pictures have them: red, green and blue from 0 to 255; and how far apart they look.
+# Colours of pictures, red, green and blue from 0 to 255, and how different they look.
 
 # Rows: red, green and blue of sRGB in the CIE's X, Y and Z, those of white being 1.
 _TO_XYZ = np.array([[0.4339, 0.2126, 0.0177], [0.3762, 0.7152, 0.1095], [0.1899, 0.0722, 0.8728]])
 
 
 def colour_in_bytes(colour: Sequence[float]) -> tuple[int, int, int]:
-    """Return a colour from 0 to 255; one whose parts are at most 1 is taken to be from 0 to 1."""
+    """Return a colour in 0 to 255; one whose channels are at most 1 is in 0 to 1."""
     scale = 255 if max(colour) <= 1 else 1
     return tuple(round(scale * float(channel)) for channel in colour)
 
@@ -102,7 +102,7 @@ def colour_in_bytes(colour: Sequence[float]) -> tuple[int, int, int]:
 def perceived(colours: Sequence) -> Float[np.ndarray, "*s 3"]:
     """Return colours (..., 3) from 0 to 255 in the CIE's L*a*b*, where distances are those that the eye sees.
 
-    About 2 is just noticeable; below 30 or so, shading makes one colour look like the other.
+    A distance of about 2 is just noticeable; at less than about 30, shading can make two colours look alike.
     """
     part = np.asarray(colours, float) / 255
     linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)

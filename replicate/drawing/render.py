@@ -38,8 +38,12 @@ def render(
 ) -> UInt8[np.ndarray, "h w 3"]:
     """Draw surfaces as a camera sees them, smoothed at the edges.
 
+    surfaces: what is drawn.
+    camera: who sees it.
+    width, height: of the picture, pixels.
+    background: RGB.
+    renderer: "pyvista" or "software"; None for pyvista where it works (probed once a process), else the latter.
     lighting: of the surfaces that are lit.
-    renderer: None takes pyvista where it works (probed once a process), else the software rasteriser.
     """
     renderer = renderer or working_renderer()
     draw = {"pyvista": _pyvista, "software": rasterise}[renderer]
@@ -54,9 +58,9 @@ def render(
 
 @functools.cache
 def working_renderer() -> Literal["pyvista", "software"]:
-    """Return "pyvista" if a subprocess draws a picture with it, else "software", with a warning that says what to do.
+    """Return "pyvista" if a subprocess can draw with it, else "software", with a warning that says what to install.
 
-    A subprocess, because VTK ends the process (exit 139) or a notebook's kernel when it finds no working OpenGL.
+    It takes a subprocess, because VTK ends the process (exit 139) or a notebook's kernel where OpenGL doesn't work.
     """
     _choose_window()
     try:
@@ -75,7 +79,7 @@ def working_renderer() -> Literal["pyvista", "software"]:
 
 
 def _choose_window() -> None:
-    """Have VTK use EGL where there is no display. An empty variable would make it find no window at all."""
+    """Have VTK use EGL where there is no display; with an empty variable it would find no window at all."""
     if not os.environ.get("VTK_DEFAULT_OPENGL_WINDOW"):
         os.environ.pop("VTK_DEFAULT_OPENGL_WINDOW", None)
         if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
@@ -90,7 +94,10 @@ def plotter_of(
     background: Sequence[int] = WHITE,
     lighting: Lighting = STUDIO,
 ) -> tuple:
-    """Return an off-screen pyvista plotter, which the caller closes, and the mesh that it holds of each surface."""
+    """Return an off-screen pyvista plotter, which the caller closes, and its mesh of each surface.
+
+    The arguments are those of `render`.
+    """
     _choose_window()
     import pyvista
 
@@ -118,10 +125,10 @@ def plotter_of(
 
 
 def shade_bias_mm(camera: Camera, lighting: Lighting) -> float:
-    """Return how deep a hollow must be for pyvista to shade it: as the lighting says, or a step of VTK's depths.
+    """Return how deep a hollow must be for pyvista to shade it: what the lighting says, or a step of VTK's depths.
 
-    VTK holds depths in 16 bits: from 1,024 mm on they are rounded to 1 mm, and skin would shade itself along the lines
-    where the rounded depth changes, in ripples.
+    VTK keeps depths in 16 bits: from 1,024 mm on they are rounded to 1 mm, and skin would shade itself in ripples along
+    the lines where the rounded depth changes.
     """
     return max(lighting.shade_from_mm, float(np.spacing(np.float16(camera.distance_mm))))
 
@@ -174,7 +181,10 @@ def rasterise(
     background: tuple[int, int, int] = WHITE,
     lighting: Lighting = STUDIO,
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """Draw the surfaces; hidden parts are hidden, and both sides of a face are visible."""
+    """Draw surfaces as `render` does, without smoothing; both sides of a face are visible.
+
+    The arguments are those of `render`.
+    """
     depth = np.full(width * height, np.inf)
     image = np.empty((width * height, 3))
     image[:] = background
@@ -189,7 +199,7 @@ def rasterise(
 
 
 def _nearest(pixels, distance, faces, depth, width, height) -> np.ndarray:
-    """Lower `depth` wherever a face is nearer, and return the face that did it for each pixel, else −1."""
+    """Lower `depth` at each pixel where a face is nearer, and return that face, −1 where none is."""
     nearest = np.full(width * height, -1)
     corners = pixels[faces]  # (f, 3, 2)
     size = np.array([width, height])
@@ -254,7 +264,10 @@ def shade(
 ) -> np.ndarray:
     """Return lit colours (k, 3): ambient, diffuse and specular light, on whichever side faces the eye.
 
+    colour: (k, 3), unlit.
     normal, to_eye: (k, 3) in the camera's axes, of any length.
+    lighting: the lights.
+    finish: how the surface shines.
     """
     normal, to_eye = (v / np.linalg.norm(v, axis=-1, keepdims=True).clip(1e-12) for v in (normal, to_eye))
     normal = np.where((normal * to_eye).sum(-1, keepdims=True) < 0, -normal, normal)
@@ -270,16 +283,16 @@ def shade(
     return colour * diffuse + 255 * finish.specular * glint
 
 
-# Pictures that several processes of one command want, drawn once: a run's figures, and its notebook in a kernel.
+# Pictures that several processes of one command need, drawn once: those of a run's figures and of its notebook.
 
-PLACE = "REPLICATE_PICTURES"  # the variable that names the folder to processes that are started meanwhile
+PLACE = "REPLICATE_PICTURES"  # the variable by which processes that are started meanwhile know the folder
 
 Picture = UInt8[np.ndarray, "h w 3"]
 
 
 @contextmanager
 def shared_pictures() -> Iterator[None]:
-    """Have this process, and those that it starts within, draw a picture once; what is shared is gone at the end."""
+    """Have this process and those that it starts draw each picture once while the context lasts."""
     before = os.environ.get(PLACE)
     with short_temporary_folder() as folder:
         os.environ[PLACE] = str(folder)
@@ -291,27 +304,27 @@ def shared_pictures() -> Iterator[None]:
                 os.environ[PLACE] = before
 
 
-def drawn_once(draw: Callable[[], Picture], *what: Any) -> Picture:
-    """Return the picture of `what` (numbers, texts, arrays, dataclasses and sequences of them), drawn if it is new.
+def drawn_once(draw: Callable[[], Picture], *contents: Any) -> Picture:
+    """Return the picture of some contents, drawn if it is new; outside of `shared_pictures` it always is.
 
-    Outside of `shared_pictures` it is always drawn.
+    contents: all that the picture depends on: numbers, texts, arrays, dataclasses and sequences of them.
     """
     place = os.environ.get(PLACE)
     if place is None or not Path(place).is_dir():
         return draw()
     digest = hashlib.sha256()
-    _digest_value(digest, what)
+    _digest_value(digest, contents)
     file = Path(place) / f"{digest.hexdigest()}.npy"
     if file.is_file():
         return np.load(file, allow_pickle=False)
     picture = draw()
-    with suppress(OSError), replacing(file) as new:  # a full disk costs time alone
+    with suppress(OSError), replacing(file) as new:  # on a full disk, pictures are drawn again
         np.save(new, picture)
     return picture
 
 
 def _digest_value(digest: Any, value: Any) -> None:
-    """Add a value to a digest, its type and size first, so that no two values read alike."""
+    """Add a value to a digest, its type and size first, so that no two values have the same bytes."""
     if is_dataclass(value):
         value = [type(value).__name__, *(getattr(value, field.name) for field in fields(value))]
     if hasattr(value, "__array__"):

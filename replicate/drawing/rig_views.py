@@ -1,4 +1,4 @@
-"""A rig in colours of its own, from several sides and into its open mouth, with a legend (Figs 7 and 8)."""
+"""A coloured rig from several sides and into its open mouth, with a legend (Figs 7 and 8)."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -19,8 +19,8 @@ from replicate.drawing.scene import Surface, camera_for, frame_surfaces
 if TYPE_CHECKING:
     import matplotlib.figure
 
-# Colours that are distinct to many readers, most different first, after Kelly (1965): his list less white, black, grey,
-# and with turquoise and magenta for his two further yellows, which shading makes one with the first.
+# Colours that many readers can tell apart, the most different first, after Kelly (1965): his list without white, black
+# and grey, and with turquoise and magenta for two of his yellows, which shading makes look like the first.
 DISTINCT = (
     (243, 195, 0), (135, 86, 146), (243, 132, 0), (161, 202, 241), (190, 0, 50), (194, 178, 128), (0, 136, 86),
     (230, 143, 172), (0, 103, 165), (249, 147, 121), (96, 78, 151), (0, 160, 176), (179, 68, 108), (240, 60, 190),
@@ -30,15 +30,15 @@ UNUSED_COLOUR = (205, 205, 205)
 VIEWS = {"front": "front", "three_quarter": "three-quarter", "mouth": "into the mouth"}
 # Shares of their ranges at which controls show the inside of a mouth, by the beginnings of their names.
 OPEN = {"jaw_open": 0.8, "jaw_drop": 0.3, "upper_lip_raise": 0.9, "lower_lip_depress": 0.9}
-INSIDE = ("tooth", "teeth", "gum")  # how the segments begin that the camera into the mouth frames
-EYE = "eye"  # how the props begin that fill the sockets; without them one looks into an empty head
+INSIDE = ("tooth", "teeth", "gum")  # beginnings of the segments that the camera into the mouth frames
+EYE = "eye"  # beginning of the props that fill the sockets
 TALL = 1.05  # a view's height over its width
 
 
 def open_mouth(rig: Rig) -> Float32[np.ndarray, " m"]:
     """Return the parameters of a wide open mouth; the neutral pose for a rig without controls of such names.
 
-    Of a rig that is known by its samples it is that of them which is nearest to it.
+    For a rig that is known by its samples alone, return the sample nearest to it.
     """
     shares = (
         next((share for start, share in OPEN.items() if control.name.startswith(start)), 0.0)
@@ -61,8 +61,11 @@ def coloured_views(
 ) -> "matplotlib.figure.Figure":
     """Return a figure: the rig with an open mouth from each of `VIEWS`, and pictures that fill the width below them.
 
-    colours: one for each face; of props only the eyeballs are drawn. across: the width of a view, pixels; None for what
-    fills the sheet.
+    rig: drawn without props but its eyeballs.
+    colours: one for each face.
+    below: the pictures.
+    across: the width of a view, pixels; None to fill the sheet.
+    renderer: as for `render`.
     """
     params, mesh = open_mouth(rig), rig.mesh
     posed = rig(params)
@@ -87,7 +90,7 @@ def coloured_views(
 def legend_panel(entries: Sequence[tuple], heading: str = "", width: int = WIDTH) -> UInt8[np.ndarray, "h w 3"]:
     """Return a picture that lists (text, colours) pairs below a heading, column by column; colours share a square.
 
-    It has as many columns as its longest text leaves room for, and letters as a face sheet's.
+    It has as many columns as its longest text leaves room for, and the letters of a face sheet.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -123,7 +126,7 @@ def legend_panel(entries: Sequence[tuple], heading: str = "", width: int = WIDTH
 
 
 def hexadecimal(colour: Sequence[int]) -> str:
-    """Return a colour as CSV files have it."""
+    """Return a colour as "#rrggbb"."""
     return "#" + "".join(f"{int(channel):02x}" for channel in colour)
 
 

@@ -1,7 +1,4 @@
-"""What a picture is of, apart from who draws it: surfaces, fixed cameras and lights, all in numbers.
-
-Both renderers, pyvista's and the software one, draw these same scenes.
-"""
+"""Scenes, which both renderers draw: surfaces, fixed cameras and lights."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,9 +27,13 @@ SILKY = Finish(0.16, 14.0)  # hair
 class Surface:
     """A triangle mesh to draw.
 
-    vertices: (n, 3) mm. faces: (f, 3). colours: one RGB triple 0–255, or (f, 3) uint8, one for each face.
-    lit: False draws the colours as they are (heatmaps: shading would falsify them). smooth: interpolate normals.
+    vertices: (n, 3) mm.
+    faces: (f, 3).
+    colours: one RGB triple 0–255, or (f, 3) uint8, one for each face.
+    lit: False draws the colours as they are, as heatmaps need.
+    smooth: interpolate normals.
     paint: (n, 3) uint8, a colour for each vertex in place of `colours`; faces blend those of their corners.
+    finish: how it shines.
     framed: whether `frame_surfaces` makes room for it.
     """
 
@@ -48,9 +49,12 @@ class Surface:
 
 @dataclass(frozen=True)
 class Camera:
-    """A perspective view: from `azimuth_deg` (0 = in front, positive = from the picture's right) and `elevation_deg`.
+    """A perspective view.
 
-    focus: (x, y, z) mm, the middle of the picture. height_mm: how much of the focal plane is seen, top to bottom.
+    focus: (x, y, z) mm, the middle of the picture.
+    height_mm: how much of the focal plane is seen, top to bottom.
+    azimuth_deg: 0 = from the front, positive = from the picture's right.
+    elevation_deg: positive = from above.
     distance_mm: from eye to focus.
     """
 
@@ -61,9 +65,9 @@ class Camera:
     distance_mm: float = 900.0
 
 
-# For a head of the teen's size, eyes at y = 0; `camera_for` fits them to others by their width from ear to ear.
+# For a head of the teen's size, eyes at y = 0; `camera_for` scales them to other heads by the width from ear to ear.
 HEAD_WIDTH_MM = 188.0
-HEAD_FROM_MM = -60.0  # the width is that above this height: a bust's shoulders don't count
+HEAD_FROM_MM = -60.0  # the width is measured above this height: a bust's shoulders don't count
 CAMERAS = {
     "front": Camera((0, -11, 40), 264),
     "three_quarter": Camera((0, -11, 30), 264, 35, 6),
@@ -77,9 +81,9 @@ CAMERAS = {
 
 @dataclass(frozen=True)
 class Light:
-    """A directional light fixed to the camera: where it comes from (x right, y up, z to the eye), how strong, its RGB.
+    """A directional light fixed to the camera.
 
-    The colour's parts are from 0 to 1.
+    direction: where it comes from (x right, y up, z to the eye). strength: a factor. colour: RGB, 0 to 1.
     """
 
     direction: tuple[float, float, float]
@@ -91,8 +95,8 @@ class Light:
 class Lighting:
     """All lights of a scene, and how bright a surface is that none of them reaches.
 
-    shade_from_mm: how deep a hollow must be to lie in the shade of what is around it; below that, folds of a few
-    triangles would look like dirt.
+    shade_from_mm: how deep a hollow must be to be shaded by what is around it; shaded folds of a few triangles would
+    look like dirt.
     """
 
     lights: tuple[Light, ...]
@@ -100,12 +104,12 @@ class Lighting:
     shade_from_mm: float = 0.5
 
 
-# For clay. The key light is high and to the left, so that both upright and level wrinkles throw a shade.
+# For clay. The key light is high and to the left, so that both vertical and horizontal wrinkles cast shades.
 STUDIO = Lighting(
     (Light((-0.50, 0.75, 0.60), 0.80), Light((0.85, 0.10, 0.55), 0.36), Light((0.0, -0.6, 0.6), 0.10)), 0.13
 )
 # For characters in colour: a warm key light, a wide soft fill whose tint keeps skin warm in the shade, as light that
-# has passed through it does, light from the floor, and a cool rim from behind that parts the head from the paper.
+# has passed through it does, light from the floor, and a cool rim light that sets the head off from the paper.
 PORTRAIT = Lighting(
     (
         Light((-0.48, 0.45, 0.80), 0.60, (1.0, 0.97, 0.92)),
@@ -128,7 +132,7 @@ def camera_for(name: str, neutral: Float[np.ndarray, "n 3"]) -> Camera:
 
 
 def following(camera: Camera, rest: Float[np.ndarray, "k 3"], posed: Float[np.ndarray, "k 3"]) -> Camera:
-    """Return the camera shifted with the middle of some vertices, so that what a pose moves stays in the picture."""
+    """Return the camera shifted with the mean of some vertices, so that they stay in the picture in a pose."""
     shift = np.mean(posed - rest, axis=0, dtype=float)
     return replace(camera, focus=tuple(float(x) for x in np.asarray(camera.focus) + shift))
 
@@ -136,13 +140,13 @@ def following(camera: Camera, rest: Float[np.ndarray, "k 3"], posed: Float[np.nd
 def forehead_camera(
     neutral: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], posed: Float[np.ndarray, "n 3"]
 ) -> Camera:
-    """Return the camera "forehead" as it follows the forehead of a pose, however far the head nods or turns.
+    """Return the camera "forehead" moved to the forehead of a pose, however far the head nods or turns.
 
-    It looks lower at a forehead that doesn't reach to the top of the picture.
+    It is lowered where the forehead doesn't reach to the top of the picture.
     """
-    own = np.unique(faces[forehead_faces(neutral, faces)])
-    camera = following(camera_for("forehead", neutral), neutral[own], posed[own])
-    above = max(0.0, float(project(posed[own].astype(float), camera, 1, 1)[0][:, 1].min()))
+    forehead = np.unique(faces[forehead_faces(neutral, faces)])
+    camera = following(camera_for("forehead", neutral), neutral[forehead], posed[forehead])
+    above = max(0.0, float(project(posed[forehead].astype(float), camera, 1, 1)[0][:, 1].min()))
     down = above * camera.height_mm * axes(camera)[0][1]
     return replace(camera, focus=tuple(float(x) for x in np.asarray(camera.focus) - down))
 
@@ -169,9 +173,9 @@ def project(
 
 
 def frame_surfaces(camera: Camera, surfaces: Sequence[Surface], aspect: float, margin: float = 0.04) -> Camera:
-    """Return the camera moved and widened so that the surfaces fill a picture of this width over height.
+    """Return the camera moved and widened so that the surfaces fill a picture.
 
-    margin: the share of the height that stays free on each side.
+    aspect: the picture's width over its height. margin: the share of the height that stays free on each side.
     """
     points = np.concatenate([np.asarray(surface.vertices, float) for surface in surfaces if surface.framed])
     for _ in range(3):  # perspective changes a little as the focus moves
@@ -188,7 +192,7 @@ def frame_surfaces(camera: Camera, surfaces: Sequence[Surface], aspect: float, m
 def faces_in_view(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], camera: Camera, facing: float = 0.3
 ) -> np.ndarray:
-    """Return (f,) bool: faces wholly inside the camera's square frame and turned to it, hidden by others or not."""
+    """Return (f,) bool: faces that are inside the camera's square frame and turned to it, even if others hide them."""
     pixels, _ = project(vertices.astype(float), camera, 1, 1)
     inside = ((pixels > 0) & (pixels < 1)).all(-1)
     corners = vertices[faces].astype(float)
@@ -199,6 +203,6 @@ def faces_in_view(
 
 
 def forehead_faces(neutral: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> np.ndarray:
-    """Return (f,) bool: the skin that "wrinkles" sees, or on a mesh without skin there, all that faces the front."""
+    """Return (f,) bool: faces that the camera "wrinkles" sees; on a mesh with none there, all that "front" sees."""
     visible = faces_in_view(neutral, faces, camera_for("wrinkles", neutral))
     return visible if visible.sum() >= 12 else faces_in_view(neutral, faces, camera_for("front", neutral))

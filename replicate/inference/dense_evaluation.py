@@ -1,4 +1,4 @@
-"""Dense networks and straight lines, a segment each, one pose at a time on one thread: a weight is read once."""
+"""Dense networks and straight lines, one a segment, for one pose at a time on one thread: each weight is read once."""
 
 from typing import NamedTuple, no_type_check
 
@@ -15,12 +15,17 @@ from replicate.inference.products import NOTHING, Work, add_products, of_layers,
 
 
 class DensePlan(NamedTuple):
-    """Of m parameters, s segments, h hidden layers and k vertices in all segments.
+    """A model of dense networks in flat arrays: m parameters, s segments, h hidden layers, k vertices in all segments.
 
-    scale (m,): what parameters are divided by. segments (s, 2): how many parameters and how many vertices each has.
-    parameters: those of all segments in turn; vertices (k,) likewise. hidden (h,): widths of the hidden layers.
-    weights: flat, segment by segment each layer's [in, out], the length of offsets in mm folded in; biases: of the
-    hidden layers, flat. places (3k,): the vertices at rest with the last layer's bias, mm. slope: of the leaky ReLUs.
+    scale: (m,), what parameters are divided by.
+    segments: (s, 2), how many parameters and how many vertices each has.
+    parameters: those of each segment, one segment after the other.
+    vertices: (k,), those of each segment, one segment after the other.
+    hidden: (h,), widths of the hidden layers.
+    weights: flat, each layer's [in, out] segment by segment, with the length of offsets in mm folded in.
+    biases: flat, of the hidden layers.
+    places: (3k,), the vertices at rest plus the last layer's bias, mm.
+    slope: of the leaky ReLUs.
     """
 
     scale: np.ndarray
@@ -35,9 +40,9 @@ class DensePlan(NamedTuple):
 
 
 def plan_dense(model: SegmentedModel, neutral: Float32[np.ndarray, "n 3"], halves: bool) -> DensePlan:
-    """Return what the evaluation of a model of dense networks, or of lines, on a mesh needs.
+    """Return the plan of a model of dense networks, or of lines, on a mesh.
 
-    halves: weights are stored as float16, whatever that loses.
+    halves: store weights as float16 even where that rounds.
     """
     weights, biases, places = [], [], []
     for network, segment, length in zip(model.networks, model.segments, model.lengths, strict=True):
@@ -75,9 +80,14 @@ def _layers(network: nn.Module) -> tuple[list[np.ndarray], list[np.ndarray]]:
 def place_segments(
     plan: DensePlan, params: np.ndarray, sums: np.ndarray, moved: np.ndarray, rows: np.ndarray, out: np.ndarray
 ) -> None:
-    """Write the vertices of all segments (mm) for raw rig parameters (m,) to `out` (n, 3).
+    """Write the vertices of all segments for raw rig parameters.
 
-    sums, moved, rows: scratch for hidden layers (2, widest), the widest output and the indices of the widest input.
+    plan: of the model.
+    params: (m,).
+    sums: scratch for hidden layers, (2, widest).
+    moved: scratch for the widest output.
+    rows: scratch for as many indices as the widest input has numbers.
+    out: (n, 3), mm, where the vertices are written to.
     """
     scaled = params / plan.scale
     seen, start, weight, bias = NOTHING, NOTHING, NOTHING, NOTHING
@@ -116,7 +126,7 @@ class FastDense:
         place_segments(self.plan, params, self._sums, self._moved, self._rows, out)
 
     def work(self, params: Float32[np.ndarray, " m"]) -> Work:
-        """Return what the pose of some raw rig parameters costs."""
+        """Return what a pose, given as raw rig parameters, costs."""
         plan, ends = self.plan, np.cumsum(self.plan.segments[:, 0])
         seen = np.split(params[plan.parameters], ends[:-1])
         return total(

@@ -1,4 +1,4 @@
-"""One door to the fast evaluation of trained models: rig parameters in, the whole posed mesh out, one pose a call."""
+"""The fast evaluation of all trained models: rig parameters in, the whole posed mesh out, one pose a call."""
 
 from collections.abc import Callable
 from functools import singledispatch
@@ -26,21 +26,22 @@ Evaluate = Callable[[np.ndarray], np.ndarray]
 
 @runtime_checkable
 class Places(Protocol):
-    """The fast evaluation of a model's own vertices, the rigid segments left out."""
+    """The fast evaluation of the vertices that a model moves; rigid segments are left out."""
 
     def place(self, params: Float32[np.ndarray, " m"], out: Float32[np.ndarray, "n 3"]) -> None:
         """Move the vertices of `out`, the mesh at rest in mm, for raw rig parameters."""
 
     def work(self, params: Float32[np.ndarray, " m"]) -> Work:
-        """Return what the pose of some raw rig parameters costs."""
+        """Return what a pose, given as raw rig parameters, costs."""
 
 
 def fast_evaluation(model: object, mesh: Mesh, attachments: Attachments, halves: bool = False) -> Evaluate | None:
     """Return parameters (1, m) → vertices (1, n, 3) float32 mm, the rigid segments placed (§3.4); one thread.
 
-    It gives what the model and `rigid.attach` give, to 1e-3 mm. halves: weights of dense layers are read as float16,
-    whatever that loses. None for a model that has no fast evaluation, or none with halves. Memory that it works in is
-    its own, so that two threads need two.
+    The result is that of the model and `rigid.attach` to 1e-3 mm. None for a model that has no fast evaluation, or none
+    with halves. Two threads need two of these functions, since each has one scratch memory.
+
+    halves: read the weights of dense layers as float16 even where that rounds.
     """
     placing = placing_of(model, mesh, halves)
     if placing is None:
@@ -58,7 +59,7 @@ def fast_evaluation(model: object, mesh: Mesh, attachments: Attachments, halves:
 
 @singledispatch
 def placing_of(model: object, mesh: Mesh, halves: bool = False) -> Places | None:
-    """Return what places the vertices of a model; None where nothing does. halves: as for `fast_evaluation`."""
+    """Return the fast evaluation of a model's vertices; None where there is none. halves: as for `fast_evaluation`."""
     return None
 
 

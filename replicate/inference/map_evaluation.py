@@ -1,4 +1,4 @@
-"""Map networks, one pose at a time on one thread: the pixels that `MapPlan` lists, and nothing else."""
+"""Map networks for one pose at a time on one thread: only the pixels that `MapPlan` lists are computed."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, no_type_check
@@ -16,20 +16,31 @@ from replicate.kernels.map_kernel import REORDER, fold, read_vertex
 from replicate.kernels.pixel_kernel import PARITIES, STEP, TILE, LayerPixels, layers_of, multiply_pixels, places
 from replicate.kernels.vector_code import CHANNELS
 
-# What the fast evaluation of one map network needs, worked out once: folded weights, and the pixels that matter
-# (`kernels.pixel_lists`).
+# The plan of one map network, made once: folded weights, and the pixels that vertices need (`kernels.pixel_kernel`).
 
 
 class MapPlan(NamedTuple):
     """One network of j parameters and k vertices. Images are flat, [row, column, channel], with a border of zeros.
 
-    Of the dense layers: parameters (j,) which of all; weights [in, out] and biases, the scale of parameters folded in;
-    starts (64,), where the pixels of the last one's output lie in the first image, and depth, its channels, with zeros.
-    Of the convolutions, a tuple over layers each; all but the last show an upsampled image: taps, flat, [parity, tap,
-    channel in, 16]; their biases; offsets [parity, tap] of the taps; sources and targets, the pixels in lists of whole
-    tiles; ends (4,), where each parity's part of the lists ends; sizes (layers + 1,), numbers in each image.
-    Of the reading: pixels (k,) and below, where the upper and the lower pair of pixels lie; shares (k, 4); weight
-    (3, 16) and bias (3,) of the 1×1 convolution, the length of offsets in mm folded in; vertices (k,) of the mesh.
+    Of the dense layers:
+    parameters: (j,), which of all parameters the network sees.
+    weights: [in, out] of each layer, with the scale of parameters folded in.
+    weight_biases: of each layer.
+    starts: (64,), where the pixels of the last layer's output begin in the first image.
+    depth: channels of the first image, with those of zeros that fill it up.
+    Of the convolutions, one entry a layer; all but the last layer make an upsampled image:
+    taps: flat, [parity, tap, channel in, 16].
+    biases: of each layer.
+    offsets: [parity, tap], from a pixel to the taps' places.
+    sources, targets: the pixels that are read and written, in lists of whole tiles.
+    ends: (4,), where each parity's part of the lists ends.
+    sizes: (layers + 1,), how many numbers each image has.
+    Of the reading of vertices:
+    pixels: (k,), where the upper pair of pixels lies.
+    below: how much further the lower pair lies.
+    shares: (k, 4), of the four pixels.
+    weight, bias: (3, 16) and (3,), of the 1×1 convolution, with the length of offsets in mm folded in.
+    vertices: (k,) of the mesh.
     slope: of the leaky ReLUs.
     """
 
@@ -55,7 +66,7 @@ class MapPlan(NamedTuple):
 
 
 def has_plan(network: MapNetwork) -> bool:
-    """Return whether the kernels take a network: of 16 channels, and no more in what the dense layers make."""
+    """Return whether the kernels can evaluate a network: it has 16 channels, and no more come from the dense layers."""
     return network.last.out_channels == CHANNELS and network.dense[-1].out_features <= CHANNELS * START**2
 
 
@@ -68,14 +79,19 @@ def plan_maps(
 ) -> MapPlan:
     """Return the plan of one segment's network.
 
-    parameters: those that it sees. vertices: those that it moves. scale: what all parameters are divided by. length_mm:
-    what its outputs are multiplied with.
+    network: the segment's.
+    parameters: those that it sees.
+    vertices: those that it moves.
+    scale: what all parameters are divided by.
+    length_mm: what its outputs are multiplied by.
     """
+    # dense layers, the scale of parameters folded in
     weights = [layer.weight.detach().numpy().T for layer in network.dense]
     weights[0] = weights[0] / scale[parameters][:, None]
     biases = [layer.bias.detach().numpy() for layer in network.dense]
     weights[-1], biases[-1] = (_whole_steps(values) for values in (weights[-1], biases[-1]))
     depth = len(biases[-1]) // START**2
+    # convolutions, at the pixels that the vertices need
     *upsampled, last = layers_of(network.pixels.numpy(), network.map_size, START, depth)
     depths = [depth] + [CHANNELS] * len(network.upsampled)
     layers = [
@@ -84,7 +100,8 @@ def plan_maps(
     ]
     layers.append(_last_layer(network, last))
     rows, columns = np.indices((START, START)).reshape(2, -1)
-    numbers = [(START * 2**level + 2) ** 2 * d for level, d in enumerate(depths)]
+    sizes = [(START * 2**level + 2) ** 2 * d for level, d in enumerate(depths)]
+    # the reading, the length of offsets folded in
     side = network.map_size
     upper = network.pixels.numpy()[:, 0]
     output = network.output
@@ -95,7 +112,7 @@ def plan_maps(
         places(rows, columns, START, depth),
         depth,
         *zip(*layers, strict=True),
-        np.array([*numbers, (side + 2) ** 2 * CHANNELS], np.int64),
+        np.array([*sizes, (side + 2) ** 2 * CHANNELS], np.int64),
         places(upper // side, upper % side, side),
         (side + 2) * CHANNELS,
         network.shares.numpy(),
@@ -107,7 +124,7 @@ def plan_maps(
 
 
 def _whole_steps(values: np.ndarray) -> np.ndarray:
-    """Return what the last dense layer makes, [..., pixel and channel], with channels of zeros up to whole steps."""
+    """Return weights of the last dense layer, [..., pixel and channel], with channels of zeros up to whole steps."""
     split = values.reshape(*values.shape[:-1], START**2, -1)
     more = [(0, 0)] * (split.ndim - 1) + [(0, -split.shape[-1] % STEP)]
     return np.pad(split, more).reshape(*values.shape[:-1], -1)
@@ -122,7 +139,7 @@ def _last_layer(network: MapNetwork, pixels: LayerPixels) -> tuple[np.ndarray, .
 
 
 def _upsampled_layer(layer: nn.Conv2d, pixels: LayerPixels, side: int, depth: int) -> tuple[np.ndarray, ...]:
-    """Return the layer from side² pixels of some depth to those of the (2·side)² that are needed."""
+    """Return the layer that upsamples side² pixels of some depth to those of (2·side)² that are needed."""
     p, q, t, u = np.indices((2, 2, 2, 2)).reshape(4, PARITIES, 4)
     offsets = ((t + p - 1) * (side + 2) + u + q - 1) * depth
     taps, bias = fold(layer.weight.detach().numpy())[:, :, :depth].ravel(), layer.bias.detach().numpy()
@@ -153,12 +170,14 @@ def _read(image, pixels, below, shares, weight, bias, vertices, out):
 def _add_offsets(program, params, images, sums, rows, out):
     """Add to `out` (n, 3) the offsets of all networks' vertices, mm, for raw rig parameters (m,).
 
-    images: scratch of `program.memory` zeros; their borders stay zero. sums: (2, widest), rows: as many as sums.
+    images: scratch of `program.memory` zeros, whose borders stay zero. sums: scratch for layers, (2, widest). rows:
+    scratch for the indices of the widest input.
     """
     facts, numbers, places = program.facts, program.numbers, program.places
     f, weight, n, p = NOTHING, NOTHING, NOTHING, NOTHING  # how far each of the arrays has been read
     for network in range(len(program.slopes)):
         slope = program.slopes[network]
+        # the dense layers
         inputs, layers = facts[f], facts[f + 1]
         x = params[places[p : p + inputs]]
         f, p = f + 2, p + inputs
@@ -172,12 +191,14 @@ def _add_offsets(program, params, images, sums, rows, out):
                     y[k] = max(y[k], slope * y[k])
             f, n, weight = f + 1, n + width, weight + len(x) * width
             x = y
+        # their output as the first image
         channels, first_image, layers = facts[f], facts[f + 1], facts[f + 2]
         image = images[first_image:]
         for k in range(PIXELS):
             start = places[p + k]
             image[start : start + channels] = x[k * channels : (k + 1) * channels]
         f, p = f + 3, p + PIXELS
+        # the convolutions, a parity of pixels after the other
         for _ in range(layers):
             shown = images[facts[f] :]
             parities, taps = facts[f + 1], facts[f + 2]
@@ -188,13 +209,14 @@ def _add_offsets(program, params, images, sums, rows, out):
             targets = places[p + parities * taps + count : p + parities * taps + 2 * count]
             first = 0
             for parity in range(parities):
-                own = numbers[n + parity * block : n + (parity + 1) * block]
+                taps_here = numbers[n + parity * block : n + (parity + 1) * block]
                 offsets = places[p + parity * taps : p + (parity + 1) * taps]
                 for place in range(first, facts[f + parity], TILE):
-                    multiply_pixels(shown, targets, image, sources, place, offsets, own, channels, bias, slope)
+                    multiply_pixels(shown, targets, image, sources, place, offsets, taps_here, channels, bias, slope)
                 first = facts[f + parity]
             f, n, p = f + parities, n + parities * block + CHANNELS, p + parities * taps + 2 * count
             image, channels = shown, CHANNELS
+        # the vertices, which read the last image
         count, below = facts[f], facts[f + 1]
         weights = numbers[n : n + 3 * CHANNELS].reshape(3, CHANNELS)
         n += 3 * CHANNELS
@@ -219,7 +241,7 @@ class FastMaps:
         _add_offsets(self._program, params, self._images, self._sums, self._rows, out)
 
     def work(self, params: Float32[np.ndarray, " m"]) -> Work:
-        """Return what the pose of some raw rig parameters costs."""
+        """Return what a pose, given as raw rig parameters, costs."""
         program, size = self._program, self._program.weights.itemsize
         parts = [Work(0, program.numbers.nbytes + program.places.nbytes)]
         for plan in self._plans:
@@ -233,29 +255,31 @@ class FastMaps:
 
 def fast_maps(models: Sequence[SegmentedModel], halves: bool = False) -> FastMaps:
     """Return the fast evaluation of models of map networks, whose offsets add."""
-    parts = [
-        (model, *each) for model in models for each in zip(model.networks, model.segments, model.lengths, strict=True)
-    ]
     plans = [
         plan_maps(network, segment.parameters, segment.vertices, model.scale.numpy(), length)
-        for model, network, segment, length in parts
+        for model in models
+        for network, segment, length in zip(model.networks, model.segments, model.lengths, strict=True)
     ]
     return FastMaps(plans, halves)
 
 
-# Plans of map networks in few flat arrays, read from front to back: what a compiled function is handed costs time.
+# Plans of map networks in few flat arrays, read from front to back: each argument of a compiled function costs time.
 
 
 class MapProgram(NamedTuple):
-    """All networks' numbers in the order in which the evaluation uses them.
+    """All networks' plans in the order in which the evaluation uses them.
 
-    facts: for each network how many parameters and dense layers, the layers' widths, the depth of the first image and
-    its place in the scratch memory, how many convolutions; for each of these its image's place, how many parities and
-    taps, and the ends of the parities' pixels; then how many vertices, and how far below a pixel its neighbour lies.
-    weights: of dense layers, float32 or the bits of float16. numbers: for each network the dense layers' biases; of
-    each convolution the taps and the bias; weight, bias and shares of the reading. places: for each network its
-    parameters and starts; of each convolution offsets, sources and targets; pixels and vertices of the reading.
-    slopes: of the networks. memory: how many numbers all images take, sums: the widest dense layer.
+    facts: for each network the counts of parameters and dense layers, the layers' widths, the depth of the first image
+        and its place in the scratch memory, the count of convolutions; for each of these its image's place, the counts
+        of parities and taps, and the ends of the parities' pixels; then the count of vertices, and `below`.
+    weights: of dense layers, float32 or the bits of float16.
+    numbers: for each network the dense layers' biases; the taps and the bias of each convolution; weight, bias and
+        shares of the reading.
+    places: for each network its parameters and starts; offsets, sources and targets of each convolution; pixels and
+        vertices of the reading.
+    slopes: of the networks.
+    memory: how many numbers all images have.
+    widest: of the dense layers.
     """
 
     facts: np.ndarray
@@ -268,10 +292,9 @@ class MapProgram(NamedTuple):
 
 
 def program_of(plans: Sequence[MapPlan], halves: bool = False) -> MapProgram:
-    """Return the program of some networks. halves: dense layers are stored as float16, whatever that loses.
+    """Return the program of some networks. halves: store dense layers as float16 even where that rounds.
 
-    Networks share images of the same size: a network reads no pixel that it has not written, but for the borders, and
-    nobody writes those.
+    Networks share images of the same size: each reads only pixels that it has written, and borders, which none writes.
     """
     images: dict[tuple[int, int], int] = {}
     memory = 0

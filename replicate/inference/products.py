@@ -18,7 +18,7 @@ from replicate.kernels.vector_code import INDEX, PLAIN, data, twin_of
 
 ROWS = 8  # at a time, so that sums are loaded and stored less often
 COLUMNS = 4_096  # at a time, so that sums stay in the nearest cache
-NOTHING = np.int64(0)  # where a place starts: the literal 0 would have functions compiled once more for it
+NOTHING = np.int64(0)  # the start of a count: for the literal 0 functions would be compiled once more
 
 
 def has_halves() -> bool:
@@ -32,8 +32,8 @@ def has_halves() -> bool:
 def without_loss(weights: Float[np.ndarray, "..."], halves: bool | None = None) -> np.ndarray:
     """Return weights as the products read them: the bits of float16 where that loses nothing, else float32.
 
-    halves: True for float16 whatever it loses, if all fit into its range. A processor that can't read float16 gets
-    float32.
+    halves: True for float16 even where it rounds, if all weights are in its range. On a processor that can't read
+    float16 they stay float32.
     """
     exact = np.asarray(weights, np.float32)
     with np.errstate(over="ignore"):
@@ -52,7 +52,7 @@ def as_float32_plain(value: float) -> np.float32:
 def as_float32(typing: object, value: types.Type) -> tuple[Signature, Callable]:
     """Return a stored number as float32; uint16 holds the bits of a float16."""
     if value not in (types.float32, types.uint16, types.int16, types.int8):
-        raise TypingError(f"expected weights of float32, uint16 (bits of float16), int16 or int8, got {value}")
+        raise TypingError(f"weights: expected float32, uint16 (bits of float16), int16 or int8, got {value}")
 
     def generate(context, builder, signature, args):
         if value == types.float32:
@@ -68,9 +68,14 @@ def as_float32(typing: object, value: types.Type) -> tuple[Signature, Callable]:
 @njit(error_model="numpy", fastmath=REORDER, nogil=True)
 @no_type_check
 def add_products(x: np.ndarray, weights: np.ndarray, first: int, width: int, out: np.ndarray, rows: np.ndarray) -> None:
-    """Add x @ w to `out` (width,), where w are the rows of `width` numbers that lie in flat `weights` from `first` on.
+    """Add x @ w to `out`, for a matrix w that lies row by row in a flat array; rows for zeros in x are not read.
 
-    rows: scratch for as many indices as x has numbers.
+    x: (k,).
+    weights: flat, of any of the kinds that `as_float32` takes.
+    first: where the matrix begins in `weights`.
+    width: columns of the matrix.
+    out: (width,) float32.
+    rows: scratch for k indices.
     """
     count = 0
     for i in range(len(x)):
@@ -106,7 +111,7 @@ def _row(weights, start, row, width, size):
     return weights[start + row * width : start + row * width + size]
 
 
-# Products of a vector with the rows of a matrix of whole numbers of 8 bits, two rows at a time.
+# Products of a vector with a matrix of 8-bit whole numbers, two rows at a time.
 
 BLOCK = 64  # columns at a time, whose sums stay in registers
 LARGEST = 32_767  # of 16 bits
@@ -117,7 +122,7 @@ X86 = "llvm.x86.avx2.pmadd.wd"
 
 
 def has_pair_instruction() -> bool:
-    """Return whether this processor multiplies and adds pairs in one instruction that LLVM has a name for."""
+    """Return whether this processor has an instruction that multiplies and adds pairs, and LLVM a name for it."""
     return bool(llvmlite.binding.get_host_cpu_features().get("avx2"))
 
 
@@ -136,16 +141,16 @@ def in_pairs(rows: Int8[np.ndarray, "k w"]) -> np.ndarray:
 @njit(inline="always")
 @no_type_check
 def padded(width: int) -> int:
-    """Return how many columns the blocks of so many columns have."""
+    """Return a number of columns, filled up to whole blocks."""
     return (width + BLOCK - 1) // BLOCK * BLOCK
 
 
 @no_type_check
 def sum_block_plain(weights: np.ndarray, first: int, pairs: np.ndarray, count: int, sums: np.ndarray) -> None:
-    """Write the sums over `count` pairs of one block's products, whose numbers lie in `weights` from `first` on.
+    """Write the sums of one block's products over `count` pairs of rows.
 
-    weights: int8, as of `in_pairs`. pairs: int32, each two numbers of 16 bits, the first in the lower half. sums:
-    (BLOCK,) int32.
+    weights: int8, as `in_pairs` stores them. first: where the block begins in them. pairs: int32, each of two 16-bit
+    factors, the first in the lower half. sums: (BLOCK,) int32.
     """
     sums[:] = 0
     for k in range(count):
@@ -163,7 +168,7 @@ def _sum_block(
     """Compile `sum_block_plain`."""
     kinds = weights.dtype, pairs.dtype, sums.dtype
     if kinds != (types.int8, types.int32, types.int32):
-        raise TypingError(f"expected weights, pairs and sums of int8, int32 and int32, got {kinds}")
+        raise TypingError(f"weights, pairs and sums: expected int8, int32 and int32, got {kinds}")
 
     def generate(context, builder, signature, args):
         kinds = signature.args
@@ -172,9 +177,9 @@ def _sum_block(
         totals = [cgutils.alloca_once_value(builder, ir.Constant(SUMS, None)) for _ in range(BLOCK // LANES)]
         with cgutils.for_range(builder, args[3], intp=INDEX) as loop:
             both = builder.load(builder.gep(two, [loop.index]))
-            one = builder.insert_element(ir.Constant(SUMS, ir.Undefined), both, ir.Constant(ir.IntType(32), 0))
+            in_first = builder.insert_element(ir.Constant(SUMS, ir.Undefined), both, ir.Constant(ir.IntType(32), 0))
             zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-            factors = builder.bitcast(builder.shuffle_vector(one, ir.Constant(SUMS, ir.Undefined), zeros), PAIR)
+            factors = builder.bitcast(builder.shuffle_vector(in_first, ir.Constant(SUMS, ir.Undefined), zeros), PAIR)
             row = builder.gep(numbers, [builder.mul(loop.index, ir.Constant(INDEX, 2 * BLOCK))])
             for k, total in enumerate(totals):
                 place = builder.gep(row, [ir.Constant(INDEX, 2 * LANES * k)])
@@ -190,7 +195,7 @@ def _sum_block(
 
 
 def _add_pairs(builder: ir.IRBuilder, left: ir.Value, right: ir.Value) -> ir.Value:
-    """Return for each pair of numbers of 16 bits the sum of the two products, in 32 bits."""
+    """Return the 32-bit sum of both products of each pair of 16-bit numbers."""
     if has_pair_instruction():
         kind = ir.FunctionType(SUMS, [PAIR, PAIR])
         return builder.call(cgutils.get_or_insert_function(builder.module, kind, X86), (left, right))
@@ -206,10 +211,16 @@ def _add_pairs(builder: ir.IRBuilder, left: ir.Value, right: ir.Value) -> ir.Val
 @njit(error_model="numpy", nogil=True)
 @no_type_check
 def add_pairs(x: np.ndarray, weights: np.ndarray, first: int, width: int, out: np.ndarray, pairs: np.ndarray) -> int:
-    """Add x @ w to `out` (width,), where w lies in flat `weights` from `first` on as `in_pairs` stores it.
+    """Add x @ w to `out`, for a matrix w that `in_pairs` has stored; return where it ends in `weights`.
 
-    pairs: scratch of int32 for BLOCK numbers and one for each pair of x. Returns where the matrix ends. Where x has a
-    number that isn't finite, nothing of `out` is.
+    Where a number in x isn't finite, all of `out` becomes NaN.
+
+    x: (k,).
+    weights: flat, int8.
+    first: where the matrix begins in `weights`.
+    width: columns of the matrix.
+    out: (width,) float32.
+    pairs: int32 scratch for BLOCK numbers and one for each pair in x.
     """
     count = (len(x) + 1) // 2
     end = first + 2 * count * padded(width)
@@ -223,7 +234,7 @@ def add_pairs(x: np.ndarray, weights: np.ndarray, first: int, width: int, out: n
     if largest == 0:
         return end
     sums, both = pairs[:BLOCK], pairs[BLOCK : BLOCK + count]
-    whole = np.float32(min(LARGEST, ROOM // len(x)))  # the largest's whole number: no sum can overflow
+    whole = np.float32(min(LARGEST, ROOM // len(x)))  # what the largest becomes: no sum can overflow
     times, unit = whole / largest, largest / whole
     for k in range(count):
         low = np.int32(np.rint(x[2 * k] * times))
@@ -236,12 +247,14 @@ def add_pairs(x: np.ndarray, weights: np.ndarray, first: int, width: int, out: n
     return end
 
 
-# What one pose costs the fast evaluation: the multiplications that are really done, and the bytes of weights read.
+# What one pose costs the fast evaluation: multiplications that are really done, and bytes of weights that are read.
 
 
 class Work(NamedTuple):
-    """multiplications: products of a weight or a share with what it weighs. read_bytes: of weights, bases and lists of
-    pixels; each counts once, though small ones are read again from the nearest cache.
+    """The work of a pose.
+
+    multiplications: products of a weight or a share with what it weighs. read_bytes: of weights, bases and lists of
+    pixels, each of which counts once, though small ones are read again from the nearest cache.
     """
 
     multiplications: int
@@ -255,9 +268,10 @@ def total(parts: Iterable[Work]) -> Work:
 
 
 def of_layers(inputs: np.ndarray, widths: Sequence[int], itemsize: int) -> Work:
-    """Return the work of dense layers one after the other: rows of weights for inputs that are zero are left out.
+    """Return the work of dense layers in a row, which leave out the weights of inputs that are zero.
 
-    inputs: of the first layer; the others' are never zero. widths: of the layers' outputs. itemsize: bytes of a weight.
+    inputs: of the first layer; those of the others are never zero. widths: of the layers' outputs. itemsize: bytes of
+    a weight.
     """
     rows = [int(np.count_nonzero(inputs)), *widths[:-1]]
     products = sum(int(row) * int(width) for row, width in zip(rows, widths, strict=True))

@@ -1,4 +1,4 @@
-"""Our regional model, one pose at a time on one thread: weights and bases are read once, in as few bytes as stored."""
+"""Our regional model for one pose at a time on one thread: weights and bases are read once, in the bytes stored."""
 
 from collections.abc import Callable
 from typing import NamedTuple, no_type_check
@@ -28,17 +28,24 @@ from replicate.regional.networks import SLOPE
 
 
 class RegionalPlan(NamedTuple):
-    """Of m parameters, g networks of l hidden layers, Σ c coefficients, r regions and k vertices in all of them.
+    """A regional model in flat arrays: m parameters, g networks of l hidden layers, r regions with k vertices in all.
 
-    scale (m,): what parameters are divided by. widths (g, l + 2): numbers before, between and after the layers. seen:
-    flat, the parameters that each network sees; lowest, highest: what its layers see of them at most; least, most:
-    flat, what its hidden layers give at most. weights: flat, network by network each layer's [in, out], then the
-    line's; biases: flat; gated, line: whether there are gates and lines.
-    steps (Σ c,): millimetres of a component's whole number 1, the coefficients' length folded in. fine: the bases in 16
-    bits, flat, [component, coordinate] region by region. rough: those in 8, as `in_pairs` stores them. regions (r, 5):
-    vertices, those of them that no earlier region has, components in 16 and in 8 bits, and the first coefficient.
-    vertices, vertex_weights (k,): region by region, which vertices and how much of them; first come those that no
-    earlier region has. places (u, 3): where each of these is at rest with its regions' means, mm.
+    scale: (m,), what parameters are divided by.
+    widths: (g, l + 2), of each network's input, hidden layers and output.
+    seen: the parameters that each network sees, one network after the other.
+    lowest, highest: the bounds of these for the layers.
+    least, most: the bounds of what the hidden layers give.
+    weights: each network's layers, [in, out], and its line.
+    biases: of the layers.
+    gated, line: whether layers are gated, and whether there are lines.
+    steps: (Σ c,), the mm of a component's whole number 1, with the coefficients' length folded in.
+    fine: the components in 16 bits, [component, coordinate], region by region.
+    rough: those in 8 bits, as `in_pairs` stores them.
+    regions: (r, 5), counts of vertices, of those that no earlier region has, of components in 16 and in 8 bits; and the
+        region's first coefficient.
+    vertices: (k,), region by region, in each first those that no earlier region has.
+    vertex_weights: (k,), their weights in the region.
+    places: (u, 3), where each moved vertex is at rest, with its regions' means, mm.
     """
 
     scale: np.ndarray
@@ -62,7 +69,7 @@ class RegionalPlan(NamedTuple):
 
 
 def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> RegionalPlan:
-    """Return what the evaluation of a model on a mesh needs."""
+    """Return the plan of a model on a mesh."""
     networks, widths, matrices, biases = model.network.networks, [], [], []
     for network in networks:
         layers = [*network.layers, network.output]
@@ -82,7 +89,7 @@ def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> R
         first += len(basis.steps)
     ordered = list(zip(model.bases, orders, strict=True))
     vertices = [basis.vertices.numpy()[order] for basis, order in ordered]
-    moving = np.concatenate([each[:new] for each, (_, new, *_) in zip(vertices, regions, strict=True)])
+    moving = np.concatenate([indices[:new] for indices, (_, new, *_) in zip(vertices, regions, strict=True)])
     return RegionalPlan(
         model.scale.numpy(),
         np.array(widths, np.int64),
@@ -106,14 +113,14 @@ def plan_regions(model: RegionalModel, neutral: Float32[np.ndarray, "n 3"]) -> R
 
 
 def _in_order(components: torch.Tensor, order: np.ndarray) -> np.ndarray:
-    """Return the components (k, v, 3) of a region as (k, 3 v), with its vertices in an order."""
+    """Return the components (k, v, 3) of a region as (k, 3 v), its vertices reordered."""
     return components.numpy()[:, order].reshape(len(components), 3 * len(order))
 
 
 @njit(inline="always")
 @no_type_check
 def _within(value, least, most):
-    """Return a value within two others; one that is no number stays what it is."""
+    """Return a value clipped to two bounds; NaN stays NaN."""
     return least if value < least else most if value > most else value
 
 
@@ -121,7 +128,7 @@ def _within(value, least, most):
 @njit(error_model="numpy", nogil=True, fastmath={"afn", "contract"})
 @no_type_check
 def _activate(values, gated):
-    """Make a layer's outputs of the sums in `values`, in its first numbers; return how many."""
+    """Write a layer's outputs over the sums in `values`, from the front; return how many there are."""
     if not gated:
         for k in range(len(values)):
             values[k] = max(values[k], np.float32(SLOPE) * values[k])
@@ -138,7 +145,7 @@ def _activate(values, gated):
 @njit(error_model="numpy", nogil=True)
 @no_type_check
 def _keep_within(values, least, most):
-    """Bring values within as many limits, with one instruction for several of them."""
+    """Clip values to bounds; the compiler does several at once."""
     for k in range(len(values)):
         values[k] = _within(values[k], least[k], most[k])
 
@@ -152,20 +159,26 @@ def place_regions(
 ) -> None:  # fmt: skip
     """Write the vertices of all regions (mm) for raw rig parameters (m,) to `out` (n, 3).
 
-    sums, moved, rows, pairs: scratch for layers (5, widest), the largest region, the indices of the widest input, and
-    that of `add_pairs`. A network has its inputs in the third and fourth row of `sums`, for line and layers; the fifth
-    is for the coefficients.
+    plan: of the model.
+    params: (m,), raw rig parameters.
+    sums: scratch, (5, widest): two rows for layers, one for a network's inputs, one for these within their bounds, and
+        one for all coefficients.
+    moved: scratch for the largest region.
+    rows: scratch for the indices of the widest input.
+    pairs: scratch of `add_pairs`.
+    out: (n, 3), mm, where the vertices are written to.
     """
     coefficients = sums[4, : len(plan.steps)]
     first, bias, sees, limit, done = NOTHING, NOTHING, NOTHING, NOTHING, NOTHING
     layers = plan.widths.shape[1] - 1
+    # the networks, each of which gives the coefficients of whole regions
     for network in range(len(plan.widths)):
         widths = plan.widths[network]
-        own, x = sums[2, : widths[0]], sums[3, : widths[0]]
+        scaled, x = sums[2, : widths[0]], sums[3, : widths[0]]
         for k in range(widths[0]):
             j = plan.seen[sees + k]
-            own[k] = params[j] / plan.scale[j]
-            x[k] = _within(own[k], plan.lowest[sees + k], plan.highest[sees + k])
+            scaled[k] = params[j] / plan.scale[j]
+            x[k] = _within(scaled[k], plan.lowest[sees + k], plan.highest[sees + k])
         for layer in range(layers):
             inputs = widths[layer]
             last = layer + 1 == layers
@@ -175,7 +188,7 @@ def place_regions(
             add_products(x[:inputs], plan.weights, first, width, y, rows)
             first, bias = first + inputs * width, bias + width
             if last and plan.line:
-                add_products(own, plan.weights, first, width, y, rows)
+                add_products(scaled, plan.weights, first, width, y, rows)
                 first += widths[0] * width
             if not last:
                 x = y[: _activate(y, plan.gated)]
@@ -184,6 +197,7 @@ def place_regions(
         sees, done = sees + widths[0], done + widths[layers]
     for k in range(len(coefficients)):
         coefficients[k] *= plan.steps[k]
+    # the regions: a vertex is placed by the first that has it, and moved by the others
     start, place, fine, rough = NOTHING, NOTHING, NOTHING, NOTHING
     for count, new, fines, roughs, c in plan.regions:
         y = moved[: 3 * count]
@@ -218,7 +232,7 @@ class FastRegions:
         place_regions(self.plan, params, self._sums, self._moved, self._rows, self._pairs, out)
 
     def work(self, params: Float32[np.ndarray, " m"]) -> Work:
-        """Return what the pose of some raw rig parameters costs."""
+        """Return what a pose, given as raw rig parameters, costs."""
         plan, size, first = self.plan, self.plan.weights.itemsize, 0
         counts, _, fines, roughs, _ = plan.regions.T
         parts = [Work(int((3 * counts * (fines + roughs)).sum()), plan.fine.nbytes + plan.rough.nbytes)]
@@ -232,7 +246,7 @@ class FastRegions:
         return total(parts)
 
 
-# e to the power of a float32 in plain arithmetic, which a compiler turns into vector instructions.
+# e to the power of a float32 in plain arithmetic, which the compiler turns into vector instructions.
 
 LOG2_E = np.float32(np.log2(np.e))
 LARGEST = np.float32(126)  # powers of 2 beyond ± this are taken for it, near the ends of float32

@@ -18,8 +18,14 @@ REGULAR = 1e-12  # of a matrix's size along the identity, as in `alignment.neare
 
 
 class RigidPlan(NamedTuple):
-    """r rigid segments, c carriers each: carriers (r, c) of the mesh, their places at rest about their mean (r, c, 3)
-    and that mean (r, 3); members (k,) of all segments in turn, their places at rest (k, 3), and ends (r,) of each.
+    """r rigid segments with c carriers each, and k vertices in all of them.
+
+    carriers: (r, c), vertices of the mesh.
+    rest: (r, c, 3), the carriers' places at rest, relative to their mean.
+    centres: (r, 3), that mean.
+    members: (k,), the segments' vertices, one segment after the other.
+    places: (k, 3), where these are at rest.
+    ends: (r,), where each segment ends among them.
     """
 
     carriers: np.ndarray
@@ -31,13 +37,13 @@ class RigidPlan(NamedTuple):
 
 
 def plan_rigid_step(mesh: Mesh, attachments: Attachments) -> RigidPlan:
-    """Return what the rigid step of a mesh needs."""
+    """Return the plan of a mesh's rigid step."""
     carriers = np.asarray(attachments.vertex, np.int64)
     rest = mesh.neutral[carriers].astype(np.float64)
     centres = rest.mean(1) if len(carriers) else np.zeros((0, 3))
     members = [np.flatnonzero(mesh.segment == k) for k in attachments.segment]
     all_members = np.concatenate([*members, np.zeros(0, np.int64)])
-    ends = np.cumsum([len(own) for own in members], dtype=np.int64)
+    ends = np.cumsum([len(vertices) for vertices in members], dtype=np.int64)
     places = mesh.neutral[all_members].astype(np.float64)
     return RigidPlan(carriers, rest - centres[:, None], centres, all_members, places, ends)
 
@@ -46,7 +52,7 @@ def plan_rigid_step(mesh: Mesh, attachments: Attachments) -> RigidPlan:
 @njit(error_model="numpy", nogil=True)
 @no_type_check
 def place_rigid_segments(plan: RigidPlan, posed: np.ndarray) -> None:
-    """Write the rigid segments of a posed mesh (n, 3), float32 mm, where their carriers in it have moved to."""
+    """Write the vertices of rigid segments to a posed mesh (n, 3), float32 mm, where their carriers have moved them."""
     m, a, vectors = np.empty((3, 3)), np.empty((4, 4)), np.empty((4, 4))
     q, centre = np.empty(4), np.empty(3)
     start = 0
@@ -91,16 +97,16 @@ def place_rigid_segments(plan: RigidPlan, posed: np.ndarray) -> None:
 # The best rotation of one 3×3 matrix as a unit quaternion, compiled: the eigenvector of Horn's 4×4 matrix.
 
 SWEEPS = 20  # at most, of Jacobi's rotations; four or five do
-ENOUGH = 1e-30  # the squares beside the diagonal over those on it, where the last sweep is
+ENOUGH = 1e-30  # squares beside the diagonal over those on it, at which sweeps end
 STEPS = 30  # at most, of Newton's method; six to ten do
-APART = 1e-2  # the slope at the root, the product of its distances to the others: beyond it the root is exact
+APART = 1e-2  # the slope at the root, which is the product of its distances to the others: above it the root is exact
 
 
 @kept
 @njit(error_model="numpy", nogil=True)
 @no_type_check
 def _turn(a, vectors, p, q):
-    """Take a symmetric 4×4 matrix's entry (p, q) away by a rotation of both axes (Jacobi), and turn `vectors` along."""
+    """Turn the axes p and q so that a symmetric 4×4 matrix's entry (p, q) becomes zero (Jacobi); `vectors` turn too."""
     if a[p, q] == 0.0:
         return
     height = a[q, q] - a[p, p]
@@ -155,7 +161,7 @@ def _normal(a, row, q):
 @njit(error_model="numpy", nogil=True)
 @no_type_check
 def _first_by_newton(m, a, q):
-    """Write the first eigenvector of `_horn`'s matrix to q, not of unit length; return whether it stands well apart.
+    """Write the first eigenvector of `_horn`'s matrix to q, not of unit length; return whether it is exact enough.
 
     m is of unit size: the eigenvalue is the largest root of λ⁴ − 2 ‖m‖² λ² − 8 det(m) λ + det(a), at most √3.
     """

@@ -16,9 +16,9 @@ from replicate.base.jit_cache import kept
 def fast_vertex_normals(
     vertices: Float32[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]
 ) -> Float32[np.ndarray, "n 3"]:
-    """Return each vertex's unit normal, the mean of its faces' weighted by area, as `vertex_normals` does; one thread.
+    """Return each vertex's unit normal as `vertex_normals` does, on one thread: its faces' mean, weighted by area.
 
-    A vertex without a face, or whose faces have no area or cancel, gets the zero vector.
+    The normal is zero where a vertex has no face, or where its faces have no area or cancel out.
     """
     out = np.empty_like(vertices)
     _write_normals(vertices, faces, np.zeros(vertices.shape, np.float64), out)

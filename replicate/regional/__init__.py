@@ -6,7 +6,7 @@ Bases B_r whose components are principal in it           regional/basis.py: prin
 Components in 16 and 8 bits                              regional/model.py: store
 Coefficients of training samples, by projection          regional/basis.py: projection
 Regions that overlap, one fading into the other          regional/basis.py: blend_weights
-What a basis says beyond its region                      regional/model.py: blended
+How a basis moves vertices beyond its region             regional/model.py: blended
 A network sees the controls that move its region         methods/regional.py: parameters_of
 Layers that are products, silu(x U) ∘ (x V)              regional/networks.py: GatedNetwork
 A straight line beside them, from ridge regression       methods/regional.py: start

@@ -2,10 +2,10 @@
 
 Eq. 1 weighs positions and face normals. For small offsets a normal turns by the differences of offsets along a face's
 edges over their lengths, so the metric of a region is ‖x‖² = Σ_v |x_v|² / n + (α² / f) Σ_edges |x_i − x_j|² / |e_ij|²,
-a sparse quadratic form Q. Components that are principal in it spend themselves on what the loss sees.
+a sparse quadratic form Q. Components that are principal in it capture what the loss sees.
 
-Where regions meet, the errors of one have nothing to do with those of the other, and the difference between them would
-turn the normals of the faces between. So regions overlap by a few rings of vertices, in which one fades into the other.
+Where regions meet, their errors differ, which would turn the normals of the faces between them. So regions overlap by
+a few rings of vertices, in which one fades into the other.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class RegionalBasis:
 
 
 def split_regions(points: Float[np.ndarray, "n 3"], count: int) -> list[Int[np.ndarray, " k"]]:
-    """Return `count` sets of points, each compact: the largest is halved across its longest side again and again."""
+    """Return `count` compact sets of points, by halving the largest across its longest side again and again."""
     regions = [np.arange(len(points))]
     while len(regions) < min(count, len(points)):
         largest = regions.pop(int(np.argmax([len(region) for region in regions])))
@@ -46,11 +46,12 @@ def split_regions(points: Float[np.ndarray, "n 3"], count: int) -> list[Int[np.n
 def blend_weights(
     regions: Sequence[Int[np.ndarray, " _"]], faces: Int[np.ndarray, "f 3"], count: int, rings: int
 ) -> list[tuple[Int[np.ndarray, " _"], Float64[np.ndarray, " _"]]]:
-    """Return, for each region, the vertices that it moves and its weights there; a vertex's weights have the sum 1.
+    """Return for each region the vertices that it moves and its weights there; a vertex's weights sum to 1.
 
-    regions: vertices, each in one region. count: n, the number of the mesh's vertices. rings: a weight fades from 1
-    inside a region to 0 outside, over that many rings of edges on either side of its border. A region's own vertices
-    come first and in their order; those of other regions follow. With 0 rings the weights are 1.
+    A region's vertices come first and in their order; those of other regions follow.
+
+    regions: vertices, each in one region. count: how many vertices the mesh has. rings: a weight fades from 1 inside a
+    region to 0 outside over so many rings of edges on either side of the border; with 0, all weights are 1.
     """
     owner = np.full(count, -1)
     for k, region in enumerate(regions):
@@ -93,10 +94,13 @@ def loss_metric(
     face_count: int,
     normal_weight: float,
 ) -> sp.csr_matrix:
-    """Return Q (k, k), the metric of a region's offsets, each coordinate for itself.
+    """Return Q (k, k), the metric of one coordinate of a region's offsets.
 
-    faces: those within the region, in its numbering. vertex_count, face_count: n and f of Eq. 1, of the whole mesh.
-    normal_weight: α.
+    neutral: the region's vertices, mm.
+    faces: those within the region, of its vertices' indices.
+    vertex_count: n of Eq. 1, of the whole mesh.
+    face_count: f of Eq. 1, of the whole mesh.
+    normal_weight: α of Eq. 1.
     """
     pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     length = np.maximum(np.linalg.norm(neutral[pairs[:, 0]] - neutral[pairs[:, 1]], axis=1), SHORTEST_MM)
@@ -112,7 +116,7 @@ def principal_basis(
     vertices: Int[np.ndarray, " k"], offsets: Float[np.ndarray, "s k 3"], metric: sp.csr_matrix, components: int
 ) -> RegionalBasis:
     """Return a region's basis: its offsets' mean over some samples, and their principal components in the metric."""
-    from scipy.linalg import eigh  # not for those who pose a face
+    from scipy.linalg import eigh  # only training needs it
 
     mean = offsets.mean(axis=0)
     centred = (offsets - mean).astype(np.float64)  # in half the digits the last components would be rounding errors
@@ -130,14 +134,14 @@ def principal_basis(
 
 
 def apply_metric(metric: sp.csr_matrix, offsets: Float[np.ndarray, "s k 3"]) -> Float[np.ndarray, "s k 3"]:
-    """Return Q x for each x and coordinate."""
+    """Return Q x of each coordinate of each x."""
     s, k, _ = offsets.shape
     flat = metric @ offsets.transpose(1, 0, 2).reshape(k, -1)
     return flat.reshape(k, s, 3).transpose(1, 0, 2).astype(offsets.dtype)
 
 
 def projection(basis: RegionalBasis, metric: sp.csr_matrix) -> Float64[np.ndarray, "d c"]:
-    """Return P (3k, c): the coefficients of offsets x that are nearest in the metric are (x − mean) P."""
+    """Return P (3k, c), by which (x − mean) P are the coefficients of the offsets nearest to x in the metric."""
     weighed = apply_metric(metric, basis.components.astype(np.float64)).reshape(len(basis.components), -1)
     flat = basis.components.reshape(len(basis.components), -1).astype(np.float64)
     return np.linalg.lstsq(flat @ weighed.T, weighed)[0].T

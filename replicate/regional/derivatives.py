@@ -1,4 +1,4 @@
-"""The rig's exact derivatives at many poses, each along a direction of its own: what Sobolev training fits besides.
+"""The rig's exact derivatives at many poses, each along another direction: what Sobolev training fits as well.
 
 Czarnecki et al. (Sobolev Training for Neural Networks, 2017) train a network on a function's values and on its
 derivatives. A rig that JAX can trace gives the latter by forward differentiation.
@@ -15,9 +15,9 @@ from data_recipes.rig import BATCH, Rig
 def derivative_batches(
     rig: Rig, params: Float[np.ndarray, "s m"], directions: Float[np.ndarray, "s m"]
 ) -> Iterator[Float32[np.ndarray, "b n 3"]]:
-    """Yield ∂V/∂p · d in mm, exact, for each pose and its direction d, some poses at a time, in their order.
+    """Yield ∂V/∂p · d in mm of each pose and its direction d, exactly, in batches.
 
-    rig: one whose function JAX can trace, as our own rigs' can.
+    rig: one whose function JAX can trace, as it can those of our rigs.
     """
     import jax
 

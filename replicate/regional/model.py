@@ -1,8 +1,8 @@
-"""Our approximation: gated networks give the coefficients of regional bases, stored in few bits.
+"""Our approximation: gated networks give the coefficients of regional bases, which are stored in few bits.
 
 V = V⁰ + Σ_r (mean_r + c_r(p) B_r), over the regions r that move a vertex; regions overlap. The networks are trained on
-coefficients alone: a basis is orthonormal in the metric of the loss, so that the length of a coefficient's error is the
-error that the loss sees, and no mesh is needed in training.
+coefficients alone: a basis is orthonormal in the metric of the loss, so that the length of the coefficients' error is
+the error that the loss sees, and training needs no mesh.
 """
 
 from __future__ import annotations
@@ -29,8 +29,14 @@ LENGTH_FLOOR = 1e-5  # of the usual length of coefficients: below it an error's 
 class StoredBasis(nn.Module):
     """A region's basis as it is stored: the first components in 16 bits, the others in 8, each with its step in mm.
 
-    vertices (k,), weights (k,) float32, mean (k, 3) float16 in mm, fine (a, k, 3) int16, rough (c − a, k, 3) int8,
-    steps (c,) float32. A vertex moves by the weighted sum of what the bases say that have it.
+    A vertex moves by the weighted sum of its offsets in all bases that have it.
+
+    vertices: (k,) int32.
+    weights: (k,) float32.
+    mean: (k, 3) float16, mm.
+    fine: (a, k, 3) int16.
+    rough: (c − a, k, 3) int8.
+    steps: (c,) float32, mm.
     """
 
     vertices: torch.Tensor
@@ -63,7 +69,7 @@ class StoredBasis(nn.Module):
         return self.mean.float() * self.weights[:, None]
 
     def size_bytes(self) -> int:
-        """Return how many bytes the basis takes, its vertices' indices left out, and weights if all of them are 1."""
+        """Return how many bytes the basis takes, without its vertices' indices, and without weights that are all 1."""
         counted = [self.mean, self.fine, self.rough, self.steps]
         counted += [] if (self.weights == 1).all() else [self.weights]
         return sum(value.numel() * value.element_size() for value in counted)
@@ -72,8 +78,8 @@ class StoredBasis(nn.Module):
 def store(basis: RegionalBasis, fine: int) -> StoredBasis:
     """Return a basis in few bits: its first `fine` components in 16, the others in 8.
 
-    A component's largest entry is its largest whole number. Coefficients for the stored components, and not the exact
-    ones, take back most of what rounding does, so no entry needs to know its neighbours.
+    A component's largest entry becomes the largest whole number. Coefficients are those of the stored components, not
+    of the exact ones, and so undo most of the rounding.
     """
     parts, steps = [], []
     for components, kind in ((basis.components[:fine], np.int16), (basis.components[fine:], np.int8)):
@@ -95,11 +101,16 @@ def blended(
     coefficients: Float[np.ndarray, "s c"],
     offsets: Float[np.ndarray, "s l 3"],
 ) -> StoredBasis:
-    """Return a region's basis that reaches beyond it, with weights.
+    """Return a region's basis extended to vertices beyond the region, with weights.
 
-    vertices: those of the basis, then l others. At those, mean and components are the least squares fit of their
-    offsets (mm) in some samples by the samples' coefficients. Where they are larger than the bits allow, they are
-    stored smaller, and the weight is larger.
+    There, mean and components are the least squares fit of offsets in some samples by the samples' coefficients. Where
+    they are too large for their bits, they are stored smaller and the vertex's weight is larger.
+
+    basis: of the region alone.
+    vertices: those of the basis, then l others.
+    weights: of these vertices.
+    coefficients: of the samples.
+    offsets: of the l others in the samples, mm.
     """
     known = np.column_stack([np.ones(len(coefficients)), coefficients]).astype(np.float64)
     fit = np.linalg.lstsq(known, offsets.reshape(len(offsets), -1).astype(np.float64))[0]
@@ -119,10 +130,11 @@ def blended(
 def coverings(
     members: Sequence[Int[np.ndarray, " _"]],
 ) -> tuple[Int[np.ndarray, " k"], list[Int[np.ndarray, " _"]]]:
-    """Return the vertices of regions, each once, and where they are in the regions' rows one after the other.
+    """Return the vertices of overlapping regions, each once, and in layers the places of their rows.
 
-    The first list has a row for each vertex; the second has one for as many of the first vertices as are in two regions
-    or more, and so on. A vertex's offset is the sum of its rows. Where no regions overlap, vertices keep their order.
+    The regions' rows are one after the other, and a vertex's offset is the sum of its rows. The first layer has a row
+    for each vertex. The second has one for each vertex that lies in two regions or more, and these come first; and so
+    on. Where no regions overlap, vertices keep their order.
     """
     rows = np.concatenate(members)
     vertices, first, times = np.unique(rows, return_index=True, return_counts=True)
@@ -140,8 +152,12 @@ class RegionalModel:
     """Raw rig parameters → offsets of the whole mesh: networks, and the bases that they give coefficients for.
 
     network: (b, m) scaled parameters → (b, Σ c) coefficients over `length`; each of its parts gives those of whole
-    regions. scale: (m,), what parameters are divided by. vertex_count: n. vertices: (k,), those that move, and layers,
-    where they are in the regions' rows, are as `coverings` says.
+        regions.
+    bases: of the regions.
+    scale: (m,), what parameters are divided by.
+    length: what coefficients are multiplied by.
+    vertex_count: n.
+    vertices, layers: those that move, (k,), and where their rows are, as `coverings` returns them.
     """
 
     def __init__(
@@ -196,15 +212,15 @@ class RegionalModel:
 def regional_loss(error: Float[torch.Tensor, "b d"], membership: Float[torch.Tensor, "d r"]) -> Float[torch.Tensor, ""]:
     """Return the mean over poses of the summed lengths of the regions' coefficient errors.
 
-    A region's length is the root of its squared error in the metric of the loss: an L1 norm over regions and poses, as
-    Eq. 1 is one over vertices, so that a few wild poses don't rule the fit. membership: 1 where a coefficient is of a
-    region.
+    A length is the root of the squared error in the metric of the loss. Their sum is an L1 norm over regions and poses,
+    as Eq. 1 is one over vertices, so that a few wild poses don't rule the fit. membership: 1 where a coefficient
+    belongs to a region.
     """
     return (error.square() @ membership + LENGTH_FLOOR**2).sqrt().sum(dim=1).mean()
 
 
 def halve(network: nn.Module) -> None:
-    """Round a network's weights to what 16 bits hold, in place."""
+    """Round a network's weights to 16 bits, in place."""
     with torch.no_grad():
         for weight in network.parameters():
             weight.copy_(weight.half().float())
@@ -236,7 +252,7 @@ def load(folder: Path) -> RegionalModel:
         facts = json.loads((Path(folder) / DESCRIPTION).read_text())
         arrays = load_file(Path(folder) / WEIGHTS)
     except Exception as error:  # safetensors raises its own class for a damaged file, Python others for a missing one
-        raise InputError(f"{folder}: found no readable model there ({error}).") from error
+        raise InputError(f"{folder}: there is no readable model in this folder ({error}).") from error
     bases = [StoredBasis(*(arrays[f"basis.{k}.{name}"] for name in STORED)) for k in range(facts["regions"])]
     seen = [arrays[f"seen.{k}"].numpy() for k in range(facts["networks"])]
     outputs = [len(basis.steps) for basis in bases]

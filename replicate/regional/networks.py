@@ -1,10 +1,10 @@
 """A gated network with a linear skip: products of linear functions of the parameters, added to a straight line.
 
 Each layer is h = silu(x U) ∘ (x V) (the gated linear units of Dauphin et al. 2017 and Shazeer 2020): a product of two
-linear functions, and what rigs do when controls combine. The skip is a straight line from parameters to outputs, which
-starts as the least squares fit and is trained along. Products of many parameters grow without bounds where training
-saw nothing: beyond the range of a parameter, or where many are large at once. So for the layers the parameters, and
-what each layer gives, stay within what training has seen of them, and only the line goes on.
+linear functions, as in rigs when controls combine. The skip is a straight line from parameters to outputs, which starts
+as the least squares fit and is trained with the layers. Products of many parameters grow without bounds where training
+saw nothing: beyond the range of a parameter, or where many are large at once. So the parameters that the layers see,
+and the layers' outputs, are clipped to the ranges that training has seen, and only the line goes on.
 """
 
 from __future__ import annotations
@@ -26,9 +26,10 @@ OUTPUT_SHARE = 0.05  # of the usual size of an output layer's weights: the netwo
 class GatedNetwork(nn.Module):
     """(b, j) scaled parameters → (b, d) outputs: layers of the widths `hidden`, beside a line.
 
-    gated: False for leaky ReLUs in the products' place. line: False for no skip. Both are there to see what they do.
-    lowest, highest: (j,) scaled parameters; what lies beyond is as far as that for the layers. `bound` sets them.
-    least_k, most_k: the same of what layer k gives, (h_k,); `limit` sets them, once the weights are what they will be.
+    gated: False for leaky ReLUs in place of the products.
+    line: False for no skip; both options serve to measure what the pieces are worth.
+    lowest, highest: (j,), the bounds of scaled parameters for the layers; `bound` sets them.
+    least_k, most_k: (h_k,), the bounds of the outputs of layer k; `limit` sets them after training.
     """
 
     lowest: torch.Tensor
@@ -46,11 +47,11 @@ class GatedNetwork(nn.Module):
         for k, width in enumerate(hidden):
             self.register_buffer(f"least_{k}", torch.full((width,), -torch.inf))
             self.register_buffer(f"most_{k}", torch.full((width,), torch.inf))
-        self.is_limited = False  # whether there is anything in them
+        self.is_limited = False  # whether `limit` has set them
 
     @property
     def limits(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        """What each layer gives at least and at most."""
+        """The bounds of each layer's outputs."""
         return [(getattr(self, f"least_{k}"), getattr(self, f"most_{k}")) for k in range(len(self.layers))]
 
     def forward(self, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b d"]:
@@ -80,12 +81,12 @@ class GatedNetwork(nn.Module):
                 self.line.weight.copy_(torch.from_numpy(np.ascontiguousarray(line[:-1].T, np.float32)))
 
     def bound(self, params: Float[np.ndarray, "s j"]) -> None:
-        """Set the least and the largest value of each scaled parameter, to what 16 bits hold, to those of samples."""
+        """Set the bounds of scaled parameters to the range of some samples, rounded to 16 bits."""
         for bound, values in ((self.lowest, params.min(axis=0)), (self.highest, params.max(axis=0))):
             bound.copy_(torch.from_numpy(np.asarray(values, np.float32)).half())
 
     def limit(self, params: Float[np.ndarray, "s j"]) -> None:
-        """Set what each layer gives at least and at most, to what 16 bits hold, to what it gives in samples."""
+        """Set the bounds of each layer's outputs to their range over some samples, rounded to 16 bits."""
         with torch.no_grad():
             x = _within(torch.from_numpy(np.asarray(params, np.float32)), self.lowest, self.highest)
             for layer, (least, most) in zip(self.layers, self.limits, strict=True):
@@ -113,9 +114,9 @@ def _multiply(both: torch.Tensor) -> torch.Tensor:
 
 
 class RegionalNetworks(nn.Module):
-    """(b, m) scaled parameters → (b, d) coefficients: what the networks give, one after the other.
+    """(b, m) scaled parameters → (b, d) coefficients: the outputs of all networks, one after the other.
 
-    seen: for each network, which of the m parameters it sees, (j,).
+    seen: (j,) for each network, which of the m parameters it sees.
     """
 
     def __init__(self, networks: Sequence[GatedNetwork], seen: Sequence[Int[np.ndarray, " _"]]):
@@ -141,9 +142,12 @@ class RegionalNetworks(nn.Module):
 def fresh_networks(
     seen: Sequence[Int[np.ndarray, " _"]], hidden: Sequence[int], outputs: Sequence[int], gated: bool, line: bool
 ) -> RegionalNetworks:
-    """Return networks without trained weights: as many as there are entries in `seen`.
+    """Return untrained networks, one for each entry of `seen`.
 
-    outputs: how many coefficients each region has. A single network gives those of all regions.
+    seen: which parameters each network sees.
+    hidden: widths of the layers.
+    outputs: how many coefficients each region has; a single network gives those of all regions.
+    gated, line: as for `GatedNetwork`.
     """
     widths = outputs if len(seen) > 1 else [sum(outputs)]
     networks = [

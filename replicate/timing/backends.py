@@ -1,14 +1,12 @@
 """All ways to evaluate the same trained model, with the rigid step: what a table of backends compares."""
 
-from collections.abc import Callable
-
 import numpy as np
 import torch
 from jaxtyping import Float
 
 from replicate.approximation.rigid import Attachments, attach
 from replicate.geometry.mesh import Mesh
-from replicate.inference.fast_evaluation import fast_evaluation
+from replicate.inference.fast_evaluation import Evaluate, fast_evaluation
 from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
 from replicate.methods.method import Model
 from replicate.timing.gpu_evaluation import gpu_evaluation, graph_evaluation
@@ -19,17 +17,17 @@ from replicate.timing.plain_evaluation import plain_offsets
 from replicate.timing.single_poses import FAST, GPU, GRAPH, HALF, JAX, ONNX, ONNX_SPINNING, ONNX_THREADS, PLAIN
 
 
-def other_backends(model: Model, mesh: Mesh, attachments: Attachments) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
-    """Return by `timed_names`' endings the ways (1, m) → (1, n, 3) mm to evaluate a model, besides its own.
+def other_backends(model: Model, mesh: Mesh, attachments: Attachments) -> dict[str, Evaluate]:
+    """Return the ways (1, m) → (1, n, 3) mm to evaluate a model besides `offsets`, by their endings in BACKENDS.
 
-    Those of several threads are there where the process has several cores.
+    Those with several threads are among them where the process has several cores.
     """
     plain, written, cores = plain_offsets(model), onnx_bytes(model, mesh, attachments), core_total()
 
     def by_torch(params: Float[np.ndarray, "b m"]) -> Float[np.ndarray, "b n 3"]:
         return attach(mesh, attachments, mesh.neutral + plain(params))
 
-    found = {
+    ways = {
         PLAIN: by_torch if plain else None,
         JAX: jax_evaluation(model, mesh, attachments),
         ONNX: run_by_onnx(written) if written else None,
@@ -38,22 +36,20 @@ def other_backends(model: Model, mesh: Mesh, attachments: Attachments) -> dict[s
         FAST: fast_evaluation(model, mesh, attachments),
         HALF: fast_evaluation(model, mesh, attachments, halves=True),
     }
-    return {ending: evaluate for ending, evaluate in found.items() if evaluate}
+    return {ending: evaluate for ending, evaluate in ways.items() if evaluate}
 
 
-def gpu_backends(model: Model, mesh: Mesh, attachments: Attachments) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
-    """Return by `timed_names`' endings the ways (1, m) → (1, n, 3) mm to evaluate a model on a GPU; {} without one."""
+def gpu_backends(model: Model, mesh: Mesh, attachments: Attachments) -> dict[str, Evaluate]:
+    """Return the ways (1, m) → (1, n, 3) mm to evaluate a model on a GPU, by their endings; {} without one."""
     if not torch.cuda.is_available():
         return {}
     makers = {GPU: gpu_evaluation, GRAPH: graph_evaluation}
-    found = {ending: make(model, mesh, attachments) for ending, make in makers.items()}
-    return {ending: evaluate for ending, evaluate in found.items() if evaluate}
+    ways = {ending: make(model, mesh, attachments) for ending, make in makers.items()}
+    return {ending: evaluate for ending, evaluate in ways.items() if evaluate}
 
 
-def fast_rigid_step(
-    mesh: Mesh, attachments: Attachments, posed: Float[np.ndarray, "1 n 3"]
-) -> Callable[[np.ndarray], np.ndarray]:
-    """Return parameters, which count for nothing, → the fast rigid step of one pose, as `attach` does it."""
+def fast_rigid_step(mesh: Mesh, attachments: Attachments, posed: Float[np.ndarray, "1 n 3"]) -> Evaluate:
+    """Return a function that ignores the parameters it gets and takes the fast rigid step (§3.4) of one posed mesh."""
     plan = plan_rigid_step(mesh, attachments)
 
     def place(params: np.ndarray) -> np.ndarray:
@@ -65,7 +61,8 @@ def fast_rigid_step(
 
 
 def largest_difference(
-    evaluate: Callable[[np.ndarray], np.ndarray], poses: Float[np.ndarray, "t m"], expected: Float[np.ndarray, "t n 3"]
+    evaluate: Evaluate, poses: Float[np.ndarray, "t m"], expected: Float[np.ndarray, "t n 3"]
 ) -> float:
-    """Return the largest difference of a coordinate between some poses as evaluated and as expected, mm."""
-    return max(float(np.abs(evaluate(pose[None])[0] - own).max()) for pose, own in zip(poses, expected, strict=True))
+    """Return the largest difference of a coordinate between evaluated poses and what is expected of them, mm."""
+    pairs = zip(poses, expected, strict=True)
+    return max(float(np.abs(evaluate(pose[None])[0] - vertices).max()) for pose, vertices in pairs)

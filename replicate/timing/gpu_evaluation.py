@@ -18,17 +18,17 @@ from replicate.approximation.model import SegmentedModel
 from replicate.approximation.refinement import RefinedModel
 from replicate.approximation.rigid import Attachments
 from replicate.geometry.mesh import Mesh
+from replicate.inference.fast_evaluation import Evaluate
 from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
 from replicate.regional.model import RegionalModel
 
 WARM_UP = 3  # evaluations before a recording, in which libraries choose their functions
 
-Evaluate = Callable[[np.ndarray], np.ndarray]
 Offsets = Callable[[torch.Tensor], torch.Tensor]  # raw parameters (b, m) → offsets (b, n, 3) mm, on one device
 
 
 def gpu_evaluation(model: object, mesh: Mesh, attachments: Attachments, device: str = "cuda") -> Evaluate | None:
-    """Return parameters (b, m) → vertices (b, n, 3) mm by torch on a device; None for a model unknown here."""
+    """Return parameters (b, m) → vertices (b, n, 3) mm by torch on a device; None for an unknown kind of model."""
     vertices, rigid = _vertices(model, mesh, device), plan_rigid_step(mesh, attachments)
     if vertices is None:
         return None
@@ -44,7 +44,7 @@ def gpu_evaluation(model: object, mesh: Mesh, attachments: Attachments, device: 
 
 
 def graph_evaluation(model: object, mesh: Mesh, attachments: Attachments) -> Evaluate | None:
-    """Return parameters (1, m) → vertices (1, n, 3) mm by a CUDA graph; None for a model unknown here."""
+    """Return parameters (1, m) → vertices (1, n, 3) mm by a CUDA graph; None for an unknown kind of model."""
     vertices = _vertices(model, mesh, "cuda")
     if vertices is None:
         return None
@@ -59,9 +59,9 @@ def graph_evaluation(model: object, mesh: Mesh, attachments: Attachments) -> Eva
 
 
 class _Recording:
-    """What a function of tensors on the GPU does with one pose, recorded to be done again.
+    """What a function of tensors on the GPU does with one pose, recorded to be repeated.
 
-    It holds the function too: what is recorded reads the weights where they lie in the GPU's memory.
+    It holds the function too, since the recording reads the weights where they lie in the GPU's memory.
     """
 
     def __init__(self, function: Offsets, count: int):
@@ -81,7 +81,7 @@ class _Recording:
         self._taken = torch.zeros(self._found.shape, pin_memory=True)
 
     def play(self, params: Float[np.ndarray, "1 m"]) -> Float[np.ndarray, "1 n 3"]:
-        """Return what the function gives."""
+        """Return the function's result for a pose."""
         self._given.numpy()[:] = params
         self._params.copy_(self._given, non_blocking=True)
         self._graph.replay()
@@ -96,7 +96,7 @@ def _parameter_count(model: object) -> int:
 
 
 def _vertices(model: object, mesh: Mesh, device: str) -> Offsets | None:
-    """Return raw parameters → vertices, the rigid segments unmoved; None for a model unknown here."""
+    """Return raw parameters → vertices, rigid segments at rest; None for an unknown kind of model."""
     offsets = offsets_on(model, device)
     if offsets is None:
         return None
@@ -106,16 +106,16 @@ def _vertices(model: object, mesh: Mesh, device: str) -> Offsets | None:
 
 @singledispatch
 def offsets_on(model: object, device: str) -> Offsets | None:
-    """Return what a model's `offsets` gives, as a function of tensors on a device; None for a model unknown here."""
+    """Return a model's `offsets` as a function of tensors on a device; None for an unknown kind of model."""
     return None
 
 
 @offsets_on.register
 def _(model: SegmentedModel, device: str) -> Offsets:
-    own, place = deepcopy(model).to(device), torch.from_numpy(model.vertices).long().to(device)
+    copy, place = deepcopy(model).to(device), torch.from_numpy(model.vertices).long().to(device)
 
     def offsets(params: Float[torch.Tensor, "b m"]) -> Float[torch.Tensor, "b n 3"]:
-        return params.new_zeros(len(params), own.vertex_count, 3).index_copy_(1, place, own(params))
+        return params.new_zeros(len(params), copy.vertex_count, 3).index_copy_(1, place, copy(params))
 
     return offsets
 

@@ -1,7 +1,7 @@
 """A trained model evaluated by JAX: its weights in functions that XLA compiles as one, the maps as Fig. 3 draws them.
 
 XLA has no rigid step that float32 is enough for, so that this step is the suite's compiled one. How many threads XLA
-has is fixed at start; `cores.one_core` keeps all of them on one core.
+has is fixed at start; `machine.one_core` keeps all of them on one core.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,6 +19,7 @@ from replicate.approximation.rigid import Attachments
 from replicate.baselines.dense import DenseNetwork
 from replicate.baselines.line import Line, WithLine
 from replicate.geometry.mesh import Mesh
+from replicate.inference.fast_evaluation import Evaluate
 from replicate.inference.rigid_step import place_rigid_segments, plan_rigid_step
 from replicate.regional.model import RegionalModel
 from replicate.regional.networks import SLOPE, GatedNetwork
@@ -28,16 +29,14 @@ if TYPE_CHECKING:
 
 
 class Traced(NamedTuple):
-    """What JAX compiles. weights: nested lists of arrays. function: (weights, one pose's numbers) → an array."""
+    """What JAX compiles. weights: nested lists of arrays. function: (weights, one pose's parameters) → an array."""
 
     weights: list
     function: "Callable[[list, jax.Array], jax.Array]"
 
 
-def jax_evaluation(
-    model: object, mesh: Mesh, attachments: Attachments | None
-) -> Callable[[np.ndarray], np.ndarray] | None:
-    """Return parameters (1, m) → vertices (1, n, 3) float32 mm by JAX; None for a model with a network unknown here.
+def jax_evaluation(model: object, mesh: Mesh, attachments: Attachments | None) -> Evaluate | None:
+    """Return parameters (1, m) → vertices (1, n, 3) float32 mm by JAX; None for a model of an unknown kind.
 
     attachments: None for no rigid step.
     """
@@ -49,8 +48,8 @@ def jax_evaluation(
     neutral = np.asarray(mesh.neutral, np.float32)
 
     def vertices(weights: list, params: "jax.Array") -> "jax.Array":
-        moved = [part.function(own, params) for part, own in zip(parts, weights[1:], strict=True)]
-        return weights[0] + sum(moved)
+        neutral, *of_parts = weights
+        return neutral + sum(part.function(w, params) for part, w in zip(parts, of_parts, strict=True))
 
     compiled = jax.jit(vertices)
     weights = jax.device_put([neutral, *(part.weights for part in parts)], jax.devices("cpu")[0])
@@ -67,7 +66,7 @@ def jax_evaluation(
 
 @singledispatch
 def traced_parts(model: object) -> list[Traced] | None:
-    """Return what JAX compiles of a model, raw parameters (m,) → offsets (n, 3) in mm, which add; None for nothing."""
+    """Return the functions of a model, raw parameters (m,) → offsets (n, 3) mm, whose sum JAX compiles; or None."""
     return None
 
 
@@ -86,9 +85,9 @@ def _(model: SegmentedModel) -> list[Traced] | None:
     lengths, place = model.lengths, _places(model.vertices, model.vertex_count)
 
     def offsets(weights: list, params: "jax.Array") -> "jax.Array":
-        scaled = params / weights[0]
-        each = zip(networks, weights[1:], seen, lengths, strict=True)
-        return _spread([network.function(own, scaled[j]) * length for network, own, j, length in each], place)
+        scale, *of_networks = weights
+        scaled, parts = params / scale, zip(networks, of_networks, seen, lengths, strict=True)
+        return _spread([network.function(w, scaled[j]) * length for network, w, j, length in parts], place)
 
     return [Traced([model.scale.cpu().numpy(), *(network.weights for network in networks)], offsets)]
 
@@ -104,9 +103,9 @@ def _(model: RegionalModel) -> list[Traced]:
     def offsets(weights: list, params: "jax.Array") -> "jax.Array":
         import jax.numpy as jnp
 
-        scale, own, stored = weights
-        scaled, each = params / scale, zip(networks, own, seen, strict=True)
-        coefficients = jnp.concatenate([network.function(w, scaled[j]) for network, w, j in each])
+        scale, of_networks, stored = weights
+        scaled, parts = params / scale, zip(networks, of_networks, seen, strict=True)
+        coefficients = jnp.concatenate([network.function(w, scaled[j]) for network, w, j in parts])
         shares = jnp.split(coefficients * length, ends)
         rows = [(mean + c @ components).reshape(-1, 3) for c, (components, mean) in zip(shares, stored, strict=True)]
         return _spread([_summed(jnp.concatenate(rows), model.layers)], place)
@@ -116,7 +115,7 @@ def _(model: RegionalModel) -> list[Traced]:
 
 @singledispatch
 def traced(network: nn.Module) -> Traced | None:
-    """Return what JAX compiles of a network, scaled parameters (j,) → (k, 3) or (d,); None for one unknown here."""
+    """Return a network's function, scaled parameters (j,) → (k, 3) or (d,), for JAX; None for an unknown kind."""
     return None
 
 
@@ -132,7 +131,7 @@ def _(network: WithLine) -> Traced | None:
         return None
     return Traced(
         [part.weights for part in parts],
-        lambda w, x: sum(part.function(own, x) for part, own in zip(parts, w, strict=True)),
+        lambda weights, x: sum(part.function(w, x) for part, w in zip(parts, weights, strict=True)),
     )
 
 
@@ -195,7 +194,7 @@ def _(network: MapNetwork) -> Traced:
 
 
 def _layers(weights: list, x: "jax.Array", slope: float) -> "jax.Array":
-    """Return what dense layers give, all but the last followed by a leaky ReLU."""
+    """Return the output of dense layers, of which all but the last are followed by a leaky ReLU."""
     import jax
 
     for weight, bias in weights[:-1]:
@@ -204,24 +203,24 @@ def _layers(weights: list, x: "jax.Array", slope: float) -> "jax.Array":
 
 
 def _summed(rows: "jax.Array", layers: Sequence[np.ndarray]) -> "jax.Array":
-    """Return what vertices have of all regions' rows (r, 3); layers: as `regional_model.coverings` says."""
+    """Return the vertices' sums of the regions' rows (r, 3); layers: as `regional.model.coverings` returns them."""
     import jax.numpy as jnp
 
-    found, *others = (rows[layer] for layer in layers)
+    total, *others = (rows[layer] for layer in layers)
     for more in others:
-        found = jnp.concatenate([found[: len(more)] + more, found[len(more) :]])
-    return found
+        total = jnp.concatenate([total[: len(more)] + more, total[len(more) :]])
+    return total
 
 
 def _spread(parts: "Sequence[jax.Array]", place: np.ndarray) -> "jax.Array":
-    """Return the mesh's offsets (n, 3) of those of all segments in turn; `place` is past their end for no segment."""
+    """Return the mesh's offsets (n, 3) from those of the segments, one after the other; place: as `_places` gives."""
     import jax.numpy as jnp
 
     return jnp.concatenate([*parts, jnp.zeros((1, 3), jnp.float32)])[place]
 
 
 def _places(vertices: np.ndarray, count: int) -> np.ndarray:
-    """Return where each of a mesh's vertices stands among those of all segments; their number where it doesn't."""
+    """Return each vertex's place among those of the segments; `len(vertices)` for a vertex of no segment."""
     place = np.full(count, len(vertices))
     place[vertices] = np.arange(len(vertices))
     return place

@@ -4,7 +4,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import no_type_check
@@ -38,7 +38,7 @@ def core_total() -> int:
 
 @contextmanager
 def one_core() -> Iterator[None]:
-    """Keep all threads of the process on one core while the context lasts, XLA's too, whose number is fixed at start.
+    """Keep all threads of the process on one core while the context lasts, XLA's too, whose count is fixed at start.
 
     Raises OSError where `can_confine` is False.
     """
@@ -49,6 +49,11 @@ def one_core() -> Iterator[None]:
             yield
         finally:
             _keep(before)
+
+
+def confined() -> AbstractContextManager[None]:
+    """Keep the process on one core while the context lasts, or where the system can't, let it use one thread."""
+    return one_core() if can_confine() else threads(1)
 
 
 @contextmanager
@@ -106,23 +111,20 @@ def counters(folder: Path = FOLDER) -> list[Counter]:
     return found
 
 
-def energy_j(call: Callable[[], object], over: list[Counter], least_s: float = LEAST_S) -> tuple[float, int]:
-    """Return the joules that some processors use a call, and how many calls that is the mean of.
-
-    call: what is done again and again for `least_s` seconds.
-    """
+def energy_j(call: Callable[[], object], processors: list[Counter], least_s: float = LEAST_S) -> tuple[float, int]:
+    """Repeat a call for `least_s` seconds; return the mean joules that the processors use for one, and how many ran."""
     call()
-    before, start, calls = [counter.read() for counter in over], time.perf_counter(), 0
+    before, start, calls = [counter.read() for counter in processors], time.perf_counter(), 0
     while not calls or time.perf_counter() - start < least_s:
         call()
         calls += 1
-    used = sum(counter.joules(first, counter.read()) for counter, first in zip(over, before, strict=True))
+    used = sum(counter.joules(first, counter.read()) for counter, first in zip(processors, before, strict=True))
     return used / calls, calls
 
 
-def why_no_energy(over: list[Counter], folder: Path = FOLDER) -> str:
-    """Return a sentence that says why no energy is measured, or "" where some counters are there."""
-    if over:
+def why_no_energy(processors: list[Counter], folder: Path = FOLDER) -> str:
+    """Return a sentence that says why no energy is measured, or "" where there are counters."""
+    if processors:
         return ""
     if not list(folder.glob(ZONES)):
         return f"Energy is not measured: this machine has no counters under {folder}, as most virtual machines."
@@ -140,7 +142,7 @@ MEMORY_BYTES, CACHE_BYTES = 256_000_000, 4_000_000  # far beyond all caches; abo
 
 @intrinsic
 def _add_products(typing: object, rounds: types.Type, factor: types.Type) -> tuple[Signature, Callable]:
-    """Return the sum of some vectors of numbers that are multiplied and added to, again and again."""
+    """Multiply and add vectors of numbers again and again, and return the sum of what they come to."""
 
     def generate(context, builder, signature, args):
         fma = cgutils.get_or_insert_function(builder.module, ir.FunctionType(VECTOR, [VECTOR] * 3), "llvm.fma.v16f32")
@@ -179,19 +181,19 @@ def _read(numbers):
 
 
 def multiply_adds_per_s() -> float:
-    """Return how many float32 multiply-adds one core does in a second, where nothing is read."""
+    """Return how many float32 multiply-adds one core does in a second, in registers alone."""
     seconds = _best(lambda: _multiply(ROUNDS, np.float32(0.5)))
     return ROUNDS * SUMS * CHANNELS / seconds
 
 
 def bytes_per_s(size: int = MEMORY_BYTES) -> float:
-    """Return how many bytes one core reads in a second, again and again from an array of `size` bytes."""
+    """Return how many bytes one core reads in a second, over and over from an array of `size` bytes."""
     numbers = np.ones(size // 4, np.float32)
     return numbers.nbytes / _best(lambda: _read(numbers))
 
 
 def _best(call: Callable[[], object]) -> float:
-    """Return the least time of some calls, in seconds, after one that compiles."""
+    """Return the shortest time of `REPEATS` calls in seconds, after one that compiles."""
     seconds = []
     for _ in range(1 + REPEATS):
         start = time.perf_counter()

@@ -15,17 +15,17 @@ Evaluate = Callable[[np.ndarray], np.ndarray]
 def onnx_evaluation(model: object, mesh: Mesh, attachments: Attachments | None) -> Evaluate | None:
     """Return parameters (b, m) → vertices (b, n, 3) mm by ONNX Runtime, on one thread.
 
-    attachments: None for no rigid step. Returns None where the runtime is not installed, and for a model that can't be
-    written as ONNX.
+    None where the runtime is not installed, and for a model that can't be written as ONNX. attachments: None for no
+    rigid step.
     """
     written = onnx_bytes(model, mesh, attachments)
     return run_by_onnx(written) if written else None
 
 
 def onnx_bytes(model: object, mesh: Mesh, attachments: Attachments | None) -> bytes | None:
-    """Return a model as an ONNX file; None where `onnx_evaluation` gives None."""
+    """Return a model as an ONNX file; None where `onnx_evaluation` returns None."""
     try:
-        import onnxruntime  # noqa: F401 — a file that nothing here can run is of no use
+        import onnxruntime  # noqa: F401 — without it nothing could run the file
 
         from replicate.deployment.onnx_model import onnx_model
 
@@ -37,8 +37,8 @@ def onnx_bytes(model: object, mesh: Mesh, attachments: Attachments | None) -> by
 def run_by_onnx(written: bytes, threads: int = 1, spins: bool = False) -> Evaluate:
     """Return parameters (b, m) → vertices (b, n, 3) mm of an ONNX file.
 
-    threads: among which an operator is divided. spins: whether threads that wait for the next operator keep their cores
-    busy, so that they start at once; one thread waits for none.
+    threads: how many share the work of an operator. spins: whether a thread that waits for the next operator keeps its
+    core busy, so that it starts at once.
     """
     import onnxruntime
 

@@ -1,7 +1,7 @@
-"""The plain way to evaluate the paper's networks: a torch module a segment, its maps in full, vertex by vertex read.
+"""The plain way to evaluate the paper's networks: a torch module a segment, maps in full, which the vertices then read.
 
-It is what a first implementation does, Fig. 3 layer by layer in torch's own operations, and the peer of the suite's
-faster evaluation of the same weights.
+It is what a first implementation does, Fig. 3 layer by layer in torch's operations; the suite's faster evaluation of
+the same weights is compared with it.
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ def plain_offsets(model: Model) -> Callable[[np.ndarray], np.ndarray] | None:
 
 
 def read_full_maps(network: MapNetwork, params: Float[torch.Tensor, "b j"]) -> Float[torch.Tensor, "b k 3"]:
-    """Return the offsets that vertices read off maps which are computed in full, before any scaling (Fig. 3)."""
+    """Return the offsets that vertices read from maps computed in full (Fig. 3), not yet in mm."""
     return sample(network.maps(params), network.pixels, network.shares)
 
 

@@ -1,8 +1,8 @@
 """The time of single poses, as §5.2 measures it: one pose a call, many calls, after a warm-up.
 
 The functions take turns, so that a busy machine slows all of them alike and their ratios stay. In a turn each evaluates
-some poses one after the other, as when a face is moved, so that it finds its own weights in the caches; a function that
-only ever follows other ones would be timed at fetching what they have displaced.
+some poses one after the other, as when a face is moved, so that it finds its weights in the caches; were the functions
+to alternate pose by pose, each would be timed at fetching what the others have displaced.
 """
 
 import gc
@@ -25,7 +25,7 @@ Evaluate = Callable[[np.ndarray], object]  # one pose, (1, …)
 
 @dataclass(frozen=True)
 class Way:
-    """One way to evaluate a pose. every: it takes part in each so-many-th turn, for one that is slow."""
+    """One way to evaluate a pose. every: a slow way takes part in every k-th turn only."""
 
     evaluate: Evaluate
     every: int = 1
@@ -33,7 +33,7 @@ class Way:
 
 @dataclass(frozen=True)
 class Times:
-    """What many evaluations of single poses take, in milliseconds."""
+    """How long evaluations of single poses take, in milliseconds."""
 
     mean: float
     median: float
@@ -51,15 +51,15 @@ class Turns:
     """Some ways to evaluate poses, which take turns, and how long each has taken so far."""
 
     def __init__(self, ways: Mapping[str, Way], poses: Float[np.ndarray, "t ..."]):
-        """ways: by name. poses: what the ways are given, one after the other, from the first again after the last."""
+        """ways: by name. poses: what the ways evaluate, one after the other and over again."""
         self._ways, self._poses = ways, poses
         self._taken: dict[str, list[float]] = {name: [] for name in ways}
         self._turn = self._done = 0
 
     def take(self, evaluations: int, advance: Callable[[int], object]) -> None:
-        """Take turns until so many more evaluations are done of each way that takes part in all turns.
+        """Take turns until each way that takes part in all turns has done so many more evaluations.
 
-        The first call warms up all ways before. advance: called with the number that is done since its last call.
+        The first call warms up all ways. advance: called after each turn with the count of evaluations in it.
         """
         if evaluations and not self._turn:
             self._warm_up()
@@ -84,7 +84,7 @@ class Turns:
 
 @contextmanager
 def without_collections() -> Iterator[None]:
-    """Keep Python's garbage collector at rest while the context lasts: it would fall on whoever's turn it is."""
+    """Switch Python's garbage collector off while the context lasts: it would slow whichever way has its turn."""
     collecting = gc.isenabled()
     gc.collect()
     gc.disable()
@@ -100,7 +100,7 @@ def time_single_poses(
 ) -> dict[str, Times]:
     """Return the times of some ways to evaluate poses, by name.
 
-    poses, advance: as for `Turns`. evaluations: how many of a way are timed that takes part in all turns.
+    poses: as for `Turns`. evaluations, advance: as for `Turns.take`.
     """
     turns = Turns(ways, poses)
     with without_collections():
@@ -109,7 +109,7 @@ def time_single_poses(
 
 
 def _milliseconds(evaluate: Evaluate, poses: np.ndarray, first: int, last: int) -> list[float]:
-    """Return how long some poses take, one after the other; the pose before them is evaluated and doesn't count."""
+    """Return how long each of some poses takes; the pose before the first is evaluated too, but not timed."""
     taken = []
     for k in range(first - 1, last):
         pose = poses[k % len(poses)][None]
@@ -125,7 +125,7 @@ def summary(milliseconds: list[float]) -> Times:
     return Times(float(np.mean(milliseconds)), float(median), float(p05), float(p95), len(milliseconds))
 
 
-# What is timed, by the names that results have for it: methods, other ways to evaluate them, and what is none.
+# What is timed, as results name it: the rig, methods, other ways to evaluate them, and the rigid step.
 
 RIG, NODES, RIGID_STEP = "rig", "rig_nodes", "rigid_step"
 PLAIN, JAX, FAST, HALF = "_plain", "_jax", "_fast", "_half"  # endings of a method's name: how it is evaluated
@@ -143,20 +143,12 @@ BACKENDS = {
     GPU: "torch on a GPU",
     GRAPH: "CUDA graph",
 }
-THREADED = (ONNX_THREADS, ONNX_SPINNING)  # of them: those that are none on one core
-ON_GPU = (GPU, GRAPH)  # those that a GPU runs, but for the rigid step
-EXACT = (
-    "",
-    PLAIN,
-    JAX,
-    ONNX,
-    *THREADED,
-    FAST,
-    *ON_GPU,
-)  # those that give the method's own vertices, but for float32's rounding
+THREADED = (ONNX_THREADS, ONNX_SPINNING)  # which need several cores
+ON_GPU = (GPU, GRAPH)  # which leave only the rigid step to the CPU
+EXACT = ("", PLAIN, JAX, ONNX, *THREADED, FAST, *ON_GPU)  # which give the method's vertices up to float32's rounding
 RIGS = {NODES: "The rig, node by node", RIG: "The rig, compiled"}
 PARTS = {RIGID_STEP: "Rigid step alone"}
-CHANGE = "change_"  # how metrics begin that compare a run with the one before it
+CHANGE = "change_"  # the beginning of metrics that compare a run with the one before it
 
 
 def parted(name: str) -> tuple[str, str]:
@@ -168,17 +160,17 @@ def parted(name: str) -> tuple[str, str]:
 
 
 def label_of(name: str, marked: bool = False) -> str:
-    """Return what tables call what is timed. marked: with the mark of a method's footnote."""
-    own, ending = parted(name)
+    """Return a timed thing's name in tables. marked: with the mark of a method's footnote."""
+    name, ending = parted(name)
     known = RIGS | PARTS
     if ending:
-        return f"{known.get(own) or method_named(own).label}, {BACKENDS[ending]}"
-    return known.get(own) or (method_named(own).title if marked else method_named(own).label)
+        return f"{known.get(name) or method_named(name).label}, {BACKENDS[ending]}"
+    return known.get(name) or (method_named(name).title if marked else method_named(name).label)
 
 
 def in_table_order(present: Iterable[str]) -> list[str]:
     """Return names in the order of tables: the rig, each method with its other evaluations, the rigid step."""
     names = set(present)
     methods = in_order({parted(name)[0] for name in names} - {*RIGS, *PARTS})
-    every = [own + ending for own in (*RIGS, *methods, *PARTS) for ending in BACKENDS]
+    every = (first + ending for first in (*RIGS, *methods, *PARTS) for ending in BACKENDS)
     return [name for name in every if name in names]

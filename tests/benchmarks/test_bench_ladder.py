@@ -117,11 +117,11 @@ def test_a_part_of_the_methods_joins_the_rows_of_the_others(monkeypatch, tmp_pat
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--rungs", "7"], "rungs are '7': allowed are 1, 2, 3, 4, 5, 6, uniform, one_face, clips, raw"),
-        (["--rungs", ""], "rungs are ''"),
+        (["--rungs", "7"], "rungs: expected some of 1, 2, 3, 4, 5, 6, uniform, one_face, clips, raw, got '7'"),
+        (["--rungs", ""], "raw, got ''"),
         (["--characters", "teen@2"], "character 'teen@2' is one rig of a ladder: name its head, 'teen'"),
-        (["--part", "0"], "part is 0"),
-        (["--only", "perceptron"], "only is 'perceptron': no training is called so; there are coarse; refined; dense"),
+        (["--part", "0"], "part: expected a whole number of at least 1, got 0"),
+        (["--only", "perceptron"], "only: no training's name has 'perceptron' in it; there are coarse; refined; dense"),
     ],
 )
 def test_what_it_can_not_measure_is_refused(words, said, capsys):

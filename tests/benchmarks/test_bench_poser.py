@@ -59,7 +59,7 @@ def test_a_table_names_who_drew_the_frames(tmp_path):
 def test_methods_without_a_page_and_machines_without_a_browser_are_refused_before_anything_is_made(monkeypatch):
     monkeypatch.setattr(bench_poser, "artefacts_of", lambda *_: pytest.fail("something is made"))
     monkeypatch.setattr(bench_poser, "browser", lambda: "/usr/bin/browser")
-    with pytest.raises(InputError, match="none of these methods has a page: allowed are regional, coarse, refined"):
+    with pytest.raises(InputError, match="methods: none of those named has a page; only regional, coarse, refined"):
         measure(resolve("tiny", "quick"), ["dense"], 1)
     monkeypatch.setattr(bench_poser, "browser", lambda: None)
     with pytest.raises(InputError, match="no browser to open the page in: install one of chromium"):

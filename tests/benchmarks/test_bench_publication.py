@@ -1,11 +1,13 @@
 """What benchmarks keep: no row is lost where two write at once, and a place that can't be written is known at first."""
 
+import ast
 import json
 import threading
 import time
 
 import pytest
 
+from replicate.base.paths import ROOT
 from replicate.benchmarks import common
 from replicate.report import manifest
 from replicate.report.results import Row, read_results
@@ -71,3 +73,9 @@ def test_earlier_rows_that_can_not_be_read_end_in_a_sentence_before_anything_is_
 def test_a_check_of_the_place_leaves_nothing_there(folder):
     assert answer(lambda options, words: None) == 0
     assert not folder.parent.exists()
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "replicate/benchmarks").glob("bench_*.py")), ids=lambda file: file.stem)
+def test_a_benchmark_runs_once_all_of_its_module_is_there(file):
+    *_, last = ast.parse(file.read_text(encoding="utf-8")).body
+    assert isinstance(last, ast.If) and ast.unparse(last.test) == "__name__ == '__main__'"

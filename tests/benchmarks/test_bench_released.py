@@ -72,4 +72,4 @@ def test_a_training_is_a_line_and_a_method_a_group():
 @pytest.mark.parametrize("bench", [bench_released, bench_regional])
 def test_a_schedule_without_steps_is_refused(bench, capsys):
     assert bench.main(["--steps", "0"]) == 2
-    assert "steps is 0" in capsys.readouterr().err
+    assert "steps: expected a whole number of at least 1, got 0" in capsys.readouterr().err

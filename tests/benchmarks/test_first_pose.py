@@ -21,7 +21,7 @@ from replicate.timing.onnx_evaluation import onnx_bytes
 def test_a_fresh_process_that_has_the_file_alone_poses_a_face(tmp_path):
     file = tmp_path / "dense.onnx"
     file.write_bytes(onnx_bytes(MODELS["dense"](), MESH, None))
-    found = fresh.first_pose(fresh.ONNX_WAY, [0.5] * 12, {"file": str(file)}, tmp_path / "kernels")
+    found = fresh.first_pose(fresh.ONNX, [0.5] * 12, {"file": str(file)}, tmp_path / "kernels")
     assert 0 < found["seconds"] < 60
     assert found["peak_mb"] is None or 10 < found["peak_mb"] < 2_000
 
@@ -37,7 +37,7 @@ def test_a_fresh_process_imports_nothing_of_the_suite_but_what_it_is_asked_for()
 
 def test_a_process_that_finds_no_file_is_an_error_that_says_so(tmp_path):
     with pytest.raises(RunError, match=r"a fresh process can't pose .*none\.onnx: .*doesn't exist"):
-        fresh.first_pose(fresh.ONNX_WAY, [0.5] * 12, {"file": str(tmp_path / "none.onnx")}, tmp_path)
+        fresh.first_pose(fresh.ONNX, [0.5] * 12, {"file": str(tmp_path / "none.onnx")}, tmp_path)
 
 
 @pytest.mark.parametrize("rigid_step", [True, False])
@@ -55,4 +55,4 @@ def test_only_a_method_with_the_rigid_step_takes_it(rigid_step, monkeypatch):
 
 
 def test_names_of_ways_are_those_of_results():
-    assert (fresh.FAST_WAY, fresh.ONNX_WAY) == (single_poses.FAST, single_poses.ONNX)
+    assert fresh.TORCH == "" and fresh.ONNX == single_poses.ONNX

@@ -8,7 +8,6 @@ import torch
 from small_face import small_influence, small_mesh, small_samples
 
 from replicate.approximation.losses import Supervision
-from replicate.base.progress import progress
 from replicate.benchmarks.bench_train import fresh_regional, regional_batches, regional_ways
 from replicate.methods import regional
 
@@ -20,9 +19,9 @@ def steps():
     mesh = small_mesh()
     samples = small_samples(mesh, 60)
     supervision = Supervision(mesh, samples, np.arange(len(mesh.neutral)), 5.0, torch.device("cpu"))
-    model, coefficients = fresh_regional(supervision, small_influence(mesh), SECTION, 0, progress)
+    model, coefficients = fresh_regional(supervision, small_influence(mesh), SECTION, 0)
     (batch,) = regional_batches(supervision, coefficients, SECTION, 0, 1)
-    return model, regional_ways(model, supervision, "plain", "loss", "ours"), batch
+    return model, regional_ways(model, supervision), batch
 
 
 def test_meshes_are_the_models_own(steps):

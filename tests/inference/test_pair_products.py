@@ -65,5 +65,5 @@ def test_a_processor_without_the_instruction_gives_the_same_numbers(monkeypatch)
 
 @pytest.mark.skipif(PLAIN, reason="the plain twins take any type")
 def test_numbers_of_another_type_are_refused():
-    with pytest.raises(TypingError, match="of int8, int32 and int32, got"):
+    with pytest.raises(TypingError, match="expected int8, int32 and int32, got "):
         add_pairs(np.ones(2, np.float32), np.ones(4), 0, 2, np.zeros(2, np.float32), np.zeros(99, np.int32))

@@ -79,7 +79,7 @@ def test_a_rig_without_animation_is_trained_neither_raw_nor_with_clips_held_out(
     monkeypatch.setattr(training, "has_clips", lambda config: False)
     monkeypatch.setattr(training, "stages_of", lambda config, variant: seen.append(str(variant)) or {})
     options = argparse.Namespace(steps=700, only="coarse, raw|other clips|dense, peak", profile="quick")
-    monkeypatch.setattr(training, "run", lambda stages, facts: None)
+    monkeypatch.setattr(training, "make_stages", lambda name, profile, stages: None)
     with pytest.raises((IndexError, KeyError)):  # no stages, no errors
         training.compare("tiny", options)
     assert seen == [f"dense, peak rate {rate:g}" for rate in training.RATES]
@@ -113,7 +113,7 @@ def test_a_training_is_one_line_of_the_table():
 
 def test_a_training_that_there_is_not_is_named(capsys):
     assert training.main(["--only", "sparse"]) == 2
-    assert "'sparse': no training is called so; there are coarse, peak rate 0.002; " in capsys.readouterr().err
+    assert "no training's name has 'sparse' in it; there are coarse, peak rate 0.002; " in capsys.readouterr().err
 
 
 def test_a_choice_may_name_several_trainings():

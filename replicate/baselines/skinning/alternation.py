@@ -1,4 +1,4 @@
-"""The alternation of SSDR: its state, one iteration, and bones that nobody uses."""
+"""The alternation of SSDR: its state, one iteration, and what becomes of bones that no vertex uses."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,7 +20,7 @@ LEAST_MASS = 1e-2  # Σ w² of a bone below which it carries nothing
 
 @dataclass(frozen=True)
 class Problem:
-    """The poses and the metric of a fit, and what of both together stays as it is while bones and weights change."""
+    """The poses and the metric of a fit, and what follows from both alone while bones and weights change."""
 
     data: CompressedPoses
     metric: Metric
@@ -45,10 +45,15 @@ class Problem:
 
 @dataclass(frozen=True)
 class State:
-    """Where a fit stands after some iterations; everything that the next one depends on.
+    """A fit after some iterations: everything that the next one depends on.
 
-    motion, before: (f, 3, bones, 4), the last two bone steps. bone_index (n, k) int64, weights (n, k) float64. energy:
-    summed squared error in units of the rest radius. beta: how far the next iteration extrapolates.
+    iteration: how many there were.
+    motion: (f, 3, bones, 4), from the last bone step.
+    before: the same, from the step before it.
+    bone_index: (n, k) int64.
+    weights: (n, k) float64.
+    energy: the summed squared error in units of the rest radius.
+    beta: how far the next iteration extrapolates.
     """
 
     iteration: int
@@ -95,22 +100,29 @@ def improve_weights(
     weights: Float[np.ndarray, "n k"],
     first: bool,
 ) -> tuple[Int[np.ndarray, "n k"], Float[np.ndarray, "n k"], Float[np.ndarray, " n"]]:
-    """Return better bones, weights and the squared errors that they leave, the motions fixed.
+    """Return better bones and weights for fixed motions, and the squared errors that they leave.
 
     Vertices of one colour do not see each other in the metric. With its neighbours' errors r_j held, a vertex's part of
     the energy is K_ii ‖r_i + Σ_j≠i (K_ij / K_ii) r_j‖²: the plain problem for a displacement x_i that is shifted by the
     neighbours' errors. As r_j = x_j − M z_j and with s_j = K_ij / K_ii, that is Σ_j s_j x_j + M (z_i − Σ_j s_j z_j),
     sums over all j, whose products with the motions are sums of those of the x_j.
+
+    problem: the poses and the metric.
+    motion: of the bones.
+    index, weights: where to start.
+    first: whether this is the first iteration, which adds more bones to a vertex.
     """
+    # products of all motions with one another, and of every displacement with them
     data, bones = problem.data, motion.shape[2]
     flat = motion.reshape(3 * data.frames, -1)
     gram = flat.T @ flat  # MᵀM
     table = gram_table(gram)
-    own = data.coefficients.T @ (data.basis.T @ flat)  # (n, 4B), (Mᵀx_i)ᵀ
+    onto_motions = data.coefficients.T @ (data.basis.T @ flat)  # (n, 4B), (Mᵀx_i)ᵀ
     z = weighted_points(data.points, dense(index, weights, bones))
     index, weights, error = index.copy(), weights.copy(), np.empty(len(index))
+    # the vertices of one colour at a time, shifted by what their neighbours leave
     for colour, share, square in problem.neighbourhoods:
-        projection, change = share @ own, z[colour] - share @ z
+        projection, change = share @ onto_motions, z[colour] - share @ z
         together = change @ gram
         square = square + (change * (together + 2 * projection)).sum(1)
         index[colour], weights[colour], error[colour] = solve_weights(
@@ -133,9 +145,14 @@ def reseed(
     error: Float[np.ndarray, "n"],
     bones: int,
 ) -> tuple[Int[np.ndarray, "n k"], Float[np.ndarray, "n k"]]:
-    """Give a bone that no vertex uses to the worst-fitted vertex and its neighbours, which then hold nothing else.
+    """Give each bone that no vertex uses to the worst-fitted vertex and its neighbours, which then have no other bone.
 
-    No vertex is taken that alone keeps another bone in use; bones are no more than vertices, so there is one.
+    A vertex that alone keeps another bone in use is not taken. As there are no more bones than vertices, others exist.
+
+    rest: positions of the vertices.
+    index, weights: bones of the vertices, changed in place.
+    error: of the vertices, squared.
+    bones: how many.
     """
     mass = np.bincount(index.ravel(), weights.ravel() ** 2, bones)
     error = error.copy()
@@ -158,7 +175,7 @@ def reseed(
 
 
 def _spare(mass: np.ndarray, index: np.ndarray, weights: np.ndarray) -> bool:
-    """Whether a vertex's bones all stay in use without it."""
+    """Return whether all bones of a vertex stay in use without it."""
     used = weights > 0
     return bool(np.all(mass[index[used]] - weights[used] ** 2 >= LEAST_MASS))
 

@@ -1,8 +1,8 @@
 """Linear blend skinning that sees rig parameters: a small network p → bone transformations over a fitted skin.
 
-The paper's LBS rows are oracles: their bones are refitted to each test mesh. Here a multilayer perceptron has to guess
-the bones from the rig parameters, as the other methods must guess their offsets. Skin and weights stay as SSDR left
-them; the network is trained through the skinning on Eq. 1, over all vertices. Not in the paper.
+The paper's LBS rows are oracles: their bones are refitted to each test mesh. Here a multilayer perceptron predicts the
+bones from the rig parameters, as the other methods predict offsets. Skin and weights stay as SSDR has fitted them; the
+network is trained through the skinning on Eq. 1, over all vertices. Not in the paper.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,8 +34,8 @@ LEAST_TURN, LEAST_SHIFT_MM = 1e-3, 1e-2  # of a bone's usual turn (radians) and 
 class BoneNetwork(nn.Module):
     """(b, m) scaled parameters → (b, n, 3) offsets in mm: a turn and a shift of each bone, then skinning.
 
-    turn, shift: (bones,), what the outputs are multiplied by: each bone's usual rotation in radians, about its own
-    centre, and translation in mm.
+    turn, shift: (bones,), what the outputs are multiplied by: each bone's usual rotation about its centre in radians,
+    and its usual translation in mm.
     """
 
     spread: torch.Tensor
@@ -90,7 +90,7 @@ def bone_centres(skin: Skin) -> Float[np.ndarray, "bones 3"]:
 def usual_motion(
     skin: Skin, vertices: Float[np.ndarray, "b n 3"]
 ) -> tuple[Float[np.ndarray, " bones"], Float[np.ndarray, " bones"]]:
-    """Return each bone's RMS rotation in radians and translation of its centre in mm, refitted to some poses."""
+    """Return the RMS rotation in radians and translation of the centre in mm of each bone, refitted to some poses."""
     rotation, translation = refit(skin, vertices)
     cosine = np.clip((np.trace(rotation, axis1=-2, axis2=-1) - 1) / 2, -1, 1)
     centres = bone_centres(skin)
@@ -111,8 +111,13 @@ def train_driven(
 ) -> tuple[SegmentedModel, list[dict]]:
     """Train the network of a skin; return the model and its log.
 
-    Arguments as in `segment_training.train_segments`.
+    mesh: the neutral face.
+    skin: whose bones the network moves.
+    samples: what it is trained on.
+    config: its settings.
+    scratch, progress, seed, device: as for `training.train_segments`.
     """
+    # the supervision of a single segment, which has all vertices
     device = prepare(device)
     n, m = len(mesh.neutral), samples.params.shape[1]
     segment = Segment("skin", np.arange(n, dtype=np.int32), np.zeros((n, 2), np.float32), np.arange(m, dtype=np.int32))
@@ -120,6 +125,7 @@ def train_driven(
     network = BoneNetwork(m, skin, config.hidden, config.leaky_slope)
     initialise(ConditioningConfig(), [network], config.leaky_slope, torch.Generator().manual_seed(seed))
     _, offsets = supervision.statistics()
+    # bones move as far as they do in refitted training poses
     turn, shift = usual_motion(skin, mesh.neutral + offsets[:REFIT_POSES])
     network.turn.copy_(torch.from_numpy(turn))
     network.shift.copy_(torch.from_numpy(shift))

@@ -1,13 +1,13 @@
 """The bone step of SSDR: with the weights fixed, find every bone's rigid motion in every pose (Le & Deng 2012, §5).
 
 A pose's displacements are D = Σ_b w_b (p M_b), p = (u, 1) the homogeneous rest point and M_b = [R_b − I; t_b] 4 × 3.
-Transposed motions lie together as `motion` (f, 3, B, 4): pose, coordinate, bone, component of p. With the
-weights fixed the squared error is quadratic in them, and all it needs of n vertices are the matrices
+Transposed motions are stored as `motion` (f, 3, B, 4): pose, coordinate, bone, component of p. With the weights fixed
+the squared error is quadratic in them, and all it needs of n vertices are the matrices
 
     UU = Σ_i z_i z_iᵀ   (4B, 4B)       VU = Σ_i x_i z_iᵀ   (f, 3, 4B),      z_i = w_i ⊗ p_i,  x_i the displacement,
 
-so a sweep costs the same for a thousand vertices as for a million. Poses do not see each other. In one pose the bones
-are taken in turn, each by a weighted Procrustes problem with the others held: Gauss–Seidel.
+so a sweep costs the same for a thousand vertices as for a million. Poses are independent. In one pose the bones are
+taken in turn, each by a weighted Procrustes problem with the others fixed: Gauss–Seidel.
 """
 
 from typing import no_type_check
@@ -19,8 +19,8 @@ from numba import njit
 from replicate.base.jit_cache import kept
 from replicate.geometry.alignment import nearest_rotation
 
-# Pulls an undetermined rotation (a bone that holds one vertex, or a line) to where it was; the pull follows the bone,
-# so it changes no fixed point.
+# Pulls an undetermined rotation (of a bone with one vertex, or with vertices on a line) to where it was. The pull
+# follows the bone, so it changes no fixed point.
 STAY = 1e-9
 
 
@@ -34,7 +34,7 @@ def weighted_points(
 def sweep_reference(
     motion: Float[np.ndarray, "f 3 bones 4"], uu: Float[np.ndarray, "k k"], vu: Float[np.ndarray, "f 3 k"]
 ) -> Float[np.ndarray, "f 3 bones 4"]:
-    """Return the motions after one Gauss–Seidel sweep over the bones: the clear twin of `sweep`."""
+    """Return the motions after one Gauss–Seidel sweep over the bones; the reference for `sweep`."""
     frames, _, bones, _ = motion.shape
     motion = motion.copy()
     blocks = uu.reshape(bones, 4, bones, 4)
@@ -64,7 +64,10 @@ def sweep(
 ) -> Float[np.ndarray, "f 3 bones 4"]:
     """Return the motions after up to `sweeps` Gauss–Seidel sweeps.
 
-    A pose stops early once a sweep moves no entry of its motions by more than `tolerance` (radians and rest radii).
+    motion: where to start.
+    uu, vu: UU and VU of the weights, as above.
+    sweeps: how many at most.
+    tolerance: a pose ends once a sweep moves no entry of its motions by more (radians and rest radii).
     """
     result = np.ascontiguousarray(motion, np.float64).copy()
     frames, _, bones, _ = result.shape
@@ -80,7 +83,7 @@ def project(motion: Float[np.ndarray, "f 3 bones 4"]) -> Float[np.ndarray, "f 3 
 
 
 def _empty(uu: np.ndarray) -> float:
-    """The Σ w² below which a bone holds nothing that could place it."""
+    """Return the Σ w² below which a bone's vertices don't determine its motion."""
     return 1e-12 * np.trace(uu)
 
 
@@ -94,12 +97,14 @@ def _sweep(motion, uu, vu, sweeps, tolerance):
     target = np.empty((4, 3))
     covariance = np.empty((3, 3))
     inertia = np.empty((bones, 3, 3))
+    # the bones' inertia about their centres, the same in all poses
     for b in range(bones):
         o = 4 * b
         mass = max(uu[o + 3, o + 3], empty)
         for p in range(3):
             for q in range(3):
                 inertia[b, p, q] = uu[o + p, o + q] - uu[o + p, o + 3] * uu[o + q, o + 3] / mass
+    # each pose until its bones rest
     for f in range(frames):
         for _ in range(sweeps):
             change = 0.0
@@ -108,6 +113,7 @@ def _sweep(motion, uu, vu, sweeps, tolerance):
                 mass = uu[o + 3, o + 3]
                 if mass < empty:
                     continue
+                # what the other bones leave to this one
                 for p in range(4):
                     row = uu[o + p]
                     for k in range(3):
@@ -122,6 +128,7 @@ def _sweep(motion, uu, vu, sweeps, tolerance):
                         stay = STAY * mass * (motion[f, k, o + p] + (1.0 if p == k else 0.0))
                         drift = uu[o + p, o + 3] * target[3, k] / mass
                         covariance[p, k] = target[p, k] - drift + inertia[b, p, k] + stay
+                # its best rotation, and the translation that goes with it
                 turn = rotation_of(covariance)
                 for k in range(3):
                     shift = target[3, k]
@@ -158,10 +165,11 @@ def _project(motion):
 @njit
 @no_type_check
 def rotation_of(matrix: np.ndarray) -> np.ndarray:
-    """Return the R in SO(3) that maximises tr(Rᵀ matrix), by Horn's quaternion: no reflection can come out.
+    """Return the R in SO(3) that maximises tr(Rᵀ matrix), by Horn's quaternion, so that it is never a reflection.
 
     The quaternion is the top eigenvector of a symmetric 4 × 4 matrix, by Jacobi's rotations.
     """
+    # Horn's matrix of the matrix at unit size
     key = np.empty((4, 4))
     vectors = np.eye(4)
     size = 0.0
@@ -181,6 +189,7 @@ def rotation_of(matrix: np.ndarray) -> np.ndarray:
     key[1, 2] = key[2, 1] = s[0, 1] + s[1, 0]
     key[1, 3] = key[3, 1] = s[0, 2] + s[2, 0]
     key[2, 3] = key[3, 2] = s[1, 2] + s[2, 1]
+    # Jacobi's rotations make it diagonal
     for _ in range(12):
         off = 0.0
         for p in range(3):
@@ -207,6 +216,7 @@ def rotation_of(matrix: np.ndarray) -> np.ndarray:
                 for j in range(4):
                     a, e = vectors[j, p], vectors[j, q]
                     vectors[j, p], vectors[j, q] = c * a - d * e, d * a + c * e
+    # the eigenvector of the largest eigenvalue, as a rotation
     top = 0
     for p in range(1, 4):
         if key[p, p] > key[top, top]:

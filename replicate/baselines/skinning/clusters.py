@@ -10,7 +10,7 @@ from replicate.baselines.skinning.bones import sweep, weighted_points
 from replicate.baselines.skinning.compression import CompressedPoses
 from replicate.baselines.skinning.weights import gram_table, monomials
 
-FEWEST = 6  # vertices below which a cluster does not pin its motion down
+FEWEST = 6  # with fewer vertices a cluster does not determine its motion
 LLOYD = 4  # reassignments after each split
 FINAL = 10  # reassignments once all clusters exist
 
@@ -42,9 +42,9 @@ def cluster(data: CompressedPoses, bones: int) -> tuple[Int[np.ndarray, "n"], Fl
 def split(
     rest: Float[np.ndarray, "n 3"], labels: Int[np.ndarray, "n"], error: Float[np.ndarray, "n"]
 ) -> tuple[Int[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-    """Split the cluster of the largest total error; its parts' errors are set to zero, so that another one is next.
+    """Split the cluster of the largest total error; its parts' errors become zero, so that another cluster is next.
 
-    Where no cluster of an error is left, the one with the most vertices is split.
+    Where no cluster has an error, the one with the most vertices is split.
     """
     sizes = np.bincount(labels)
     worst = int(np.argmax(np.where(sizes > 1, np.bincount(labels, error), -1.0)))
@@ -92,10 +92,10 @@ def cluster_errors(data: CompressedPoses, motion: Float[np.ndarray, "f 3 bones 4
     flat = motion.reshape(3 * data.frames, -1)
     bones = motion.shape[2]
     table = gram_table(flat.T @ flat)
-    own = monomials(data.points) @ table[:, np.arange(bones), np.arange(bones)]
+    moved = monomials(data.points) @ table[:, np.arange(bones), np.arange(bones)]
     projection = ((flat.T @ data.basis) @ data.coefficients).reshape(bones, 4, -1)
     together = np.einsum("bpn,np->nb", projection, data.points)
-    return np.maximum(own - 2 * together + (data.coefficients**2).sum(0)[:, None], 0.0)
+    return np.maximum(moved - 2 * together + (data.coefficients**2).sum(0)[:, None], 0.0)
 
 
 def fit_clusters(data: CompressedPoses, labels: Int[np.ndarray, "n"], count: int) -> Float[np.ndarray, "f 3 bones 4"]:

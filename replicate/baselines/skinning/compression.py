@@ -1,7 +1,7 @@
-"""Poses of a mesh made small for SSDR: a canonical order, unit size, and a low-rank factorisation.
+"""Poses of a mesh compressed for SSDR: a canonical order, unit size, and a low-rank factorisation.
 
-Faces have far fewer ways to move than poses times coordinates. D ≈ Q Y, with Q (3f, r) orthonormal, holds the
-displacements to a stated tolerance, and every inner product that the fit needs can be had from Q and Y.
+Faces have far fewer ways to move than poses times coordinates. D ≈ Q Y, with Q (3f, r) orthonormal, gives the
+displacements to a stated tolerance, and every inner product that the fit needs follows from Q and Y.
 """
 
 import hashlib
@@ -20,8 +20,10 @@ FIRST_RANK, LARGEST_RANK = 192, 384  # a skin of fewer than 96 bones has a rank 
 class CompressedPoses:
     """Displacements of n vertices in f poses, in units of the mesh's RMS radius, about its centre.
 
-    points: (n, 4) float64, homogeneous rest points p = (u, 1). basis: Q (3f, r) float64, orthonormal; row 3f' + k is
-    coordinate k of pose f'. coefficients: Y (r, n) float64. centre_mm (3,), radius_mm: what undoes the scaling.
+    points: (n, 4) float64, homogeneous rest points p = (u, 1).
+    basis: Q (3f, r) float64, orthonormal; row 3f' + k is coordinate k of pose f'.
+    coefficients: Y (r, n) float64.
+    centre_mm, radius_mm: (3,) and a number, which undo the scaling.
     lost: the share of the RMS displacement that QY leaves out.
     """
 
@@ -100,7 +102,7 @@ def compress(
 
 
 def _project_onto(basis: np.ndarray, displacements: np.ndarray, columns: int = 2048) -> np.ndarray:
-    """Qᵀ D in float64, a block of vertices at a time."""
+    """Return Qᵀ D in float64, by blocks of vertices."""
     result = np.empty((basis.shape[1], displacements.shape[1]))
     for start in range(0, displacements.shape[1], columns):
         result[:, start : start + columns] = basis.T @ displacements[:, start : start + columns].astype(np.float64)
@@ -136,7 +138,7 @@ def edge_metric(rest: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], c
 
 
 def colour(edges: csr_array) -> tuple[Int[np.ndarray, " _size"], ...]:
-    """Return sets of vertices, no two of a set on one edge: each vertex takes the first that its neighbours left."""
+    """Return sets of vertices, no two of a set on one edge: each vertex joins the first set that has no neighbour."""
     colours = np.full(edges.shape[0], -1)
     for i in range(len(colours)):
         others = set(colours[edges.indices[edges.indptr[i] : edges.indptr[i + 1]]])
@@ -145,7 +147,7 @@ def colour(edges: csr_array) -> tuple[Int[np.ndarray, " _size"], ...]:
 
 
 def diffuse(edges: csr_array, values: Float[np.ndarray, "n k"], time: float) -> Float[np.ndarray, "n k"]:
-    """Return values after heat flow along the edges, (I + time · L)⁻¹ values; they spread over about √time edges."""
+    """Return values spread by heat flow over about √time edges: (I + time · L)⁻¹ values."""
     laplacian = diags_array(edges.sum(axis=1)) - edges
     return splu((eye_array(len(values)) + time * laplacian).tocsc()).solve(values)
 

@@ -1,11 +1,11 @@
 """Linear blend skinning fitted to example poses: SSDR (Le & Deng 2012), the paper's LBS rows in Table 2 (§5.1).
 
 Two steps alternate: sparse convex weights for all vertices with the bones fixed (`weights`), rigid motions of all
-bones with the weights fixed (`bones`). Both work on compressed poses (`compression`), measure errors in
-`edge_metric`, and start from `first_skin`; bone motions are extrapolated along their last change as long as the error
-falls (`alternation`). At first every bone may act everywhere; sparse supports come last (`relaxation`).
+bones with the weights fixed (`bones`). Both work on compressed poses and measure errors in `edge_metric`
+(`compression`). Bone motions are extrapolated along their last change as long as the error falls (`alternation`). A fit
+starts from clusters, and at first every bone may act on every vertex; weights become sparse at the end (`starts`).
 
-An LBS row is an oracle: `refit` sees the very mesh that it then approximates, never a rig parameter.
+An LBS row is an oracle: `refit` sees the very mesh that it then approximates, and no rig parameters.
 """
 
 import hashlib
@@ -22,7 +22,7 @@ from jaxtyping import Float, Int
 
 from replicate.base.exceptions import InputError
 from replicate.base.files import read_sealed, write_sealed
-from replicate.baselines.skinning.alternation import State
+from replicate.baselines.skinning.alternation import State, dense
 from replicate.baselines.skinning.bones import sweep, weighted_points
 from replicate.baselines.skinning.compression import (
     CompressedPoses,
@@ -38,8 +38,8 @@ from replicate.baselines.skinning.starts import alternation
 class Skin:
     """A mesh's bones: n vertices, k influences each.
 
-    neutral: (n, 3) float32 mm. bone_index: (n, k) int32. weights: (n, k) float32, non-negative, sum 1; an unused place
-    holds weight 0. bones: their number; a bone's index has no meaning beyond this skin.
+    neutral: (n, 3) float32 mm. bone_index: (n, k) int32, with no meaning beyond this skin. weights: (n, k) float32,
+    non-negative, sum 1; an unused place has weight 0. bones: how many there are.
     """
 
     neutral: Float[np.ndarray, "n 3"]
@@ -48,22 +48,20 @@ class Skin:
     bones: int
 
     def dense_weights(self) -> Float[np.ndarray, "n bones"]:
-        """Return the weights as a matrix, float64, rows summing to one exactly as far as float64 goes."""
-        dense = np.zeros((len(self.weights), self.bones))
-        np.add.at(dense, (np.arange(len(dense))[:, None], self.bone_index), self.weights.astype(np.float64))
-        return dense / dense.sum(1, keepdims=True)
+        """Return the weights as a matrix of float64, whose rows sum to one."""
+        loads = dense(self.bone_index, self.weights.astype(np.float64), self.bones)
+        return loads / loads.sum(1, keepdims=True)
 
     def deform(
         self, rotation: Float[np.ndarray, "b bones 3 3"], translation: Float[np.ndarray, "b bones 3"]
     ) -> Float[np.ndarray, "b n 3"]:
         """Return the skinned vertices Σ_b w_b (v⁰ R_b + t_b) of every pose, float32 mm."""
-        dense = self.dense_weights()
-        rest = np.concatenate([self.neutral.astype(np.float64), np.ones((len(dense), 1))], 1)
+        rest = np.concatenate([self.neutral.astype(np.float64), np.ones((len(self.neutral), 1))], 1)
         motion = np.concatenate([rotation, translation[:, :, None, :]], 2)  # (b, bones, 4, 3)
-        spread = weighted_points(rest, dense)
-        result = np.empty((len(rotation), len(dense), 3), np.float32)
-        for pose, each in zip(result, motion, strict=True):
-            pose[:] = spread @ each.reshape(-1, 3)
+        spread = weighted_points(rest, self.dense_weights())
+        result = np.empty((len(rotation), len(rest), 3), np.float32)
+        for pose, of_pose in zip(result, motion, strict=True):
+            pose[:] = spread @ of_pose.reshape(-1, 3)
         return result
 
     def save(self, path: Path) -> None:
@@ -92,16 +90,24 @@ def fit(
 ) -> Skin:
     """Fit bones and sparse convex weights to example poses.
 
-    neutral: rest positions, mm. vertices: the poses, mm, float32. generator: draws the compression's sketch and nothing
-    else. scratch: a folder that keeps the state every few seconds, so that a killed fit goes on where it stood and ends
-    with the same bits; a scratch of other data or settings is ignored. progress: (total, label, initial) -> context
-    manager with `update(k)`. faces: the mesh's triangles; with them borders between bones start out blended, and a fit
-    also keeps errors alike along edges, `coherence` weighing that against distance (`edge_metric`; DEVIATIONS, LBS).
-    relaxed: iterations before the others, in which all bones may act on every vertex.
+    The result depends on the order of neither vertices nor poses. Raises InputError for no poses, for coordinates that
+    are not finite, and for more bones than the mesh has vertices.
 
-    The result depends on the order of neither vertices nor poses. Raises InputError for no poses, for numbers that are
-    not finite, or for more bones than the mesh can hold.
+    neutral: rest positions, mm.
+    vertices: the poses, mm, float32.
+    bones: how many.
+    generator: draws the compression's sketch and nothing else.
+    influences: bones a vertex at most.
+    iterations: after the relaxed ones.
+    scratch: a folder that keeps the state every few seconds, so that a killed fit goes on from there and ends with the
+        same bits; the state of other data or settings is ignored.
+    progress: (total, label, initial) → context manager with `update(k)`.
+    faces: the mesh's triangles; with them, borders between bones start out blended, and the fit also keeps errors alike
+        along edges (`edge_metric`; DEVIATIONS, LBS).
+    coherence: how much the latter weighs against distance.
+    relaxed: iterations before the others, in which all bones may act on every vertex.
     """
+    # poses in canonical order, compressed
     check(neutral, vertices, bones, influences)
     vertex_order, pose_order = canonical_order(neutral, vertices)
     examples = vertices[pose_order[:, None], vertex_order[None, :]]
@@ -114,6 +120,7 @@ def fit(
         data = compress(rest, examples, generator)
         checkpoints.keep_data(data)
     del examples
+    # the alternation, from where it stood
     course, total = alternation(data, corners, coherence, influences, relaxed), relaxed + iterations
     state = checkpoints.state() or course.start(bones)
     with progress(total, f"LBS, {bones} bones", state.iteration) if progress else nullcontext() as bar:
@@ -129,18 +136,18 @@ def check(neutral: np.ndarray, vertices: np.ndarray, bones: int, influences: int
     """Raise InputError unless the poses can be fitted."""
     if vertices.ndim != 3 or not len(vertices) or vertices.shape[1:] != neutral.shape or neutral.shape[1:] != (3,):
         raise InputError(
-            f"LBS: poses of shape {vertices.shape} for a rest mesh of shape {neutral.shape}; "
-            "at least one pose (f, n, 3) of the rest mesh (n, 3) is needed"
+            f"LBS: expected at least one pose (f, n, 3) of a rest mesh (n, 3), "
+            f"got poses {vertices.shape} and a rest mesh {neutral.shape}"
         )
     if not 1 <= bones <= len(neutral):
-        raise InputError(f"LBS: {bones} bones asked for, 1 to {len(neutral)} (the number of vertices) are allowed")
+        raise InputError(f"LBS: expected 1 to {len(neutral)} bones (as many as vertices), got {bones}")
     if influences < 1:
-        raise InputError(f"LBS: {influences} influences a vertex asked for, at least 1 is needed")
+        raise InputError(f"LBS: expected at least 1 influence a vertex, got {influences}")
     if not np.isfinite(neutral).all():
-        raise InputError("LBS: the rest mesh holds a number that is not finite; all coordinates must be")
+        raise InputError("LBS: the rest mesh has a coordinate that is not finite")
     for f, pose in enumerate(vertices):
         if not np.isfinite(pose).all():
-            raise InputError(f"LBS: pose {f} holds a number that is not finite; all coordinates must be")
+            raise InputError(f"LBS: pose {f} has a coordinate that is not finite")
 
 
 def skin_of(neutral: Float[np.ndarray, "n 3"], vertex_order: Int[np.ndarray, "n"], state: State) -> Skin:
@@ -173,10 +180,10 @@ SECONDS = 20.0  # between two checkpoints
 
 
 class Checkpoints:
-    """A folder with the compressed poses and the last state of one fit; with no folder, nothing is stored.
+    """A folder with the compressed poses and the last state of one fit; without a folder, nothing is stored.
 
-    Files appear whole, carry a checksum and the fingerprint of the fit that they belong to: those of another fit, and
-    damaged ones, count as absent.
+    Files appear whole and have a checksum and the fingerprint of their fit: those of another fit, and damaged ones, are
+    ignored.
     """
 
     def __init__(self, folder: Path | None, fingerprint: str) -> None:

@@ -1,4 +1,4 @@
-"""Where SSDR begins: a first skin from clusters of vertices, and what is relaxed of it."""
+"""The start of SSDR, a first skin from clusters of vertices, and the course of a fit: relaxed first, then sparse."""
 
 from dataclasses import dataclass, replace
 
@@ -30,9 +30,9 @@ def start(problem: Problem, bones: int, influences: int) -> State:
 
 
 def grow(problem: Problem, state: State, more: int) -> State:
-    """Return the state with more bones, each on a part that the worst-fitted regions are split into.
+    """Return the state with more bones, each on a part of a worst-fitted region, the vertices with one strongest bone.
 
-    A region is the vertices of one strongest bone; its part starts with that bone's motion.
+    A new bone starts with the motion of that strongest one.
     """
     index, weights, motion = state.bone_index, state.weights, state.motion
     loads = dense(index, weights, motion.shape[2])
@@ -51,7 +51,7 @@ def grow(problem: Problem, state: State, more: int) -> State:
 
 
 def settle(problem: Problem, motion: np.ndarray, loads: np.ndarray, influences: int) -> State:
-    """Return the state of some weights (n, bones), its bones fitted to them from some motions (f, 3, bones, 4)."""
+    """Return the state of some weights (n, bones), with bones fitted to them from motions (f, 3, bones, 4)."""
     index, weights = sparse(loads, influences)
     motion = sweep(motion, *normal_equations(problem, index, weights, motion.shape[2]), SWEEPS)
     return State(0, motion, motion, index, weights, np.inf, 0.0)
@@ -61,9 +61,9 @@ def vertex_errors(data: CompressedPoses, motion: np.ndarray, loads: np.ndarray) 
     """Return every vertex's squared error (n,), summed over poses."""
     flat = motion.reshape(3 * data.frames, -1)
     spread = weighted_points(data.points, loads)
-    own = ((spread @ (flat.T @ flat)) * spread).sum(1)
+    moved = ((spread @ (flat.T @ flat)) * spread).sum(1)
     together = ((spread @ (flat.T @ data.basis)) * data.coefficients.T).sum(1)
-    return np.maximum(own - 2 * together + (data.coefficients**2).sum(0), 0.0)
+    return np.maximum(moved - 2 * together + (data.coefficients**2).sum(0), 0.0)
 
 
 # The course of an SSDR fit: at first all bones may act on every vertex, then only the few that a skin may hold.
@@ -75,7 +75,11 @@ SMOOTHING = 2.0  # diffusion time, in squared edges, of the weights that decide 
 
 @dataclass(frozen=True)
 class Alternation:
-    """A fit from its start to its end. relaxed: iterations, before the others, in which all bones may act."""
+    """The course of a fit.
+
+    stiff, plain: the problem of relaxed iterations, and that of the others. influences: bones a vertex at the end.
+    relaxed: iterations, before the others, in which all bones may act.
+    """
 
     stiff: Problem
     plain: Problem
@@ -99,14 +103,21 @@ class Alternation:
 def alternation(
     data: CompressedPoses, faces: Int[np.ndarray, "t 3"], coherence: float, influences: int, relaxed: int
 ) -> Alternation:
-    """Return how poses of a mesh are fitted."""
+    """Return the course of a fit to the poses of a mesh.
+
+    data: the poses.
+    faces: the mesh's triangles.
+    coherence: how much the change of errors along edges weighs against distance.
+    influences: bones a vertex at the end.
+    relaxed: iterations, before the others, in which all bones may act.
+    """
     rest = data.points[:, :3]
     stiff, plain = (Problem(data, edge_metric(rest, faces, c)) for c in (STIFFER * coherence, coherence))
     return Alternation(stiff, plain, influences, relaxed)
 
 
 def sparsify(problem: Problem, state: State, influences: int) -> State:
-    """Return the state with at most `influences` bones a vertex: those that its surroundings use most."""
+    """Return the state with at most `influences` bones a vertex, those that it and its neighbours use most."""
     loads = dense(state.bone_index, state.weights, state.motion.shape[2])
     smoothed = diffuse(problem.metric.edges, loads, SMOOTHING)
     index, _ = sparse(smoothed, influences)

@@ -4,7 +4,7 @@ For one vertex let s_b be what remains of its displacement in all poses when bon
 Gram matrix. As the weights sum to one, the squared error is wᵀGw, to be minimised over w ≥ 0, Σw = 1, with at most
 `influences` non-zeros. An active set does it: solve on the support, step back to the first weight that would turn
 negative and drop it, add the bone whose gradient promises most, and when the support is full remove the bone that
-costs least, w_b² / P_bb with P = G⁻¹ − yyᵀ/Σy, y = G⁻¹1. It starts from the last weights, and never ends worse.
+costs least, w_b² / P_bb with P = G⁻¹ − yyᵀ/Σy, y = G⁻¹1. It starts from the last weights and never makes them worse.
 """
 
 from typing import no_type_check
@@ -18,7 +18,7 @@ from replicate.base.jit_cache import kept
 # The pairs of components of p = (x, y, z, 1) in the order of the ten monomials.
 FIRST = np.array([0, 1, 2, 0, 0, 1, 0, 1, 2, 3])
 SECOND = np.array([0, 1, 2, 1, 2, 2, 3, 3, 3, 3])
-ROUNDS = 6  # additions a vertex and step; the next step goes on from there
+ROUNDS = 6  # bones added a vertex and step; the next step goes on from there
 
 
 def gram_table(gram: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "10 bones bones"]:
@@ -34,7 +34,7 @@ def gram_table(gram: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "10 bones bo
 
 
 def monomials(points: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 10"]:
-    """Return the products of two components of p that `gram_table` is weighted by."""
+    """Return the products of two components of p that weigh the matrices of `gram_table`."""
     return points[:, FIRST] * points[:, SECOND]
 
 
@@ -44,7 +44,7 @@ def residual_gram(
     projection: Float[np.ndarray, " bones"],
     square: float,
 ) -> Float[np.ndarray, "bones bones"]:
-    """Return one vertex's G, slightly ridged so that it stays positive where two bones agree.
+    """Return one vertex's G with a slight ridge, so that it stays positive where two bones agree.
 
     projection: (M_b p)·x of each bone with the vertex's displacement x; square: x·x.
     """
@@ -55,7 +55,7 @@ def residual_gram(
 def solve_reference(
     gram: Float[np.ndarray, "bones bones"], start: Float[np.ndarray, " bones"], influences: int, rounds: int = ROUNDS
 ) -> Float[np.ndarray, " bones"]:
-    """Return one vertex's weights (bones,) from its G and a feasible start: the clear twin of `solve_weights`."""
+    """Return one vertex's weights (bones,) from its G and a feasible start; the reference for `solve_weights`."""
     best = descend_reference(gram, start)
     for _ in range(rounds):
         gradient = gram @ best
@@ -82,7 +82,7 @@ def solve_reference(
 def descend_reference(
     gram: Float[np.ndarray, "bones bones"], start: Float[np.ndarray, " bones"], support: list[int] | None = None
 ) -> Float[np.ndarray, " bones"]:
-    """Return the weights that minimise wᵀGw on a support, bones that would turn negative dropped one by one."""
+    """Return the weights that minimise wᵀGw on a support, and drop bones that would turn negative one by one."""
     weights = start.copy()
     support = np.flatnonzero(weights > 0) if support is None else np.array(support)
     while True:
@@ -108,9 +108,14 @@ def solve_weights(
     weights: Float[np.ndarray, "n k"],
     rounds: int = ROUNDS,
 ) -> tuple[Int[np.ndarray, "n k"], Float[np.ndarray, "n k"], Float[np.ndarray, " n"]]:
-    """Return bones, weights and squared error of every vertex, starting from those of `bone_index` and `weights`.
+    """Return bones, weights and squared error (without the ridge) of every vertex; unused places have weight 0, bone 0.
 
-    k is the number of influences; unused places hold weight 0 (and bone 0). The squared error is without the ridge.
+    products: the monomials of the rest points.
+    table: of `gram_table`.
+    projection: (M_b p)·x of each bone with the vertex's displacement x.
+    square: x·x.
+    bone_index, weights: where to start, with k influences.
+    rounds: bones added a vertex at most.
     """
     n, bones = projection.shape
     index, result, error = np.zeros_like(bone_index), np.zeros_like(weights), np.empty(n)
@@ -119,7 +124,7 @@ def solve_weights(
     return index, result, error
 
 
-# The compiled active set of SSDR's weight step; `weights.solve_reference` is its readable twin.
+# The compiled active set; `solve_reference` is its readable reference.
 
 
 @kept
@@ -130,10 +135,11 @@ def solve_all(
     old_index: np.ndarray, old_weights: np.ndarray, rounds: int,
     index: np.ndarray, result: np.ndarray, error: np.ndarray,
 ) -> None:  # fmt: skip
-    """Solve for the weights of all vertices; fill in `index`, `result` and `error`.
+    """Solve for the weights of all vertices as `solve_weights` does, whose arguments come first.
 
-    products (n, 10), table (10, bones²), projection (n, bones), square (n,); from old_index and old_weights
-    (n, influences).
+    table: (10, bones²).
+    old_index, old_weights: where to start.
+    index, result, error: arrays to fill, of which the first two hold zeros.
     """
     n, bones = projection.shape
     influences = old_index.shape[1]
@@ -149,6 +155,7 @@ def solve_all(
     y = np.empty(room)
     inside = np.zeros(bones, np.bool_)
     for i in range(n):
+        # the vertex's Gram matrix, with a slight ridge
         for j in range(bones * bones):
             flat[j] = 0.0
         for m in range(10):
@@ -165,6 +172,7 @@ def solve_all(
         ridge = 1e-9 * max(trace, 0.0) / bones + 1e-11 * square[i] + 1e-30
         for a in range(bones):
             gram[a, a] += ridge
+        # the best weights on the bones that it has
         size = 0
         for k in range(influences):
             if old_weights[i, k] > 0:
@@ -172,6 +180,7 @@ def solve_all(
                 weights[size] = old_weights[i, k]
                 size += 1
         size = _descend(gram, support, weights, size, influences, factor, y)
+        # another bone as long as one helps
         for _ in range(rounds):
             energy = _gradient(gram, support, weights, size, gradient)
             for k in range(size):
@@ -194,6 +203,7 @@ def solve_all(
             size = trial_size
             support[:size] = trial_support[:size]
             weights[:size] = trial[:size]
+        # what it has in the end, and the error without the ridge
         squares = 0.0
         for k in range(size):
             index[i, k] = support[k]
@@ -206,7 +216,7 @@ def solve_all(
 @njit(fastmath={"reassoc", "contract", "nsz"})
 @no_type_check
 def _descend(gram, support, weights, size, influences, factor, y):
-    """Minimise on the support in place, dropping what would turn negative or is too many; return its new size."""
+    """Minimise on the support in place, without bones that would turn negative or are too many; return its new size."""
     while size > 1:
         _factorise(gram, support, size, factor)
         _solve_ones(factor, size, y)
@@ -275,7 +285,7 @@ def _remove(support, weights, size, place):
 @njit
 @no_type_check
 def _factorise(gram, support, size, factor):
-    """Cholesky of the Gram matrix on the support, lower triangle."""
+    """Write the Cholesky factor of the Gram matrix on the support, its lower triangle."""
     for a in range(size):
         for b in range(a + 1):
             value = gram[support[a], support[b]]
