@@ -1,7 +1,7 @@
-"""The characters: their names, and a rig of each, built or loaded. `replicate/` takes them from here alone.
+"""The characters as rigs, built, loaded or written. `replicate/` gets them from here only.
 
-Rigs take a second to import, with JAX and scipy: that waits until one is built or loaded, since command lines come
-here for names and files alone.
+To import rigs takes a second, with JAX and scipy. Command lines come here for recipes and files alone, so those imports
+wait inside the functions.
 """
 
 from __future__ import annotations
@@ -18,13 +18,15 @@ from jaxtyping import Float32
 from data_recipes.acting import clip_file
 from data_recipes.acting.expression_poses import expression_poses
 from data_recipes.acting.procedural_acting import Acting, act
+from data_recipes.early_checks import check_early, recipe_controls
+from data_recipes.function_rig import FunctionRig
 from data_recipes.ict.facekit_acting import perform
 from data_recipes.ict.facekit_files import expression_names, model_files
 from data_recipes.landmark_set import FACE_LANDMARKS, region_of_landmark
 from data_recipes.recipe.facekit import FaceKitRecipe
 from data_recipes.recipe.reading import Recipe, load_recipe, with_clips, without_place
-from data_recipes.recipe_paths import character_names
 from data_recipes.rig import AlteredRig, Rig
+from data_recipes.sampled.face_file import read_controls
 from replicate.base.exceptions import InputError
 
 if TYPE_CHECKING:
@@ -45,7 +47,6 @@ __all__ = [
     "load_rig",
     "performance",
     "read_clip",
-    "rig_names",
     "sampled_parts",
     "save_rig",
     "with_face_landmarks",
@@ -54,19 +55,12 @@ __all__ = [
 ]
 
 
-def rig_names() -> tuple[str, ...]:
-    """Return the names of the characters that come with the suite, and of those whose folders a variable names."""
-    return character_names()
-
-
 def character_parts(name_or_recipe: str | Path) -> tuple[Recipe | FaceKitRecipe, tuple[Path, ...]]:
-    """Return what a character's rig is built from: what its recipe says, and the files of its clips and its model.
+    """Return what a character's rig is built from: its recipe, and the files of its clips and its model.
 
-    The recipe is free of places, comments and layout: two that are equal give the same rig, if the files do. Raises
-    InputError for a bad recipe or clip, or a model that is not there.
+    The recipe leaves out the place and layout of its file, so that equal recipes and files give equal rigs. Raises
+    InputError for a bad recipe or clip, or a missing model.
     """
-    from data_recipes.early_checks import check_early
-
     recipe = load_recipe(name_or_recipe)
     check_early(recipe)
     model = model_files() if isinstance(recipe, FaceKitRecipe) else ()
@@ -74,10 +68,7 @@ def character_parts(name_or_recipe: str | Path) -> tuple[Recipe | FaceKitRecipe,
 
 
 def control_count(recipe: Recipe | FaceKitRecipe | SampledRecipe, files: Sequence[Path]) -> int:
-    """Return how many controls the rig of what `character_parts` or `sampled_parts` gives has; nothing is built."""
-    from data_recipes.early_checks import recipe_controls
-    from data_recipes.sampled.face_file import read_controls
-
+    """Return how many controls a rig will have, from `character_parts` or `sampled_parts`; nothing is built."""
     if isinstance(recipe, Recipe):
         return len(recipe_controls(recipe))
     return len(expression_names() if isinstance(recipe, FaceKitRecipe) else read_controls(files[1].parent))
@@ -86,13 +77,13 @@ def control_count(recipe: Recipe | FaceKitRecipe | SampledRecipe, files: Sequenc
 def build_rig(name_or_recipe: str | Path) -> Rig:
     """Return a character, built from its recipe (some 15 s).
 
-    name_or_recipe: one of `rig_names()`, or the path of a recipe in TOML. Raises InputError for a bad recipe.
+    name_or_recipe: a character's name, or the path of a recipe in TOML. Raises InputError for a bad recipe.
     """
     return build_from_parts(*character_parts(name_or_recipe))
 
 
 def build_from_parts(recipe: Recipe | FaceKitRecipe, files: Sequence[Path]) -> Rig:
-    """Return the rig of what `character_parts` gives. Raises InputError for a recipe that gives no face."""
+    """Return the rig of what `character_parts` gives. Raises InputError for a recipe whose head is not a face."""
     whole = with_clips(recipe, files)
     if isinstance(whole, FaceKitRecipe):
         from data_recipes.ict.facekit_rig import build_facekit_rig
@@ -106,10 +97,8 @@ def build_from_parts(recipe: Recipe | FaceKitRecipe, files: Sequence[Path]) -> R
 def with_face_landmarks(rig: Rig, recipe: Recipe | FaceKitRecipe) -> Rig:
     """Return a rig whose control points are the 54 landmarks of performance capture (§5.3.2), in their regions.
 
-    recipe: what the rig was built from, as `character_parts` gives it; of its head the landmarks are read off.
+    recipe: what the rig was built from, as `character_parts` gives it; the landmarks are found on its head.
     """
-    from data_recipes.function_rig import FunctionRig
-
     if isinstance(recipe, FaceKitRecipe):
         from data_recipes.ict.facekit_rig import facekit_landmarks
 
@@ -127,20 +116,27 @@ def with_face_landmarks(rig: Rig, recipe: Recipe | FaceKitRecipe) -> Rig:
     return replace(rig, **points) if isinstance(rig, FunctionRig) else AlteredRig(rig, **points)
 
 
-def performance(rig: Rig) -> Float32[np.ndarray, "t m"]:
-    """Return a short performance, an emotion, a take and a speech, of which no training has seen a frame.
+PERFORMANCE = Acting(seed=54, clips=3, clip_s=4.0)  # an emotion, a take and a dialogue
 
-    The frames are parameters within the controls' limits, 24 a second, and the first is the neutral pose. Raises
-    InputError for a rig with other controls than ours or ARKit's.
+
+def performance(rig: Rig) -> Float32[np.ndarray, "t m"]:
+    """Return a short performance to be captured (§5.3.2), of which no training has seen a frame.
+
+    The frames are parameters within the controls' limits, 24 a second; each of its three shots begins in the neutral
+    pose. Raises InputError for a rig with other controls than ours or ARKit's.
     """
-    return perform_afresh(rig)
+    for shots in (act, perform):
+        values = np.concatenate([values for _, values in shots(rig.controls, PERFORMANCE)])
+        if (values != rig.default).any():
+            return np.clip(values, rig.lower, rig.upper).astype(np.float32)
+    raise InputError(f"rig '{rig.name}': it has none of the controls that our acting moves, so it can't be the actor")
 
 
 def sampled_parts(folder: Path) -> tuple[SampledRecipe, tuple[Path, ...]]:
     """Return what the rig of a folder of samples is made from: what its `face.toml` says, and its other files.
 
-    Raises InputError for a folder that contradicts itself. What it holds is read once a process: shards that come later
-    belong to the next run.
+    A process reads the folder once; shards that come later belong to the next run. Raises InputError for a folder that
+    contradicts itself.
     """
     from data_recipes.sampled.importing import SampledRecipe
     from data_recipes.sampled.sample_folder import open_folder
@@ -174,7 +170,15 @@ def write_folder(
     progress: Callable | None = None,
     moves: np.ndarray | None = None,
 ) -> None:
-    """Write a rig as a folder of samples (see sampled/writing.py). Raises InputError for a folder that is not empty."""
+    """Write a rig as a folder of samples (see sampled/writing.py).
+
+    total: how many poses the shards hold together
+    shards: the arrays of each shard without the vertices, which the rig gives
+    progress: (total, label) → a context manager with update(k)
+    moves: which control moves which vertex, (n, m), if the folder is to say so
+
+    Raises InputError for a folder that is not empty.
+    """
     from data_recipes.sampled import writing
 
     writing.write_folder(rig, folder, total, shards, progress, moves)
@@ -199,7 +203,7 @@ def load_rig(folder: Path) -> Rig:
 def save_rig(rig: Rig, folder: Path) -> None:
     """Write one of our rigs into a folder (npz and JSON), to be loaded without building it again.
 
-    Raises InputError for a rig whose function is code of its own.
+    Raises InputError for a rig that was not built from a recipe.
     """
     from data_recipes import rig_file
 
@@ -215,27 +219,15 @@ def read_clip(rig: Rig, file: Path) -> Float32[np.ndarray, "t m"]:
 
 
 def write_rigify_samples(folder: Path, character: str, poses: int, jobs: int, name: str) -> None:
-    """Write the samples of Blender's Rigify face rig on a character's head into a folder, or what of them is missing.
+    """Write those samples of Blender's Rigify face rig on a character's head that a folder still lacks.
 
-    poses: to draw, beside all frames. Raises InputError, as where neither bpy nor Blender is there.
+    character: the name of the one whose head it is
+    poses: how many to draw, besides all frames
+    jobs: how many processes run at once
+    name: of the rig in the folder
+
+    Raises InputError, for example where neither bpy nor Blender is installed.
     """
     from data_recipes.rigify.rigify_face import write_folder
 
     write_folder(folder, character, poses, 0, jobs, name)
-
-
-# A performance that is in no character's animation: the same acting from another seed, to be captured (§5.3.2).
-
-AFRESH = Acting(seed=54, clips=3, clip_s=4.0)  # an emotion, a take and a dialogue
-
-
-def perform_afresh(rig: Rig) -> Float32[np.ndarray, "t m"]:
-    """Return the frames of the performance, (t, m) within the controls' limits, 24 a second; each shot begins at rest.
-
-    Raises InputError for a rig with other controls than ours or ARKit's.
-    """
-    for shots in (act, perform):
-        values = np.concatenate([values for _, values in shots(rig.controls, AFRESH)])
-        if (values != rig.default).any():
-            return np.clip(values, rig.lower, rig.upper).astype(np.float32)
-    raise InputError(f"rig '{rig.name}': it has none of the controls that our acting moves, so it can't be the actor.")

@@ -1,9 +1,9 @@
 """The named controls of a rig: what an animator sees, group by group.
 
 Every control has default 0, so that Eq. 5 (values times U(0.25, 3)) leaves a control at rest at rest. One-sided
-controls run from 0 to 1, two-sided ones from −1 to 1; what 1 means in millimetres or degrees is the deformer's
-business. A recipe says how many controls of each group a character has; fewer take the first of the list, which is
-why the most expressive ones stand first.
+controls run from 0 to 1, two-sided ones from −1 to 1; the deformers decide what 1 means in millimetres or degrees. A
+recipe says how many controls of each group a character has; it gets the first ones of the list, where the most
+expressive ones stand.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from replicate.base.exceptions import InputError
 class Control:
     """One rig parameter: its name, its range and default (unitless), and the face region it belongs to.
 
-    Raises InputError when the range is empty, a number is not finite, or the default lies outside the range.
+    Raises InputError when the range is empty or not finite, or the default lies outside it.
     """
 
     name: str
@@ -30,17 +30,14 @@ class Control:
     region: str
 
     def __post_init__(self) -> None:
-        numbers = (self.lower, self.default, self.upper)
-        if not np.all(np.isfinite(numbers)):
-            raise InputError(f"control '{self.name}': lower, default, upper are {numbers}, but must be finite numbers.")
+        limits = (self.lower, self.default, self.upper)
+        if not np.all(np.isfinite(limits)):
+            raise InputError(f"control '{self.name}': lower, default and upper must be finite, got {limits}")
+        reach = f"[{self.lower:g}, {self.upper:g}]"
         if not self.lower < self.upper:
-            raise InputError(
-                f"control '{self.name}': its range [{self.lower:g}, {self.upper:g}] is empty; lower < upper is allowed."
-            )
+            raise InputError(f"control '{self.name}': lower must be below upper, but the range {reach} is empty")
         if not self.lower <= self.default <= self.upper:
-            raise InputError(
-                f"control '{self.name}': its default {self.default:g} lies outside [{self.lower:g}, {self.upper:g}]."
-            )
+            raise InputError(f"control '{self.name}': the default {self.default:g} lies outside the range {reach}")
 
 
 SIDES = ("left", "right")  # of the character; its left is +x
@@ -190,7 +187,6 @@ HEAD = (
 # Gaze turns the display eyeballs; the lids follow it as far as the follow gains say.
 LID_FOLLOW = ("look_y_*", "look_x_*", "follow_upper_*", "follow_lower_*", "follow_aside_*")
 
-
 # What a creature has beyond a human face (name, lower, region); each pair of frills may be missing from a head.
 FRILLS = ("crown", "temple", "cheek", "jaw")
 CREATURE = (
@@ -208,15 +204,15 @@ CREATURE = (
 
 def _expand(names: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:
     """Expand "*" in (name, region) to both sides."""
-    pairs = []
-    for name, region in names:
-        for side in SIDES if "*" in name else ("",):
-            pairs.append((name.replace("*", side), region.replace("*", side)))
-    return pairs
+    return [
+        (name.replace("*", side), region.replace("*", side))
+        for name, region in names
+        for side in (SIDES if "*" in name else ("",))
+    ]
 
 
 def control_groups() -> dict[str, list[Control]]:
-    """Return every control that our face rigs know, by group, in the order in which a smaller rig drops them last."""
+    """Return every control that our face rigs know, by group; a smaller rig has the first ones of each group."""
     eyes = tuple((part, "eye_*") for part in LID_PARTS)
     follow = tuple((part, "eye_*") for part in LID_FOLLOW)
     pairs = [Control(name, 0.0, 0.0, 1.0, region) for name, region in _expand(FACE_PAIRS)]
@@ -253,28 +249,27 @@ def make_controls(counts: Mapping[str, object], source: str = "recipe") -> tuple
     groups = control_groups()
     for group, count in counts.items():
         if group not in groups:
-            raise InputError(f"{source}: controls.{group} is no group of controls; allowed are {', '.join(groups)}.")
-        if isinstance(count, bool) or not isinstance(count, int) or not 0 <= count <= len(groups[group]):
-            raise InputError(
-                f"{source}: controls.{group} is {count!r}, but must be a whole number from 0 to {len(groups[group])}."
-            )
+            raise InputError(f"{source}: controls: there is no group '{group}'; there are {', '.join(groups)}")
+        most = len(groups[group])
+        if isinstance(count, bool) or not isinstance(count, int) or not 0 <= count <= most:
+            raise InputError(f"{source}: controls.{group}: expected a whole number from 0 to {most}, got {count!r}")
     controls = tuple(control for group in groups for control in groups[group][: counts.get(group, 0)])
     if not controls:
-        raise InputError(f"{source}: controls has no entry above 0, but a rig needs at least one control.")
+        raise InputError(f"{source}: controls: a rig needs at least one control, but no group has any")
     return controls
 
 
 def limit_controls(
     controls: tuple[Control, ...], reach: float, full: Sequence[str], source: str = "recipe"
 ) -> tuple[Control, ...]:
-    """Return controls whose limits lie closer to their defaults: at `reach` times the way, 1 changing nothing.
+    """Return the controls with their limits moved towards their defaults, to `reach` (0 to 1) of the distance.
 
     full: names of those that keep their limits, "*" for both sides. Raises InputError for one that the rig lacks.
     """
     full_names = {name for name, _ in _expand(tuple((name, "") for name in full))}
     unknown = sorted(full_names - {control.name for control in controls})
     if unknown:
-        raise InputError(f"{source}: limits.full names '{unknown[0]}', but the rig has no such control.")
+        raise InputError(f"{source}: limits.full names '{unknown[0]}', but the rig has no such control")
 
     def shrink(c: Control) -> Control:
         lower, upper = (c.default + reach * (limit - c.default) for limit in (c.lower, c.upper))

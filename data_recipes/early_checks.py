@@ -1,4 +1,4 @@
-"""Checks of a recipe that need no head: they take a moment, before any stage starts."""
+"""Checks of a recipe before its head is built: they take a moment, before any stage starts."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -17,8 +17,8 @@ from replicate.base.exceptions import InputError
 from replicate.base.user_files import shown_path
 
 EXERCISE = 8  # the first of the acting's shots that is an exercise
-MOVED = 7  # kinds of controls that a pose of an exercise moves, left and right as one
-ROW_OF_ARCH = 1.3  # teeth stand in an arch or a little beyond its ends; ours fill 0.2 to 1.0 of it
+MOVED = 7  # kinds of controls that a pose of an exercise moves, left and right counted as one
+ROW_OF_ARCH = 1.3  # longest row of teeth over the length of its arch; ours have 0.2 to 1.0
 
 
 def recipe_controls(recipe: Recipe) -> tuple[Control, ...]:
@@ -28,10 +28,10 @@ def recipe_controls(recipe: Recipe) -> tuple[Control, ...]:
 
 
 def check_early(recipe: Recipe | FaceKitRecipe) -> None:
-    """Raise InputError for a clip that can't be read, and for a head that its recipe can't give.
+    """Raise InputError for a clip that can't be read, and for a recipe that can't be built.
 
-    Its vertices are not as many as the recipe says, its teeth have no room, its controls are too few for the acting, or
-    the model has no jaw.
+    The recipe's count of vertices is wrong, its teeth have no room, its controls are too few for the acting, or its
+    model has no jaw.
     """
     if isinstance(recipe, FaceKitRecipe):
         controls = model_controls(expression_names())
@@ -47,23 +47,23 @@ def check_early(recipe: Recipe | FaceKitRecipe) -> None:
 
 def _check_jaw() -> None:
     """Raise InputError for a model in ICT-FaceKit's format without the expressions that the jaw is fitted to."""
-    from data_recipes.ict.jaw_fit import JAW_CONTROLS  # with JAX, which the others do without
+    from data_recipes.ict.jaw_fit import JAW_CONTROLS  # imports JAX, which the other checks do without
 
     missing = [name for name in JAW_CONTROLS if name not in expression_names()]
     if missing:
         raise InputError(
-            f"{shown_path(model_folder() / INDICES)}: 'expressions': found no '{missing[0]}', where "
-            f"{', '.join(JAW_CONTROLS)} are required"
+            f"{shown_path(model_folder() / INDICES)}: expressions: '{missing[0]}' is missing; the jaw is fitted to "
+            f"{', '.join(JAW_CONTROLS)}"
         )
 
 
 def _check_exercises(recipe: Recipe, controls: tuple[Control, ...]) -> None:
-    """Raise InputError for acting with exercises by a rig with fewer kinds of controls than their poses move."""
+    """Raise InputError if the acting has exercises whose poses move more kinds of controls than the rig has."""
     kinds = {control.name.replace("left", "*").replace("right", "*") for control in controls}
     if recipe.acting.clips >= EXERCISE and len(kinds) < min(MOVED, len(controls)):
         raise InputError(
-            f"{recipe.file}: controls are {len(controls)} of {len(kinds)} kinds, where left and right are one: allowed "
-            f"are {MOVED} kinds, or acting.clips of {EXERCISE - 1} at most"
+            f"{recipe.file}: there are {len(controls)} controls of {len(kinds)} kinds, left and right counted as one, "
+            f"but an exercise moves {MOVED} kinds at once: add controls, or set acting.clips to {EXERCISE - 1} or less"
         )
 
 
@@ -74,6 +74,6 @@ def _check_rows_of_teeth(recipe: Recipe) -> None:
         room = np.linalg.norm(np.diff(arch(recipe, 0.0, jaw == "upper"), axis=0), axis=1).sum()
         if widths.sum() > ROW_OF_ARCH * room:
             raise InputError(
-                f"{recipe.file}: teeth.widths_{jaw} give a row of {widths.sum():.0f} mm: allowed are "
-                f"{ROW_OF_ARCH * room:.0f}, {ROW_OF_ARCH:g} times the length of their arch"
+                f"{recipe.file}: teeth.widths_{jaw}: the row of teeth is {widths.sum():.0f} mm long; at most "
+                f"{ROW_OF_ARCH * room:.0f} mm have room, {ROW_OF_ARCH:g} times the length of the arch"
             )

@@ -1,8 +1,8 @@
-"""Is it a face: measure the head that a recipe or a model gives, and refuse it in one sentence where it is none.
+"""Measure the head that a recipe or a model gives, and refuse it in one sentence if it is not a face.
 
-Every number of a recipe is within its range before anything is built; whether they give a face together shows only in
-the head that they give. The bounds are far from all of our characters (in brackets: the extremes among tiny, teen,
-woman, toon, dragon and ICT-FaceKit).
+Every number of a recipe is within its range before anything is built. Whether they make a face together shows only in
+the finished head. The bounds are far from all of our characters (in brackets: the extremes among tiny, teen, woman,
+toon, dragon and ICT-FaceKit).
 """
 
 from dataclasses import fields
@@ -18,16 +18,16 @@ from replicate.base.exceptions import InputError
 from replicate.geometry.rays import ray_hits
 
 SIZE_MM = (100.0, 450.0)  # width, height and depth [176 to 338]
-OUT_MM = 40.0  # that a point of the skull, nose, eyes or ears may stand out of the skin [0]
-TEETH_OUT_MM = 5.0  # that a tooth may stand out of the skin [0]
-TEETH_AWAY_MM = 40.0  # from the upper lip to the nearest tooth [5 to 11]
-OPEN_MM = 1.0  # that upper and lower lid are apart at rest, at least [8 to 18]
-BLINK_GAP = 0.3  # of that gap, at most, when the eye blinks [0.003 to 0.07]
-NOSE_MM = 120.0  # that the tip of the nose stands before the lips [6 to 28]
+OUT_MM = 40.0  # from the skin out to a point of the skull, nose, eyes or ears, at most [0]
+TEETH_OUT_MM = 5.0  # from the skin out to a tooth, at most [0]
+TEETH_AWAY_MM = 40.0  # from the upper lip to the nearest tooth, at most [5 to 11]
+OPEN_MM = 1.0  # between upper and lower lid at rest, at least [8 to 18]
+BLINK_GAP = 0.3  # of that gap when the eye blinks, at most [0.003 to 0.07]
+NOSE_MM = 120.0  # from the lips forward to the tip of the nose, at most [6 to 28]
 SKIN = ("face", "cranium", "head")
 UPWARDS = ("chin", "lip_upper_mid", "nose_tip", "eye_outer_left")
 BLINKS = {"left": ("blink_left", "eyeBlink_L"), "right": ("blink_right", "eyeBlink_R")}
-POINTS = {  # of a recipe's primitives, which are nothing if they are far from the head
+POINTS = {  # of a recipe's primitives: far from the head they would have no effect
     "skull": (
         *("cranium", "forehead", "face", "jaw_ramus", "jaw_angle", "chin", "chin_corner", "cheekbone", "cheek"),
         *("muzzle", "brow_inner", "brow_outer", "jaw_pivot"),
@@ -39,7 +39,7 @@ POINTS = {  # of a recipe's primitives, which are nothing if they are far from t
 
 
 def check_face(rig: Rig, recipe: Recipe | FaceKitRecipe) -> Rig:
-    """Return the rig, if it is a face. Raises InputError, naming what is off and where the recipe says it."""
+    """Return the rig if it is a face. Raises InputError, naming what is wrong and the place in the recipe."""
     x = rig.mesh.neutral.astype(float)
     marks = dict(zip(rig.landmark_names, rig.landmarks.tolist(), strict=True))
     _check_size(x)
@@ -51,34 +51,35 @@ def check_face(rig: Rig, recipe: Recipe | FaceKitRecipe) -> Rig:
 
 
 def _check_size(x: Float[np.ndarray, "n 3"]) -> None:
-    for size, what in zip(np.ptp(x, axis=0), ("wide", "high", "deep"), strict=True):
-        requirement = f"{SIZE_MM[0]:g} to {SIZE_MM[1]:g}"
-        _hold(SIZE_MM[0] <= size <= SIZE_MM[1], "skull", f"the head is {size:.0f} mm {what}", requirement)
+    for size, direction in zip(np.ptp(x, axis=0), ("wide", "high", "deep"), strict=True):
+        requirement = f"{SIZE_MM[0]:g} to {SIZE_MM[1]:g} mm"
+        _hold(SIZE_MM[0] <= size <= SIZE_MM[1], "skull", f"it is {size:.0f} mm {direction}", requirement)
 
 
 def _check_points(rig: Rig, recipe: Recipe | FaceKitRecipe) -> None:
     sections = {field.name for field in fields(recipe)}
-    names = [(section, name) for section, own in POINTS.items() if section in sections for name in own]
+    names = [(section, point) for section, points in POINTS.items() if section in sections for point in points]
     if not names:
         return
     out = _outside(rig, np.array([getattr(getattr(recipe, section), name) for section, name in names]))
     for (section, name), distance in zip(names, out, strict=True):
-        finding = f"it stands {distance:.0f} mm out of the head that the recipe gives"
-        _hold(distance <= OUT_MM, f"{section}.{name}", finding, f"at most {OUT_MM:g}")
+        finding = f"this point lies {distance:.0f} mm outside the skin"
+        _hold(distance <= OUT_MM, f"{section}.{name}", finding, f"at most {OUT_MM:g} mm")
 
 
 def _check_landmarks(x: Float[np.ndarray, "n 3"], marks: dict[str, int]) -> None:
-    owners: dict[int, str] = {}
+    first: dict[int, str] = {}
     for name, vertex in marks.items():
-        other = owners.setdefault(vertex, name)
-        _hold(other == name, "template", f"the landmarks {other} and {name} are one vertex", "two")
+        other = first.setdefault(vertex, name)
+        _hold(other == name, "template", f"the landmarks {other} and {name} are the same vertex", "two")
     for low, high in pairwise(UPWARDS):
         if low in marks and high in marks:
             rise = x[marks[high], 1] - x[marks[low], 1]
-            _hold(rise > 0, "skull", f"the landmark {high} lies {-rise:.0f} mm below {low}", "above it")
+            _hold(rise > 0, "skull", f"the landmark {high} lies {-rise:.0f} mm below {low}", "it above")
     if {"nose_tip", "lip_upper_mid"} <= set(marks):
         ahead = x[marks["nose_tip"], 2] - x[marks["lip_upper_mid"], 2]
-        _hold(abs(ahead) <= NOSE_MM, "nose", f"its tip stands {ahead:.0f} mm before the lips", f"at most {NOSE_MM:g}")
+        finding = f"the tip of the nose is {ahead:.0f} mm in front of the lips"
+        _hold(abs(ahead) <= NOSE_MM, "nose", finding, f"at most {NOSE_MM:g} mm")
 
 
 def _check_teeth(rig: Rig, x: Float[np.ndarray, "n 3"], marks: dict[str, int]) -> None:
@@ -86,10 +87,10 @@ def _check_teeth(rig: Rig, x: Float[np.ndarray, "n 3"], marks: dict[str, int]) -
     if not len(teeth) or "lip_upper_mid" not in marks:
         return
     out = _outside(rig, teeth).max()
-    _hold(out <= TEETH_OUT_MM, "teeth", f"a tooth stands {out:.0f} mm out of the skin", f"at most {TEETH_OUT_MM:g}")
+    _hold(out <= TEETH_OUT_MM, "teeth", f"a tooth stands {out:.0f} mm out of the skin", f"at most {TEETH_OUT_MM:g} mm")
     away = np.linalg.norm(teeth - x[marks["lip_upper_mid"]], axis=1).min()
     finding = f"the nearest tooth is {away:.0f} mm from the upper lip"
-    _hold(away <= TEETH_AWAY_MM, "teeth", finding, f"at most {TEETH_AWAY_MM:g}")
+    _hold(away <= TEETH_AWAY_MM, "teeth", finding, f"at most {TEETH_AWAY_MM:g} mm")
 
 
 def _check_lids(rig: Rig, x: Float[np.ndarray, "n 3"], marks: dict[str, int]) -> None:
@@ -104,13 +105,13 @@ def _check_lids(rig: Rig, x: Float[np.ndarray, "n 3"], marks: dict[str, int]) ->
         if upper is None or lower is None:
             continue
         rest, gap = (float(v[upper, 1] - v[lower, 1]) for v in (x, blink_x))
-        _hold(rest >= OPEN_MM, "eyes", f"the {side} lids are {rest:.1f} mm apart at rest", f"at least {OPEN_MM:g}")
+        _hold(rest >= OPEN_MM, "eyes", f"the {side} lids are {rest:.1f} mm apart at rest", f"at least {OPEN_MM:g} mm")
         finding = f"the {side} lids are still {gap:.1f} of {rest:.1f} mm apart when the eye blinks"
         _hold(not blinks[side] or abs(gap) <= BLINK_GAP * rest, "eyes", finding, f"at most {BLINK_GAP:.0%} of it")
 
 
 def _outside(rig: Rig, points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
-    """Return how far points stand out of the skin, in mm: along rays from the head's middle."""
+    """Return how far points lie outside the skin, in mm, along rays from the middle of the head."""
     x = rig.mesh.neutral.astype(float)
     inner = np.zeros(len(x), bool)
     inner[_members(rig, SKIN)] = True
@@ -127,6 +128,6 @@ def _members(rig: Rig, starts: tuple[str, ...]) -> np.ndarray:
 
 
 def _hold(rule: bool | np.bool_, where: str, finding: str, requirement: str) -> None:
-    """Raise InputError unless a rule holds; where: the recipe's section, or the key."""
+    """Raise InputError unless a rule holds; where: the section or key of the recipe."""
     if not rule:
-        raise InputError(f"{where} gives no face: {finding}, allowed is {requirement}")
+        raise InputError(f"{where}: the head is not a face: {finding}; expected {requirement}")

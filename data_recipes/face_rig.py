@@ -1,4 +1,4 @@
-"""Our own rigs: faces whose functions are chains of nodes, which can be run one by one, with paint and props."""
+"""Our rigs: faces with paint and props, whose functions are chains of nodes that can also be run one by one."""
 
 from __future__ import annotations
 
@@ -22,9 +22,12 @@ from replicate.base.exceptions import InputError
 
 @dataclass(frozen=True)
 class FaceParts:
-    """What makes a rig one of ours: the deformers' constants, the props at rest, the paint; and which deformers.
+    """What one of our rigs is made of.
 
-    constants: by layer; the leaves are arrays.
+    constants: those of each deformer, by layer; the leaves are arrays
+    props: the display-only meshes at rest
+    paint: a colour for each vertex
+    chain: the deformers
     """
 
     constants: Any
@@ -34,14 +37,14 @@ class FaceParts:
 
     @cached_property
     def on_device(self) -> Any:
-        """The constants where JAX computes: handed over as numpy arrays they would be copied at every call."""
-        # The first call may be within a trace (of a Jacobian, say), whose arrays mean nothing when it has ended.
+        """The constants as JAX arrays: numpy arrays would be copied at every call."""
+        # The first call may be within a trace (of a Jacobian, say), whose arrays are invalid after it.
         with jax.ensure_compile_time_eval():
             return jax.device_put(self.constants)
 
 
 def face_function(parts: FaceParts) -> Callable:
-    """Return r(p), (b, m) → (b, n, 3), compiled per batch size; its constants are arguments, so it compiles fast."""
+    """Return r(p), (b, m) → (b, n, 3), compiled per batch size; it compiles fast since constants are arguments."""
     evaluate = _compile_chain(parts.chain)
     return lambda params: evaluate(parts.on_device, jnp.asarray(params, jnp.float32))
 
@@ -63,7 +66,7 @@ def _switch_off(node: Node) -> Node:
 
 @dataclass(frozen=True)
 class FaceRig(FunctionRig):
-    """A character built from a recipe, or loaded again. face: what its function, its nodes and its props stand on."""
+    """A character built from a recipe, or loaded again. face: what its function, nodes and props are made from."""
 
     function: Callable[[Any], Any] = field(init=False)
     face: FaceParts = field(kw_only=True)
@@ -92,35 +95,32 @@ class FaceRig(FunctionRig):
     def node_steps(
         self, params: Float[Values, "b m"], skip: Collection[str] = (), upto: str | None = None
     ) -> Iterator[tuple[str, State]]:
-        """Run node after node in memory, and yield each one's name and the state after it.
+        """Run node after node, and yield each one's name and the state after it.
 
-        The state's "x" are the positions so far as planes (b, 3, n), "u" the limited controls (b, m). skip: names of
-        nodes to switch off; upto: the last node to run. Raises InputError for unknown names.
+        The state's "x" are the positions so far as planes (b, 3, n), its "u" the limited controls (b, m). skip: names
+        of nodes to switch off. upto: the last node to run. Raises InputError for unknown names.
         """
         nodes = _select_nodes(self, skip, upto)
         constants = self.face.on_device
         state = node_chain.start(constants, jnp.asarray(params, jnp.float32))
         for node in nodes:
-            # Of the constants each node gets its own alone: to hand over all would take longer than some nodes do.
-            own = {name: constants[name] for name in node.reads}
-            state = jax.block_until_ready(_compile_node(node)(own, state))
+            # A node gets only the constants that it reads: to hand over all takes longer than some nodes do.
+            needed = {name: constants[name] for name in node.reads}
+            state = jax.block_until_ready(_compile_node(node)(needed, state))
             yield node.name, state
 
     def run_nodes(
         self, params: Float[Values, "b m"], skip: Collection[str] = (), upto: str | None = None
     ) -> Float32[np.ndarray, "b n 3"]:
-        """Return r(p) of (b, m), or the result of some of its nodes, node by node, as a production engine runs them.
+        """Return r(p) of (b, m), or the result of some nodes: one after the other, as a production engine runs them.
 
-        skip: names of nodes to switch off; upto: the last node to run. Raises InputError for unknown names.
+        skip: names of nodes to switch off. upto: the last node to run. Raises InputError for unknown names.
         """
         *_, (_, state) = self.node_steps(params, skip, upto)
         return np.asarray(node_chain.finish(state))
 
     def wrinkle_states(self, params: Float[Values, " m"]) -> dict[str, wrinkles.RegionState]:
-        """Return each wrinkle region's vertices, compression c̃, excess c₊ and height_mm, (s,), in the pose (m,).
-
-        A rig without wrinkles has none.
-        """
+        """Return the state of each wrinkle region in the pose (m,), by name; of a rig without wrinkles, none."""
         names = [node.name for node in self.nodes]
         if "wrinkles" not in names:
             return {}
@@ -134,6 +134,6 @@ def _select_nodes(rig: FaceRig, skip: Collection[str], upto: str | None) -> list
     skip = (skip,) if isinstance(skip, str) else tuple(skip)
     unknown = [name for name in (*skip, *([upto] if upto is not None else [])) if name not in names]
     if unknown:
-        raise InputError(f"rig '{rig.name}': it has no node '{unknown[0]}'; allowed are {', '.join(names)}.")
+        raise InputError(f"rig '{rig.name}': there is no node '{unknown[0]}'; there are {', '.join(names)}")
     last = len(names) if upto is None else names.index(upto) + 1
     return [_switch_off(node) if node.name in skip else node for node in rig.nodes[:last]]

@@ -16,11 +16,9 @@ from data_recipes.rig import BATCH, Clip, Prop, Rig
 from replicate.base.exceptions import InputError
 from replicate.geometry.mesh import Mesh
 
-# What every rig has whose deformers are not known: limits from its controls, and neither nodes, paint nor props.
-
 
 class ControlledRig:
-    """The part of the Rig contract that follows from the controls (m of them), and empty parts that only we fill."""
+    """The part of the Rig contract that follows from the m controls, with no nodes, paint or props."""
 
     controls: tuple[Control, ...]
 
@@ -59,11 +57,12 @@ POINTS = ("landmarks", "control_points", "face_marks")
 
 @dataclass(frozen=True)
 class FunctionRig(ControlledRig):
-    """A character whose poses a function gives; the other fields are the contract's (see `rig.Rig`).
+    """A character whose poses a function gives; the other fields are those of `rig.Rig`.
 
-    function: (b, m) → (b, n, 3) mm, of parameters in float32. face_marks: the control points where there are none.
+    function: parameters (b, m) in float32 → vertices (b, n, 3) in mm
+    face_marks: without any, the control points take their place
 
-    Raises InputError for indices out of range, controls or clips that don't fit.
+    Raises InputError for indices out of range, and for controls or clips that don't fit.
     """
 
     name: str
@@ -92,11 +91,12 @@ class FunctionRig(ControlledRig):
         p = np.asarray(params, np.float32)
         if p.ndim not in (1, 2) or p.shape[-1] != len(self.controls):
             shapes = f"({len(self.controls)},) or (b, {len(self.controls)})"
-            raise InputError(f"rig '{self.name}': parameters have the shape {p.shape}, where {shapes} is allowed.")
+            raise InputError(f"rig '{self.name}': expected parameters of the shape {shapes}, got {p.shape}")
         if p.ndim == 1 or len(p) == 1:
             vertices = np.asarray(self.function(p.reshape(1, -1)), np.float32)
             return vertices[0] if p.ndim == 1 else vertices
-        out = np.empty((len(p), *self.mesh.neutral.shape), np.float32)  # in parts: a function compiles for few sizes
+        # In parts of equal size: JAX compiles a function anew for each size.
+        out = np.empty((len(p), *self.mesh.neutral.shape), np.float32)
         for first in range(0, len(p), BATCH):
             part = p[first : first + BATCH]
             padded = np.concatenate([part, np.repeat(part[-1:], BATCH - len(part), axis=0)])
@@ -105,7 +105,7 @@ class FunctionRig(ControlledRig):
 
     @cached_property
     def _tangents(self) -> Callable:
-        import jax  # here, since rigs of plain numpy do without it
+        import jax  # rigs of plain numpy do without it
 
         def push(p, tangents):
             pose = lambda q: self.function(q[None])[0]  # noqa: E731
@@ -118,8 +118,8 @@ class FunctionRig(ControlledRig):
     ) -> Float32[np.ndarray, "n 3 k"]:
         """Return ∂V/∂p (n, 3, m) in mm per unit of each control, exact, by forward differentiation.
 
-        columns: the controls, by their place in p; None for all. Needs a function that JAX can trace; our own
-        rigs' can.
+        columns: the controls, by their place in p; None for all. The function must be one that JAX can trace, as those
+        of our rigs are.
         """
         p, every = np.asarray(params, np.float32), np.eye(len(self.controls), dtype=np.float32)
         directions = every if columns is None else every[np.asarray(columns, int)]
@@ -131,34 +131,32 @@ class FunctionRig(ControlledRig):
 
 
 def check_parts(rig: Rig) -> None:
-    """Raise InputError for a rig whose parts don't fit together: points, regions and clips of other sizes."""
+    """Raise InputError for a rig whose controls, points, regions, names or clips don't fit together."""
     where, n, m = f"rig '{rig.name}'", len(rig.mesh.neutral), len(rig.controls)
     if m == 0:
-        raise InputError(f"{where}: it has no controls, where at least one is needed.")
+        raise InputError(f"{where}: it has no controls, but a rig needs at least one")
     names = [c.name for c in rig.controls]
     if len(set(names)) < m:
         twice = next(name for name in names if names.count(name) > 1)
-        raise InputError(f"{where}: the control '{twice}' is there twice, where each name is allowed once.")
+        raise InputError(f"{where}: the control '{twice}' is there twice; names must be unique")
     for points in POINTS:
         index = getattr(rig, points)
         bad = np.flatnonzero((index < 0) | (index >= n))
         if index.ndim != 1 or len(bad):
-            is_there = f"[{bad[0]}] is {index[bad[0]]}" if index.ndim == 1 else f" has the shape {index.shape}"
-            raise InputError(f"{where}: {points}{is_there}, where a list of vertices from 0 to {n - 1} is allowed.")
+            found = f"[{bad[0]}] is {index[bad[0]]}" if index.ndim == 1 else f" has the shape {index.shape}"
+            raise InputError(f"{where}: {points}{found}; expected a list of vertices from 0 to {n - 1}")
     for regions, points in (("control_point_regions", "control_points"), ("face_mark_regions", "face_marks")):
         found, count = len(getattr(rig, regions)), len(getattr(rig, points))
         if found != count:
-            raise InputError(
-                f"{where}: found {found} {regions}, where one for each of the {count} {points} is allowed."
-            )
+            raise InputError(f"{where}: expected {count} {regions}, one for each of the {points}, got {found}")
     if rig.control_point_names and len(rig.control_point_names) != len(rig.control_points):
         raise InputError(
-            f"{where}: found {len(rig.control_point_names)} control_point_names, where none or one for each of the "
-            f"{len(rig.control_points)} control points are allowed."
+            f"{where}: expected {len(rig.control_points)} control_point_names, one for each of the control_points, "
+            f"or none, got {len(rig.control_point_names)}"
         )
     for clip in rig.clips or ():
-        if clip.values.ndim != 2 or clip.values.shape[1] != m or not np.isfinite(clip.values).all():
+        if clip.values.ndim != 2 or clip.values.shape[1] != m:
             shape = clip.values.shape
-            raise InputError(
-                f"{where}: clip '{clip.name}' has the shape {shape} or NaN, where finite (frames, {m}) is allowed."
-            )
+            raise InputError(f"{where}: clip '{clip.name}': expected values of the shape (frames, {m}), got {shape}")
+        if not np.isfinite(clip.values).all():
+            raise InputError(f"{where}: clip '{clip.name}': expected finite values, got NaN or infinity")

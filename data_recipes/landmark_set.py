@@ -1,10 +1,10 @@
 """The 54 landmarks of a face that performance capture tracks (§5.3.2), by name, and the region that each belongs to.
 
 The paper uses 54 of the 68 landmarks that face trackers are trained on (Multi-PIE, 300-W) and doesn't say which. Ours
-are all but the outline of the jaw, of which the chin and a point beside it on each side stay.
+leave out the outline of the jaw, except the chin and a point on each side of it.
 """
 
-FACE_LANDMARKS = {  # name → its number among the 68, from 0; "right" is the face's own right, the picture's left
+FACE_LANDMARKS = {  # name → its number among the 68, from 0; "right" is the character's right, left in the picture
     "chin_right": 7,
     "chin": 8,
     "chin_left": 9,

@@ -1,6 +1,6 @@
 """Where recipes and folders of samples lie, by the names of their characters.
 
-Light: command lines read it before anything is built.
+This module imports little, since command lines read it first.
 """
 
 import os
@@ -15,7 +15,7 @@ from replicate.base.user_files import is_file, read_toml
 
 RECIPES = Path(__file__).resolve().parent
 FACE_FILE, CONTROL_FILE = "face.toml", "controls.csv"  # of a folder of samples
-LABEL = r"[\w.-]+"  # what results can be called
+LABEL = r"[\w.-]+"  # names that results can have
 STANDS_FOR = {"teen": "Hiccup", "woman": "Valka", "dragon": "Toothless", "toon": "Ray"}  # ours → the paper's
 OUTSIDE = {"ict": "ICT_FACEKIT"}  # characters whose data is not in the project → the variable that names its folder
 
@@ -28,18 +28,18 @@ def character_names() -> tuple[str, ...]:
 
 def no_character(name: str) -> str:
     """Return the sentence for a name that no character has: who plays that part here, or the nearest name."""
-    for own, played in STANDS_FOR.items():
-        if name.lower() == played.lower() and own in character_names():
-            return f"{played}'s part is played by the {own}: CHARACTERS={own}"
     names = character_names()
+    for ours, the_papers in STANDS_FOR.items():
+        if name.lower() == the_papers.lower() and ours in names:
+            return f"{the_papers}'s part is played by the {ours}: CHARACTERS={ours}"
     others = f": there are {', '.join(names)}, and paths of .toml recipes and of folders of samples"
     return nothing_named("character", name, names, others)
 
 
 def named(character: str) -> str:
-    """Return a character's name or path as it is meant: ~ is the home folder, a folder's face.toml is the folder.
+    """Return a character's name or path with ~ expanded; for the face.toml of a folder of samples, the folder.
 
-    Raises InputError for the home folder of nobody.
+    Raises InputError for the home folder of an unknown user.
     """
     path = str(with_home(character, "CHARACTERS")) if character.startswith("~") else character
     folder = os.path.dirname(os.path.abspath(path))
@@ -48,9 +48,9 @@ def named(character: str) -> str:
 
 
 def sample_folder(character: str) -> Path | None:
-    """Return the folder of samples that a character is named by: a path with a slash, or a folder with a `face.toml`.
+    """Return the folder of samples that a character is given as, or None for a recipe or the name of one.
 
-    None for a character's name and for a recipe. The folder need not be there.
+    Any path with a slash counts as a folder, whether it exists or not, and so does the name of one with a `face.toml`.
     """
     if re.fullmatch(r".*\.toml(@.*)?", character, re.DOTALL) or _is_there(RECIPES / f"{character}.toml"):
         return None
@@ -77,9 +77,9 @@ def split_character(character: str) -> tuple[str, tuple[str, ...]]:
 
 
 def character_label(character: str) -> str:
-    """Return what results call a character: the stem of its recipe's file, and its variants; a folder's name.
+    """Return what results call a character: its recipe file's stem with the variants, or its folder's name.
 
-    Of a folder whose name can't name files it is the name in its face.toml, if there is one.
+    A folder whose name can't be part of a file's name goes by the name in its face.toml, if that has one.
     """
     if folder := sample_folder(character):
         file = folder / FACE_FILE
@@ -91,7 +91,7 @@ def character_label(character: str) -> str:
 
 
 def absolute(character: str) -> str:
-    """Return a character as it is named from any folder: a path is made absolute, a name stays."""
+    """Return a character's name or path so that it holds in any working folder: paths become absolute."""
     if folder := sample_folder(character):
         return str(folder)
     name, variants = split_character(character)
@@ -99,9 +99,9 @@ def absolute(character: str) -> str:
 
 
 def recipe_file(character: str) -> Path:
-    """Return the recipe of a character, given by its name or as the path of a `.toml` file of one's own.
+    """Return the file of a character's recipe, given its name or the path of a `.toml` file.
 
-    What follows an @ says which variant of it, and leads to the same file. Of a folder of samples it is its face.toml.
+    Variants, which follow an @, are ignored. For a folder of samples it is the face.toml in it.
     """
     if folder := sample_folder(character):
         return folder / FACE_FILE
@@ -113,19 +113,19 @@ def recipe_file(character: str) -> Path:
 
 
 def check_function(characters: Sequence[str], command: str, purpose: str) -> None:
-    """Raise InputError for a character that is known by its samples alone, where a command asks rigs for more."""
+    """Raise InputError for a character that is known by its samples alone, for a command that needs a function."""
     for character in characters:
         if sample_folder(character):
             raise InputError(
-                f"{character_label(character)} is known by its samples alone, and {command} asks the rig {purpose}: "
-                "allowed are characters with a function"
+                f"{character_label(character)} is known by its samples alone, and {command} asks the rig {purpose}; "
+                "use a character whose rig has a function"
             )
 
 
 def drags_file(character: str) -> Path:
-    """Return the file of a character's drags of control points: drags/<name>.csv beside its recipe, whatever variant.
+    """Return the file of a character's drags of control points, drags/<name>.csv beside its recipe.
 
-    A character may have none.
+    It may not exist. All variants share it.
     """
     recipe = recipe_file(character)
     return recipe.parent / "drags" / f"{recipe.stem}.csv"

@@ -69,10 +69,10 @@ def build_recipe_rig(recipe: Recipe) -> FaceRig:
 
 @contextmanager
 def _as_bad_input() -> Iterator[None]:
-    """Say in a sentence that numbers give no head, each of which is within its range, where geometry fails on them."""
+    """Turn the errors of geometry into an InputError: each number was within its range, but they fit no head."""
     try:
         yield
     except InputError:
         raise
     except (ArithmeticError, LookupError, ValueError) as error:
-        raise InputError(f"the sections together give no head: {cut(str(error))}") from error
+        raise InputError(f"no head can be built from these sections: {cut(str(error))}") from error

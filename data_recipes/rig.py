@@ -1,4 +1,4 @@
-"""The Rig contract: what a character is to the rest of the suite, whoever brings it.
+"""The Rig contract: what the rest of the suite expects of a character.
 
 A rig is a mesh, named controls, and a function r(p) from a batch of parameters (b, m) to vertices (b, n, 3) in mm.
 `FunctionRig` makes one of any such function; those that come with the suite are built by `catalogue.build_rig`. A rig
@@ -22,8 +22,8 @@ from replicate.geometry.mesh import Mesh
 
 __all__ = ["BATCH", "AlteredRig", "Clip", "KnownPoses", "Prop", "Rig", "check_rig", "frames_per_second", "has_function"]
 
-# Poses that rigs evaluate at once; who has many hands over as many, so that no batch is filled up twice. The working
-# memory of 24 film faces stays below 32 MiB: more would be taken from the system and given back at each call.
+# Poses that rigs evaluate at once. Callers with many poses pass this many, so that no batch has to be padded. The
+# working memory of 24 film faces stays below 32 MiB; more would go back to the system after each call.
 BATCH = 24
 Prop = tuple[str, np.ndarray, np.ndarray, np.ndarray]  # name, vertices (k, 3), faces (f, 3), colours (k, 3) uint8
 
@@ -38,14 +38,7 @@ class Clip:
 
 @runtime_checkable
 class Rig(Protocol):
-    """A character of n vertices and m controls.
-
-    mesh: the neutral with its segments and charts; controls: m of them, in the order of p;
-    landmarks: (l,) 20–30 vertices, named by `landmark_names` where known, else by none;
-    control_points: (c,) vertices that inverse kinematics drags, with their regions, and names where known, else none;
-    face_marks: (k,) vertices that mark the regions of the face, with their regions;
-    clips: its animation, or None (poses are then drawn uniformly).
-    """
+    """A character of n vertices and m controls."""
 
     @property
     def name(self) -> str:
@@ -54,7 +47,7 @@ class Rig(Protocol):
 
     @property
     def mesh(self) -> Mesh:
-        """The neutral pose, mm."""
+        """The neutral pose in mm, with its segments and charts."""
         ...
 
     @property
@@ -79,7 +72,7 @@ class Rig(Protocol):
 
     @property
     def landmarks(self) -> Int[np.ndarray, " l"]:
-        """The vertices whose positions samples are balanced by (§3.5)."""
+        """The 20 to 30 vertices whose positions samples are balanced by (§3.5)."""
         ...
 
     @property
@@ -104,7 +97,7 @@ class Rig(Protocol):
 
     @property
     def face_marks(self) -> Int[np.ndarray, " k"]:
-        """The vertices that mark the regions of the face: a part of the skin belongs to that of the nearest."""
+        """Vertices that mark the regions of the face: skin belongs to the region of the nearest one."""
         ...
 
     @property
@@ -114,12 +107,12 @@ class Rig(Protocol):
 
     @property
     def clips(self) -> tuple[Clip, ...] | None:
-        """The animation, or None."""
+        """The animation, or None; poses are then drawn uniformly."""
         ...
 
     @property
     def nodes(self) -> tuple:
-        """The deformers in order where the rig can be run one by one, each with a `name`; else none."""
+        """The deformers in order, each with a `name`, if they can be run one by one; else none."""
         ...
 
     @property
@@ -132,12 +125,12 @@ class Rig(Protocol):
         ...
 
     def pose_props(self, params: Float[np.ndarray, " m"]) -> list[Prop]:
-        """Return the display-only meshes (eyeballs, brows, …) in the pose (m,): none, unless a rig says so."""
+        """Return the display-only meshes (eyeballs, brows, …) in the pose (m,); a rig need not have any."""
         return []
 
 
 class AlteredRig:
-    """A rig like another one of any class, but for some fields of the contract, which stand here in its order."""
+    """A rig like another one of any class, except for some fields of the contract."""
 
     name: str
     mesh: Mesh
@@ -171,7 +164,7 @@ class AlteredRig:
 
 
 def has_function(rig: Rig) -> bool:
-    """Return whether a rig gives vertices at any pose; one that is known by its samples does so at these alone."""
+    """Return whether a rig gives vertices at any pose; one known by its samples gives them only there."""
     return getattr(rig, "known_poses", None) is None
 
 
@@ -181,28 +174,27 @@ def frames_per_second(rig: Rig) -> float:
 
 
 def check_rig(rig: Rig, tolerance_mm: float = 1e-3) -> Rig:
-    """Return the rig, if its function gives finite vertices of the right shape, and the neutral at the default pose.
+    """Return the rig, after a check that its function gives the neutral mesh at the default pose.
 
-    Raises InputError, naming the first vertex that is off.
+    Raises InputError for another shape, and for a vertex that is off or not finite.
     """
     n = len(rig.mesh.neutral)
     vertices = np.asarray(rig(rig.default[None]), np.float32)
     if vertices.shape != (1, n, 3):
-        shape = vertices.shape
         raise InputError(
-            f"rig '{rig.name}': its function gives the shape {shape} for one pose, where (1, {n}, 3) is allowed."
+            f"rig '{rig.name}': expected vertices of the shape (1, {n}, 3) for one pose, got {vertices.shape}"
         )
     off = np.abs(vertices[0] - rig.mesh.neutral).max(axis=1)
     bad = np.flatnonzero(~(off <= tolerance_mm))  # NaN counts as off
     if len(bad):
         raise InputError(
-            f"rig '{rig.name}': at the default pose vertex {bad[0]} lies {off[bad[0]]:.4g} mm from the neutral, "
-            f"where {tolerance_mm:g} mm is allowed."
+            f"rig '{rig.name}': at the default pose vertex {bad[0]} lies {off[bad[0]]:.4g} mm from the neutral; "
+            f"expected at most {tolerance_mm:g} mm"
         )
     return rig
 
 
-# The poses that a rig is known by, in mm from its neutral pose: memory-mapped arrays in a folder.
+# The poses of a rig that is known by its samples: memory-mapped arrays in a folder.
 
 INT16_MAX = 32767
 ROUNDED = ("drawn_whole", "drawn_steps")
@@ -211,11 +203,14 @@ NAMES = ("frame_params", "frame_offsets", "drawn_params", *ROUNDED, "drawn_sourc
 
 @dataclass(frozen=True)
 class KnownPoses:
-    """Frames of clips, from which test poses are taken, and poses that are drawn at random, rounded as in D4.
+    """Frames of clips, from which test poses are taken, and poses drawn at random, rounded as in D4.
 
-    frame_params (a, m), frame_offsets (a, n, 3) float32 mm; drawn_params (d, m), drawn_whole (d, n, 3) int16 in steps
-    of drawn_steps (d,) mm; drawn_source (d,): the frame that each was drawn from, or −1. Of a rig without clips all
-    poses stand among the frames.
+    frame_params: (a, m); without clips, all poses are frames
+    frame_offsets: (a, n, 3), float32, mm from the neutral pose
+    drawn_params: (d, m)
+    drawn_whole: (d, n, 3), int16, in steps from the neutral pose
+    drawn_steps: (d,), the size of a pose's steps, mm
+    drawn_source: (d,), the frame that each was drawn from, or −1
     """
 
     frame_params: np.ndarray
@@ -235,22 +230,26 @@ class KnownPoses:
 
     @cached_property
     def places(self) -> Mapping[bytes, int]:
-        """Where poses stand by the bytes of their parameters: frames first, the first of equal ones."""
+        """The place of each pose, frames first, by the bytes of its parameters; the first one of equal poses."""
         rows = [*self.frame_params, *self.drawn_params]
         return {pose.tobytes(): k for k, pose in reversed(list(enumerate(rows)))}
 
     def offsets(self, place: int) -> Float32[np.ndarray, "n 3"]:
-        """Return the offsets of a pose of `places`."""
+        """Return the offsets (mm) of the pose at a place."""
         k = place - len(self.frame_params)
         return self.frame_offsets[place] if k < 0 else self.drawn_whole[k] * self.drawn_steps[k]
 
     def find(self, params: Float[np.ndarray, " m"]) -> int | None:
-        """Return where the pose of these parameters stands, or None."""
+        """Return the place of the pose with these parameters, or None."""
         return self.places.get((np.asarray(params, np.float32) + np.float32(0)).tobytes())
 
 
 def create(folder: Path, frames: int, drawn: int, vertices: int, controls: int) -> KnownPoses:
-    """Return arrays to fill, in files of a folder."""
+    """Create the files of `KnownPoses` in a folder, and return them to be filled.
+
+    frames, drawn: how many poses of each kind
+    vertices, controls: n and m
+    """
     shapes = {
         "frame_params": (np.float32, (frames, controls)),
         "frame_offsets": (np.float32, (frames, vertices, 3)),

@@ -49,12 +49,10 @@ def _unflatten(arrays: dict[str, np.ndarray], path: str) -> dict[str, Any]:
 def save_rig(rig: Rig, folder: Path) -> None:
     """Write one of our rigs into a folder; the description goes last, so that half a rig is never loaded.
 
-    Raises InputError for a foreign rig: its function is code, which we don't store.
+    Raises InputError for any other rig: its function is code, which can't be stored.
     """
     if not isinstance(rig, FaceRig):
-        raise InputError(
-            f"rig '{rig.name}': it has a function of its own, where only rigs built from recipes can be saved."
-        )
+        raise InputError(f"rig '{rig.name}': only rigs built from recipes can be saved, and this one is other code")
     folder.mkdir(parents=True, exist_ok=True)
     arrays = _flatten(rig.face.constants, "constants") | {f"mesh/{name}": getattr(rig.mesh, name) for name in MESH}
     arrays |= {f"props/{i}/{name}": getattr(prop, name) for i, prop in enumerate(rig.face.props) for name in PROP}
@@ -77,21 +75,19 @@ def save_rig(rig: Rig, folder: Path) -> None:
 def load_rig(folder: Path) -> FaceRig:
     """Read a rig that `save_rig` wrote.
 
-    Raises InputError when the folder's files are damaged or of another format.
+    Raises InputError when files are missing, damaged or of another format.
     """
     try:
         about = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
         with np.load(folder / ARRAYS, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         if about["format"] != FORMAT:
-            raise InputError(f"{folder / DESCRIPTION}: format is {about['format']}, where {FORMAT} is allowed.")
+            raise InputError(f"{folder / DESCRIPTION}: expected format {FORMAT}, got {about['format']}")
         return _assemble(about, arrays)
     except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(
-            f"{folder}: found no readable rig ({error}), where {DESCRIPTION} and {ARRAYS} are allowed."
-        ) from error
+        raise InputError(f"{folder}: can't read a rig from {DESCRIPTION} and {ARRAYS} here: {error}") from error
 
 
 def _assemble(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> FaceRig:
@@ -101,7 +97,7 @@ def _assemble(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> FaceRig:
         for i, (name, follow) in enumerate(about["props"])
     )
     if about["chain"] not in CHAINS:
-        raise ValueError(f"its chain is {about['chain']!r}, of {', '.join(CHAINS)}")
+        raise ValueError(f"there is no chain {about['chain']!r}; there are {', '.join(CHAINS)}")
     face = FaceParts(constants, props, arrays["paint"], CHAINS[about["chain"]])
     clips = about["clips"]
     if clips is not None:

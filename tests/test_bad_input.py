@@ -154,8 +154,8 @@ FEW_CONTROLS = re.sub(r"(?s)\[controls\].*", f"[controls]\nface = 8\n{NO_OTHERS}
         (b"\x89PNG\r\n\x1a\n\xff\xfe", ["mine.toml", "byte 0 is no UTF-8"]),
         ("name = ", ["mine.toml", "not a readable TOML file"]),
         ('clip_files = ["none.csv"]\n' + TINY, ["none.csv", "there is no such file"]),
-        (TINY.replace("vertices = 918", "vertices = 917"), ["mine.toml", "vertices is 917: allowed is 918"]),
-        (FEW_CONTROLS, ["mine.toml", "controls are 8 of 4 kinds", "allowed are 7 kinds, or acting.clips of 7 at most"]),
+        (TINY.replace("vertices = 918", "vertices = 917"), ["mine.toml", "vertices: expected 918", "got 917"]),
+        (FEW_CONTROLS, ["mine.toml", "8 controls of 4 kinds", "moves 7 kinds", "set acting.clips to 7 or less"]),
         (TINY.replace("[teeth]", "[teeth]\nwidths_upper = [60, 60]"), ["mine.toml", "teeth.widths_upper", "240 mm"]),
     ],
 )

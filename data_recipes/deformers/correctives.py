@@ -1,9 +1,8 @@
-"""Combination correctives: offsets that correct the sum of two or three actions where all of them are on (layer 1).
+"""Combination correctives: offsets that correct the sum of two or three actions when all of them are on (layer 1).
 
-Actions of a face don't add up: muscles share the same skin (Tian, Kanade and Cohn 2001, "Recognizing Action Units for
-Facial Expression Analysis", call such combinations nonadditive and name brow raiser and brow lowerer), and a
-production face has a combination shape for each such meeting (Lewis et al. 2014, "Practice and Theory of Blendshape
-Facial Models", §3).
+Actions of a face don't add up, since muscles share the same skin: Tian, Kanade and Cohn 2001, "Recognizing Action Units
+for Facial Expression Analysis", call such combinations nonadditive, brow raiser and brow lowerer for one. A production
+face has a shape for each such combination (Lewis et al. 2014, "Practice and Theory of Blendshape Facial Models", §3).
 """
 
 from __future__ import annotations
@@ -14,11 +13,12 @@ from data_recipes.controls import SIDES
 from data_recipes.deformers.face_fields import fade, tongue_reach
 from data_recipes.deformers.mouth_fields import Curve, Motion, arch, lip_change
 from data_recipes.deformers.pose_curves import PoseFields
-from data_recipes.deformers.sculpting import FLIP, Path, Sculptor, smoothstep
+from data_recipes.deformers.sculpting import Path, Sculptor
+from data_recipes.head.shape import FLIP, smoothstep
 
-# (drivers, what both seam and border do in Δa, Δb, Δr as functions of u and side); "*" stands for one side.
-# An open jaw stretches the lips' corners: a laugh is rounder than a smile plus an open mouth, an "oh" narrower than
-# pucker plus jaw; and two actions that lift or push the same lip don't add up in full.
+# Motions of seam and border in Δa, Δb, Δr, as functions of u and side. An open jaw stretches the lips' corners: a laugh
+# is rounder than a smile plus an open mouth, an "oh" narrower than pucker plus jaw. And two actions that lift or push
+# the same lip don't add up in full.
 
 
 def _laugh(u: Curve, side: Curve) -> Motion:
@@ -45,7 +45,7 @@ def _less_protrusion(u: Curve, side: Curve) -> Motion:
 
 
 def _less_lift(u: Curve, side: Curve) -> Motion:
-    # The chin pushes the upper lip through the lower one; a lip that is up already it doesn't reach.
+    # The chin pushes the upper lip through the lower one, and doesn't reach a lip that is already up.
     return 0 * u, -3.4 * (side > 0) * arch(u, 1.8), 0 * u
 
 
@@ -78,7 +78,7 @@ def _deep_frown(u: Curve, side: Curve) -> Motion:
     return 1.5 * np.sign(u) * np.abs(u) ** 2, 2.5 * np.abs(u) ** 2, 0 * u
 
 
-CORRECTIVES = (
+CORRECTIVES = (  # drivers, "*" standing for one side, and the motion
     (("smile_*", "jaw_open"), _laugh),
     (("pucker_*", "jaw_open"), _oh),
     (("smile_*", "frown_*"), _less_smile),
@@ -105,7 +105,7 @@ SKIN_DRIVERS = (
 
 
 def _skin_correctives(s: Sculptor) -> tuple[Path, ...]:
-    """Return the correctives of brows, nose and cheeks, of the left side, in the order of their drivers."""
+    """Return the correctives of brows, nose and cheeks on the left, in the order of their drivers."""
     inner, middle, outer = (s.bump(f"brow_{part}_left", 30.0) for part in ("inner", "mid", "outer"))
     lids, left = fade(s, "eye"), smoothstep(s.x[:, 0], -6.0, 8.0)
     cheek = s.bump("cheek_left", 34.0) * fade(s, "mouth") * lids
@@ -129,7 +129,7 @@ def _skin_correctives(s: Sculptor) -> tuple[Path, ...]:
 
 
 def corrective_drivers(columns: dict[str, int]) -> list[tuple[int, ...]]:
-    """Return, for each corrective on each side, the columns of the controls that drive it, where the rig has them.
+    """Return the columns of the controls that drive each corrective on each side, if the rig has all of them.
 
     Those with fewer drivers come first.
     """
@@ -141,14 +141,14 @@ def corrective_drivers(columns: dict[str, int]) -> list[tuple[int, ...]]:
 
 
 def add_correctives(s: Sculptor, columns: dict[str, int], offsets: PoseFields, bulges: PoseFields) -> None:
-    """Add every corrective whose drivers the rig has, both sides: to the offsets, and to the bulges along normals."""
+    """Add each corrective whose drivers the rig has, on both sides, to the offsets and to the bulges along normals."""
 
     def add(fields: PoseFields, drivers: tuple[str, ...], vectors: np.ndarray) -> None:
         mirrored = (vectors * FLIP)[s.head.mirror]
-        for side, own in zip(SIDES, (vectors, mirrored), strict=True):
+        for side, displacement in zip(SIDES, (vectors, mirrored), strict=True):
             names = [driver.replace("*", side) for driver in drivers]
             if all(name in columns for name in names):
-                fields.add(tuple(columns[name] for name in names), own)
+                fields.add(tuple(columns[name] for name in names), displacement)
 
     u, side = s.head.ring_parameter["mouth_u"], s.head.ring_parameter["mouth_side"]
     window = smoothstep(u, -0.45, 0.45)

@@ -8,9 +8,10 @@ from jaxtyping import Float
 from data_recipes.deformers.face_fields import fade
 from data_recipes.deformers.mouth_fields import Curve, LipAction, Motion
 from data_recipes.deformers.mouth_fields import sculpt as sculpt_lips
-from data_recipes.deformers.sculpting import Path, Sculptor, smoothstep
+from data_recipes.deformers.sculpting import Path, Sculptor
 from data_recipes.head.ears import ear_frame
-from data_recipes.head.frills import frill_frame, frill_numbers
+from data_recipes.head.frills import frill_frame, frill_settings
+from data_recipes.head.shape import smoothstep
 
 RAISE_RAD, SPREAD_RAD = np.deg2rad(26.0), np.deg2rad(36.0)
 EAR_SPREAD_RAD, EAR_FOLD_RAD = np.deg2rad(28.0), np.deg2rad(40.0)
@@ -24,7 +25,13 @@ def sculpt(s: Sculptor) -> dict[str, Path]:
 def turn_about(
     s: Sculptor, vertices: np.ndarray, pivot: np.ndarray, axis: np.ndarray, angle: Float[np.ndarray, " k"]
 ) -> Path:
-    """Return the path of vertices that turn about an axis through a pivot, each by its own full angle (radians)."""
+    """Return the path of vertices that turn about an axis.
+
+    vertices: mesh indices of the k that turn
+    pivot: (3,), a point on the axis, mm
+    axis: (3,), its direction, of any length
+    angle: by how much each turns at the full pose, radians
+    """
     axis = axis / np.linalg.norm(axis)
     arm = s.x[vertices] - pivot
     offsets = []
@@ -39,11 +46,11 @@ def turn_about(
 
 
 def frills(s: Sculptor) -> dict[str, Path]:
-    """Return each pair's raising, its tips up in its own plane, and spreading, off the head; tips turn the most."""
+    """Return two actions of each pair: its tips rise in its plane, and it spreads off the head; tips turn the most."""
     paths = {}
-    for name, numbers in frill_numbers(s.head.recipe).items():
+    for name, settings in frill_settings(s.head.recipe).items():
         grid = s.head.grids[f"frill_{name}_left"]
-        along, across, front = frill_frame(numbers)
+        along, across, front = frill_frame(settings)
         root = s.x[grid[:2].ravel()].mean(axis=0)
         share = np.broadcast_to(np.linspace(0.5, 1.0, len(grid))[:, None], grid.shape).ravel()
         up = 1.0 if across[1] + 0.3 * across[0] >= 0 else -1.0
@@ -55,16 +62,16 @@ def frills(s: Sculptor) -> dict[str, Path]:
 
 
 def ears(s: Sculptor) -> dict[str, Path]:
-    """Return turning the ears outwards and laying them back."""
+    """Return the actions that turn the ears outwards and lay them back."""
     rings = s.head.grids["ear_left"]
     share = np.ones(s.n)
     for j, ring in enumerate(rings):
         share[ring] = smoothstep(np.array(1 - j / (len(rings) - 1)), 0.0, 0.45)
-    mine = np.union1d(np.flatnonzero(s.in_parts("ear_left")), rings.ravel())
+    ear = np.union1d(np.flatnonzero(s.in_parts("ear_left")), rings.ravel())
     root, (back, _, out) = s.x[rings[-1]].mean(axis=0), ear_frame(s.head.recipe)
     return {
-        "ear_spread_*": turn_about(s, mine, root, np.cross(back, out), EAR_SPREAD_RAD * share[mine]),
-        "ear_fold_*": turn_about(s, mine, root, np.array([-1.0, 0.0, 0.0]), EAR_FOLD_RAD * share[mine]),
+        "ear_spread_*": turn_about(s, ear, root, np.cross(back, out), EAR_SPREAD_RAD * share[ear]),
+        "ear_fold_*": turn_about(s, ear, root, np.array([-1.0, 0.0, 0.0]), EAR_FOLD_RAD * share[ear]),
     }
 
 

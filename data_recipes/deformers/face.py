@@ -1,7 +1,7 @@
 """The face: every deformer in its layer, from coarse to fine, as the nodes of a chain (see `node_chain`).
 
-Beside parameters, controls and positions the state holds what later layers need of earlier ones: the jaw's motion and
-the head's shape.
+Besides parameters, controls and positions, the state holds two results that later layers need: the jaw's motion and the
+head's shape.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ GLIDE_MM = ((0.0, -1.0, 1.5), (5.0, 0.0, 0.0), (0.0, -0.8, 6.0), (0.0, -7.0, -1.
 HEAD_CONTROLS = tuple(f.name for f in fields(ShapeValues))
 GAZE_PARTS = ("look_y", "follow_upper", "follow_lower", "look_x", "follow_aside")
 GAZE = tuple(f"{part}_{side}" for side in ("left", "right") for part in GAZE_PARTS)
-ASIDE_GAIN = 2.0  # per unit of the control: aside, lids follow little by themselves
+ASIDE_GAIN = 2.0  # at 1 of follow_aside: by themselves, lids follow the gaze little to the side
 
 
 def limit(constants: FaceConstants, state: State) -> State:
@@ -46,22 +46,22 @@ def limit(constants: FaceConstants, state: State) -> State:
 
 
 def sculpt(constants: FaceConstants, state: State) -> State:
-    """Layer 1: the sculpted fields' curves."""
+    """Move the skin along the curves of the sculpted fields (layer 1)."""
     return state | {"x": constants["neutral"] + pose_curves.move(constants["pose"], state["u"])}
 
 
 def slide_on_skull(constants: FaceConstants, state: State) -> State:
-    """Layer 2: the skin slides along the skull."""
+    """Let the skin slide along the skull (layer 2)."""
     return state | {"x": state["x"] + skull_slide.slide(constants["slide"], state["x"] - constants["neutral"])}
 
 
 def bulge_out(constants: FaceConstants, state: State) -> State:
-    """Layer 1 again: bulges along the normals, which the slide must not take back."""
+    """Add bulges along the normals (layer 1), after the slide, which would take them back."""
     return state | {"x": state["x"] + pose_curves.move(constants["bulge"], state["u"])}
 
 
 def shape_by_handles(constants: FaceConstants, state: State) -> State:
-    """Layer 3: free-form handles."""
+    """Move the skin with the free-form handles (layer 3)."""
     return state | {"x": state["x"] + handles.move(constants["handles"], state["u"])}
 
 
@@ -72,13 +72,13 @@ def jaw_motion(constants: FaceConstants, u: Float[Values, "b m"]) -> JawMotion:
 
 
 def open_the_jaw(constants: FaceConstants, state: State) -> State:
-    """Layer 4: the jaw."""
+    """Turn and shift the jaw (layer 4)."""
     motion = jaw_motion(constants, state["u"])
     return state | {"jaw": motion, "x": jaw.open_jaw(constants["jaw"], state["x"], motion)}
 
 
 def gaze_controls(constants: FaceConstants, u: Float[Values, "b m"]) -> Float[Array, "b q"]:
-    """Return u and six more controls: the gaze times each follow gain (see `lid_fields.GAZE_PRODUCTS`)."""
+    """Return u and six more controls: the gaze times each follow gain (see `upper_face_fields.GAZE_PRODUCTS`)."""
     value = u @ constants["gaze_controls"]
     products = []
     for up, upper, lower, aside, sideways in (value[:, :5].T, value[:, 5:].T):
@@ -87,35 +87,35 @@ def gaze_controls(constants: FaceConstants, u: Float[Values, "b m"]) -> Float[Ar
 
 
 def move_lids(constants: FaceConstants, state: State) -> State:
-    """Layer 5: lids, one eye after the other."""
+    """Turn the lids, one eye after the other (layer 5)."""
     u = gaze_controls(constants, state["u"])
     x = lids.close_lids(constants["lids_left"], state["x"], u)
     return state | {"x": lids.close_lids(constants["lids_right"], x, u)}
 
 
 def close_lips(constants: FaceConstants, state: State) -> State:
-    """Layer 6: sticky corners and contact of the lips."""
+    """Stick the corners of the lips together, and keep the lips out of each other (layer 6)."""
     return state | {"x": lips.close_lips(constants["lips"], state["x"], state["u"])}
 
 
 def roll_lips(constants: FaceConstants, state: State) -> State:
-    """Layer 6: lips roll over the teeth."""
+    """Roll the lips over the teeth (layer 6)."""
     x = lips.roll_over_teeth(constants["wall_upper"], state["x"], state["jaw"])
     return state | {"x": lips.roll_over_teeth(constants["wall_lower"], x, state["jaw"])}
 
 
 def even_out_flesh(constants: FaceConstants, state: State) -> State:
-    """Layer 7: flesh."""
+    """Even out the flesh (layer 7)."""
     return state | {"x": flesh.mush(constants["flesh"], state["x"])}
 
 
 def fold_skin(constants: FaceConstants, state: State) -> State:
-    """Layer 8: wrinkles."""
+    """Raise wrinkles (layer 8)."""
     return state | {"x": wrinkles.wrinkle(constants["wrinkles"], state["x"], state["u"])}
 
 
 def carry_riders(constants: FaceConstants, state: State) -> State:
-    """After layer 8: frills go with the skin in which they stand."""
+    """Carry frills along with the skin in which they stand (after layer 8)."""
     return state | {"x": riders.ride(constants["riders"], state["x"])}
 
 
@@ -126,13 +126,13 @@ def shape_values(constants: FaceConstants, u: Float[Values, "b m"]) -> ShapeValu
 
 
 def warp_head(constants: FaceConstants, state: State) -> State:
-    """Layer 9: squash and stretch, bend, twist, head shape."""
+    """Change the shape of the head, squash, bend and twist it (layer 9)."""
     values = shape_values(constants, state["u"])
     return state | {"shape": values, "x": head_shape.warp(constants["shape"], values, state["x"])}
 
 
 def set_teeth(constants: FaceConstants, state: State) -> State:
-    """Layer 10: rigid teeth."""
+    """Place the rigid teeth (layer 10)."""
     values = state["shape"]
     warp = lambda points: head_shape.warp(constants["shape"], values, points)  # noqa: E731
     return state | {"x": rigid_teeth.place_teeth(constants["teeth"], state["x"], state["jaw"], warp)}

@@ -1,4 +1,4 @@
-"""Preparing a face's constants from a head: what each layer of `face.py` needs, computed once per character."""
+"""The constants of a face, from its head: what each layer of `face.py` needs, computed once per character."""
 
 from __future__ import annotations
 
@@ -35,32 +35,32 @@ from data_recipes.deformers.face_fields import fade
 from data_recipes.deformers.face_points import handle_vertices
 from data_recipes.deformers.node_chain import Chain, selection
 from data_recipes.deformers.pose_curves import limits
-from data_recipes.deformers.sculpting import Path, Sculptor, smoothstep
+from data_recipes.deformers.sculpting import Path, Sculptor
 from data_recipes.deformers.wrinkle_regions import build_regions
 from data_recipes.head.frills import frill_parts
 from data_recipes.head.neutral_head import Head
+from data_recipes.head.shape import smoothstep
 
 HANDLE_RADIUS_MM = 44.0
 HANDLE_TRAVEL_MM = (5.0, 5.0, 4.0)
 LEAST_HEADROOM_MM = 4.0
-BESIDE_NOSE = 2.0  # headroom of the lip that a millimetre away from the nose gives it
-LIP_RING_REACH = 0.9  # of the mouth's rings, how many a closing seam moves
+BESIDE_NOSE = 2.0  # headroom that the lip gains per millimetre away from the nose
+LIP_RING_REACH = 0.9  # share of the mouth's rings that a closing seam moves
 
 
 def build_constants(head: Head, controls: tuple[Control, ...], wave: float = 1.0) -> dict[str, Any]:
     """Return the constants of every layer for a head and its controls (see `face.NODES`).
 
-    wave: of the usual wave length, the share that wrinkles have.
+    wave: length of the wrinkles' waves over the usual one.
     """
     s = Sculptor(head)
     columns, m = control_index(controls), len(controls)
-    numbers = np.array([[c.lower, c.upper, c.default] for c in controls], np.float64)
+    ranges = np.array([[c.lower, c.upper, c.default] for c in controls], np.float64)
     pose, bulge = _pose_fields(s, columns, m)
-    lid_columns = columns | {name: m + i for i, name in enumerate(upper_face_fields.GAZE_PRODUCTS)}
-    several = m + len(upper_face_fields.GAZE_PRODUCTS)
+    # layer by layer
     constants: dict[str, Any] = {
         "neutral": np.ascontiguousarray(s.x.T, np.float32),
-        "limits": limits(*numbers.T),
+        "limits": limits(*ranges.T),
         "pose": pose,
         "slide": skull_slide.prepare(head.sdf, s.x, _slide_weight(s)),
         "bulge": bulge,
@@ -78,29 +78,32 @@ def build_constants(head: Head, controls: tuple[Control, ...], wave: float = 1.0
         ),
         "head_controls": selection(_columns(HEAD_CONTROLS, columns, m), m),
         "shape": head_shape.prepare(
-            float(s.x[:, 1].min() + 22.0),
-            float(head.eyes["left"].centre[1]),
-            float(s.point("mouth_corner_left")[1]),
-            s.point("chin"),
-            s.point("cheek_left"),
-            float(head.jaw_pivot[2]),
+            base_y=float(s.x[:, 1].min() + 22.0),
+            eye_y=float(head.eyes["left"].centre[1]),
+            mouth_y=float(s.point("mouth_corner_left")[1]),
+            chin=s.point("chin"),
+            cheek=s.point("cheek_left"),
+            axis_z=float(head.jaw_pivot[2]),
         ),
         "teeth": rigid_teeth.prepare(
             s.x, list(head.grids["teeth"]), [j < 0 for j in head.teeth_jaw.tolist()], head.jaw_pivot
         ),
     }
+    # two rows of teeth for the lips to roll over
     for name, upper in (("wall_upper", True), ("wall_lower", False)):
         constants[name] = _wall(s, upper)
+    # two eyes, whose controls go on with the products of gaze and follow gain
+    lid_columns = columns | {name: m + i for i, name in enumerate(upper_face_fields.GAZE_PRODUCTS)}
+    lid_count = m + len(upper_face_fields.GAZE_PRODUCTS)
     for side in ("left", "right"):
         eye = head.eyes[side]
-        patch = upper_face_fields.build_patch(s, side, lid_columns, several)
         constants[f"lids_{side}"] = lids.prepare(
             s.x,
-            patch,
+            upper_face_fields.build_patch(s, side, lid_columns, lid_count),
             np.asarray(eye.frame),
             np.asarray(eye.centre),
             float(eye.radius),
-            columns.get(f"blink_{side}", several),
+            columns.get(f"blink_{side}", lid_count),
         )
     return constants
 
@@ -110,11 +113,9 @@ def _columns(names: tuple[str, ...], columns: dict[str, int], m: int) -> Int[np.
 
 
 def _pose_fields(s: Sculptor, columns: dict[str, int], m: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Sculpt every action that the rig has, both sides, with correctives; return offsets and bulges."""
+    """Sculpt every action that the rig has on both sides, with correctives; return offsets and bulges."""
     offsets, bulges = pose_curves.PoseFields(s.n), pose_curves.PoseFields(s.n)
-    paths: dict[str, Path] = dict(face_fields.sculpt(s))
-    for name, path in upper_face_fields.sculpt(s).items():
-        paths[name] = path
+    paths: dict[str, Path] = face_fields.sculpt(s) | upper_face_fields.sculpt(s)
     for name, action in mouth_fields.ACTIONS.items():
         if name.replace("*", "left") in columns:
             path = mouth_fields.sculpt(s, action)
@@ -178,7 +179,7 @@ def _handles(s: Sculptor, controls: tuple[Control, ...], columns: dict[str, int]
 
 
 def _jaw_weight(s: Sculptor) -> Float[np.ndarray, " n"]:
-    """Return each vertex's share in the jaw's motion: 1 on chin, lower gum and tongue, 0 from the cheekbones up."""
+    """Return each vertex's share of the jaw's motion: 1 on chin, lower gum and tongue, 0 from the cheekbones up."""
     head = s.head
     mouth, bag = head.grids["mouth"], head.grids["mouth_bag"]
     lip_rings = head.recipe.template.lip_rings
@@ -227,9 +228,9 @@ def _lips(s: Sculptor, columns: dict[str, int], m: int) -> dict[str, np.ndarray]
 
 
 def _headroom(s: Sculptor) -> Float[np.ndarray, " k"]:
-    """Return how far each column of the mouth can rise, in mm, until the lip's red is under the nostrils.
+    """Return how far each column of the mouth can rise, in mm, before the red of the lip meets the nostrils.
 
-    Beside the nose there is more room the further out.
+    Beside the nose there is more room, the more the further out.
     """
     mouth = s.head.grids["mouth"]
     nose = s.x[np.concatenate([s.head.grids[f"nostril_{side}"].ravel() for side in ("left", "right")])]
@@ -264,7 +265,7 @@ def build_step(head: Head, controls: tuple[Control, ...], step: int) -> tuple[Ch
 
 
 def _target_constants(head: Head, controls: tuple[Control, ...], constants: dict, curved: bool) -> dict[str, Any]:
-    """Return the targets of steps 1 and 2, taken from step 3 without its limits, and the teeth's rivets."""
+    """Return the targets of steps 1 and 2, sampled from step 3 without its limits, and the rivets of the teeth."""
     chain = Chain(ROTATIONS.name, ROTATIONS.nodes[1:], ROTATIONS.pose_props)
     arrays, neutral = jax.tree.map(jnp.asarray, constants), head.vertices.astype(np.float32)
     evaluate = jax.jit(lambda u: node_chain.evaluate(chain, arrays, u + arrays["limits"]["default"]))

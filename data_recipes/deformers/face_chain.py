@@ -1,8 +1,8 @@
-"""The chains of our own faces: the deformers of `face.py` in full, and the steps of a ladder that has fewer of them.
+"""The chains of our faces: all deformers of `face.py`, and the steps of a ladder from a simple face to the whole one.
 
-1: a target for each control, its soft limit and rigid teeth. 2: + targets half-way and for combinations. 3: + what
-turns: jaw, lids and the head's shape. 4: + sliding on the skull, contact of lips and teeth, flesh. 5: + wrinkles, the
-whole face. 6: wrinkles of half the wave length.
+1: a target for each control, its soft limit and rigid teeth. 2: + targets half-way and for combinations. 3: + rotation:
+jaw, lids and the head's shape. 4: + sliding on the skull, contact of lips and teeth, flesh. 5: + wrinkles, the whole
+face. 6: wrinkles of half the wave length.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from data_recipes.deformers.face import NODES
 from data_recipes.deformers.node_chain import Chain, Constants, FaceConstants, Node, State, Values, spread
 from data_recipes.deformers.pose_curves import PoseFields, move
 from data_recipes.deformers.posed_props import pose
-from data_recipes.deformers.rigid_teeth import polar_rotation
+from data_recipes.deformers.rigid_teeth import polar_rotation, tooth_vertices
 
 # A face as blendshapes: targets taken from the deformers, one control at a time (the first two steps of the ladder).
 
@@ -30,8 +30,11 @@ def sample_targets(
 ) -> dict[str, np.ndarray]:
     """Return the fields of a blendshape face, for `pose_curves.move`.
 
-    offsets: controls, unlimited and relative to their defaults → offsets from the neutral in mm. one_sided: (m,) which
-    controls never fall below their default. curved: whether there are targets half-way and for combinations.
+    offsets: controls without limits, relative to their defaults → offsets from the neutral, mm
+    one_sided: (m,), which controls never fall below their default
+    columns: the controls' columns by name
+    n: the number of vertices
+    curved: whether there are targets half-way and for combinations
     """
     m = len(one_sided)
     every = np.eye(m, dtype=np.float32)
@@ -59,11 +62,8 @@ def sample_targets(
 def prepare_rivets(
     neutral: Float[np.ndarray, "n 3"], teeth: list[Int[np.ndarray, " s"]], place: Int[np.ndarray, " n"]
 ) -> dict[str, np.ndarray]:
-    """Return the constants of rigid teeth that follow their own moved vertices; place: as `planes.place_of` gives."""
-    support = np.concatenate(teeth) if teeth else np.zeros(0, int)
-    owner = np.repeat(np.arange(len(teeth)), [len(tooth) for tooth in teeth])
-    centre = np.stack([neutral[tooth].mean(axis=0) for tooth in teeth]) if teeth else np.zeros((0, 3))
-    local = neutral[support] - centre[owner]
+    """Return the constants of rigid teeth that follow their moved vertices; place: from `node_chain.place_of`."""
+    support, owner, _, local = tooth_vertices(neutral, teeth)
     mean = np.zeros((len(support), len(teeth)))
     mean[np.arange(len(support)), owner] = 1 / np.bincount(owner)[owner] if teeth else 0
     spread_of = np.einsum("st,si,sj->tij", mean, local, local)
@@ -71,7 +71,7 @@ def prepare_rivets(
     return {
         "support": support.astype(np.int32),
         "place": place,
-        "owner": owner.astype(np.int32),
+        "owner": owner,
         "local": local.T.astype(np.float32),
         "mean": mean.astype(np.float32),
         "fit": fit.astype(np.float32),
@@ -79,7 +79,7 @@ def prepare_rivets(
 
 
 def hold_rigid(constants: Constants, x: Float[Values, "b 3 n"]) -> Float[Values, "b 3 n"]:
-    """Return positions in which every tooth is the rigid image that lies nearest to its moved vertices."""
+    """Return positions in which every tooth is a rigid image of itself at rest, the one nearest its moved vertices."""
     if constants["mean"].shape[1] == 0:
         return x
     moved = x[:, :, constants["support"]]  # (b, 3, s)
@@ -101,9 +101,7 @@ def rivet_teeth(constants: FaceConstants, state: State) -> State:
     return state | {"x": hold_rigid(constants["rivets"], state["x"])}
 
 
-STEPS = 6
-WHOLE = 5  # the step of the face in full
-SHORT_WAVES = 6
+SHORT_WAVES = 6  # the step with waves of half the length
 CONTACT = ("skull_slide", "lip_contact", "teeth_contact", "flesh")
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from data_recipes.deformers.sculpting import Path, Sculptor, smoothstep
+from data_recipes.deformers.sculpting import Path, Sculptor
+from data_recipes.head.shape import smoothstep
 
 
 def sculpt(s: Sculptor) -> dict[str, Path]:
@@ -14,7 +15,7 @@ def sculpt(s: Sculptor) -> dict[str, Path]:
 
 
 def cheeks(s: Sculptor) -> dict[str, Path]:
-    """Return cheek raise, cheek puff, and what a smile and a dimple do to the cheek."""
+    """Return the cheeks' actions, and what smile, squint and dimple do to the cheek."""
     lids, lips = fade(s, "eye"), fade(s, "mouth")
     apple = s.bump("cheek_left", 40.0) * lids * lips
     corner, cheek, jaw = s.point("mouth_corner_left"), s.point("cheek_left"), s.point("jaw_corner_left")
@@ -34,7 +35,7 @@ def cheeks(s: Sculptor) -> dict[str, Path]:
     return {
         "cheek_raise_*": s.slide(apple[:, None] * (7.5 * s.up + 1.5 * s.out) + 0.5 * gather, 5.6 * apple),
         "cheek_puff_*": s.straight(np.zeros_like(s.x), 10.0 * puff + 1.5 * upper_lip * lips),
-        # The lifted cheek rolls over the corner's way: it stands out beside a fold from the nose's wing down.
+        # The lifted cheek is in the corner's way: it rolls over it, and stands out beside a fold from the nose's wing.
         "smile_*": s.slide(
             apple[:, None] * (3.2 * s.up + 0.6 * s.out) + 0.3 * gather,
             4.6 * apple + 1.6 * beyond - 1.6 * crease - 0.6 * dent,
@@ -46,7 +47,7 @@ def cheeks(s: Sculptor) -> dict[str, Path]:
 
 
 def nose(s: Sculptor) -> dict[str, Path]:
-    """Return wrinkling, flaring, and moving the nose up and down; and the wings' part of raising the upper lip."""
+    """Return the nose's actions, and what raising the upper lip does to its wings."""
     side = smoothstep(s.x[:, 0], -6, 6)
     lids = fade(s, "eye")
     wing = s.bump("nose_wing_left", 26.0) * side
@@ -72,7 +73,7 @@ def nose(s: Sculptor) -> dict[str, Path]:
 
 
 def jaw_and_neck(s: Sculptor) -> dict[str, Path]:
-    """Return chin raise, clenching, the neck's bands, swallowing, and ears."""
+    """Return the actions of chin, jaw and neck, and raising the ears."""
     lips = fade(s, "mouth")
     chin = s.bump("chin", 30.0) * lips
     jaw = s.bump(s.nearest(s.point("jaw_corner_left") + np.array([2.0, 9, 4])), 30.0)
@@ -108,7 +109,7 @@ def jaw_and_neck(s: Sculptor) -> dict[str, Path]:
 
 
 def neck_tendon(s: Sculptor) -> dict[str, Path]:
-    """Return the cord that runs down the neck from behind the ear to the pit of the throat, standing out."""
+    """Return the action of the cord that stands out from behind the ear down to the pit of the throat."""
     top, low = s.point("chin")[1] + 12, s.x[:, 1].min()
     y = s.x[:, 1]
     neck = s.in_parts("neck", "face", "cranium") & (y < top)
@@ -122,22 +123,22 @@ def neck_tendon(s: Sculptor) -> dict[str, Path]:
 
 
 def tongue(s: Sculptor) -> dict[str, Path]:
-    """Return the tongue's actions; it lies in the jaw and is carried by it."""
+    """Return the tongue's actions, relative to the jaw, which carries it."""
     rows = s.head.grids["tongue"]
     t = np.zeros(s.n)
     for j, ring in enumerate(rows):
         t[ring] = j / max(len(rows) - 1, 1)
     t[s.head.grids["tongue_cap"]] = 1.0
-    mine = s.in_parts("tongue")
-    t = np.where(mine, t, 0.0)
-    middle = np.where(mine, s.x[:, 0], 0.0)
-    height = np.where(mine, s.x[:, 1] - (s.x[mine, 1].mean() if mine.any() else 0.0), 0.0)
+    inside = s.in_parts("tongue")
+    t = np.where(inside, t, 0.0)
+    middle = np.where(inside, s.x[:, 0], 0.0)
+    height = np.where(inside, s.x[:, 1] - (s.x[inside, 1].mean() if inside.any() else 0.0), 0.0)
     scale = s.head.recipe.tongue.length / 42.0
 
     def move(x=0.0, y=0.0, z=0.0):
         return np.stack([x + 0 * t, y + 0 * t, z + 0 * t], axis=1) * scale
 
-    # Half-way values below half make the parabola flat on its negative side: down there is the floor of the mouth.
+    # Less than half at half-way: so the parabola is flat on its negative side, where the floor of the mouth is.
     full_raise = move(y=10.0 * t**1.6, z=-1.5 * t**2)
     return {
         "tongue_raise": Path(move(y=4.1 * t**1.6, z=-0.5 * t**2), full_raise, 0 * t, 0 * t),
@@ -155,7 +156,7 @@ def tongue(s: Sculptor) -> dict[str, Path]:
 
 
 def tongue_reach(s: Sculptor) -> Float[np.ndarray, "n 3"]:
-    """Return what an open jaw adds to the tongue's reach: the way past the teeth."""
+    """Return how much further the tongue comes out when the jaw is open: past the teeth."""
     rows = s.head.grids["tongue"]
     t = np.zeros(s.n)
     for j, ring in enumerate(rows):

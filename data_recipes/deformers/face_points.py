@@ -12,7 +12,7 @@ from replicate.base.exceptions import InputError
 
 
 def _left_points(s: Sculptor) -> dict[str, int]:
-    """Return named vertices of the left side and the middle, beyond the head's own landmarks."""
+    """Return named vertices of the left side and the middle, besides the head's landmarks."""
     cheek, corner, jaw = s.point("cheek_left"), s.point("mouth_corner_left"), s.point("jaw_corner_left")
     wing, chin, brow = s.point("nose_wing_left"), s.point("chin"), s.point("brow_outer_left")
     glabella, tip = s.point("glabella"), s.point("nose_tip")
@@ -49,9 +49,9 @@ def named_points(s: Sculptor) -> dict[str, int]:
 
 
 def handle_vertices(s: Sculptor, names: list[str]) -> Int[np.ndarray, " h"]:
-    """Return the handles' vertices; two handles of a coarse head may not share one.
+    """Return the handles' vertices.
 
-    Raises InputError when they do: the handles' interpolation has no solution then.
+    Raises InputError where two handles of a coarse head share one, since then they can't be interpolated.
     """
     points = named_points(s)
     vertices = np.array([points[name] for name in names], int)
@@ -59,8 +59,8 @@ def handle_vertices(s: Sculptor, names: list[str]) -> Int[np.ndarray, " h"]:
     for name, vertex in zip(names, vertices.tolist(), strict=True):
         if vertex in first:
             raise InputError(
-                f"{s.head.recipe.file}: controls.handles asks for '{name}' and '{first[vertex]}' at the same vertex "
-                f"{vertex}; a head this coarse allows fewer handles."
+                f"{s.head.recipe.file}: controls.handles: '{name}' and '{first[vertex]}' are at the same vertex "
+                f"{vertex}; ask for fewer handles on a head this coarse"
             )
         first[vertex] = name
     return vertices
@@ -82,26 +82,26 @@ def _lip_points(s: Sculptor) -> dict[str, int]:
 def control_points(
     s: Sculptor, names: Mapping[str, Sequence[str]]
 ) -> tuple[tuple[str, ...], Int[np.ndarray, " c"], tuple[str, ...]]:
-    """Return names, vertices and regions of the control points that a recipe lists, region by region.
+    """Return names, vertices and regions of the control points that a recipe lists by region.
 
     Raises InputError for a name that the head doesn't have, and for two names at the same vertex.
     """
     known = s.head.landmarks | named_points(s) | _lip_points(s)
     points: dict[int, tuple[str, str]] = {}
-    for region, own in names.items():
-        for name in own:
-            where = f"{s.head.recipe.file}: control_points.{region} has {name!r}"
+    for region, points_of_region in names.items():
+        for name in points_of_region:
+            where = f"{s.head.recipe.file}: control_points.{region}"
             if name not in known:
-                raise InputError(f"{where}, which this head doesn't have; allowed are {', '.join(sorted(known))}")
+                raise InputError(f"{where}: there is no point {name!r}; there are {', '.join(sorted(known))}")
             if (vertex := known[name]) in points:
-                raise InputError(f"{where}, which is the same vertex {vertex} as {points[vertex][0]!r}; leave one out")
+                raise InputError(f"{where}: {name!r} and {points[vertex][0]!r} are the same vertex {vertex}; drop one")
             points[vertex] = name, region
     labels, regions = zip(*points.values(), strict=True) if points else ((), ())
     return labels, np.array(list(points), np.int32), regions
 
 
 def face_marks(s: Sculptor) -> tuple[Int[np.ndarray, " k"], tuple[str, ...]]:
-    """Return vertices all over the face, and the region of the face that each marks."""
+    """Return vertices all over the face, and the region that each one marks."""
     points, marks = named_points(s), s.head.landmarks
     pairs: list[tuple[int, str]] = []
     for side in ("left", "right"):

@@ -1,8 +1,8 @@
 """Flesh: delta mush, which evens out a deformation and keeps the resting detail (layer 7).
 
 The posed skin is smoothed, and the detail that smoothing took from the *resting* skin is put back in the frames of
-the smoothed pose. Unevenness of the layers before is gone; the neutral's own detail is not. Inside, positions are rows
-of one vertex each (see `planes.rows_at`).
+the smoothed pose. So unevenness of the layers before is gone, and the detail of the neutral is not. Inside, positions
+are rows of one vertex each (see `node_chain.rows_at`).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def smooth(constants: Constants, rows: Float[Values, "s c"]) -> Float[Array, "s 
     index, weight = constants["neighbour"], jnp.asarray(constants["neighbour_weight"])[:, :, None]
     pull = jnp.asarray(constants["pull"])[:, None]
 
-    # The loop keeps the compiler from fusing passes, which would compute each neighbour's neighbours again and again.
+    # The loop keeps the compiler from fusing passes and computing each neighbour's neighbours again and again.
     def once(_, y):
         mean = sum(pick(y, index[k]) * weight[k] for k in range(index.shape[0]))
         return y + pull * (mean - y)
@@ -89,7 +89,7 @@ def prepare(
     graph: sp.csr_matrix,
     weight: Float[np.ndarray, " n"],
 ) -> dict[str, np.ndarray]:
-    """Return the constants for the skin where `weight` (0 … 1, how far mush replaces the input) is above 0."""
+    """Return the constants for the skin where `weight` is above 0; at 1, mush replaces the input in full."""
     # A corner of the mesh has too few neighbours for a frame.
     inside = (weight > 1e-3) & (np.asarray(graph.sum(axis=1)).ravel() >= 3)
     support = np.flatnonzero(inside | ((graph @ inside) > 0))

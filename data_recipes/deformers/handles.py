@@ -22,7 +22,7 @@ def wendland(distance: Float[np.ndarray, "*s"], radius: float) -> Float[np.ndarr
 def weights(
     points: Float[np.ndarray, "n 3"], handles: Float[np.ndarray, "h 3"], radius_mm: float
 ) -> Float[np.ndarray, "n h"]:
-    """Return w (n, h) such that w @ displacements interpolates the handles' displacements (1 at the own handle)."""
+    """Return w (n, h) such that w @ displacements is each handle's displacement at that handle."""
     between = np.linalg.norm(handles[:, None] - handles[None], axis=2)
     to = np.linalg.norm(points[:, None] - handles[None], axis=2)
     return np.linalg.solve(wendland(between, radius_mm), wendland(to, radius_mm).T).T
@@ -36,9 +36,14 @@ def prepare(
     columns: Int[np.ndarray, "h 3"],
     reach_mm: Float[np.ndarray, "h 3"],
 ) -> dict[str, np.ndarray]:
-    """Return the constants: `handles` are vertex indices, `mask` scales each vertex's share (0 for teeth).
+    """Return the constants.
 
-    columns: the control (column of p, or m for none) behind each handle's x, y, z; reach_mm: its travel at value 1.
+    neutral: positions, mm
+    handles: vertex indices
+    radius_mm: how far a handle reaches
+    mask: factor on each vertex's motion (0 for teeth)
+    columns: the column of p that moves each handle along x, y and z, m for none
+    reach_mm: its travel at value 1
     """
     share = weights(neutral, neutral[handles], radius_mm) * mask[:, None]
     support = np.flatnonzero(np.abs(share).max(axis=1) > 1e-5)

@@ -43,7 +43,13 @@ class ShapeValues:
 def prepare(
     base_y: float, eye_y: float, mouth_y: float, chin: np.ndarray, cheek: np.ndarray, axis_z: float
 ) -> dict[str, np.ndarray]:
-    """Return the maps' landmarks in mm: where the neck holds still, heights of eyes and mouth, chin and a cheek."""
+    """Return the maps' landmarks, in mm.
+
+    base_y: the height on the neck up to which nothing moves
+    eye_y, mouth_y: heights of the eyes and the mouth
+    chin, cheek: points (3,), the cheek on the left
+    axis_z: z of the upright axis through the head
+    """
     return {
         "base_y": np.asarray(base_y, np.float32),
         "eye_y": np.asarray(eye_y, np.float32),
@@ -74,7 +80,7 @@ def _bump(distance_squared: Array, radius: float) -> Array:
 def _exponential(x: Array) -> Array:
     """Return exp(x) for |x| below ½ as a power series (error below 1e-7).
 
-    The compiler repeats it for every vertex even where x is one number a pose, so it must be cheap and vectorise.
+    The compiler repeats it for every vertex even if x is one per pose, so it must be cheap and vectorise.
     """
     return 1 + x * (1 + x / 2 * (1 + x / 3 * (1 + x / 4 * (1 + x / 5 * (1 + x / 6 * (1 + x / 7))))))
 

@@ -35,7 +35,13 @@ def jaw_weights(
     keep: Int[np.ndarray, " j"],
     passes: int = SMOOTHING_PASSES,
 ) -> Float[np.ndarray, " n"]:
-    """Return harmonic weights through `values` at `anchors`, smoothed `passes` times except at the vertices `keep`."""
+    """Return smoothed harmonic weights from 0 to 1.
+
+    graph: the mesh's edges
+    anchors, values: vertices and their weights before smoothing
+    keep: the vertices that smoothing leaves as they are
+    passes: of smoothing
+    """
     weight = harmonic(graph, anchors, values)
     keep_mask = np.zeros(len(weight), bool)
     keep_mask[keep] = True
@@ -75,7 +81,7 @@ def open_jaw(constants: Constants, x: Float[Values, "b 3 n"], motion: JawMotion)
 
 
 def undo_jaw(pivot: Float[Values, " 3"], x: Float[Values, "b 3 s"], motion: JawMotion) -> Float[Values, "b 3 s"]:
-    """Return positions in the resting jaw's frame: the inverse of weight 1."""
+    """Return positions in the resting jaw's frame: the inverse of `open_jaw` at weight 1."""
     back = x - motion.translation[:, :, None] - pivot[:, None]
     return turn(back, jnp.broadcast_to(-motion.rotation[:, :, None], back.shape)) + pivot[:, None]
 

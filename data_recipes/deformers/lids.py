@@ -1,8 +1,8 @@
 """Lids turn on the lid ball: elevation + b·w·(closed − elevation), and they collide with the eyes (layer 5).
 
 Directions from an eye's centre are taken in the eye's frame: azimuth towards the temple, elevation upwards. Each lid
-vertex belongs to a column of the rim. The rim's upper and lower edges are raised and lowered by the controls (linear),
-closed by the blink, and kept from passing each other; the vertex then follows its own edge by its ring's share w.
+vertex belongs to a column of the rim. The controls raise and lower the rim's upper and lower edges (linear), the blink
+closes them, and they can't pass each other; the vertex then follows its edge by its ring's share w.
 """
 
 from __future__ import annotations
@@ -18,18 +18,20 @@ from data_recipes.deformers.pose_curves import hinge
 
 CLOSED_SHARE = 0.22  # where closed lids meet, between the lower edge (0) and the upper one (1)
 CLEARANCE_MM = 0.3  # lids stay this far from the eyeball, unless they rest closer
-LEAN = 0.75  # how far a lid that has left its rest is drawn onto the lid ball
-FULL_TURN_RAD = 0.55  # the turn at which it is drawn that far
+FULL_TURN_RAD = 0.55
+LEAN = 0.75  # share of its way to the lid ball by which a lid turned that far is drawn onto it
 
 
 @dataclass(frozen=True)
 class LidPatch:
-    """The lid vertices of one eye, (s,) each unless noted.
+    """The s lid vertices of one eye.
 
-    vertices: mesh indices; share: w, 1 at the rim … 0; upper: 1 on the upper lid, 0 on the lower, ½ at the corners;
-    edge_upper, edge_lower: resting elevation of the rim's edges in the vertex's column, radians;
-    moves_upper, moves_lower (m, s): elevation (radians) that each control gives the edges in that column;
-    lifts, swells (m, s): elevation (radians) and distance (mm) that each control gives the vertex itself.
+    vertices: mesh indices
+    share: w, from 1 at the rim to 0
+    upper: 1 on the upper lid, 0 on the lower, ½ at the corners
+    edge_upper, edge_lower: elevation of the rim's edges at rest in the vertex's column, radians
+    moves_upper, moves_lower: elevation that each control gives these edges, radians
+    lifts, swells: elevation (radians) and distance (mm) that each control gives the vertex itself
     """
 
     vertices: Int[np.ndarray, " s"]
@@ -78,7 +80,15 @@ def prepare(
     radius_mm: float,
     blink_column: int,
 ) -> dict[str, np.ndarray]:
-    """Return one eye's constants; rows of `frame` point to the temple, up and along the gaze; radius of the eyeball."""
+    """Return the constants of one eye.
+
+    neutral: positions, mm
+    patch: the lid vertices
+    frame: rows towards the temple, up, and along the gaze
+    centre: of the eyeball, mm
+    radius_mm: of the eyeball
+    blink_column: of p, m or more for none
+    """
     x = neutral[patch.vertices]
     distance = np.linalg.norm(x - centre, axis=1)
     used = np.flatnonzero(
@@ -111,7 +121,7 @@ def closing(blink: Float[Array, "b 1"]) -> Float[Array, "b 1"]:
 
 
 def edges(constants: Constants, u: Float[Array, "b m"]) -> tuple[Array, Array, Array, Array]:
-    """Return elevations (radians) of the upper and the lower edge in each vertex's column, then lifts and swells."""
+    """Return the upper and the lower edge's elevation (radians) in each vertex's column, then lifts and swells."""
     used = u[:, constants["used"]]
     moves = jnp.einsum("bk,kqs->qbs", used, constants["moves"])
     rest_upper, rest_lower = constants["edge_upper"], constants["edge_lower"]

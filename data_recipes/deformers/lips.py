@@ -14,12 +14,12 @@ from data_recipes.deformers.jaw import JawMotion, turn_with_jaw, undo_jaw
 from data_recipes.deformers.node_chain import Constants, Values, place_of, selection, spread
 from data_recipes.deformers.pose_curves import hinge
 
-STICK_MM = 2.2  # gap at which resting corners let go
-STICK_REACH_MM = 16.0  # and at which a full sticky control does
-EASE = 0.6  # the share of its way up to the nose that the upper lip goes freely
+STICK_MM = 2.2  # gap at which corners at rest let go
+STICK_REACH_MM = 16.0  # added to it by a full sticky control
+EASE = 0.6  # share of its way up to the nose that the upper lip goes freely
 UPPER_SHARE = 0.35  # of a closing gap that the upper lip bridges; the lower lip does the rest
 WALL_DEGREE = 6
-BEYOND_END = 0.3  # how far the wall of a row of teeth goes on past its end: a difference of cosines
+BEYOND_END = 0.3  # how far the wall of a row of teeth goes on past its end, as a difference of cosines
 LIP_CLEARANCE_MM = 2.0
 
 
@@ -33,9 +33,12 @@ def prepare(
 ) -> dict[str, np.ndarray]:
     """Return the constants of the seam's closing.
 
-    rings: vertex indices, ring 0 the seam, first column the left corner, then over the upper lip; shares: of each ring
-    in the seam's motion; columns: of p, for "lips_together", "sticky_left", "sticky_right"; m: the number of controls;
-    headroom_mm: by how much each column of the upper lip can rise before it is under the nose.
+    neutral: positions, mm
+    rings: vertex indices; ring 0 is the seam, the first column the left corner, then over the upper lip
+    shares: how much of the seam's motion each ring takes
+    columns: of p, for "lips_together", "sticky_left" and "sticky_right"
+    m: the number of controls
+    headroom_mm: how far each column of the upper lip can rise before it meets the nose
     """
     k = rings.shape[1]
     half = k // 2
@@ -95,7 +98,7 @@ def close_lips(constants: Constants, x: Float[Array, "b 3 n"], u: Float[Array, "
 
 
 def stop_below(rise_mm: Float[Array, "b c"], headroom_mm: Float[Values, " c"]) -> Float[Array, "b c"]:
-    """Return how far a rise must be taken back: nothing up to `EASE` of the headroom, all beyond it at last."""
+    """Return how far a rise must be taken back to end within the headroom; up to `EASE` of it, not at all."""
     free = EASE * headroom_mm
     return hinge(rise_mm - free, 2 * (headroom_mm - free))
 
@@ -103,13 +106,13 @@ def stop_below(rise_mm: Float[Array, "b c"], headroom_mm: Float[Values, " c"]) -
 def fit_wall(teeth: Float[np.ndarray, "t 3"], axis_z: float) -> Float[np.ndarray, " d"]:
     """Return the outer wall of a row of teeth: radius about the axis (0, y, axis_z) as a polynomial in cos θ.
 
-    θ is the angle from straight ahead. The wall is the smallest such polynomial's fit to the outermost points.
+    θ is the angle from straight ahead. The polynomial is fitted to the outermost point in each range of angles.
     """
     radius = np.hypot(teeth[:, 0], teeth[:, 2] - axis_z)
     angle = np.arctan2(np.abs(teeth[:, 0]), teeth[:, 2] - axis_z)
     bins = np.linspace(0, angle.max(), 25)
-    which = np.clip(np.digitize(angle, bins) - 1, 0, 23)
-    outer = np.array([np.where(which == b, radius, -np.inf).argmax() for b in range(24) if (which == b).any()])
+    place = np.clip(np.digitize(angle, bins) - 1, 0, 23)
+    outer = np.array([np.where(place == b, radius, -np.inf).argmax() for b in range(24) if (place == b).any()])
     cosine = np.cos(angle[outer])
     return np.polynomial.polynomial.polyfit(cosine, radius[outer], min(WALL_DEGREE, max(len(outer) - 2, 1)))
 
@@ -123,9 +126,15 @@ def prepare_wall(
     pivot: Float[np.ndarray, " 3"],
     clearance_mm: float = LIP_CLEARANCE_MM,
 ) -> dict[str, np.ndarray]:
-    """Return the constants of one row of teeth as an obstacle to the lip and cheek `vertices`.
+    """Return the constants of one row of teeth as an obstacle to lip and cheek.
 
-    clearance_mm: how near thick flesh comes to the teeth; thin flesh comes nearer.
+    neutral: positions, mm
+    vertices: mesh indices of lip and cheek
+    teeth: points of the row, mm
+    axis_z: z of the wall's upright axis
+    upper: whether it is the upper row
+    pivot: of the jaw, mm
+    clearance_mm: how near thick flesh comes to the teeth; thin flesh comes nearer
     """
     wall = fit_wall(teeth, axis_z)
     widest = np.abs(teeth[:, 0]).argmax()
@@ -140,13 +149,13 @@ def prepare_wall(
         "support": vertices.astype(np.int32),
         "place": place_of(vertices, len(neutral)),
         "wall": np.pad(wall, (0, WALL_DEGREE + 1 - len(wall))).astype(np.float32),
-        # What lies further out at rest stays further out where all is pressed: no lining comes through its lip.
+        # Vertices keep their order outwards when all are pressed: no lining comes through its lip.
         "clearance": np.where(free > 0, clearance_mm * free / (np.maximum(free, 0) + clearance_mm), free).astype(
             np.float32
         ),
         "axis_z": np.asarray(axis_z, np.float32),
-        # Beyond the teeth's edge there is nothing to roll over. Beyond the last tooth the wall goes on as a circle, and
-        # fades out: a corner that is drawn far back would cut behind the row, and its end stick out.
+        # Past the teeth's edge there is nothing to roll over. Past the last tooth the wall goes on as a circle and
+        # fades out: else a corner drawn far back would cut behind the row, and its end would stick out.
         "edge_y": np.asarray(teeth[:, 1].min() if upper else teeth[:, 1].max(), np.float32),
         "side": np.asarray(1.0 if upper else -1.0, np.float32),
         "cos_end": np.asarray(cos_end, np.float32),

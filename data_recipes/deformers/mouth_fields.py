@@ -1,7 +1,7 @@
 """Mouth actions: the lips' curves move along the face, and the skin around follows (layer 1).
 
-An action says how seam and vermilion border move in wrapped coordinates (see `lip_motions`). The rings between are
-blended, the mouth bag follows the seam, and the skin is `extend`ed.
+An action says how seam and vermilion border move in wrapped coordinates (a across, b up, r out). The rings between are
+blended, the mouth bag follows the seam, and `Sculptor.extend` carries the motion into the skin.
 """
 
 from __future__ import annotations
@@ -12,25 +12,29 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from data_recipes.deformers.sculpting import EXTENSION_MM2, Path, Sculptor, smoothstep
+from data_recipes.deformers.sculpting import EXTENSION_MM2, Path, Sculptor
+from data_recipes.head.shape import smoothstep
 
 # What each mouth action does to the lips' curves, in wrapped coordinates.
 
 Curve = Float[np.ndarray, " k"]
 Motion = tuple[Curve, Curve, Curve]
 SLACK_MM2 = 4.0
-ROUND = 0.94  # the last of a lip moves with its corner, which is drawn out rounded and not to a point
+ROUND = 0.94  # from here on a lip moves with its corner, which is drawn out rounded and not to a point
 
 
 @dataclass(frozen=True)
 class LipAction:
-    """How an action moves the lips at full strength, and which part of (Δa, Δb, Δr) it has done half-way.
+    """How an action moves the lips.
 
-    grows: whether a wider mouth moves further; aside, lips have no more slack than a person's.
-    both_ways: whether its control runs both ways, so that what it draws in it also draws out.
-    with_cheek: whether the cheek moves as much as the lips, and takes the mouth's lining along.
-    bending_mm2: of the skin around, as `Sculptor.extend` takes it. Where a lip turns about itself the skin is slack, or
-    it would go on turning down to the chin.
+    seam, border: (Δa, Δb, Δr) at full strength, from the place u along the lip and the side
+    half: the part of each that is done half-way
+    sided: whether it has a left and a right
+    grows: whether a wider mouth moves further; sideways, no mouth has more slack than a person's
+    both_ways: whether its control runs both ways, so that it draws out what it also draws in
+    with_cheek: whether the cheek moves as much as the lips, and takes the mouth's lining along
+    bending_mm2: of the skin around, for `Sculptor.extend`; where a lip turns about itself it must be slack, or the skin
+        would go on turning down to the chin
     """
 
     seam: Callable[[Curve, Curve], Motion]
@@ -44,18 +48,18 @@ class LipAction:
 
 
 def arch(u: Curve, power: float = 2.0) -> Curve:
-    """Return 1 in the middle of the lip, 0 in its corners; a higher power keeps it up longer."""
+    """Return 1 in the middle of the lip, falling to 0 in its corners; the higher the power, the later."""
     return 1 - np.abs(u) ** power
 
 
 def corner(u: Curve, power: float) -> Curve:
-    """Return 0 in the middle of the lip, about 1 in its corners, level on the last of the way."""
+    """Return 0 in the middle of the lip, rising to about 1 in its corners, and level beyond `ROUND`."""
     t = np.abs(u) / ROUND
     return (t / (1 + t**12) ** (1 / 12)) ** power
 
 
 def _smile_seam(u: Curve, side: Curve) -> Motion:
-    # Closed lips: both dip alike. Raising the lip bares the teeth, and so does a corrective with the open jaw.
+    # The lips are closed and dip alike. Raising the upper lip bares the teeth, and so does a corrective with the jaw.
     up = 11.5 * corner(u, 2.2) - 1.2 * arch(u)
     # The corners go back too, around the teeth, as far as the contact lets them.
     return 10.0 * np.sign(u) * corner(u, 1.2), up, -4.5 * corner(u, 2.0) - 0.8 * arch(u)
@@ -140,19 +144,19 @@ def _chin_border(u: Curve, side: Curve) -> Motion:
     return 0 * u, (3.4 + 1.6 * lower) * arch(u, 1.8) - 1.0 * corner(u, 2), (1.0 + 2.2 * lower) * arch(u)
 
 
-def _roll_seam(which: int) -> Callable[[Curve, Curve], Motion]:
+def _roll_seam(lip: int) -> Callable[[Curve, Curve], Motion]:
     def seam(u: Curve, side: Curve) -> Motion:
         # The other lip comes along: it rests on this one, and no gap opens between.
-        share = np.where(side == which, 1.0, 0.55) * (side != 0)
-        return 0 * u, which * (0.2 * (side == which) + 1.6 * (side == -which)) * arch(u, 4), -4.2 * share * arch(u, 4)
+        share = np.where(side == lip, 1.0, 0.55) * (side != 0)
+        return 0 * u, lip * (0.2 * (side == lip) + 1.6 * (side == -lip)) * arch(u, 4), -4.2 * share * arch(u, 4)
 
     return seam
 
 
-def _roll_border(which: int) -> Callable[[Curve, Curve], Motion]:
+def _roll_border(lip: int) -> Callable[[Curve, Curve], Motion]:
     def border(u: Curve, side: Curve) -> Motion:
-        mine, other = (side == which) * arch(u, 4), (side == -which) * arch(u, 4)
-        return 0 * u, which * (1.3 * other - 4.4 * mine), -1.8 * mine - 0.6 * other
+        mine, other = (side == lip) * arch(u, 4), (side == -lip) * arch(u, 4)
+        return 0 * u, lip * (1.3 * other - 4.4 * mine), -1.8 * mine - 0.6 * other
 
     return border
 
@@ -187,9 +191,8 @@ ACTIONS = {
 }
 
 
-__all__ = ["ACTIONS", "BAG_SHARES", "lip_change", "sculpt", "sculpt_point"]
-BAG_SHARES = (1.0, 0.95, 0.85, 0.7, 0.5, 0.32, 0.18, 0.08)
-BACKWARDS = 0.2  # of what is drawn in deep in the bag, that a motion may take that run backwards would draw out
+BAG_SHARES = (1.0, 0.95, 0.85, 0.7, 0.5, 0.32, 0.18, 0.08)  # of the seam's motion, for the bag's rings
+BACKWARDS = 0.2  # share of drawing in that is left deep in the bag, if the motion also runs backwards
 
 
 # Places of the lip-curve points along u.
@@ -206,10 +209,13 @@ def lip_change(
     both_ways: bool = False,
     with_cheek: bool = False,
 ) -> Float[np.ndarray, "n 3"]:
-    """Return (Δa, Δb, Δr) of every vertex for a motion of seam and border: lips, mouth bag, and the skin around.
+    """Return (Δa, Δb, Δr) of every vertex, (n, 3): of lips, mouth bag, and the skin around.
 
-    grows: with the mouth's width, as the recipe's `travel` says. both_ways: the motion is run backwards, too.
-    with_cheek: the sides of the mouth's lining go with the cheek.
+    seam, border: the motion of these two curves
+    bending_mm2: of the skin around (see `Sculptor.extend`)
+    grows: whether it grows with the mouth's width and the recipe's `travel`
+    both_ways: whether it is also run backwards
+    with_cheek: whether the sides of the mouth's lining go with the cheek
     """
     head = sculptor.head
     mouth, bag = head.grids["mouth"], head.grids["mouth_bag"]
@@ -226,7 +232,7 @@ def lip_change(
     # Deep in the bag, rings stand much higher than the seam: they must not be drawn out with it.
     deep = bag[min(3, len(bag) - 1) : len(BAG_SHARES)]
     change[deep, 2] = np.minimum(change[deep, 2], 0.0) * (BACKWARDS if both_ways else 1.0)
-    if with_cheek:  # what the seam does not take along goes with the cheek over it, or it would come out through it
+    if with_cheek:  # lining that the seam doesn't take along goes with the cheek over it, or it would come through
         near, cover = sculptor.over_lining
         for j, share in enumerate(BAG_SHARES[: len(bag)]):
             change[bag[j]] += (1 - share) * cover[j][:, None] * change[near[j]].mean(axis=1)
@@ -238,7 +244,7 @@ def _apply_window(motion: Motion, window: Curve) -> Motion:
 
 
 def sculpt(sculptor: Sculptor, action: LipAction) -> Path:
-    """Return an action's path, of the left side if it has sides; left and right together give the whole mouth's."""
+    """Return an action's path, on the left if it has sides; left and right add up to the whole mouth's."""
     u, side = sculptor.head.ring_parameter["mouth_u"], sculptor.head.ring_parameter["mouth_side"]
     window = smoothstep(u, -0.45, 0.45) if action.sided else np.ones_like(u)
     seam, border = (_apply_window(motion(u, side), window) for motion in (action.seam, action.border))
@@ -253,13 +259,11 @@ def sculpt_point(sculptor: Sculptor, name: str) -> Path:
     u, side = sculptor.head.ring_parameter["mouth_u"], sculptor.head.ring_parameter["mouth_side"]
     _, part, place, axis = name.split("_")
     if part == "corner":
-        centre, mine, width = (1.0 if place == "left" else -1.0), np.ones_like(u), 0.2
+        weight = np.exp(-(((u - (1.0 if place == "left" else -1.0)) / 0.2) ** 2))
     else:
-        centre, mine, width = POINT_U[place], (side == (1 if part == "upper" else -1)).astype(float), 0.22
-    weight = mine * np.exp(-(((u - centre) / width) ** 2))
-    if part != "corner":
-        weight = weight * arch(u, 6)
-    direction = [POINT_TRAVEL_MM[axis] * weight if axis == name_ else 0 * u for name_ in "xyz"]
-    change = lip_change(sculptor, tuple(direction), _apply_window(tuple(direction), 0.65 * np.ones_like(u)))
+        on_lip = side == (1 if part == "upper" else -1)
+        weight = on_lip * np.exp(-(((u - POINT_U[place]) / 0.22) ** 2)) * arch(u, 6)
+    motion = tuple(POINT_TRAVEL_MM[axis] * weight if axis == other else 0 * u for other in "xyz")
+    change = lip_change(sculptor, motion, _apply_window(motion, 0.65 * np.ones_like(u)))
     still = np.zeros(sculptor.n)
     return Path(sculptor.along_surface(0.5 * change), sculptor.along_surface(change), still, still)

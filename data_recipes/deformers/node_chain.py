@@ -1,8 +1,8 @@
 """A face as a chain of nodes: what a node is, and how a chain runs, whole or with some of its nodes switched off.
 
-Each node takes the constants and the state of a batch and returns the state after it. The state holds the parameters
+Each node takes the constants and the state of a batch, and returns the state after it. The state holds the parameters
 "p" (b, m), the soft-limited controls "u" (b, m), the positions "x" as planes (b, 3, n), and results that later nodes
-need of earlier ones. Composed, the nodes are the rig's function.
+need. All nodes in turn are the rig's function.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-# Plumbing between positions as planes (b, 3, n) and a deformer's support.
+# Between positions as planes (b, 3, n) and a deformer's support, the s vertices that it reads or moves.
 
-# Arrays are numpy's when fresh or loaded, JAX's inside a compiled function. `Constants` are a deformer's prepared ones.
+# Arrays are numpy's when fresh or loaded, and JAX's inside a compiled function. `Constants` are those of one deformer.
 Values = Array | np.ndarray
 Constants = Mapping[str, Values]
 
@@ -33,21 +33,21 @@ def place_of(support: Int[np.ndarray, " s"], n: int) -> Int[np.ndarray, " n"]:
 def selection(columns: Int[np.ndarray, " k"], m: int) -> Float[np.ndarray, "m k"]:
     """Return the matrix that picks columns of p in a product; a column ≥ m, for a control that the rig lacks, gives 0.
 
-    A product is computed once. A gather would be fused into its users and be repeated for every vertex.
+    A product is computed once. A gather would be fused into what uses it and repeated for every vertex.
     """
     return (np.arange(m)[:, None] == np.asarray(columns)[None]).astype(np.float32)
 
 
 def pick(rows: Float[Values, "*s"], index: Int[Values, " k"]) -> Float[Array, "*k"]:
-    """Return some rows. The indices are ours, so nothing checks them: that would double the operations to compile."""
+    """Return some rows. Indices are not checked, since that would double the operations to compile."""
     return jnp.asarray(rows).at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 def rows_at(x: Float[Values, "b 3 n"], support: Int[Values, " s"]) -> Float[Array, "s 3 b"]:
     """Return some vertices' positions as rows, with the poses side by side: rows are ten times as fast to gather.
 
-    The loop over x, y and z keeps the compiler from fusing this with what comes before, which would then be computed
-    in the order of the rows, across its planes.
+    The loop over x, y and z keeps the compiler from fusing this with what comes before, which it would then compute row
+    by row, across the planes.
     """
     planes, support = jnp.asarray(x), jnp.asarray(support)
 
@@ -59,7 +59,7 @@ def rows_at(x: Float[Values, "b 3 n"], support: Int[Values, " s"]) -> Float[Arra
 
 
 def add_rows(x: Float[Values, "b 3 n"], rows: Float[Array, "s 3 b"], place: Int[Values, " n"]) -> Float[Array, "b 3 n"]:
-    """Return positions with the support's rows added; place: from `place_of`. For its loops see `rows_at`."""
+    """Return positions with the support's rows added; place: from `place_of`. `rows_at` says why there are loops."""
     planes, place = jnp.asarray(x), jnp.asarray(place)
 
     def turn(k, turned):
@@ -114,10 +114,10 @@ class Node:
 
 @dataclass(frozen=True)
 class Chain:
-    """A face's nodes in order, by a name that files know it by, and the function that poses its props.
+    """A face's nodes in order, its name in saved rigs, and the function that poses its props.
 
     pose_props: props at rest, constants, columns of the controls by name, p (1, m), posed vertices (n, 3), neutral
-    (n, 3) → for each prop its name, vertices (k, 3), faces and colours (k, 3).
+    (n, 3) → for each prop its name, vertices (k, 3), faces and colours (k, 3)
     """
 
     name: str
@@ -132,9 +132,9 @@ def start(constants: FaceConstants, params: Float[Values, "b m"]) -> State:
 
 
 def switch_off(node: Node) -> Node:
-    """Return a node that leaves positions and controls as they were, and hands on what the node does at rest.
+    """Return a node that leaves positions and controls as they were, and gives later nodes its results at rest.
 
-    So without the jaw's node the lower teeth stay closed too, since they ask it how far the jaw has turned.
+    So with the jaw switched off the lower teeth stay closed too, since they follow the jaw's motion in the state.
     """
 
     def function(constants: FaceConstants, state: State) -> State:

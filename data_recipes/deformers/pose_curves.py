@@ -1,9 +1,9 @@
 """Pose interpolation on curves: sculpted fields, in-betweens, combination correctives (layer 1).
 
 A face action moves each vertex along a parabola through the neutral (u = 0), the half pose and the full pose:
-X += u·D₁ + 4u(1 − u)·D₂. A corrective adds its field times the product of two or three controls. Since all of it is
-linear in the coefficients, matrix products move the whole batch: one for each block of vertices that much the same
-fields move, since most fields move a small part of the face.
+X += u·D₁ + 4u(1 − u)·D₂. A corrective adds its field times the product of two or three controls. All of it is linear in
+the coefficients, so matrix products move the whole batch. Most fields move a small part of the face: there is one
+product for each block of vertices that are moved by much the same fields.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class PoseFields:
     vectors: list[np.ndarray] = field(default_factory=list)
 
     def add(self, drivers: tuple[int, ...], vectors: np.ndarray, between: bool = False) -> None:
-        """Add a field, unless it nowhere exceeds a micrometre."""
+        """Add a field, unless it is below a micrometre everywhere."""
         if np.abs(vectors).max() > 1e-3:
             self.drivers.append(drivers)
             self.between.append(between)
@@ -52,8 +52,10 @@ class PoseFields:
     def constants(self, columns: int) -> dict[str, np.ndarray]:
         """Return the arrays that `coefficients` and `move` need; `columns` is m.
 
-        factor (k, 3): columns of [p, 1] whose product drives field k; between (k,): 1 where 4u(1 − u) does; blocks: for
-        each the fields (q,) that move it, and their displacements (q, 3 s); place (n,): see planes.place_of.
+        factor: (k, 3), columns of [p, 1] whose product drives field k
+        between: (k,), 1 where 4u(1 − u) does
+        blocks: for each the fields that move it, (q,), and their displacements, (q, 3 s)
+        place: (n,), from `node_chain.place_of`
         """
         if not self.vectors:
             return {
@@ -81,7 +83,7 @@ def _block(vectors: Float[np.ndarray, "k s 3"]) -> dict[str, np.ndarray]:
 
 
 def alike(moved: Bool[np.ndarray, "s k"]) -> list[Int[np.ndarray, " b"]]:
-    """Return the rows in blocks that are true in much the same columns, by k-means."""
+    """Return blocks of rows that are true in much the same columns, by k-means."""
     count = min(BLOCKS, max(1, len(moved) // SMALLEST_BLOCK))
     label = KMeans(count, n_init=1, random_state=0).fit_predict(moved.astype(np.float32))
     return [block for block in (np.flatnonzero(label == i) for i in range(count)) if len(block)]

@@ -17,16 +17,18 @@ from data_recipes.deformers import face, head_shape
 from data_recipes.deformers.pose_curves import saturate
 
 NEAREST = 4
-SCALP_MM = 26.0  # hair that hangs below this height, on a head of adult size, moves with the scalp at it
+SCALP_MM = 26.0  # hair below this height, on a head of adult size, moves with the scalp at this height
 ADULT_HALF_WIDTH_MM = 75.0
 GAZE_RAD = (np.deg2rad(26.0), np.deg2rad(20.0))  # a full look aside, up
 
 
 @dataclass(frozen=True)
 class RestProp:
-    """A prop at rest, with what it follows: "eye_left", "eye_right", or the skin by its `index` and `weight`, (k, 4).
+    """A prop at rest.
 
-    colours: an RGB from 0 to 255 for each vertex.
+    follow: "eye_left" or "eye_right"; any other prop follows the skin
+    colours: an RGB from 0 to 255 for each vertex
+    index, weight: the skin vertices that each vertex follows, and by how much
     """
 
     name: str
@@ -39,7 +41,7 @@ class RestProp:
 
 
 def rest_props(head: Any) -> tuple[RestProp, ...]:
-    """Return a head's props, those on the skin tied to the outer skin vertices nearest to them."""
+    """Return a head's props, each vertex tied to the nearest vertices of the outer skin."""
     outer = np.flatnonzero(
         np.isin(head.part, [i for i, n in enumerate(head.part_names) if n in ("face", "cranium", "neck")])
     )
@@ -73,7 +75,14 @@ def pose(
     vertices: Float[np.ndarray, "n 3"],
     neutral: Float[np.ndarray, "n 3"],
 ) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
-    """Return name, vertices (k, 3), faces and colours (k, 3) of each prop where the posed skin `vertices` take it."""
+    """Return name, vertices (k, 3) in mm, faces and colours (k, 3) of each prop in a pose.
+
+    props: at rest
+    constants: of the face's layers
+    columns: of the controls, by name
+    params: p
+    vertices, neutral: the mesh in this pose and at rest, mm
+    """
     u = np.asarray(saturate(constants["limits"], jnp.asarray(params)))
     values = face.shape_values(constants, jnp.asarray(u))
     rest = [neutral]
@@ -87,11 +96,11 @@ def pose(
             centre = np.asarray(constants[f"lids_{side}"]["centre"])
             x = (x - centre) @ gaze_rotation(aside * GAZE_RAD[0], up * GAZE_RAD[1]) + centre
         rest.append(x)
-    # Everything bends, squashes and stretches as the whole head does, in one go.
+    # Skin and props bend, squash and stretch with the whole head, in one call.
     planes = jnp.asarray(np.concatenate(rest).T[None], jnp.float32)
     warped = np.asarray(_compile_warp()(constants["shape"], values, planes))[0].T
     skin, *warped = np.split(warped, np.cumsum([len(x) for x in rest])[:-1])
-    displacement = vertices - skin  # of the skin, beside that warp
+    displacement = vertices - skin  # what moves the skin besides that warp
     meshes = []
     for prop, x in zip(props, warped, strict=True):
         if not prop.follow.startswith("eye"):
@@ -102,7 +111,7 @@ def pose(
 
 @cache
 def _compile_warp() -> Callable:
-    """Return the head's map of space, compiled once: its loop, called as it is, would be compiled at every call."""
+    """Return the head's map of space, compiled once: uncompiled, its loop would be compiled at every call."""
     return jax.jit(head_shape.warp)
 
 

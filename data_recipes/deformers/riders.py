@@ -1,6 +1,6 @@
 """Riders: shells that stand in the skin go where the skin around their roots goes (after layer 8).
 
-Their own motion is sculpted as everything else (layer 1), and the head's shape takes them along.
+The actions that move them are sculpted in layer 1, and the head's shape takes them along.
 """
 
 from __future__ import annotations

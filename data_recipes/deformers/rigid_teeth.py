@@ -16,18 +16,26 @@ PROBE_MM = 2.0
 POLAR_STEPS = 6
 
 
+def tooth_vertices(
+    neutral: Float[np.ndarray, "n 3"], teeth: list[Int[np.ndarray, " s"]]
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, "teeth 3"], Float[np.ndarray, "k 3"]]:
+    """Return the vertices of all teeth, the tooth of each, the teeth's centres, and the vertices relative to these."""
+    support = np.concatenate(teeth) if teeth else np.zeros(0, int)
+    owner = np.repeat(np.arange(len(teeth)), [len(tooth) for tooth in teeth]).astype(np.int32)
+    centre = np.stack([neutral[tooth].mean(axis=0) for tooth in teeth]) if teeth else np.zeros((0, 3))
+    return support, owner, centre, neutral[support] - centre[owner]
+
+
 def prepare(
     neutral: Float[np.ndarray, "n 3"], teeth: list[Int[np.ndarray, " s"]], lower: list[bool], pivot: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Return the constants for teeth given as lists of vertices; `lower` says which belong to the jaw."""
-    support = np.concatenate(teeth) if teeth else np.zeros(0, int)
-    owner = np.repeat(np.arange(len(teeth)), [len(t) for t in teeth]).astype(np.int32)
-    centre = np.stack([neutral[t].mean(axis=0) for t in teeth]) if teeth else np.zeros((0, 3))
+    support, owner, centre, local = tooth_vertices(neutral, teeth)
     return {
         "place": place_of(support, len(neutral)),
         "owner": owner,
         "centre": centre.T.astype(np.float32),
-        "local": (neutral[support] - centre[owner]).T.astype(np.float32),
+        "local": local.T.astype(np.float32),
         "lower": np.asarray(lower, np.float32),
         "pivot": np.asarray(pivot, np.float32),
     }
@@ -52,7 +60,7 @@ def place_teeth(
 ) -> Float[Values, "b 3 n"]:
     """Return positions in which every tooth's vertices are a rigid image of the resting tooth.
 
-    warp: the head's map of space; a tooth's centre goes through it, its orientation through its rotation there.
+    warp: the head's map of space; it takes the centre of a tooth along, and turns the tooth by its rotation there.
     """
     count = constants["centre"].shape[1]
     if count == 0:

@@ -27,12 +27,12 @@ from data_recipes.deformers.surface_operators import (
     vertex_normals,
 )
 from data_recipes.head.neutral_head import Head
+from data_recipes.head.shape import FLIP, smoothstep
 
-FLIP = np.array([-1.0, 1.0, 1.0])
 SKIN = ("face", "cranium", "neck", "ear_left", "ear_right", "lid_inner_left", "lid_inner_right", "mouth_bag")
-LINING_MM = (26.0, 10.0)  # from the skin to the mouth's lining: too far to go with it, and near enough
-BESIDE_LIPS = (0.25, 0.6)  # places along the lips from which on the cheek covers the lining, and does fully
-STEEPEST = 1.5  # rise of the relief, out from the face, over the way along it that skin goes with
+LINING_MM = (26.0, 10.0)  # from the skin to the mouth's lining: where it begins to go with it, and does fully
+BESIDE_LIPS = (0.25, 0.6)  # along the lips: where the cheek begins to cover the lining, and does fully
+STEEPEST = 1.5  # the steepest relief that skin follows: rise, out from the face, over way along it
 EXTENSION_MM2 = 400.0  # bending against stretching when a curve's motion is carried into the skin around it
 
 
@@ -53,12 +53,6 @@ class Path:
         return Path(
             (self.half * FLIP)[mirror], (self.full * FLIP)[mirror], self.half_bulge[mirror], self.full_bulge[mirror]
         )
-
-
-def smoothstep(x: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Return 0 below `low`, 1 above `high`, smooth in between; `low` may be the larger."""
-    t = np.clip((x - low) / (high - low), 0, 1)
-    return np.asarray(t * t * (3 - 2 * t))
 
 
 @dataclass(frozen=True)
@@ -119,9 +113,9 @@ class Sculptor:
 
     @cached_property
     def over_lining(self) -> tuple[Int[np.ndarray, "q k 4"], Float[np.ndarray, "q k"]]:
-        """The outer skin nearest to each vertex of the mouth bag's rings, and how far it covers it: 1 near, 0 far.
+        """The 4 vertices of outer skin nearest to each vertex of the mouth bag, and how much they cover it (0 to 1).
 
-        In front, where lips roll, it covers nothing: there the lining is the lips' own.
+        In front they don't cover it, since there the lining belongs to the lips.
         """
         skin = np.flatnonzero(self.is_outer)
         distance, near = cKDTree(self.x[skin]).query(self.x[self.head.grids["mouth_bag"]], 4)
@@ -152,9 +146,9 @@ class Sculptor:
         return smooth_values(value, self.graph, 2)
 
     def blend(self, *levels: tuple[np.ndarray, float | np.ndarray], passes: int = 3) -> Float[np.ndarray, " n"]:
-        """Return the harmonic function on the skin that takes each level at its vertices, smoothed a little.
+        """Return the harmonic function on the skin with given values at some vertices, smoothed a little.
 
-        A vertex in several levels takes the first one.
+        levels: vertices and their value or values; of a vertex in several levels the first one holds.
         """
         ids = np.concatenate([v for v, _ in levels])
         values = np.concatenate([np.broadcast_to(np.asarray(level, float), len(v)) for v, level in levels])
@@ -183,7 +177,7 @@ class Sculptor:
         return values[0], np.stack([(values[1 + 2 * i] - values[2 + 2 * i]) / (2 * step) for i in range(3)], axis=1)
 
     def slide(self, offset: Float[np.ndarray, "n 3"], bulge: Float[np.ndarray, " n"] | float = 0.0) -> Path:
-        """Return the path whose half and full offsets both keep to the skull, with a bulge that grows evenly."""
+        """Return the path whose half and full offsets both keep to the skull, with a bulge that grows linearly."""
         bulge = np.broadcast_to(np.asarray(bulge, float), (self.n,))
         half, full = self.on_skull(0.5 * offset), self.on_skull(offset)
         # Overlapping corrections of neighbours may be uneven near the nose; one pass evens them out.
@@ -233,7 +227,7 @@ class Sculptor:
     def relief_at(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return the smoothed radius at wrapped coordinates."""
         grid_a, grid_b, r = self.relief
-        # Level with the nose its relief would throw the lips about; there the one below counts.
+        # The nose's relief would throw the lips about: level with it, take the relief below it.
         b = np.minimum(b, self.point("mouth_corner_left")[1] + 10.0)
         where = [(a - grid_a[0]) / 2.0, (b - grid_b[0]) / 2.0]
         return map_coordinates(r, where, order=2, mode="nearest")
@@ -244,7 +238,7 @@ class Sculptor:
         at = self.wrapped[active]
         to = at + change[active]
         rise = self.relief_at(to[:, 0], to[:, 1]) - self.relief_at(at[:, 0], at[:, 1])
-        # Under a chin the relief is a cliff: up along it skin would be thrown out to the snout's end.
+        # Under a chin the relief is a cliff, which would throw skin out to the end of the snout.
         steepest = STEEPEST * np.hypot(change[active, 0], change[active, 1])
         to[:, 2] += np.clip(rise, -steepest, steepest)
         result = np.zeros_like(self.x)
@@ -255,7 +249,7 @@ class Sculptor:
 
     @cached_property
     def _extension(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, sp.csr_matrix, sp.csr_matrix]:
-        """What `extend` needs: its vertices, which of them are lips, which are free; what stretches and what bends."""
+        """What `extend` needs: its vertices, which are lips, which are free, and matrices of stretching and bending."""
         head = self.head
         lips = head.grids["mouth"][: head.recipe.template.lip_rings + 1].ravel()
         far = geodesic(self.x, self.graph, lips, 74.0)
@@ -277,9 +271,9 @@ class Sculptor:
         return {}
 
     def extend(self, on_lips: Float[np.ndarray, "n c"], bending_mm2: float = EXTENSION_MM2) -> Float[np.ndarray, "n c"]:
-        """Carry values on the lips' rings into the skin around, to 0 at eyes, nose tip and afar.
+        """Carry values on the lips' rings into the skin around, falling to 0 at eyes, nose tip and far away.
 
-        bending_mm2: how far the skin goes on as the lips slope (large), against how soon it is back at rest (small).
+        bending_mm2: the larger, the further the skin continues the lips' slope before it comes back to rest.
         """
         patch, is_lip, free, stretch, bend = self._extension
         operator = (stretch + bending_mm2 * bend).tocsr()

@@ -1,8 +1,8 @@
 """Skin slides along the skull: X −= w (d − d₀) ∇d (layer 2).
 
-Near each resting vertex the skull's signed distance is its quadratic Taylor polynomial, taken once from the SDF with
-differences wide enough to see bone and not pores. That makes the layer a handful of products per vertex, and it is
-accurate for slides of up to about a third of the local radius of curvature.
+Near each resting vertex, the skull's signed distance is approximated by its quadratic Taylor polynomial, taken once
+from the SDF with differences wide enough to see bone and not pores. So the layer is a handful of products per vertex,
+and accurate for slides of up to about a third of the local radius of curvature.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from jaxtyping import Float
 from data_recipes.deformers.node_chain import Constants, Values, place_of, spread
 
 STEP_MM = 4.0
-# Radii of curvature below this (mm) are features such as a nose wing, which skin does not slide over.
-TIGHTEST_MM = 22.0
+TIGHTEST_MM = 22.0  # tighter radii of curvature are features such as a nose wing, which skin doesn't slide over
 
 
 def quadratic_model(
@@ -39,7 +38,7 @@ def quadratic_model(
         pp, pm, mp, mm = values[7 + 4 * k : 11 + 4 * k]
         hessian[:, i, j] = hessian[:, j, i] = (pp - pm - mp + mm) / (4 * STEP_MM**2)
     gradient /= np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-9)
-    # Only the tangential part is curvature; clamp it, for a crease has an endless one.
+    # Only the tangential part is curvature. At a crease it may be huge, so clamp it.
     tangent = np.eye(3) - gradient[:, :, None] * gradient[:, None, :]
     values, vectors = np.linalg.eigh(tangent @ hessian @ tangent)
     values = np.clip(values, -1 / TIGHTEST_MM, 1 / TIGHTEST_MM)
@@ -70,7 +69,7 @@ def slide(constants: Constants, offset: Float[Values, "b 3 n"]) -> Float[Values,
     x, y, z = t[:, 0], t[:, 1], t[:, 2]
     hx, hy, hz = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
     gx, gy, gz = gradient[0] + hx, gradient[1] + hy, gradient[2] + hz
-    # d − d₀ to second order; its half-way gradient g + ½Ht gives it exactly.
+    # d − d₀ to second order, from the gradient half-way, g + ½Ht.
     change = (gradient[0] + 0.5 * hx) * x + (gradient[1] + 0.5 * hy) * y + (gradient[2] + 0.5 * hz) * z
     scale = -constants["weight"] * change / (gx * gx + gy * gy + gz * gz)
     shift = scale[:, None] * jnp.stack([gx, gy, gz], axis=1)

@@ -1,7 +1,6 @@
 """Discrete operators on a triangle mesh, built once with numpy and scipy: areas, gradients, Laplacians, neighbours.
 
-All functions take vertices (n, 3) in mm and faces (f, 3); indices are vertex indices of that mesh. Sub-meshes carry
-their own numbering, made by `submesh`.
+Vertices are (n, 3) in mm, faces (f, 3); `submesh` numbers the vertices of a part of the mesh.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from scipy.sparse.csgraph import dijkstra
 def submesh(
     faces: Int[np.ndarray, "f 3"], vertices: Int[np.ndarray, " s"], n: int
 ) -> tuple[Int[np.ndarray, "g 3"], Int[np.ndarray, " g"]]:
-    """Return the faces whose corners all lie in `vertices`, renumbered by position there, and which faces they are."""
+    """Return the faces whose corners are all in `vertices`, as places in that list, and the indices of these faces."""
     place = np.full(n, -1)
     place[vertices] = np.arange(len(vertices))
     inside = np.flatnonzero((place[faces] >= 0).all(axis=1))
@@ -69,7 +68,7 @@ def quad_adjacency(quads: Int[np.ndarray, "q 4"], n: int) -> sp.csr_matrix:
 
 
 def padded_neighbours(graph: sp.csr_matrix, width: int) -> tuple[Int[np.ndarray, "n w"], Float[np.ndarray, "n w"]]:
-    """Return each vertex's first `width` neighbours and weights 1/degree, padded with itself at weight 0."""
+    """Return each vertex's first `width` neighbours with weights 1/degree, padded with the vertex at weight 0."""
     n = graph.shape[0]
     degree = np.minimum(np.diff(graph.indptr), width)
     slots = np.arange(width)[None, :] < degree[:, None]
@@ -128,7 +127,7 @@ def vertex_normals(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f
 def harmonic(
     graph: sp.csr_matrix, anchors: Int[np.ndarray, " k"], values: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, " n"]:
-    """Return the function whose every free value is the mean of its neighbours' and which takes `values` at `anchors`.
+    """Return the function with `values` at `anchors` that everywhere else is the mean of its neighbours.
 
     Vertices that no path joins to an anchor get 0.
     """
@@ -136,7 +135,7 @@ def harmonic(
     free = np.ones(n, bool)
     free[anchors] = False
     degree = np.asarray(graph.sum(axis=1)).ravel()
-    # The tiny screen keeps islands solvable and pulls them to 0; elsewhere it is far below rounding of the result.
+    # 1e-9 keeps islands solvable and pulls them to 0; elsewhere its effect is lost in rounding.
     laplacian = (sp.diags(degree + 1e-9) - graph).tocsr()
     result = np.zeros(n)
     result[anchors] = values

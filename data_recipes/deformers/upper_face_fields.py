@@ -1,7 +1,7 @@
-"""Brow and scalp actions: the brow's curve moves, the forehead takes it up evenly as far as the hair line (layer 1).
+"""Brow and scalp actions: the brow moves, and the forehead follows evenly up to the hair line (layer 1).
 
-The raise is a harmonic field that is 1 along the brow and 0 at the hair line and at the lids, so it falls linearly
-between them: strain, and with it wrinkles, spread evenly over the forehead.
+The raise is a harmonic field that is 1 along the brow and 0 at the hair line and the lids. It falls linearly between
+them, so that strain, and with it wrinkles, spread evenly over the forehead.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from data_recipes.deformers.lids import LidPatch
-from data_recipes.deformers.sculpting import Path, Sculptor, smoothstep
+from data_recipes.deformers.sculpting import Path, Sculptor
+from data_recipes.head.shape import smoothstep
 
 RAISE_MM = 12.5
 LOWER_MM = 11.0
@@ -18,6 +19,7 @@ LOWER_MM = 11.0
 
 def brow_row_field(s: Sculptor) -> Float[np.ndarray, " n"]:
     """Return the field that is 1 along both brows and 0 at hair line, lids, temples and the bridge of the nose."""
+    # where it is 0
     head = s.head
     body, rings = head.grids["body"], head.grids["eye_left"]
     crown = head.grids["crown"].ravel()
@@ -32,8 +34,9 @@ def brow_row_field(s: Sculptor) -> Float[np.ndarray, " n"]:
     still = np.concatenate([hair, crown, above[above >= 0], lids, back[back >= 0], low[low >= 0], neck[neck >= 0]])
     for grid in ("lid_inner_left", "lid_inner_right", "mouth_bag", "mouth", "ear_left", "ear_right"):
         still = np.concatenate([still, head.grids[grid].ravel()])
+    # where it is 1
     brows = np.concatenate([head.curves["brow_left"], head.curves["brow_right"]])
-    row = _row_of(head, brows)
+    row = int(np.argwhere(body == brows[0])[0, 0])
     between = body[row, list(range(-t.eye_columns[0], t.eye_columns[0] + 1))]
     brow_line = np.concatenate([brows, between[between >= 0]])
     # Up the forehead's columns the field is 1 − s, s the arc length from brow to hair line: an even strain.
@@ -45,10 +48,6 @@ def brow_row_field(s: Sculptor) -> Float[np.ndarray, " n"]:
     whole = (columns >= 0).all()
     even = (columns.ravel(), ramp.ravel()) if whole else (brow_line, 1.0)
     return s.blend((brow_line, 1.0), even, (still, 0.0), passes=4)
-
-
-def _row_of(head, brow: np.ndarray) -> int:
-    return int(np.argwhere(head.grids["body"] == brow[0])[0, 0])
 
 
 def across(s: Sculptor) -> Float[np.ndarray, " n"]:
@@ -63,7 +62,7 @@ def sculpt(s: Sculptor) -> dict[str, Path]:
     """Return the brow actions by name; "*" stands for the left side."""
     row = brow_row_field(s)
     h = across(s)
-    left = smoothstep(h, -0.75, 0.15)  # with its mirror image about 1 across the glabella
+    left = smoothstep(h, -0.75, 0.15)  # adds up with its mirror image to about 1 on the glabella
     inner = left * smoothstep(h, 0.85, 0.15)
     outer = left * smoothstep(h, 0.15, 0.75) * smoothstep(h, 1.75, 1.1)
     paths = {
@@ -109,9 +108,9 @@ def _scalp(s: Sculptor) -> Float[np.ndarray, " n"]:
     )
 
 
-# What each control does to an eye's lids: edges, creases and bags, as elevations and distances on the lid ball.
+# What each control does to an eye's lids: to their edges, creases and bags, as elevations and distances from the eye.
 
-RAD = np.pi / 180
+RAD = np.pi / 180  # of a degree
 GAZE_PRODUCTS = tuple(f"gaze_{part}_{side}" for side in ("left", "right") for part in ("upper", "lower", "aside"))
 # How far the edges follow the gaze (radians per full look): upper lid, lower lid.
 FOLLOW = (9.0 * RAD, 5.0 * RAD)
@@ -132,7 +131,12 @@ def ring_shares(count: int) -> Float[np.ndarray, " r"]:
 
 
 def build_patch(s: Sculptor, side: str, columns: dict[str, int], m: int) -> LidPatch:
-    """Return an eye's lid patch; `columns` gives each control's column of p, missing ones are left out."""
+    """Return an eye's lid patch, with all that the controls do to it.
+
+    columns: each control's column of p; controls that are missing there are left out
+    m: the number of columns
+    """
+    # rings of the outer and the inner lid, and the edges that they follow
     head = s.head
     outer, inner = head.grids[f"eye_{side}"][:-1], head.grids[f"lid_inner_{side}"]
     rings = np.concatenate([outer, inner])
@@ -142,9 +146,9 @@ def build_patch(s: Sculptor, side: str, columns: dict[str, int], m: int) -> LidP
     _, rim, _ = ball_angles(s, side, outer[0])
     other = (-np.arange(k)) % k  # the same place on the other lid
     upper_edge, lower_edge = np.where(lid >= 0, rim, rim[other]), np.where(lid >= 0, rim[other], rim)
-    # On the ring's way round the corner, vertices pass from following the upper lid to the lower one.
-    belongs = np.where(lid > 0, 1.0, np.where(lid < 0, 0.0, 0.5))
+    upper = np.where(lid > 0, 1.0, np.where(lid < 0, 0.0, 0.5))
     ring_index = np.concatenate([np.arange(len(outer)), np.zeros(len(inner))])
+    # how far the edges move
     moves = {name: np.zeros((m, k)) for name in ("upper", "lower")}
     lifts, swells = np.zeros((m, len(rings), k)), np.zeros((m, len(rings), k))
     arch = np.clip(1 - np.abs(u) ** 2.2, 0, 1)
@@ -154,9 +158,9 @@ def build_patch(s: Sculptor, side: str, columns: dict[str, int], m: int) -> LidP
         "outer": arch * np.exp(-(((u - 0.62) / 0.36) ** 2)),
     }
 
-    def edge(control: str, which: str, amount_rad: float, window: np.ndarray) -> None:
+    def edge(control: str, on: str, amount_rad: float, window: np.ndarray) -> None:
         if f"{control}_{side}" in columns:
-            moves[which][columns[f"{control}_{side}"]] += amount_rad * window
+            moves[on][columns[f"{control}_{side}"]] += amount_rad * window
 
     for part, window in windows.items():
         edge(f"lid_upper_{part}", "upper", 9.0 * RAD, window)
@@ -174,8 +178,9 @@ def build_patch(s: Sculptor, side: str, columns: dict[str, int], m: int) -> LidP
     # Looking aside, the cornea lifts the lid over it; u runs from nose to temple, look_x to the character's left.
     edge("gaze_aside", "upper", (2.5 if side == "left" else -2.5) * RAD, u * arch)
 
+    # creases, bags and the outer corner
     def shape(control: str, on: str, low: float, high: float, window: np.ndarray, lift_rad: float, swell_mm: float):
-        """Add a ridge on the rings from `low` to `high` (shares of the ring count) of one lid."""
+        """Add a ridge to one lid, on the rings from `low` to `high` (shares of their count, from the rim outwards)."""
         if f"{control}_{side}" not in columns:
             return
         t = ring_index / max(len(outer) - 1, 1)
@@ -192,20 +197,20 @@ def build_patch(s: Sculptor, side: str, columns: dict[str, int], m: int) -> LidP
     shape("crease_outer", "upper", 0.2, 0.95, windows["outer"], -4.0 * RAD, 2.0)
     shape("eyebag", "lower", 0.2, 1.0, arch, 0.0, 2.4)
     shape("squint", "lower", 0.15, 0.8, arch, 0.0, 1.1)
-    if f"lid_corner_{side}" in columns:  # the outer corner, up and down
+    if f"lid_corner_{side}" in columns:
         near = np.exp(-(((u - 1) / 0.3) ** 2))
         lifts[columns[f"lid_corner_{side}"]] += 5.0 * RAD * share[:, None] * near
 
-    tile = np.broadcast_to
-    shape_of = rings.shape
+    # the same on every ring
+    count = len(rings)
     return LidPatch(
         vertices=rings.ravel().astype(np.int32),
-        share=tile(share[:, None], shape_of).ravel().copy(),
-        upper=tile(belongs, shape_of).ravel().copy(),
-        edge_upper=tile(upper_edge, shape_of).ravel().copy(),
-        edge_lower=tile(lower_edge, shape_of).ravel().copy(),
-        moves_upper=tile(moves["upper"][:, None], (m, *shape_of)).reshape(m, -1).copy(),
-        moves_lower=tile(moves["lower"][:, None], (m, *shape_of)).reshape(m, -1).copy(),
+        share=np.repeat(share, k),
+        upper=np.tile(upper, count),
+        edge_upper=np.tile(upper_edge, count),
+        edge_lower=np.tile(lower_edge, count),
+        moves_upper=np.tile(moves["upper"], count),
+        moves_lower=np.tile(moves["lower"], count),
         lifts=lifts.reshape(m, -1),
         swells=swells.reshape(m, -1),
     )

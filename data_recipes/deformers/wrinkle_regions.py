@@ -1,8 +1,8 @@
 """Where a face wrinkles, and how: forehead, brows, nose, crow's feet, cheeks, lips, chin, under the eyes.
 
 Each region has a fibre direction (compression along it raises the folds), a wave length λ and a pattern p. Patterns are
-round ridges with sharp valleys, (|cos πφ|^0.8 − 0.66)/0.5 with φ in wave lengths, uneven as `fold_patterns` says, and
-faded out at the region's border.
+round ridges with sharp valleys, (|cos πφ|^0.8 − 0.66)/0.5 with φ in wave lengths, made uneven (see `uneven`) and faded
+out at the border of the region.
 """
 
 from __future__ import annotations
@@ -13,27 +13,28 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from data_recipes.deformers.sculpting import Sculptor, smoothstep
+from data_recipes.deformers.sculpting import Sculptor
 from data_recipes.deformers.surface_operators import smooth_values, submesh
 from data_recipes.deformers.wrinkles import Region
+from data_recipes.head.shape import smoothstep
 from data_recipes.recipe.sections import Wrinkles
 
 # Rows of folds as skin has them: uneven in spacing, depth and length, with branches and ends.
 
 SPACING = 0.22  # standard deviation of the folds' density, at unevenness 1
-DEPTH = 0.4  # of their amplitude
+DEPTH = 0.4  # standard deviation of their amplitude
 SHALLOWEST, DEEPEST = 0.15, 1.35  # amplitudes
 ALONG_MM = 36.0  # how far along a fold its place and depth stay similar
 ACROSS_FOLDS = 1.1  # the same across folds, in units of φ
 FOLDS_PER_BRANCH = 3.0
-CORE = 0.45  # around a branch's point, in folds, the amplitude falls to 0
+CORE = 0.45  # radius, in folds, in which the amplitude falls to 0 around the point of a branch
 LATER = 0.06  # compression by which the shallowest folds appear after the deepest
-WAVES = 24  # of which a smooth random field consists
+WAVES = 24  # in a smooth random field
 
 
 @dataclass(frozen=True)
 class FoldRow:
-    """Folds at s vertices: phase φ, amplitude (1 is usual), wave length in mm, and the compression that raises them."""
+    """Folds at s vertices: phase φ, amplitude (usually 1), wave length, and the compression that raises them."""
 
     phase: Float[np.ndarray, " s"]
     amplitude: Float[np.ndarray, " s"]
@@ -51,7 +52,7 @@ def ridges(phase: Float[np.ndarray, "*s"]) -> Float[np.ndarray, "*s"]:
 
 
 def stream(seed: int, name: str) -> np.random.Generator:
-    """Return a region's random numbers: those of one region move no other's."""
+    """Return a region's random generator, independent of other regions."""
     return np.random.default_rng([seed, zlib.crc32(name.encode())])
 
 
@@ -72,7 +73,14 @@ def uneven(
     wrinkles: Wrinkles,
     generator: np.random.Generator,
 ) -> FoldRow:
-    """Return a row of folds made uneven. along_mm: each vertex's place along its fold."""
+    """Return a row of folds made uneven.
+
+    phase: of each vertex, before
+    along_mm: its place along its fold
+    wavelength_mm: of the even row
+    wrinkles: how uneven, and the compression that raises folds
+    """
+    # shift the folds, and make some deeper than others
     share = wrinkles.unevenness
     places = np.stack([phase / ACROSS_FOLDS, along_mm / ALONG_MM], axis=1)
     change, slope = random_field(generator, places)
@@ -81,13 +89,14 @@ def uneven(
     depth, _ = random_field(generator, places)
     depth -= depth.mean() if len(depth) else 0.0  # a small region must not be flat as a whole
     amplitude = np.clip(1 + share * DEPTH * depth, SHALLOWEST, DEEPEST)
+    # branches: around their points, the phase turns by a whole fold
     if share > 0 and len(phase):
         low, high = np.quantile(phase, (0.15, 0.85))
         first, last = np.quantile(along_mm, (0.15, 0.85))
-        for number in range(int((high - low) / FOLDS_PER_BRANCH + 0.3)):
+        for branch in range(int((high - low) / FOLDS_PER_BRANCH + 0.3)):
             across = phase - generator.uniform(low, high)
             along = (along_mm - generator.uniform(first, last)) / wavelength_mm
-            moved = moved + (-1) ** number * np.arctan2(along, across) / (2 * np.pi)
+            moved = moved + (-1) ** branch * np.arctan2(along, across) / (2 * np.pi)
             distance = across**2 + along**2
             amplitude = amplitude * distance / (distance + CORE**2)
     later = LATER * share * np.clip((DEEPEST - amplitude) / (DEEPEST - SHALLOWEST), 0, 1)
@@ -100,10 +109,13 @@ COLUMNS_PER_LIP_LINE = 4.0
 
 @dataclass(frozen=True)
 class Patch:
-    """A region before its vertices without a face are left out.
+    """A region before vertices without a face are left out.
 
-    vertices: (s,) mesh indices; fibre: (n, 3); wavelength_mm, pattern and threshold: (s,) or one for all; gains: (s,)
-    weights of the named gain controls.
+    vertices: (s,), mesh indices
+    fibre: (n, 3), direction across the folds, over the whole mesh
+    wavelength_mm, threshold: (s,), or one for all
+    pattern: (s,)
+    gains: (s,), the weight of each gain control by its name
     """
 
     name: str
@@ -116,9 +128,9 @@ class Patch:
 
 
 def build_regions(s: Sculptor, columns: dict[str, int], m: int, wave: float = 1.0) -> list[Region]:
-    """Return the face's wrinkle regions; a gain control that the rig lacks stays at its natural value (column m).
+    """Return the face's wrinkle regions; column m stands for a gain control that the rig lacks.
 
-    wave: of the usual wave length, the share that folds in rows have; single folds stay as they are.
+    wave: length of the waves in rows of folds over the usual one; single folds stay as they are.
     """
     patches = [_forehead(s, wave), _glabella(s), _chin(s, wave), _lip_lines(s, wave)]
     for side in ("left", "right"):
@@ -154,7 +166,7 @@ def _row(s: Sculptor, name: str, phase: np.ndarray, along_mm: np.ndarray, wavele
 
 
 def _depth(s: Sculptor, name: str, places: np.ndarray) -> np.ndarray:
-    """Return how deep single folds are at places (s, d) in units of the correlation length: 1 on average."""
+    """Return how deep single folds are, 1 on average, at places (s, d) in units of the correlation length."""
     wrinkles = s.head.recipe.wrinkles
     return np.clip(1 + 0.3 * wrinkles.unevenness * random_field(stream(wrinkles.seed, name), places)[0], 0.4, 1.4)
 
@@ -169,7 +181,7 @@ def _sides(x: np.ndarray, softness: float = 10.0) -> tuple[np.ndarray, np.ndarra
 
 
 def _forehead(s: Sculptor, wave: float) -> Patch:
-    """Ridges along the rows from the brows to the hair line."""
+    """Return ridges along the rows from the brows to the hair line."""
     head, t = s.head, s.head.recipe.template
     body = head.grids["body"]
     first, last = t.eye_rows[1], t.hair_row
@@ -199,7 +211,7 @@ def _forehead(s: Sculptor, wave: float) -> Patch:
 
 
 def _glabella(s: Sculptor) -> Patch:
-    """Two upright grooves between the brows."""
+    """Return two upright grooves between the brows."""
     y0, top = s.point("glabella")[1], s.point("brow_inner_left")[1]
     inner = s.point("brow_inner_left")[0]
     x, y = s.x[:, 0], s.x[:, 1]
@@ -216,7 +228,7 @@ def _glabella(s: Sculptor) -> Patch:
 
 
 def _bridge(s: Sculptor, side: str, wave: float) -> Patch:
-    """Oblique folds on one flank of the nose's bridge."""
+    """Return oblique folds on one flank of the nose's bridge."""
     sign = 1.0 if side == "left" else -1.0
     y1, y0 = s.point("glabella")[1] - 10, s.point("nose_wing_left")[1] + 12
     x, y = sign * s.x[:, 0], s.x[:, 1]
@@ -236,7 +248,7 @@ def _bridge(s: Sculptor, side: str, wave: float) -> Patch:
 
 
 def _crow(s: Sculptor, side: str, wave: float) -> Patch:
-    """A fan of folds, 19° apart, from the outer corner of the eye."""
+    """Return a fan of folds, 19° apart, from the outer corner of the eye."""
     sign = 1.0 if side == "left" else -1.0
     corner = s.point(f"eye_outer_{side}")
     away = s.x - corner
@@ -258,9 +270,9 @@ def _crow(s: Sculptor, side: str, wave: float) -> Patch:
 
 
 def _nasolabial(s: Sculptor, side: str) -> Patch:
-    """A fold from the nose's wing to beside the mouth's corner, with the cheek's roll beyond it, and one outside.
+    """Return a fold from the wing of the nose past the corner of the mouth, the roll of the cheek, and a second fold.
 
-    The outer one appears later, when a wide smile pushes the cheek against the first.
+    The second one, further out, appears later, when a wide smile pushes the cheek against the first.
     """
     sign = 1.0 if side == "left" else -1.0
     wing, corner = s.point(f"nose_wing_{side}"), s.point(f"mouth_corner_{side}")
@@ -282,7 +294,7 @@ def _nasolabial(s: Sculptor, side: str) -> Patch:
     near = (along.min(axis=1) < 26) & (distance > -17) & (sign * s.x[:, 0] > 8) & (s.x[:, 2] > 20) & off_lips
     vertices = _inside(s, near)
     d, place = distance[vertices], place[vertices] / 59
-    # A groove of two edges' width on this mesh: a narrower one would be drawn as stairs.
+    # The groove is two edges of this mesh wide; a narrower one would be drawn as stairs.
     p = -1.6 * np.exp(-((d / 3.8) ** 2)) + 1.2 * np.exp(-(((d - 7.5) / 5.0) ** 2))
     window = smoothstep(place, 0.0, 0.12) * smoothstep(place, 0.95, 0.6) * smoothstep(np.abs(d), 16, 11)
     p = p * window * _depth(s, f"nasolabial_{side}", np.stack([place / 0.4], axis=1))
@@ -295,7 +307,7 @@ def _nasolabial(s: Sculptor, side: str) -> Patch:
 
 
 def _chin(s: Sculptor, wave: float) -> Patch:
-    """Dimples of no order, as on an orange's peel."""
+    """Return irregular dimples, as on the peel of an orange."""
     chin = s.point("chin")
     away = s.x - chin
     vertices = _inside(
@@ -315,7 +327,7 @@ def _chin(s: Sculptor, wave: float) -> Patch:
 
 
 def _lip_lines(s: Sculptor, wave: float) -> Patch:
-    """Lines from the lips outwards, which a pucker raises in the skin around the mouth."""
+    """Return lines from the lips outwards, which a pucker raises in the skin around the mouth."""
     rings, t = s.head.grids["mouth"], s.head.recipe.template
     grid = rings[t.lip_rings + 1 : -1]
     column = np.indices(grid.shape)[1].ravel()
@@ -338,7 +350,7 @@ def _lip_lines(s: Sculptor, wave: float) -> Patch:
 
 
 def _under_eye(s: Sculptor, side: str, wave: float) -> Patch:
-    """Two folds along the lower lid."""
+    """Return two folds along the lower lid."""
     rings = s.head.grids[f"eye_{side}"]
     lid, u = s.head.ring_parameter["eye_side"], s.head.ring_parameter["eye_u"]
     grid = rings[1:][:, lid < 0]

@@ -3,8 +3,9 @@
 Per region: stretch |G X| along the resting fibre direction d₀; compression c = 1 − area average of stretch; implicit
 diffusion (M + 30 K) c̃ = M c; c₊ = max(0, ½[(c̃ − ε) + √((c̃ − ε)² + 2e-4)] − 0.004); buckling amplitude
 A = (λ/π)·gain·√c₊; bending solve (M + 0.10 K + 0.06 K M⁻¹K) h = M A p with the region's pattern p; X += h n.
-Both solves are linear, and inverted once: the diffusion as a dense matrix a region; the bending, whose inverse falls
-to nothing within a few edges, as a sparse one. Inside, positions are rows of one vertex each (see `planes.rows_at`).
+Both solves are linear and inverted once: the diffusion as a dense matrix for each region, the bending as a sparse one,
+since its inverse falls to 0 within a few edges. Inside, positions are rows of one vertex each (see
+`node_chain.rows_at`).
 """
 
 from __future__ import annotations
@@ -29,17 +30,20 @@ SMALLEST_THRESHOLD = 0.012  # ε below this would leave wrinkles at rest
 GROUPS = 6  # of the bending's sums, by length
 NEGLIGIBLE = 1e-6  # entries of the bending's inverse below this share of its largest are left out
 
-# Of the whole layer; a tree of arrays: see `prepare`.
-WrinkleConstants = Mapping[str, Any]
+WrinkleConstants = Mapping[str, Any]  # of the whole layer, as `prepare` makes them
 
 
 @dataclass(frozen=True)
 class Region:
     """A patch of skin that folds one way.
 
-    vertices: (s,) mesh indices; fibre: (s, 3) direction across the folds, which compression along raises them;
-    wavelength_mm λ and threshold ε: (s,); pattern p: (s,) dimensionless height, window included; gain: the weight of
-    each gain control (g, s) and its column of p (g,) — a vertex's gain is the weighted sum of its controls' gains.
+    vertices: (s,), mesh indices
+    fibre: (s, 3), direction across the folds; compression along it raises them
+    wavelength_mm: (s,), λ
+    pattern: (s,), p, height without unit, window included
+    threshold: (s,), ε
+    gain_columns: (g,), of p, for each gain control
+    gain_weights: (g, s); a vertex's gain is the weighted sum of the gains of its controls
     """
 
     name: str
@@ -54,10 +58,13 @@ class Region:
 
 @dataclass(frozen=True)
 class RegionOperators:
-    """What a region's geometry gives, with f faces.
+    """The operators of a region with f faces.
 
-    corners: (f, 3) mesh indices; directional: (f, 3), the stretch vector is Σ coefficient · corner; average: (s, f),
-    from faces to vertices by area; diffuse: (s, s); raise_: (s, s), from √c₊·gain to heights in mm.
+    corners: (f, 3), mesh indices
+    directional: (f, 3), coefficients of the corners whose sum is the stretch vector
+    average: (s, f), from faces to vertices by area
+    diffuse: (s, s)
+    raise_: (s, s), from √c₊·gain to heights in mm
     """
 
     corners: np.ndarray
@@ -70,7 +77,7 @@ class RegionOperators:
 def region_operators(
     region: Region, neutral: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]
 ) -> RegionOperators:
-    """Return a region's faces with G along its fibres, and its operators; λ/π·p is part of the bending's."""
+    """Return a region's operators; the factor λ/π·p of the amplitude is part of `raise_`."""
     local, _ = submesh(faces, region.vertices, len(neutral))
     x = neutral[region.vertices].astype(np.float64)
     gradients, area = face_gradients(x, local)
@@ -94,29 +101,36 @@ def region_operators(
 
 
 def prepare(regions: list[Region], neutral: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> dict[str, Any]:
-    """Return the layer's constants; the regions' vertices stand one region after the other, s in all.
+    """Return the layer's constants, for s vertices in all, region after region, of which v are different: the union.
 
-    used (q,): the mesh's vertices that the layer reads, in whose numbering `corners` are; vertices (s,): mesh indices.
-    strain: faces of all regions, with the sum that takes them to vertices. diffuse: a matrix by region. threshold (s,).
-    gain_columns (g,), gain_weights (s, g). raise: the sums from √c₊·gain to heights on the v vertices of the union, in
-    GROUPS parts; the union is sorted by how many terms these sums have, so that little of them is padding. normals:
-    faces around the union, and each vertex's slots of them; place (n,): see planes.place_of.
+    used: (q,), the vertices that the layer reads; `corners` are places in it
+    vertices: (s,), mesh indices
+    strain: the faces of all regions, and sums that take them to vertices
+    diffuse: a matrix for each region
+    threshold: (s,)
+    gain_columns, gain_weights: (g,) and (s, g)
+    raise: sums from √c₊·gain to heights on the union, in GROUPS parts
+    normals: the faces around the union, and sums that take them to vertices
+    place: (n,), from `node_chain.place_of`
     """
     if not regions:
         return {"threshold": np.zeros(0, np.float32)}
+    # operators region by region
     n = len(neutral)
     regions = sorted(regions, key=lambda region: region.name)  # the order in which compiled functions see dictionaries
     operators = [region_operators(region, neutral, faces) for region in regions]
     vertices = np.concatenate([region.vertices for region in regions])
     raise_ = sp.block_diag([_without_negligible(each.raise_) for each in operators])
+    # heights on the union, sorted by how many terms their sums have, so that little of a group is padding
     union = np.unique(vertices)
     gather = sp.csr_matrix((np.ones(len(vertices)), (place_of(union, n)[vertices], np.arange(len(vertices)))))
     to_heights = (gather @ raise_).tocsr()
     order = np.argsort(np.diff(to_heights.indptr), kind="stable")
     union, to_heights = union[order], to_heights[order]
+    # the faces around it, for its normals
     around = faces[np.isin(faces, union).any(axis=1)]
     used = np.unique(around)
-    number = place_of(used, n)
+    place_in_used = place_of(used, n)
     incident = sp.csr_matrix(
         (np.ones(around.size), (place_of(union, n)[around].ravel(), np.repeat(np.arange(len(around)), 3))),
         shape=(len(union) + 1, len(around)),
@@ -125,7 +139,7 @@ def prepare(regions: list[Region], neutral: Float[np.ndarray, "n 3"], faces: Int
         "used": used.astype(np.int32),
         "vertices": vertices.astype(np.int32),
         "strain": {
-            "corners": number[np.concatenate([each.corners for each in operators])].T.astype(np.int32),
+            "corners": place_in_used[np.concatenate([each.corners for each in operators])].T.astype(np.int32),
             "directional": np.concatenate([each.directional for each in operators]).T.astype(np.float32),
         }
         | padded_rows(sp.block_diag([each.average for each in operators]).tocsr()),
@@ -141,7 +155,7 @@ def prepare(regions: list[Region], neutral: Float[np.ndarray, "n 3"], faces: Int
             str(k): padded_rows(to_heights[rows])
             for k, rows in enumerate(np.array_split(np.arange(len(union)), GROUPS))
         },
-        "normals": {"corners": number[around].T.astype(np.int32)} | padded_rows(incident),
+        "normals": {"corners": place_in_used[around].T.astype(np.int32)} | padded_rows(incident),
         "place": place_of(union, n),
     }
 
@@ -152,7 +166,7 @@ def _without_negligible(operator: Float[np.ndarray, "s s"]) -> sp.csr_matrix:
 
 
 def sum_rows(constants: Mapping[str, Values], values: Float[Array, "*s"]) -> Float[Array, "*n"]:
-    """Return weighted sums of rows: constants from `surface_operators.padded_rows`. One slot after the other."""
+    """Return weighted sums of rows, one slot after the other; constants: from `surface_operators.padded_rows`."""
     slots, weights = jnp.asarray(constants["slots"]), jnp.asarray(constants["weights"])
     shape = (slots.shape[1], *values.shape[1:])
     weights = weights.reshape(*weights.shape, *(1 for _ in shape[1:]))
@@ -187,14 +201,14 @@ def gains(u: Float[Values, "b m"], columns: Int[Values, " g"]) -> Float[Array, "
 def amplitudes(
     constants: WrinkleConstants, beyond: Float[Array, "s b"], u: Float[Values, "b m"]
 ) -> Float[Array, "s b"]:
-    """Return √c₊·gain of the regions' vertices, of their c₊ and the controls u."""
+    """Return √c₊·gain of the regions' vertices; beyond: c₊."""
     folds = beyond > 0
     root = jnp.where(folds, jnp.sqrt(jnp.where(folds, beyond, 1.0)), 0.0)
     return root * (jnp.asarray(constants["gain_weights"]) @ gains(u, constants["gain_columns"]).T)
 
 
 def heights(constants: WrinkleConstants, amplitude: Float[Array, "s b"]) -> Float[Array, "v b"]:
-    """Return the heights h (mm) on the union of the regions, of √c₊·gain: the solution of the bending."""
+    """Return the heights h (mm) on the union of the regions, the solution of the bending; amplitude: √c₊·gain."""
     parts = constants["raise"]
     return jnp.concatenate([sum_rows(parts[k], amplitude) for k in sorted(parts)])
 
@@ -220,9 +234,12 @@ def wrinkle(constants: WrinkleConstants, x: Float[Values, "b 3 n"], u: Float[Val
 
 @dataclass(frozen=True)
 class RegionState:
-    """What a region does in a pose, (s,) each: compression c̃, its excess c₊ (1 is the whole length), height h in mm.
+    """What the s vertices of a region do in a pose, (s,) each.
 
-    vertices: mesh indices; threshold: ε of each.
+    vertices: mesh indices
+    threshold: ε
+    compression, excess: c̃ and c₊, as shares of the length
+    height_mm: h
     """
 
     vertices: np.ndarray
@@ -235,7 +252,7 @@ class RegionState:
 def region_states(
     constants: WrinkleConstants, x: Float[Values, "1 3 n"], u: Float[Values, "1 m"]
 ) -> dict[str, RegionState]:
-    """Return what each region does, by name, at the positions before the layer and the limited controls of one pose."""
+    """Return what each region does in one pose, by name; x, u: the positions and controls that the layer gets."""
     if len(constants["threshold"]) == 0:
         return {}
     vertices, threshold, place = (np.asarray(constants[name]) for name in ("vertices", "threshold", "place"))
@@ -244,9 +261,9 @@ def region_states(
     amplitude = amplitudes(constants, beyond, u)
     states, first = {}, 0
     for name in sorted(constants["diffuse"]):
-        own = slice(first, first := first + len(constants["diffuse"][name]))
-        alone = jnp.zeros_like(amplitude).at[own].set(amplitude[own])
-        height = np.asarray(heights(constants, alone))[place[vertices[own]], 0]
-        parts = (np.asarray(values)[own, 0] for values in (shorter, beyond))
-        states[name] = RegionState(vertices[own], threshold[own], *parts, height)
+        rows = slice(first, first := first + len(constants["diffuse"][name]))
+        alone = jnp.zeros_like(amplitude).at[rows].set(amplitude[rows])
+        height = np.asarray(heights(constants, alone))[place[vertices[rows]], 0]
+        parts = (np.asarray(values)[rows, 0] for values in (shorter, beyond))
+        states[name] = RegionState(vertices[rows], threshold[rows], *parts, height)
     return states

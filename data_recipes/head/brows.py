@@ -8,18 +8,18 @@ from __future__ import annotations
 import numpy as np
 
 from data_recipes.head.hair_locks import Paths, Scalp, ribbons
-from data_recipes.head.prop_mesh import Prop, join, on_skin, sheet, smooth_step
-from data_recipes.head.shape import lidded_distance
+from data_recipes.head.prop_mesh import Prop, join, on_skin, sheet
+from data_recipes.head.shape import lidded_distance, smoothstep
 from data_recipes.recipe.reading import Recipe
 
-# Half height (mm), how far the arch rises (share of the ridge's radius), how far it stands out (mm).
+# Half the height (mm), how far the arch rises (share of the ridge's radius), how far it stands out (mm).
 STYLES = {"natural": (2.9, 0.52, 1.0), "thin": (1.6, 0.66, 0.7), "thick": (4.4, 0.42, 1.5)}
 COLUMNS, ROWS = 41, 11
 SEED = 6  # of the hairs' irregularities
 
 
 def brow(recipe: Recipe) -> Prop:
-    """Return the left brow: it sets in softly near the nose, is fullest at a third and ends in a point."""
+    """Return the left brow: it begins softly near the nose, is fullest at a third and ends in a point."""
     s = recipe.skull
     half_mm, arch, stands = STYLES[recipe.props.brows]
     t, across = np.linspace(0, 1, COLUMNS), np.linspace(-1, 1, ROWS)
@@ -29,7 +29,7 @@ def brow(recipe: Recipe) -> Prop:
     level = level + (0.3 * (outer[1] - inner[1]) - 0.3 * s.brow_radii[0]) * (t - 0.5)
     peak = np.sin(np.pi * t ** (np.log(0.5) / np.log(0.58)))
     rise = s.brow_radii[0] * (0.45 + arch * peak)
-    half = half_mm * (0.62 + 0.38 * smooth_step(t, 0.0, 0.3)) * (1 - smooth_step(t, 0.5, 1.02)) ** 0.9 + 0.2
+    half = half_mm * (0.62 + 0.38 * smoothstep(t, 0.0, 0.3)) * (1 - smoothstep(t, 0.5, 1.02)) ** 0.9 + 0.2
     half = half * np.minimum(1, t / 0.05 + 0.35) ** 0.5
     middle = level + rise
     flat = np.stack([np.broadcast_to(line[:, 0], (ROWS, COLUMNS)), middle + across[:, None] * half], -1)
@@ -40,12 +40,12 @@ def brow(recipe: Recipe) -> Prop:
     straight[:, 0] = origin[:, 0] / np.repeat(line[None, :, 2], ROWS, 0).ravel()
     straight /= np.linalg.norm(straight, axis=1, keepdims=True)
     p, normal = on_skin(lambda q: lidded_distance(recipe, q), origin, straight)
-    ends = smooth_step(t, 0.0, 0.10) * smooth_step(t, 1.0, 0.94)
+    ends = smoothstep(t, 0.0, 0.10) * smoothstep(t, 1.0, 0.94)
     height = stands * (1 - across[:, None] ** 2) ** 0.8 * (0.55 + 0.45 * half / half.max())
     height = 0.45 * height * (0.15 + 0.85 * ends) - 0.1
     grid = (p + height.reshape(-1, 1) * normal).reshape(ROWS, COLUMNS, 3)
     colour, skin = 0.66 * np.array(recipe.props.hair_colour), np.array(recipe.props.skin_colour)
-    soft = np.maximum(smooth_step(np.abs(across), 0.40, 1.0)[:, None], smooth_step(t, 0.14, 0.0))[..., None]
+    soft = np.maximum(smoothstep(np.abs(across), 0.40, 1.0)[:, None], smoothstep(t, 0.14, 0.0))[..., None]
     shade = sheet("brow_left", "skin", colour + (0.15 + 0.85 * soft) * (skin - colour), grid)
     ridge = Scalp(t, p.reshape(grid.shape), normal.reshape(grid.shape))
     return join("brow_left", "skin", [shade, *_hairs(ridge, half_mm, colour)])
@@ -56,7 +56,7 @@ def _hairs(ridge: Scalp, half_mm: float, colour: np.ndarray) -> list[Prop]:
     generator, parts, s = np.random.default_rng(SEED), [], np.linspace(0, 1, 8)
     for count, first, last, lift_mm in ((48, -0.90, 0.45, 0.15), (40, 0.80, -0.05, 0.3)):
         start = np.linspace(0.0, 0.93, count) + generator.uniform(-0.015, 0.015, count)
-        lean = 0.04 + 0.14 * smooth_step(start, 0.0, 0.35) + generator.uniform(-0.015, 0.015, count)
+        lean = 0.04 + 0.14 * smoothstep(start, 0.0, 0.35) + generator.uniform(-0.015, 0.015, count)
         lean = np.minimum(lean, 1.0 - start)
         begin, end = (place + generator.uniform(-0.15, 0.15, count) for place in (first, last))
         turn = start[:, None] + lean[:, None] * s

@@ -1,6 +1,6 @@
 """What a head stands on in pictures, for display only: the collar and shoulders of a shirt, or a creature's neck.
 
-Without it a head ends in a cut. Cameras make no room for it: it leaves the picture at the lower edge.
+Without it a head ends in a cut. Cameras don't make room for it: the lower edge of the picture cuts it off.
 """
 
 from __future__ import annotations
@@ -9,13 +9,22 @@ import numpy as np
 from jaxtyping import Float
 
 from data_recipes.head.head_paint import bare_skin
-from data_recipes.head.prop_mesh import Prop, sheet, smooth_step
-from data_recipes.head.shape import Distances, Points, cone, ellipsoid, raycast, smooth_max, smooth_min, soft_abs
+from data_recipes.head.prop_mesh import Prop, sheet
+from data_recipes.head.shape import (
+    Distances,
+    Points,
+    cone,
+    ellipsoid,
+    raycast,
+    smooth_max,
+    smooth_min,
+    smoothstep,
+    soft_abs,
+)
 from data_recipes.recipe.reading import Recipe
 
 COLUMNS, ROWS, RAYS = 121, 56, 240
 SHOULDERS = 3.5  # half the shoulders' width over the neck's radius
-COLLAR_MM = 9.0  # width of the collar's band
 # Along the shirt from its edge: place (mm) and height over the body (mm): turned in, the band, its seam, the cloth.
 BAND = np.array([(0.0, -5.0), (0.1, 1.2), (1.2, 2.4), (4.5, 2.7), (7.8, 2.4), (9.0, 0.9), (10.5, 1.2), (14.0, 1.3)])
 
@@ -92,7 +101,7 @@ def _neck(recipe: Recipe) -> Prop:
     axis = foot + down * (bottom - top) / (top - bottom)[1] + 0 * around
     flat = axis.reshape(-1, 3), around.reshape(-1, 3)
     p = raycast(lambda q: cone(q, top, low, s.neck_radii[0], wide), *flat, 4 * r, 100).reshape(axis.shape)
-    flare = 0.10 * r * (np.maximum(down, 0) / r) ** 2 - 0.5 * smooth_step(down, 0.0, -4.0)
+    flare = 0.10 * r * (np.maximum(down, 0) / r) ** 2 - 0.5 * smoothstep(down, 0.0, -4.0)
     grid = p + flare * around
     colour = bare_skin(recipe, grid.reshape(-1, 3)).reshape(grid.shape)
     return sheet("bust", "skin", colour[::-1], grid[::-1])

@@ -8,11 +8,11 @@ from jaxtyping import Float
 from data_recipes.head.mouth import seam
 from data_recipes.recipe.reading import Recipe
 
-LEAN = 0.35  # of its width by which a cone's tip stands behind its root
+LEAN = 0.35  # how far a cone's tip stands behind its root, as a share of its width
 
 
 def arch(recipe: Recipe, front_z: float, upper: bool) -> Float[np.ndarray, "s 2"]:
-    """Return a dense arch (x, z) from the character's right end to the left: a superellipse with its apex at `front_z`.
+    """Return a dense arch (x, z) from the character's right to the left: a superellipse with its apex at `front_z`.
 
     The lower arch is narrower and further back by the overbite.
     """
@@ -60,15 +60,15 @@ def seam_lift(recipe: Recipe, points: Float[np.ndarray, "k 2"]) -> Float[np.ndar
 
 
 def length_factors(recipe: Recipe, upper: bool) -> Float[np.ndarray, " teeth"]:
-    """Return the teeth's lengths against `teeth.length`, right to left."""
+    """Return the teeth's lengths over `teeth.length`, right to left."""
     t = recipe.teeth
     lengths, half = t.lengths_upper if upper else t.lengths_lower, (t.upper if upper else t.lower) // 2
     left = np.array([*lengths, *[1.0] * half][:half])
     return np.concatenate([left[::-1], left])
 
 
-# height share of the crown, width, thickness, inward shift (shares of the tooth's own size)
-# An incisor's front stays upright and it thins from behind, so that light falls on what a smile shows.
+# Height (share of the crown), width, thickness, inward shift (shares of the tooth's size). An incisor's front stays
+# upright and it thins from behind, so that light falls on what a smile shows.
 _INCISOR = (
     (-0.30, 0.66, 0.80, -0.02),
     (0.05, 0.80, 0.98, -0.01),
@@ -93,7 +93,7 @@ _CONE = (
 
 
 def tooth_positions(recipe: Recipe, front_z: float, upper: bool) -> Float[np.ndarray, "teeth v 3"]:
-    """Return the teeth of one jaw: rings from the root to the biting edge; of a strip, rows over the edge inwards."""
+    """Return the teeth of one jaw: rings from the root to the biting edge, or a strip's rows over the edge inwards."""
     t = recipe.teeth
     if t.style == "strip":
         return _strip_positions(recipe, front_z, upper)
@@ -155,7 +155,13 @@ def _strip_positions(recipe: Recipe, front_z: float, upper: bool) -> Float[np.nd
 def gum_positions(
     recipe: Recipe, front_z: float, upper: bool, rows: int, columns: int
 ) -> Float[np.ndarray, "rows columns 3"]:
-    """Return a gum: a U-shaped strip over the roots, its first row outside, its last one on the tongue's side."""
+    """Return a gum, a U-shaped strip over the roots.
+
+    front_z: where the arch of the upper teeth begins, mm
+    upper: whether it is the upper gum
+    rows: from the outside to the tongue's side
+    columns: from right to left
+    """
     t, g = recipe.teeth, recipe.tongue
     curve = arch(recipe, front_z, upper)
     centres, widths = tooth_centres(recipe, upper)
@@ -168,11 +174,7 @@ def gum_positions(
     out = np.empty((rows, columns, 3))
     for i, phase in enumerate(np.linspace(-0.15 * np.pi, 1.15 * np.pi, rows)):
         across = g.gum_thickness / 2 * np.cos(phase)
-        flat = (
-            point + (across - t.thickness / 2)[..., None] * labial
-            if np.ndim(across)
-            else point + (across - t.thickness / 2) * labial
-        )
+        flat = point + (across - t.thickness / 2) * labial
         y = line + up * g.gum_height * (0.35 - 0.55 * np.sin(phase))
         out[i] = np.stack([flat[:, 0], y, flat[:, 1]], -1)
     return out

@@ -44,7 +44,7 @@ def ear_frame(recipe: Recipe) -> Float[np.ndarray, "3 3"]:
 def outline(phase: Float[np.ndarray, " k"], point: float) -> Float[np.ndarray, "k 2"]:
     """Return the egg (backwards, up), about unit-sized: full above, narrow at the lobe, flat in front.
 
-    Phase 0 lies behind, a quarter turn on top. point: by how much the top is drawn up, and in on its way.
+    phase: 0 behind, a quarter turn on top. point: how far the top is drawn up into a point.
     """
     across, up = np.cos(phase), np.sin(phase)
     egg = 1.0 + 0.16 * up - 0.14 * np.clip(-up, 0, 1) ** 2
@@ -72,7 +72,7 @@ def base_pins(shape: Shape, k: int) -> Float[np.ndarray, "k 3"]:
 
 
 def ear_rings(recipe: Recipe, base: Float[np.ndarray, "k 3"], rings: int) -> Float[np.ndarray, "rings k 3"]:
-    """Return the ear's rings from the innermost to the one next to its base."""
+    """Return the ear's rings from the innermost to the one before its base."""
     e, k = recipe.ears, len(base)
     frame, phase = ear_frame(recipe), _phase(k)
     egg = outline(phase, e.point) * (e.width / 2, e.height / 2)
@@ -80,9 +80,8 @@ def ear_rings(recipe: Recipe, base: Float[np.ndarray, "k 3"], rings: int) -> Flo
     relief = 0.17 * e.width
     strength = (1 - 0.55 * front**2) * (1 - 0.85 * low**1.5)  # the lobe is plain, the rim's root in front is low
     tragus = np.exp(-(((phase - np.pi * 1.04) / 0.30) ** 2))
-    hinge = (
-        0.55 * e.width / 2 * np.sin(np.radians(e.flare_deg))
-    )  # the plane turns about its front edge, which stays on the head
+    # The plane turns about its front edge, which stays on the head.
+    hinge = 0.55 * e.width / 2 * np.sin(np.radians(e.flare_deg))
     centre = base.mean(0) + np.array([hinge - 0.08 * e.width, 0, 0])
     places = np.linspace(0, len(PROFILE) - 1, rings)
     out = []

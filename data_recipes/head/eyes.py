@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from data_recipes.head.mouth import ring_parameter
-from data_recipes.head.prop_mesh import Prop, sheet, smooth_step
-from data_recipes.head.shape import eye_frame, lid_edge, rotation_y
+from data_recipes.head.prop_mesh import Prop, sheet
+from data_recipes.head.shape import eye_frame, lid_edge, rotation_y, smoothstep
 from data_recipes.head.topology import Layout
 from data_recipes.recipe.reading import Recipe
 
@@ -74,7 +74,7 @@ LONGEST_LASH_MM = {"short": 2.4, "long": 4.2}
 
 
 def eyeball(recipe: Recipe) -> list[Prop]:
-    """Return the left eye's white, iris, its dark rim and the pupil: zones of one sphere around the gaze."""
+    """Return the left eye's white, iris, its dark rim and the pupil: zones of a sphere around the gaze."""
     e = recipe.eyes
     around = np.linspace(0, 2 * np.pi, 73)
     rim = e.iris_deg - LIMBUS_DEG
@@ -103,28 +103,28 @@ def _colours(recipe: Recipe, zone: str, degrees, around) -> Float[np.ndarray, "r
     e = recipe.eyes
     iris, flat = np.array(e.iris_colour), np.ones((*degrees.shape, 1))
     if zone == "white":
-        far = smooth_step(degrees, e.iris_deg + 12, e.iris_deg + 42)[..., None]
-        near = smooth_step(degrees, e.iris_deg + 4, e.iris_deg)[..., None]  # the white grows dull at the iris
+        far = smoothstep(degrees, e.iris_deg + 12, e.iris_deg + 42)[..., None]
+        near = smoothstep(degrees, e.iris_deg + 4, e.iris_deg)[..., None]  # the white grows dull at the iris
         return (EYE_WHITE + 0.55 * far * (VEIN_COLOUR - EYE_WHITE)) * (1 - 0.14 * near)
     if zone == "pupil":
         return PUPIL * flat
     if zone == "limbus":
-        outwards = smooth_step(degrees, e.iris_deg - LIMBUS_DEG, e.iris_deg - 0.4 * LIMBUS_DEG)[..., None]
+        outwards = smoothstep(degrees, e.iris_deg - LIMBUS_DEG, e.iris_deg - 0.4 * LIMBUS_DEG)[..., None]
         return iris * (0.62 - 0.40 * outwards)
     share = (degrees - e.pupil_deg) / (e.iris_deg - LIMBUS_DEG - e.pupil_deg)  # 0 at the pupil, 1 at the rim
     fibres = 0.10 * np.cos(24 * around) + 0.06 * np.cos(11 * around + 1.0)
     light = 1.22 - 0.55 * share**1.5 + fibres * np.sin(np.pi * share)
-    light = light - 0.45 * smooth_step(share, 0.16, 0.0)
-    return (iris * light[..., None] + 0.06 * smooth_step(share, 0.6, 0.2)[..., None]) * flat
+    light = light - 0.45 * smoothstep(share, 0.16, 0.0)
+    return (iris * light[..., None] + 0.06 * smoothstep(share, 0.6, 0.2)[..., None]) * flat
 
 
 def _under_lid(recipe: Recipe, unit: Float[np.ndarray, "rows columns 3"]) -> Float[np.ndarray, "rows columns"]:
-    """Return how light the eyeball is by its place: darker where the upper lid shades it, and in the corners."""
+    """Return how light the eyeball is at each place: darker where the upper lid shades it, and in the corners."""
     elevation = np.degrees(np.arcsin(np.clip(unit[..., 1], -1, 1)))
     azimuth = np.degrees(np.arctan2(unit[..., 0], unit[..., 2]))
     upper, aside = recipe.eyes.upper_deg, recipe.eyes.half_width_deg
-    lid = smooth_step(elevation, 0.30 * upper, 1.05 * upper)
-    return (1 - 0.42 * lid) * (1 - 0.18 * smooth_step(np.abs(azimuth), 0.55 * aside, 1.05 * aside))
+    lid = smoothstep(elevation, 0.30 * upper, 1.05 * upper)
+    return (1 - 0.42 * lid) * (1 - 0.18 * smoothstep(np.abs(azimuth), 0.55 * aside, 1.05 * aside))
 
 
 def lashes(recipe: Recipe, layout: Layout, x: Float[np.ndarray, "n 3"]) -> Prop:

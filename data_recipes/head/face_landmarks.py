@@ -1,4 +1,4 @@
-"""Where the 54 landmarks of performance capture lie on a head of ours (§5.3.2): read off its grids and its middle line.
+"""The 54 landmarks of performance capture on one of our heads (§5.3.2), from its grids and its middle line.
 
 The paper's authors identify them by hand on each character. Here a rule does so for every recipe.
 """
@@ -16,7 +16,7 @@ BESIDE_CHIN = 0.3  # the way from the chin to the jaw's corner on which the poin
 
 
 def landmark_vertices(head: Head) -> Int[np.ndarray, " l"]:
-    """Return the vertex of each landmark of `FACE_LANDMARKS`, in its order, each another one."""
+    """Return the vertex of each landmark of `FACE_LANDMARKS`, in its order; no two are the same."""
     found = _on_rings(head)
     for name, place in _places(head).items():
         middle = "left" not in name
@@ -50,7 +50,7 @@ def _on_rings(head: Head) -> dict[str, int]:
 
 
 def _places(head: Head) -> dict[str, Float[np.ndarray, " 3"]]:
-    """Return where on the skin the other landmarks of the left side and the middle are looked for, mm."""
+    """Return the places (mm) near which the other landmarks of the left side and the middle are looked for."""
     x, marks = head.vertices, head.landmarks
     places = {
         f"brow_left_{i}": place for i, place in enumerate(_along(x[head.curves["brow_left"]], np.linspace(0, 1, 5)), 1)

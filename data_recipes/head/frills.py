@@ -1,7 +1,7 @@
 """Frills: leaf-shaped shells that stand out of the skin behind eyes and jaw, as a reptile's ear plates do.
 
-Each is a flattened loft, closed at its tip and open at its root, which is sunk into the head; it is no part of the
-connected skin. Left side; the right one mirrors it.
+Each is a flattened loft, closed at its tip and open at its root, which is sunk into the head without being joined to
+the skin. Left side; the right one mirrors it.
 """
 
 from __future__ import annotations
@@ -30,37 +30,36 @@ SINK = 0.16  # share of the length by which the root lies under the skin
 CUP = 0.22  # how far a leaf's margins bend forward, as a share of its half width
 
 
-def frill_numbers(recipe: Recipe) -> dict[str, tuple[float, ...]]:
-    """Return the numbers of each pair of frills that a recipe has, by name."""
-    return {name: numbers for name, numbers in asdict(recipe.frills).items() if isinstance(numbers, tuple) and numbers}
+def frill_settings(recipe: Recipe) -> dict[str, tuple[float, ...]]:
+    """Return the twelve settings of each pair of frills that a recipe has (see `recipe.sections.Frills`), by name."""
+    return {name: frill for name, frill in asdict(recipe.frills).items() if isinstance(frill, tuple) and frill}
 
 
 def frill_parts(recipe: Recipe) -> tuple[str, ...]:
     """Return the names of the parts: left and right of each pair."""
-    return tuple(f"frill_{name}_{side}" for name in frill_numbers(recipe) for side in ("left", "right"))
+    return tuple(f"frill_{name}_{side}" for name in frill_settings(recipe) for side in ("left", "right"))
 
 
-def frill_frame(numbers: tuple[float, ...]) -> Float[np.ndarray, "3 3"]:
+def frill_frame(settings: tuple[float, ...]) -> Float[np.ndarray, "3 3"]:
     """Return a left frill's axes as rows: from its root to its tip, across, and out of its front."""
-    along, front = np.array(numbers[3:6]), np.array(numbers[6:9])
+    along, front = np.array(settings[3:6]), np.array(settings[6:9])
     along = along / np.linalg.norm(along)
     front = front - (front @ along) * along
     front /= np.linalg.norm(front)
     return np.stack([along, np.cross(front, along), front])
 
 
-def frill_root(shape: Shape, numbers: tuple[float, ...]) -> Float[np.ndarray, " 3"]:
+def frill_root(shape: Shape, settings: tuple[float, ...]) -> Float[np.ndarray, " 3"]:
     """Return where on the skin a left frill stands."""
-    return project(lambda p: skull_distance(shape.recipe, p), np.array(numbers[:3])[None], steps=8, reach_mm=20.0)[0]
+    return project(lambda p: skull_distance(shape.recipe, p), np.array(settings[:3])[None], steps=8, reach_mm=20.0)[0]
 
 
-def frill_positions(shape: Shape, numbers: tuple[float, ...], rows: int, ring: int) -> Float[np.ndarray, "rows ring 3"]:
-    """Return a left frill's rings from the root to the tip; it bends towards its front by its curl.
-
-    numbers: those of `recipe_sections.Frills`; the root is projected onto the skin.
-    """
-    length, width, curl = numbers[9], numbers[10], np.radians(numbers[11])
-    frame, root = frill_frame(numbers), frill_root(shape, numbers)
+def frill_positions(
+    shape: Shape, settings: tuple[float, ...], rows: int, ring: int
+) -> Float[np.ndarray, "rows ring 3"]:
+    """Return a left frill's rings from the root on the skin to the tip; it bends towards its front by its curl."""
+    length, width, curl = settings[9], settings[10], np.radians(settings[11])
+    frame, root = frill_frame(settings), frill_root(shape, settings)
     phase = 2 * np.pi * (np.arange(ring) - 0.5) / ring
     out = np.empty((rows, ring, 3))
     for i, s in enumerate(np.linspace(0, 1, rows)):

@@ -1,8 +1,8 @@
 """Hair, for display only: a thin sheet from the hair line up to the crown, and locks that lie on it.
 
-A style is a hair line and how the hair lies. The sheet thins out at its edge and takes on the colour of the skin there,
-so that the hair grows out of the head instead of sitting on it. Where the hair line runs below the widest part of the
-head, the hair hangs from there and does not follow jaw and neck.
+A style is a hair line and how the hair lies. At its edge the sheet thins out and takes on the colour of the skin, so
+that the hair grows out of the head instead of sitting on it. Where the hair line is lower than the widest part of the
+head, the hair hangs down from there and doesn't follow jaw and neck.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
 from data_recipes.head.hair_locks import RAYS, Layer, Scalp, build_scalp, combed, falling, head_centre, ribbons
-from data_recipes.head.prop_mesh import Prop, join, sheet, smooth_step
+from data_recipes.head.prop_mesh import Prop, join, sheet
+from data_recipes.head.shape import smoothstep
 from data_recipes.recipe.reading import Recipe
 
 COLUMNS, ROWS = 217, 40
@@ -27,11 +28,14 @@ SEED = 5  # of the locks' irregularities, the same for every head
 class Style:
     """How hair is cut.
 
-    line: height (mm, on a cranium 74 mm high) by angle around the head from the front. Angles from 80 to 120 are those
-    of a head whose ears lie at 88°, and move with the ears. thick: the sheet over the crown, mm. layers: of locks, from
-    the hair line upwards. fringe: how far the front ones hang below the line, a share of the way to the crown.
-    part_deg, sweep_deg: where they part, and how far they are swept aside. fade: over which share of the way up the
-    sheet gains its colour, if it does not fall. falls: whether the hair hangs over the ears.
+    line: (angle around the head from the front, height in mm on a cranium 74 mm high); from 80 to 120° it moves with
+        the ears, which are taken to be at 88°
+    thick: of the sheet over the crown, mm
+    layers: of locks, from the hair line upwards
+    fringe: how far the front locks hang below the line, as a share of the way to the crown
+    part_deg, sweep_deg: where they part, and how far they are swept aside
+    fade: the share of the way up over which the sheet gains its colour, unless it falls
+    falls: whether the hair hangs over the ears
     """
 
     line: tuple[tuple[float, float], ...]
@@ -96,32 +100,32 @@ def hair(recipe: Recipe, x: Float[np.ndarray, "n 3"]) -> Prop:
     if style.falls:
         layers, blunt = falling(scalp, low, style.part_deg, generator), 7.0
     else:
-        numbers = (style.fringe, style.part_deg, style.sweep_deg, generator)
-        layers, blunt = [combed(layer, scalp, low, *numbers) for layer in style.layers], 2.4
+        front = (style.fringe, style.part_deg, style.sweep_deg)
+        layers, blunt = [combed(layer, scalp, low, *front, generator) for layer in style.layers], 2.4
     parts = [_sheet(style, recipe, scalp, low, scale, generator)]
     for paths in layers:
         around = np.mod(paths.turn + np.pi, 2 * np.pi) - np.pi
         below = np.interp(around, scalp.turn, low)
         share = (paths.ray - below) / (RAYS - 1 - below)
         base = _thickness(style, np.degrees(np.abs(around)), share)
-        above_face = smooth_step(np.abs(around), 1.3, 0.9) * smooth_step(share, 0.25, 0.05)
+        above_face = smoothstep(np.abs(around), 1.3, 0.9) * smoothstep(share, 0.25, 0.05)
         base = gaussian_filter1d(np.maximum(base, FRINGE_MM * above_face), 1.5, axis=1, mode="nearest")
         parts += ribbons(scalp, paths, base, recipe.props.hair_colour, scale, blunt, generator)
     return join("hair", "hair" if style.falls else "skin", parts)
 
 
 def _thickness(style: Style, side, share) -> np.ndarray:
-    """Return how thick the sheet is, mm, by the angle from the front (deg) and the share of the way to the crown."""
+    """Return how thick the sheet is (mm), given the angle from the front (deg) and the share of the way up."""
     hangs = _hangs(style, side)
     edge = 0.05 + 0.25 * hangs
-    thick = style.thick * (edge + (1 - edge) * smooth_step(share / (0.45 - 0.2 * hangs), 0.0, 1.0))
+    thick = style.thick * (edge + (1 - edge) * smoothstep(share / (0.45 - 0.2 * hangs), 0.0, 1.0))
     thick = thick * (1 + 0.6 * hangs * np.exp(-(((share - 0.62) / 0.16) ** 2)))  # over the temples it stands out
-    return np.where(share < 0, 0.0, thick + smooth_step(share, 0.0, 0.07))
+    return np.where(share < 0, 0.0, thick + smoothstep(share, 0.0, 0.07))
 
 
 def _hangs(style: Style, side) -> np.ndarray:
-    """Return 1 where the edge hangs free, 0 where hair grows out of the skin, by the angle from the front (deg)."""
-    return smooth_step(side, 51, 56) if style.falls else 0 * side
+    """Return 1 where the edge hangs free, 0 where hair grows out of the skin, given the angle from the front (deg)."""
+    return smoothstep(side, 51, 56) if style.falls else 0 * side
 
 
 def _sheet(style: Style, recipe: Recipe, scalp: Scalp, low, scale: float, generator: np.random.Generator) -> Prop:
@@ -134,12 +138,12 @@ def _sheet(style: Style, recipe: Recipe, scalp: Scalp, low, scale: float, genera
     thick = _thickness(style, side, share) + 0.25 * strand * np.sin(np.pi * share)
     if style.falls:  # the parting, in front of the crown
         part = np.exp(-(((np.degrees(turn) - style.part_deg) / 5.0) ** 2))
-        thick = thick * (1 - 0.5 * part * (1 - smooth_step(share, 0.9, 1.0)))
+        thick = thick * (1 - 0.5 * part * (1 - smoothstep(share, 0.9, 1.0)))
     thick[0] = -0.4 - 4.6 * hangs  # the edge is turned in
     light = 0.82 + 0.09 * strand + 0.16 * np.exp(-(((share - 0.56) / 0.10) ** 2))
     colour = np.array(recipe.props.hair_colour) * light[..., None]
     ragged = 0.5 * style.fade * (generator.uniform(size=len(turn)) - 0.3)
-    grown = 1.0 if style.falls else smooth_step(share + 0.01 - ragged, 0.0, style.fade)[..., None]
+    grown = 1.0 if style.falls else smoothstep(share + 0.01 - ragged, 0.0, style.fade)[..., None]
     skin = np.array(recipe.props.skin_colour)
     colour = skin + (0.15 + 0.85 * grown) * (colour - skin)
     return sheet("hair", "skin", colour, grid + scale * thick[..., None] * outwards)
@@ -154,7 +158,7 @@ def _half_columns(style: Style) -> Float[np.ndarray, " half"]:
 
 
 def _line(style: Style, recipe: Recipe, centre: np.ndarray) -> Float[np.ndarray, "knots 2"]:
-    """Return the style's hair line with its way around the ear moved to where the ears are."""
+    """Return the style's hair line, with the part around the ear moved to where the ears are."""
     line, e = np.array(style.line, float), recipe.ears
     if style.falls:
         return line

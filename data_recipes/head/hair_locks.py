@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
-from data_recipes.head.prop_mesh import FLIP, Prop, on_skin, sheet, smooth_step
-from data_recipes.head.shape import skull_distance
+from data_recipes.head.prop_mesh import Prop, on_skin, sheet
+from data_recipes.head.shape import FLIP, skull_distance, smoothstep
 from data_recipes.recipe.reading import Recipe
 
 # Where hair lies, for display only: the skull seen from within it, and a drape over ears and neck for hair that falls.
@@ -20,12 +20,12 @@ from data_recipes.recipe.reading import Recipe
 RAYS = 56
 LOWEST_DEG = -62.0  # of the rays that find the skull, from the level of the temples
 LOWEST_MM = -116.0  # of falling hair, on a cranium 74 mm high
-HANG, RISE, ASIDE = 0.08, 0.38, 0.42  # falling hair draws in by at most this share of the way down, up and around
+HANG, RISE, ASIDE = 0.08, 0.38, 0.42  # falling hair draws in at most this fast: per way down, up and around
 
 
 @dataclass(frozen=True)
 class Scalp:
-    """A sheet to lay hair on: points (mm) and unit normals by ray and column; `turn` are the columns' angles (rad)."""
+    """A sheet to lay hair on: points (mm) and unit normals by ray and column; `turn` has the columns' angles (rad)."""
 
     turn: Float[np.ndarray, " columns"]
     points: Float[np.ndarray, "rays columns 3"]
@@ -61,10 +61,11 @@ class Scalp:
 def build_scalp(
     recipe: Recipe, half_turn: Float[np.ndarray, " half"], falls: bool, x: Float[np.ndarray, "n 3"]
 ) -> Scalp:
-    """Return the sheet that hair lies on; `x` are the head's vertices, ears included.
+    """Return the sheet that hair lies on.
 
-    half_turn: the columns' angles from the front over the left to the back, in [0, π]. falls: whether the hair hangs
-    over the ears.
+    half_turn: the columns' angles from the front over the left to the back, in [0, π]
+    falls: whether the hair hangs over the ears
+    x: the head's vertices, ears included, mm
     """
     points, normals = (_both_sides(half) for half in _left_half(recipe, half_turn, falls, x))
     return Scalp(np.concatenate([-half_turn[:0:-1], half_turn]), points, normals)
@@ -98,10 +99,10 @@ def _left_half(recipe: Recipe, turn, falls: bool, x) -> tuple[np.ndarray, np.nda
         return p, normal
     reach = np.hypot(p[..., 0], p[..., 2] - centre[2])
     tent = _drape(np.maximum(reach, _ears_reach(p, turn, centre, x)), p[..., 1], turn)
-    reach = reach + smooth_step(pitch, np.radians(62), np.radians(15)) * (tent - reach)
-    reach = reach - 6.0 * scale * smooth_step(p[..., 1], 0.65 * LOWEST_MM * scale, 0.9 * LOWEST_MM * scale)
+    reach = reach + smoothstep(pitch, np.radians(62), np.radians(15)) * (tent - reach)
+    reach = reach - 6.0 * scale * smoothstep(p[..., 1], 0.65 * LOWEST_MM * scale, 0.9 * LOWEST_MM * scale)
     p = np.stack([reach * aside[:, 0], p[..., 1], centre[2] + reach * aside[:, 2]], -1)
-    hangs = smooth_step(pitch, np.radians(25), np.radians(-5))[..., None]
+    hangs = smoothstep(pitch, np.radians(25), np.radians(-5))[..., None]
     return p, normal + hangs * (aside - normal)
 
 
@@ -122,18 +123,18 @@ def _drape(reach: np.ndarray, height: np.ndarray, turn: np.ndarray) -> Float[np.
 
 
 def _ears_reach(p, turn, centre, x) -> Float[np.ndarray, "rays columns"]:
-    """Return how far from the axis the head's own vertices reach near each point: ears do, beyond the skull."""
-    own = x - (0.0, 0.0, centre[2])
-    far = np.hypot(own[:, 0], own[:, 2])
-    angle = np.arctan2(own[:, 0], own[:, 2])
+    """Return how far out from the axis the head's vertices are near each point: the ears are beyond the skull."""
+    from_axis = x - (0.0, 0.0, centre[2])
+    far = np.hypot(from_axis[:, 0], from_axis[:, 2])
+    angle = np.arctan2(from_axis[:, 0], from_axis[:, 2])
     reach = np.zeros(p.shape[:2])
-    wide = np.flatnonzero((np.abs(np.sin(angle)) > 0.7) & (own[:, 1] > p[0, :, 1].min()))
+    wide = np.flatnonzero((np.abs(np.sin(angle)) > 0.7) & (x[:, 1] > p[0, :, 1].min()))
     for column, t in enumerate(turn):
         if np.abs(np.sin(t)) < 0.7:
             continue
         close = wide[np.abs(np.angle(np.exp(1j * (angle[wide] - t)))) < np.radians(5)]
         for i, height in enumerate(p[:, column, 1]):
-            near = close[np.abs(own[close, 1] - height) < 5]
+            near = close[np.abs(x[close, 1] - height) < 5]
             if len(near):
                 reach[i, column] = far[near].max()
     return reach
@@ -148,8 +149,10 @@ ROUND = 0.34  # how high a lock's back is, as a share of its half width
 class Layer:
     """A row of locks around the head, which lie over those of the layers before it.
 
-    count: how many. root, tip: where they begin and end, as shares of the way from the hair line (0) to the crown (1).
-    half_mm: half their width. lift_mm: how far they stand off the sheet that they lie on.
+    count: how many
+    root, tip: where they begin and end on the way from the hair line (0) to the crown (1)
+    half_mm: half their width
+    lift_mm: how far they stand off the sheet that they lie on
     """
 
     count: int
@@ -161,7 +164,7 @@ class Layer:
 
 @dataclass(frozen=True)
 class Paths:
-    """Where locks run on a scalp, from root to tip: `turn` (rad) and `ray`; half their width and lift, mm."""
+    """Where locks run on a scalp from root to tip, as `turn` (rad) and `ray`, and their half width and lift."""
 
     turn: Float[np.ndarray, "locks points"]
     ray: Float[np.ndarray, "locks points"]
@@ -180,8 +183,9 @@ def combed(
 ) -> Paths:
     """Return a layer of locks that run from the crown to the hair line.
 
-    low: the hair line's ray by column. fringe: how far the front ones hang below the line, a share of the way up.
-    part_deg, sweep_deg: from which angle the front ones part, and how far they are swept aside.
+    low: the hair line's ray by column
+    fringe: how far the front ones hang below the line, as a share of the way up
+    part_deg, sweep_deg: the angle at which the front ones part, and how far they are swept aside
     """
     count = layer.count
     t = np.linspace(0, 1, POINTS)
@@ -229,7 +233,7 @@ def falling(
         end = np.interp(side * aside, scalp.turn, low) + generator.uniform(-0.9, 0.2, count)
         root = np.radians(part_deg - 2.0 * side)  # they cross, so that no gap shows
         turn = root + (side * aside - root)[:, None] * np.tanh(2.6 * t) / np.tanh(2.6)
-        fringe = 3.5 * smooth_step(place, 0.45, 0.0)[:, None]  # the foremost ones lie on the forehead
+        fringe = 3.5 * smoothstep(place, 0.45, 0.0)[:, None]  # the foremost ones lie on the forehead
         layers.append(fall(turn, first, end, 9.5, 2.0, fringe))
     return layers
 
@@ -246,20 +250,26 @@ def ribbons(
 ) -> list[Prop]:
     """Return a prop for each lock.
 
-    base_mm: how thick the hair is that they lie on. scale: of lengths. blunt: 2 for locks that end in a point, more
-    for broader ends. across_count: points across a lock.
+    scalp, paths: where the locks lie
+    base_mm: thickness of the hair under them
+    colour: RGB in [0, 1]
+    scale: of lengths
+    blunt: 2 for locks that end in a point, more for broader ends
+    across_count: points across a lock
     """
+    # where the middles of the locks lie
     t, a = np.linspace(0, 1, paths.turn.shape[1]), np.linspace(-1, 1, across_count)
     p, normal = scalp.at(paths.turn, paths.ray)
     up = -np.gradient(p, axis=1)
     across = np.cross(up, normal)
     across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
-    taper = (0.30 + 0.70 * smooth_step(t, 0, 0.35)) * (1 - t**blunt) ** 0.75 + 0.03
+    # their form
+    taper = (0.30 + 0.70 * smoothstep(t, 0, 0.35)) * (1 - t**blunt) ** 0.75 + 0.03
     half = scale * paths.half_mm[:, None] * taper
-    lift = paths.lift_mm[:, None] * smooth_step(t, 0, 0.3) * (1 - 0.8 * smooth_step(t, 0.55, 1))
+    lift = paths.lift_mm[:, None] * smoothstep(t, 0, 0.3) * (1 - 0.8 * smoothstep(t, 0.55, 1))
     edge = np.minimum(EDGE_MM, 0.6 * half)
     back = edge + scale * lift + ROUND * half
-    back = back * smooth_step(t, -0.05, 0.2)
+    back = back * smoothstep(t, -0.05, 0.2)
     height = scale * base_mm - edge
     arch = 1 - np.abs(a) ** 2.3
     grid = (
@@ -267,10 +277,11 @@ def ribbons(
         + (half[..., None] * a)[..., None] * across[:, :, None]
         + (height[..., None] + back[..., None] * arch)[..., None] * normal[:, :, None]
     )
+    # their colours
     count = len(p)
     tone, phase = generator.uniform(0.86, 1.12, (count, 1, 1)), generator.uniform(0, 2 * np.pi, (count, 1, 1))
     strands = 0.09 * np.cos(3.1 * np.pi * a + phase + 1.5 * t[:, None]) + 0.04 * np.cos(9 * a - phase)
-    light = tone * (0.80 + 0.20 * smooth_step(t, 0, 0.3) + 0.10 * smooth_step(t, 0.5, 1.0))[:, None] + strands
+    light = tone * (0.80 + 0.20 * smoothstep(t, 0, 0.3) + 0.10 * smoothstep(t, 0.5, 1.0))[:, None] + strands
     gloss = 0.20 * np.exp(-(((paths.ray / (RAYS - 1) - 0.80) / 0.07) ** 2))
     light = (light + gloss[..., None]) * (1 - 0.30 * np.abs(a) ** 3)
     warm = 1 + generator.uniform(-0.06, 0.06, (count, 1, 1, 1)) * np.array([0.3, 1.0, 1.6])

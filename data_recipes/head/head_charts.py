@@ -1,7 +1,7 @@
 """Texture charts: a coordinate in [0, 1]² per vertex, in its part's chart, without flipped or overlapping triangles.
 
-Charts depend on the topology only, and give every vertex about the same room: what a deformation map of few texels can
-hold is decided by the texels per vertex, and the template is finest where faces move most.
+Charts depend on the topology only, and give every vertex about the same room. What a deformation map of few texels can
+hold depends on the texels per vertex, and the template is finest where faces move most.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from jaxtyping import Float, Int
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
-from data_recipes.head.frills import frill_numbers
+from data_recipes.head.frills import frill_settings
 from data_recipes.head.topology import CRANIUM, FACE, NECK, Layout, grid_quads
 from data_recipes.recipe.reading import Recipe
 from data_recipes.recipe.sections import Teeth
 
-MOUTH_OPENING, EYE_OPENING = 0.16, 0.28  # of the holes in the face's chart: height over half the rim's length
+MOUTH_OPENING, EYE_OPENING = 0.16, 0.28  # height of the holes in the face's chart over half the rim's length
 BESIDE = 1.0  # how far rows of cells beside a feature make room for its rings
-EAR_HOLE = 0.6  # target length of the edges that bridge the ears' holes, against the others'
+EAR_HOLE = 0.6  # target length of the edges that bridge the ears' holes over that of the others
 NECK_HOLE = 0.17  # radius of the hole in the neck's annulus
 
 
@@ -30,7 +30,7 @@ def build_charts(recipe: Recipe, layout: Layout) -> Float[np.ndarray, "n 2"]:
     _face(recipe, layout, uv)
     _cranium(recipe, layout, uv)
     _neck(layout, uv)
-    frills = [grids[f"frill_{name}_left"] for name in frill_numbers(recipe)]
+    frills = [grids[f"frill_{name}_left"] for name in frill_settings(recipe)]
     for rings in (grids["mouth_bag"], grids["tongue"], grids["ear_left"][-2::-1], *frills):
         _disc(layout, rings, uv)
     _lids(grids["lid_inner_left"], uv)
@@ -55,7 +55,7 @@ def _edges(quads: Int[np.ndarray, "q 4"]) -> Int[np.ndarray, "e 2"]:
 
 
 def _embed(uv: np.ndarray, edges: np.ndarray, length: np.ndarray, sides: list[np.ndarray], rounds: int = 6) -> None:
-    """Embed a disc in the unit square; vertices numbered past the mesh's bridge holes and are dropped."""
+    """Embed a disc in the unit square, in place; vertices beyond those of the mesh only bridge holes."""
     ids, local = np.unique(edges, return_inverse=True)
     sides = [np.searchsorted(ids, side) for side in sides]
     xy = square_embedding(len(ids), local.reshape(-1, 2), length, sides, rounds)
@@ -64,14 +64,14 @@ def _embed(uv: np.ndarray, edges: np.ndarray, length: np.ndarray, sides: list[np
 
 
 def _rungs(ring: Int[np.ndarray, " k"], opening: float) -> tuple[np.ndarray, np.ndarray]:
-    """Bridge a ring by rungs from its upper to its lower half; return them and their target lengths, a lens's."""
+    """Bridge a ring by rungs from its upper to its lower half; return them and target lengths that make it a lens."""
     half = len(ring) // 2
     i = np.arange(1, half)
     return np.stack([ring[i], ring[-i]], -1), opening * half * np.sin(np.pi * i / half) ** 0.7
 
 
 def _face(recipe: Recipe, layout: Layout, uv: np.ndarray) -> None:
-    """The whole square; eyes and mouth are bridged, so that they come out as almonds and a lens, the lips apart."""
+    """Embed the face in the whole square; eyes and mouth are bridged, so that they come out as open lenses."""
     t, body = recipe.template, layout.grids["body"]
     c, low, high = t.face_columns, t.neck_rows, t.hair_row
     across, up = np.arange(-c, c + 1), np.arange(low, high + 1)
@@ -91,10 +91,10 @@ def _face(recipe: Recipe, layout: Layout, uv: np.ndarray) -> None:
 
 
 def _cranium(recipe: Recipe, layout: Layout, uv: np.ndarray) -> None:
-    """The whole square, seen from above with the hair line below.
+    """Embed the cranium in the whole square, seen from above with the hair line below.
 
-    The ears' holes are bridged by the cells that they replaced. Where the face's corner notches the border a quad may
-    be cut so that a triangle of it belongs here; the border runs along that cut.
+    The ears' holes are bridged by the cells that they replaced. At the face's corner a quad may be cut so that one of
+    its triangles belongs to the cranium; the border runs along that cut.
     """
     t, body = recipe.template, layout.grids["body"]
     c, low, high, half = t.face_columns + 1, t.neck_rows, t.hair_row + 1, t.half_columns
@@ -118,7 +118,7 @@ def _cranium(recipe: Recipe, layout: Layout, uv: np.ndarray) -> None:
 
 
 def _neck(layout: Layout, uv: np.ndarray) -> None:
-    """An annulus seen from below, its front above, the uppermost row outside."""
+    """Lay the neck out as an annulus seen from below, its front above, the uppermost row outside."""
     body = layout.grids["body"]
     rows = body[: int((layout.part == NECK).sum()) // body.shape[1]]
     phase = 2 * np.pi * np.arange(rows.shape[1]) / rows.shape[1]
@@ -127,7 +127,7 @@ def _neck(layout: Layout, uv: np.ndarray) -> None:
 
 
 def _disc(layout: Layout, rings: Int[np.ndarray, "rings k"], uv: np.ndarray) -> None:
-    """The whole square, its border the outermost ring, its first vertex to the right; all rings get equal areas."""
+    """Embed rings in the whole square, the outermost as its border, first vertex to the right, with equal areas."""
     (count, k), cells = rings.shape, _cells(layout, int(layout.part[rings[0, 0]]))
     inside = len(cells) - k * np.arange(count)
     radius = np.sqrt(inside / inside[0])
@@ -145,21 +145,21 @@ def _disc(layout: Layout, rings: Int[np.ndarray, "rings k"], uv: np.ndarray) -> 
 
 
 def _lids(rings: Int[np.ndarray, "rings k"], uv: np.ndarray) -> None:
-    """The left lid's rings as circles, the rim's neighbour outermost."""
+    """Lay the left lid's rings out as circles, the one next to the rim outermost."""
     phase = 2 * np.pi * np.arange(rings.shape[1]) / rings.shape[1]
     scale = np.linspace(1.0, 0.45, len(rings))[:, None, None]
     uv[rings] = 0.5 + 0.48 * scale * np.stack([np.cos(phase), np.sin(phase)], -1)
 
 
 def _tooth(teeth: Teeth) -> Float[np.ndarray, "v 2"]:
-    """Polygons around the biting edge, the root outermost."""
+    """Return a tooth's rings as polygons around the biting edge, the root outermost."""
     phase = 2 * np.pi * (np.arange(teeth.ring) - 0.5) / teeth.ring
     radius = np.linspace(0.48, 0.16, teeth.rings)[:, None, None]
     return (0.5 + radius * np.stack([np.cos(phase), np.sin(phase)], -1)).reshape(-1, 2)
 
 
 def _strip(shape: tuple[int, int], upper: bool) -> Float[np.ndarray, "rows columns 2"]:
-    """The whole square, a jaw's strip from its outer to its inner edge; what lies outside comes on top above."""
+    """Return a jaw's strip over the whole square, its outer edge at the top for the upper jaw, else at the bottom."""
     rows, columns = shape
     v = np.linspace(0.02, 0.98, rows)[:: -1 if upper else 1]
     return np.stack(np.meshgrid(np.linspace(0.02, 0.98, columns), v), -1)
@@ -181,15 +181,16 @@ def square_embedding(
 ) -> Float[np.ndarray, "n 2"]:
     """Lay a disc out in the unit square, each vertex at the weighted mean of its neighbours [Tutte 1963].
 
-    The border is spaced by the target lengths of its edges. For any positive weights no triangle flips, if none has all
-    its corners on one side [Floater 1997]. So the weights are free to be chosen: every round strengthens the edges that
-    came out too long and weakens the others. A few rounds are best: many make some edges very short to please others.
-    The graph must be 3-connected, as our parts without holes are; holes have to be bridged by edges of their own.
+    The border is spaced by the target lengths of its edges. No triangle flips, for any positive weights, if none has
+    all its corners on one side [Floater 1997]. So weights can be chosen: every round strengthens the edges that came
+    out too long and weakens the others. A few rounds are best, since many make some edges very short. The graph must be
+    3-connected, as our parts without holes are; holes have to be bridged by further edges.
 
-    Args:
-        count: n, how many vertices. edges: pairs of them. length: target relative length of each.
-        sides: the lower, right, upper and left side's vertices in order, each from its first corner up to the last one
-            before the next corner.
+    count: n, the number of vertices
+    edges: pairs of them
+    length: the target length of each edge, relative to the others
+    sides: the vertices of the lower, right, upper and left side in order, each without the next one's first corner
+    rounds: of choosing weights
     """
     edges, weight = np.asarray(edges), 1.0 / np.asarray(length, float)
     target_length = {frozenset(edge): share for edge, share in zip(edges.tolist(), length.tolist(), strict=True)}

@@ -1,7 +1,7 @@
 """Paint: a colour for each vertex of a head, for display only, from its grids and its neutral shape.
 
-Skin first, then what lies on it — blush, lids, lips — each blended in by a weight from 0 to 1, then the parts inside.
-Weights come from rings and distances, so the paint is as symmetric as the head.
+First the skin, then blush, lids and lips, each blended in by a weight from 0 to 1, then the parts inside. Weights come
+from rings and distances, so the paint is as symmetric as the head.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ from jaxtyping import Float, UInt8
 
 from data_recipes.head.ears import nostril_rim
 from data_recipes.head.mouth import ring_parameter
-from data_recipes.head.prop_mesh import smooth_step
-from data_recipes.head.shape import lid_angles
+from data_recipes.head.shape import lid_angles, smoothstep
 from data_recipes.head.topology import (
     BAG,
     CRANIUM,
@@ -37,7 +36,7 @@ NOSTRIL = np.array([0.20, 0.08, 0.07])
 
 
 def paint(recipe: Recipe, layout: Layout, x: Float[np.ndarray, "n 3"]) -> UInt8[np.ndarray, "n 3"]:
-    """Return every vertex's colour; `x` are the head's vertices in its neutral pose, mm."""
+    """Return each vertex's colour; `x` are the head's vertices in its neutral pose, mm."""
     props = recipe.props
     colour = bare_skin(recipe, x)
 
@@ -54,7 +53,7 @@ def paint(recipe: Recipe, layout: Layout, x: Float[np.ndarray, "n 3"]) -> UInt8[
 
 
 def bare_skin(recipe: Recipe, x: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Return the skin's colour, from 0 to 1, at any place: with back and throat, but with nothing on it."""
+    """Return the colour of the bare skin, from 0 to 1, at any place; back and throat differ."""
     props = recipe.props
     colour = np.tile(np.array(props.skin_colour), (len(x), 1))
     colour = _blend(colour, props.back * _back(recipe, x), props.back_colour)
@@ -77,7 +76,7 @@ def _scale(recipe: Recipe) -> float:
 
 def _blush(recipe: Recipe, layout: Layout, x: np.ndarray) -> np.ndarray:
     s, n, scale = recipe.skull, recipe.nose, _scale(recipe)
-    bone = np.array(s.cheekbone) + np.array([-1.0, -7.0, 0.7 * s.cheekbone_radii[2]]) * (1, 1, 1)
+    bone = np.array(s.cheekbone) + np.array([-1.0, -7.0, 0.7 * s.cheekbone_radii[2]])
     weight = _near(x, bone, 20 * scale) + 0.75 * _near(x, (0, n.tip[1], n.tip[2] + n.tip_radius), 14 * scale)
     weight += 0.35 * _near(x, (0, s.chin[1], s.chin[2] + s.chin_radii[2]), 16 * scale)
     ear = np.isin(layout.part, (EAR_LEFT, EAR_RIGHT))
@@ -85,13 +84,13 @@ def _blush(recipe: Recipe, layout: Layout, x: np.ndarray) -> np.ndarray:
     for side in ("left", "right"):
         ids = layout.grids[f"ear_{side}"]
         deep = np.linspace(1.0, 0.0, rings)[:, None]  # 1 in the canal, 0 where the ear joins the head
-        weight[ids] = np.maximum(weight[ids], smooth_step(deep, 0.05, 0.45) * (0.55 + 0.9 * smooth_step(deep, 0.6, 1)))
+        weight[ids] = np.maximum(weight[ids], smoothstep(deep, 0.05, 0.45) * (0.55 + 0.9 * smoothstep(deep, 0.6, 1)))
         weight[layout.grids[f"ear_cap_{side}"]] = 1.6
     return weight * (ear | np.isin(layout.part, (FACE, CRANIUM)))
 
 
 def _lids(recipe: Recipe, layout: Layout, x: np.ndarray) -> np.ndarray:
-    """Return how much lid colour: the upper lid up to its crease, the rims, and a shade under the eye."""
+    """Return how much lid colour there is: on the upper lid up to its crease, the rims, and faintly under the eye."""
     e = recipe.eyes
     left = np.stack([np.abs(x[:, 0]), x[:, 1], x[:, 2]], -1)
     azimuth, elevation, r = lid_angles(recipe, left)
@@ -111,7 +110,7 @@ def _lids(recipe: Recipe, layout: Layout, x: np.ndarray) -> np.ndarray:
 
 
 def _lips(recipe: Recipe, layout: Layout) -> np.ndarray:
-    """Return how much lip colour: all within the vermilion border, half on it, none beyond the ring around it."""
+    """Return how much lip colour there is: full within the vermilion border, half on it, none outside."""
     t, rings, bag = recipe.template, layout.grids["mouth"], layout.grids["mouth_bag"]
     weight = np.zeros(len(layout.part))
     u, _ = ring_parameter(rings.shape[1])
@@ -123,7 +122,7 @@ def _lips(recipe: Recipe, layout: Layout) -> np.ndarray:
 
 
 def _nostrils(recipe: Recipe, layout: Layout) -> np.ndarray:
-    """Return how dark a nostril is: all of it inside, a little on its rim, nothing beyond, or it would look sooty."""
+    """Return how dark the nostrils are: inside fully, on the rim a little; any more would look sooty."""
     weight = np.zeros(len(layout.part))
     rim = nostril_rim(recipe)
     for side in ("left", "right"):
@@ -138,18 +137,18 @@ def _nostrils(recipe: Recipe, layout: Layout) -> np.ndarray:
 def _back(recipe: Recipe, x: np.ndarray) -> np.ndarray:
     """Return 1 on crown, nape and the ridge of the snout, 0 on the sides' lower half."""
     s, scale = recipe.skull, _scale(recipe)
-    crown = smooth_step(x[:, 1], s.cranium[1] - 25 * scale, s.cranium[1] + 50 * scale)
-    nape = smooth_step(x[:, 2], -10 * scale, -70 * scale)
-    ridge = np.exp(-((x[:, 0] / (16 * scale)) ** 2)) * smooth_step(x[:, 1], -15 * scale, 20 * scale)
+    crown = smoothstep(x[:, 1], s.cranium[1] - 25 * scale, s.cranium[1] + 50 * scale)
+    nape = smoothstep(x[:, 2], -10 * scale, -70 * scale)
+    ridge = np.exp(-((x[:, 0] / (16 * scale)) ** 2)) * smoothstep(x[:, 1], -15 * scale, 20 * scale)
     return np.maximum(np.maximum(crown, nape), ridge)
 
 
 def _throat(recipe: Recipe, x: np.ndarray) -> np.ndarray:
     """Return 1 on throat, chin and lower jaw, 0 above the mouth; on the neck only in front."""
     m, scale = recipe.mouth, _scale(recipe)
-    low = smooth_step(x[:, 1], m.y + 6 * scale, m.y - 22 * scale)
-    snout = 0.6 * smooth_step(x[:, 2], 55 * scale, 100 * scale) * smooth_step(x[:, 1], 15 * scale, -20 * scale)
-    return np.maximum(low * smooth_step(x[:, 2], -30 * scale, 25 * scale), snout)
+    low = smoothstep(x[:, 1], m.y + 6 * scale, m.y - 22 * scale)
+    snout = 0.6 * smoothstep(x[:, 2], 55 * scale, 100 * scale) * smoothstep(x[:, 1], 15 * scale, -20 * scale)
+    return np.maximum(low * smoothstep(x[:, 2], -30 * scale, 25 * scale), snout)
 
 
 def _inside(recipe: Recipe, layout: Layout, colour: np.ndarray, lips: np.ndarray) -> None:
@@ -162,7 +161,7 @@ def _inside(recipe: Recipe, layout: Layout, colour: np.ndarray, lips: np.ndarray
     deep = np.array(colour[bag[0]])
     colour[part == BAG] = BAG_DEEP
     for ring, ids in enumerate(bag):
-        share = smooth_step(ring, 0, min(5, len(bag) - 1))
+        share = smoothstep(ring, 0, min(5, len(bag) - 1))
         wet = lips[ids].max() if ring < 2 else 0.0
         colour[ids] = (deep * (0.9 if wet else 0.75)) * (1 - share) + BAG_DEEP * share
     colour[np.isin(part, (GUM_UPPER, GUM_LOWER))] = GUM
@@ -176,4 +175,4 @@ def _inside(recipe: Recipe, layout: Layout, colour: np.ndarray, lips: np.ndarray
         to_edge = np.repeat(to_edge, teeth.shape[1] // t.ring)
     else:  # ring by ring from the root to the edge
         to_edge = np.repeat(np.linspace(0, 1, t.rings), t.ring)
-    colour[teeth] = IVORY_ROOT + smooth_step(to_edge, 0.1, 0.6)[:, None] * (IVORY - IVORY_ROOT)
+    colour[teeth] = IVORY_ROOT + smoothstep(to_edge, 0.1, 0.6)[:, None] * (IVORY - IVORY_ROOT)

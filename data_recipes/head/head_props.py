@@ -12,8 +12,8 @@ from data_recipes.head.brows import brow
 from data_recipes.head.bust import bust
 from data_recipes.head.eyes import eyeball, lashes
 from data_recipes.head.hair import hair
-from data_recipes.head.prop_mesh import Prop, mirror_prop, on_skin, sheet, smooth_step
-from data_recipes.head.shape import skull_distance
+from data_recipes.head.prop_mesh import Prop, mirror_prop, on_skin, sheet
+from data_recipes.head.shape import skull_distance, smoothstep
 from data_recipes.head.topology import Layout
 from data_recipes.recipe.reading import Recipe
 
@@ -85,5 +85,5 @@ def _horn(recipe: Recipe, name: str, turn_deg: float, pitch_deg: float, length: 
     grid = axis[:, None] + thick[:, None] * ring
     dark = np.array(recipe.props.horn_colour)
     tip = dark + 0.35 * (np.array([0.80, 0.76, 0.68]) - dark)
-    colours = dark + smooth_step(t, 0.25, 1.0)[:, None] * (tip - dark) + np.zeros((ROWS, COLUMNS, 1))
+    colours = dark + smoothstep(t, 0.25, 1.0)[:, None] * (tip - dark) + np.zeros((ROWS, COLUMNS, 1))
     return sheet(name, "skin", colours * (1 - 0.25 * (1 - rings[:, None] / 1.06)), grid)

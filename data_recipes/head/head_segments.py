@@ -7,16 +7,16 @@ from jaxtyping import Float, Int
 
 from data_recipes.recipe.sections import ChartLayout
 
-GUTTER = 0.05  # between parts in one chart: more than a texel of 32, so that bilinear samples of neighbours share none
+GUTTER = 0.05  # between parts in one chart: wider than a texel of 32, so that bilinear samples don't mix two parts
 FACE = "face"
 
 
 def segment_parts(charts: ChartLayout, part_names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
-    """Return each segment's parts, in the order of the parts; a segment stands where its first part does."""
-    home = {part: name for name, parts in charts.segments.items() for part in parts}
+    """Return each segment's parts; the segments stand in the order of their first parts."""
+    segment_of = {part: name for name, parts in charts.segments.items() for part in parts}
     segments: dict[str, tuple[str, ...]] = {}
     for part in part_names:
-        name = home.get(part, part)
+        name = segment_of.get(part, part)
         segments[name] = (*segments.get(name, ()), part)
     return segments
 
@@ -26,13 +26,13 @@ def build_segments(
 ) -> tuple[Int[np.ndarray, " n"], tuple[str, ...], Float[np.ndarray, "n 2"]]:
     """Return each vertex's segment, the segments' names, and the charts.
 
-    uv: coordinates in a chart a part. Parts of one segment are stacked in rows by their numbers of vertices; a left
-    part and its right fellow share a row, so that charts mirror as the head does. The face is cut into bands, called
-    face_1 … from the chin upwards.
+    uv: coordinates in one chart per part. The parts of a segment are stacked in rows as high as their counts of
+    vertices ask for; a left part and its right one share a row, so that charts mirror as the head does. The face is cut
+    into bands, called face_1 … from the chin upwards.
     """
     segment, uv, names = np.empty(len(part), np.int32), uv.copy(), []
     for name, parts in segment_parts(charts, part_names).items():
-        members = {one: part == part_names.index(one) for one in parts}
+        members = {member: part == part_names.index(member) for member in parts}
         if parts == (FACE,) and charts.face_bands > 1:
             face = np.flatnonzero(members[FACE])
             band, uv[face] = cut_into_bands(uv[face], charts.face_bands, charts.evenness)
@@ -50,18 +50,18 @@ def cut_into_bands(
 ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 2"]]:
     """Cut a chart across v into bands of equally many vertices, from below; return each vertex's band and new chart.
 
-    A band fills its chart in both directions, so that all of its texels count; the left and the right stay mirrored.
-    evenness: how far its vertices are spread evenly along each axis (0 to 1).
+    A band fills its chart in both directions, so that no texels are wasted; left and right stay mirrored. evenness: how
+    far its vertices are spread evenly along each axis (0 to 1).
     """
-    height = np.round(uv[:, 1], 9)  # what mirrors each other falls into one band
+    height = np.round(uv[:, 1], 9)  # so that mirror images fall into one band
     edges = np.quantile(height, np.arange(1, bands) / bands, method="closest_observation")
     band, stretched = np.searchsorted(edges, height, side="left"), uv.copy()
     for k in range(bands):
-        own = uv[band == k]
-        low, high = own.min(0), own.max(0)
+        chart = uv[band == k]
+        low, high = chart.min(0), chart.max(0)
         reach = max(high[0] - 0.5, 0.5 - low[0])
-        stretched[band == k, 0] = 0.5 + (own[:, 0] - 0.5) * 0.5 / reach
-        stretched[band == k, 1] = (own[:, 1] - low[1]) / (high[1] - low[1])
+        stretched[band == k, 0] = 0.5 + (chart[:, 0] - 0.5) * 0.5 / reach
+        stretched[band == k, 1] = (chart[:, 1] - low[1]) / (high[1] - low[1])
         filled = stretched[band == k]
         ranks = np.stack([_ranks(filled[:, 0], mirrored=True), _ranks(filled[:, 1])], axis=1)
         stretched[band == k] = (1 - evenness) * filled + evenness * ranks
@@ -69,9 +69,9 @@ def cut_into_bands(
 
 
 def _ranks(places: Float[np.ndarray, " n"], mirrored: bool = False) -> Float[np.ndarray, " n"]:
-    """Return where places would lie between the lowest and the highest if all were spread evenly, in their order.
+    """Return the places spread evenly between the lowest and the highest, in the same order.
 
-    mirrored: about the middle of [0, 1], as the places are.
+    mirrored: keep them symmetric about ½.
     """
     places = np.round(places, 9)  # what lies level stays level
     values, index, counts = np.unique(places, return_inverse=True, return_counts=True)
@@ -83,7 +83,7 @@ def _ranks(places: Float[np.ndarray, " n"], mirrored: bool = False) -> Float[np.
 
 
 def _stack(members: dict[str, np.ndarray], uv: Float[np.ndarray, "n 2"]) -> None:
-    """Move the charts of the parts of one segment into rows, in place."""
+    """Move the charts of one segment's parts into rows, in place."""
     rows = _rows(tuple(members))
     size = np.array([sum(members[name].sum() for name in row) for row in rows], float)
     high = size / size.sum() * (1 - GUTTER * (len(rows) - 1))

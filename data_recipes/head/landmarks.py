@@ -1,4 +1,4 @@
-"""Named curves and landmarks of a head, read off its grids."""
+"""Named curves and landmarks of a head, from its grids."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def _anchor(recipe: Recipe, index: int) -> float:
 
 
 def name_landmarks(recipe: Recipe, layout: Layout, x: Float[np.ndarray, "n 3"]) -> dict[str, int]:
-    """Return single vertices by name, `_left` being the character's left (+x)."""
+    """Return single vertices by name; `_left` is the character's left (+x)."""
     t, grids = recipe.template, layout.grids
     body, mouth, eye = grids["body"], grids["mouth"], grids["eye_left"]
     k, e = mouth.shape[1], eye.shape[1]
@@ -62,16 +62,18 @@ def name_landmarks(recipe: Recipe, layout: Layout, x: Float[np.ndarray, "n 3"]) 
     def nearest(ids: np.ndarray, key) -> int:
         if not len(ids):
             raise InputError(
-                f"{recipe.file}: mouth.y gives no face: no vertex of the middle line lies on both its sides"
+                f"{recipe.file}: mouth.y: the head is not a face: expected vertices of the middle line above and below"
             )
         return int(ids[np.argmax(key(x[ids]))])
 
+    # where to look for them
     nose_rows = front[(x[front, 1] < 0) & (x[front, 1] > recipe.mouth.y)]
     below = front[x[front, 1] < recipe.mouth.y]
     side = body[t.nostril_rows[0] : t.nostril_rows[1] + 1, t.nostril_columns[1] + 1]
     face = np.flatnonzero((layout.part == 0) & (x[:, 0] > 0))
     jaw, cheek = np.array(recipe.skull.jaw_angle), np.array(recipe.skull.cheekbone)
     brow = curves["brow_left"]
+    # those of the left, then those of the middle
     left = {
         "mouth_corner": int(mouth[0, 0]),
         "eye_outer": int(eye[0, 0]),

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from data_recipes.head.shape import Shape, raycast, skin_distance, wrapped_rays
 from data_recipes.recipe.reading import Recipe
 
-SEAM_DIP = 0.5  # mm by which closed lips meet lower behind the seam than at it: nothing is seen through the gap
+SEAM_DIP = 0.5  # mm; behind the seam closed lips meet this much lower, so that nothing is seen through the gap
 
 Curve = Float[np.ndarray, " k"]
 
@@ -58,7 +58,7 @@ def lip_pins(shape: Shape, k: int) -> tuple[Float[np.ndarray, "k 3"], Float[np.n
 
 
 def corner_pins(shape: Shape) -> Float[np.ndarray, "r 3"]:
-    """Return where the first rings' vertices at the left mouth corner lie: free ones would slip over the seam's end."""
+    """Return pins for the first rings at the left corner of the mouth, where free vertices slip over the seam's end."""
     m, t = shape.recipe.mouth, shape.recipe.template
     lip_rings = t.lip_rings
     ring = np.arange(1, min(lip_rings + t.corner_rings + 1, t.mouth_rings))
@@ -69,7 +69,7 @@ def corner_pins(shape: Shape) -> Float[np.ndarray, "r 3"]:
 def bag_positions(recipe: Recipe, seam_ring: Float[np.ndarray, "k 3"], rings: int) -> Float[np.ndarray, "rings k 3"]:
     """Return the mouth bag's rings, outermost first.
 
-    Each is (growth of the angle in radians, half height, depth behind the lips), from `mouth.bag_rings`. The first ones
+    `mouth.bag_rings` has (growth of the angle in radians, half height, depth behind the lips) for each. The first ones
     run back from the seam where the lips touch, later ones open into an ellipse.
     """
     m, k = recipe.mouth, len(seam_ring)

@@ -14,7 +14,7 @@ from data_recipes.head.head_paint import paint
 from data_recipes.head.head_props import Prop, build_props
 from data_recipes.head.head_segments import build_segments
 from data_recipes.head.landmarks import name_curves, name_landmarks
-from data_recipes.head.shape import Shape, build_shape, eye_frame, skull_distance
+from data_recipes.head.shape import FLIP, Shape, build_shape, eye_frame, skull_distance
 from data_recipes.head.topology import CRANIUM, FACE, NECK, Layout, build_layout, check_count
 from data_recipes.recipe.reading import Recipe
 
@@ -38,15 +38,15 @@ class Head:
         vertices: (n, 3) mm; x towards the character's left, y up, z forward, eyes at y = 0; exactly mirror-symmetric.
         faces, quads: triangles, and the same surface in quads; both face outwards.
         uv, segment, segment_names: a chart in [0, 1]^2 per segment; deformable segments first, then the teeth.
-        part, part_names: what each vertex belongs to, whichever parts the recipe puts into one segment.
+        part, part_names: the part that each vertex belongs to; a segment may have several parts.
         mirror: (n,) the vertex on the other side, or the vertex itself.
         grids: vertex indices by part (see `topology`); rings run from the inside outwards except those of `mouth_bag`
             and `lid_inner_*` (away from the rim) and `tongue` (root to tip). `body` is (rows, columns), -1 where
             removed.
-        ring_parameter: `mouth_u`, `mouth_side`, `eye_u`, `eye_side`: the place along the seam or rim in [-1, 1], and
-            +1 upper, -1 lower, 0 in the corners.
-        curves: ordered vertex indices; landmarks: single ones.
-        mouth_axis: (z, radius) of the wrapped coordinates. jaw_pivot: (3,).
+        ring_parameter: `mouth_u` and `eye_u` are the place along the seam or rim in [-1, 1], `mouth_side` and
+            `eye_side` +1 on the upper side, -1 on the lower one, 0 in the corners.
+        curves, landmarks: vertex indices, in order and single ones.
+        mouth_axis: (z, radius) of the wrapped coordinates, mm.
         teeth_jaw: +1 upper, -1 lower, per tooth or strip.
         props, paint: for display only; `paint` is a colour 0–255 for each vertex.
     """
@@ -80,8 +80,7 @@ class Head:
 def build_head(recipe: Recipe) -> Head:
     """Build a character's neutral head; the same recipe gives the same bytes.
 
-    Raises:
-        InputError: the template doesn't meet the recipe's vertex count.
+    Raises InputError when the template has another number of vertices than the recipe says.
     """
     layout = build_layout(recipe)
     check_count(recipe, layout)
@@ -97,7 +96,7 @@ def build_head(recipe: Recipe) -> Head:
     left, frame = np.array(recipe.eyes.centre), eye_frame(recipe)
     both = {
         "left": Eye(left, recipe.eyes.radius, frame),
-        "right": Eye(left * placement.FLIP, recipe.eyes.radius, frame * placement.FLIP),
+        "right": Eye(left * FLIP, recipe.eyes.radius, frame * FLIP),
     }
     return Head(
         recipe=recipe,
@@ -123,13 +122,13 @@ def build_head(recipe: Recipe) -> Head:
     )
 
 
-# A head's positions: pins and relaxation for the skin, explicit shapes for what lies inside; and its triangles.
+# Where a head's vertices lie, and its triangles.
 
 
 def triangulate(
     x: Float[np.ndarray, "n 3"], quads: Int[np.ndarray, "q 4"], mirror: Int[np.ndarray, " n"]
 ) -> Int[np.ndarray, "f 3"]:
-    """Cut quads along their shorter diagonal, ties by the smallest index; mirrored quads are cut alike."""
+    """Cut quads along their shorter diagonal, for a tie at the smallest index; mirrored quads are cut alike."""
     a = np.linalg.norm(x[quads[:, 0]] - x[quads[:, 2]], axis=1)
     b = np.linalg.norm(x[quads[:, 1]] - x[quads[:, 3]], axis=1)
     first = a < b - 1e-6
@@ -142,7 +141,8 @@ def triangulate(
 
 
 def place(shape: Shape, layout: Layout) -> Float[np.ndarray, "n 3"]:
-    """Pin the feature curves, relax the skin, and set the explicit parts."""
+    """Pin the feature curves, relax the skin, and set the parts inside and the ears."""
+    # pins on the left
     recipe, grids = shape.recipe, layout.grids
     t = recipe.template
     k = grids["mouth"].shape[1]
@@ -160,6 +160,7 @@ def place(shape: Shape, layout: Layout) -> Float[np.ndarray, "n 3"]:
         "nostril": (grids["nostril_left"][: len(nostril)], nostril),
         "ear": (grids["ear_left"][-1], base),
     }
+    # the skin between them
     x = placement.start(shape, layout, pins)
     surface, is_pinned = np.isin(layout.part, (FACE, CRANIUM, NECK)), np.zeros(len(x), bool)
     for ids in (
@@ -174,6 +175,7 @@ def place(shape: Shape, layout: Layout) -> Float[np.ndarray, "n 3"]:
         is_pinned[ids], is_pinned[layout.mirror[ids]] = True, True
     x = placement.relax(shape, layout, x, surface, is_pinned, weights(recipe, layout))
 
+    # parts whose shape is given
     x[grids["mouth_bag"]] = mouth.bag_positions(recipe, x[grids["mouth"][0]], len(grids["mouth_bag"]))
     x[grids["mouth_cap"]] = mouth.fill_cap(x[grids["mouth_cap"]])
     x[grids["lid_inner_left"]] = eyes.inner_lids(recipe, grids["lid_inner_left"].shape[1], t.lid_rings)
@@ -187,14 +189,14 @@ def place(shape: Shape, layout: Layout) -> Float[np.ndarray, "n 3"]:
         x[grids[name]] = dentition.gum_positions(recipe, front, upper, *grids[name].shape)
     x[grids["tongue"]] = dentition.tongue_positions(recipe, front, *grids["tongue"].shape)
     x[grids["tongue_cap"]] = mouth.fill_cap(x[grids["tongue_cap"]])
-    for name, numbers in frills.frill_numbers(recipe).items():
+    for name, settings in frills.frill_settings(recipe).items():
         grid = grids[f"frill_{name}_left"]
-        x[grid] = frills.frill_positions(shape, numbers, *grid.shape)
+        x[grid] = frills.frill_positions(shape, settings, *grid.shape)
     return placement.mirror_left(layout, x)
 
 
 def weights(recipe: Recipe, layout: Layout) -> Float[np.ndarray, " n"]:
-    """Return how strongly each vertex draws its neighbours: the face is finer than the back, its rings finer still."""
+    """Return how strongly each vertex pulls its neighbours: most on the rings, more on the face than on the back."""
     t, grids = recipe.template, layout.grids
     weight = np.ones(len(layout.part))
     body = grids["body"]

@@ -10,12 +10,11 @@ from scipy.interpolate import PchipInterpolator
 from scipy.sparse import csr_matrix
 
 from data_recipes.head.mouth import fill_cap
-from data_recipes.head.shape import Shape, project, raycast, skin_distance
+from data_recipes.head.shape import FLIP, Shape, project, raycast, skin_distance
 from data_recipes.head.topology import Layout
 from data_recipes.recipe.reading import Recipe
 
-FLIP = np.array([-1.0, 1.0, 1.0])
-RING_PULL = 0.3  # rings pull less along themselves, or they would slip over the corners of mouth and eyes
+RING_PULL = 0.3  # weight of edges along a ring: at 1, rings slip over the corners of mouth and eyes
 
 
 def body_rays(recipe: Recipe) -> tuple[Float[np.ndarray, "rows columns 3"], Float[np.ndarray, "rows columns 3"]]:
@@ -34,7 +33,7 @@ def body_rays(recipe: Recipe) -> tuple[Float[np.ndarray, "rows columns 3"], Floa
 
 
 def start(shape: Shape, layout: Layout, pins: dict[str, tuple[np.ndarray, np.ndarray]]) -> Float[np.ndarray, "n 3"]:
-    """Return first positions of the surface: cast rays for the grid, rings blended between pins and the grid."""
+    """Return first positions of the surface: rays are cast for the grid, rings blended between pins and the grid."""
     x, grids = np.zeros((len(layout.part), 3)), layout.grids
     origin, direction = body_rays(shape.recipe)
     body = grids["body"]
@@ -65,6 +64,7 @@ def start(shape: Shape, layout: Layout, pins: dict[str, tuple[np.ndarray, np.nda
 
 
 def mirror_left(layout: Layout, x: np.ndarray) -> np.ndarray:
+    """Return positions whose right half mirrors the left one."""
     left = left_half(layout)
     out = x.copy()
     out[layout.mirror[left]] = x[left] * FLIP
@@ -74,7 +74,7 @@ def mirror_left(layout: Layout, x: np.ndarray) -> np.ndarray:
 
 
 def left_half(layout: Layout) -> Int[np.ndarray, " h"]:
-    """Return one vertex of each mirrored pair, the character's left one, and the midline."""
+    """Return the vertices of the character's left half and of the midline."""
     half = layout.grids["body"].shape[1] // 2
     side = np.zeros(len(layout.part), int)
     for name, grid in layout.grids.items():
@@ -116,10 +116,10 @@ def relax(
 ) -> Float[np.ndarray, "n 3"]:
     """Return relaxed positions: heavy regions keep short edges, pinned vertices stay, all free ones lie on the SDF.
 
-    Args:
-        surface: which vertices belong to the skin (explicit parts such as the mouth bag don't).
-        is_pinned: which of them stay.
-        weight: per vertex; an edge weighs the mean of its ends.
+    x: first positions, mm
+    surface: which vertices belong to the skin, unlike parts such as the mouth bag
+    is_pinned: which of them stay
+    weight: of each vertex; that of an edge is the mean of its ends
     """
     q = layout.quads
     edges = np.unique(np.sort(np.concatenate([q[:, [i, (i + 1) % 4]] for i in range(4)]), 1), axis=0)

@@ -1,4 +1,4 @@
-"""Meshes of props, with a colour for each vertex, and the ways to lay one on the head."""
+"""Meshes of props, with a colour for each vertex, and how to lay one on the head."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from data_recipes.head.shape import distance_and_gradient, raycast
+from data_recipes.head.shape import FLIP, distance_and_gradient, raycast
 from data_recipes.head.topology import grid_quads
-
-FLIP = np.array([-1.0, 1.0, 1.0])
 
 
 @dataclass(frozen=True)
 class Prop:
-    """A mesh at rest: vertices (mm), an RGB in [0, 1] for each, triangles, and what it follows.
+    """A mesh at rest, in mm.
 
-    follow: "eye_left" or "eye_right" turns with the gaze, "skin" moves with the skin under it, and "hair" does so with
-    the scalp above it where it hangs lower than the ears.
+    follow: "eye_left" or "eye_right" to turn with the gaze, "skin" to move with the skin under it, "hair" to move with
+        the scalp where it hangs lower than the ears
+    colours: an RGB in [0, 1] for each vertex
     """
 
     name: str
@@ -72,9 +71,3 @@ def on_skin(
     p = raycast(sdf, origins, directions)
     _, normal = distance_and_gradient(sdf, p, 0.5)
     return p, normal / np.linalg.norm(normal, axis=1, keepdims=True)
-
-
-def smooth_step(x: float | Float[np.ndarray, "*s"], low: float, high: float) -> float | Float[np.ndarray, "*s"]:
-    """Return 0 below `low`, 1 above `high`, and a smooth rise between them; the other way round if low > high."""
-    t = np.clip((np.asarray(x, float) - low) / (high - low), 0, 1)
-    return t * t * (3 - 2 * t)

@@ -1,7 +1,7 @@
-"""The head's shape: an SDF of some 25 primitives, in three finishes.
+"""The head's shape: an SDF of some 25 primitives, in three versions.
 
-`skull_distance` knows neither lips nor lids (skin slides on it), `skin_distance` is the whole surface. Left and right
-come from |x|.
+`skull_distance` has neither lips nor lids (skin slides on it), `lidded_distance` has lids, `skin_distance` has both.
+Left and right come from |x|.
 """
 
 from __future__ import annotations
@@ -15,6 +15,15 @@ from jaxtyping import Float
 
 from data_recipes.recipe.reading import Recipe
 
+FLIP = np.array([-1.0, 1.0, 1.0])  # a vector times this is its mirror image
+
+
+def smoothstep(x: float | np.ndarray, low: float, high: float) -> float | np.ndarray:
+    """Return 0 below `low`, 1 above `high`, and a smooth rise between them; `low` may be the larger."""
+    t = np.clip((x - low) / (high - low), 0, 1)
+    return t * t * (3 - 2 * t)
+
+
 # Signed distances of primitives and their smooth combinations (mm; negative inside).
 
 Points = Float[np.ndarray, "k 3"]
@@ -24,7 +33,7 @@ Vector = tuple[float, float, float] | Float[np.ndarray, " 3"]
 
 
 def lengths(v: Points) -> Distances:
-    """Return the vectors' lengths as numpy's norm does, in a fifth of its time: it is slow along an axis of three."""
+    """Return the vectors' lengths, five times as fast as numpy's norm, which is slow along an axis of three."""
     x, y, z = v.T
     return np.sqrt(x * x + y * y + z * z)
 
@@ -37,7 +46,7 @@ def ellipsoid(p: Points, centre: Vector, radii: Vector) -> Distances:
 
 
 def cone(p: Points, a: Vector, b: Vector, radius_a: float, radius_b: float) -> Distances:
-    """Return the distance to the segment a-b minus a radius that runs linearly from one end to the other."""
+    """Return the distance to a rounded cone around the segment a-b: the radius changes linearly along it."""
     a, b = np.asarray(a, float), np.asarray(b, float)
     axis = b - a
     q = p - a
@@ -80,7 +89,10 @@ def project(sdf: Distance, p: Points, steps: int = 1, reach_mm: float = 6.0) -> 
 
 
 def raycast(sdf: Distance, origins: Points, directions: Points, far_mm: float = 260.0, steps: int = 60) -> Points:
-    """Return where rays, followed from afar back to their origins, first meet the surface; else their origins."""
+    """Return where rays first meet the surface on the way from far out back to their origins; else their origins.
+
+    far_mm: how far out they begin. steps: of sphere tracing, at most.
+    """
     t = np.full(len(origins), far_mm)
     for _ in range(steps):
         d = sdf(origins + t[:, None] * directions)
@@ -92,7 +104,7 @@ def raycast(sdf: Distance, origins: Points, directions: Points, far_mm: float = 
 
 @dataclass(frozen=True)
 class Shape:
-    """A recipe's surface; the lips are tubes (9, 4) of centre and radius on the left side, middle first."""
+    """A recipe's surface; each lip is a tube (9, 4) of centres and radii on the left side, middle first."""
 
     recipe: Recipe
     upper_lip: np.ndarray
@@ -211,7 +223,7 @@ def wrapped_rays(recipe: Recipe, a: Distances, b: Distances) -> tuple[Points, Po
 
 
 def build_shape(recipe: Recipe) -> Shape:
-    """Lay the lip tubes on the lipless surface and return the whole shape."""
+    """Lay the lips' tubes on the surface without lips, and return the whole shape."""
     m = recipe.mouth
     k, u, w, low, c = m.half_width / 24, m.upper_fullness, m.half_width, m.lower_fullness, m.corner_curl
     upper = [

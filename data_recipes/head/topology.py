@@ -1,6 +1,7 @@
 """Topology: a grid around the head whose holes are filled with rings, and the inner parts.
 
-Right-hand parts mirror left-hand ones index by index, so that the same code poses both; for the order see `rings`.
+Right-hand parts mirror left-hand ones index by index, so that the same code poses both. `block_ring` has the order of a
+ring.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Int
 
-from data_recipes.head.frills import frill_numbers, frill_parts
+from data_recipes.head.frills import frill_parts, frill_settings
 from data_recipes.recipe.reading import Recipe
 from data_recipes.recipe.sections import PARTS
 from replicate.base.exceptions import InputError
@@ -20,9 +21,11 @@ FACE, CRANIUM, NECK, EAR_LEFT, EAR_RIGHT, LID_LEFT, LID_RIGHT, BAG, GUM_UPPER, G
 
 @dataclass(frozen=True)
 class Layout:
-    """Connectivity without positions; `mirror` pairs each vertex with its image, `grids` name the vertices.
+    """Connectivity without positions.
 
-    part: (n,) indices into `part_names`, of which the teeth are the last; parts of one segment follow each other.
+    part: (n,), indices into `part_names`, whose last ones are the teeth
+    mirror: (n,), each vertex's mirror image
+    grids: vertices by name
     """
 
     part: Int[np.ndarray, " n"]
@@ -45,14 +48,14 @@ class _Builder:
         self.mirror += range(first, first + count)
         return np.arange(first, first + count).reshape(shape)
 
-    def pair(self, one: np.ndarray, other: np.ndarray) -> None:
-        for a, b in zip(np.ravel(one), np.ravel(other), strict=True):
+    def pair(self, left: np.ndarray, right: np.ndarray) -> None:
+        for a, b in zip(np.ravel(left), np.ravel(right), strict=True):
             self.mirror[a], self.mirror[b] = int(b), int(a)
 
-    def new_pair(self, shape: tuple[int, ...], left: int, right: int) -> tuple[np.ndarray, np.ndarray]:
-        one, other = self.new(shape, left), self.new(shape, right)
-        self.pair(one, other)
-        return one, other
+    def new_pair(self, shape: tuple[int, ...], left_part: int, right_part: int) -> tuple[np.ndarray, np.ndarray]:
+        left, right = self.new(shape, left_part), self.new(shape, right_part)
+        self.pair(left, right)
+        return left, right
 
     def add(self, quads: np.ndarray, both: bool = False) -> None:
         """Add quads, and with `both` their mirror images, turned over so that they still face outwards."""
@@ -62,7 +65,7 @@ class _Builder:
 
 
 def build_layout(recipe: Recipe) -> Layout:
-    """Lay out every part of the head; the vertices of each part are contiguous, whatever shares a segment."""
+    """Lay out every part of the head; the vertices of each part are contiguous."""
     b, grids = _Builder(), {}
     _body(b, recipe, grids)
     _midline_rings(b, recipe, grids)
@@ -85,7 +88,8 @@ def build_layout(recipe: Recipe) -> Layout:
 
 
 def _body(b: _Builder, recipe: Recipe, grids: dict) -> None:
-    """The cylinder grid with its holes, the coarser rows at the back, and the crown's cap."""
+    """Add the cylinder grid with its holes, the coarser rows at the back, and the cap of the crown."""
+    # the grid and its parts
     t = recipe.template
     rows, half = int(t.anchors[-1][0]) + 1, t.half_columns
     grid = b.new((rows, 2 * half), CRANIUM)
@@ -96,6 +100,7 @@ def _body(b: _Builder, recipe: Recipe, grids: dict) -> None:
     part[: t.hair_row + 1, column <= t.face_columns] = FACE
     part[: t.neck_rows] = NECK
 
+    # holes for eyes, nostrils, ears and mouth
     cells = np.ones((rows - 1, 2 * half), bool)
     for (r0, r1), (c0, c1) in (
         (t.eye_rows, t.eye_columns),
@@ -114,6 +119,7 @@ def _body(b: _Builder, recipe: Recipe, grids: dict) -> None:
         for side in (columns, -columns):
             part[r0 + 1 : r1, side % (2 * half)] = -1
 
+    # the back, where three rows become one
     (r0, r1), c = t.coarse_rows, t.coarse_from
     cells[r0:r1, c : 2 * half - c] = False
     dropped_rows = r0 + np.flatnonzero(np.arange(r1 - r0) % 3)
@@ -130,6 +136,7 @@ def _body(b: _Builder, recipe: Recipe, grids: dict) -> None:
         q0, q1 = coarse[g : g + 2]
         b.add(np.array([[l0, q0, i, l1], [l1, i, j, l2], [l2, j, q1, l3], [i, q0, q1, j]]), both=True)
 
+    # the crown
     across, deep = t.crown_across, half - t.crown_across
     top = grid[-1]
     interior = b.new((deep - 1, across - 1), CRANIUM)
@@ -152,7 +159,7 @@ def _body(b: _Builder, recipe: Recipe, grids: dict) -> None:
 
 
 def _midline_rings(b: _Builder, recipe: Recipe, grids: dict) -> None:
-    """Mouth: skin rings between the block and the lip seam, then the mouth bag and its cap."""
+    """Add the mouth: skin rings between the block and the lip seam, then the mouth bag and its cap."""
     t, grid = recipe.template, grids["_full"]
     (r0, r1), c = t.mouth_rows, t.mouth_columns
     outer = block_ring(grid[r0 : r1 + 1][:, np.arange(-c, c + 1)])
@@ -172,7 +179,7 @@ def _midline_rings(b: _Builder, recipe: Recipe, grids: dict) -> None:
 
 
 def _paired_rings(b: _Builder, recipe: Recipe, grids: dict) -> None:
-    """Eyes with inner lids, nostrils and ears: rings inside their blocks, left and right together."""
+    """Add eyes with inner lids, nostrils and ears: rings inside their blocks, left and right together."""
     t = recipe.template
     parts = (
         ("eye", t.eye_rows, t.eye_columns, t.eye_rings, FACE, FACE),
@@ -199,7 +206,7 @@ def _paired_rings(b: _Builder, recipe: Recipe, grids: dict) -> None:
 
 
 def _gums_and_tongue(b: _Builder, recipe: Recipe, grids: dict) -> None:
-    """Gums: open strips, rows from the outside over the ridge inwards. Tongue: a sock, open at its root."""
+    """Add the gums, open strips with rows from the outside over the ridge inwards, and the tongue, open at its root."""
     t = recipe.tongue
     for name, part, columns in (
         ("gum_upper", GUM_UPPER, t.gum_columns_upper),
@@ -221,9 +228,9 @@ def _gums_and_tongue(b: _Builder, recipe: Recipe, grids: dict) -> None:
 
 
 def _frills(b: _Builder, recipe: Recipe, grids: dict) -> None:
-    """Frills: socks as the tongue, open at their roots, closed at their tips by a strip."""
+    """Add the frills, open at their roots, closed at their tips by a strip."""
     f = recipe.frills
-    for i, name in enumerate(frill_numbers(recipe)):
+    for i, name in enumerate(frill_settings(recipe)):
         part = len(PARTS) + 2 * i
         rows, other = b.new_pair((f.rows, f.ring), part, part + 1)  # from the root to the tip
         cap = fill_block(rows[-1], 1, f.ring // 2 - 1, np.empty((0, f.ring // 2 - 2), int))
@@ -233,20 +240,21 @@ def _frills(b: _Builder, recipe: Recipe, grids: dict) -> None:
 
 
 def _teeth(b: _Builder, recipe: Recipe, grids: dict, first_part: int) -> tuple[str, ...]:
-    """Teeth: rings from the root to the edge, closed by a strip; the upper ones from right to left, then the lower."""
+    """Add teeth: rings from the root to the edge, closed by a strip; the upper ones from right to left, then the lower.
+
+    Returns the names of their parts.
+    """
     if recipe.teeth.style == "strip":
         return _strips(b, recipe, grids, first_part)
     t, names, teeth = recipe.teeth, [], []
-    count = t.rings * t.ring
-    for jaw, number in (("upper", t.upper), ("lower", t.lower)):
+    for jaw, count in (("upper", t.upper), ("lower", t.lower)):
         first = len(teeth)
-        for i in range(number):
-            ids = b.new((count,), first_part + len(names))
+        for i in range(count):
+            teeth.append(b.new((t.rings * t.ring,), first_part + len(names)))
             names.append(f"tooth_{jaw}_{i + 1:02d}")
-            teeth.append(ids)
-        for i in range(number // 2):
-            one, other = (teeth[first + j].reshape(t.rings, t.ring) for j in (i, number - 1 - i))
-            b.pair(other, one[:, ring_mirror(t.ring, corner=True)])
+        for i in range(count // 2):
+            right, left = (teeth[first + j].reshape(t.rings, t.ring) for j in (i, count - 1 - i))
+            b.pair(left, right[:, ring_mirror(t.ring, corner=True)])
     grids["teeth"] = np.asarray(teeth)
     for ids in teeth:
         rings = ids.reshape(t.rings, t.ring)
@@ -256,7 +264,7 @@ def _teeth(b: _Builder, recipe: Recipe, grids: dict, first_part: int) -> tuple[s
 
 
 def _strips(b: _Builder, recipe: Recipe, grids: dict, first_part: int) -> tuple[str, ...]:
-    """Teeth merged to one strip a jaw: rows from the outside over the edge inwards, columns from right to left."""
+    """Add teeth as one strip per jaw: rows from the outside over the edge inwards, columns from right to left."""
     t, teeth = recipe.teeth, []
     for jaw in range(2):
         strip = b.new((t.ring, 2 * max(t.upper, t.lower) + 1), first_part + jaw)
@@ -271,8 +279,8 @@ def check_count(recipe: Recipe, layout: Layout) -> None:
     """Raise InputError unless a layout has as many vertices as its recipe says."""
     if len(layout.part) != recipe.vertices:
         raise InputError(
-            f"{recipe.file}: vertices is {recipe.vertices}: allowed is {len(layout.part)}, "
-            "the count that the template gives"
+            f"{recipe.file}: vertices: expected {len(layout.part)}, the count that the template gives, "
+            f"got {recipe.vertices}"
         )
 
 
@@ -307,8 +315,8 @@ def fill_block(
 
 
 def ring_mirror(k: int, corner: bool = False) -> Int[np.ndarray, " k"]:
-    """Return which position of a ring across the midline mirrors which.
+    """Return the mirror image of each position of a ring across the midline.
 
-    corner: the ring starts at a corner, as that of a block one row high does.
+    corner: whether the ring starts at a corner, as that of a block one row high does.
     """
     return (k // 2 + corner - np.arange(k)) % k

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from box import foreign
 
-from data_recipes.catalogue import character_parts, expression_poses, read_clip, rig_names
+from data_recipes.catalogue import character_parts, expression_poses, read_clip
+from data_recipes.recipe_paths import character_names
 from replicate.base.exceptions import InputError
 from replicate.base.paths import ROOT
 
 
 def test_the_recipes_that_come_along_are_listed_with_their_files():
-    assert {"teen", "tiny"} <= set(rig_names())
+    assert {"teen", "tiny"} <= set(character_names())
     recipe, files = character_parts("tiny")
     assert (recipe.name, files) == ("tiny", ())
 

@@ -73,11 +73,11 @@ def test_a_reach_draws_the_limits_in_and_leaves_those_named_full():
 @pytest.mark.parametrize(
     "counts, part",
     [
-        ({"whiskers": 3}, "whiskers is no group"),
-        ({"face": 58}, "controls.face is 58"),
-        ({"jaw": -1}, "from 0 to 16"),
-        ({"jaw": 2.5}, "controls.jaw is 2.5"),
-        ({"jaw": True}, "controls.jaw is True"),
+        ({"whiskers": 3}, "controls: there is no group 'whiskers'; there are face, jaw, "),
+        ({"face": 58}, "controls.face: expected a whole number from 0 to 57, got 58"),
+        ({"jaw": -1}, "controls.jaw: expected a whole number from 0 to 16, got -1"),
+        ({"jaw": 2.5}, "controls.jaw: expected a whole number from 0 to 16, got 2.5"),
+        ({"jaw": True}, "controls.jaw: expected a whole number from 0 to 16, got True"),
         ({}, "at least one control"),
     ],
 )

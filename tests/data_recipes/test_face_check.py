@@ -36,10 +36,10 @@ def mark(rig, name):
 @pytest.mark.parametrize(
     ("section", "key", "value", "sentence"),
     [
-        ("nose", "root", (0.0, 300.0, 77.0), r"nose\.root gives no face: it stands 19\d mm out of the head"),
-        ("nose", "tip", (0.0, -31.0, 300.0), r"nose\.tip gives no face"),
-        ("skull", "jaw_angle", (300.0, -52.0, 8.0), r"skull\.jaw_angle gives no face: it stands 2\d\d mm out"),
-        ("eyes", "centre", (200.0, 0.0, 62.0), r"eyes\.centre gives no face"),
+        ("nose", "root", (0.0, 300.0, 77.0), r"nose\.root: the head is not a face: this point lies 19\d mm outside"),
+        ("nose", "tip", (0.0, -31.0, 300.0), r"nose\.tip: the head is not a face"),
+        ("skull", "jaw_angle", (300.0, -52.0, 8.0), r"jaw_angle: the head is not a face: this point lies 2\d\d mm"),
+        ("eyes", "centre", (200.0, 0.0, 62.0), r"eyes\.centre: the head is not a face"),
     ],
 )
 def test_what_lies_far_from_the_head_is_named(tiny, section, key, value, sentence):
@@ -55,7 +55,7 @@ def test_our_own_character_is_a_face_and_one_of_another_size_is_none(tiny):
         def scale(x, factor=factor):
             x *= factor
 
-        with pytest.raises(InputError, match=r"skull gives no face: the head is .* mm wide, allowed is 100 to 450"):
+        with pytest.raises(InputError, match=r"skull: the head is not a face: it is .* mm wide; expected 100 to 450"):
             check_face(with_neutral(tiny, scale), RECIPE)
 
 
@@ -67,28 +67,26 @@ def test_teeth_lie_in_the_mouth(tiny, shift, sentence):
     def move(x):
         x[teeth(tiny)] += shift
 
-    with pytest.raises(InputError, match=rf"teeth gives no face: .*{sentence}"):
+    with pytest.raises(InputError, match=rf"teeth: the head is not a face: .*{sentence}"):
         check_face(with_neutral(tiny, move), RECIPE)
 
 
 def test_lids_that_stay_open_or_are_never_open_are_no_lids(tiny, monkeypatch):
     monkeypatch.setattr(type(tiny), "__call__", lambda rig, params: rig.mesh.neutral)
-    with pytest.raises(
-        InputError, match=r"eyes gives no face: the left lids are still .* mm apart when the eye blinks"
-    ):
+    with pytest.raises(InputError, match=r"eyes: .*: the left lids are still .* mm apart when the eye blinks"):
         check_face(tiny, RECIPE)
 
     def close(x):
         x[mark(tiny, "lid_upper_left"), 1] = x[mark(tiny, "lid_lower_left"), 1]
 
-    with pytest.raises(InputError, match=r"eyes gives no face: the left lids are 0\.0 mm apart at rest"):
+    with pytest.raises(InputError, match=r"eyes: the head is not a face: the left lids are 0\.0 mm apart at rest"):
         check_face(with_neutral(tiny, close), RECIPE)
 
 
 def test_landmarks_are_different_vertices_one_above_the_other(tiny):
     twice = tiny.landmarks.copy()
     twice[1] = twice[0]
-    with pytest.raises(InputError, match=r"template gives no face: the landmarks .* and .* are one vertex"):
+    with pytest.raises(InputError, match=r"template: .*: the landmarks .* and .* are the same vertex; expected two"):
         check_face(replace(tiny, landmarks=twice), RECIPE)
 
     def lift(x):

@@ -51,7 +51,7 @@ def test_without_the_limits_a_control_of_three_is_three(tiny):
 
 @pytest.mark.parametrize("choice", [{"skip": ["jaw", "wrinkle"]}, {"skip": "wrinkle"}, {"upto": "wrinkle"}])
 def test_a_node_that_there_is_not_is_refused_with_those_that_there_are(tiny, choice):
-    with pytest.raises(InputError, match=r"rig 'tiny': it has no node 'wrinkle'; allowed are limit, pose_curves, .*"):
+    with pytest.raises(InputError, match=r"rig 'tiny': there is no node 'wrinkle'; there are limit, pose_curves, .*"):
         tiny.run_nodes(tiny.default[None], **choice)
 
 

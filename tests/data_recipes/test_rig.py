@@ -17,8 +17,8 @@ def test_our_rigs_and_those_of_users_keep_the_contract(tiny):
 @pytest.mark.parametrize(
     "function, part",
     [
-        (lambda p: np.zeros((len(p), 3, 3)), "shape"),
-        (lambda p: lift(p) + np.array([0, 0, 0.1]), "vertex 0 lies 0.1 mm"),
+        (lambda p: np.zeros((len(p), 3, 3)), r"shape \(1, 4, 3\) for one pose, got \(1, 3, 3\)"),
+        (lambda p: lift(p) + np.array([0, 0, 0.1]), "vertex 0 lies 0.1 mm from the neutral; expected at most 0.001 mm"),
         (lambda p: lift(p) * np.where(np.arange(4) == 2, np.nan, 1)[:, None], "vertex 2"),
     ],
 )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from data_recipes.deformers import riders
-from data_recipes.head.frills import frill_frame, frill_numbers, frill_parts, frill_positions
+from data_recipes.head.frills import frill_frame, frill_parts, frill_positions, frill_settings
 from data_recipes.head.shape import build_shape, skull_distance
 from data_recipes.head.topology import build_layout
 from data_recipes.recipe.reading import load_recipe
@@ -22,7 +22,7 @@ def with_frills(name: str, **frills):
 
 
 def test_heads_have_no_frills_unless_their_recipe_asks_for_them():
-    assert frill_numbers(load_recipe("tiny")) == {}
+    assert frill_settings(load_recipe("tiny")) == {}
     assert build_layout(load_recipe("tiny")).part_names[: len(PARTS)] == PARTS
     assert frill_parts(with_frills("tiny", cheek=LEAF)) == ("frill_cheek_left", "frill_cheek_right")
 

@@ -105,8 +105,11 @@ def _break(name):
         ("deep", ("vertex_indices.json: not a readable table",)),
         ("huge", ("'idx_to_landmark_verts': expected 68", "got vertex 1000000000000000000000000000000")),
         ("loop", ("eyeBlink_L.obj: there is no such file",)),
-        ("jawOpen", ("vertex_indices.json: 'expressions': found no 'jawOpen', where jawOpen, jawForward",)),
-        ("jawForward", ("vertex_indices.json: 'expressions': found no 'jawForward', where jawOpen",)),
+        (
+            "jawOpen",
+            ("vertex_indices.json: expressions: 'jawOpen' is missing; the jaw is fitted to jawOpen, jawForward",),
+        ),
+        ("jawForward", ("vertex_indices.json: expressions: 'jawForward' is missing; the jaw is fitted to jawOpen",)),
     ],
 )
 def test_a_folder_that_is_no_such_model_gets_one_sentence(kit, folder, tmp_path, monkeypatch, fault, words):
